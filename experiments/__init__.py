@@ -1,0 +1,11 @@
+"""One file per question asked of the other rooms, its configs, and the command line."""
+
+BUILT_IN: dict[str, str] = {
+    "dynamic_matters": "wideberth.experiments.dynamic_matters:DynamicMatters",
+    "conservativeness": "wideberth.experiments.conservativeness:Conservativeness",
+    "encounter": "wideberth.experiments.encounter:Encounter",
+    "approximation_error": "wideberth.experiments.approximation_error:ApproximationError",
+    "ellipse_construction": "wideberth.experiments.ellipse_construction:EllipseConstruction",
+    "forecast_regions": "wideberth.experiments.forecast_regions:ForecastRegions",
+}
+"""Name of an experiment -> where its class is."""

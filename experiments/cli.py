@@ -1,0 +1,204 @@
+"""The command line. Everything heavy is imported by the command that needs it."""
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from wideberth.framework.errors import WideberthError
+
+if TYPE_CHECKING:
+    from .base import Experiment
+
+app = typer.Typer(
+    help="Robot motion planning around moving obstacles with uncertain futures.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+)
+
+RESULTS = Path("results")
+
+Config = Annotated[str, typer.Argument(help="A YAML file, or the name of a shipped config.")]
+Set = Annotated[
+    list[str] | None, typer.Option("--set", help="KEY=VALUE, as in region.tail=0.1; repeatable.")
+]
+Out = Annotated[Path | None, typer.Option(help="Folder of the result [results/NAME].")]
+Workers = Annotated[int, typer.Option(help="Processes; the result does not depend on it.")]
+Quick = Annotated[bool, typer.Option("--quick", help="A reduced version, in seconds.")]
+Fresh = Annotated[bool, typer.Option("--fresh", help="Throw an older result away first.")]
+
+
+@app.command()
+def run(
+    config: Config,
+    set_: Set = None,
+    out: Out = None,
+    workers: Workers = 1,
+    quick: Quick = False,
+    fresh: Fresh = False,
+    no_figures: Annotated[bool, typer.Option("--no-figures", help="Table only.")] = False,
+) -> None:
+    """Run an experiment: measure, print the table, draw the figures."""
+    from .shipped import config_path, read_experiment
+
+    experiment, plugins = read_experiment(config, set_ or [])
+    if out is None:
+        out = RESULTS / (config_path(config).stem + ("-quick" if quick else ""))
+    _run(experiment, out, workers, quick, plugins, fresh, not no_figures)
+
+
+def _run(
+    experiment: "Experiment",
+    out: Path,
+    workers: int,
+    quick: bool,
+    plugins: list[str],
+    fresh: bool,
+    figures: bool = True,
+) -> None:
+    from . import runner
+
+    try:
+        runner.run(experiment, out, workers, quick, plugins, fresh)
+    except KeyboardInterrupt as stop:
+        raise WideberthError(str(stop) or f"stopped; nothing of {out} is half-written") from None
+    if figures:
+        runner.draw(out)
+    _show(out)
+
+
+def _show(folder: Path) -> None:
+    """Print claim, summary table and every file of a result."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from wideberth.framework.io import read_table
+
+    from .runner import reopen, shown, written
+
+    experiment, _ = reopen(folder)
+    rows = read_table(folder / "summary.csv")
+    table = Table()
+    columns = list(rows[0]) if rows else []
+    for name in columns:
+        number = any(isinstance(row[name], int | float) for row in rows)
+        table.add_column(name.replace("_", " "), justify="right" if number else "left")
+    for row in rows:
+        table.add_row(*(shown(row[name]) for name in columns))
+    typer.secho(experiment.claim, bold=True)
+    terminal = Console()
+    # in a file or a pipe the table keeps its full width instead of being cut to 80 columns
+    (terminal if terminal.is_terminal else Console(width=200)).print(table)
+    typer.echo("Files:")
+    for path in written(folder):
+        typer.echo(f"  {path}")
+
+
+@app.command()
+def figures(
+    results: Annotated[
+        list[str] | None, typer.Argument(help="Result folders or names of shipped configs.")
+    ] = None,
+    workers: Workers = 1,
+) -> None:
+    """Redraw figures from results; a name without a result is run first."""
+    from .runner import draw
+    from .shipped import read_experiment
+
+    names = results or [str(path.parent) for path in sorted(RESULTS.glob("**/config.yaml"))]
+    if not names:
+        raise WideberthError(f"{RESULTS}/ holds no result; name a config to run it first")
+    for name in names:
+        folder = Path(name)
+        if not (folder / "config.yaml").is_file():
+            folder = RESULTS / Path(name).stem
+        if (folder / "table.csv").is_file():
+            for path in draw(folder):
+                typer.echo(path)
+        else:
+            experiment, plugins = read_experiment(name, [])
+            _run(experiment, folder, workers, False, plugins, False)
+
+
+@app.command("list")
+def list_(room: Annotated[str, typer.Argument(help="regions, predictors, robots, ...")]) -> None:
+    """List the names in a room."""
+    from wideberth.framework.registry import names
+
+    typer.echo("\n".join(names(room)))
+
+
+@app.command()
+def check(
+    room: Annotated[str, typer.Argument(help="predictor, region, robot or controller")],
+    target: Annotated[str, typer.Argument(help="A name, or module:Class.")],
+    set_: Set = None,
+) -> None:
+    """Check that a plug-in keeps the laws of its room."""
+    from wideberth.framework import testing
+    from wideberth.framework.config import build
+    from wideberth.framework.registry import room_name, unknown
+    from wideberth.framework.yamlfile import apply
+
+    kind = room_name(room).removesuffix("s")
+    checks = [name.removeprefix("check_") for name in testing.CHECKS]
+    if kind not in checks:
+        raise WideberthError(unknown("contract check", kind, checks))
+    config: dict[str, Any] = {"type": target}
+    for override in set_ or []:
+        apply(config, override)
+    plugin = build(room_name(room), config)
+    try:
+        getattr(testing, f"check_{kind}")(plugin)
+    except AssertionError as broken:
+        typer.secho(f"{target} breaks a law of {room_name(room)}: {broken}", fg="red", err=True)
+        raise typer.Exit(1) from None
+    typer.echo(f"{target} keeps the laws of {room_name(room)}.")
+
+
+@app.command()
+def show(result: Annotated[Path, typer.Argument(help="Folder of a result.")]) -> None:
+    """Show a result: its claim, its table, its files."""
+    _show(result)
+
+
+@app.command()
+def cite(config: Config, set_: Set = None) -> None:
+    """Print the BibTeX entries of everything that a config uses."""
+    from .citing import bibliography, keys
+    from .shipped import read_experiment
+
+    known = bibliography()
+    experiment, _ = read_experiment(config, set_ or [])
+    for key in keys(experiment):
+        typer.echo(known.get(key, f"% {key}: a plug-in names this source without an entry") + "\n")
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder of the results.")] = RESULTS / "demo",
+    workers: Workers = 1,
+) -> None:
+    """Run the paper's scenarios and figures in a quick setting."""
+    from .shipped import DEMO, read_experiment
+
+    for name in DEMO:
+        experiment, plugins = read_experiment(name, [])
+        _run(experiment, out / name, workers, True, plugins, True)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Enter from the shell: a `WideberthError` becomes one message and exit code 2.
+
+    ``arguments`` stand for those of the shell, as in ``main(["run", "crossing"])``.
+    """
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")  # the same rounding for any number of workers
+    sys.path.append("")  # so that "mypkg:Box" is found where the command is given
+    try:
+        app(args=arguments)
+    except WideberthError as error:
+        typer.secho(f"Error: {error}", fg="red", err=True)
+        sys.exit(2)

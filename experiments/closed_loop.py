@@ -1,0 +1,123 @@
+"""What the closed-loop experiments share: playing one episode, and condensing many."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from typing import Any, cast
+
+import numpy as np
+
+from wideberth.framework.controller import Controller
+from wideberth.framework.errors import WideberthError
+from wideberth.framework.robot import Robot
+from wideberth.simulation.agents import RobotAgent
+from wideberth.simulation.episode import run_episode
+from wideberth.simulation.log import Episode
+from wideberth.simulation.scenario import Placement, Scenario
+from wideberth.simulation.settings import Settings
+from wideberth.simulation.summary import summarise, time_rows
+
+from .base import Outcome, Row, Task
+
+
+def fresh(controller: Controller) -> Controller:
+    """Return another controller with the same settings: every robot needs one of its own."""
+    if not is_dataclass(controller):
+        raise WideberthError(
+            f"{type(controller).__name__} is no dataclass; a controller's settings are its "
+            "fields, so that it can be built again for every robot"
+        )
+    settings = {f.name: getattr(controller, f.name) for f in fields(controller) if f.init}
+    return cast(Controller, type(controller)(**settings))
+
+
+def place(scenario: Scenario, seed: int) -> tuple[Placement, ...]:
+    """Draw the situation of a seed; the same for every planner that is compared."""
+    return scenario.build(np.random.default_rng([seed, 7]))
+
+
+def play(
+    scenario: Scenario, robot: Robot, controller: Controller, settings: Settings, seed: int
+) -> Episode:
+    """Play one episode in which every robot has the same controller.
+
+    The seed draws the situation and all noise, so that planners compared at one seed meet
+    the same situation.
+    """
+    agents = [
+        RobotAgent(
+            one.name,
+            robot,
+            made := fresh(controller),
+            one.path,
+            one.speed,
+            one.phase * made.period,
+            truth=True,
+        )
+        for one in place(scenario, seed)
+    ]
+    return run_episode(agents, settings, seed=seed)
+
+
+def grid(
+    scenarios: Mapping[str, Scenario], planners: Mapping[str, Controller], seeds: int
+) -> list[Task]:
+    """One task per scenario, planner and seed."""
+    return [
+        Task(f"{scenario} {planner} {seed}", seed, {"scenario": scenario, "planner": planner})
+        for scenario in scenarios
+        for planner in planners
+        for seed in range(seeds)
+    ]
+
+
+def outcome(episode: Episode, task: Task, tail: float, keep: bool) -> Outcome:
+    """Table row and measured times of an episode; the log itself where asked to keep it."""
+    labels = {**task.settings, "seed": task.seed}
+    name = f"{task.settings['scenario']}-{task.settings['planner']}-{task.seed}.npz"
+    return Outcome(
+        rows=[{**labels, **summarise(episode, tail)}],
+        times=[{**labels, **row} for row in time_rows(episode)],
+        files={name: episode.to_bytes()} if keep else {},
+    )
+
+
+def group(rows: Sequence[Row], *keys: str) -> dict[tuple[Any, ...], list[Row]]:
+    """Rows by the values of some columns, in the order in which they first appear."""
+    groups: dict[tuple[Any, ...], list[Row]] = {}
+    for row in rows:
+        groups.setdefault(tuple(row[key] for key in keys), []).append(row)
+    return groups
+
+
+def column(rows: Sequence[Row], name: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """One column as numbers; empty cells are NaN."""
+    values = [np.nan if row[name] is None else row[name] for row in rows]
+    return np.array(values, dtype=np.float64)
+
+
+def condense(rows: Sequence[Row]) -> Row:
+    """Condense episodes into one line; definitions in `wideberth.framework.metrics`.
+
+    ``goals_in_time`` is the share of episodes in which every robot reached its goal within
+    twice its free time; ``time_ratio`` the median over episodes of the slowest robot's time
+    over its free time; ``below_reference`` the share of plans that hold less content than
+    the reference; ``coverage`` the share of later positions inside the forecasts' regions.
+    """
+    ratio = column(rows, "time_ratio_worst")
+    clearance = column(rows, "clearance")
+    plans = column(rows, "plans").sum()
+    return {
+        "episodes": len(rows),
+        "collisions": int(column(rows, "collision").sum()),
+        "deadlocks": int(column(rows, "deadlock").sum()),
+        "goals_in_time": float((ratio <= 2.0).mean()),
+        "clearance_min_m": float(clearance.min()),
+        "clearance_median_m": float(np.median(clearance)),
+        "time_ratio": float(np.median(ratio)),
+        "length_ratio": float(np.median(column(rows, "length_ratio_worst"))),
+        "below_reference": float(np.mean(column(rows, "below_reference"))),
+        "fallback_plans": float(column(rows, "fallbacks").sum() / plans) if plans else 0.0,
+        "deadline_misses": int(column(rows, "deadline_misses").sum()),
+        "named_forecasts": float(np.nanmean(column(rows, "named_forecasts"))),
+        "coverage": float(np.nanmean(column(rows, "coverage"))),
+    }

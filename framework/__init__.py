@@ -1,0 +1,51 @@
+"""What everything plugs into: values, interfaces, registry, config; imports no other room."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .config import build as build
+    from .config import describe as describe
+    from .config import read_config as read_config
+    from .controller import Controller as Controller
+    from .errors import WideberthError as WideberthError
+    from .forecast import Forecast as Forecast
+    from .forecast import GaussianObstacle as GaussianObstacle
+    from .forecast import Scene as Scene
+    from .motion import Command as Command
+    from .motion import Detection as Detection
+    from .motion import Observation as Observation
+    from .motion import Pose as Pose
+    from .motion import Twist as Twist
+    from .path import Path as Path
+    from .plan import Plan as Plan
+    from .predictor import Predictor as Predictor
+    from .region import Region as Region
+    from .registry import load as load
+    from .registry import names as names
+    from .registry import register as register
+    from .robot import Robot as Robot
+    from .tracks import Tracks as Tracks
+
+_HOME = {
+    "build": "config", "describe": "config", "read_config": "config",
+    "Controller": "controller", "WideberthError": "errors",
+    "Forecast": "forecast", "GaussianObstacle": "forecast", "Scene": "forecast",
+    "Command": "motion", "Detection": "motion", "Observation": "motion", "Pose": "motion",
+    "Twist": "motion",
+    "Path": "path", "Plan": "plan", "Predictor": "predictor", "Region": "region",
+    "load": "registry", "names": "registry", "register": "registry",
+    "Robot": "robot", "Tracks": "tracks",
+}  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    """Import public names on first use."""
+    if name in _HOME:
+        return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return sorted(_HOME)

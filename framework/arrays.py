@@ -1,0 +1,108 @@
+"""Array types and the checks that every value passes once, at the door."""
+
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import WideberthError
+
+Array: TypeAlias = NDArray[np.float64]
+BoolArray: TypeAlias = NDArray[np.bool_]
+Scalar: TypeAlias = Any
+"""A float, a NumPy array or a CasADi expression: robots and regions accept all three."""
+
+
+def checked(
+    name: str, value: ArrayLike, shape: tuple[int | None, ...], *, finite: bool = True
+) -> Array:
+    """Return ``value`` as a read-only float64 array of the wanted shape.
+
+    Parameters
+    ----------
+    name : what the array is called in the error message.
+    value : anything that NumPy turns into numbers.
+    shape : wanted length of each axis, None where any length will do.
+    finite : refuse NaN and infinity (NaN marks "unobserved" in tracks alone).
+
+    Raises
+    ------
+    WideberthError : not numeric, another shape, or not finite.
+    """
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise WideberthError(f"{name} is not an array of numbers: {error}") from None
+    fits = array.ndim == len(shape) and all(
+        want is None or want == got for want, got in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        wanted = tuple("any" if want is None else want for want in shape)
+        raise WideberthError(f"{name} has shape {array.shape}; wanted {wanted}")
+    if finite and not np.isfinite(array).all():
+        first = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise WideberthError(
+            f"{name}{list(first)} is {array[first]}; every entry must be a finite number"
+        )
+    array.setflags(write=False)
+    return array
+
+
+def checked_covariance(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Array:
+    """Return ``value`` as covariances (..., D, D): finite, symmetric, PSD.
+
+    Rounding is forgiven: asymmetry and negative eigenvalues up to 1e-9 of the largest
+    entry of the matrix are removed by symmetrising; the rest is refused.
+
+    Raises
+    ------
+    WideberthError : as `checked`, or not symmetric, or an eigenvalue below zero.
+    """
+    array = checked(name, value, shape)
+    transposed = np.swapaxes(array, -1, -2)
+    scale = np.abs(array).max(axis=(-2, -1), initial=0.0)
+    uneven = np.abs(array - transposed).max(axis=(-2, -1), initial=0.0) > 1e-9 * scale
+    if uneven.any():
+        where = [int(i) for i in np.argwhere(uneven)[0]]
+        raise WideberthError(
+            f"{name}{where} is not symmetric; a covariance must equal its transpose"
+        )
+    symmetric = 0.5 * (array + transposed)
+    if symmetric.size:
+        lowest = np.linalg.eigvalsh(symmetric)[..., 0]
+        negative = lowest < -1e-9 * scale
+        if negative.any():
+            where = [int(i) for i in np.argwhere(negative)[0]]
+            raise WideberthError(
+                f"{name}{where} has eigenvalue {float(lowest[tuple(where)]):.3g}; covariances "
+                "must be positive semi-definite: clip the eigenvalues at 0 first"
+            )
+    symmetric.setflags(write=False)
+    return symmetric
+
+
+def positive(name: str, value: float, *, zero: bool = False) -> float:
+    """Return ``value`` if it is finite and above zero (or zero, where ``zero`` allows)."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise WideberthError(f"{name} is {value!r}; wanted a number") from None
+    if not np.isfinite(number) or number < 0 or (number == 0 and not zero):
+        bound = "at least 0" if zero else "above 0"
+        raise WideberthError(f"{name} is {number:g}; wanted a finite number {bound}")
+    return number
+
+
+def probability(name: str, value: float) -> float:
+    """Return ``value`` if it lies strictly between 0 and 1."""
+    number = positive(name, value, zero=True)
+    if not 0.0 < number < 1.0:
+        raise WideberthError(f"{name} is {number:g}; a probability must lie strictly in (0, 1)")
+    return number
+
+
+def whole(name: str, value: int, *, least: int = 1) -> int:
+    """Return ``value`` if it is a whole number of at least ``least``."""
+    if isinstance(value, bool) or int(value) != value or value < least:
+        raise WideberthError(f"{name} is {value!r}; wanted a whole number of at least {least}")
+    return int(value)

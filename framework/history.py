@@ -1,0 +1,89 @@
+"""History: gathers detections by identity and lays them onto a uniform time grid."""
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .arrays import Array
+from .motion import Detection
+from .tracks import Tracks
+
+
+@dataclass
+class _Log:
+    """Measurements of one obstacle, oldest first."""
+
+    times: deque[float] = field(default_factory=deque)
+    positions: deque[Array] = field(default_factory=deque)
+    radius: float = 0.0
+    covariance: Array | None = None
+
+
+class History:
+    """What a controller remembers of the obstacles that it has seen.
+
+    Parameters
+    ----------
+    dt : s, spacing of the tracks it hands out.
+    samples : T, their length.
+    forget : s after which an obstacle that is no longer seen is dropped.
+    gap : s; between two measurements further apart the samples count as unobserved.
+    """
+
+    def __init__(self, dt: float, samples: int, forget: float, gap: float) -> None:
+        self._dt, self._samples, self._forget, self._gap = dt, samples, forget, gap
+        self._logs: dict[str, _Log] = {}
+
+    def add(self, stamp: float, detections: tuple[Detection, ...]) -> None:
+        """Take in what was seen at ``stamp``; measurements out of order are left out."""
+        keep = self._samples * self._dt + self._gap
+        for detection in detections:
+            measured = stamp - detection.age
+            log = self._logs.setdefault(detection.ident, _Log())
+            log.radius, log.covariance = detection.radius, detection.covariance
+            if log.times and measured <= log.times[-1]:
+                continue
+            log.times.append(measured)
+            log.positions.append(detection.position)
+            while log.times[0] < measured - keep:
+                log.times.popleft()
+                log.positions.popleft()
+        gone = [name for name, log in self._logs.items() if stamp - log.times[-1] > self._forget]
+        for name in gone:
+            del self._logs[name]
+
+    def tracks(self) -> Tracks | None:
+        """Return tracks that end at the newest measurement; None when nothing is known.
+
+        Positions between two measurements are interpolated linearly; an obstacle measured
+        before the newest instant has NaN at the end.
+        """
+        if not self._logs:
+            return None
+        newest = max(log.times[-1] for log in self._logs.values())
+        grid = newest - self._dt * np.arange(self._samples - 1.0, -1.0, -1.0, dtype=np.float64)
+        logs = [self._logs[name] for name in sorted(self._logs)]
+        return Tracks(
+            np.stack([self._sampled(log, grid) for log in logs]),
+            self._dt,
+            tuple(sorted(self._logs)),
+            np.array([log.radius for log in logs]),
+            np.stack([log.covariance for log in logs if log.covariance is not None]),
+            newest,
+        )
+
+    def _sampled(self, log: _Log, grid: Array) -> Array:
+        """Positions of one obstacle on the grid, (T, D), NaN where unobserved."""
+        times, positions = np.array(log.times), np.array(log.positions)
+        slack = 1e-6 * self._dt
+        after = np.clip(np.searchsorted(times, grid - slack), 0, len(times) - 1)
+        before = np.clip(after - 1, 0, None)
+        width = times[after] - times[before]
+        share = np.where(width > 0, (grid - times[before]) / np.where(width > 0, width, 1.0), 1.0)
+        share = np.clip(share, 0.0, 1.0)[:, None]
+        sampled = (1 - share) * positions[before] + share * positions[after]
+        on_sample = np.abs(grid - times[after]) <= slack
+        known = (grid >= times[0] - slack) & (grid <= times[-1] + slack)
+        bridged = on_sample | (width <= self._gap)
+        return np.where((known & bridged)[:, None], sampled, np.nan)

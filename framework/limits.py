@@ -1,0 +1,15 @@
+"""Clipping to a symmetric limit, in plain floats: the drives of robots call it all the time."""
+
+from math import hypot
+
+
+def within(value: float, limit: float) -> float:
+    """Return the number nearest to ``value`` in [-limit, limit]."""
+    return min(max(value, -limit), limit)
+
+
+def within_norm(first: float, second: float, limit: float) -> tuple[float, float]:
+    """Return the vector, shortened to the length ``limit`` if it is longer."""
+    norm = hypot(first, second)
+    scale = limit / norm if norm > limit else 1.0
+    return scale * first, scale * second

@@ -1,0 +1,1 @@
+"""The MPC: the problem as a value, its transcription, the solvers, and the planner."""

@@ -1,0 +1,130 @@
+"""From path and forecast to the numbers of one MPC instance."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Array
+from ..forecast import Forecast, GaussianObstacle
+from ..path import Path
+from ..region import Region
+from .levels.base import LevelPolicy
+from .problem import Parameters
+
+CAPACITIES = (0, 1, 2, 5, 10, 20, 50, 100)
+"""Slots that problems are compiled for: one obstacle in a problem made for 20 costs IPOPT
+twice and fatrop three times the time."""
+
+LIGHT = 0.01
+"""Forecast modes of less weight than this are left out, and named in the plan."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """What the plan tracks, at steps 1..N: positions, unit tangents and speeds."""
+
+    position: Array
+    direction: Array
+    speed: Array
+
+
+def lay_reference(path: Path, start: float, speed: float, steps: int, dt: float) -> Reference:
+    """Lay the reference along the path from arc length ``start`` at a constant speed.
+
+    The paper gives "an ordered sequence of points" and a constant speed. Position i is the
+    path at start + i * speed * dt; at the end of the path it stays at the goal and the
+    reference speed drops to what is left to go, so that the robot stops there.
+    """
+    arcs = np.minimum(start + speed * dt * np.arange(steps + 1), path.length)
+    speeds = np.diff(arcs) / dt
+    middle = 0.5 * (arcs[1:] + arcs[:-1])
+    return Reference(path.at(arcs[1:]), path.direction(middle), speeds)
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacles:
+    """Gaussian discs on the plan's grid, one per obstacle and forecast mode.
+
+    Attributes
+    ----------
+    mean : (N, O, D), m. covariance : (N, O, D, D), m^2.
+    radius : (O,), m.
+    ids : (O,) names; modes of one obstacle share a name.
+    left_out : names that did not fit, or whose mode is too unlikely.
+    """
+
+    mean: Array
+    covariance: Array
+    radius: Array
+    ids: tuple[str, ...]
+    left_out: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        """Count the discs."""
+        return len(self.ids)
+
+
+def choose_obstacles(
+    forecast: Forecast, ids: tuple[str, ...], radius: Array, route: Array, most: int
+) -> Obstacles:
+    """Keep the discs that come closest to the route, at most ``most`` of them.
+
+    Parameters
+    ----------
+    forecast : on the plan's grid, N steps.
+    ids, radius : of its obstacles.
+    route : (N, D), m, positions that the robot is likely to take.
+    most : how many discs the problem can hold.
+    """
+    owner, mode = np.nonzero(forecast.weight >= LIGHT)
+    unlikely = [ids[o] for o in np.nonzero(forecast.weight < LIGHT)[0]]
+    mean = forecast.mean[owner, mode].swapaxes(0, 1)
+    covariance = forecast.covariance[owner, mode].swapaxes(0, 1)
+    clearance = np.linalg.norm(mean - route[:, None], axis=2).min(axis=0) - radius[owner]
+    nearest = np.sort(np.argsort(clearance, kind="stable")[:most])
+    far = sorted(set(range(len(owner))) - set(nearest.tolist()))
+    left_out = tuple(unlikely + [ids[owner[i]] for i in far])
+    kept = tuple(ids[owner[i]] for i in nearest)
+    return Obstacles(
+        mean[:, nearest], covariance[:, nearest], radius[owner[nearest]], kept, left_out
+    )
+
+
+def fill(
+    initial: Array,
+    reference: Reference,
+    obstacles: Obstacles,
+    region: Region,
+    level: LevelPolicy,
+    robot_radius: float,
+    capacity: int,
+) -> Parameters:
+    """Fill the parameters of a problem with room for ``capacity`` obstacles.
+
+    Empty slots hold a finite dummy, a unit disc at the origin: the mask multiplies it by
+    zero, and zero times NaN would be NaN.
+    """
+    steps, size = reference.position.shape
+    used = len(obstacles)
+    mean = np.zeros((steps, capacity, size))
+    covariance = np.zeros((steps, capacity, size, size))
+    covariance[:] = np.eye(size)
+    margin = np.ones(capacity)
+    mean[:, :used] = obstacles.mean
+    covariance[:, :used] = obstacles.covariance
+    margin[:used] = obstacles.radius + robot_radius
+    spread = np.broadcast_to(margin, (steps, capacity))
+    numbers = np.zeros((steps, 0, region.parameter_count(size)))
+    if capacity:
+        numbers = region.parameters(GaussianObstacle(mean, covariance), spread)
+    extra = len(region.auxiliary(size))
+    return Parameters(
+        initial=initial,
+        reference=reference.position,
+        direction=reference.direction,
+        speed=reference.speed,
+        regions=numbers,
+        level=level.reference(region, steps, capacity, size),
+        active=(np.arange(capacity) < used).astype(np.float64),
+        auxiliaries=np.zeros((steps, capacity, extra)),
+    )

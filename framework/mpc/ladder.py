@@ -1,0 +1,229 @@
+"""The fallback ladder: the best plan that can be had, and why it is not a better one.
+
+Rungs, best first:
+
+1. ``optimal``: the solver converged and the plan keeps every constraint;
+2. ``feasible iterate``: it did not converge, but its last point keeps every constraint;
+3. ``shifted last plan``, while it still keeps every constraint against the new forecast;
+4. ``least violation``: a plan that enters a region less than braking would;
+5. ``brake``: stop within the limits.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..arrays import Array
+from ..forecast import Forecast
+from ..plan import Plan, Rung, Status
+from ..region import Region
+from ..robot import Robot
+from .instance import Obstacles
+from .levels.base import LevelPolicy
+from .problem import Parameters, Problem
+from .rollout import brake, clip, follow
+from .solvers.base import Solution
+from .transcription import Guess
+from .verify import Violation, violation
+
+TOLERANCE = 1e-4
+"""Largest violation of a plan that counts as feasible (m, m/s or unit-free)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A plan that could be taken, with what the re-check says of it."""
+
+    point: Guess
+    rung: Rung
+    found: Violation
+    solution: Solution | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Ladder:
+    """Chooses among plans from one start.
+
+    Attributes
+    ----------
+    robot, region, level : the plug-ins.
+    stamp : s, time of the first state.
+    dt, horizon : of the plan.
+    start : (n,), the first state.
+    inputs : (N, m), the last plan's inputs from now on, or None.
+    """
+
+    robot: Robot
+    region: Region
+    level: LevelPolicy
+    stamp: float
+    dt: float
+    horizon: int
+    start: Array
+    inputs: Array | None
+
+    def guess(self, states: Array, inputs: Array) -> Guess:
+        """Wrap a trajectory as a starting point; auxiliaries are filled in later."""
+        target = float("nan")
+        if self.level.shared:
+            target = self.level.reference(self.region, 1, 1, self.robot.dimension)[0, 0]
+        empty = np.zeros((self.horizon, 0, 0))
+        return Guess(states, inputs, empty, float(target), np.zeros(self.horizon))
+
+    def choose(
+        self,
+        problem: Problem,
+        parameters: Parameters,
+        solutions: Sequence[Solution],
+        obstacles: Obstacles,
+        forecast: Forecast | None,
+    ) -> Plan:
+        """Take the best rung and write down why it is not a better one."""
+        solved = [self._assess(problem, parameters, solution) for solution in solutions]
+        best = _cheapest(solved, Rung.OPTIMAL) or _cheapest(solved, Rung.FEASIBLE)
+        if best is None:
+            best = self._fall_back(problem, parameters, solved)
+        reason = "" if best.rung is Rung.OPTIMAL else self._why(solved, best, obstacles)
+        plan = self._plan(best, parameters, obstacles, reason)
+        first = best.solution or (solutions[0] if solutions else None)
+        spent = sum(solution.seconds for solution in solutions)
+        return replace(
+            plan,
+            forecast=forecast,
+            status=Status.NOT_RUN if first is None else first.status,
+            iterations=sum(solution.iterations for solution in solutions),
+            seconds=spent,
+            cost=best.solution.cost if best.solution else float("nan"),
+        )
+
+    def stop(self, reason: str) -> Plan:
+        """Brake without looking: something failed before there was a problem to solve."""
+        size = self.robot.dimension
+        states, inputs = brake(self.robot, self.start, self.horizon, self.dt)
+        positions = self._positions(states)
+        none = np.zeros((self.horizon, 0))
+        return Plan(
+            self.stamp,
+            self.dt,
+            states,
+            inputs,
+            positions,
+            np.broadcast_to(positions[0], (self.horizon, size)),
+            none[..., None],
+            none,
+            none,
+            (),
+            Status.NOT_RUN,
+            Rung.BRAKE,
+            reason,
+        )
+
+    def _assess(self, problem: Problem, parameters: Parameters, solution: Solution) -> Candidate:
+        """Re-check a solution; one that did not converge is first made drivable."""
+        point = solution.point
+        if solution.status is not Status.SOLVED:
+            inputs = clip(self.robot, point.inputs)
+            states = follow(self.robot, self.start, inputs, self.dt)
+            point = with_auxiliaries(
+                self.robot, self.region, parameters, replace(point, states=states, inputs=inputs)
+            )
+        found = violation(problem, parameters, point)
+        if found.worst > TOLERANCE:
+            rung = Rung.LEAST
+        else:
+            rung = Rung.OPTIMAL if solution.status is Status.SOLVED else Rung.FEASIBLE
+        return Candidate(point, rung, found, solution)
+
+    def _fall_back(
+        self, problem: Problem, parameters: Parameters, solved: Sequence[Candidate]
+    ) -> Candidate:
+        """Shifted last plan, else the least violation of what is drivable."""
+        candidates = [one for one in solved if one.found.motion.max() <= TOLERANCE]
+        if self.inputs is not None:
+            states = follow(self.robot, self.start, self.inputs, self.dt)
+            shifted = self._lowest(problem, parameters, states, self.inputs, Rung.SHIFTED)
+            if shifted.found.worst <= TOLERANCE:
+                return shifted
+        states, inputs = brake(self.robot, self.start, self.horizon, self.dt)
+        stop = self._lowest(problem, parameters, states, inputs, Rung.BRAKE)
+        least = min(candidates, key=lambda one: one.found.total, default=stop)
+        return least if least.found.total < stop.found.total else stop
+
+    def _lowest(
+        self, problem: Problem, parameters: Parameters, states: Array, inputs: Array, rung: Rung
+    ) -> Candidate:
+        """Re-check a trajectory at the lowest level that the policy allows."""
+        level = max(self.level.minimum, 0.0) if problem.shared else float("nan")
+        guess = replace(self.guess(states, inputs), level=level)
+        point = with_auxiliaries(self.robot, self.region, parameters, guess)
+        return Candidate(point, rung, violation(problem, parameters, point))
+
+    def _why(self, solved: Sequence[Candidate], best: Candidate, obstacles: Obstacles) -> str:
+        """Say what the solver reported and what the plan taken still breaks."""
+        words = [
+            f"solver: {one.solution.message}" for one in solved[:1] if one.solution is not None
+        ]
+        if solved and solved[0].found.worst > TOLERANCE:
+            words.append(f"its plan: {solved[0].found.where(obstacles.ids)}")
+        if best.found.worst > TOLERANCE and best not in solved[:1]:
+            words.append(f"{best.rung} taken: {best.found.where(obstacles.ids)}")
+        return "; ".join(words)
+
+    def _plan(
+        self, best: Candidate, parameters: Parameters, obstacles: Obstacles, reason: str
+    ) -> Plan:
+        used = len(obstacles)
+        point = best.point
+        level = parameters.level[:, :used]
+        if not np.isnan(point.level):
+            level = np.full_like(level, point.level)
+        return Plan(
+            stamp=self.stamp,
+            dt=self.dt,
+            states=point.states,
+            inputs=point.inputs,
+            positions=self._positions(point.states),
+            reference=parameters.reference,
+            auxiliaries=point.auxiliaries[:, :used],
+            level=level,
+            content=content(self.region, level, self.robot.dimension),
+            ids=obstacles.ids,
+            status=Status.NOT_RUN,
+            rung=best.rung,
+            reason=reason,
+            violation=best.found.worst,
+            left_out=obstacles.left_out,
+        )
+
+    def _positions(self, states: Array) -> Array:
+        return np.stack(self.robot.pose(tuple(states.T)).position, axis=-1)
+
+
+def _cheapest(candidates: Sequence[Candidate], rung: Rung) -> Candidate | None:
+    """Return the candidate of this rung with the lowest cost."""
+    fitting = [one for one in candidates if one.rung is rung and one.solution is not None]
+    return min(fitting, key=lambda one: one.solution.cost if one.solution else 0.0, default=None)
+
+
+def content(region: Region, level: Array, dimension: int) -> Array:
+    """Content that each level stands for; 0 for the paper's unbounded level below 0."""
+    values, place = np.unique(level, return_inverse=True)
+    known = [1.0 - region.tail(value, dimension) if value > 0 else 0.0 for value in values]
+    return np.asarray(known, dtype=np.float64)[place].reshape(level.shape)
+
+
+def with_auxiliaries(robot: Robot, region: Region, parameters: Parameters, guess: Guess) -> Guess:
+    """Fill in the auxiliaries that suit the guess's positions best."""
+    steps, slots = parameters.level.shape
+    size = robot.dimension
+    if not len(region.auxiliary(size)) or not slots:
+        none = np.zeros((steps, slots, len(region.auxiliary(size))))
+        return replace(guess, auxiliaries=none)
+    place = np.stack(robot.pose(tuple(guess.states[1:].T)).position, axis=-1)
+    points = np.broadcast_to(place[:, None], (steps, slots, size))
+    level = parameters.level
+    if not np.isnan(guess.level):
+        level = np.full_like(level, guess.level)
+    start = region.auxiliary_start(points, parameters.regions, level)
+    return replace(guess, auxiliaries=np.array(start, dtype=np.float64))

@@ -1,0 +1,6 @@
+"""Level policies: how large each region is held, for every step and obstacle."""
+
+BUILT_IN = {
+    "fixed": "wideberth.framework.mpc.levels.fixed:Fixed",
+    "relaxed": "wideberth.framework.mpc.levels.relaxed:Relaxed",
+}

@@ -1,0 +1,45 @@
+"""The paper's level: one decision variable, drawn towards its reference by the cost."""
+
+from dataclasses import dataclass
+from typing import ClassVar, final
+
+from ...arrays import Array, positive, probability
+from ...errors import WideberthError
+from ...region import Region
+from .base import LevelPolicy, uniform
+
+
+@final
+@dataclass(frozen=True)
+class Relaxed(LevelPolicy):
+    """Let one level s give way for all steps and obstacles at the price w (s - s_ref)^2.
+
+    The paper writes the price inside the sum over i = 1..N: read literally its weight is
+    N = 15; the recorded instances are reproduced with 1, the default reading. The paper
+    leaves s without bounds; then the optimum has s < 0 in 44 % of recorded instances, where
+    the ellipse's axes are shorter than r + r_d and the robots may touch. ``minimum`` is
+    therefore 0 unless it is set lower (``-.inf`` in YAML is the paper's).
+
+    Parameters
+    ----------
+    tail : probability in (0, 1) that s_ref stands for. The paper prints
+        s_ref = sqrt(5.991), which is 0.050012; exactly 0.05 is s = 2.4477468.
+    weight : w, at least 0.
+    minimum : lower bound of s.
+    """
+
+    shared: ClassVar[bool] = True
+
+    tail: float = 0.05
+    weight: float = 1.0
+    minimum: float = 0.0
+
+    def __post_init__(self) -> None:
+        probability("level.tail", self.tail)
+        positive("level.weight", self.weight, zero=True)
+        if not self.minimum < float("inf"):
+            raise WideberthError(f"level.minimum is {self.minimum}; wanted a number or -.inf")
+
+    def reference(self, region: Region, steps: int, obstacles: int, dimension: int) -> Array:
+        """Levels aimed at, (steps, obstacles)."""
+        return uniform(region, self.tail, steps, obstacles, dimension)

@@ -1,0 +1,74 @@
+"""Trajectories that the robot can drive, without solving anything."""
+
+import numpy as np
+
+from ..arrays import Array
+from ..integration import step
+from ..motion import Twist
+from ..robot import Robot
+
+SWEEPS = ("coast", "left", "right", "wait")
+"""Names of the twists that a starting point may hold, see `sweep`."""
+
+
+def follow(robot: Robot, start: Array, inputs: Array, dt: float) -> Array:
+    """Integrate the inputs (N, m) from the start: states (N + 1, n)."""
+    states = [tuple(float(value) for value in start)]
+    for control in inputs:
+        states.append(step(robot, states[-1], tuple(float(u) for u in control), dt))
+    return np.array(states, dtype=np.float64)
+
+
+def clip(robot: Robot, inputs: Array) -> Array:
+    """Bring inputs (N, m) into the robot's bounds."""
+    limits = robot.input_bounds()
+    return np.clip(inputs, np.asarray(limits.lower), np.asarray(limits.upper))
+
+
+def brake(robot: Robot, start: Array, steps: int, dt: float) -> tuple[Array, Array]:
+    """Stop as fast as the limits allow: states (N + 1, n) and inputs (N, m)."""
+    return steer(robot, start, Twist((0.0,) * robot.dimension, 0.0), steps, dt)
+
+
+def steer(robot: Robot, start: Array, twist: Twist, steps: int, dt: float) -> tuple[Array, Array]:
+    """Drive towards one twist and keep it: states (N + 1, n) and inputs (N, m)."""
+    states = [tuple(float(value) for value in start)]
+    inputs = []
+    for _ in range(steps):
+        control = robot.drive(states[-1], twist, dt)
+        inputs.append(control)
+        states.append(step(robot, states[-1], control, dt))
+    return np.array(states, dtype=np.float64), np.array(inputs, dtype=np.float64)
+
+
+def shift(inputs: Array, share: float) -> Array:
+    """Return the inputs (N, m) as seen ``share`` steps later; what lies beyond the end is 0.
+
+    A share that is no whole number averages the two inputs that each new step covers.
+    """
+    padded = np.concatenate([inputs, np.zeros_like(inputs), np.zeros_like(inputs[:1])])
+    whole = min(int(share + 1e-9), len(inputs))
+    part = min(max(share - whole, 0.0), 1.0)
+    here = padded[whole : whole + len(inputs)]
+    after = padded[whole + 1 : whole + 1 + len(inputs)]
+    return np.asarray((1 - part) * here + part * after)
+
+
+def sweep(robot: Robot, start: Array, name: str, speed: float) -> Twist:
+    """Return the twist of a named starting point.
+
+    ``coast`` holds the present one; ``left`` and ``right`` turn as fast as the robot can,
+    or, without a heading, go off to the side; ``wait`` stops.
+    """
+    now = robot.twist(tuple(start), tuple(0.0 for _ in robot.inputs))
+    if name == "wait":
+        return Twist(tuple(0.0 for _ in now.linear), 0.0)
+    if name == "coast":
+        return now
+    side = 1.0 if name == "left" else -1.0
+    if robot.pose(tuple(start)).heading is not None:
+        return Twist(now.linear, side * speed)  # drive() keeps it within the limits
+    forward = np.asarray(now.linear, dtype=np.float64)
+    turned = np.array([-forward[1], forward[0], *np.zeros(len(forward) - 2)])
+    mixed = (forward + side * turned) / np.sqrt(2.0)
+    return Twist(tuple(float(value) for value in mixed), 0.0)

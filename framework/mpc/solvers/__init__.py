@@ -1,0 +1,6 @@
+"""Solvers, one file each, behind one interface."""
+
+BUILT_IN = {
+    "ipopt": "wideberth.framework.mpc.solvers.ipopt:Ipopt",
+    "fatrop": "wideberth.framework.mpc.solvers.fatrop:Fatrop",
+}

@@ -1,0 +1,137 @@
+"""The Solver interface, and what the solvers behind `casadi.nlpsol` share."""
+
+from abc import ABC, abstractmethod
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from ...plan import Status
+from ...symbolic import ca
+from ..problem import Parameters, Problem
+from ..transcription import Guess, Transcription
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What a solver returns for one starting point.
+
+    Attributes
+    ----------
+    point : the last iterate, whatever the status.
+    status : how the solver ended.
+    message : the solver's own word for it.
+    cost : objective at the point.
+    iterations : of the solver.
+    seconds : wall time of this solve, parameter packing included.
+    """
+
+    point: Guess
+    status: Status
+    message: str
+    cost: float
+    iterations: int
+    seconds: float
+
+
+class Solver(ABC):
+    """Solves a problem from several starting points.
+
+    A solver never raises for what a problem holds: failure is the status of the solution.
+    The same problem, parameters and guesses give the same solution unless a deadline cuts
+    it short.
+    """
+
+    @abstractmethod
+    def solve(
+        self,
+        problem: Problem,
+        parameters: Parameters,
+        guesses: Sequence[Guess],
+        deadline: float | None = None,
+    ) -> list[Solution]:
+        """Solve from each guess; ``deadline`` in s caps each single solve."""
+
+
+@dataclass(frozen=True, eq=False)
+class Compiled:
+    """A transcribed problem with the CasADi solver made for it."""
+
+    form: Transcription
+    function: Any
+
+
+_CACHE: OrderedDict[tuple[str, str, str], Compiled] = OrderedDict()
+_CACHE_SIZE = 64
+
+
+def compiled(
+    name: str,
+    problem: Problem,
+    options: dict[str, Any],
+    *,
+    staged: bool,
+    matrix: bool = False,
+) -> Compiled:
+    """Make the `casadi.nlpsol` of a problem, or take it from this process's cache.
+
+    The cache is keyed by the hash of the expressions, never of a config alone.
+    """
+    key = (problem.key, name, repr((sorted(options.items()), staged, matrix)))
+    if key in _CACHE:
+        _CACHE.move_to_end(key)
+        return _CACHE[key]
+    form = Transcription(problem, staged=staged, symbol=ca.MX if matrix else ca.SX)
+    settings = {"print_time": False, "error_on_fail": False, "calc_lam_p": False, **options}
+    if name == "fatrop":
+        settings |= _structure(form)
+    _CACHE[key] = Compiled(form, ca.nlpsol("solver", name, form.nlp(), settings))
+    if len(_CACHE) > _CACHE_SIZE:
+        _CACHE.popitem(last=False)
+    return _CACHE[key]
+
+
+def _structure(form: Transcription) -> dict[str, Any]:
+    """Stage sizes as fatrop wants them; its rows leave out the gaps of the dynamics."""
+    states = [size[0] for size in form.sizes]
+    rows = [size[2] for size in form.sizes]
+    for i in range(len(rows) - 1):
+        rows[i] -= states[i + 1]
+    return {
+        "structure_detection": "manual",
+        "N": len(states) - 1,
+        "nx": states,
+        "nu": [size[1] for size in form.sizes],
+        "ng": rows,
+    }
+
+
+def run(
+    program: Compiled,
+    parameters: Parameters,
+    guess: Guess,
+    status: Callable[[dict[str, Any]], tuple[Status, str]],
+) -> Solution:
+    """Solve from one guess and read the result."""
+    begin = perf_counter()
+    form = program.form
+    result = program.function(
+        x0=form.pack(guess),
+        p=form.parameters(parameters),
+        lbx=form.lower,
+        ubx=form.upper,
+        lbg=form.row_lower,
+        ubg=form.row_upper,
+    )
+    flat = np.asarray(result["x"]).ravel()
+    cost = float(result["f"])
+    seconds = perf_counter() - begin
+    stats = program.function.stats()
+    outcome, message = status(stats)
+    if not (np.isfinite(flat).all() and np.isfinite(cost)):
+        flat, outcome, message = form.pack(guess), Status.FAILED, "not a number"
+    point = form.unpack(flat, parameters)
+    return Solution(point, outcome, message, cost, int(stats.get("iter_count", 0)), seconds)

@@ -1,0 +1,85 @@
+"""Re-check a plan without the solver that made it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Array
+from .problem import Parameters, Problem
+from .transcription import Guess
+
+
+@dataclass(frozen=True, eq=False)
+class Violation:
+    """How far a plan breaks its constraints; 0 where it keeps them.
+
+    Attributes
+    ----------
+    motion : (N,), dynamics, bounds and robot limits, each in its own unit.
+    regions : (N, K), how far each region is entered at steps 1..N, unit-free.
+    """
+
+    motion: Array
+    regions: Array
+
+    @property
+    def worst(self) -> float:
+        """The largest of all."""
+        return float(max(self.motion.max(initial=0.0), self.regions.max(initial=0.0)))
+
+    @property
+    def total(self) -> float:
+        """Sum over steps of the deepest entry into any region."""
+        return float(self.regions.max(axis=1, initial=0.0).sum())
+
+    def where(self, ids: tuple[str, ...]) -> str:
+        """Name the obstacle and step of the deepest entry, or the limit that is broken."""
+        if self.regions.size and self.regions.max() >= self.motion.max(initial=0.0):
+            step, slot = divmod(int(self.regions.argmax()), self.regions.shape[1])
+            name = ids[slot] if slot < len(ids) else "?"
+            return f"region of {name!r} entered by {self.regions.max():.2g} at step {step + 1}"
+        step = int(self.motion.argmax())
+        return f"motion limits broken by {self.motion.max():.2g} at step {step + 1}"
+
+
+def violation(problem: Problem, parameters: Parameters, point: Guess) -> Violation:
+    """Evaluate every constraint of the problem at a point, x_0 included.
+
+    A soft region counts as entered however much slack was paid for it.
+    """
+    horizon = problem.horizon
+    level = np.full((int(problem.shared), horizon), point.level)
+    values = problem.residuals(
+        point.states[:-1].T,
+        point.inputs.T,
+        point.states[1:].T,
+        point.auxiliaries.reshape(horizon, -1).T,
+        level,
+        parameters.stages().T,
+    )
+    gap, limits, outside, tied = (np.asarray(value).reshape(-1, horizon) for value in values)
+    broken = [np.abs(gap), np.maximum(-limits, 0.0)]
+    state, control = problem.state_bounds, problem.input_bounds
+    broken += [_beyond(point.states[1:], state.lower, state.upper).T]
+    broken += [_beyond(point.inputs, control.lower, control.upper).T]
+    begin = np.abs(point.states[0] - parameters.initial).max(initial=0.0)
+    motion = np.concatenate(broken).max(axis=0)
+    motion[0] = max(motion[0], begin)
+    entered = _per_slot(np.maximum(-outside, 0.0), problem.capacity)
+    entered = np.maximum(entered, _per_slot(np.abs(tied), problem.capacity))
+    if not (np.isfinite(motion).all() and np.isfinite(entered).all()):
+        return Violation(np.full(horizon, np.inf), np.zeros((horizon, problem.capacity)))
+    return Violation(motion, entered.T)
+
+
+def _per_slot(values: Array, slots: int) -> Array:
+    """Largest of each slot's rows: (slots * rows, N) -> (slots, N)."""
+    horizon = values.shape[1]
+    if not values.size:
+        return np.zeros((slots, horizon))
+    return np.asarray(values.reshape(slots, -1, horizon).max(axis=1))
+
+
+def _beyond(values: Array, lower: tuple[float, ...], upper: tuple[float, ...]) -> Array:
+    over = np.maximum(values - np.asarray(upper), 0.0)
+    return np.asarray(np.maximum(over, np.asarray(lower) - values))

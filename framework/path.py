@@ -1,0 +1,89 @@
+"""A reference path: a polyline measured by its arc length."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .arrays import Array, checked
+from .errors import WideberthError
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """An ordered list of points that the robot should follow.
+
+    Attributes
+    ----------
+    points : (P, D), m, P >= 2, no two neighbours equal.
+
+    Raises
+    ------
+    WideberthError : fewer than two points, repeated points, not finite.
+    """
+
+    points: Array
+
+    def __post_init__(self) -> None:
+        points = checked("path.points", self.points, (None, None))
+        if len(points) < 2:
+            raise WideberthError(
+                f"path.points holds {len(points)} point(s); a path needs at least two: "
+                "give the start and the goal"
+            )
+        if points.shape[1] not in (2, 3):
+            raise WideberthError(f"path.points has {points.shape[1]} columns; wanted 2 or 3")
+        repeated = np.flatnonzero(np.linalg.norm(np.diff(points, axis=0), axis=1) == 0)
+        if repeated.size:
+            raise WideberthError(
+                f"path.points[{repeated[0] + 1}] repeats the point before it; remove it"
+            )
+        object.__setattr__(self, "points", points)
+
+    @cached_property
+    def arc(self) -> Array:
+        """Arc length at each point, (P,), m; the first is 0."""
+        steps = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
+    @property
+    def length(self) -> float:
+        """Length of the whole path, m."""
+        return float(self.arc[-1])
+
+    @property
+    def goal(self) -> Array:
+        """The last point, (D,), m."""
+        return np.asarray(self.points[-1])
+
+    def at(self, arc: Array) -> Array:
+        """Points at the given arc lengths (...,) -> (..., D), m; clamped to the ends."""
+        arc = np.asarray(arc, dtype=np.float64)
+        columns = [np.interp(arc, self.arc, column) for column in self.points.T]
+        return np.stack(columns, axis=-1).astype(np.float64)
+
+    def direction(self, arc: Array) -> Array:
+        """Return unit tangents at the given arc lengths (...,) -> (..., D)."""
+        last = len(self.points) - 2
+        index = np.clip(np.searchsorted(self.arc, arc, side="right") - 1, 0, last)
+        step = self.points[index + 1] - self.points[index]
+        return np.asarray(step / np.linalg.norm(step, axis=-1, keepdims=True))
+
+    def project(self, point: Array, *, start: float = 0.0, window: float = np.inf) -> float:
+        """Arc length of the nearest path point within [start, start + window], m.
+
+        A window keeps a self-crossing path from being cut short: the controller
+        searches forward from where it last was.
+        """
+        begin, step = self.points[:-1], np.diff(self.points, axis=0)
+        length = np.diff(self.arc)
+        along = np.einsum("sd,sd->s", point - begin, step) / length
+        low = np.clip(start - self.arc[:-1], 0.0, length)
+        high = np.clip(start + window - self.arc[:-1], 0.0, length)
+        along = np.clip(along, low, high)
+        nearest = begin + step * (along / length)[:, None]
+        distance = np.linalg.norm(nearest - point, axis=1)
+        reach = self.arc[:-1] + along
+        outside = (reach < start - 1e-12) | (reach > start + window + 1e-12)
+        best = int(np.argmin(np.where(outside, np.inf, distance)))
+        return float(np.clip(reach[best], 0.0, self.length))

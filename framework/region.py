@@ -1,0 +1,157 @@
+"""The Region interface: from a Gaussian obstacle to the set that the robot must keep out of."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import ClassVar
+
+import numpy as np
+
+from .arrays import Array, BoolArray, Scalar
+from .forecast import GaussianObstacle
+from .motion import Pose
+
+
+class Relation(StrEnum):
+    """How a region lies to the exact set, the content ellipse plus the disc of the margin."""
+
+    INNER = "inner"
+    EXACT = "exact"
+    OUTER = "outer"
+    NONE = "none"
+
+
+class Guarantee(StrEnum):
+    """What staying outside a region promises.
+
+    CONTENT: the collision risk is at most ``tail(level)``, the probability that the
+    obstacle leaves the un-enlarged region. RISK: a level can be chosen for any asked
+    risk. NONE: no such promise holds for every covariance.
+    """
+
+    CONTENT = "content"
+    RISK = "collision risk"
+    NONE = "none"
+
+
+@dataclass(frozen=True)
+class Auxiliary:
+    """Extra decision variables that a region needs per obstacle and step.
+
+    Attributes
+    ----------
+    lower, upper : bounds, one entry per variable.
+    start : starting values.
+    regularisation : weight of (auxiliary - guess)^2 in the cost, which keeps the Hessian
+        regular where the constraint is inactive.
+    """
+
+    lower: tuple[float, ...] = ()
+    upper: tuple[float, ...] = ()
+    start: tuple[float, ...] = ()
+    regularisation: float = 0.0
+
+    def __len__(self) -> int:
+        """Count the variables."""
+        return len(self.start)
+
+
+@dataclass(frozen=True, eq=False)
+class Constraint:
+    """What `Region.constraint` returns; entries are CasADi expressions.
+
+    Attributes
+    ----------
+    inequalities : each >= 0 where the pose is outside the region; unit-free, and with a
+        gradient that does not vanish at the boundary.
+    equalities : each == 0; they tie auxiliaries down.
+    """
+
+    inequalities: tuple[Scalar, ...]
+    equalities: tuple[Scalar, ...] = ()
+
+
+class Region(ABC):
+    """The set that the robot's centre must keep out of.
+
+    A region is a frozen dataclass. ``level`` is its own monotone size: s for ellipses
+    (a larger level is a larger region, 0 the smallest). ``margin`` is r + r_d, the radii of
+    robot and obstacle together, m. Laws, checked by
+    `wideberth.framework.testing.check_region`: symbolic constraint and NumPy twin agree;
+    the region grows with level and margin; ``level`` and ``tail`` are inverse to each
+    other; area agrees with the boundary; the declared relation and guarantee hold.
+    """
+
+    relation: ClassVar[Relation]
+    guarantee: ClassVar[Guarantee]
+    dimensions: ClassVar[tuple[int, ...]] = (2,)
+    rotation_invariant: ClassVar[bool] = True
+    """False for a region tied to the world axes: turning the scene does not turn it."""
+    reference: ClassVar[str] = ""
+
+    @abstractmethod
+    def parameters(self, obstacle: GaussianObstacle, margin: Array) -> Array:
+        """Numbers that describe the region: batch (...,) -> (..., P).
+
+        Eigenvectors are computed here, in NumPy, never symbolically: differentiating an
+        eigen-decomposition gives NaN for round covariances.
+        """
+
+    @abstractmethod
+    def parameter_count(self, dimension: int) -> int:
+        """P, for obstacles in D dimensions."""
+
+    def auxiliary(self, dimension: int) -> Auxiliary:
+        """Declare extra variables; none unless a region says otherwise."""
+        return Auxiliary()
+
+    def auxiliary_start(self, points: Array, parameters: Array, level: Array) -> Array:
+        """Best auxiliaries for given positions: (..., D), (..., P), (...) -> (..., A).
+
+        The solver starts from them and the law check maximises with them.
+        """
+        dimension = points.shape[-1]
+        start = self.auxiliary(dimension).start
+        return np.broadcast_to(np.asarray(start), (*points.shape[:-1], len(start)))
+
+    @abstractmethod
+    def constraint(
+        self, pose: Pose, parameters: Scalar, level: Scalar, auxiliary: Scalar
+    ) -> Constraint:
+        """State "the pose is outside" in CasADi; arguments are SX or MX vectors."""
+
+    @abstractmethod
+    def contains(self, points: Array, parameters: Array, level: Array) -> BoolArray:
+        """Whether points (..., D) lie strictly inside; parameters (..., P) broadcast."""
+
+    @abstractmethod
+    def boundary(self, parameters: Array, level: float, count: int) -> Array:
+        """Points on the boundary of one 2-D region, (count, 2), m, counter-clockwise."""
+
+    @abstractmethod
+    def area(self, parameters: Array, level: Array) -> Array:
+        """Area in m^2 (volume in m^3 where D is 3): (..., P) -> (...)."""
+
+    @abstractmethod
+    def level(self, tail: float, dimension: int = 2) -> float:
+        """Level at which the un-enlarged region keeps the obstacle but for ``tail``."""
+
+    @abstractmethod
+    def tail(self, level: float, dimension: int = 2) -> float:
+        """1 - content of the un-enlarged region; the inverse of `level`."""
+
+
+class Signed(Region):
+    """A region that knows how far a point is from its boundary."""
+
+    @abstractmethod
+    def signed_distance(self, points: Array, parameters: Array, level: Array) -> Array:
+        """Distance to the boundary, m, negative inside: (..., D) -> (...)."""
+
+
+class Convex(Region):
+    """A convex region, told by its support function."""
+
+    @abstractmethod
+    def support(self, normals: Array, parameters: Array, level: Array) -> Array:
+        """Max of n . x over the region, m, for unit normals (..., D) -> (...)."""

@@ -1,0 +1,106 @@
+"""The Robot interface: how a robot can move."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import atan2
+from typing import ClassVar
+
+from .arrays import Scalar
+from .motion import Pose, Twist
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Name and SI unit of one state or input component."""
+
+    name: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Lower and upper limits, one entry per component; infinite where free."""
+
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+
+
+class Robot(ABC):
+    """A robot model, written once for NumPy and CasADi.
+
+    ``state`` and ``control`` arrive as sequences of scalars: floats, NumPy arrays (a batch)
+    or CasADi expressions; use NumPy functions (``np.cos``), which serve all three. A robot
+    is a frozen dataclass with a field ``radius``. Laws, checked by
+    `wideberth.framework.testing.check_robot`: NumPy and CasADi agree; ``pose`` changes as
+    ``twist`` says; ``twist`` changes as ``acceleration`` says; turning the start turns the
+    motion; ``drive`` keeps the limits and reaches the twist when it can.
+    """
+
+    states: ClassVar[tuple[Quantity, ...]]
+    inputs: ClassVar[tuple[Quantity, ...]]
+    dimension: ClassVar[int] = 2
+    reference: ClassVar[str] = ""
+
+    radius: float
+    """m, of the disc that encloses the robot."""
+
+    @abstractmethod
+    def derivative(self, state: Sequence[Scalar], control: Sequence[Scalar]) -> tuple[Scalar, ...]:
+        """Time derivative of the state."""
+
+    @abstractmethod
+    def state_bounds(self) -> Bounds:
+        """Limits of the state."""
+
+    @abstractmethod
+    def input_bounds(self) -> Bounds:
+        """Limits of the input."""
+
+    @abstractmethod
+    def constraints(
+        self, state: Sequence[Scalar], control: Sequence[Scalar]
+    ) -> tuple[Scalar, ...]:
+        """Limits that bounds cannot say, each >= 0 when kept; () if there are none."""
+
+    @abstractmethod
+    def pose(self, state: Sequence[Scalar]) -> Pose:
+        """Position and heading."""
+
+    @abstractmethod
+    def twist(self, state: Sequence[Scalar], control: Sequence[Scalar]) -> Twist:
+        """Velocity: body frame, or world frame for a robot without heading."""
+
+    @abstractmethod
+    def acceleration(self, state: Sequence[Scalar], control: Sequence[Scalar]) -> Twist:
+        """Time derivative of the twist's components."""
+
+    @abstractmethod
+    def state_at(self, pose: Pose, twist: Twist) -> tuple[Scalar, ...]:
+        """State of the robot at this pose with this twist."""
+
+    @abstractmethod
+    def drive(self, state: Sequence[float], twist: Twist, duration: float) -> tuple[float, ...]:
+        """Input that brings the twist to the wanted one within ``duration`` s, in the limits.
+
+        This is the low-level velocity controller: the plant, the braking manoeuvre and
+        every rival controller use it.
+        """
+
+
+def start_state(
+    robot: Robot, position: Sequence[float], direction: Sequence[float], speed: float
+) -> tuple[tuple[float, ...], Twist]:
+    """Return state and twist of a robot that drives along a unit vector at ``speed``.
+
+    A robot with a heading looks that way; one without has the world components.
+    """
+    probe = robot.pose(tuple(0.0 for _ in robot.states))
+    place = tuple(float(value) for value in position)
+    if probe.heading is None:
+        twist = Twist(tuple(speed * float(d) for d in direction))
+        pose = Pose(place)
+    else:
+        twist = Twist((speed, 0.0))
+        pose = Pose(place, atan2(direction[1], direction[0]))
+    return tuple(float(value) for value in robot.state_at(pose, twist)), twist

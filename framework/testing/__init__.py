@@ -1,0 +1,27 @@
+"""Contract checks that every plug-in can run on itself.
+
+Each room of plug-ins has one: `check_predictor`, `check_region`, `check_robot`,
+`check_controller`. They are imported on first use, since each needs libraries of its own.
+"""
+
+from importlib import import_module
+from typing import Any
+
+CHECKS = {
+    "check_predictor": ".predictor",
+    "check_region": ".region",
+    "check_robot": ".robot",
+    "check_controller": ".controller",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a check on first use."""
+    if name in CHECKS:
+        return getattr(import_module(CHECKS[name], __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """List the checks."""
+    return sorted(CHECKS)

@@ -1,0 +1,246 @@
+"""The laws of `Robot` as a check that any robot can run on itself."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Array
+from ..integration import runge_kutta
+from ..motion import Pose, Twist
+from ..robot import Bounds, Robot
+
+_SAMPLES = 40
+_REACH = 5.0
+"""m (or rad): states without limits are drawn up to here."""
+
+
+def check_robot(robot: Robot, *, rng: np.random.Generator | None = None) -> None:
+    """Check every law of `wideberth.framework.robot.Robot`.
+
+    Names and bounds fit together; NumPy (one state or a batch) and CasADi agree; pose
+    changes as twist says and twist as acceleration (central differences); `state_at` is the
+    inverse of pose and twist; one Runge-Kutta step has order four; turning the start turns
+    the motion; `drive` keeps every limit and reaches twists that the robot can have.
+
+    Parameters
+    ----------
+    robot : to be checked.
+    rng : where states and inputs are drawn from; the same ones each time by default.
+
+    Raises
+    ------
+    AssertionError : a law does not hold; the message names it.
+    """
+    rng = np.random.default_rng(0) if rng is None else rng
+    _check_bounds(robot)
+    pairs = [_draw(robot, rng) for _ in range(_SAMPLES)]
+    _check_casadi(robot, pairs)
+    _check_order(robot, pairs)
+    for state, control in pairs:
+        _check_rates(robot, state, control)
+        _check_inverse(robot, state, control)
+    for (start, _), (state, control) in zip(pairs[::2], pairs[1::2], strict=True):
+        wanted = robot.twist(state, control)
+        _check_drive(robot, start, wanted)
+        _check_turned(robot, start, wanted, float(rng.uniform(-np.pi, np.pi)))
+
+
+def _check_bounds(robot: Robot) -> None:
+    assert robot.radius > 0, f"radius is {robot.radius}; wanted above 0"
+    named = (
+        ("state", robot.states, robot.state_bounds()),
+        ("input", robot.inputs, robot.input_bounds()),
+    )
+    for what, names, bounds in named:
+        count = len(names)
+        assert len(bounds.lower) == len(bounds.upper) == count, (
+            f"{what}_bounds have {len(bounds.lower)} and {len(bounds.upper)} entries; "
+            f"the robot names {count} {what}s"
+        )
+        assert all(a < b for a, b in zip(bounds.lower, bounds.upper, strict=True)), (
+            f"{what}_bounds: a lower bound is not below its upper bound"
+        )
+        assert len({q.name for q in names}) == count, f"{what} names repeat"
+
+
+def _draw(robot: Robot, rng: np.random.Generator) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Draw a state and an input that keep all limits."""
+    for _ in range(1000):
+        state = _within(robot.state_bounds(), rng, _REACH)
+        control = _within(robot.input_bounds(), rng, 1.0)
+        if all(value >= 0 for value in robot.constraints(state, control)):
+            return state, control
+    raise AssertionError("constraints: none of 1000 draws within the bounds keeps them")
+
+
+def _within(bounds: Bounds, rng: np.random.Generator, reach: float) -> tuple[float, ...]:
+    low = np.maximum(bounds.lower, -reach)
+    high = np.minimum(bounds.upper, reach)
+    return tuple(float(v) for v in rng.uniform(low, high))
+
+
+def _everything(robot: Robot, state: Sequence[Any], control: Sequence[Any]) -> list[Any]:
+    """All that a robot computes, as one flat list."""
+    pose, twist = robot.pose(state), robot.twist(state, control)
+    acceleration = robot.acceleration(state, control)
+    heading = () if pose.heading is None else (pose.heading,)
+    return [
+        *robot.derivative(state, control),
+        *robot.constraints(state, control),
+        *pose.position,
+        *heading,
+        *twist.linear,
+        twist.angular,
+        *acceleration.linear,
+        acceleration.angular,
+        *robot.state_at(pose, twist),
+    ]
+
+
+def _check_casadi(robot: Robot, pairs: list[tuple[tuple[float, ...], tuple[float, ...]]]) -> None:
+    from ..symbolic import ca
+
+    x, u = ca.SX.sym("x", len(robot.states)), ca.SX.sym("u", len(robot.inputs))
+    values = _everything(robot, ca.vertsplit(x), ca.vertsplit(u))
+    function = ca.Function("robot", [x, u], [ca.vertcat(*values)])
+    states = tuple(np.array([state for state, _ in pairs]).T)
+    controls = tuple(np.array([control for _, control in pairs]).T)
+    batch = np.stack(
+        [np.broadcast_to(v, len(pairs)) for v in _everything(robot, states, controls)]
+    )
+    for index, (state, control) in enumerate(pairs):
+        single = np.array(_everything(robot, state, control), dtype=np.float64)
+        symbolic = np.asarray(function(state, control)).ravel()
+        assert np.allclose(symbolic, single, rtol=1e-9, atol=1e-9), (
+            f"NumPy and CasADi disagree by {np.abs(symbolic - single).max():.3g} "
+            f"at state {state}, input {control}"
+        )
+        assert np.allclose(batch[:, index], single, rtol=1e-12, atol=1e-12), (
+            f"a batch and a single state disagree at state {state}, input {control}"
+        )
+
+
+def _check_order(robot: Robot, pairs: list[tuple[tuple[float, ...], tuple[float, ...]]]) -> None:
+    """One step of 1 s against two of half a second: the error falls by about 2^4."""
+    errors = np.zeros(2)
+    for state, control in pairs:
+        exact = np.array(runge_kutta(robot.derivative, state, control, 1.0, 64))
+        for i, parts in enumerate((1, 2)):
+            moved = np.array(runge_kutta(robot.derivative, state, control, 1.0, parts))
+            errors[i] += float(np.sum((moved - exact) ** 2))
+    coarse, fine = np.sqrt(errors)
+    assert coarse < 1e-9 or coarse / fine > 10.0, (
+        f"halving the Runge-Kutta step divides the error by {coarse / fine:.3g}; wanted about "
+        "16: derivative is not smooth"
+    )
+
+
+def _check_rates(robot: Robot, state: tuple[float, ...], control: tuple[float, ...]) -> None:
+    h = 1e-4
+    after = runge_kutta(robot.derivative, state, control, h)
+    before = runge_kutta(robot.derivative, state, control, -h)
+    rate = (_pose(robot, after) - _pose(robot, before)) / (2 * h)
+    wanted = _world(robot, state, control)
+    assert np.allclose(rate, wanted, atol=1e-6), (
+        f"pose changes by {rate} per second and twist says {wanted}, at state {state}"
+    )
+    change = (_twist(robot, after, control) - _twist(robot, before, control)) / (2 * h)
+    acceleration = _flat(robot.acceleration(state, control))
+    assert np.allclose(change, acceleration, atol=1e-6), (
+        f"twist changes by {change} per second and acceleration says {acceleration}, "
+        f"at state {state}, input {control}"
+    )
+
+
+def _check_inverse(robot: Robot, state: tuple[float, ...], control: tuple[float, ...]) -> None:
+    again = robot.state_at(robot.pose(state), robot.twist(state, control))
+    twist = robot.twist(tuple(map(float, again)), control)
+    assert np.allclose(_pose(robot, again), _pose(robot, state), atol=1e-9) and np.allclose(
+        _flat(twist), _twist(robot, state, control), atol=1e-9
+    ), f"state_at does not lead back to pose and twist of state {state}"
+
+
+def _check_drive(robot: Robot, start: tuple[float, ...], wanted: Twist) -> None:
+    state, control = start, (0.0,) * len(robot.inputs)
+    bounds, inputs = robot.state_bounds(), robot.input_bounds()
+    for _ in range(800):
+        control = tuple(map(float, robot.drive(state, wanted, 0.05)))
+        _assert_within("an input bound", control, inputs)
+        state = tuple(map(float, runge_kutta(robot.derivative, state, control, 0.05)))
+        _assert_within("a state bound", state, bounds)
+        worst = min(map(float, robot.constraints(state, control)), default=0.0)
+        assert worst >= -1e-9, f"drive breaks a constraint by {-worst:.3g} at state {state}"
+    reached = _twist(robot, state, control)
+    assert np.allclose(reached, _flat(wanted), atol=1e-6), (
+        f"drive ends at twist {reached} after 40 s; wanted {_flat(wanted)}"
+    )
+
+
+def _check_turned(robot: Robot, start: tuple[float, ...], wanted: Twist, angle: float) -> None:
+    """Drive from a turned and shifted start; the end must be turned and shifted as well."""
+    pose = robot.pose(start)
+    twist = robot.twist(start, (0.0,) * len(robot.inputs))
+    shift = np.arange(1.0, robot.dimension + 1.0)
+    place = _turn(np.array(pose.position), angle) + shift
+    if pose.heading is None:
+        moved = Pose(tuple(place))
+        goal = Twist(tuple(_turn(np.array(wanted.linear), angle)))
+        twist = Twist(tuple(_turn(np.array(twist.linear), angle)))
+    else:
+        moved, goal = Pose(tuple(place), pose.heading + angle), wanted
+    end = _pose(robot, _driven(robot, start, wanted))
+    other = _pose(robot, _driven(robot, robot.state_at(moved, twist), goal))
+    expected = np.array(end)
+    expected[: robot.dimension] = _turn(end[: robot.dimension], angle) + shift
+    if pose.heading is not None:
+        expected[-1] += angle
+    assert np.allclose(other, expected, atol=1e-8), (
+        f"turning the start by {angle:.3g} rad moves the end to {other}; wanted {expected}"
+    )
+
+
+def _driven(robot: Robot, state: Sequence[Any], wanted: Twist) -> tuple[float, ...]:
+    point = tuple(map(float, state))
+    for _ in range(20):
+        control = robot.drive(point, wanted, 0.05)
+        point = tuple(map(float, runge_kutta(robot.derivative, point, control, 0.05)))
+    return point
+
+
+def _assert_within(what: str, values: tuple[float, ...], bounds: Bounds) -> None:
+    for value, low, high in zip(values, bounds.lower, bounds.upper, strict=True):
+        assert low - 1e-9 <= value <= high + 1e-9, (
+            f"drive breaks {what}: {value:g} is not within [{low:g}, {high:g}]"
+        )
+
+
+def _turn(vector: Array, angle: float) -> Array:
+    """Turn about the vertical axis."""
+    c, s = np.cos(angle), np.sin(angle)
+    turned = np.array(vector)
+    turned[0], turned[1] = c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]
+    return turned
+
+
+def _pose(robot: Robot, state: Sequence[Any]) -> Array:
+    pose = robot.pose(state)
+    heading = () if pose.heading is None else (pose.heading,)
+    return np.array([*pose.position, *heading], dtype=np.float64)
+
+
+def _twist(robot: Robot, state: Sequence[Any], control: Sequence[Any]) -> Array:
+    return _flat(robot.twist(state, control))
+
+
+def _flat(twist: Twist) -> Array:
+    return np.array([*twist.linear, twist.angular], dtype=np.float64)
+
+
+def _world(robot: Robot, state: Sequence[Any], control: Sequence[Any]) -> Array:
+    """Rate of the pose that the twist stands for."""
+    pose, twist = robot.pose(state), robot.twist(state, control)
+    linear = np.array(twist.linear, dtype=np.float64)
+    if pose.heading is None:
+        return linear
+    return np.array([*_turn(linear, pose.heading), twist.angular], dtype=np.float64)

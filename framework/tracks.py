@@ -1,0 +1,84 @@
+"""Tracks: what has been seen of each obstacle, on a uniform time grid."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .arrays import Array, checked, checked_covariance, positive
+from .errors import WideberthError
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """Past positions of all obstacles.
+
+    Attributes
+    ----------
+    positions : (O, T, D), m, oldest first, NaN where the obstacle was not observed.
+    dt : s between samples.
+    ids : identity of each obstacle.
+    radius : (O,), m.
+    noise : (O, D, D), m^2, covariance of one position measurement.
+    stamp : s, time of the newest sample.
+    state_covariance : (O, 2D, 2D) covariance of position and velocity from a tracker, or
+        None if there is none.
+
+    Raises
+    ------
+    WideberthError : shapes that do not fit, dt or radius not positive, covariance not PSD,
+        repeated ids, infinite positions.
+    """
+
+    positions: Array
+    dt: float
+    ids: tuple[str, ...]
+    radius: Array
+    noise: Array
+    stamp: float = 0.0
+    state_covariance: Array | None = None
+
+    def __post_init__(self) -> None:
+        positions = checked("tracks.positions", self.positions, (None, None, None), finite=False)
+        if np.isinf(positions).any():
+            raise WideberthError("tracks.positions holds infinity; mark unobserved samples NaN")
+        count, _, size = positions.shape
+        positive("tracks.dt", self.dt)
+        ids = tuple(str(ident) for ident in self.ids)
+        if len(ids) != count or len(set(ids)) != count:
+            raise WideberthError(
+                f"tracks.ids is {list(ids)}; wanted {count} different identities, one per track"
+            )
+        radius = checked("tracks.radius", self.radius, (count,))
+        if (radius < 0).any():
+            raise WideberthError(f"tracks.radius holds {radius.min():g}; wanted at least 0 m")
+        noise = checked_covariance("tracks.noise", self.noise, (count, size, size))
+        object.__setattr__(self, "positions", positions)
+        object.__setattr__(self, "ids", ids)
+        object.__setattr__(self, "radius", radius)
+        object.__setattr__(self, "noise", noise)
+        if self.state_covariance is not None:
+            shape = (count, 2 * size, 2 * size)
+            joint = checked_covariance("tracks.state_covariance", self.state_covariance, shape)
+            object.__setattr__(self, "state_covariance", joint)
+
+    def __len__(self) -> int:
+        """Count the obstacles."""
+        return len(self.ids)
+
+    @property
+    def dimension(self) -> int:
+        """D, 2 or 3."""
+        return int(self.positions.shape[2])
+
+    def select(self, index: list[int]) -> "Tracks":
+        """Return the tracks with these indices, in this order."""
+        joint = self.state_covariance
+        return Tracks(
+            self.positions[index],
+            self.dt,
+            tuple(self.ids[i] for i in index),
+            self.radius[index],
+            self.noise[index],
+            self.stamp,
+            None if joint is None else joint[index],
+        )

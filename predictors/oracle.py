@@ -1,0 +1,71 @@
+"""The true future, from the simulation or the recording: the upper bound for predictors."""
+
+from dataclasses import dataclass, field
+from typing import ClassVar, final
+
+import numpy as np
+
+from ..framework.arrays import Array, positive
+from ..framework.forecast import Forecast, Scene
+from ..framework.motion import Truth
+from ..framework.predictor import Predictor
+from ..framework.tracks import Tracks
+from .assembly import Gaussian, with_fallback
+from .kalman import Kalman
+
+
+@final
+@dataclass(frozen=True)
+class Oracle(Predictor):
+    """Read the future from ``scene.truth``.
+
+    mu_h = p(stamp + h dT) by linear interpolation of the truth,   Sigma_h = spread^2 I
+
+    For scripted obstacles and recordings this is what will happen. An obstacle that plans
+    for itself has no decided future: the simulation grants its current plan, which it may
+    still change, also in answer to the robot.
+
+    An obstacle without truth, or whose truth does not reach over the whole horizon, is left
+    to ``fallback``, with the reason.
+
+    Parameters
+    ----------
+    spread : m, standard deviation; small but above zero, so that regions have an inside.
+    fallback : predictor for what the truth does not tell.
+
+    Raises
+    ------
+    WideberthError : a spread that is not positive.
+    """
+
+    spread: float = 0.001
+    fallback: Predictor = field(default_factory=Kalman)
+
+    reference: ClassVar[str] = ""
+
+    def __post_init__(self) -> None:
+        positive("oracle.spread", self.spread)
+
+    def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
+        """Forecast all obstacles; see `Predictor.predict`."""
+        truth = None if scene is None else scene.truth
+        ahead = tracks.dt * np.arange(1, steps + 1)
+        times = np.asarray(tracks.stamp + ahead, dtype=np.float64)
+        own = [self._one(truth, ident, times, tracks.dimension) for ident in tracks.ids]
+        return with_fallback(own, self.fallback, tracks, steps, scene)
+
+    def _one(self, truth: Truth | None, ident: str, times: Array, size: int) -> Gaussian | str:
+        if truth is None:
+            return "oracle: no truth given"
+        if ident not in truth.positions:
+            return f"oracle: the truth does not hold {ident}"
+        path = np.asarray(truth.positions[ident], dtype=np.float64)
+        known = np.isfinite(path).all(axis=1)
+        clock, path = np.asarray(truth.times)[known], path[known]
+        # A clock of seconds since 1970 resolves 2e-7 s; the grid may miss its end by that.
+        if not clock.size or times[0] < clock[0] - 1e-6 or times[-1] > clock[-1] + 1e-6:
+            span = f"{clock[0]:.10g} to {clock[-1]:.10g} s" if clock.size else "nothing"
+            return f"oracle: the truth spans {span}, needs {times[0]:.10g} to {times[-1]:.10g} s"
+        mean = np.stack([np.interp(times, clock, column) for column in path.T], axis=1)
+        joint = self.spread**2 * np.eye(len(times) * size)
+        return Gaussian.from_joint(mean, joint)

@@ -1,0 +1,123 @@
+"""What the elliptic regions share: the eigenframe of a covariance and the level for a content.
+
+Layout of their parameters, P = D + D^2 + D + 1 numbers: mean (D), eigenvectors row by row
+(D^2, one vector per column), deviations sqrt(eigenvalue) from large to small (D), margin.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import special
+
+from ..framework.arrays import Array, Scalar, probability
+from ..framework.errors import WideberthError
+from ..framework.forecast import GaussianObstacle
+from ..framework.motion import Pose
+
+FLOOR = 1e-9
+"""m. Added in quadrature to every axis, so that a point obstacle without margin gives finite
+numbers. An axis of 1 m or more does not change in float64, one of 1 mm by 1e-12 of its length.
+"""
+
+
+def principal_axes(covariance: Array) -> tuple[Array, Array]:
+    """Eigenvectors (..., D, D) in columns and deviations (..., D) in m, from large to small."""
+    values, vectors = np.linalg.eigh(covariance)
+    deviations = np.sqrt(np.clip(values, 0.0, None))
+    return vectors[..., ::-1].copy(), deviations[..., ::-1].copy()
+
+
+def checked_margin(obstacle: GaussianObstacle, margin: Array, dimensions: Sequence[int]) -> Array:
+    """Broadcast the margin, m, over the batch of obstacles.
+
+    Raises
+    ------
+    WideberthError : margin negative or not finite, or a dimension the region does not know.
+    """
+    size = obstacle.mean.shape[-1]
+    if size not in dimensions:
+        raise WideberthError(
+            f"the obstacle has {size} coordinates; this region takes {tuple(dimensions)}"
+        )
+    values = np.asarray(margin, dtype=np.float64)
+    if not np.isfinite(values).all() or (values < 0).any():
+        raise WideberthError(
+            f"margin is {margin}; wanted the sum of two radii in m, finite and at least 0"
+        )
+    return np.broadcast_to(values, obstacle.mean.shape[:-1])
+
+
+def pack(obstacle: GaussianObstacle, margin: Array, dimensions: Sequence[int]) -> Array:
+    """Parameters of an elliptic region, (...,) -> (..., P); raises as `checked_margin`."""
+    room = checked_margin(obstacle, margin, dimensions)
+    vectors, deviations = principal_axes(obstacle.covariance)
+    flat = vectors.reshape(*vectors.shape[:-2], -1)
+    return np.concatenate([obstacle.mean, flat, deviations, room[..., None]], axis=-1)
+
+
+def packed_count(dimension: int) -> int:
+    """P for obstacles in D dimensions."""
+    return dimension * (dimension + 2) + 1
+
+
+def unpack(parameters: Array) -> tuple[Array, Array, Array, Array]:
+    """Mean (..., D), eigenvectors (..., D, D), deviations (..., D) and margin (...)."""
+    parameters = np.asarray(parameters, dtype=np.float64)
+    size = round(np.sqrt(parameters.shape[-1])) - 1  # (D + 1)^2 = P
+    mean, flat, deviations, margin = np.split(
+        parameters, [size, size + size**2, size * (size + 2)], axis=-1
+    )
+    return mean, flat.reshape(*flat.shape[:-1], size, size), deviations, margin[..., 0]
+
+
+def local(points: Array, mean: Array, vectors: Array) -> Array:
+    """Points in the eigenframe, R^T (p - mu), (..., D) m."""
+    return np.asarray(np.einsum("...ij,...i->...j", vectors, points - mean))
+
+
+def local_symbols(pose: Pose, parameters: Scalar) -> tuple[list[Scalar], list[Scalar], Scalar]:
+    """CasADi twin of `unpack` and `local`: coordinates, deviations, margin."""
+    size = len(pose.position)
+    shift = [pose.position[i] - parameters[i] for i in range(size)]
+    coordinates = [
+        sum(parameters[size + size * i + j] * shift[i] for i in range(size)) for j in range(size)
+    ]
+    start = size + size**2
+    deviations = [parameters[start + j] for j in range(size)]
+    return coordinates, deviations, parameters[start + size]
+
+
+def ellipse_level(tail: float, dimension: int = 2) -> float:
+    """Level s with Pr(d_M > s) = tail, the root of the upper chi-square quantile.
+
+    In 2-D sqrt(-2 ln tail), the paper's sqrt(-2 ln(1 - p)); in 3-D the root of
+    erf(s / sqrt 2) - sqrt(2 / pi) s exp(-s^2 / 2) = 1 - tail. The tail is the argument, since
+    1 - 1e-12 as a float has lost four digits of it.
+    """
+    tail = probability("tail", tail)
+    if dimension == 2:
+        return float(np.sqrt(-2.0 * np.log(tail)))
+    return float(np.sqrt(2.0 * special.gammainccinv(0.5 * dimension, tail)))
+
+
+def ellipse_level_of_content(content: float, dimension: int = 2) -> float:
+    """`ellipse_level` for a content near 0, where the tail would have lost the digits."""
+    content = probability("content", content)
+    if dimension == 2:
+        return float(np.sqrt(-2.0 * np.log1p(-content)))
+    return float(np.sqrt(2.0 * special.gammaincinv(0.5 * dimension, content)))
+
+
+def ellipse_tail(level: float, dimension: int = 2) -> float:
+    """Pr(d_M > s), the inverse of `ellipse_level`; 1 for s at or below 0."""
+    size = max(float(level), 0.0)
+    if dimension == 2:
+        return float(np.exp(-0.5 * size**2))
+    return float(special.gammaincc(0.5 * dimension, 0.5 * size**2))
+
+
+def circle(count: int, vectors: Array) -> Array:
+    """Give unit vectors in the eigenframe, counter-clockwise in the world, (count, 2)."""
+    angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    turn = np.sign(np.linalg.det(vectors))  # eigenvectors may form a left-handed frame
+    return np.stack([np.cos(angle), turn * np.sin(angle)], axis=-1)

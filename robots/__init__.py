@@ -1,0 +1,9 @@
+"""Robots: one file per model, each a frozen dataclass behind `wideberth.framework.robot.Robot`."""
+
+BUILT_IN: dict[str, str] = {
+    "bicycle": "wideberth.robots.bicycle:Bicycle",
+    "differential_drive": "wideberth.robots.differential_drive:DifferentialDrive",
+    "holonomic": "wideberth.robots.holonomic:Holonomic",
+    "holonomic_velocity": "wideberth.robots.holonomic_velocity:HolonomicVelocity",
+    "unicycle": "wideberth.robots.unicycle:Unicycle",
+}

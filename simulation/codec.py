@@ -1,0 +1,180 @@
+"""Episodes as bytes: one array of numbers, and a description of where what stands in it.
+
+Format "wideberth/episode", version 1: a NumPy archive (npz, deflated) with two members.
+``numbers`` is a float64 vector with all arrays one after the other; ``meta`` is JSON in
+UTF-8, in which an array is written as {"at": offset, "shape": [...]}. One vector, since an
+archive member for each of thousands of small arrays is slow and large. Neither holds a
+clock reading, so that the same episode gives the same bytes.
+"""
+
+import io
+import json
+import zipfile
+from typing import Any
+
+import numpy as np
+
+from ..framework.arrays import Array
+from ..framework.errors import WideberthError
+from ..framework.forecast import Forecast
+from ..framework.io import stamped, unstamped
+from ..framework.path import Path
+from ..framework.plan import Plan, Rung, Status
+from .log import AgentLog, CommandLog, Episode
+
+VERSION = 1
+_COMMANDS = ("stamp", "effect", "linear", "omega", "ramp")
+_SERIES = ("positions", "headings", "speeds", "yaw_rates")
+_PLAN_ARRAYS = (
+    *("states", "inputs", "positions", "reference", "auxiliaries", "level", "content"),
+)
+_PLAN_NUMBERS = ("stamp", "dt", "violation", "cost")
+
+
+class _Packer:
+    """Collects arrays into one vector."""
+
+    def __init__(self) -> None:
+        self.parts: list[Array] = []
+        self.length = 0
+
+    def put(self, value: Any) -> dict[str, Any]:
+        array = np.asarray(value, dtype=np.float64)
+        place = {"at": self.length, "shape": list(array.shape)}
+        self.parts.append(array.ravel())
+        self.length += array.size
+        return place
+
+    def numbers(self) -> Array:
+        return np.concatenate(self.parts) if self.parts else np.zeros(0)
+
+
+class _Unpacker:
+    """Hands the arrays out again."""
+
+    def __init__(self, numbers: Array) -> None:
+        self.numbers = numbers
+
+    def get(self, place: dict[str, Any]) -> Array:
+        size = int(np.prod(place["shape"]))
+        part = self.numbers[place["at"] : place["at"] + size]
+        return np.asarray(part.reshape(place["shape"]))
+
+
+def to_bytes(episode: Episode) -> bytes:
+    """Write an episode; see `Episode.to_bytes`."""
+    pack = _Packer()
+    content = {
+        "ended": episode.ended,
+        "seed": episode.seed,
+        "goal_tolerance": pack.put(episode.goal_tolerance),
+        "times": pack.put(episode.times),
+        "agents": [_pack_agent(pack, agent) for agent in episode.agents],
+    }
+    meta = json.dumps(stamped("episode", VERSION, content), sort_keys=True)
+    buffer = io.BytesIO()
+    np.savez_compressed(
+        buffer, meta=np.frombuffer(meta.encode("utf-8"), np.uint8), numbers=pack.numbers()
+    )
+    return buffer.getvalue()
+
+
+def from_bytes(data: bytes) -> Episode:
+    """Read an episode; see `Episode.from_bytes`."""
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+            meta = json.loads(archive["meta"].tobytes().decode("utf-8"))
+            unpack = _Unpacker(archive["numbers"])
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, AttributeError) as error:
+        raise WideberthError(
+            f"this is not a saved episode ({error}); give a file that Episode.to_bytes wrote"
+        ) from None
+    content = unstamped(meta, "episode", VERSION, "the episode")
+    return Episode(
+        times=unpack.get(content["times"]),
+        agents=tuple(_unpack_agent(unpack, agent) for agent in content["agents"]),
+        ended=content["ended"],
+        goal_tolerance=float(unpack.get(content["goal_tolerance"])),
+        seed=content["seed"],
+    )
+
+
+def _pack_agent(pack: _Packer, agent: AgentLog) -> dict[str, Any]:
+    return {
+        "name": agent.name,
+        "kind": agent.kind,
+        "skipped": agent.skipped,
+        "numbers": pack.put((agent.radius, agent.speed, agent.period, agent.reached)),
+        "series": {name: pack.put(getattr(agent, name)) for name in _SERIES},
+        "paths": [[pack.put(time), pack.put(path.points)] for time, path in agent.paths],
+        "commands": {name: pack.put(getattr(agent.commands, name)) for name in _COMMANDS},
+        "plans": [_pack_plan(pack, plan) for plan in agent.plans],
+    }
+
+
+def _unpack_agent(unpack: _Unpacker, stored: dict[str, Any]) -> AgentLog:
+    radius, speed, period, reached = (float(v) for v in unpack.get(stored["numbers"]))
+    return AgentLog(
+        name=stored["name"],
+        kind=stored["kind"],
+        radius=radius,
+        **{name: unpack.get(place) for name, place in stored["series"].items()},
+        paths=tuple(
+            (float(unpack.get(time)), Path(unpack.get(points))) for time, points in stored["paths"]
+        ),
+        speed=speed,
+        period=period,
+        reached=reached,
+        skipped=stored["skipped"],
+        commands=CommandLog(**{n: unpack.get(p) for n, p in stored["commands"].items()}),
+        plans=tuple(_unpack_plan(unpack, plan) for plan in stored["plans"]),
+    )
+
+
+def _pack_plan(pack: _Packer, plan: Plan) -> dict[str, Any]:
+    forecast = plan.forecast
+    return {
+        "arrays": {name: pack.put(getattr(plan, name)) for name in _PLAN_ARRAYS},
+        "numbers": pack.put([getattr(plan, name) for name in _PLAN_NUMBERS]),
+        "ids": list(plan.ids),
+        "left_out": list(plan.left_out),
+        "status": str(plan.status),
+        "rung": str(plan.rung),
+        "reason": plan.reason,
+        "iterations": plan.iterations,
+        "forecast": None
+        if forecast is None
+        else {
+            "mean": pack.put(forecast.mean),
+            "covariance": pack.put(forecast.covariance),
+            "weight": pack.put(forecast.weight),
+            "dt": pack.put(forecast.dt),
+            "fallback": list(forecast.fallback),
+        },
+    }
+
+
+def _unpack_plan(unpack: _Unpacker, stored: dict[str, Any]) -> Plan:
+    numbers = (float(number) for number in unpack.get(stored["numbers"]))
+    values: dict[str, Any] = dict(zip(_PLAN_NUMBERS, numbers, strict=True))
+    values |= {name: unpack.get(place) for name, place in stored["arrays"].items()}
+    known = stored["forecast"]
+    forecast = None
+    if known is not None:
+        forecast = Forecast(
+            unpack.get(known["mean"]),
+            unpack.get(known["covariance"]),
+            unpack.get(known["weight"]),
+            float(unpack.get(known["dt"])),
+            tuple(known["fallback"]),
+        )
+    return Plan(
+        **values,
+        ids=tuple(stored["ids"]),
+        left_out=tuple(stored["left_out"]),
+        status=Status(stored["status"]),
+        rung=Rung(stored["rung"]),
+        reason=stored["reason"],
+        iterations=stored["iterations"],
+        forecast=forecast,
+    )

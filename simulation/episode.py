@@ -1,0 +1,265 @@
+"""The event loop: robots that decide at their own rates, and everything that moves between."""
+
+import heapq
+from collections.abc import Sequence
+from itertools import count
+from math import ceil
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from ..framework.arrays import Array, whole
+from ..framework.errors import WideberthError
+from ..framework.metrics import closest_approach
+from ..framework.motion import Command, Observation, Truth
+from .agents import Bystander, PathChange, ReplayAgent, RobotAgent
+from .driver import Driver
+from .log import AgentLog, CommandLog, Episode
+from .settings import Settings
+
+_CHANGE, _EFFECT, _TICK = 0, 1, 2
+"""Order of events at one instant: new paths, then commands that arrive, then decisions."""
+
+_SAME = 1e-9
+"""s; instants closer together than this are one."""
+
+
+def run_episode(
+    robots: Sequence[RobotAgent],
+    settings: Settings | None = None,
+    *,
+    seed: int = 0,
+    others: Sequence[Bystander] = (),
+    changes: Sequence[PathChange] = (),
+) -> Episode:
+    """Run one episode and return its log.
+
+    Events (decisions, commands taking effect, new paths) happen in order of time; between
+    them all robots move on by plant steps. Robots that decide at the same instant all see
+    the world as it was before any of them decided. The episode ends when every robot has
+    been at its goal, at a deadlock, or at the time limit; collisions are found from the log
+    afterwards unless they shall end it.
+
+    Parameters
+    ----------
+    robots : at least one; controllers are reset and get their paths.
+    settings : how it is run.
+    seed : of the position noise. The same seed, robots and settings give the same episode,
+        unless solve times are measured.
+    others : recorded and scripted agents.
+    changes : paths replaced on the way.
+
+    Raises
+    ------
+    WideberthError : no robots, repeated names, mixed dimensions, a change for no robot.
+    """
+    return _Run(robots, settings or Settings(), seed, others, changes).episode()
+
+
+class _Run:
+    """One running episode."""
+
+    def __init__(
+        self,
+        robots: Sequence[RobotAgent],
+        settings: Settings,
+        seed: int,
+        others: Sequence[Bystander],
+        changes: Sequence[PathChange],
+    ) -> None:
+        _check(robots, others, changes)
+        self.settings = settings
+        self.seed = whole("seed", seed, least=0)
+        self.others = tuple(others)
+        self.drivers = [Driver(agent) for agent in robots]
+        self.clock = [0.0]
+        self.stood = 0.0
+        self.queue: list[tuple[float, int, int, Any]] = []
+        self.order = count()
+        by_name = {driver.name: driver for driver in self.drivers}
+        for change in changes:
+            self._push(change.time, _CHANGE, (by_name[change.agent], change.path))
+        for driver in self.drivers:
+            self._push(driver.agent.phase, _TICK, (driver, 0))
+
+    def episode(self) -> Episode:
+        """Loop until the end."""
+        self._remember()
+        ended = ""
+        while not ended:
+            self._handle_events()
+            ended = self._step() or self._verdict()
+        logs = [driver.log() for driver in self.drivers]
+        times = np.array(self.clock)
+        return Episode(
+            times=times,
+            agents=(*logs, *(_bystander_log(other, times) for other in self.others)),
+            ended=ended,
+            goal_tolerance=self.settings.goal_tolerance,
+            seed=self.seed,
+            plan_seconds={driver.name: np.array(driver.seconds) for driver in self.drivers},
+        )
+
+    def _push(self, time: float, kind: int, payload: Any) -> None:
+        heapq.heappush(self.queue, (time, kind, next(self.order), payload))
+
+    def _remember(self) -> None:
+        """Let every controller see the history, tick by tick, up to time 0."""
+        for driver in self.drivers:
+            period, phase = driver.agent.controller.period, driver.agent.phase
+            first = -int((self.settings.history + phase) / period + _SAME)
+            for tick in range(first, 0):
+                time = phase + tick * period
+                state = driver.state_before(time)
+                driver.agent.controller.remember(self._observe(driver, time, tick, state))
+
+    def _handle_events(self) -> None:
+        now = self.clock[-1]
+        ticks: list[tuple[Driver, int]] = []
+        while self.queue and self.queue[0][0] <= now + _SAME:
+            _, kind, _, payload = heapq.heappop(self.queue)
+            if kind == _CHANGE:
+                payload[0].take(now, payload[1])
+            elif kind == _EFFECT:
+                payload[0].plant.command(payload[1], now)
+            else:
+                ticks.append(payload)
+        seen = [
+            (driver, tick, self._observe(driver, now, tick, np.array(driver.plant.state)))
+            for driver, tick in ticks
+        ]
+        for driver, tick, observation in seen:
+            self._decide(driver, tick, observation)
+
+    def _decide(self, driver: Driver, tick: int, observation: Observation) -> None:
+        begin = perf_counter()
+        command = driver.decide(observation)
+        seconds = perf_counter() - begin
+        now = observation.stamp
+        effect = now + self.settings.latency(seconds)
+        driver.note(now, effect, command, seconds)
+        self._deliver(driver, command, now, effect)
+        agent, following = driver.agent, tick + 1
+        while agent.phase + following * agent.controller.period < effect - _SAME:
+            following += 1
+            driver.skipped += 1
+        self._push(agent.phase + following * agent.controller.period, _TICK, (driver, following))
+
+    def _deliver(self, driver: Driver, command: Command, now: float, effect: float) -> None:
+        if effect <= now + _SAME:
+            driver.plant.command(command, now)
+        else:
+            self._push(effect, _EFFECT, (driver, command))
+
+    def _observe(self, driver: Driver, time: float, tick: int, state: Array) -> Observation:
+        channel = self.settings.channel
+        measured = time - channel.delay
+        bodies = [
+            (other.name, other.position_at(measured, self.clock), other.radius)
+            for other in self.drivers
+            if other is not driver
+        ]
+        asked = np.array([measured])
+        bodies += [(other.name, other.at(asked)[0], other.radius) for other in self.others]
+        seen = channel.detections(self.seed, driver.name, tick, bodies)
+        truth = self._truth(driver, time) if driver.agent.truth and time >= 0 else None
+        return Observation(time, state, seen, truth=truth)
+
+    def _truth(self, driver: Driver, now: float) -> Truth:
+        """Past and future of the others on a grid of 0.1 s, from the delay before now on."""
+        past = ceil(10 * self.settings.channel.delay) + 10
+        ahead = ceil(10 * self.settings.truth_span) + 1
+        times = now + 0.1 * np.arange(-past, ahead + 1, dtype=np.float64)
+        before = times < now
+        positions: dict[str, Array] = {other.name: other.at(times) for other in self.others}
+        for other in self.drivers:
+            if other is not driver:
+                seen = [other.position_at(float(time), self.clock) for time in times[before]]
+                future = other.future(times[~before], now)
+                positions[other.name] = np.concatenate([np.array(seen), future])
+        return Truth(times, positions)
+
+    def _step(self) -> str:
+        """Move on to the next plant step or event, whichever comes first."""
+        now, settings = self.clock[-1], self.settings
+        if now >= settings.time_limit - _SAME:
+            return "time limit"
+        grid = (int(now / settings.plant_step + 1e-6) + 1) * settings.plant_step
+        target = min(grid, settings.time_limit)
+        if self.queue and self.queue[0][0] < target - _SAME:
+            target = self.queue[0][0]
+        for driver in self.drivers:
+            driver.advance(now, target - now, settings.goal_tolerance)
+        self.clock.append(target)
+        return ""
+
+    def _verdict(self) -> str:
+        """Why the episode is over; empty while it is not."""
+        now = self.clock[-1]
+        if self.settings.stop_on_collision and self._collided():
+            return "collision"
+        going = [driver for driver in self.drivers if driver.reached != driver.reached]
+        pending = any(kind == _CHANGE for _, kind, _, _ in self.queue)
+        if not going and not pending:
+            return "goals"
+        if pending or any(d.plant.speed >= self.settings.still for d in going):
+            self.stood = now
+        return "deadlock" if now - self.stood > self.settings.deadlock_after else ""
+
+    def _collided(self) -> bool:
+        times = np.array(self.clock[-2:])
+        tracks = [(np.array(d.positions[-2:]), d.radius) for d in self.drivers]
+        tracks += [(other.at(times), other.radius) for other in self.others]
+        for i in range(len(self.drivers)):
+            for j in range(i + 1, len(tracks)):
+                reach = tracks[i][1] + tracks[j][1]
+                if closest_approach(tracks[i][0], tracks[j][0])[0] < reach:
+                    return True
+        return False
+
+
+def _bystander_log(other: Bystander, times: Array) -> AgentLog:
+    empty = np.zeros(0)
+    positions = other.at(times)
+    unknown = np.full(len(times), np.nan)
+    return AgentLog(
+        name=other.name,
+        kind="replay" if isinstance(other, ReplayAgent) else "scripted",
+        radius=other.radius,
+        positions=positions,
+        headings=unknown,
+        speeds=unknown,
+        yaw_rates=unknown,
+        paths=(),
+        speed=np.nan,
+        period=np.nan,
+        reached=np.nan,
+        skipped=0,
+        commands=CommandLog(empty, empty, np.zeros((0, positions.shape[1])), empty, empty),
+        plans=(),
+    )
+
+
+def _check(
+    robots: Sequence[RobotAgent], others: Sequence[Bystander], changes: Sequence[PathChange]
+) -> None:
+    if not robots:
+        raise WideberthError("the episode has no robot; give at least one RobotAgent")
+    names = [agent.name for agent in (*robots, *others)]
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise WideberthError(f"agents share the name(s) {repeated}; every agent needs its own")
+    sizes = {agent.robot.dimension for agent in robots}
+    sizes |= {o.positions.shape[1] for o in others if isinstance(o, ReplayAgent)}
+    sizes |= {o.path.points.shape[1] for o in others if not isinstance(o, ReplayAgent)}
+    if len(sizes) > 1:
+        raise WideberthError(
+            f"agents move in {sorted(sizes)} dimensions; one episode has one number of them"
+        )
+    known = [agent.name for agent in robots]
+    for change in changes:
+        if change.agent not in known:
+            raise WideberthError(f"a path change names {change.agent!r}; the robots are {known}")
+    if len({id(agent.controller) for agent in robots}) < len(robots):
+        raise WideberthError("two robots share one controller; each needs one of its own")

@@ -1,0 +1,69 @@
+"""The Scenario interface: who starts where, drawn from a seed."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from ..framework.errors import WideberthError
+from ..framework.path import Path
+
+Range: TypeAlias = tuple[float, float]
+"""Lowest and highest value; a value is drawn uniformly between them. Equal ends fix it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """One robot of a scenario; an experiment adds the robot model and the controller.
+
+    Attributes
+    ----------
+    name : identity.
+    path : reference path; the robot stands at its start at time 0.
+    speed : m/s at time 0, and the reference speed.
+    phase : s after time 0 of the first decision, as a share of the control period: in
+        [0, 1).
+    """
+
+    name: str
+    path: Path
+    speed: float
+    phase: float = 0.0
+
+
+class Scenario(ABC):
+    """A family of situations; a frozen dataclass whose fields are ranges.
+
+    Law: the same generator state gives the same placements.
+    """
+
+    @abstractmethod
+    def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
+        """Draw one situation."""
+
+
+def checked_range(name: str, value: Range, low: float, high: float = np.inf) -> Range:
+    """Return a range that is ordered and lies within [low, high].
+
+    Raises
+    ------
+    WideberthError : not two numbers, not ordered, or beyond the limits.
+    """
+    try:
+        first, last = (float(v) for v in value)
+    except (TypeError, ValueError):
+        raise WideberthError(
+            f"{name} is {value!r}; wanted two numbers, lowest and highest (equal to fix it)"
+        ) from None
+    if not low <= first <= last <= high:
+        raise WideberthError(
+            f"{name} is ({first:g}, {last:g}); wanted two numbers in order within "
+            f"[{low:g}, {high:g}]"
+        )
+    return first, last
+
+
+def draw(rng: np.random.Generator, bounds: Range) -> float:
+    """Draw one value; takes one draw also where the range is a point."""
+    return float(bounds[0] + (bounds[1] - bounds[0]) * rng.random())

@@ -1,0 +1,173 @@
+"""The metrics of an episode as table rows."""
+
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from ..framework import metrics
+from ..framework.arrays import Array
+from ..framework.plan import Rung
+from .log import AgentLog, Episode
+
+
+def summarise(episode: Episode, tail: float = 0.05) -> dict[str, Any]:
+    """One row for the whole episode.
+
+    Each column is defined in `wideberth.framework.metrics`. Pairs count when at least one
+    of the two is a robot. ``tail`` is 1 - the reference content: ``below_reference`` is the
+    share of plans with a constraint of less content than 1 - tail, and ``coverage`` the
+    share of later positions inside the forecasts' regions of content 1 - tail, at the first
+    step, the last one, and over all. ``deadlock`` is true also when the time limit ended
+    the episode. Columns that hold for the worst robot end in ``_worst``.
+    """
+    rows = robot_rows(episode, tail)
+    gaps = clearances(episode)
+    share, _, overall = forecast_coverage(episode, tail)
+    fallbacks = [plan.fallbacks for log in episode.robots for plan in log.plans]
+    return {
+        "ended": episode.ended,
+        "duration": episode.duration,
+        "success": episode.ended == "goals" and min(gaps.values(), default=np.inf) >= 0.0,
+        "clearance": min(gaps.values(), default=float("inf")),
+        "collision": any(gap < 0.0 for gap in gaps.values()),
+        "deadlock": episode.ended in ("deadlock", "time limit"),
+        "time_ratio_worst": max(row["time_ratio"] for row in rows),
+        "length_ratio_worst": max(row["length_ratio"] for row in rows),
+        "below_reference": _mean(_lowest_contents(episode.robots) < 1.0 - tail - 1e-6),
+        "plans": sum(row["plans"] for row in rows),
+        "fallbacks": sum(row["fallbacks"] for row in rows),
+        "deadline_misses": sum(row["deadline_misses"] for row in rows),
+        "violation_worst": max(row["violation"] for row in rows),
+        "named_forecasts": metrics.share_named(fallbacks),
+        "coverage": overall,
+        "coverage_first": float(share[0]) if share.size else float("nan"),
+        "coverage_last": float(share[-1]) if share.size else float("nan"),
+        **passing(episode),
+    }
+
+
+def robot_rows(episode: Episode, tail: float = 0.05) -> list[dict[str, Any]]:
+    """One row per robot; times in s, lengths in m.
+
+    Ratios are to the free time and to the length of the first path; the time ratio of a
+    robot that never arrived is inf, and both are about its first path only (a replaced path
+    makes them meaningless).
+    """
+    return [_robot_row(episode, log, tail) for log in episode.robots]
+
+
+def _robot_row(episode: Episode, log: AgentLog, tail: float) -> dict[str, Any]:
+    path = log.paths[0][1]
+    free = metrics.free_time(path, log.speed) if log.speed else float("inf")
+    until = episode.times <= log.reached if log.reached == log.reached else episode.times >= 0
+    driven = metrics.path_length(log.positions[until])
+    rungs = metrics.tally(plan.rung for plan in log.plans)
+    others = [gap for pair, gap in clearances(episode).items() if log.name in pair]
+    return {
+        "robot": log.name,
+        "time": log.reached,
+        "time_ratio": log.reached / free if log.reached == log.reached else float("inf"),
+        "length": driven,
+        "length_ratio": driven / path.length,
+        "deviation": metrics.lateral_deviation(log.positions[until], path),
+        "clearance": min(others, default=float("inf")),
+        "plans": len(log.plans),
+        "below_reference": _mean(_lowest_contents((log,)) < 1.0 - tail - 1e-6),
+        "fallbacks": len(log.plans) - rungs.get(str(Rung.OPTIMAL), 0),
+        **{f"rung_{rung.name.lower()}": rungs.get(str(rung), 0) for rung in Rung},
+        "violation": max((plan.violation for plan in log.plans), default=0.0),
+        "iterations": _mean(np.array([plan.iterations for plan in log.plans])),
+        "named_forecasts": metrics.share_named(plan.fallbacks for plan in log.plans),
+        "deadline_misses": metrics.deadline_misses(
+            log.commands.stamp, log.commands.effect, log.period
+        ),
+        "skipped_ticks": log.skipped,
+    }
+
+
+def time_rows(episode: Episode) -> list[dict[str, Any]]:
+    """Measured solve times, one row per robot, s; kept apart from all that is reproducible."""
+    return [
+        {"robot": log.name, **metrics.time_statistics(episode.plan_seconds.get(log.name, ()))}
+        for log in episode.robots
+    ]
+
+
+def clearances(episode: Episode) -> dict[tuple[str, str], float]:
+    """Smallest clearance of every pair with a robot in it, m."""
+    return {
+        (a.name, b.name): metrics.clearance(a.positions, b.positions, a.radius + b.radius)
+        for a, b in combinations(episode.agents, 2)
+        if "robot" in (a.kind, b.kind)
+    }
+
+
+def forecast_coverage(episode: Episode, tail: float) -> tuple[Array, Array, float]:
+    """Coverage of all forecasts by what then happened: per step, their number, over all.
+
+    Step i of a plan's forecast is for stamp + i dt. Of a mixture the heaviest mode counts.
+    Forecasts that were fallbacks count as well. Steps after the end of the episode do not.
+    """
+    means, covariances, truths = [], [], []
+    for log in episode.robots:
+        for plan in log.plans:
+            forecast = plan.forecast
+            # With obstacles left out the plan no longer names every forecast.
+            if forecast is None or len(plan.ids) != len(forecast.mean):
+                continue
+            steps = np.arange(1, forecast.steps + 1, dtype=np.float64)
+            times = plan.stamp + forecast.dt * steps
+            heaviest = np.argmax(forecast.weight, axis=1)
+            for o, name in enumerate(plan.ids):
+                means.append(forecast.mean[o, heaviest[o]])
+                covariances.append(forecast.covariance[o, heaviest[o]])
+                truths.append(episode.at(episode.agent(name), times))
+    if not means:
+        return np.zeros(0), np.zeros(0), float("nan")
+    share, number = metrics.coverage(
+        np.array(means), np.array(covariances), np.array(truths), tail
+    )
+    overall = np.nansum(share * number) / number.sum() if number.sum() else np.nan
+    return share, number, float(overall)
+
+
+def passing(episode: Episode) -> dict[str, Any]:
+    """Who yields, for episodes of two robots; names, or "" where undecided.
+
+    ``first`` passes the crossing of the two paths first, so in front of the other, which
+    ``yields``. Where the paths do not cross (head-on), who deviates from its path more
+    yields; with less than 0.05 m between the deviations nobody does.
+    """
+    if len(episode.robots) != 2:
+        return {"first": "", "yields": ""}
+    one, two = episode.robots
+    paths = one.paths[0][1], two.paths[0][1]
+    crossing = metrics.crossing_point(*paths) if paths[0].points.shape[1] == 2 else None
+    if crossing is None:
+        aside = [
+            metrics.lateral_deviation(log.positions, path)
+            for log, path in zip((one, two), paths, strict=True)
+        ]
+        if abs(aside[0] - aside[1]) < 0.05:
+            return {"first": "", "yields": ""}
+        return {"first": "", "yields": one.name if aside[0] > aside[1] else two.name}
+    passed = [
+        metrics.passing_time(episode.times, log.positions, path, arc)
+        for log, path, arc in zip((one, two), paths, crossing, strict=True)
+    ]
+    order = np.where(np.isnan(passed), np.inf, passed)
+    if order[0] == order[1]:
+        return {"first": "", "yields": ""}
+    first, second = (one, two) if order[0] < order[1] else (two, one)
+    return {"first": first.name, "yields": second.name}
+
+
+def _lowest_contents(logs: tuple[AgentLog, ...]) -> Array:
+    contents = [plan.lowest_content for log in logs for plan in log.plans]
+    return np.array(contents, dtype=np.float64)
+
+
+def _mean(values: Any) -> float:
+    array = np.asarray(values, dtype=np.float64)
+    return float(array.mean()) if array.size else float("nan")

@@ -1,0 +1,116 @@
+"""Every built-in region keeps the public contract; regions that lie about themselves do not."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+from wideberth.framework.forecast import GaussianObstacle
+from wideberth.framework.motion import Pose
+from wideberth.framework.region import Constraint, Guarantee, Region, Relation
+from wideberth.framework.testing.region import check_region
+from wideberth.regions.luetkepohl_rectangle import LuetkepohlRectangle
+from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
+from wideberth.regions.minkowski_sum import MinkowskiSum
+
+BUILT_IN = [
+    MahalanobisEllipse(),
+    MinkowskiSum(),
+    LuetkepohlRectangle(),
+    LuetkepohlRectangle(enlargement="box"),
+]
+
+
+@pytest.mark.parametrize("region", BUILT_IN, ids=repr)
+def test_contract(region: Region) -> None:
+    check_region(region)
+
+
+@dataclass(frozen=True)
+class Pretender(Region):
+    """The paper's ellipse behind other claims or with one method broken."""
+
+    broken: str = ""
+    relation: ClassVar[Relation] = Relation.NONE
+    guarantee: ClassVar[Guarantee] = Guarantee.NONE
+    inner: ClassVar[MahalanobisEllipse] = MahalanobisEllipse()
+
+    def parameters(self, obstacle: GaussianObstacle, margin: Any) -> Any:
+        if self.broken == "rotation":
+            kept = np.diagonal(obstacle.covariance, axis1=-2, axis2=-1)[..., None]
+            obstacle = GaussianObstacle(obstacle.mean, kept * np.eye(2))
+        if self.broken == "margin":
+            margin = 1.0 / (np.asarray(margin) + 0.1)
+        return self.inner.parameters(obstacle, margin)
+
+    def parameter_count(self, dimension: int) -> int:
+        return self.inner.parameter_count(dimension)
+
+    def constraint(self, pose: Pose, parameters: Any, level: Any, auxiliary: Any) -> Constraint:
+        stated = self.inner.constraint(pose, parameters, level, auxiliary)
+        (value,) = stated.inequalities
+        if self.broken == "symbolic":
+            return Constraint((value - 0.05,))
+        if self.broken == "gradient":
+            return Constraint((value * value * value,))
+        return stated
+
+    def contains(self, points: Any, parameters: Any, level: Any) -> Any:
+        return self.inner.contains(points, parameters, level)
+
+    def boundary(self, parameters: Any, level: float, count: int) -> Any:
+        points = self.inner.boundary(parameters, level, count)
+        return points[::-1] if self.broken == "clockwise" else points
+
+    def area(self, parameters: Any, level: Any) -> Any:
+        return self.inner.area(parameters, level) * (1.01 if self.broken == "area" else 1.0)
+
+    def level(self, tail: float, dimension: int = 2) -> float:
+        return self.inner.level(tail, dimension)
+
+    def tail(self, level: float, dimension: int = 2) -> float:
+        return self.inner.tail(level, dimension) ** (1.1 if self.broken == "tail" else 1.0)
+
+
+class CallsItselfOuter(Pretender):
+    relation: ClassVar[Relation] = Relation.OUTER
+
+
+class CallsItselfExact(Pretender):
+    relation: ClassVar[Relation] = Relation.EXACT
+
+
+class Shrunk(Pretender):
+    """Ignores most of the level, yet promises its content."""
+
+    guarantee: ClassVar[Guarantee] = Guarantee.CONTENT
+
+    def parameters(self, obstacle: GaussianObstacle, margin: Any) -> Any:
+        small = GaussianObstacle(obstacle.mean, obstacle.covariance * 1e-2)
+        return self.inner.parameters(small, margin)
+
+
+@pytest.mark.parametrize(
+    ("region", "law"),
+    [
+        (Pretender("symbolic"), r"symbolic constraint and contains"),
+        (Pretender("gradient"), r"gradient must be finite"),
+        (Pretender("rotation"), r"must turn with the obstacle"),
+        (Pretender("margin"), r"grow with the margin"),
+        (Pretender("clockwise"), r"counter-clockwise"),
+        (Pretender("area"), r"area\(\) says"),
+        (Pretender("tail"), r"tail\(level"),
+        (CallsItselfOuter(), r"leaves out points"),
+        (CallsItselfExact(), r"leaves out points"),
+        (Shrunk(), r"collision risk on the boundary"),
+    ],
+    ids=repr,
+)
+def test_a_broken_law_is_named(region: Region, law: str) -> None:
+    with pytest.raises(AssertionError, match=law):
+        check_region(region)
+
+
+def test_an_honest_copy_passes() -> None:
+    check_region(Pretender())

@@ -1,0 +1,101 @@
+"""The open-loop experiments reproduce the published tables; their figures only draw."""
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from wideberth.experiments.approximation_error import ApproximationError
+from wideberth.experiments.base import Experiment, Result, Row
+from wideberth.experiments.ellipse_construction import EllipseConstruction
+from wideberth.experiments.forecast_regions import ForecastRegions
+from wideberth.framework.errors import WideberthError
+from wideberth.framework.io import write_bytes, write_table
+from wideberth.framework.yamlfile import read_config
+
+CONFIGS = Path(__file__).parents[1] / "experiments" / "configs"
+EXPERIMENTS = [ApproximationError(), ForecastRegions(), EllipseConstruction()]
+
+
+def measured(experiment: Experiment) -> list[Row]:
+    return [row for task in experiment.tasks() for row in experiment.measure(task).rows]
+
+
+def test_approximation_error_peaks() -> None:
+    experiment = ApproximationError(angles=3601)
+    table = {row["condition"]: row for row in experiment.summary(measured(experiment))}
+    published = {2: (0.00823, 38.17), 10: (0.12065, 21.78), 100: (0.84255, 7.63)}
+    for condition, (error, angle) in published.items():
+        row = table[condition]
+        assert row["largest_radial_error"] == pytest.approx(error, abs=6e-6)
+        assert row["at_deg_radial"] == pytest.approx(angle, abs=0.03)
+        assert row["largest_clearance_error"] == pytest.approx(row["closed_form"], abs=2e-6)
+    assert table[1]["largest_radial_error"] == 0.0
+
+
+def test_approximation_error_vanishes_on_the_axes() -> None:
+    for row in measured(ApproximationError(angles=7)):
+        if row["polar_angle_deg"] in (0.0, 90.0):
+            assert row["radial_error_over_margin"] == pytest.approx(0.0, abs=1e-11)
+            assert row["clearance_error_over_margin"] == pytest.approx(0.0, abs=1e-11)
+
+
+def test_forecast_regions_against_the_table() -> None:
+    experiment = ForecastRegions(draws=20_000)
+    rows = {row["correlation"]: row for row in experiment.summary(measured(experiment))}
+    assert rows[0.8]["area_ratio"] == pytest.approx(1.7701, abs=6e-5)
+    assert rows[0.8]["rectangle_content"] == pytest.approx(0.921942, abs=1e-6)
+    for row in rows.values():
+        content, three = row["rectangle_content"], 3 * (0.1 * 0.9 / 20_000) ** 0.5
+        assert row["rectangle_frequency"] == pytest.approx(content, abs=three)
+        assert row["ellipse_frequency"] == pytest.approx(0.9, abs=three)
+
+
+def test_ellipse_construction_risks() -> None:
+    experiment = EllipseConstruction()
+    rows = {row["curve"]: row for row in experiment.summary(measured(experiment))}
+    # Published for deviations (1, 0.1) m, margin 1.5 m, p = 0.95: 3.2e-2 against 7.1e-3.
+    assert rows["outer ellipse"]["largest_collision_risk"] == pytest.approx(3.2e-2, abs=5e-4)
+    assert rows["exact sum"]["largest_collision_risk"] == pytest.approx(7.1e-3, abs=5e-5)
+    areas = {name: row["area_m2"] for name, row in rows.items()}
+    assert areas["outer ellipse"] / areas["exact sum"] == pytest.approx(0.907, abs=6e-4)
+    assert rows["exact sum"]["smallest_clearance_m"] == pytest.approx(1.5, abs=1e-8)
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS, ids=lambda one: type(one).__name__)
+def test_figures_are_drawn_from_the_result_alone(experiment: Any, tmp_path: Path) -> None:
+    small = experiment.quick()
+    rows: list[Row] = []
+    for task in small.tasks():
+        outcome = small.measure(task)
+        rows += outcome.rows
+        for name, content in outcome.files.items():
+            (tmp_path / "files").mkdir(exist_ok=True)
+            write_bytes(tmp_path / "files" / name, content)
+    write_table(tmp_path / "table.csv", rows)
+    first, second = tmp_path / "first", tmp_path / "second"
+    drawn = small.figures(Result(tmp_path), first)
+    assert {path.suffix for path in drawn} == {".png", ".pdf"}
+    again = small.figures(Result(tmp_path), second)
+    assert [path.read_bytes() for path in drawn] == [path.read_bytes() for path in again]
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS, ids=lambda one: type(one).__name__)
+def test_shipped_config_states_the_defaults(experiment: Any) -> None:
+    name = Path(__import__(type(experiment).__module__, fromlist=["x"]).__file__).stem
+    config = read_config(CONFIGS / f"{name}.yaml", [])
+    assert config.pop("type") == name
+    assert set(config) == {field.name for field in fields(experiment)}
+    for key, value in config.items():
+        default = getattr(experiment, key)
+        assert (tuple(value) if isinstance(value, list) else value) == default
+
+
+def test_bad_settings_are_named() -> None:
+    with pytest.raises(WideberthError, match="conditions"):
+        ApproximationError(conditions=(0.5,))
+    with pytest.raises(WideberthError, match="correlations"):
+        ForecastRegions(correlations=(1.0,))
+    with pytest.raises(WideberthError, match="content"):
+        EllipseConstruction(content=1.5)
