@@ -1,7 +1,7 @@
 PY  ?= python3
 BIN := .venv/bin
 ROOMS := framework predictors regions robots controllers simulation experiments
-FIGURES ?= ellipse_construction approximation_error forecast_regions
+FIGURES ?= ellipse_construction approximation_error forecast_regions chicken_game crossing
 
 .PHONY: help demo test lint bench figures lock
 .DEFAULT_GOAL := help

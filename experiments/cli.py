@@ -80,17 +80,20 @@ def _show(folder: Path) -> None:
 
     experiment, _ = reopen(folder)
     rows = read_table(folder / "summary.csv")
+    lines = [[name, *(shown(row[name]) for row in rows)] for name in (rows[0] if rows else ())]
+    upright = len(rows) > 4 or len(lines) <= 8
+    if upright:  # otherwise a line per quantity: many of them would not fit beside each other
+        lines = [list(column) for column in zip(*lines, strict=True)]
+    head, *body = lines or [[]]
     table = Table()
-    columns = list(rows[0]) if rows else []
-    for name in columns:
-        number = any(isinstance(row[name], int | float) for row in rows)
-        table.add_column(name.replace("_", " "), justify="right" if number else "left")
-    for row in rows:
-        table.add_row(*(shown(row[name]) for name in columns))
+    for name in head:
+        table.add_column(name.replace("_", " ") if upright else name)
+    for line in body:
+        table.add_row(*line)
     typer.secho(experiment.claim, bold=True)
-    terminal = Console()
+    console = Console()
     # in a file or a pipe the table keeps its full width instead of being cut to 80 columns
-    (terminal if terminal.is_terminal else Console(width=200)).print(table)
+    console.print(table, width=None if console.is_terminal else max(console.width, 200))
     typer.echo("Files:")
     for path in written(folder):
         typer.echo(f"  {path}")

@@ -121,3 +121,8 @@ def condense(rows: Sequence[Row]) -> Row:
         "named_forecasts": float(np.nanmean(column(rows, "named_forecasts"))),
         "coverage": float(np.nanmean(column(rows, "coverage"))),
     }
+
+
+def pick(row: Row, names: Sequence[str]) -> Row:
+    """Return some columns of a line, in this order."""
+    return {name: row[name] for name in names}

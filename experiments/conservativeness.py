@@ -17,11 +17,21 @@ from wideberth.simulation.scenario import Scenario
 from wideberth.simulation.settings import Settings
 
 from .base import Experiment, Outcome, Result, Row, Task
-from .closed_loop import column, condense, group, outcome, play
+from .closed_loop import column, condense, group, outcome, pick, play
 from .variants import by_region_and_predictor, planner_of
 
 ORACLE = "oracle"
 """Name of the predictor that the others are compared with."""
+
+COLUMNS = (
+    "episodes",
+    "collisions",
+    "deadlocks",
+    "clearance_min_m",
+    "clearance_median_m",
+    "below_reference",
+    "coverage",
+)
 
 
 @final
@@ -119,7 +129,7 @@ class Conservativeness(Experiment):
                     "extra_path": _extra(some, pairs, "length_ratio_worst"),
                     "promised": float(np.nanmean(column(some, "promised"))),
                     "kept": float(np.nanmean(column(some, "kept"))),
-                    **condense(some),
+                    **pick(condense(some), COLUMNS),
                 }
             )
         return lines

@@ -13,8 +13,21 @@ from wideberth.simulation.scenario import Scenario
 from wideberth.simulation.settings import Settings
 
 from .base import Experiment, Outcome, Result, Row, Task
-from .closed_loop import column, condense, grid, group, outcome, play
+from .closed_loop import column, condense, grid, group, outcome, pick, play
 from .variants import by_predictor, planner_of
+
+COLUMNS = (
+    "episodes",
+    "collisions",
+    "deadlocks",
+    "goals_in_time",
+    "clearance_min_m",
+    "clearance_median_m",
+    "time_ratio",
+    "length_ratio",
+    "named_forecasts",
+    "coverage",
+)
 
 
 @final
@@ -69,7 +82,7 @@ class DynamicMatters(Experiment):
     def summary(self, rows: list[Row]) -> list[Row]:
         """One line per scenario and predictor."""
         return [
-            {"scenario": scenario, "predictor": predictor, **condense(some)}
+            {"scenario": scenario, "predictor": predictor, **pick(condense(some), COLUMNS)}
             for (scenario, predictor), some in group(rows, "scenario", "planner").items()
         ]
 

@@ -126,7 +126,7 @@ class EllipseConstruction(Experiment):
     def _draw(self, panel: Any, rows: list[Row]) -> None:
         styles = {"inner ellipse": (0, "-"), "outer ellipse": (2, "--"), "exact sum": (1, "-.")}
         texts = ("inner ellipse", r"outer, axes + $\rho$", "exact sum")
-        labels = dict(zip(CURVES, texts, strict=True))
+        labels: dict[str, str] = dict(zip(CURVES, texts, strict=True))
         for name, (colour, style) in styles.items():
             chosen = [row for row in rows if row["curve"] == name]
             x = [row["x_m"] for row in [*chosen, chosen[0]]]

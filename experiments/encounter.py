@@ -100,9 +100,6 @@ class Encounter(Experiment):
         return files
 
     def quick(self) -> Self:
-        """Two seeds of the first planner."""
-        name = next(iter(self.planners))
+        """Two seeds."""
         seeds = min(self.seeds, 2)
-        return replace(
-            self, planners={name: self.planners[name]}, seeds=seeds, show=min(self.show, seeds - 1)
-        )
+        return replace(self, seeds=seeds, show=min(self.show, seeds - 1))

@@ -116,7 +116,7 @@ class ForecastRegions(Experiment):
             panels[0][0].set_ylabel("y (m)")
             handles, labels = panels[0][0].get_legend_handles_labels()
             named = {text: f"{text}, p = {self.content:g}" for text in ("ellipse", "rectangle")}
-            labels = [named.get(text, text) for text in labels]
+            labels = [named.get(text, text) for text in map(str, labels)]
             figure.legend(handles, labels, loc="outside lower center", ncols=3)
             return save(figure, folder, "forecast_regions")
 

@@ -11,7 +11,13 @@ from .base import Experiment
 
 CONFIGS = Path(__file__).resolve().parent / "configs"
 
-DEMO = ("ellipse_construction", "approximation_error", "forecast_regions")
+DEMO = (
+    "ellipse_construction",
+    "approximation_error",
+    "forecast_regions",
+    "chicken_game",
+    "crossing",
+)
 """What ``wideberth demo`` runs, in this order."""
 
 

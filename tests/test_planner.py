@@ -328,6 +328,8 @@ def test_heading_beyond_pi_is_no_different() -> None:
         ({"deadline": 0.0}, "planner.deadline"),
         ({"starts": ("up",)}, "wanted some of"),
         ({"most_obstacles": -1}, "most_obstacles"),
+        ({"most_obstacles": 101}, "at most 100"),
+        ({"margin": -0.1}, "planner.margin"),
         ({"reference_speed": float("nan")}, "reference_speed"),
     ],
 )

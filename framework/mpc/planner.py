@@ -96,6 +96,10 @@ class Planner(Controller):
         whole("planner.horizon", self.horizon)
         whole("planner.history", self.history, least=2)
         whole("planner.most_obstacles", self.most_obstacles, least=0)
+        if self.most_obstacles > CAPACITIES[-1]:
+            raise WideberthError(
+                f"planner.most_obstacles is {self.most_obstacles}; wanted at most {CAPACITIES[-1]}"
+            )
         for name in ("dt", "period", "reference_speed", "track_dt"):
             positive(f"planner.{name}", getattr(self, name))
         for name in ("latency", "margin"):

@@ -1,0 +1,297 @@
+"""Pictures of one episode: what each robot saw and planned, and where all of them drove.
+
+Positions of three coordinates are drawn from above (x and y).
+"""
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from wideberth.experiments import animation as pieces
+from wideberth.experiments.plotting import COLOURS, COLUMN, PAGE, paper_style
+from wideberth.framework.arrays import Array, positive, probability
+from wideberth.framework.errors import WideberthError
+from wideberth.framework.metrics import approach
+from wideberth.framework.plan import Plan, Rung
+from wideberth.simulation.log import AgentLog, Episode
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+BLACK, PLANNED, OTHER, REFERENCE, FORECAST = COLOURS[:5]
+"""The paper's colours: green reference, blue plan, pink forecast."""
+
+_MARK = 5.0  # s between two time marks
+_ORDER = (
+    *("reference path", "reference points", "planned positions", "forecast regions"),
+    *("robot and its trail", "obstacle and its trail"),
+)
+
+
+class Closest(NamedTuple):
+    """The closest approach of an episode: time (s), the pair, and its clearance (m)."""
+
+    time: float
+    pair: tuple[AgentLog, AgentLog]
+    clearance: float
+
+
+def closest(episode: Episode) -> Closest | None:
+    """Where the clearance is smallest; None if no pair was ever there together."""
+    best: Closest | None = None
+    for first, second in pieces.pairs(episode):
+        gaps = approach(first.positions, second.positions) - first.radius - second.radius
+        if not np.isfinite(gaps).any():
+            continue
+        i = int(np.nanargmin(gaps))
+        if best is None or gaps[i] < best.clearance:
+            start = (first.positions - second.positions)[i : i + 2]
+            move = start[1] - start[0]
+            share = np.clip(-start[0] @ move / max(float(move @ move), 1e-300), 0.0, 1.0)
+            time = episode.times[i] + share * (episode.times[i + 1] - episode.times[i])
+            best = Closest(float(time), (first, second), float(gaps[i]))
+    return best
+
+
+def draw_views(episode: Episode, *, distance: float, tail: float) -> "Figure":
+    """Draw both robots' views of an encounter, as in the paper's section on results.
+
+    One panel per robot, at the stamp of the plan that it followed when the two centres first
+    came within ``distance`` (or were closest, if they never did): its reference path and the
+    reference points over the horizon, the planned positions, and the forecast regions at
+    every step, before they are enlarged by the radii. Both panels have the same scale.
+
+    The paper does not say what content the regions in its figures have, while its plans
+    choose a level of their own. Ours have the content 1 - tail, and the title says what
+    content the plan itself holds (the smallest over steps and obstacles): a plan that cuts
+    through a drawn region is no error.
+
+    Parameters
+    ----------
+    episode : of two robots; others may be there too.
+    distance : m between the centres.
+    tail : 1 - content of the drawn regions.
+
+    Raises
+    ------
+    WideberthError : not two robots, a distance not above 0, a tail outside (0, 1).
+    """
+    from matplotlib.figure import Figure
+
+    positive("distance", distance)
+    probability("tail", tail)
+    if len(episode.robots) != 2:
+        names = [log.name for log in episode.robots]
+        raise WideberthError(
+            f"views are drawn for two robots; this episode has {len(names)}: {names}. Draw "
+            "the run instead"
+        )
+    first, second = episode.robots
+    apart = np.linalg.norm(first.positions - second.positions, axis=1)
+    near = np.flatnonzero(apart <= distance)
+    moment = float(episode.times[near[0] if near.size else np.argmin(apart)])
+    with paper_style():
+        figure = Figure()
+        panels = figure.subplots(1, 2)
+        boxes = [
+            _view(panel, episode, log, moment, tail)
+            for panel, log in zip(panels, episode.robots, strict=True)
+        ]
+        span = np.max([high - low for low, high in boxes], axis=0)
+        for panel, (low, high) in zip(panels, boxes, strict=True):
+            pieces.frame(panel, 0.5 * (low + high - span), 0.5 * (low + high + span))
+        width = 0.5 * PAGE - 0.5
+        figure.set_size_inches(PAGE, width * min(span[1] / span[0], 1.4) + 1.15)
+        _legend(figure, panels)
+    return figure
+
+
+def draw_run(episode: Episode) -> "Figure":
+    """Draw where all agents drove, with a mark every 5 s and the closest approach.
+
+    Robots have a colour, line and marker each; recorded and scripted agents are grey and
+    dotted. The closest approach is that of the pair with the smallest clearance of which at
+    least one is a robot: both discs, the line between the centres, and the number.
+    """
+    from matplotlib.figure import Figure
+
+    with paper_style():
+        figure = Figure()
+        panel = figure.subplots()
+        low, high = pieces.extent(episode)
+        span = high - low
+        figure.set_size_inches(COLUMN, min(2.98 * span[1] / span[0], 3.6) + 1.0)
+        pieces.frame(panel, low, high)
+        pieces.courses(panel, episode)
+        styles = pieces.looks(episode)
+        for log in episode.agents:
+            _way(panel, episode, log, styles[log.name])
+        taken = _closest_mark(panel, episode)
+        _numbers(panel, episode, taken, float(span.max()))
+        figure.legend(loc="outside lower center", ncols=2)
+    return figure
+
+
+def _view(
+    panel: Any, episode: Episode, ego: AgentLog, moment: float, tail: float
+) -> tuple[Array, Array]:
+    """Draw one robot's view; return the corners of what has to be seen."""
+    plan = pieces.plan_at(ego, moment)
+    time = moment if plan is None else plan.stamp
+    path = [path for begin, path in ego.paths if begin <= time + 1e-9][-1]
+    panel.plot(*path.points[:, :2].T, "-", color=REFERENCE, linewidth=0.7, label="reference path")
+    seen = [_world(panel, episode, ego, time)]
+    if plan is not None:
+        seen += _intention(panel, plan, tail)
+    panel.set_title(_title(ego, plan, time))
+    points = np.concatenate(seen)
+    return points.min(axis=0) - 0.3, points.max(axis=0) + 0.3
+
+
+def _intention(panel: Any, plan: Plan, tail: float) -> list[Array]:
+    """Draw what the robot expects and means to do."""
+    from matplotlib.collections import PolyCollection
+
+    regions = pieces.outlines(plan.forecast, tail)
+    panel.add_collection(
+        PolyCollection(
+            list(regions), facecolor=(FORECAST, 0.07), edgecolor=(FORECAST, 0.8),
+            linewidth=0.5, label=f"forecast regions, {100 * (1 - tail):g} %",
+        ),
+        autolim=False,
+    )  # fmt: skip
+    reference, planned = plan.reference[:, :2], plan.positions[1:, :2]
+    panel.plot(
+        *reference.T, "o", color=REFERENCE, markersize=3.6, markerfacecolor="white",
+        markeredgewidth=0.9, label="reference points",
+    )  # fmt: skip
+    panel.plot(
+        *planned.T, "s-", color=PLANNED, markersize=2.6, linewidth=0.7, label="planned positions"
+    )
+    return [regions.reshape(-1, 2), reference, planned]
+
+
+def _world(panel: Any, episode: Episode, ego: AgentLog, time: float) -> Array:
+    """Draw the discs and the ways driven so far; return the corners of the robots' discs."""
+    from matplotlib.patches import Circle
+
+    corners = []
+    for log in episode.agents:
+        here = episode.at(log, np.array([time]))[0, :2]
+        before = log.positions[episode.times <= time, :2]
+        trail = np.concatenate([before, here[None]])
+        own = log is ego
+        colour, line = (BLACK, "-") if own else (OTHER, "--")
+        panel.plot(*trail.T, linestyle=line, color=colour, linewidth=1.0)
+        if not np.isfinite(here).all():
+            continue
+        face = "white" if own else (OTHER, 0.25)
+        disc = Circle(
+            tuple(here), log.radius, facecolor=face, edgecolor=colour, linewidth=0.9,
+            linestyle=line, hatch=None if own else "/////", zorder=1.5,
+            label="robot and its trail" if own else _once(panel, "obstacle and its trail"),
+        )  # fmt: skip
+        panel.add_patch(disc)
+        panel.plot(*pieces.nose(episode, log, time).T, "-", color=colour, linewidth=2.0)
+        if log.kind == "robot":
+            corners += [here - log.radius, here + log.radius]
+    return np.array(corners).reshape(-1, 2)
+
+
+def _legend(figure: Any, panels: Any) -> None:
+    """One legend for both panels, related entries one below the other."""
+    entries: dict[str, Any] = {}
+    for panel in panels:
+        entries.update(zip(*panel.get_legend_handles_labels()[::-1], strict=True))
+    names = sorted(entries, key=lambda name: _ORDER.index(name.split(",")[0]))
+    handles = [entries[name] for name in names]
+    figure.legend(handles, names, loc="outside lower center", ncols=3)
+
+
+def _once(panel: Any, label: str) -> str | None:
+    """Return the label, unless the panel has it already."""
+    return None if label in panel.get_legend_handles_labels()[1] else label
+
+
+def _title(ego: AgentLog, plan: Plan | None, time: float) -> str:
+    head = f"{ego.name} robot's view, t = {time:.2f} s\n"
+    if plan is None:
+        return f"{head}no plan"
+    content = plan.lowest_content
+    name = "plan" if plan.rung is Rung.OPTIMAL else str(plan.rung)
+    if not np.isfinite(content):
+        return f"{head}{name} without obstacles"
+    percent = f"{100 * content:.0f} %" if content >= 0.01 else "less than 1 %"
+    return f"{head}{name} holds {percent} content"
+
+
+def _way(panel: Any, episode: Episode, log: AgentLog, look: pieces.Look) -> None:
+    """Draw where one agent drove, with a mark every 5 s."""
+    if log.kind == "robot":
+        label: str | None = f"{log.name}, marks every {_MARK:g} s"
+    else:
+        label = _once(panel, "recorded" if log.kind == "replay" else log.kind)
+    marks = episode.at(log, np.arange(_MARK, episode.duration, _MARK))
+    panel.plot(*log.positions[:, :2].T, color=look.color, linestyle=look.linestyle)
+    panel.plot(*marks[:, :2].T, look.marker, color=look.color, markersize=3)
+    panel.plot(
+        [], [], look.marker, color=look.color, linestyle=look.linestyle, markersize=3, label=label
+    )
+
+
+def _numbers(panel: Any, episode: Episode, taken: Array, span: float) -> None:
+    """Write the time at the robots' marks, where most room is."""
+    from matplotlib.patheffects import withStroke
+
+    styles = pieces.looks(episode)
+    taken = np.concatenate([taken, *(log.positions[::10, :2] for log in episode.robots)])
+    times = np.arange(_MARK, episode.duration, _MARK)
+    for log in episode.robots:
+        places = episode.at(log, times)[:, :2]
+        ahead = episode.at(log, np.minimum(times + 0.5, episode.duration))[:, :2] - places
+        last = log.positions[0, :2]
+        for time, place, move in zip(times, places, ahead, strict=True):
+            if np.linalg.norm(place - last) < 0.06 * span:  # the numbers would overlap
+                continue
+            last = place
+            normal = np.array([-move[1], move[0]]) / max(float(np.linalg.norm(move)), 1e-9)
+            angles = np.arctan2(normal[1], normal[0]) + np.radians([0, 180, 45, -45, 135, -135])
+            spots = place + 0.035 * span * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+            spots = np.concatenate([spots, place + 1.6 * (spots - place)])
+            # Numbers are wider than high. The first spot with room enough, else the best.
+            away = (taken - spots[:, None]) / (0.03 * span, 0.02 * span)
+            room = np.minimum(np.linalg.norm(away, axis=2).min(axis=1), 1.0)
+            chosen = spots[int(np.argmax(room))]
+            taken = np.concatenate([taken, chosen[None]])
+            panel.text(
+                *chosen, f"{time:g}", ha="center", va="center", fontsize=6,
+                color=styles[log.name].color, zorder=3,
+                path_effects=[withStroke(linewidth=1.5, foreground="white")],
+            )  # fmt: skip
+
+
+def _closest_mark(panel: Any, episode: Episode) -> Array:
+    """Draw both discs at the closest approach and the line between their surfaces.
+
+    Returns points of what was drawn, (K, 2), m, so that other things can keep clear of it.
+    """
+    from matplotlib.patches import Circle
+
+    found = closest(episode)
+    if found is None:
+        return np.zeros((0, 2))
+    first, second = (episode.at(log, np.array([found.time]))[0, :2] for log in found.pair)
+    styles = pieces.looks(episode)
+    angle = np.linspace(0.0, 2.0 * np.pi, 36)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    drawn = []
+    for log, place in zip(found.pair, (first, second), strict=True):
+        color = styles[log.name].color
+        panel.add_patch(Circle(tuple(place), log.radius, fill=False, ec=color, lw=0.7))
+        drawn.append(place + log.radius * circle)
+    apart = float(np.linalg.norm(second - first))
+    along = (second - first) / apart if apart > 0.0 else np.array([1.0, 0.0])
+    rims = [first + found.pair[0].radius * along, second - found.pair[1].radius * along]
+    label = f"least clearance {found.clearance:.2f} m at {found.time:.1f} s"
+    panel.plot(*np.array(rims).T, "k.-", linewidth=0.9, markersize=4, label=label)
+    return np.concatenate([*drawn, np.linspace(rims[0], rims[1], 10)])

@@ -1,0 +1,115 @@
+"""The closed-loop experiments: what they count, and that their quick settings run."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wideberth.experiments.closed_loop import fresh, place, play
+from wideberth.experiments.conservativeness import Conservativeness, kept, promised
+from wideberth.experiments.dynamic_matters import DynamicMatters
+from wideberth.experiments.encounter import Encounter
+from wideberth.experiments.runner import draw, run
+from wideberth.experiments.shipped import read_experiment
+from wideberth.framework.errors import WideberthError
+from wideberth.framework.mpc.planner import Planner
+from wideberth.framework.testing import check_controller
+from wideberth.simulation.log import Episode
+
+
+def shipped(name: str, *overrides: str) -> object:
+    return read_experiment(name, list(overrides))[0]
+
+
+@pytest.fixture(scope="module")
+def encounter() -> Encounter:
+    experiment = shipped("crossing", "seeds=1")
+    assert isinstance(experiment, Encounter)
+    return experiment
+
+
+@pytest.fixture(scope="module")
+def episode(encounter: Encounter) -> Episode:
+    planner = encounter.planners["default"]
+    return play(encounter.scenario, encounter.robot, planner, encounter.settings, 3)
+
+
+def test_shipped_planners_keep_the_laws_of_a_controller(encounter: Encounter) -> None:
+    for name, planner in encounter.planners.items():
+        check_controller(fresh(planner)), name
+
+
+def test_every_robot_gets_a_controller_of_its_own(encounter: Encounter) -> None:
+    planner = encounter.planners["paper"]
+    other = fresh(planner)
+    assert isinstance(planner, Planner)
+    assert isinstance(other, Planner)
+    assert other is not planner
+    assert other.predictor == planner.predictor
+    assert other.level == planner.level
+
+
+def test_planners_meet_the_same_situation(encounter: Encounter) -> None:
+    first, second = place(encounter.scenario, 5), place(encounter.scenario, 5)
+    for one, two in zip(first, second, strict=True):
+        assert np.array_equal(one.path.points, two.path.points)
+        assert one.phase == two.phase
+    other = place(encounter.scenario, 6)
+    assert not np.array_equal(first[0].path.points, other[0].path.points)
+
+
+def test_an_episode_reaches_its_goals_without_collision(episode: Episode) -> None:
+    assert episode.ended == "goals"
+    assert 0.0 < promised(episode) < 1.0
+    assert 0.9 < kept(episode) <= 1.0
+
+
+def test_kept_counts_planned_positions_against_the_truth(episode: Episode) -> None:
+    count = clear = 0
+    for log, other in (episode.robots, episode.robots[::-1]):
+        for plan in log.plans:
+            for i, position in enumerate(plan.positions[1:], start=1):
+                time = plan.stamp + i * plan.dt
+                if time <= episode.duration:
+                    there = [np.interp(time, episode.times, c) for c in other.positions.T]
+                    count += 1
+                    clear += np.hypot(*(position - there)) >= 1.5 - 1e-3
+    assert kept(episode) == pytest.approx(clear / count, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", ["dynamic_matters", "conservativeness"])
+def test_quick_settings_run_and_draw(name: str, tmp_path: Path) -> None:
+    experiment = shipped(name)
+    assert isinstance(experiment, DynamicMatters | Conservativeness)
+    result = run(experiment, tmp_path / name, quick=True)
+    assert len(result.rows) == len(experiment.quick().tasks())
+    lines = experiment.summary(result.rows)
+    assert all(line["collisions"] == 0 for line in lines if line.get("covariance") != "oracle")
+    files = draw(tmp_path / name)
+    assert {path.suffix for path in files} == {".png", ".pdf"}
+
+
+def test_encounters_count_who_yields(encounter: Encounter, tmp_path: Path) -> None:
+    result = run(encounter, tmp_path / "crossing", quick=True)
+    line, paper = encounter.summary(result.rows)
+    assert (line["planner"], paper["planner"]) == ("default", "paper")
+    assert line["episodes"] == 1
+    assert line["collisions"] == 0
+    assert line["goals_in_time"] == 1.0
+    assert line["first"] in ("lower 1", "upper 1")
+    assert result.names() == ["run-default-0.npz", "run-paper-0.npz"]
+    again = Episode.from_bytes(result.read("run-default-0.npz"))
+    assert again.robots[0].plans[0].seconds == 0.0
+    assert len(result.times) == 4
+
+
+def test_settings_that_make_no_experiment_are_refused(encounter: Encounter) -> None:
+    with pytest.raises(WideberthError, match="planners is empty"):
+        replace(encounter, planners={})
+    with pytest.raises(WideberthError, match=r"show is 7; wanted a seed in \[0, 1\)"):
+        replace(encounter, show=7)
+    conservativeness = shipped("conservativeness")
+    assert isinstance(conservativeness, Conservativeness)
+    with pytest.raises(WideberthError, match="one must be named 'oracle'"):
+        replace(conservativeness, predictors={})
