@@ -4,6 +4,7 @@ BUILT_IN: dict[str, str] = {
     "dynamic_matters": "wideberth.experiments.dynamic_matters:DynamicMatters",
     "conservativeness": "wideberth.experiments.conservativeness:Conservativeness",
     "encounter": "wideberth.experiments.encounter:Encounter",
+    "replay": "wideberth.experiments.replay:Replay",
     "approximation_error": "wideberth.experiments.approximation_error:ApproximationError",
     "ellipse_construction": "wideberth.experiments.ellipse_construction:EllipseConstruction",
     "forecast_regions": "wideberth.experiments.forecast_regions:ForecastRegions",

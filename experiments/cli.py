@@ -1,6 +1,7 @@
 """The command line. Everything heavy is imported by the command that needs it."""
 
 import os
+import signal
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -200,8 +201,24 @@ def main(arguments: list[str] | None = None) -> None:
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # the same rounding for any number of workers
     sys.path.append("")  # so that "mypkg:Box" is found where the command is given
+    pressed = False
+
+    def press(*_: object) -> None:
+        nonlocal pressed
+        pressed = True
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, press)
     try:
         app(args=arguments)
     except WideberthError as error:
         typer.secho(f"Error: {error}", fg="red", err=True)
         sys.exit(2)
+    except SystemExit:
+        if not pressed:
+            raise
+        # typer turns a Ctrl-C into exit code 1; the runner's own message has code 2
+        typer.secho("Error: stopped; nothing is half-written", fg="red", err=True)
+        sys.exit(2)
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -6,6 +6,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from wideberth.framework.arrays import Array
 from wideberth.framework.controller import Controller
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.robot import Robot
@@ -89,7 +90,7 @@ def group(rows: Sequence[Row], *keys: str) -> dict[tuple[Any, ...], list[Row]]:
     return groups
 
 
-def column(rows: Sequence[Row], name: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+def column(rows: Sequence[Row], name: str) -> Array:
     """One column as numbers; empty cells are NaN."""
     values = [np.nan if row[name] is None else row[name] for row in rows]
     return np.array(values, dtype=np.float64)
@@ -118,9 +119,15 @@ def condense(rows: Sequence[Row]) -> Row:
         "below_reference": float(np.mean(column(rows, "below_reference"))),
         "fallback_plans": float(column(rows, "fallbacks").sum() / plans) if plans else 0.0,
         "deadline_misses": int(column(rows, "deadline_misses").sum()),
-        "named_forecasts": float(np.nanmean(column(rows, "named_forecasts"))),
-        "coverage": float(np.nanmean(column(rows, "coverage"))),
+        "named_forecasts": known_mean(column(rows, "named_forecasts")),
+        "coverage": known_mean(column(rows, "coverage")),
     }
+
+
+def known_mean(values: Array) -> float:
+    """Return the mean of what is known; nan where nothing is."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else float("nan")
 
 
 def pick(row: Row, names: Sequence[str]) -> Row:

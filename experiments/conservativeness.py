@@ -17,7 +17,7 @@ from wideberth.simulation.scenario import Scenario
 from wideberth.simulation.settings import Settings
 
 from .base import Experiment, Outcome, Result, Row, Task
-from .closed_loop import column, condense, group, outcome, pick, play
+from .closed_loop import column, condense, group, known_mean, outcome, pick, play
 from .variants import by_region_and_predictor, planner_of
 
 ORACLE = "oracle"
@@ -92,7 +92,7 @@ class Conservativeness(Experiment):
                     "region": region,
                     "covariance": rule,
                 },
-            )  # fmt: skip
+            )
             for scenario in self.scenarios
             for region in self.regions
             for rule in self.predictors
@@ -127,8 +127,8 @@ class Conservativeness(Experiment):
                     **line,
                     "extra_time": _extra(some, pairs, "time_ratio_worst"),
                     "extra_path": _extra(some, pairs, "length_ratio_worst"),
-                    "promised": float(np.nanmean(column(some, "promised"))),
-                    "kept": float(np.nanmean(column(some, "kept"))),
+                    "promised": known_mean(column(some, "promised")),
+                    "kept": known_mean(column(some, "kept")),
                     **pick(condense(some), COLUMNS),
                 }
             )
@@ -170,7 +170,7 @@ class Conservativeness(Experiment):
 
     def quick(self) -> Self:
         """One seed of the first scenario, two regions, the oracle and one other rule."""
-        rules = [name for name in self.predictors if name != ORACLE][-1:] + [ORACLE]
+        rules = [*[name for name in self.predictors if name != ORACLE][-1:], ORACLE]
         return replace(
             self,
             scenarios=dict(list(self.scenarios.items())[:1]),

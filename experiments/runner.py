@@ -153,11 +153,46 @@ def _work(
     if own_process:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process stops the workers
     import_plugins(plugins)
-    try:
-        outcome = experiment.measure(task)
-    except WideberthError as error:
-        raise WideberthError(f"task {task.name!r}: {error}") from error
+    with _Interrupt() as interrupt:
+        try:
+            outcome = experiment.measure(task)
+        except WideberthError as error:
+            raise WideberthError(f"task {task.name!r}: {error}") from error
+        interrupt.check()
     write_shard(folder, key, task, outcome)
+
+
+class _Interrupt:
+    """Remembers a Ctrl-C during a task.
+
+    IPOPT and fatrop may swallow the KeyboardInterrupt raised inside them and report a
+    failed solve; a result made from that must not be kept.
+    """
+
+    def __init__(self) -> None:
+        self._pressed = False
+        self._before: Any = None
+
+    def __enter__(self) -> "_Interrupt":
+        if threading.current_thread() is threading.main_thread():
+            before = signal.getsignal(signal.SIGINT)
+            if callable(before):  # a worker process ignores the signal
+                self._before = before
+                signal.signal(signal.SIGINT, self._press)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._before is not None:
+            signal.signal(signal.SIGINT, self._before)
+
+    def _press(self, number: int, frame: Any) -> None:
+        self._pressed = True
+        self._before(number, frame)
+
+    def check(self) -> None:
+        """Raise the KeyboardInterrupt that was swallowed, if one was."""
+        if self._pressed:
+            raise KeyboardInterrupt
 
 
 class _Progress:

@@ -103,6 +103,7 @@ def probability(name: str, value: float) -> float:
 
 def whole(name: str, value: int, *, least: int = 1) -> int:
     """Return ``value`` if it is a whole number of at least ``least``."""
-    if isinstance(value, bool) or int(value) != value or value < least:
+    fits = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    if not fits or not np.isfinite(value) or int(value) != value or value < least:
         raise WideberthError(f"{name} is {value!r}; wanted a whole number of at least {least}")
     return int(value)

@@ -17,6 +17,7 @@ class _Log:
     times: deque[float] = field(default_factory=deque)
     positions: deque[Array] = field(default_factory=deque)
     radius: float = 0.0
+    reported: float = 0.0
     covariance: Array | None = None
 
 
@@ -27,7 +28,8 @@ class History:
     ----------
     dt : s, spacing of the tracks it hands out.
     samples : T, their length.
-    forget : s after which an obstacle that is no longer seen is dropped.
+    forget : s after which an obstacle that is no longer reported is dropped; a report of
+        something measured long ago counts.
     gap : s; between two measurements further apart the samples count as unobserved.
     """
 
@@ -38,9 +40,10 @@ class History:
     def add(self, stamp: float, detections: tuple[Detection, ...]) -> None:
         """Take in what was seen at ``stamp``; measurements out of order are left out."""
         keep = self._samples * self._dt + self._gap
-        for detection in detections:
+        for ident, detection in _told_apart(detections):
             measured = stamp - detection.age
-            log = self._logs.setdefault(detection.ident, _Log())
+            log = self._logs.setdefault(ident, _Log())
+            log.reported = stamp
             log.radius, log.covariance = detection.radius, detection.covariance
             if log.times and measured <= log.times[-1]:
                 continue
@@ -49,7 +52,7 @@ class History:
             while log.times[0] < measured - keep:
                 log.times.popleft()
                 log.positions.popleft()
-        gone = [name for name, log in self._logs.items() if stamp - log.times[-1] > self._forget]
+        gone = [name for name, log in self._logs.items() if stamp - log.reported > self._forget]
         for name in gone:
             del self._logs[name]
 
@@ -87,3 +90,13 @@ class History:
         known = (grid >= times[0] - slack) & (grid <= times[-1] + slack)
         bridged = on_sample | (width <= self._gap)
         return np.where((known & bridged)[:, None], sampled, np.nan)
+
+
+def _told_apart(detections: tuple[Detection, ...]) -> list[tuple[str, Detection]]:
+    """Give the second detection of one identity a name of its own, so that none is lost."""
+    seen: dict[str, int] = {}
+    named = []
+    for detection in detections:
+        count = seen[detection.ident] = seen.get(detection.ident, 0) + 1
+        named.append((detection.ident if count == 1 else f"{detection.ident}#{count}", detection))
+    return named

@@ -156,16 +156,6 @@ def passing_time(times: Array, positions: Array, path: Path, arc: float) -> floa
     return float(times[i - 1] + share * (times[i] - times[i - 1]))
 
 
-def share_below(values: Sequence[float] | Array, reference: float, slack: float = 1e-6) -> float:
-    """Share of values below the reference by more than ``slack``; NaN counts as not below.
-
-    Used for the plans whose lowest level (or the content it stands for) fell below the
-    reference, that is, that traded probability for progress. NaN without values.
-    """
-    array = np.asarray(values, dtype=np.float64)
-    return float(np.mean(array < reference - slack)) if array.size else float("nan")
-
-
 def time_statistics(seconds: Sequence[float] | Array) -> dict[str, float]:
     """Median, 95th and 99th percentile (linear interpolation) and maximum, s."""
     array = np.asarray(seconds, dtype=np.float64)

@@ -119,6 +119,7 @@ class Observation:
     truth: Truth | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
+        checked("observation.stamp", self.stamp, ())
         state = checked("observation.state", self.state, (None,))
         object.__setattr__(self, "state", state)
         if self.covariance is not None:

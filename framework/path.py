@@ -69,8 +69,13 @@ class Path:
         step = self.points[index + 1] - self.points[index]
         return np.asarray(step / np.linalg.norm(step, axis=-1, keepdims=True))
 
-    def project(self, point: Array, *, start: float = 0.0, window: float = np.inf) -> float:
+    def project(
+        self, point: Array, *, start: float = 0.0, window: float = np.inf, early: float = 0.0
+    ) -> float:
         """Arc length of the nearest path point within [start, start + window], m.
+
+        ``early`` (m) prefers the first stretch whose nearest point is no more than this
+        farther off than the nearest of all: at the start of a loop, its start.
 
         A window keeps a self-crossing path from being cut short: the controller
         searches forward from where it last was.
@@ -85,5 +90,6 @@ class Path:
         distance = np.linalg.norm(nearest - point, axis=1)
         reach = self.arc[:-1] + along
         outside = (reach < start - 1e-12) | (reach > start + window + 1e-12)
-        best = int(np.argmin(np.where(outside, np.inf, distance)))
+        distance = np.where(outside, np.inf, distance)
+        best = int(np.argmax(distance <= distance.min() + early))
         return float(np.clip(reach[best], 0.0, self.length))

@@ -44,6 +44,7 @@ class Plan:
     reference : (N, D), m, what the plan tracked.
     auxiliaries : (N, O, A) of the regions, for the warm start.
     level : (N, O), the level that each constraint was held at.
+    target : (N, O), the level aimed at.
     content : (N, O), the content that those levels stand for.
     ids : identities of the O obstacles.
     status : how the solver ended.
@@ -51,10 +52,12 @@ class Plan:
     reason : why it is not the optimal plan; empty when it is.
     iterations : of the solver.
     seconds : wall time of the solve.
-    violation : largest violated constraint, re-checked in NumPy (unit-free, 0 if none).
+    violation : largest violated constraint, re-checked in NumPy (unit-free, 0 if none; nan
+        where an emergency left nothing to check against).
     cost : value of the objective, nan where there is none.
     left_out : obstacles that did not fit into the problem, or forecast modes.
-    forecast : what the plan assumed of the obstacles, on the plan's grid.
+    forecast : what was assumed of all obstacles, left-out ones too, on the plan's grid.
+    tracked : identities of the forecast's obstacles, in its order.
     fallbacks : per obstacle, why the named predictor was not used, or None.
     """
 
@@ -66,6 +69,7 @@ class Plan:
     reference: Array
     auxiliaries: Array
     level: Array
+    target: Array
     content: Array
     ids: tuple[str, ...]
     status: Status
@@ -77,11 +81,22 @@ class Plan:
     cost: float = float("nan")
     left_out: tuple[str, ...] = ()
     forecast: Forecast | None = field(default=None, repr=False)
+    tracked: tuple[str, ...] = ()
 
     @property
     def fallbacks(self) -> tuple[str | None, ...]:
         """Per obstacle, why the named predictor was not used, or None."""
         return () if self.forecast is None else self.forecast.fallback
+
+    @property
+    def below_reference(self) -> bool | None:
+        """Whether a constraint is held at less than was aimed at, or not kept at all.
+
+        None where the plan held no constraint.
+        """
+        if not self.level.size:
+            return None
+        return bool((self.level < self.target - 1e-4).any() or self.violation > 1e-4)
 
     @property
     def lowest_content(self) -> float:

@@ -110,7 +110,9 @@ def distance_to_ellipse(points: Array, axes: Array) -> Array:
 def perimeter(axes: Array) -> Array:
     """Perimeter of an ellipse, m, 8 R_G(0, a^2, b^2): (..., 2) -> (...)."""
     squares = np.asarray(axes, dtype=np.float64) ** 2
-    return np.asarray(8.0 * special.elliprg(0.0, squares[..., 0], squares[..., 1]))
+    return np.asarray(
+        8.0 * special.elliprg(0.0, squares[..., 0], squares[..., 1]), dtype=np.float64
+    )
 
 
 def surface(axes: Array) -> Array:

@@ -26,7 +26,7 @@ VERSION = 1
 _COMMANDS = ("stamp", "effect", "linear", "omega", "ramp")
 _SERIES = ("positions", "headings", "speeds", "yaw_rates")
 _PLAN_ARRAYS = (
-    *("states", "inputs", "positions", "reference", "auxiliaries", "level", "content"),
+    *("states", "inputs", "positions", "reference", "auxiliaries", "level", "target", "content"),
 )
 _PLAN_NUMBERS = ("stamp", "dt", "violation", "cost")
 
@@ -138,6 +138,7 @@ def _pack_plan(pack: _Packer, plan: Plan) -> dict[str, Any]:
         "numbers": pack.put([getattr(plan, name) for name in _PLAN_NUMBERS]),
         "ids": list(plan.ids),
         "left_out": list(plan.left_out),
+        "tracked": list(plan.tracked),
         "status": str(plan.status),
         "rung": str(plan.rung),
         "reason": plan.reason,
@@ -172,6 +173,7 @@ def _unpack_plan(unpack: _Unpacker, stored: dict[str, Any]) -> Plan:
         **values,
         ids=tuple(stored["ids"]),
         left_out=tuple(stored["left_out"]),
+        tracked=tuple(stored["tracked"]),
         status=Status(stored["status"]),
         rung=Rung(stored["rung"]),
         reason=stored["reason"],

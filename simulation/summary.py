@@ -1,5 +1,6 @@
 """The metrics of an episode as table rows."""
 
+from collections.abc import Iterable
 from itertools import combinations
 from typing import Any
 
@@ -15,13 +16,13 @@ def summarise(episode: Episode, tail: float = 0.05) -> dict[str, Any]:
     """One row for the whole episode.
 
     Each column is defined in `wideberth.framework.metrics`. Pairs count when at least one
-    of the two is a robot. ``tail`` is 1 - the reference content: ``below_reference`` is the
-    share of plans with a constraint of less content than 1 - tail, and ``coverage`` the
-    share of later positions inside the forecasts' regions of content 1 - tail, at the first
-    step, the last one, and over all. ``deadlock`` is true also when the time limit ended
+    of the two is a robot. ``below_reference`` is the share of plans that hold a constraint
+    below the level they aimed at, or enter a region (`Plan.below_reference`); ``coverage``
+    is the share of later positions inside the forecasts' regions of content 1 - tail, at
+    the first step, the last one, and over all. ``deadlock`` is true also when the time limit ended
     the episode. Columns that hold for the worst robot end in ``_worst``.
     """
-    rows = robot_rows(episode, tail)
+    rows = robot_rows(episode)
     gaps = clearances(episode)
     share, _, overall = forecast_coverage(episode, tail)
     fallbacks = [plan.fallbacks for log in episode.robots for plan in log.plans]
@@ -34,11 +35,11 @@ def summarise(episode: Episode, tail: float = 0.05) -> dict[str, Any]:
         "deadlock": episode.ended in ("deadlock", "time limit"),
         "time_ratio_worst": max(row["time_ratio"] for row in rows),
         "length_ratio_worst": max(row["length_ratio"] for row in rows),
-        "below_reference": _mean(_lowest_contents(episode.robots) < 1.0 - tail - 1e-6),
+        "below_reference": _share_below(episode.robots),
         "plans": sum(row["plans"] for row in rows),
         "fallbacks": sum(row["fallbacks"] for row in rows),
         "deadline_misses": sum(row["deadline_misses"] for row in rows),
-        "violation_worst": max(row["violation"] for row in rows),
+        "violation_worst": _worst(row["violation"] for row in rows),
         "named_forecasts": metrics.share_named(fallbacks),
         "coverage": overall,
         "coverage_first": float(share[0]) if share.size else float("nan"),
@@ -47,17 +48,17 @@ def summarise(episode: Episode, tail: float = 0.05) -> dict[str, Any]:
     }
 
 
-def robot_rows(episode: Episode, tail: float = 0.05) -> list[dict[str, Any]]:
+def robot_rows(episode: Episode) -> list[dict[str, Any]]:
     """One row per robot; times in s, lengths in m.
 
     Ratios are to the free time and to the length of the first path; the time ratio of a
     robot that never arrived is inf, and both are about its first path only (a replaced path
     makes them meaningless).
     """
-    return [_robot_row(episode, log, tail) for log in episode.robots]
+    return [_robot_row(episode, log) for log in episode.robots]
 
 
-def _robot_row(episode: Episode, log: AgentLog, tail: float) -> dict[str, Any]:
+def _robot_row(episode: Episode, log: AgentLog) -> dict[str, Any]:
     path = log.paths[0][1]
     free = metrics.free_time(path, log.speed) if log.speed else float("inf")
     until = episode.times <= log.reached if log.reached == log.reached else episode.times >= 0
@@ -73,10 +74,10 @@ def _robot_row(episode: Episode, log: AgentLog, tail: float) -> dict[str, Any]:
         "deviation": metrics.lateral_deviation(log.positions[until], path),
         "clearance": min(others, default=float("inf")),
         "plans": len(log.plans),
-        "below_reference": _mean(_lowest_contents((log,)) < 1.0 - tail - 1e-6),
+        "below_reference": _share_below((log,)),
         "fallbacks": len(log.plans) - rungs.get(str(Rung.OPTIMAL), 0),
         **{f"rung_{rung.name.lower()}": rungs.get(str(rung), 0) for rung in Rung},
-        "violation": max((plan.violation for plan in log.plans), default=0.0),
+        "violation": _worst(plan.violation for plan in log.plans),
         "iterations": _mean(np.array([plan.iterations for plan in log.plans])),
         "named_forecasts": metrics.share_named(plan.fallbacks for plan in log.plans),
         "deadline_misses": metrics.deadline_misses(
@@ -113,13 +114,12 @@ def forecast_coverage(episode: Episode, tail: float) -> tuple[Array, Array, floa
     for log in episode.robots:
         for plan in log.plans:
             forecast = plan.forecast
-            # With obstacles left out the plan no longer names every forecast.
-            if forecast is None or len(plan.ids) != len(forecast.mean):
+            if forecast is None:
                 continue
             steps = np.arange(1, forecast.steps + 1, dtype=np.float64)
             times = plan.stamp + forecast.dt * steps
             heaviest = np.argmax(forecast.weight, axis=1)
-            for o, name in enumerate(plan.ids):
+            for o, name in enumerate(plan.tracked):
                 means.append(forecast.mean[o, heaviest[o]])
                 covariances.append(forecast.covariance[o, heaviest[o]])
                 truths.append(episode.at(episode.agent(name), times))
@@ -163,9 +163,15 @@ def passing(episode: Episode) -> dict[str, Any]:
     return {"first": first.name, "yields": second.name}
 
 
-def _lowest_contents(logs: tuple[AgentLog, ...]) -> Array:
-    contents = [plan.lowest_content for log in logs for plan in log.plans]
-    return np.array(contents, dtype=np.float64)
+def _share_below(logs: tuple[AgentLog, ...]) -> float:
+    """Share of plans below their reference level, among those that held a constraint."""
+    found = [plan.below_reference for log in logs for plan in log.plans]
+    return _mean([below for below in found if below is not None])
+
+
+def _worst(violations: Iterable[float]) -> float:
+    """Largest violation; plans that were held against nothing (nan) do not count."""
+    return max((value for value in violations if value == value), default=0.0)
 
 
 def _mean(values: Any) -> float:

@@ -35,6 +35,7 @@ def plan(stamp, positions, forecast=None, content=0.78, rung=Rung.OPTIMAL):
         stamp=stamp, dt=0.5, states=np.zeros((steps + 1, 5)), inputs=np.zeros((steps, 2)),
         positions=positions, reference=positions[1:] * np.array([1.0, 0.0]),
         auxiliaries=np.zeros((steps, count, 0)), level=np.ones((steps, count)),
+        target=np.ones((steps, count)),
         content=np.full((steps, count), content), ids=("other",) * count,
         status=Status.SOLVED, rung=rung, forecast=forecast,
     )  # fmt: skip

@@ -84,8 +84,6 @@ def test_crossing_point_and_passing_time():
 
 
 def test_shares_and_counts():
-    assert metrics.share_below([0.95, 0.949, np.nan, 0.95 - 1e-9], 0.95) == 0.25
-    assert np.isnan(metrics.share_below([], 0.95))
     assert metrics.tally(["brake", "optimal", "optimal"]) == {"brake": 1, "optimal": 2}
     assert metrics.share_named([(None, "too short"), (None, None), ()]) == 0.75
     assert np.isnan(metrics.share_named([()]))

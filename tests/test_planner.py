@@ -219,6 +219,9 @@ def test_what_does_not_fit_is_named() -> None:
     assert made.plan is not None
     assert len(made.plan.ids) == 5
     assert set(made.plan.left_out) == {"p05", "p06", "p07"}
+    assert made.plan.tracked == tuple(name for name, _, _ in crowd)
+    assert made.plan.forecast is not None
+    assert len(made.plan.forecast.mean) == 8
 
 
 def test_nothing_seen_is_the_plain_tracking_problem() -> None:
@@ -343,3 +346,140 @@ def test_an_exact_region_and_a_fixed_level_work_in_the_loop() -> None:
     assert plan.rung is Rung.OPTIMAL
     assert plan.auxiliaries.shape == (15, 1, 1)
     assert plan.content == pytest.approx(np.full((15, 1), 0.8))
+
+
+@dataclass(frozen=True)
+class Odd(Predictor):
+    """Returns something else than was asked for."""
+
+    how: str
+
+    def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
+        good = Kalman().predict(tracks, steps, scene)
+        first = [0]
+        if self.how == "fewer":
+            return Forecast(
+                good.mean[first], good.covariance[first], good.weight[first], good.dt, (None,)
+            )
+        if self.how == "steps":
+            short = good.covariance[:, :, :-1]
+            return replace(good, mean=good.mean[:, :, :-1], covariance=short, joint=None)
+        if self.how == "dt":
+            return replace(good, dt=2 * good.dt)
+        return None  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize("how", ["fewer", "steps", "dt", "nothing"])
+def test_a_forecast_that_was_not_asked_for_is_named(how: str) -> None:
+    made = planner(predictor=Odd(how))
+    made.command(at(0.0, 0.0, ("a", 9.0, 3.0), ("b", 4.0, 0.0)))
+    assert made.plan is not None
+    assert made.plan.rung is Rung.BRAKE
+    assert "Odd" in made.plan.reason
+    assert np.isnan(made.plan.violation)
+
+
+def test_a_clock_that_goes_back_does_not_raise() -> None:
+    made = planner()
+    approach(made)
+    for time in (1.0, 0.2, 0.7):
+        made.command(at(time, 0.0, ("other", 9.0, 0.8)))
+        assert made.plan is not None
+        assert np.isfinite(made.plan.inputs).all()
+        assert made.plan.ids == ("other",)
+    made.command(at(0.1, 0.0, ("other", 9.0, 0.8)))
+    assert "clock went back" in made.plan.reason
+
+
+def test_a_state_of_the_wrong_length_stops_the_robot() -> None:
+    made = planner()
+    command = made.command(Observation(0.0, np.zeros(3)))
+    assert made.plan is not None
+    assert "the state has 3 entries" in made.plan.reason
+    assert command.linear == (0.0, 0.0)
+
+
+def test_nothing_is_lost_of_what_is_seen() -> None:
+    made = planner()
+    twice = at(0.0, 0.0, ("b", 9.0, 3.0), ("b", 4.0, 0.0))
+    made.command(twice)
+    assert made.plan is not None
+    assert made.plan.ids == ("b", "b#2")
+    flying = Detection("bird", np.array([1.0, 2.0, 3.0]), np.eye(3), 0.1)
+    made.command(replace(at(0.5, 0.2, ("b", 9.0, 3.0)), detections=(flying, *twice.detections)))
+    assert "'bird' has 3 coordinates" in made.plan.reason
+    assert made.plan.rung is Rung.OPTIMAL
+    late = planner()
+    old = Detection("late", np.array([6.0, 0.5]), 1e-4 * np.eye(2), 0.5, age=5.0)
+    late.command(Observation(0.0, np.array([0.0, 0.0, 0.0, 0.5, 0.0]), (old,)))
+    assert late.plan is not None
+    assert late.plan.ids == ("late",)
+
+
+def test_what_was_seen_before_the_first_path_is_kept() -> None:
+    made = Planner(Unicycle(), MahalanobisEllipse(), Kalman(), Relaxed(), Fatrop())
+    for k in range(20):
+        made.remember(at(0.5 * k, 0.0, ("other", 15 - 0.2 * k, 1.0)))
+    made.set_path(STRAIGHT)
+    made.command(at(10.0, 0.0, ("other", 11.0, 1.0)))
+    assert made.plan is not None
+    assert made.plan.forecast is not None
+    assert made.plan.forecast.mean[0, 0, -1, 0] == pytest.approx(11.0 - 0.4 * 7.5, abs=0.3)
+
+
+def test_a_new_path_is_joined_where_the_robot_is() -> None:
+    made = planner()
+    made.command(at(0.0, 0.0))
+    made.command(at(0.5, 12.0))
+    made.set_path(Path(np.array([[0.0, 0.0], [30.0, 0.0]])))
+    made.command(at(1.0, 12.2))
+    assert made.plan is not None
+    assert made.plan.reference[0, 0] == pytest.approx(12.45)
+
+
+def test_a_loop_starts_at_its_start_and_a_hairpin_is_not_cut() -> None:
+    angle = np.linspace(0, 2 * np.pi, 60)
+    loop = planner()
+    loop.set_path(Path(np.stack([5 * np.sin(angle), 5 - 5 * np.cos(angle)], -1)))
+    loop.command(at(0.0, -0.02))
+    assert loop.plan is not None
+    assert loop.plan.reference[-1, 0] > 2.0
+    hairpin = planner()
+    hairpin.set_path(Path(np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 0.4], [0.0, 0.4]])))
+    for k in range(5):
+        hairpin.command(at(0.5 * k, 0.25 * k, y=0.1 * k))
+    assert hairpin.plan is not None
+    assert hairpin.plan.reference[0, 0] == pytest.approx(1.25, abs=0.05)
+    assert hairpin.plan.reference[0, 1] == 0.0
+
+
+def test_a_push_beyond_the_limits_is_no_reason_to_stop() -> None:
+    made = planner()
+    made.command(Observation(0.0, np.array([0.0, 0.0, 0.0, 0.75, 0.36])))
+    assert made.plan is not None
+    assert made.plan.rung is Rung.OPTIMAL
+    assert made.plan.states[0, 4] == 0.3
+
+
+def test_a_plan_tells_when_it_is_below_its_reference() -> None:
+    free = approach(planner(level=Relaxed(weight=1.0)), gap=7.0)
+    assert free.below_reference is True
+    far = planner()
+    far.command(at(0.0, 0.0, ("other", 50.0, 30.0)))
+    assert far.plan is not None
+    assert far.plan.below_reference is False
+    far.command(at(9.0, 0.0))
+    assert far.plan.below_reference is None
+    with pytest.raises(WideberthError, match=r"wanted at most 2\.448"):
+        planner(level=Relaxed(minimum=3.0))
+
+
+def test_a_feasible_plan_at_a_lower_level_is_not_thrown_away() -> None:
+    """The soft optimum may pay for a high level with slack; at the minimum it is feasible."""
+    made = planner(level=Relaxed(weight=1e6, minimum=0.0), penalty=10.0)
+    made.command(at(0.0, 0.0, ("other", 4.5, 0.6)))
+    assert made.plan is not None
+    if made.plan.rung is Rung.FEASIBLE:
+        assert made.plan.violation <= 1e-4
+        assert made.plan.level.max() < 2.44
+    assert made.plan.rung in (Rung.FEASIBLE, Rung.LEAST, Rung.BRAKE)

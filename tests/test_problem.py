@@ -8,12 +8,13 @@ import pytest
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.motion import Pose, Twist
 from wideberth.framework.mpc.assembly import Weights, assemble
-from wideberth.framework.mpc.instance import Obstacles, fill, lay_reference
+from wideberth.framework.mpc.instance import Obstacles, fill
 from wideberth.framework.mpc.ladder import with_auxiliaries
 from wideberth.framework.mpc.levels.base import LevelPolicy
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.problem import Parameters, Problem
+from wideberth.framework.mpc.reference import lay_reference
 from wideberth.framework.mpc.rollout import steer
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.mpc.solvers.ipopt import Ipopt

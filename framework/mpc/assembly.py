@@ -11,8 +11,9 @@ given:
 
 The paper runs dynamics and input bounds over i = 1..N, which leaves x_k out and u_k free;
 that cannot be meant, and we start both at 0. Its reference has x_r twice where the second
-must be y_r. Costs are written on pose, twist and acceleration, so that the weights mean
-the same for every robot; for the unicycle they are the paper's to the letter.
+must be y_r: read literally, the robot tracks y = x. Costs are written on pose, twist and
+acceleration, so that the weights mean the same for every robot; for the unicycle they are
+the paper's to the letter.
 """
 
 from dataclasses import dataclass

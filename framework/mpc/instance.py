@@ -6,10 +6,10 @@ import numpy as np
 
 from ..arrays import Array
 from ..forecast import Forecast, GaussianObstacle
-from ..path import Path
 from ..region import Region
 from .levels.base import LevelPolicy
 from .problem import Parameters
+from .reference import Reference
 
 CAPACITIES = (0, 1, 2, 5, 10, 20, 50, 100)
 """Slots that problems are compiled for: one obstacle in a problem made for 20 costs IPOPT
@@ -17,28 +17,6 @@ twice and fatrop three times the time."""
 
 LIGHT = 0.01
 """Forecast modes of less weight than this are left out, and named in the plan."""
-
-
-@dataclass(frozen=True, eq=False)
-class Reference:
-    """What the plan tracks, at steps 1..N: positions, unit tangents and speeds."""
-
-    position: Array
-    direction: Array
-    speed: Array
-
-
-def lay_reference(path: Path, start: float, speed: float, steps: int, dt: float) -> Reference:
-    """Lay the reference along the path from arc length ``start`` at a constant speed.
-
-    The paper gives "an ordered sequence of points" and a constant speed. Position i is the
-    path at start + i * speed * dt; at the end of the path it stays at the goal and the
-    reference speed drops to what is left to go, so that the robot stops there.
-    """
-    arcs = np.minimum(start + speed * dt * np.arange(steps + 1), path.length)
-    speeds = np.diff(arcs) / dt
-    middle = 0.5 * (arcs[1:] + arcs[:-1])
-    return Reference(path.at(arcs[1:]), path.direction(middle), speeds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +29,7 @@ class Obstacles:
     radius : (O,), m.
     ids : (O,) names; modes of one obstacle share a name.
     left_out : names that did not fit, or whose mode is too unlikely.
+    tracked : names of all obstacles of the forecast, in its order.
     """
 
     mean: Array
@@ -58,6 +37,13 @@ class Obstacles:
     radius: Array
     ids: tuple[str, ...]
     left_out: tuple[str, ...] = ()
+    tracked: tuple[str, ...] = ()
+
+    @classmethod
+    def none(cls, steps: int, dimension: int) -> "Obstacles":
+        """No disc at all."""
+        mean = np.zeros((steps, 0, dimension))
+        return cls(mean, np.zeros((steps, 0, dimension, dimension)), np.zeros(0), ())
 
     def __len__(self) -> int:
         """Count the discs."""
@@ -73,20 +59,22 @@ def choose_obstacles(
     ----------
     forecast : on the plan's grid, N steps.
     ids, radius : of its obstacles.
-    route : (N, D), m, positions that the robot is likely to take.
+    route : (R, N, D), m, places where the robot may be at each step (the reference, and
+        where it is now).
     most : how many discs the problem can hold.
     """
     owner, mode = np.nonzero(forecast.weight >= LIGHT)
     unlikely = [ids[o] for o in np.nonzero(forecast.weight < LIGHT)[0]]
     mean = forecast.mean[owner, mode].swapaxes(0, 1)
     covariance = forecast.covariance[owner, mode].swapaxes(0, 1)
-    clearance = np.linalg.norm(mean - route[:, None], axis=2).min(axis=0) - radius[owner]
+    apart = np.linalg.norm(mean[None] - route[:, :, None], axis=3)
+    clearance = apart.min(axis=(0, 1)) - radius[owner]
     nearest = np.sort(np.argsort(clearance, kind="stable")[:most])
     far = sorted(set(range(len(owner))) - set(nearest.tolist()))
     left_out = tuple(unlikely + [ids[owner[i]] for i in far])
     kept = tuple(ids[owner[i]] for i in nearest)
     return Obstacles(
-        mean[:, nearest], covariance[:, nearest], radius[owner[nearest]], kept, left_out
+        mean[:, nearest], covariance[:, nearest], radius[owner[nearest]], kept, left_out, ids
     )
 
 

@@ -97,31 +97,11 @@ class Ladder:
             cost=best.solution.cost if best.solution else float("nan"),
         )
 
-    def stop(self, reason: str) -> Plan:
-        """Brake without looking: something failed before there was a problem to solve."""
-        size = self.robot.dimension
-        states, inputs = brake(self.robot, self.start, self.horizon, self.dt)
-        positions = self._positions(states)
-        none = np.zeros((self.horizon, 0))
-        return Plan(
-            self.stamp,
-            self.dt,
-            states,
-            inputs,
-            positions,
-            np.broadcast_to(positions[0], (self.horizon, size)),
-            none[..., None],
-            none,
-            none,
-            (),
-            Status.NOT_RUN,
-            Rung.BRAKE,
-            reason,
-        )
-
     def _assess(self, problem: Problem, parameters: Parameters, solution: Solution) -> Candidate:
         """Re-check a solution; one that did not converge is first made drivable."""
         point = solution.point
+        if problem.shared:  # the last iterate of a solver may lie below the bound
+            point = replace(point, level=max(point.level, problem.minimum))
         if solution.status is not Status.SOLVED:
             inputs = clip(self.robot, point.inputs)
             states = follow(self.robot, self.start, inputs, self.dt)
@@ -138,8 +118,24 @@ class Ladder:
     def _fall_back(
         self, problem: Problem, parameters: Parameters, solved: Sequence[Candidate]
     ) -> Candidate:
-        """Shifted last plan, else the least violation of what is drivable."""
-        candidates = [one for one in solved if one.found.motion.max() <= TOLERANCE]
+        """Shifted last plan, else the least violation of what is drivable.
+
+        All are held against the lowest level that the policy allows; a solution that keeps
+        it is feasible after all.
+        """
+        candidates = [
+            replace(
+                self._lowest(problem, parameters, one.point.states, one.point.inputs, one.rung),
+                solution=one.solution,
+            )
+            for one in solved
+            if one.found.motion.max() <= TOLERANCE
+        ]
+        kept = [
+            replace(one, rung=Rung.FEASIBLE) for one in candidates if one.found.worst <= TOLERANCE
+        ]
+        if kept:
+            return kept[0]
         if self.inputs is not None:
             states = follow(self.robot, self.start, self.inputs, self.dt)
             shifted = self._lowest(problem, parameters, states, self.inputs, Rung.SHIFTED)
@@ -148,7 +144,24 @@ class Ladder:
         states, inputs = brake(self.robot, self.start, self.horizon, self.dt)
         stop = self._lowest(problem, parameters, states, inputs, Rung.BRAKE)
         least = min(candidates, key=lambda one: one.found.total, default=stop)
+        touching = self._contact(problem, parameters, least.point)
+        if touching > self._contact(problem, parameters, stop.point) + TOLERANCE:
+            return stop
         return least if least.found.total < stop.found.total else stop
+
+    def _contact(self, problem: Problem, parameters: Parameters, point: Guess) -> float:
+        """Return how deep the bodies overlap by the forecast's means, before a stop ends.
+
+        Level 0 leaves the margin alone. The window is the time that braking takes and one
+        step more: what lies beyond can still be braked for when the next plan is made.
+        """
+        bare = replace(parameters, level=np.zeros_like(parameters.level))
+        level = 0.0 if problem.shared else float("nan")
+        touched = with_auxiliaries(self.robot, self.region, bare, replace(point, level=level))
+        depth = violation(problem, bare, touched).regions
+        states, _ = brake(self.robot, self.start, self.horizon, self.dt)
+        moving = np.abs(states - states[-1]).max(axis=1) > 1e-3
+        return float(depth[: int(moving.sum()) + 1].max(initial=0.0))
 
     def _lowest(
         self, problem: Problem, parameters: Parameters, states: Array, inputs: Array, rung: Rung
@@ -166,7 +179,7 @@ class Ladder:
         ]
         if solved and solved[0].found.worst > TOLERANCE:
             words.append(f"its plan: {solved[0].found.where(obstacles.ids)}")
-        if best.found.worst > TOLERANCE and best not in solved[:1]:
+        if best.found.worst > TOLERANCE and best.rung is not Rung.LEAST:
             words.append(f"{best.rung} taken: {best.found.where(obstacles.ids)}")
         return "; ".join(words)
 
@@ -176,7 +189,7 @@ class Ladder:
         used = len(obstacles)
         point = best.point
         level = parameters.level[:, :used]
-        if not np.isnan(point.level):
+        if not np.isnan(point.level):  # one level for all
             level = np.full_like(level, point.level)
         return Plan(
             stamp=self.stamp,
@@ -187,6 +200,7 @@ class Ladder:
             reference=parameters.reference,
             auxiliaries=point.auxiliaries[:, :used],
             level=level,
+            target=parameters.level[:, :used],
             content=content(self.region, level, self.robot.dimension),
             ids=obstacles.ids,
             status=Status.NOT_RUN,
@@ -194,6 +208,7 @@ class Ladder:
             reason=reason,
             violation=best.found.worst,
             left_out=obstacles.left_out,
+            tracked=obstacles.tracked,
         )
 
     def _positions(self, states: Array) -> Array:

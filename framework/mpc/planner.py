@@ -1,5 +1,6 @@
 """The planner: predictor, region, robot and MPC behind the Controller interface."""
 
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import final
 
@@ -8,28 +9,23 @@ import numpy as np
 from ..arrays import Array, positive, whole
 from ..controller import Controller
 from ..errors import WideberthError
-from ..forecast import Forecast, Scene, resample
-from ..history import History
+from ..forecast import Forecast
 from ..motion import Command, Detection, Observation
 from ..path import Path
 from ..plan import Plan
-from ..predictor import Adaptive, Predictor
+from ..predictor import Predictor
 from ..region import Region
 from ..robot import Robot, start_state
-from ..tracks import Tracks
+from ..smoother import VelocitySmoother
 from .assembly import Weights, assemble
-from .instance import (
-    CAPACITIES,
-    Obstacles,
-    Reference,
-    choose_obstacles,
-    fill,
-    lay_reference,
-)
+from .emergency import aim, emergency
+from .instance import CAPACITIES, Obstacles, choose_obstacles, fill
 from .ladder import Ladder, with_auxiliaries
 from .levels.base import LevelPolicy
+from .perception import Perception
 from .problem import Problem
-from .rollout import SWEEPS, follow, shift, steer, sweep
+from .reference import Progress, Reference, lay_reference
+from .rollout import SWEEPS, carry, follow, shift, steer, sweep
 from .solvers.base import Solver
 from .transcription import Guess
 
@@ -54,12 +50,13 @@ class Planner(Controller):
     reference_speed : m/s along the path; the paper's 0.5.
     weights : of the cost; the paper's.
     penalty : price of one unit of slack on soft regions; None for hard ones, the paper's.
-    deadline : s for one solve; None leaves the limit to iteration counts, which is
+    deadline : s for the solves of one call; None leaves the limit to iteration counts, which is
         reproducible. The paper's is 0.45.
     latency : s between observation and the moment the command takes effect; the plan
         starts where the robot will be by then. 0 is the paper's.
     track_dt : s between the samples that the predictor sees.
     history : how many of those samples are kept.
+    forget : s after which an obstacle that is no longer reported is dropped.
     most_obstacles : capacity; the nearest are kept, the others named in the plan.
     margin : m, added to r + r_d; 0 is the paper's. The regions hold at the steps alone:
         between two of them, a straight pass at relative speed w comes closer by up to
@@ -88,6 +85,7 @@ class Planner(Controller):
     latency: float = 0.0
     track_dt: float = 0.5
     history: int = 80
+    forget: float = 3.0
     most_obstacles: int = 20
     margin: float = 0.0
     starts: tuple[str, ...] = ()
@@ -100,7 +98,7 @@ class Planner(Controller):
             raise WideberthError(
                 f"planner.most_obstacles is {self.most_obstacles}; wanted at most {CAPACITIES[-1]}"
             )
-        for name in ("dt", "period", "reference_speed", "track_dt"):
+        for name in ("dt", "period", "reference_speed", "track_dt", "forget"):
             positive(f"planner.{name}", getattr(self, name))
         for name in ("latency", "margin"):
             positive(f"planner.{name}", getattr(self, name), zero=True)
@@ -115,18 +113,25 @@ class Planner(Controller):
                 f"the robot moves in {self.robot.dimension} dimensions; the region "
                 f"{type(self.region).__name__} is made for {self.region.dimensions}"
             )
-        self._path: Path | None = None
+        self.level.reference(self.region, 1, 1, self.robot.dimension)
+        self._progress: Progress | None = None
         self._problems: dict[int, Problem] = {}
         self.reset()
 
     def reset(self) -> None:
         """Forget obstacles, plan and progress; the path stays."""
-        self._history = History(
-            self.track_dt, self.history, forget=4 * self.track_dt, gap=2.5 * self.track_dt
+        self._perception = Perception(
+            self.predictor,
+            self.robot.dimension,
+            self.track_dt,
+            self.history,
+            self.period,
+            self.forget,
         )
-        self._seen: Predictor = self.predictor
         self._plan: Plan | None = None
-        self._progress = 0.0
+        self._smoother: VelocitySmoother | None = None
+        if self._progress is not None:
+            self._progress = Progress(self._progress.path)
 
     def set_path(self, path: Path) -> None:
         """Follow this path from now on."""
@@ -135,7 +140,7 @@ class Planner(Controller):
                 f"the path has {path.points.shape[1]} columns; the robot moves in "
                 f"{self.robot.dimension} dimensions"
             )
-        self._path, self._progress = path, 0.0
+        self._progress = Progress(path)
         if not self._problems:
             self._warm_up(path)
 
@@ -146,45 +151,63 @@ class Planner(Controller):
 
     def remember(self, observation: Observation) -> None:
         """Take note of what is seen without planning."""
-        self._history.add(observation.stamp, observation.detections)
+        self._perception.take(observation)
 
     def command(self, observation: Observation) -> Command:
         """Plan from this observation; never raises.
 
-        Whatever a plug-in throws ends in a braking plan whose reason names it.
+        Whatever a plug-in throws ends in a braking plan whose reason names it, and where
+        even braking cannot be planned, in the command to stand still.
         """
         try:
             self.remember(observation)
             self._plan = self._decide(observation)
+            command = aim(self.robot, self._plan)
         except Exception as error:
             reason = f"{type(error).__name__}: {error}"
-            self._plan = self._ladder(observation).stop(reason)
-        return self._aim(self._plan)
+            size = len(self.robot.states), len(self.robot.inputs), self.robot.dimension
+            self._plan, command = emergency(
+                self.robot, observation, reason, self.horizon, self.dt, size
+            )
+        since = observation.stamp + self.latency
+        before = self._smoother or VelocitySmoother.at_rest(command.twist, since)
+        self._smoother = before.aim(command, since)
+        return command
 
     def _warm_up(self, path: Path) -> None:
-        """Import and compile everything before the first decision, which has to be quick.
+        """Import and compile before the first decision, which has to be quick.
 
-        One obstacle stands far beside the start. What goes wrong here goes wrong again in
-        `command`, which turns it into a reason.
+        A twin of this planner, which shares its compiled problems, meets one obstacle far
+        off. (Problems with more obstacles are compiled when they are first met.) What goes
+        wrong here goes wrong again in `command`, which turns it into a reason.
         """
-        direction = path.direction(np.zeros(1))[0]
-        state = start_state(self.robot, path.points[0], direction, self.reference_speed)
-        beside = path.points[0] + 100.0 * np.roll(direction, 1)
-        size = self.robot.dimension
-        detection = Detection("warm-up", beside, 1e-4 * np.eye(size), 0.5)
-        for tick in range(2):
-            stamp = self.period * tick
-            self.command(Observation(stamp, np.array(state[0], dtype=float), (detection,)))
-        self.reset()
+        twin = replace(self)
+        twin._progress, twin._problems = Progress(path), self._problems
+        with suppress(Exception):  # a plug-in that raises here is named by `command`
+            direction = path.direction(np.zeros(1))[0]
+            state = start_state(self.robot, path.points[0], direction, self.reference_speed)
+            size = self.robot.dimension
+            far = path.points[0] - 100.0 * direction
+            detection = Detection("warm-up", far, 1e-4 * np.eye(size), 0.5)
+            for tick in range(2):
+                seen = Observation(self.period * tick, np.array(state[0], float), (detection,))
+                twin.command(seen)
 
     def _decide(self, observation: Observation) -> Plan:
         """Forecast, build the instance, solve, and choose a rung."""
-        if self._path is None:
+        if self._progress is None:
             raise WideberthError("no path is set: call set_path before command")
+        if len(observation.state) != len(self.robot.states):
+            raise WideberthError(
+                f"the state has {len(observation.state)} entries; this robot has "
+                f"{[quantity.name for quantity in self.robot.states]}"
+            )
         ladder = self._ladder(observation)
-        reference = self._reference(self._path, ladder.start)
-        tracks = self._history.tracks()
-        obstacles, forecast = self._forecast(observation, tracks, reference)
+        arc = self._progress.update(self._place(ladder.start))
+        reference = lay_reference(
+            self._progress.path, arc, self.reference_speed, self.horizon, self.dt
+        )
+        obstacles, forecast = self._forecast(observation, ladder, reference)
         capacity = next(size for size in CAPACITIES if size >= len(obstacles))
         radius = self.robot.radius + self.margin
         parameters = fill(
@@ -196,53 +219,46 @@ class Planner(Controller):
             for guess in self._guesses(ladder)
         ]
         pull = replace(parameters, auxiliaries=guesses[0].auxiliaries)
-        solutions = self.solver.solve(problem, pull, guesses, self.deadline)
-        return ladder.choose(problem, pull, solutions, obstacles, forecast)
+        cap = None if self.deadline is None else self.deadline / len(guesses)
+        solutions = self.solver.solve(problem, pull, guesses, cap)
+        plan = ladder.choose(problem, pull, solutions, obstacles, forecast)
+        notes = "; ".join(self._perception.notes)
+        self._perception.notes.clear()
+        return replace(plan, reason="; ".join(filter(None, (plan.reason, notes))))
 
     def _ladder(self, observation: Observation) -> Ladder:
-        """Where the plan starts, and what is left of the last one."""
-        start = observation.state
-        last = self._plan
-        if self.latency and last is not None:
-            held = self._aim(last).twist
-            start = steer(self.robot, start, held, 1, self.latency)[0][-1]
-        stamp = observation.stamp + self.latency
+        """Where the plan starts, and what is left of the last one.
+
+        A state slightly beyond its limits (noise, a push) is taken as on them: otherwise no
+        plan would be feasible, and the robot would stop for it.
+        """
+        start, stamp = observation.state, observation.stamp + self.latency
+        if self.latency:
+            start = carry(self.robot, start, self._smoother, observation.stamp, self.latency)
+        bounds = self.robot.state_bounds()
+        start = np.clip(start, np.asarray(bounds.lower), np.asarray(bounds.upper))
         inputs = None
-        if last is not None:
-            inputs = shift(last.inputs, (stamp - last.stamp) / last.dt)
+        if self._plan is not None and stamp >= self._plan.stamp:
+            inputs = shift(self._plan.inputs, (stamp - self._plan.stamp) / self._plan.dt)
         return Ladder(
             self.robot, self.region, self.level, stamp, self.dt, self.horizon, start, inputs
         )
 
-    def _reference(self, path: Path, start: Array) -> Reference:
-        """Lay the reference from the path's nearest point, searched near the last one."""
-        place = np.array(self.robot.pose(tuple(start)).position, dtype=np.float64)
-        reach = self.reference_speed * self.dt * self.horizon
-        window = np.inf if self._plan is None else 2 * reach
-        begin = max(self._progress - 0.25 * reach, 0.0)
-        self._progress = path.project(place, start=begin, window=window)
-        return lay_reference(path, self._progress, self.reference_speed, self.horizon, self.dt)
+    def _place(self, state: Array) -> Array:
+        return np.array(self.robot.pose(tuple(state)).position, dtype=np.float64)
 
     def _forecast(
-        self, observation: Observation, tracks: Tracks | None, reference: Reference
+        self, observation: Observation, ladder: Ladder, reference: Reference
     ) -> tuple[Obstacles, Forecast | None]:
-        """Ask the predictor, and carry its forecast onto the plan's grid."""
-        size = self.robot.dimension
-        if tracks is None:
-            none = np.zeros((self.horizon, 0, size))
-            return Obstacles(none, none[..., None] * np.ones(size), np.zeros(0), ()), None
-        if isinstance(self._seen, Adaptive):
-            self._seen = self._seen.update(tracks)
-        lead = observation.stamp + self.latency - tracks.stamp
-        times = lead + self.dt * np.arange(1, self.horizon + 1, dtype=np.float64)
-        steps = max(int(np.ceil(times[-1] / self.track_dt - 1e-9)), 1)
+        """Ask for a forecast on the plan's grid and choose the obstacles that fit."""
+        grid = self.dt * np.arange(1, self.horizon + 1, dtype=np.float64)
         plan = None if self._plan is None else self._plan.positions[1:]
-        scene = Scene(observation.state, plan, None, observation.truth)
-        forecast = self._seen.predict(tracks, steps, scene)
-        newest = tracks.positions[:, -1]
-        newest = np.where(np.isnan(newest), forecast.mean[:, 0, 0], newest)
-        forecast = resample(forecast, newest, tracks.noise, times)
-        route = reference.position
+        found = self._perception.forecast(observation, ladder.stamp, grid, plan)
+        if found is None:
+            return Obstacles.none(self.horizon, self.robot.dimension), None
+        tracks, forecast = found
+        here = self._place(ladder.start)
+        route = np.stack([reference.position, np.broadcast_to(here, reference.position.shape)])
         most = self.most_obstacles
         return choose_obstacles(forecast, tracks.ids, tracks.radius, route, most), forecast
 
@@ -272,15 +288,3 @@ class Planner(Controller):
             twist = sweep(self.robot, start, name, self.reference_speed)
             points.append(steer(self.robot, start, twist, self.horizon, self.dt))
         return [ladder.guess(states, inputs) for states, inputs in points]
-
-    def _aim(self, plan: Plan) -> Command:
-        """Aim at the twist of step k + 1, over one MPC step, for the paper's smoother.
-
-        A robot whose input is the velocity itself takes it at once.
-        """
-        state, control = tuple(plan.states[1]), tuple(plan.inputs[0])
-        twist = self.robot.twist(state, control)
-        other = self.robot.twist(state, tuple(value + 1.0 for value in control))
-        direct = twist.linear != other.linear or twist.angular != other.angular
-        linear = tuple(float(value) for value in twist.linear)
-        return Command(linear, float(twist.angular), 0.0 if direct else plan.dt)

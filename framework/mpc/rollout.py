@@ -6,6 +6,7 @@ from ..arrays import Array
 from ..integration import step
 from ..motion import Twist
 from ..robot import Robot
+from ..smoother import VelocitySmoother
 
 SWEEPS = ("coast", "left", "right", "wait")
 """Names of the twists that a starting point may hold, see `sweep`."""
@@ -47,11 +48,28 @@ def shift(inputs: Array, share: float) -> Array:
     A share that is no whole number averages the two inputs that each new step covers.
     """
     padded = np.concatenate([inputs, np.zeros_like(inputs), np.zeros_like(inputs[:1])])
-    whole = min(int(share + 1e-9), len(inputs))
+    whole = max(min(int(share + 1e-9), len(inputs)), 0)
     part = min(max(share - whole, 0.0), 1.0)
     here = padded[whole : whole + len(inputs)]
     after = padded[whole + 1 : whole + 1 + len(inputs)]
     return np.asarray((1 - part) * here + part * after)
+
+
+def carry(
+    robot: Robot, state: Array, smoother: VelocitySmoother | None, time: float, duration: float
+) -> Array:
+    """Return where the robot will be ``duration`` s after ``time``, on its way to the command.
+
+    It follows the smoother's ramp in steps of at most 0.05 s; without one it keeps its twist.
+    """
+    steps = max(int(np.ceil(duration / 0.05 - 1e-9)), 1)
+    held = sweep(robot, state, "coast", 0.0)
+    moved = tuple(float(value) for value in state)
+    for i in range(steps):
+        then = time + (i + 1) * duration / steps
+        twist = held if smoother is None else smoother.at(then)
+        moved = step(robot, moved, robot.drive(moved, twist, duration / steps), duration / steps)
+    return np.array(moved, dtype=np.float64)
 
 
 def sweep(robot: Robot, start: Array, name: str, speed: float) -> Twist:

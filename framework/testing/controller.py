@@ -23,7 +23,8 @@ def check_controller(
 
     `command` never raises and always returns finite numbers: before there is a path, with
     nobody around, with obstacles that come, go, stand in the way or on the robot itself,
-    with far too many of them, after the clock has jumped, and when the path is replaced.
+    with far too many of them, after the clock has jumped ahead or back, with one identity
+    seen twice, with a state of the wrong length, and when the path is replaced.
     `remember` leaves the plan alone. After `reset` the same observations give the same
     commands again.
 
@@ -81,6 +82,9 @@ def _check_strange(controller: Controller, robot: Robot) -> None:
         stamp += controller.period
         _asked(controller, robot, _seen(robot, stamp, detections))
     _asked(controller, robot, _seen(robot, stamp + 1000.0, near))
+    _asked(controller, robot, _seen(robot, stamp, near))
+    _asked(controller, robot, _seen(robot, stamp, [*near, *here, *near]))
+    _asked(controller, robot, Observation(stamp, np.zeros(len(robot.states) + 1)))
     controller.set_path(_line(robot, -10.0))
     _asked(controller, robot, _seen(robot, stamp + 1000.0 + controller.period, near))
 

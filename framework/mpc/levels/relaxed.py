@@ -42,4 +42,10 @@ class Relaxed(LevelPolicy):
 
     def reference(self, region: Region, steps: int, obstacles: int, dimension: int) -> Array:
         """Levels aimed at, (steps, obstacles)."""
-        return uniform(region, self.tail, steps, obstacles, dimension)
+        target = uniform(region, self.tail, steps, obstacles, dimension)
+        if target.size and self.minimum > target.min():
+            raise WideberthError(
+                f"level.minimum is {self.minimum:g}; wanted at most {target.min():.4g}, the "
+                f"level of {type(region).__name__} for the tail {self.tail:g}"
+            )
+        return target

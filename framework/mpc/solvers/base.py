@@ -85,7 +85,8 @@ def compiled(
         _CACHE.move_to_end(key)
         return _CACHE[key]
     form = Transcription(problem, staged=staged, symbol=ca.MX if matrix else ca.SX)
-    settings = {"print_time": False, "error_on_fail": False, "calc_lam_p": False, **options}
+    quiet = {"print_time": False, "error_on_fail": False, "show_eval_warnings": False}
+    settings = {**quiet, "calc_lam_p": False, **options}
     if name == "fatrop":
         settings |= _structure(form)
     _CACHE[key] = Compiled(form, ca.nlpsol("solver", name, form.nlp(), settings))

@@ -1,0 +1,78 @@
+"""What to do when there is no plan to choose from, and what to command of one."""
+
+import numpy as np
+
+from ..arrays import Array
+from ..motion import Command, Observation
+from ..plan import Plan, Rung, Status
+from ..robot import Robot
+from .rollout import brake
+
+
+def aim(robot: Robot, plan: Plan) -> Command:
+    """Aim at the twist of step k + 1, over one MPC step, for the paper's smoother.
+
+    A robot whose input is the velocity itself takes it at once.
+    """
+    state, control = tuple(plan.states[1]), tuple(plan.inputs[0])
+    twist = robot.twist(state, control)
+    other = robot.twist(state, tuple(value + 1.0 for value in control))
+    direct = twist.linear != other.linear or twist.angular != other.angular
+    linear = tuple(float(value) for value in twist.linear)
+    return Command(linear, float(twist.angular), 0.0 if direct else plan.dt)
+
+
+def emergency(
+    robot: Robot,
+    observation: Observation,
+    reason: str,
+    horizon: int,
+    dt: float,
+    size: tuple[int, int, int],
+) -> tuple[Plan, Command]:
+    """Brake without looking; where even that fails, command zero velocity at once.
+
+    Parameters
+    ----------
+    size : number of states, inputs and coordinates, for the plan that stands still.
+    """
+    try:
+        states, inputs = brake(robot, observation.state, horizon, dt)
+        positions = np.stack(robot.pose(tuple(states.T)).position, axis=-1)
+        plan = _unchecked(observation, reason, states, inputs, positions, dt)
+        return plan, aim(robot, plan)
+    except Exception as error:
+        reason = f"{reason}; braking: {type(error).__name__}: {error}"
+        states = np.zeros((horizon + 1, size[0]))
+        inputs, positions = np.zeros((horizon, size[1])), np.zeros((horizon + 1, size[2]))
+        plan = _unchecked(observation, reason, states, inputs, positions, dt)
+        return plan, Command((0.0,) * size[2])
+
+
+def _unchecked(
+    observation: Observation,
+    reason: str,
+    states: Array,
+    inputs: Array,
+    positions: Array,
+    dt: float,
+) -> Plan:
+    """Wrap a trajectory that was held against nothing; its violation is not known."""
+    none = np.zeros((len(inputs), 0))
+    return Plan(
+        stamp=observation.stamp,
+        dt=dt,
+        states=states,
+        inputs=inputs,
+        positions=positions,
+        reference=np.broadcast_to(positions[0], positions[1:].shape),
+        auxiliaries=none[..., None],
+        level=none,
+        target=none,
+        content=none,
+        ids=(),
+        status=Status.NOT_RUN,
+        rung=Rung.BRAKE,
+        reason=reason,
+        violation=float("nan"),
+    )

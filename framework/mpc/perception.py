@@ -1,0 +1,103 @@
+"""From what is seen to a forecast on the plan's grid."""
+
+import numpy as np
+
+from ..arrays import Array
+from ..errors import WideberthError
+from ..forecast import Forecast, Scene, resample
+from ..history import History
+from ..motion import Observation
+from ..predictor import Adaptive, Predictor
+from ..tracks import Tracks
+
+
+class Perception:
+    """Remembers detections and asks the predictor; what it had to drop stands in `notes`.
+
+    Parameters
+    ----------
+    predictor : as configured; the adapted copy is kept inside.
+    dimension : D of the robot; detections of another dimension are dropped.
+    dt : s between the samples of the tracks.
+    samples : their number.
+    period : s between observations.
+    forget : s after which an obstacle that is no longer reported is dropped.
+    """
+
+    def __init__(
+        self,
+        predictor: Predictor,
+        dimension: int,
+        dt: float,
+        samples: int,
+        period: float,
+        forget: float,
+    ) -> None:
+        self._predictor = predictor
+        self._dimension, self._dt = dimension, dt
+        gap = 2.5 * max(dt, period)
+        self._sizes = (dt, samples, forget, gap)
+        self._history = History(*self._sizes)
+        self._stamp = -np.inf
+        self.notes: list[str] = []
+
+    def take(self, observation: Observation) -> None:
+        """Take note of what is seen.
+
+        A clock that goes back starts the history anew: measurements from the future would
+        neither be forgotten nor replaced.
+        """
+        if observation.stamp < self._stamp:
+            self.notes.append(f"clock went back by {self._stamp - observation.stamp:.3g} s")
+            self._history = History(*self._sizes)
+        self._stamp = observation.stamp
+        fitting = [d for d in observation.detections if len(d.position) == self._dimension]
+        for detection in observation.detections:
+            if len(detection.position) != self._dimension:
+                self.notes.append(f"{detection.ident!r} has {len(detection.position)} coordinates")
+        self._history.add(observation.stamp, tuple(fitting))
+
+    def forecast(
+        self, observation: Observation, first: float, grid: Array, plan: Array | None
+    ) -> tuple[Tracks, Forecast] | None:
+        """Forecast all obstacles, or return None when none is known.
+
+        Parameters
+        ----------
+        observation : what was seen now.
+        first : s, time of the plan's first state.
+        grid : (N,), s after ``first`` of the plan's steps.
+        plan : (N, D), m, the robot's current plan, for predictors that look at it.
+
+        Raises
+        ------
+        WideberthError : the predictor returned something else than was asked for.
+        """
+        tracks = self._history.tracks()
+        if tracks is None:
+            return None
+        if isinstance(self._predictor, Adaptive):
+            self._predictor = self._predictor.update(tracks)
+        times = first - tracks.stamp + grid
+        steps = max(int(np.ceil(times[-1] / self._dt - 1e-9)), 1)
+        scene = Scene(observation.state, plan, None, observation.truth)
+        forecast = self._predictor.predict(tracks, steps, scene)
+        self._check(forecast, tracks, steps)
+        newest = tracks.positions[:, -1]
+        newest = np.where(np.isnan(newest), forecast.mean[:, 0, 0], newest)
+        return tracks, resample(forecast, newest, tracks.noise, times)
+
+    def _check(self, forecast: Forecast, tracks: Tracks, steps: int) -> None:
+        name = type(self._predictor).__name__
+        if not isinstance(forecast, Forecast):
+            raise WideberthError(f"{name}.predict returned {type(forecast).__name__}")
+        shape = forecast.mean.shape
+        if (shape[0], *shape[2:]) != (len(tracks), steps, tracks.dimension):
+            raise WideberthError(
+                f"{name} forecast {shape[0]} obstacles, {shape[2]} steps, {shape[3]} coordinates; "
+                f"asked for {len(tracks)}, {steps}, {tracks.dimension}"
+            )
+        if abs(forecast.dt - tracks.dt) > 1e-9:
+            raise WideberthError(
+                f"{name} forecast steps of {forecast.dt} s; asked for {tracks.dt} s"
+            )
