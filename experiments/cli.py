@@ -11,7 +11,7 @@ import typer
 from wideberth.framework.errors import WideberthError
 
 if TYPE_CHECKING:
-    from .base import Experiment
+    from .base import Experiment, Row
 
 app = typer.Typer(
     help="Robot motion planning around moving obstacles with uncertain futures.",
@@ -71,19 +71,34 @@ def _run(
 
 
 def _show(folder: Path) -> None:
-    """Print claim, summary table and every file of a result."""
+    """Print claim, tables and every file of a result."""
+    from wideberth.framework.io import read_table
+
+    from .runner import reopen, written
+    from .timing import condense_times
+
+    experiment, result = reopen(folder)
+    typer.secho(experiment.claim, bold=True)
+    _print(read_table(folder / "summary.csv"))
+    times = condense_times(result.times)
+    if times:
+        typer.echo("Calls of the controller, as measured here:")
+        _print(times)
+    typer.echo("Files:")
+    for path in written(folder):
+        typer.echo(f"  {path}")
+
+
+def _print(rows: "list[Row]") -> None:
+    """Print a table, on its side where many quantities stand against few rows."""
     from rich.console import Console
     from rich.table import Table
 
-    from wideberth.framework.io import read_table
+    from .runner import shown
 
-    from .runner import reopen, shown, written
-
-    experiment, _ = reopen(folder)
-    rows = read_table(folder / "summary.csv")
     lines = [[name, *(shown(row[name]) for row in rows)] for name in (rows[0] if rows else ())]
     upright = len(rows) > 4 or len(lines) <= 8
-    if upright:  # otherwise a line per quantity: many of them would not fit beside each other
+    if upright:
         lines = [list(column) for column in zip(*lines, strict=True)]
     head, *body = lines or [[]]
     table = Table()
@@ -91,13 +106,9 @@ def _show(folder: Path) -> None:
         table.add_column(name.replace("_", " ") if upright else name)
     for line in body:
         table.add_row(*line)
-    typer.secho(experiment.claim, bold=True)
     console = Console()
     # in a file or a pipe the table keeps its full width instead of being cut to 80 columns
     console.print(table, width=None if console.is_terminal else max(console.width, 200))
-    typer.echo("Files:")
-    for path in written(folder):
-        typer.echo(f"  {path}")
 
 
 @app.command()

@@ -12,6 +12,7 @@ from wideberth.experiments.dynamic_matters import DynamicMatters
 from wideberth.experiments.encounter import Encounter
 from wideberth.experiments.runner import draw, run
 from wideberth.experiments.shipped import read_experiment
+from wideberth.experiments.timing import condense_times
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.mpc.planner import Planner
 from wideberth.framework.testing import check_controller
@@ -113,3 +114,23 @@ def test_settings_that_make_no_experiment_are_refused(encounter: Encounter) -> N
     assert isinstance(conservativeness, Conservativeness)
     with pytest.raises(WideberthError, match="one must be named 'oracle'"):
         replace(conservativeness, predictors={})
+
+
+def test_times_are_condensed_over_robots_and_seeds() -> None:
+    row = {"scenario": "run", "planner": "a", "seed": 0, "robot": "left"}
+    times = [
+        {**row, "median": 0.004, "p95": 0.01, "p99": 0.02, "max": 0.03},
+        {**row, "robot": "right", "median": 0.006, "p95": 0.02, "p99": 0.02, "max": 0.02},
+        {**row, "planner": "b", "median": 0.001, "p95": 0.002, "p99": 0.003, "max": 0.004},
+    ]
+    first, second = condense_times(times)
+    assert first == {
+        "planner": "a",
+        "median ms": pytest.approx(5.0),
+        "p95 ms": pytest.approx(20.0),
+        "p99 ms": pytest.approx(20.0),
+        "max ms": pytest.approx(30.0),
+    }
+    assert second["planner"] == "b"
+    assert condense_times([]) == []
+    assert condense_times([{"seconds": 1.0}]) == []
