@@ -9,6 +9,7 @@ import numpy as np
 from ..framework.arrays import Array
 from ..framework.errors import WideberthError
 from ..framework.motion import Command, Observation
+from ..framework.mpc.emergency import aim
 from ..framework.path import Path
 from ..framework.plan import Plan
 from ..framework.robot import start_state
@@ -118,6 +119,16 @@ class Driver:
                 f"wanted {size} finite linear components, omega and ramp"
             )
         return command
+
+    def meanwhile(self, time: float, plan: Plan | None) -> Command | None:
+        """What the robot does at a tick at which its controller is still busy.
+
+        It follows the last plan, shifted: a late solve finds the robot where that plan
+        wanted it, not straight on. None, to go on as commanded, where there is no plan.
+        """
+        if plan is None:
+            return None
+        return aim(self.agent.robot, plan, max(int((time - plan.stamp) / plan.dt + 1e-6), 0))
 
     def note(self, stamp: float, effect: float, command: Command, seconds: float) -> None:
         """Write down a decision."""

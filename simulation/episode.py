@@ -133,6 +133,7 @@ class _Run:
             self._decide(driver, tick, observation)
 
     def _decide(self, driver: Driver, tick: int, observation: Observation) -> None:
+        last = driver.agent.controller.plan
         begin = perf_counter()
         command = driver.decide(observation)
         seconds = perf_counter() - begin
@@ -142,6 +143,10 @@ class _Run:
         self._deliver(driver, command, now, effect)
         agent, following = driver.agent, tick + 1
         while agent.phase + following * agent.controller.period < effect - _SAME:
+            due = agent.phase + following * agent.controller.period
+            instead = driver.meanwhile(due, last)
+            if instead is not None:
+                self._push(due, _EFFECT, (driver, instead))
             following += 1
             driver.skipped += 1
         self._push(agent.phase + following * agent.controller.period, _TICK, (driver, following))

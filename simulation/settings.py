@@ -21,8 +21,8 @@ class Settings:
     goal_tolerance : m; a robot within it has reached its goal.
     solve_time : when a command takes effect: "zero" (at once), a number of seconds later,
         or as much later as the call took ("measured", which no second run repeats). A
-        controller that is busy lets its ticks pass; meanwhile the plant follows the command
-        before.
+        controller that is busy lets its ticks pass; meanwhile the robot follows its last
+        plan and stops at the plan's end (without a plan it keeps to the command before).
     channel : what the robots learn of each other.
     still : m/s; a robot below it stands.
     deadlock_after : s; when all robots that are not at their goals have stood this long,

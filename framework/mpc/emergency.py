@@ -9,12 +9,15 @@ from ..robot import Robot
 from .rollout import brake
 
 
-def aim(robot: Robot, plan: Plan) -> Command:
-    """Aim at the twist of step k + 1, over one MPC step, for the paper's smoother.
+def aim(robot: Robot, plan: Plan, step: int = 0) -> Command:
+    """Aim at the twist of the step after ``step``, over one MPC step, for the paper's smoother.
 
-    A robot whose input is the velocity itself takes it at once.
+    A robot whose input is the velocity itself takes it at once. Beyond the plan's end the
+    robot is told to stop.
     """
-    state, control = tuple(plan.states[1]), tuple(plan.inputs[0])
+    if step >= len(plan.inputs):
+        return Command((0.0,) * robot.dimension, ramp=plan.dt)
+    state, control = tuple(plan.states[step + 1]), tuple(plan.inputs[step])
     twist = robot.twist(state, control)
     other = robot.twist(state, tuple(value + 1.0 for value in control))
     direct = twist.linear != other.linear or twist.angular != other.angular
