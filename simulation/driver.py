@@ -121,7 +121,7 @@ class Driver:
         return command
 
     def meanwhile(self, time: float, plan: Plan | None) -> Command | None:
-        """What the robot does at a tick at which its controller is still busy.
+        """Say what the robot does at a tick at which its controller is still busy.
 
         It follows the last plan, shifted: a late solve finds the robot where that plan
         wanted it, not straight on. None, to go on as commanded, where there is no plan.
