@@ -1,5 +1,7 @@
 """The planner as a Controller: safe whatever happens, and always with the reason."""
 
+import subprocess
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -483,3 +485,20 @@ def test_a_feasible_plan_at_a_lower_level_is_not_thrown_away() -> None:
         assert made.plan.violation <= 1e-4
         assert made.plan.level.max() < 2.44
     assert made.plan.rung in (Rung.FEASIBLE, Rung.LEAST, Rung.BRAKE)
+
+
+def test_everything_is_loaded_before_the_first_decision() -> None:
+    """A subprocess, since here statsmodels has long been imported."""
+    script = """
+import sys
+from wideberth import Path, build
+planner = build("controllers", {"type": "mpc", "robot": "unicycle", "predictor": "var",
+    "region": "mahalanobis_ellipse", "level": "relaxed", "solver": "fatrop"})
+planner.set_path(Path([(0, 0), (9, 0)]))
+assert "statsmodels" in sys.modules
+assert planner.plan is None
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr

@@ -177,8 +177,8 @@ class Planner(Controller):
     def _warm_up(self, path: Path) -> None:
         """Import and compile before the first decision, which has to be quick.
 
-        A twin of this planner, which shares its compiled problems, meets one obstacle far
-        off. (Problems with more obstacles are compiled when they are first met.) What goes
+        A twin of this planner, which shares its compiled problems, has one obstacle far
+        behind it. (Problems with more obstacles are compiled when they are first met.) What goes
         wrong here goes wrong again in `command`, which turns it into a reason.
         """
         twin = replace(self)
@@ -186,12 +186,13 @@ class Planner(Controller):
         with suppress(Exception):  # a plug-in that raises here is named by `command`
             direction = path.direction(np.zeros(1))[0]
             state = start_state(self.robot, path.points[0], direction, self.reference_speed)
-            size = self.robot.dimension
-            far = path.points[0] - 100.0 * direction
-            detection = Detection("warm-up", far, 1e-4 * np.eye(size), 0.5)
-            for tick in range(2):
-                seen = Observation(self.period * tick, np.array(state[0], float), (detection,))
-                twin.command(seen)
+            size, rng = self.robot.dimension, np.random.default_rng(0)
+            for tick in range(self.history + 2):  # long enough for what fits a model
+                away = 100.0 + 0.3 * self.period * tick
+                place = path.points[0] - away * direction + 0.01 * rng.standard_normal(size)
+                far = Detection("warm-up", place, 1e-4 * np.eye(size), 0.5)
+                seen = Observation(self.period * tick, np.array(state[0], float), (far,))
+                (twin.remember if tick < self.history else twin.command)(seen)
 
     def _decide(self, observation: Observation) -> Plan:
         """Forecast, build the instance, solve, and choose a rung."""
