@@ -25,6 +25,6 @@ class Braking(Predictor):
         mean, spread = straight.mean[:, 0, :steps], straight.covariance[:, 0, :steps]
         return Forecast.single(mean - short, spread, tracks.dt, straight.fallback)
 
-
-check_predictor(Braking())
-print("Braking keeps the laws of a predictor")
+if __name__ == "__main__":
+    check_predictor(Braking())
+    print("Braking keeps the laws of a predictor")

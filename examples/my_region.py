@@ -25,6 +25,6 @@ class Disc(Region):
     level = lambda _, tail, dimension=2: np.sqrt(-2 * np.log(tail))
     tail = lambda _, level, dimension=2: np.exp(-(level**2) / 2)
 
-
-check_region(Disc())
-print("Disc keeps every law; name it in a config as  type: my_region:Disc")
+if __name__ == "__main__":
+    check_region(Disc())
+    print("Disc keeps every law; name it in a config as  type: my_region:Disc")

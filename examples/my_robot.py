@@ -25,6 +25,6 @@ class Cart(Robot):
     state_at = lambda _, pose, twist: (*pose.position, pose.heading)
     drive = lambda _, x, to, dt: tuple(np.clip((to.linear[0], to.angular), -1, 1))
 
-
-check_robot(Cart())
-print("Cart keeps every law; name it in a config as  type: my_robot:Cart")
+if __name__ == "__main__":
+    check_robot(Cart())
+    print("Cart keeps every law; name it in a config as  type: my_robot:Cart")

@@ -240,8 +240,9 @@ class _Stage:
         styles = looks(episode)
         self.actors = [_Actor(panel, log, styles[log.name], tail) for log in episode.agents]
         self._legend(styles, tail)
-        self.text = panel.set_title("t = 0.0 s", loc="left")
-        panel.set_title(note, loc="right")
+        panel.set_title(" ")  # room for the line above it
+        self.text = self.figure.text(0.02, 0.985, "t = 0.0 s", va="top")
+        self.figure.text(0.98, 0.985, note, va="top", ha="right")
         self.canvas.draw()
         self.figure.set_layout_engine("none")
         layers = ("regions", "trail", "plan", "disc", "nose")

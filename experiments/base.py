@@ -113,6 +113,10 @@ class Experiment(ABC):
     def tasks(self) -> Sequence[Task]:
         """List the work; at least one task, with names that differ."""
 
+    def inputs(self) -> Sequence[Path]:
+        """Files that the result depends on: with other content a result is not resumed."""
+        return ()
+
     @abstractmethod
     def measure(self, task: Task) -> Outcome:
         """Do one task."""

@@ -23,16 +23,22 @@ def keys(plugin: Any) -> list[str]:
     return list(dict.fromkeys([PAPER, *_keys(plugin)]))
 
 
-def _keys(value: Any) -> Iterator[str]:
+def parts(value: Any) -> Iterator[Any]:
+    """Yield a plug-in and every dataclass nested in it."""
     if dataclasses.is_dataclass(value):
-        for key in str(getattr(value, "reference", "")).split(","):
-            if key.strip():
-                yield key.strip()
+        yield value
         for field in dataclasses.fields(value):
-            yield from _keys(getattr(value, field.name))
+            yield from parts(getattr(value, field.name))
     elif isinstance(value, Mapping):
         for entry in value.values():
-            yield from _keys(entry)
+            yield from parts(entry)
     elif isinstance(value, list | tuple):
         for entry in value:
-            yield from _keys(entry)
+            yield from parts(entry)
+
+
+def _keys(plugin: Any) -> Iterator[str]:
+    for part in parts(plugin):
+        for key in str(getattr(part, "reference", "")).split(","):
+            if key.strip():
+                yield key.strip()

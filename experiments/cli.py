@@ -25,7 +25,7 @@ Config = Annotated[str, typer.Argument(help="A YAML file, or the name of a shipp
 Set = Annotated[
     list[str] | None, typer.Option("--set", help="KEY=VALUE, as in region.tail=0.1; repeatable.")
 ]
-Out = Annotated[Path | None, typer.Option(help="Folder of the result [results/NAME].")]
+Out = Annotated[Path | None, typer.Option(help="Folder of the result; results/NAME by default.")]
 Workers = Annotated[int, typer.Option(help="Processes; the result does not depend on it.")]
 Quick = Annotated[bool, typer.Option("--quick", help="A reduced version, in seconds.")]
 Fresh = Annotated[bool, typer.Option("--fresh", help="Throw an older result away first.")]
@@ -78,7 +78,7 @@ def _show(folder: Path) -> None:
     from .timing import condense_times
 
     experiment, result = reopen(folder)
-    typer.secho(experiment.claim, bold=True)
+    typer.secho(f"Examined: {experiment.claim}", bold=True)
     _print(read_table(folder / "summary.csv"))
     times = condense_times(result.times)
     if times:
@@ -126,9 +126,7 @@ def figures(
     if not names:
         raise WideberthError(f"{RESULTS}/ holds no result; name a config to run it first")
     for name in names:
-        folder = Path(name)
-        if not (folder / "config.yaml").is_file():
-            folder = RESULTS / Path(name).stem
+        folder = _folder(name)
         if (folder / "table.csv").is_file():
             for path in draw(folder):
                 typer.echo(path)
@@ -137,12 +135,22 @@ def figures(
             _run(experiment, folder, workers, False, plugins, False)
 
 
+def _folder(name: str) -> Path:
+    """Return the folder that a path or the name of a config means."""
+    folder = Path(name)
+    return folder if (folder / "config.yaml").is_file() else RESULTS / folder.stem
+
+
 @app.command("list")
-def list_(room: Annotated[str, typer.Argument(help="regions, predictors, robots, ...")]) -> None:
-    """List the names in a room."""
+def list_(
+    room: Annotated[str, typer.Argument(help="regions, predictors, robots, ..., or configs")],
+) -> None:
+    """List the names in a room, or the shipped configs."""
     from wideberth.framework.registry import names
 
-    typer.echo("\n".join(names(room)))
+    from .shipped import shipped
+
+    typer.echo("\n".join(shipped() if room in ("config", "configs") else names(room)))
 
 
 @app.command()
@@ -174,9 +182,11 @@ def check(
 
 
 @app.command()
-def show(result: Annotated[Path, typer.Argument(help="Folder of a result.")]) -> None:
+def show(
+    result: Annotated[str, typer.Argument(help="Folder of a result, or the name of its config.")],
+) -> None:
     """Show a result: its claim, its table, its files."""
-    _show(result)
+    _show(_folder(result))
 
 
 @app.command()

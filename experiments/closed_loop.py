@@ -119,6 +119,7 @@ def condense(rows: Sequence[Row]) -> Row:
         "below_reference": float(np.mean(column(rows, "below_reference"))),
         "fallback_plans": float(column(rows, "fallbacks").sum() / plans) if plans else 0.0,
         "deadline_misses": int(column(rows, "deadline_misses").sum()),
+        "errors": next((str(row["errors"]) for row in rows if row["errors"]), ""),
         "named_forecasts": known_mean(column(rows, "named_forecasts")),
         "coverage": known_mean(column(rows, "coverage")),
     }

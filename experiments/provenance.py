@@ -3,9 +3,13 @@
 import hashlib
 import platform
 import subprocess
+import sys
+from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
+
+from .citing import parts
 
 PACKAGE = Path(__file__).resolve().parents[1]
 ROOMS = (
@@ -17,10 +21,14 @@ LIBRARIES = (
 )  # fmt: skip
 
 
-def provenance() -> dict[str, Any]:
-    """Return versions, commit, source fingerprint, Python and processor."""
+def provenance(others: Sequence[Path] = ()) -> dict[str, Any]:
+    """Return versions, commit, source fingerprint, Python and processor.
+
+    ``others`` are files beside the package that the result depends on: the sources of
+    plug-ins, recordings.
+    """
     return {
-        "source": fingerprint(),
+        "source": fingerprint(others),
         "commit": commit(),
         "python": platform.python_version(),
         "system": f"{platform.system()} {platform.machine()}",
@@ -29,14 +37,27 @@ def provenance() -> dict[str, Any]:
     }
 
 
-def fingerprint() -> str:
-    """Return a hash of the package's own source: results of different code are never mixed."""
+def fingerprint(others: Sequence[Path] = ()) -> str:
+    """Return a hash of the package's source and of other files by their content.
+
+    Results of different code or data are never mixed.
+    """
     digest = hashlib.sha256()
     paths = [path for room in ROOMS for path in (PACKAGE / room).rglob("*.py")]
     for path in sorted(paths):
         digest.update(path.relative_to(PACKAGE).as_posix().encode() + b"\0")
         digest.update(path.read_bytes() + b"\0")
+    for path in others:
+        digest.update(path.read_bytes() + b"\0")
     return digest.hexdigest()[:16]
+
+
+def foreign_sources(experiment: Any, plugins: Sequence[str]) -> list[Path]:
+    """Return the files of all plug-ins in an experiment that do not come with the package."""
+    names = {type(part).__module__ for part in parts(experiment)} | set(plugins)
+    own = {name for name in names if name.partition(".")[0] == "wideberth"}
+    files = [getattr(sys.modules.get(name), "__file__", None) for name in sorted(names - own)]
+    return [Path(file) for file in files if file]
 
 
 def commit() -> str | None:

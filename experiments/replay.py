@@ -125,6 +125,10 @@ class Replay(Experiment):
             for seed in seeds
         ]
 
+    def inputs(self) -> list[Path]:
+        """Return the recording."""
+        return [self.tracks.file]
+
     def situation(self, recording: Recording, seed: int) -> Situation:
         """Draw one episode; the same for all planners."""
         return draw_situation(

@@ -28,7 +28,7 @@ from wideberth.framework.io import (
 from wideberth.framework.yamlfile import dump, read_config
 
 from .base import Experiment, Result, Row, Task
-from .provenance import provenance
+from .provenance import foreign_sources, provenance
 from .shards import checked_tasks, read_shard, shard_key, write_shard
 
 
@@ -65,7 +65,8 @@ def run(
     config: dict[str, Any] = {**describe(experiment), "plugins": list(plugins)}
     tasks = checked_tasks(experiment.tasks())
     keys = {shard_key(config, task): task for task in tasks}
-    prepare(out, config, fresh)
+    others = [*foreign_sources(experiment, plugins), *experiment.inputs()]
+    prepare(out, config, fresh, others)
     result = Result(out)
     if (out / "table.csv").exists():
         return result
@@ -82,9 +83,11 @@ def run(
     return result
 
 
-def prepare(out: Path, config: dict[str, Any], fresh: bool = False) -> None:
+def prepare(
+    out: Path, config: dict[str, Any], fresh: bool = False, others: Sequence[Path] = ()
+) -> None:
     """Make the folder with config and provenance in it, or check those that stand there."""
-    origin = provenance()
+    origin = provenance(others)
     try:
         if fresh and (out / "config.yaml").exists():
             shutil.rmtree(out)
@@ -118,7 +121,7 @@ def _check_same(out: Path, config: dict[str, Any], source: str) -> None:
         )
     stored = read_json(out / "provenance.json", "provenance", 1)
     if stored.get("source") != source:
-        raise WideberthError(f"{out} was measured by other source code; {cure}")
+        raise WideberthError(f"{out} was measured by other source code or data; {cure}")
     (out / "shards").mkdir(exist_ok=True)
 
 

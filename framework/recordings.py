@@ -237,7 +237,7 @@ def _on_grid(
                 dropped += 1
             else:
                 track[start + steps] = x, y
-    notes = [f"{step} frames per row"]
+    notes = [f"frames per row: {step}"]
     if shifted:
         notes.append(f"{shifted} tracks shifted in time to the grid, by up to {largest:.3g} s")
     if dropped:

@@ -19,7 +19,8 @@ def summarise(episode: Episode, tail: float = 0.05) -> dict[str, Any]:
     of the two is a robot. ``below_reference`` is the share of plans that hold a constraint
     below the level they aimed at, or enter a region (`Plan.below_reference`); ``coverage``
     is the share of later positions inside the forecasts' regions of content 1 - tail, at
-    the first step, the last one, and over all. ``deadlock`` is true also when the time limit ended
+    the first step, the last one, and over all; ``errors`` counts plans that something thrown
+    by a plug-in turned into an emergency stop. ``deadlock`` is true also when the time limit ended
     the episode. Columns that hold for the worst robot end in ``_worst``.
     """
     rows = robot_rows(episode)
@@ -37,6 +38,7 @@ def summarise(episode: Episode, tail: float = 0.05) -> dict[str, Any]:
         "length_ratio_worst": max(row["length_ratio"] for row in rows),
         "below_reference": _share_below(episode.robots),
         "plans": sum(row["plans"] for row in rows),
+        "errors": _errors(episode.robots),
         "fallbacks": sum(row["fallbacks"] for row in rows),
         "deadline_misses": sum(row["deadline_misses"] for row in rows),
         "violation_worst": _worst(row["violation"] for row in rows),
@@ -167,6 +169,15 @@ def _share_below(logs: tuple[AgentLog, ...]) -> float:
     """Share of plans below their reference level, among those that held a constraint."""
     found = [plan.below_reference for log in logs for plan in log.plans]
     return _mean([below for below in found if below is not None])
+
+
+def _errors(logs: tuple[AgentLog, ...]) -> str:
+    """How many plans were emergency stops, and the commonest reason; "" where none was."""
+    reasons = [p.reason for log in logs for p in log.plans if p.violation != p.violation]
+    if not reasons:
+        return ""
+    common = max(sorted(set(reasons)), key=reasons.count)
+    return f"{len(reasons)} plans: {common}"
 
 
 def _worst(violations: Iterable[float]) -> float:

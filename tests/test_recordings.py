@@ -89,14 +89,14 @@ def test_frame_step_is_that_within_a_track_and_others_are_shifted(tmp_path):
     text += "".join(f"{6 * k + 21} 2 {k} 1\n" for k in range(4))
     text += "40 3 0 0\n46 3 1 1\n49 3 9 9\n52 3 2 2\n"
     got = read_tracks(write(tmp_path, text), dt=0.4, minimum_samples=3, frames_per_row=6)
-    assert got.notes[0] == "6 frames per row"
+    assert got.notes[0] == "frames per row: 6"
     assert got.notes[1] == "2 tracks shifted in time to the grid, by up to 0.2 s"
     assert got.notes[2].startswith("1 samples left out")
     for track in range(3):
         seen = got.positions[track][np.isfinite(got.positions[track, :, 0])]
         np.testing.assert_allclose(np.diff(seen[:, 0]), 1.0)
     inferred = read_tracks(write(tmp_path, text), dt=0.4, minimum_samples=3)
-    assert inferred.notes[0] == "3 frames per row"
+    assert inferred.notes[0] == "frames per row: 3"
 
 
 def test_unusable_tracks_stay_and_say_why(tmp_path):

@@ -183,5 +183,5 @@ def test_check_robot_finds_what_is_broken(monkeypatch, method, value, law):
 def test_example_runs(capsys):
     example = Path(__file__).parents[1] / "examples" / "my_robot.py"
     assert len(example.read_text().splitlines()) <= 30
-    runpy.run_path(str(example))
+    runpy.run_path(str(example), run_name="__main__")
     assert "keeps every law" in capsys.readouterr().out

@@ -10,8 +10,10 @@ from pathlib import Path
 import pytest
 
 from wideberth.experiments.base import Experiment, Outcome, Result, Task
+from wideberth.experiments.provenance import fingerprint
 from wideberth.experiments.runner import draw, reopen, run, written
 from wideberth.experiments.shards import checked_tasks, read_shard, shard_key, write_shard
+from wideberth.experiments.shipped import read_experiment
 from wideberth.framework.config import build
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.io import read_json, read_table, table_text, write_bytes, write_json
@@ -142,6 +144,28 @@ def test_folder_of_other_source_is_refused(tmp_path: Path) -> None:
     write_json(path, "provenance", 1, {**read_json(path, "provenance", 1), "source": "old"})
     with pytest.raises(WideberthError, match=r"other source code.*--fresh"):
         run(coins(), tmp_path / "a")
+
+
+def test_a_changed_plug_in_or_recording_is_not_resumed(tmp_path: Path) -> None:
+    module = tmp_path / "own_spread.py"
+    text = (HERE / "sample_plugin.py").read_text(encoding="utf-8")
+    module.write_text(text, encoding="utf-8")
+    config = tmp_path / "mine.yaml"
+    config.write_text("type: own_spread:Coins\n")
+    arguments = ["run", "mine.yaml", "--out", "out", "--no-figures"]
+    for changed, code in ((text, 0), (text, 0), (text + "\n# changed\n", 2)):
+        module.write_text(changed, encoding="utf-8")
+        done = shell(*arguments, cwd=tmp_path)
+        _, message = done.communicate(timeout=60)
+        assert done.returncode == code, message
+    assert "other source code or data" in message
+    tracks = tmp_path / "people.txt"
+    tracks.write_text((HERE.parent / "experiments" / "data" / "crowd.txt").read_text())
+    replay: Experiment = read_experiment("replay", [f"tracks.path={tracks}"])[0]
+    assert replay.inputs() == [tracks]
+    before = fingerprint(replay.inputs())
+    tracks.write_text(tracks.read_text() + "# one more line\n")
+    assert fingerprint(replay.inputs()) != before
 
 
 def test_unusable_folders_are_refused_before_any_work(tmp_path: Path) -> None:

@@ -112,7 +112,7 @@ def fill(
         direction=reference.direction,
         speed=reference.speed,
         regions=numbers,
-        level=level.reference(region, steps, capacity, size),
+        level=level.levels(region, steps, capacity, size),
         active=(np.arange(capacity) < used).astype(np.float64),
         auxiliaries=np.zeros((steps, capacity, extra)),
     )

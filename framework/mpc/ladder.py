@@ -67,7 +67,7 @@ class Ladder:
         """Wrap a trajectory as a starting point; auxiliaries are filled in later."""
         target = float("nan")
         if self.level.shared:
-            target = self.level.reference(self.region, 1, 1, self.robot.dimension)[0, 0]
+            target = self.level.levels(self.region, 1, 1, self.robot.dimension)[0, 0]
         empty = np.zeros((self.horizon, 0, 0))
         return Guess(states, inputs, empty, float(target), np.zeros(self.horizon))
 

@@ -113,7 +113,7 @@ class Planner(Controller):
                 f"the robot moves in {self.robot.dimension} dimensions; the region "
                 f"{type(self.region).__name__} is made for {self.region.dimensions}"
             )
-        self.level.reference(self.region, 1, 1, self.robot.dimension)
+        self.level.levels(self.region, 1, 1, self.robot.dimension)
         self._progress: Progress | None = None
         self._problems: dict[int, Problem] = {}
         self.reset()
@@ -135,6 +135,7 @@ class Planner(Controller):
 
     def set_path(self, path: Path) -> None:
         """Follow this path from now on."""
+        path = path if isinstance(path, Path) else Path(path)
         if path.points.shape[1] != self.robot.dimension:
             raise WideberthError(
                 f"the path has {path.points.shape[1]} columns; the robot moves in "

@@ -29,7 +29,7 @@ class LevelPolicy(ABC):
     """Weight of (level - reference)^2 in the cost."""
 
     @abstractmethod
-    def reference(self, region: Region, steps: int, obstacles: int, dimension: int) -> Array:
+    def levels(self, region: Region, steps: int, obstacles: int, dimension: int) -> Array:
         """Levels aimed at, (steps, obstacles)."""
 
 

@@ -27,6 +27,6 @@ class Fixed(LevelPolicy):
     def __post_init__(self) -> None:
         probability("level.tail", self.tail)
 
-    def reference(self, region: Region, steps: int, obstacles: int, dimension: int) -> Array:
+    def levels(self, region: Region, steps: int, obstacles: int, dimension: int) -> Array:
         """Levels aimed at, (steps, obstacles)."""
         return uniform(region, self.tail, steps, obstacles, dimension)

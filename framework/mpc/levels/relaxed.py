@@ -40,7 +40,7 @@ class Relaxed(LevelPolicy):
         if not self.minimum < float("inf"):
             raise WideberthError(f"level.minimum is {self.minimum}; wanted a number or -.inf")
 
-    def reference(self, region: Region, steps: int, obstacles: int, dimension: int) -> Array:
+    def levels(self, region: Region, steps: int, obstacles: int, dimension: int) -> Array:
         """Levels aimed at, (steps, obstacles)."""
         target = uniform(region, self.tail, steps, obstacles, dimension)
         if target.size and self.minimum > target.min():
