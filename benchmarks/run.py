@@ -16,6 +16,7 @@ from zipfile import BadZipFile
 
 import plugin_speed
 import predictor_speed
+import risk_speed
 import solver_speed
 import startup
 from measuring import Row, cell, markdown
@@ -44,6 +45,7 @@ class Extent:
     plugins : regions and robots taken, in alphabetical order; None for all.
     repeats : of each pair of region and robot, of each predictor, of each start.
     counts : obstacles that predictors are given.
+    risks : collision probabilities per call.
     """
 
     instances: int | None = None
@@ -51,9 +53,10 @@ class Extent:
     plugins: int | None = None
     repeats: tuple[int, int, int] = (15, 9, 5)
     counts: tuple[int, ...] = (1, 10, 100)
+    risks: int = 50_000
 
 
-QUICK = Extent(instances=3, rounds=1, plugins=2, repeats=(2, 1, 1), counts=(1, 3))
+QUICK = Extent(instances=3, rounds=1, plugins=2, repeats=(2, 1, 1), counts=(1, 3), risks=500)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -103,7 +106,7 @@ def _measure(
         TimeRemainingColumn(),
     )
     total = solver_speed.steps(instances, extent.rounds) + len(extent.counts)
-    total += len(plugin_speed.pairs(extent.plugins)) + extent.repeats[2] + 1
+    total += len(plugin_speed.pairs(extent.plugins)) + extent.repeats[2] + 2
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("starting", total=total)
 
@@ -114,12 +117,14 @@ def _measure(
         solves = solver_speed.measure(instances, extent.rounds, tick)
         plugins = plugin_speed.measure(extent.plugins, extent.repeats[0], tick)
         predictors = predictor_speed.measure(extent.counts, extent.repeats[1], tick)
+        risks = risk_speed.measure(extent.risks, extent.repeats[1], tick)
     tables = {
         "solvers": ("Solver set-ups on recorded instances", solver_speed.times(solves)),
         "quality": ("What they return", solver_speed.quality(solves)),
         "obstacles": ("The same by number of obstacles", solver_speed.by_obstacles(solves)),
         "plugins": ("Region x robot, one obstacle", plugins),
         "predictors": ("Predictors, one call for all obstacles", predictors),
+        "risks": ("Collision probability, one call for all pairs", risks),
         "startup": ("Start-up", starts),
     }
     return tables, solves

@@ -6,6 +6,7 @@ BUILT_IN: dict[str, str] = {
     "encounter": "wideberth.experiments.encounter:Encounter",
     "replay": "wideberth.experiments.replay:Replay",
     "approximation_error": "wideberth.experiments.approximation_error:ApproximationError",
+    "boundary_risk": "wideberth.experiments.boundary_risk:BoundaryRisk",
     "ellipse_construction": "wideberth.experiments.ellipse_construction:EllipseConstruction",
     "forecast_regions": "wideberth.experiments.forecast_regions:ForecastRegions",
 }

@@ -24,9 +24,10 @@ class Relation(StrEnum):
 class Guarantee(StrEnum):
     """What staying outside a region promises.
 
-    CONTENT: the collision risk is at most ``tail(level)``, the probability that the
-    obstacle leaves the un-enlarged region. RISK: a level can be chosen for any asked
-    risk. NONE: no such promise holds for every covariance.
+    CONTENT: the collision risk is at most ``tail(level)``: the probability that the
+    obstacle leaves the un-enlarged region, or the risk that the region was asked for.
+    RISK: a level can be chosen for any asked risk. NONE: no such promise holds for every
+    covariance.
     """
 
     CONTENT = "content"
@@ -87,6 +88,8 @@ class Region(ABC):
     dimensions: ClassVar[tuple[int, ...]] = (2,)
     rotation_invariant: ClassVar[bool] = True
     """False for a region tied to the world axes: turning the scene does not turn it."""
+    singular_covariances: ClassVar[bool] = True
+    """False for a region that is undefined there: `parameters` may raise a WideberthError."""
     reference: ClassVar[str] = ""
 
     @abstractmethod

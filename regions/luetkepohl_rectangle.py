@@ -1,22 +1,27 @@
-"""Lütkepohl's forecast region: a rectangle on the world axes, by Bonferroni per component."""
+"""Lütkepohl's forecast region: a rectangle on the world axes from an interval per component."""
 
 from dataclasses import dataclass
-from itertools import combinations
-from typing import ClassVar, Literal, final
+from typing import ClassVar, final
 
 import numpy as np
-from scipy import special
 
-from ..framework.arrays import Array, BoolArray, Scalar, probability
-from ..framework.errors import WideberthError
+from ..framework.arrays import Array, BoolArray, Scalar
 from ..framework.forecast import GaussianObstacle
 from ..framework.motion import Pose
 from ..framework.region import Constraint, Convex, Guarantee, Relation, Signed
-from ..framework.symbolic import ca
 from . import gaussian
-
-_TINY = 1e-13
-"""Keeps the logarithm finite at the centre; moves the boundary by 5e-14 of its distance."""
+from .box import (
+    Correction,
+    Enlargement,
+    box_boundary,
+    box_level,
+    box_outside,
+    box_tail,
+    box_volume,
+    check_choices,
+)
+from .box import box_content as box_content
+from .box import distance_to_box as distance_to_box
 
 
 @final
@@ -26,8 +31,9 @@ class LuetkepohlRectangle(Signed, Convex):
 
     With K = D components and tail alpha each component gets the interval of tail alpha / K,
     z = Phi^-1(1 - alpha / (2K)); by Bonferroni's inequality all hold together with probability
-    at least 1 - alpha. The axes are those of the world, so turning the scene does not turn the
-    region.
+    at least 1 - alpha. ``correction`` "sidak" takes z = Phi^-1((1 + (1 - alpha)^(1/K)) / 2)
+    instead, a little smaller and still safe for any correlation by Šidák's inequality. The axes
+    are those of the world, so turning the scene does not turn the region (`EigenRectangle` does).
 
     ``enlargement`` "disc" is the exact sum of rectangle and disc (rounded corners), "box" adds
     the margin to the half-widths (mitred corners, larger by margin^2 (4 - pi), farther by
@@ -52,9 +58,12 @@ class LuetkepohlRectangle(Signed, Convex):
     References
     ----------
     H. Lütkepohl, New Introduction to Multiple Time Series Analysis (2005), pp. 39-41.
+    Z. Šidák, Rectangular confidence regions for the means of multivariate normal distributions,
+    J. Amer. Statist. Assoc. 62 (1967).
     """
 
-    enlargement: Literal["disc", "box"] = "disc"
+    enlargement: Enlargement = "disc"
+    correction: Correction = "bonferroni"
 
     relation: ClassVar[Relation] = Relation.NONE
     guarantee: ClassVar[Guarantee] = Guarantee.CONTENT
@@ -63,10 +72,7 @@ class LuetkepohlRectangle(Signed, Convex):
     reference: ClassVar[str] = "luetkepohl2005new"
 
     def __post_init__(self) -> None:
-        if self.enlargement not in ("disc", "box"):
-            raise WideberthError(
-                f"enlargement is {self.enlargement!r}; wanted 'disc' (exact) or 'box'"
-            )
+        check_choices(self.correction, self.enlargement)
 
     def parameters(self, obstacle: GaussianObstacle, margin: Array) -> Array:
         """Mean (D), sqrt(Sigma_kk) (D) and margin, all in m: (...,) -> (..., 2D + 1)."""
@@ -84,13 +90,9 @@ class LuetkepohlRectangle(Signed, Convex):
     ) -> Constraint:
         """0.5 log g^2 >= 0."""
         size = len(pose.position)
-        x = [ca.fabs(pose.position[i] - parameters[i]) for i in range(size)]
+        x = [pose.position[i] - parameters[i] for i in range(size)]
         half = [level * parameters[size + i] for i in range(size)]
-        margin = parameters[2 * size]
-        if self.enlargement == "box":
-            half, margin = [h + margin for h in half], 0.0
-        gauge = _gauge(x, half, margin**2 + gaussian.FLOOR**2)
-        return Constraint((0.5 * ca.log(gauge**2 + _TINY),))
+        return Constraint((box_outside(x, half, parameters[2 * size], self.enlargement),))
 
     def contains(self, points: Array, parameters: Array, level: Array) -> BoolArray:
         """Whether the signed distance is below 0."""
@@ -110,36 +112,20 @@ class LuetkepohlRectangle(Signed, Convex):
     def boundary(self, parameters: Array, level: float, count: int) -> Array:
         """Points along the corners' arcs and, for the straight parts, their ends, (count, 2)."""
         mean, half, margin = self._frame(parameters, np.asarray(level))
-        angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
-        # Counting from the corners, so that each has at least an equal share of the points.
-        quarter = np.floor(angle / (0.5 * np.pi))
-        corner = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])[quarter.astype(int)]
-        first = np.searchsorted(quarter, np.arange(4))
-        per_corner = np.bincount(quarter.astype(int), minlength=4)
-        index = np.arange(count) - first[quarter.astype(int)]
-        share = index / np.maximum(per_corner[quarter.astype(int)] - 1, 1)
-        turn = 0.5 * np.pi * (quarter + share)
-        normal = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
-        return np.asarray(mean + corner * half + margin * normal)
+        return np.asarray(mean + box_boundary(half, margin, count))
 
     def area(self, parameters: Array, level: Array) -> Array:
         """Steiner's formula for a box: 4 hx hy + 4 margin (hx + hy) + pi margin^2 in 2-D."""
         _, half, margin = self._frame(parameters, level)
-        size = half.shape[-1]
-        volume, edges = 2.0**size * half.prod(axis=-1), 2.0 * half.sum(axis=-1)
-        if size == 2:
-            return np.asarray(volume + 2.0 * edges * margin + np.pi * margin**2)
-        pairs = sum(half[..., i] * half[..., j] for i, j in combinations(range(size), 2))
-        rounded = np.pi * edges * margin**2 + 4.0 / 3.0 * np.pi * margin**3
-        return np.asarray(volume + 8.0 * pairs * margin + rounded)
+        return box_volume(half, margin)
 
     def level(self, tail: float, dimension: int = 2) -> float:
-        """Level z = Phi^-1(1 - tail / (2K)); not below Phi^-1(1 - 1 / (2K))."""
-        return -float(special.ndtri(probability("tail", tail) / (2 * dimension)))
+        """Level z; not below Phi^-1(1 - 1 / (2K)) for Bonferroni."""
+        return box_level(tail, dimension, self.correction)
 
     def tail(self, level: float, dimension: int = 2) -> float:
-        """Bonferroni's bound 2K Phi(-z) on 1 - content, at most 1 (it is no promise there)."""
-        return min(1.0, 2 * dimension * float(special.ndtr(-max(float(level), 0.0))))
+        """Bound on 1 - content, at most 1 (which is no promise)."""
+        return box_tail(level, dimension, self.correction)
 
     def _frame(self, parameters: Array, level: Array) -> tuple[Array, Array, Array]:
         parameters = np.asarray(parameters, dtype=np.float64)
@@ -149,49 +135,3 @@ class LuetkepohlRectangle(Signed, Convex):
         if self.enlargement == "box":
             return mean, half + margin, np.zeros_like(half[..., 0] + margin[..., 0])
         return mean, half, margin[..., 0]
-
-
-def distance_to_box(points: Array, half: Array) -> Array:
-    """Distance from points around the centre to a box with these half-widths, (...), m.
-
-    |max(q, 0)| + min(max_i q_i, 0) with q = |x| - half: negative inside.
-    """
-    q = np.abs(points) - half
-    outside = np.hypot.reduce(np.maximum(q, 0.0), axis=-1)
-    return np.asarray(outside + np.minimum(q.max(axis=-1), 0.0))
-
-
-def box_content(half: Array, covariance: Array, nodes: int = 200) -> float:
-    """Exact probability that a centred 2-D Gaussian lies in the box with these half-widths.
-
-    The integral of the marginal density over one axis times the conditional probability of the
-    other, by Gauss-Legendre; for correlations up to about 0.99.
-    """
-    points, weights = np.polynomial.legendre.leggauss(nodes)
-    first, second = np.sqrt(np.diagonal(covariance))
-    correlation = covariance[0, 1] / (first * second)
-    u = half[0] / first * points
-    spread = np.sqrt(1.0 - correlation**2)
-    upper = special.ndtr((half[1] / second - correlation * u) / spread)
-    lower = special.ndtr((-half[1] / second - correlation * u) / spread)
-    density = np.exp(-0.5 * u**2) / np.sqrt(2.0 * np.pi)
-    return float(half[0] / first * (weights * density * (upper - lower)).sum())
-
-
-def _gauge(x: list[Scalar], half: list[Scalar], disc: Scalar) -> Scalar:
-    """Gauge of box plus disc in CasADi; ``x`` are absolute values, ``disc`` the margin squared."""
-    size = len(x)
-    active = [
-        sum(ca.fmax(x[j] * half[i] - x[i] * half[j], 0) ** 2 for j in range(size) if j != i)
-        < x[i] ** 2 * disc
-        for i in range(size)
-    ]
-    b = sum(active[i] * x[i] * half[i] for i in range(size))
-    c = sum(active[i] * x[i] ** 2 for i in range(size))
-    # B^2 - A C by Lagrange's identity, which does not cancel.
-    cross = sum(
-        active[i] * active[j] * (x[i] * half[j] - x[j] * half[i]) ** 2
-        for i, j in combinations(range(size), 2)
-    )
-    root = ca.sqrt(ca.fmax(disc * c - cross, 1e-40))
-    return c / (b + root)

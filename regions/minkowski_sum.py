@@ -155,9 +155,10 @@ def _normals(count: int, vectors: Array, axes: Array) -> Array:
     """Return unit normals in the eigenframe, half of them at equal steps of each of two angles."""
     even = gaussian.circle(count, vectors)
     turn = np.sign(np.linalg.det(vectors))
-    flat = np.maximum(axes, 1e-9 * max(float(axes[0]), 1e-300))
+    if not axes[0] > 0:
+        return even
+    flat = np.maximum(axes, 1e-9 * axes[0])
     angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
     slanted = np.unwrap(np.arctan2(np.sin(angle) / flat[1], np.cos(angle) / flat[0]))
     mixed = 0.5 * (angle + slanted)  # both increase by a full turn: so does their mean
-    normals = np.stack([np.cos(mixed), turn * np.sin(mixed)], axis=-1)
-    return np.asarray(normals if axes[0] > 0 else even)
+    return np.stack([np.cos(mixed), turn * np.sin(mixed)], axis=-1).astype(np.float64)

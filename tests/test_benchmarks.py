@@ -43,7 +43,8 @@ def test_dry_run_writes_and_prints_every_table(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     tables = {path.stem: read_table(path) for path in out.glob("*.csv")}
     assert set(tables) == {
-        "solves", "solvers", "quality", "obstacles", "plugins", "predictors", "startup",
+        "solves", "solvers", "quality", "obstacles", "plugins", "predictors", "risks",
+        "startup",
     }  # fmt: skip
     text = (out / "bench.md").read_text(encoding="utf-8")
     assert "Machine:" in text and "Spread:" in text
@@ -58,6 +59,8 @@ def test_dry_run_writes_and_prints_every_table(tmp_path: Path) -> None:
     assert set_ups == {"ipopt sx", "ipopt mx, 450 ms", *names("solvers")} - {"ipopt"}
     assert {row["predictor"] for row in tables["predictors"]} == set(names("predictors"))
     assert {row["solver"] for row in tables["plugins"]} == {"ipopt", "fatrop"}
+    assert {row["target"] for row in tables["risks"]} == {None, 1e5}
+    assert all(row["per_second_per_core"] > 0 for row in tables["risks"])
     assert "wideberth --help" in {row["command"] for row in tables["startup"]}
     assert "wideberth --help" in done.stdout and str(out.name) in done.stdout
     assert not list(tmp_path.glob("*.csv"))  # nothing beside the folder that was named

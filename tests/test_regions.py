@@ -1,6 +1,8 @@
 """Regions against closed forms, published tables, brute force, shapely, IPOPT and Monte Carlo."""
 
 import math
+import runpy
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,7 @@ from wideberth.framework.region import Convex, Region, Signed
 from wideberth.framework.risk import collision_probability
 from wideberth.framework.symbolic import ca
 from wideberth.regions import gaussian, geometry, inflation
+from wideberth.regions.half_plane import HalfPlane
 from wideberth.regions.luetkepohl_rectangle import LuetkepohlRectangle, box_content
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
@@ -437,3 +440,20 @@ def test_bad_input_is_named(region: Region) -> None:
 def test_unknown_enlargement_is_named() -> None:
     with pytest.raises(WideberthError, match="'circle'"):
         LuetkepohlRectangle("circle")  # type: ignore[arg-type]
+
+
+def test_example_runs(capsys):
+    example = Path(__file__).parents[1] / "examples" / "my_region.py"
+    assert len(example.read_text().splitlines()) <= 30
+    runpy.run_path(str(example), run_name="__main__")
+    assert "keeps every law" in capsys.readouterr().out
+
+
+def test_degenerate_shapes_are_drawn_and_tested_without_a_warning():
+    point = GaussianObstacle(np.zeros(2), np.zeros((2, 2)))
+    exact = MinkowskiSum()
+    shape = exact.parameters(point, np.array(1.5))
+    assert np.linalg.norm(exact.boundary(shape, 2.0, 90), axis=1) == pytest.approx(1.5)
+    plane = HalfPlane()
+    inside = plane.contains(np.array([1.0, 0.0]), plane.parameters(point, np.array(1.5)), 2.0)
+    assert bool(inside)

@@ -1,0 +1,45 @@
+"""The symbolic constraint of a region as a function of numbers."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Array
+from ..motion import Pose
+from ..region import Region
+from ..symbolic import ca
+
+Twin = Callable[[Array, Array, float], tuple[Array, Array, Array]]
+"""(points, parameters, level) -> smallest inequality, its gradient, largest |equality|."""
+
+
+def compile_twin(region: Region, size: int) -> Twin:
+    """Compile the symbolic constraint of one pose."""
+    x, level = ca.SX.sym("x", size), ca.SX.sym("level")
+    parameters = ca.SX.sym("parameters", region.parameter_count(size))
+    auxiliary = ca.SX.sym("auxiliary", len(region.auxiliary(size)))
+    pose = Pose(tuple(x[i] for i in range(size)), 0.0 if size == 2 else None)
+    stated = region.constraint(pose, parameters, level, auxiliary)
+    inequalities = ca.vertcat(*stated.inequalities)
+    outputs: list[Any] = [
+        inequalities,
+        ca.jacobian(inequalities, x),
+        ca.vertcat(*stated.equalities),
+    ]
+    function = ca.Function("region", [x, parameters, level, auxiliary], outputs)
+
+    def evaluate(points: Array, numbers: Array, at: float) -> tuple[Array, Array, Array]:
+        start = region.auxiliary_start(points, numbers, np.asarray(at))
+        values, gradients, ties = [], [], []
+        for point, extra in zip(points, start, strict=True):
+            kept, slope, equal = (
+                np.asarray(out.full()) for out in function(point, numbers, at, extra)
+            )
+            least = int(kept[:, 0].argmin())
+            values.append(kept[least, 0])
+            gradients.append(slope[least])
+            ties.append(np.abs(equal).max(initial=0.0))
+        return np.array(values), np.array(gradients), np.array(ties)
+
+    return evaluate

@@ -1,0 +1,134 @@
+"""What the rectangles share: levels per component, and distance, gauge and size of a box.
+
+Points are told from the centre along the axes of the box; ``half`` are its half-widths, m.
+"""
+
+import math
+from itertools import combinations
+from typing import Literal, TypeAlias
+
+import numpy as np
+from scipy import special
+
+from ..framework.arrays import Array, Scalar, probability
+from ..framework.errors import WideberthError
+from ..framework.symbolic import ca
+from . import gaussian
+
+Correction: TypeAlias = Literal["bonferroni", "sidak"]
+Enlargement: TypeAlias = Literal["disc", "box"]
+
+_TINY = 1e-13
+"""Keeps the logarithm finite at the centre; moves the boundary by 5e-14 of its distance."""
+
+
+def check_choices(correction: str, enlargement: str) -> None:
+    """Raise a WideberthError unless both are among the known ones."""
+    if correction not in ("bonferroni", "sidak"):
+        raise WideberthError(f"correction is {correction!r}; wanted 'bonferroni' or 'sidak'")
+    if enlargement not in ("disc", "box"):
+        raise WideberthError(f"enlargement is {enlargement!r}; wanted 'disc' (exact) or 'box'")
+
+
+def box_level(tail: float, components: int, correction: Correction) -> float:
+    """Half-width z in deviations for a joint tail alpha over K components.
+
+    Bonferroni: Phi^-1(1 - alpha / (2K)). Sidak: Phi^-1((1 + (1 - alpha)^(1/K)) / 2), exact for
+    independent components and safe for all jointly Gaussian ones (Sidak's inequality).
+    """
+    tail = probability("tail", tail)
+    if correction == "bonferroni":
+        return -float(special.ndtri(tail / (2 * components)))
+    return -float(special.ndtri(-0.5 * math.expm1(math.log1p(-tail) / components)))
+
+
+def box_tail(level: float, components: int, correction: Correction) -> float:
+    """Inverse of `box_level`: 2K Phi(-z), at most 1, or 1 - (1 - 2 Phi(-z))^K."""
+    outside = 2.0 * float(special.ndtr(-max(float(level), 0.0)))
+    if correction == "bonferroni":
+        return min(1.0, components * outside)
+    return -math.expm1(components * math.log1p(-outside)) if outside < 1.0 else 1.0
+
+
+def distance_to_box(points: Array, half: Array) -> Array:
+    """Distance from points around the centre to a box with these half-widths, (...), m.
+
+    |max(q, 0)| + min(max_i q_i, 0) with q = |x| - half: negative inside.
+    """
+    q = np.abs(points) - half
+    outside = np.hypot.reduce(np.maximum(q, 0.0), axis=-1)
+    return np.asarray(outside + np.minimum(q.max(axis=-1), 0.0))
+
+
+def box_outside(
+    coordinates: list[Scalar], half: list[Scalar], margin: Scalar, enlargement: Enlargement
+) -> Scalar:
+    """0.5 log g^2 in CasADi, with g the gauge of the enlarged box: >= 0 outside."""
+    x = [ca.fabs(coordinate) for coordinate in coordinates]
+    if enlargement == "box":
+        half, margin = [h + margin for h in half], 0.0
+    return 0.5 * ca.log(_gauge(x, half, margin**2 + gaussian.FLOOR**2) ** 2 + _TINY)
+
+
+def _gauge(x: list[Scalar], half: list[Scalar], disc: Scalar) -> Scalar:
+    """Gauge of box plus disc in CasADi; ``x`` are absolute values, ``disc`` the margin squared."""
+    size = len(x)
+    active = [
+        sum(ca.fmax(x[j] * half[i] - x[i] * half[j], 0) ** 2 for j in range(size) if j != i)
+        < x[i] ** 2 * disc
+        for i in range(size)
+    ]
+    b = sum(active[i] * x[i] * half[i] for i in range(size))
+    c = sum(active[i] * x[i] ** 2 for i in range(size))
+    # B^2 - A C by Lagrange's identity, which does not cancel.
+    cross = sum(
+        active[i] * active[j] * (x[i] * half[j] - x[j] * half[i]) ** 2
+        for i, j in combinations(range(size), 2)
+    )
+    root = ca.sqrt(ca.fmax(disc * c - cross, 1e-40))
+    return c / (b + root)
+
+
+def box_boundary(half: Array, margin: Array, count: int) -> Array:
+    """Points along the corners' arcs and the ends of the straight parts, (count, 2), m.
+
+    Counter-clockwise in the axes of the box, from the corners, so that each corner has at least
+    an equal share of the points.
+    """
+    quarter = np.floor(np.linspace(0.0, 4.0, count, endpoint=False)).astype(int)
+    corner = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])[quarter]
+    first = np.searchsorted(quarter, np.arange(4))
+    per_corner = np.bincount(quarter, minlength=4)
+    index = np.arange(count) - first[quarter]
+    share = index / np.maximum(per_corner[quarter] - 1, 1)
+    turn = 0.5 * np.pi * (quarter + share)
+    normal = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    return np.asarray(corner * half + margin * normal)
+
+
+def box_volume(half: Array, margin: Array) -> Array:
+    """Steiner's formula for a box: 4 hx hy + 4 margin (hx + hy) + pi margin^2 in 2-D."""
+    size = half.shape[-1]
+    volume, edges = 2.0**size * half.prod(axis=-1), 2.0 * half.sum(axis=-1)
+    if size == 2:
+        return np.asarray(volume + 2.0 * edges * margin + np.pi * margin**2)
+    pairs = sum(half[..., i] * half[..., j] for i, j in combinations(range(size), 2))
+    rounded = np.pi * edges * margin**2 + 4.0 / 3.0 * np.pi * margin**3
+    return np.asarray(volume + 8.0 * pairs * margin + rounded)
+
+
+def box_content(half: Array, covariance: Array, nodes: int = 200) -> float:
+    """Exact probability that a centred 2-D Gaussian lies in the box with these half-widths.
+
+    The integral of the marginal density over one axis times the conditional probability of the
+    other, by Gauss-Legendre; for correlations up to about 0.99.
+    """
+    points, weights = np.polynomial.legendre.leggauss(nodes)
+    first, second = np.sqrt(np.diagonal(covariance))
+    correlation = covariance[0, 1] / (first * second)
+    u = half[0] / first * points
+    spread = np.sqrt(1.0 - correlation**2)
+    upper = special.ndtr((half[1] / second - correlation * u) / spread)
+    lower = special.ndtr((-half[1] / second - correlation * u) / spread)
+    density = np.exp(-0.5 * u**2) / np.sqrt(2.0 * np.pi)
+    return float(half[0] / first * (weights * density * (upper - lower)).sum())

@@ -1,0 +1,46 @@
+"""The Gaussian density as a stand-in for the collision probability: what two regions share.
+
+Both compare area * density with the risk eps. With x = R^T (p - mu) and the level
+l = sqrt(-2 ln eps), pi margin^2 f(p) > eps is
+
+    sum_i x_i^2 / l_i < q,    q = l^2 - k,    k = 2 ln(2 sigma_1 sigma_2 / margin^2):
+
+an ellipse of level sqrt(q), nothing where q <= 0.
+"""
+
+import numpy as np
+
+from ..framework.arrays import Array
+from ..framework.errors import WideberthError
+from ..framework.forecast import GaussianObstacle
+from . import gaussian
+
+_THIN = 1e-12
+"""Share of the largest variance below which the smallest counts as zero (rounding)."""
+_SMALL = 1e-60
+"""m. A margin of zero counts as this: the regions are empty for every risk above 1e-100."""
+
+
+def checked_spread(obstacle: GaussianObstacle, name: str) -> Array:
+    """Variances (..., D), m^2, from large to small.
+
+    Raises
+    ------
+    WideberthError : a covariance is singular, so that there is no density.
+    """
+    variances = np.linalg.eigvalsh(obstacle.covariance)[..., ::-1]
+    if (variances[..., -1] <= _THIN * variances[..., 0]).any():
+        raise WideberthError(
+            f"{name} is undefined for a singular covariance, which has no density; add the "
+            "measurement variance, or choose minkowski_sum or risk_contour"
+        )
+    return np.asarray(variances, dtype=np.float64)
+
+
+def pack(obstacle: GaussianObstacle, margin: Array, name: str) -> Array:
+    """Packed parameters and k, (..., 10); raises as `checked_margin` and `checked_spread`."""
+    packed = gaussian.pack(obstacle, margin, (2,))
+    variances = checked_spread(obstacle, name)
+    room = np.maximum(packed[..., -1], _SMALL)
+    k = np.log(4.0 * variances.prod(axis=-1)) - 4.0 * np.log(room)
+    return np.concatenate([packed, k[..., None]], axis=-1)

@@ -1,0 +1,99 @@
+"""The linearised chance constraint: a line at right angles to the way to the obstacle."""
+
+from dataclasses import dataclass
+from typing import ClassVar, final
+
+import numpy as np
+from scipy import special
+
+from ..framework.arrays import Array, BoolArray, Scalar, probability
+from ..framework.forecast import GaussianObstacle
+from ..framework.motion import Pose
+from ..framework.region import Constraint, Guarantee, Region, Relation
+from ..framework.symbolic import ca
+from . import gaussian
+from .geometry import perimeter
+
+
+@final
+@dataclass(frozen=True)
+class HalfPlane(Region):
+    """Inside the pedal curve |d| = margin + z h(a), h(a) = sqrt(a^T Sigma a), a = d / |d|.
+
+    With d = p - mu, the disc of the margin lies beyond the line through its nearest point at
+    right angles to a. The obstacle reaches it with probability Phi(-(|d| - margin) / h(a)), so
+    the collision risk is at most eps where
+
+        a . d - margin >= z sqrt(a^T Sigma a),    z = Phi^-1(1 - eps) = sqrt 2 erfinv(1 - 2 eps).
+
+    ``tail`` is eps, the collision risk asked for, ``level`` is z; risks above 1/2 give z = 0,
+    the disc. Guarantee CONTENT: the risk outside is at most ``tail`` by the sentence above, for
+    every covariance. Relation NONE: for thin covariances the region is not convex and reaches
+    beyond the ellipse plus disc of content 1 - eps, for round ones it lies within. It holds
+    `BestHalfPlane`, which turns the line to where the bound is smallest.
+
+    The constraint is log(|d|) - log(margin + z h(a)) >= 0, unit-free.
+
+    References
+    ----------
+    H. Zhu and J. Alonso-Mora, Chance-Constrained Collision Avoidance for MAVs in Dynamic
+    Environments, IEEE Robotics and Automation Letters 4(2), 2019.
+    """
+
+    relation: ClassVar[Relation] = Relation.NONE
+    guarantee: ClassVar[Guarantee] = Guarantee.CONTENT
+    dimensions: ClassVar[tuple[int, ...]] = (2,)
+    reference: ClassVar[str] = "zhu2019chance"
+
+    def parameters(self, obstacle: GaussianObstacle, margin: Array) -> Array:
+        """Mean, eigenvectors, deviations, margin: (...,) -> (..., 9); see `regions.gaussian`."""
+        return gaussian.pack(obstacle, margin, self.dimensions)
+
+    def parameter_count(self, dimension: int) -> int:
+        """P = 9."""
+        return gaussian.packed_count(dimension)
+
+    def constraint(
+        self, pose: Pose, parameters: Scalar, level: Scalar, auxiliary: Scalar
+    ) -> Constraint:
+        """Log |d| - log(margin + z h(a)) >= 0."""
+        x, deviations, margin = gaussian.local_symbols(pose, parameters)
+        squared = sum(c**2 for c in x) + gaussian.FLOOR**2
+        spread = sum((c * s) ** 2 for c, s in zip(x, deviations, strict=True)) / squared
+        reach = margin + level * ca.sqrt(spread + gaussian.FLOOR**2) + gaussian.FLOOR
+        return Constraint((0.5 * ca.log(squared) - ca.log(reach),))
+
+    def contains(self, points: Array, parameters: Array, level: Array) -> BoolArray:
+        """Whether |d| < margin + z h(a)."""
+        mean, vectors, deviations, margin = gaussian.unpack(parameters)
+        x = gaussian.local(np.asarray(points), mean, vectors)
+        length = np.hypot.reduce(x, axis=-1)
+        along = np.hypot.reduce(x * deviations, axis=-1)
+        centred = np.broadcast_to(deviations[..., 0], length.shape)
+        spread = np.where(length > 0, along / np.where(length > 0, length, 1.0), centred)
+        return np.asarray(length < margin + np.asarray(level) * spread)
+
+    def boundary(self, parameters: Array, level: float, count: int) -> Array:
+        """Points (margin + z h(a)) a at equal steps of the polar angle, (count, 2), m."""
+        mean, vectors, deviations, margin = gaussian.unpack(parameters)
+        a = gaussian.circle(count, vectors)
+        reach = margin + level * np.hypot.reduce(a * deviations, axis=-1)
+        return np.asarray(mean + (reach[:, None] * a) @ vectors.T)
+
+    def area(self, parameters: Array, level: Array) -> Array:
+        """Pi margin^2 + margin z L + pi z^2 (l_1 + l_2) / 2, m^2.
+
+        L is the perimeter of the ellipse with semi-axes sigma_i (Cauchy: the integral of h).
+        """
+        _, _, deviations, margin = gaussian.unpack(parameters)
+        z = np.asarray(level)
+        spread = 0.5 * np.pi * z**2 * (deviations**2).sum(axis=-1)
+        return np.asarray(np.pi * margin**2 + margin * z * perimeter(deviations) + spread)
+
+    def level(self, tail: float, dimension: int = 2) -> float:
+        """Level z = Phi^-1(1 - tail), at least 0."""
+        return max(0.0, -float(special.ndtri(probability("tail", tail))))
+
+    def tail(self, level: float, dimension: int = 2) -> float:
+        """Collision risk Phi(-z) that the region keeps."""
+        return float(special.ndtr(-max(float(level), 0.0)))

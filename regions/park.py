@@ -1,0 +1,112 @@
+"""The bound of Park, Park and Manocha: disc area times the largest density in the disc."""
+
+from dataclasses import dataclass
+from typing import ClassVar, final
+
+import numpy as np
+
+from ..framework.arrays import Array, BoolArray, Scalar
+from ..framework.forecast import GaussianObstacle
+from ..framework.motion import Pose
+from ..framework.region import Auxiliary, Constraint, Guarantee, Region, Relation
+from ..framework.symbolic import ca
+from . import density, gaussian
+from .minkowski_sum import MinkowskiSum
+
+_SUM = MinkowskiSum()
+_LEAST = 1e-12
+"""Squared level q below which the region counts as empty."""
+
+
+@final
+@dataclass(frozen=True)
+class Park(Region):
+    """Where pi margin^2 max f > eps, the maximum taken over the disc around p.
+
+    The disc holds a point of density above eps / (pi margin^2) iff it meets the ellipse of du
+    Toit and Burdick (`DuToit`). So the region is that ellipse, of squared level
+    q = -2 ln(2 sqrt(det Sigma) eps / margin^2), plus the disc, and geometry, constraint and
+    auxiliary are those of `MinkowskiSum` at the level sqrt(q). It is empty where q <= 0.
+
+    ``tail`` is eps, the collision risk asked for, ``level`` is sqrt(-2 ln eps), see
+    `regions.density`. Guarantee CONTENT: the integral of the density over the disc is at most
+    area times maximum, so the risk outside is at most ``tail``, also where the region is empty.
+    Where the margin is much larger than the deviations the bound is 50 to 2500 times too large.
+    Relation NONE. A singular covariance has no density: `parameters` raises.
+
+    As q falls through 0 the region shrinks to the disc of the margin and then vanishes: a
+    planner that varies the level meets a jump there.
+
+    References
+    ----------
+    J. S. Park, C. Park and D. Manocha, Efficient Probabilistic Collision Detection for
+    Non-Convex Shapes (2017), and their later work, for the bound.
+    """
+
+    relation: ClassVar[Relation] = Relation.NONE
+    guarantee: ClassVar[Guarantee] = Guarantee.CONTENT
+    dimensions: ClassVar[tuple[int, ...]] = (2,)
+    singular_covariances: ClassVar[bool] = False
+    reference: ClassVar[str] = "park2017efficient"
+
+    def parameters(self, obstacle: GaussianObstacle, margin: Array) -> Array:
+        """Mean, eigenvectors, deviations, margin, k: (...,) -> (..., 10).
+
+        Raises
+        ------
+        WideberthError : singular covariance, negative margin, not 2-D.
+        """
+        return density.pack(obstacle, margin, "park")
+
+    def parameter_count(self, dimension: int) -> int:
+        """P = 10."""
+        return gaussian.packed_count(dimension) + 1
+
+    def auxiliary(self, dimension: int) -> Auxiliary:
+        """One scalar t, see `MinkowskiSum`."""
+        return _SUM.auxiliary(dimension)
+
+    def auxiliary_start(self, points: Array, parameters: Array, level: Array) -> Array:
+        """Best t for given positions, (..., 1)."""
+        inner, size, _ = _inner(parameters, level)
+        return _SUM.auxiliary_start(points, inner, size)
+
+    def constraint(
+        self, pose: Pose, parameters: Scalar, level: Scalar, auxiliary: Scalar
+    ) -> Constraint:
+        """0.5 log F(t) >= 0 of the sum; where it is empty 1, which holds everywhere."""
+        q = level**2 - parameters[9]
+        size = ca.sqrt(ca.fmax(q, _LEAST))
+        (value,) = _SUM.constraint(pose, parameters[:9], size, auxiliary).inequalities
+        return Constraint((ca.if_else(q > _LEAST, value, 1.0),))
+
+    def contains(self, points: Array, parameters: Array, level: Array) -> BoolArray:
+        """Whether the distance to the ellipse is below the margin."""
+        inner, size, there = _inner(parameters, level)
+        return np.asarray(_SUM.contains(points, inner, size) & there)
+
+    def boundary(self, parameters: Array, level: float, count: int) -> Array:
+        """Points on the boundary, (count, 2), m; the mean where the region is empty."""
+        inner, size, there = _inner(parameters, np.asarray(level))
+        points = _SUM.boundary(inner, float(size), count)
+        return np.asarray(np.where(there, points, inner[:2]))
+
+    def area(self, parameters: Array, level: Array) -> Array:
+        """Steiner's formula, m^2."""
+        inner, size, there = _inner(parameters, level)
+        return np.asarray(np.where(there, _SUM.area(inner, size), 0.0))
+
+    def level(self, tail: float, dimension: int = 2) -> float:
+        """Level sqrt(-2 ln eps)."""
+        return gaussian.ellipse_level(tail)
+
+    def tail(self, level: float, dimension: int = 2) -> float:
+        """Collision risk exp(-level^2 / 2) that the region keeps."""
+        return gaussian.ellipse_tail(level)
+
+
+def _inner(parameters: Array, level: Array) -> tuple[Array, Array, BoolArray]:
+    """Parameters and level of the sum, and whether it is there at all."""
+    parameters = np.asarray(parameters, dtype=np.float64)
+    q = np.asarray(level, dtype=np.float64) ** 2 - parameters[..., -1]
+    return parameters[..., :-1], np.sqrt(np.maximum(q, _LEAST)), np.asarray(q > _LEAST)

@@ -1,0 +1,130 @@
+"""A box around the disc, aligned with the eigenvectors: a product of two normal probabilities."""
+
+from dataclasses import dataclass
+from typing import ClassVar, final
+
+import numpy as np
+from scipy import special
+
+from ..framework.arrays import Array, BoolArray, Scalar
+from ..framework.forecast import GaussianObstacle
+from ..framework.motion import Pose
+from ..framework.region import Constraint, Guarantee, Region, Relation
+from ..framework.symbolic import ca
+from . import gaussian, rays
+from .normal import deep_inside, log_interval
+
+_TINY = 1e-12
+"""Keeps the square root differentiable where the bound is 1; moves the level by 5e-13 / level."""
+
+
+@final
+@dataclass(frozen=True)
+class WhitenedBox(Region):
+    """Where the collision risk of the box around the disc exceeds eps.
+
+    The square of half-width margin around p, its sides along the eigenvectors of Sigma, holds
+    the disc, and the obstacle's coordinates along them are independent:
+
+        P <= prod_i [Phi((|x_i| + margin) / sigma_i) - Phi((|x_i| - margin) / sigma_i)],
+
+    x = R^T (p - mu). Close to the exact probability where the margin is at most about the
+    deviations. A bound of the kind that Hardy and Campbell use for polygons (decorrelate, bound
+    the body by a box, multiply); their formula was not compared.
+
+    ``tail`` is eps, the collision risk asked for, ``level`` is sqrt(-2 ln eps). Guarantee
+    CONTENT: the risk outside is at most ``tail`` by the inequality above, also where the region
+    is empty (the bound at the mean is at most eps). Each factor is log-concave, so the region is
+    convex. Relation NONE: its corners can reach beyond the sum of content 1 - eps. It turns
+    with the eigenvectors; those of a round covariance are arbitrary, and for that one case alone
+    it is not rotation invariant.
+
+    The constraint is sqrt(-2 log P_box) - level >= 0, about the distance in deviations, from
+    tails that keep their digits. Deep inside, where the bound is 1 to all digits,
+    `regions.normal.deep_inside` gives the slope.
+
+    References
+    ----------
+    J. Hardy and M. Campbell, Contingency Planning Over Probabilistic Obstacle Predictions for
+    Autonomous Road Vehicles, IEEE Transactions on Robotics 29(4), 2013, for the idea.
+    """
+
+    relation: ClassVar[Relation] = Relation.NONE
+    guarantee: ClassVar[Guarantee] = Guarantee.CONTENT
+    dimensions: ClassVar[tuple[int, ...]] = (2,)
+    rotation_invariant: ClassVar[bool] = False
+    reference: ClassVar[str] = "hardy2013contingency"
+
+    def parameters(self, obstacle: GaussianObstacle, margin: Array) -> Array:
+        """Mean, eigenvectors, deviations, margin: (...,) -> (..., 9); see `regions.gaussian`."""
+        return gaussian.pack(obstacle, margin, self.dimensions)
+
+    def parameter_count(self, dimension: int) -> int:
+        """P = 9."""
+        return gaussian.packed_count(dimension)
+
+    def constraint(
+        self, pose: Pose, parameters: Scalar, level: Scalar, auxiliary: Scalar
+    ) -> Constraint:
+        """sqrt(-2 log P_box) - level >= 0; deep inside with a slope added."""
+        x, deviations, margin = gaussian.local_symbols(pose, parameters)
+        solid = [ca.sqrt(s**2 + gaussian.FLOOR**2) for s in deviations]
+        room = ca.sqrt(margin**2 + gaussian.FLOOR**2)
+        logarithm = sum(log_interval(ca.fabs(c), margin, s) for c, s in zip(x, solid, strict=True))
+        distance = ca.sqrt(ca.fmax(-2.0 * logarithm, 0.0) + _TINY)
+        return Constraint((distance - level + deep_inside(x, solid[0], room, level),))
+
+    def contains(self, points: Array, parameters: Array, level: Array) -> BoolArray:
+        """Whether the bound exceeds eps."""
+        mean, vectors, deviations, margin = gaussian.unpack(parameters)
+        x = gaussian.local(np.asarray(points), mean, vectors)
+        return np.asarray(_log_bound(x, deviations, margin) > -0.5 * np.asarray(level) ** 2)
+
+    def boundary(self, parameters: Array, level: float, count: int) -> Array:
+        """Points by search along rays, (count, 2), m; the mean where the region is empty."""
+        field, upper = _along_rays(parameters, np.asarray(level))
+        return rays.boundary(field, upper, parameters, count)
+
+    def area(self, parameters: Array, level: Array) -> Array:
+        """Quadrature over the rays, m^2, relative error below 1e-6."""
+        return rays.area(*_along_rays(parameters, level))
+
+    def level(self, tail: float, dimension: int = 2) -> float:
+        """Level sqrt(-2 ln eps)."""
+        return gaussian.ellipse_level(tail)
+
+    def tail(self, level: float, dimension: int = 2) -> float:
+        """Collision risk exp(-level^2 / 2) that the region keeps."""
+        return gaussian.ellipse_tail(level)
+
+
+def _log_bound(x: Array, deviations: Array, margin: Array) -> Array:
+    """Logarithm of the product, in the eigenframe; deviations of zero are limits."""
+    solid = np.hypot(deviations, gaussian.FLOOR)
+    room = np.asarray(margin)[..., None]
+    low, high = (np.abs(x) - room) / solid, (np.abs(x) + room) / solid
+    factor = np.where(
+        low > 0.0,
+        special.ndtr(-low) - special.ndtr(-high),
+        1.0 - special.ndtr(-high) - special.ndtr(low),
+    )
+    return np.asarray(np.log(np.maximum(factor, 1e-300)).sum(axis=-1))
+
+
+def _along_rays(parameters: Array, level: Array) -> tuple[rays.Field, rays.Field]:
+    """Field and outer multiples for `regions.rays`."""
+    _, _, deviations, margin = gaussian.unpack(parameters)
+    s, room = deviations[..., None, :], margin[..., None]
+    size = np.asarray(level, dtype=np.float64)[..., None]
+
+    def field(x: Array) -> Array:
+        return np.asarray(-2.0 * _log_bound(x, s, room) - size**2)
+
+    def upper(direction: Array) -> Array:
+        """Out to where one factor alone is at most Phi(-level), which is below eps."""
+        far = np.hypot(room[..., None] + size[..., None] * s, gaussian.FLOOR)
+        share = np.abs(direction)
+        with np.errstate(divide="ignore"):
+            return np.asarray((2.0 * far / share).min(axis=-1))
+
+    return field, upper
