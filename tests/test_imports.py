@@ -59,6 +59,15 @@ def test_heavy_libraries_are_imported_late(room: str, path: Path) -> None:
 
 
 @pytest.mark.parametrize(("room", "path"), MODULES)
+def test_imports_inside_a_room_are_relative(room: str, path: Path) -> None:
+    if room == "experiments":  # its modules also run by their path
+        return
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and not node.level:
+            assert (node.module or "").partition(".")[0] != "wideberth", "import it relatively"
+
+
+@pytest.mark.parametrize(("room", "path"), MODULES)
 def test_size(room: str, path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     assert text.count("\n") < 300, "split the file"
