@@ -105,7 +105,10 @@ def extent(episode: Episode) -> tuple[Array, Array]:
     points = [log.positions[:, :2] for log in episode.robots]
     points += [path.points[:, :2] for log in episode.robots for _, path in log.paths]
     every, margin = np.concatenate(points), max(log.radius for log in episode.agents) + 0.6
-    return np.nanmin(every, axis=0) - margin, np.nanmax(every, axis=0) + margin
+    low, high = np.nanmin(every, axis=0) - margin, np.nanmax(every, axis=0) + margin
+    beside = 0.8 if len(episode.agents) > len(episode.robots) else 0.4  # where others move
+    span = np.maximum(high - low, beside * max(high - low))
+    return 0.5 * (low + high - span), 0.5 * (low + high + span)
 
 
 def frame(panel: Any, low: Array, high: Array) -> None:
@@ -228,9 +231,8 @@ class _Stage:
         from matplotlib.figure import Figure
 
         low, high = extent(episode)
-        span = np.maximum(high - low, 0.4 * max(high - low))  # room for regions aside
-        low, high = 0.5 * (low + high - span), 0.5 * (low + high + span)
-        height = float(np.clip(5.0 * span[1] / span[0], 1.2, 4.6)) + 1.25
+        shape = (high[1] - low[1]) / (high[0] - low[0])
+        height = float(np.clip(5.0 * shape, 1.2, 4.6)) + 1.25
         self.episode = episode
         self.figure = Figure(figsize=(5.6, height), dpi=120)
         self.canvas = cast(Any, FigureCanvasAgg(self.figure))
