@@ -26,19 +26,9 @@ def aim(robot: Robot, plan: Plan, step: int = 0) -> Command:
 
 
 def emergency(
-    robot: Robot,
-    observation: Observation,
-    reason: str,
-    horizon: int,
-    dt: float,
-    size: tuple[int, int, int],
+    robot: Robot, observation: Observation, reason: str, horizon: int, dt: float
 ) -> tuple[Plan, Command]:
-    """Brake without looking; where even that fails, command zero velocity at once.
-
-    Parameters
-    ----------
-    size : number of states, inputs and coordinates, for the plan that stands still.
-    """
+    """Brake without looking; where even that fails, command zero velocity at once."""
     try:
         states, inputs = brake(robot, observation.state, horizon, dt)
         positions = np.stack(robot.pose(tuple(states.T)).position, axis=-1)
@@ -46,10 +36,11 @@ def emergency(
         return plan, aim(robot, plan)
     except Exception as error:
         reason = f"{reason}; braking: {type(error).__name__}: {error}"
-        states = np.zeros((horizon + 1, size[0]))
-        inputs, positions = np.zeros((horizon, size[1])), np.zeros((horizon + 1, size[2]))
+        states = np.zeros((horizon + 1, len(robot.states)))
+        inputs = np.zeros((horizon, len(robot.inputs)))
+        positions = np.zeros((horizon + 1, robot.dimension))
         plan = _unchecked(observation, reason, states, inputs, positions, dt)
-        return plan, Command((0.0,) * size[2])
+        return plan, Command((0.0,) * robot.dimension)
 
 
 def _unchecked(

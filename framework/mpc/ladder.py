@@ -144,24 +144,26 @@ class Ladder:
         states, inputs = brake(self.robot, self.start, self.horizon, self.dt)
         stop = self._lowest(problem, parameters, states, inputs, Rung.BRAKE)
         least = min(candidates, key=lambda one: one.found.total, default=stop)
-        touching = self._contact(problem, parameters, least.point)
-        if touching > self._contact(problem, parameters, stop.point) + TOLERANCE:
+        moving = np.abs(states - states[-1]).max(axis=1) > 1e-3
+        window = int(moving.sum()) + 1
+        touching = self._contact(problem, parameters, least.point, window)
+        if touching > self._contact(problem, parameters, stop.point, window) + TOLERANCE:
             return stop
         return least if least.found.total < stop.found.total else stop
 
-    def _contact(self, problem: Problem, parameters: Parameters, point: Guess) -> float:
+    def _contact(
+        self, problem: Problem, parameters: Parameters, point: Guess, window: int
+    ) -> float:
         """Return how deep the bodies overlap by the forecast's means, before a stop ends.
 
-        Level 0 leaves the margin alone. The window is the time that braking takes and one
-        step more: what lies beyond can still be braked for when the next plan is made.
+        Level 0 leaves the margin alone. The window is the steps that braking takes and one
+        more: what lies beyond can still be braked for when the next plan is made.
         """
         bare = replace(parameters, level=np.zeros_like(parameters.level))
         level = 0.0 if problem.shared else float("nan")
         touched = with_auxiliaries(self.robot, self.region, bare, replace(point, level=level))
         depth = violation(problem, bare, touched).regions
-        states, _ = brake(self.robot, self.start, self.horizon, self.dt)
-        moving = np.abs(states - states[-1]).max(axis=1) > 1e-3
-        return float(depth[: int(moving.sum()) + 1].max(initial=0.0))
+        return float(depth[:window].max(initial=0.0))
 
     def _lowest(
         self, problem: Problem, parameters: Parameters, states: Array, inputs: Array, rung: Rung

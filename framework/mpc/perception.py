@@ -12,7 +12,7 @@ from ..tracks import Tracks
 
 
 class Perception:
-    """Remembers detections and asks the predictor; what it had to drop stands in `notes`.
+    """Remembers detections and asks the predictor; `drain` tells what it had to drop.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class Perception:
         self._sizes = (dt, samples, forget, gap)
         self._history = History(*self._sizes)
         self._stamp = -np.inf
-        self.notes: list[str] = []
+        self._notes: list[str] = []
 
     def take(self, observation: Observation) -> None:
         """Take note of what is seen.
@@ -48,14 +48,21 @@ class Perception:
         neither be forgotten nor replaced.
         """
         if observation.stamp < self._stamp:
-            self.notes.append(f"clock went back by {self._stamp - observation.stamp:.3g} s")
+            self._notes.append(f"clock went back by {self._stamp - observation.stamp:.3g} s")
             self._history = History(*self._sizes)
         self._stamp = observation.stamp
         fitting = [d for d in observation.detections if len(d.position) == self._dimension]
         for detection in observation.detections:
             if len(detection.position) != self._dimension:
-                self.notes.append(f"{detection.ident!r} has {len(detection.position)} coordinates")
+                self._notes.append(
+                    f"{detection.ident!r} has {len(detection.position)} coordinates"
+                )
         self._history.add(observation.stamp, tuple(fitting))
+
+    def drain(self) -> list[str]:
+        """Return what had to be dropped since the last call."""
+        notes, self._notes = self._notes, []
+        return notes
 
     def forecast(
         self, observation: Observation, first: float, grid: Array, plan: Array | None

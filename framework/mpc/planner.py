@@ -166,10 +166,9 @@ class Planner(Controller):
             command = aim(self.robot, self._plan)
         except Exception as error:
             reason = f"{type(error).__name__}: {error}"
-            size = len(self.robot.states), len(self.robot.inputs), self.robot.dimension
-            self._plan, command = emergency(
-                self.robot, observation, reason, self.horizon, self.dt, size
-            )
+            self._plan, command = emergency(self.robot, observation, reason, self.horizon, self.dt)
+        reasons = (self._plan.reason, *self._perception.drain())
+        self._plan = replace(self._plan, reason="; ".join(filter(None, reasons)))
         since = observation.stamp + self.latency
         before = self._smoother or VelocitySmoother.at_rest(command.twist, since)
         self._smoother = before.aim(command, since)
@@ -223,10 +222,7 @@ class Planner(Controller):
         pull = replace(parameters, auxiliaries=guesses[0].auxiliaries)
         cap = None if self.deadline is None else self.deadline / len(guesses)
         solutions = self.solver.solve(problem, pull, guesses, cap)
-        plan = ladder.choose(problem, pull, solutions, obstacles, forecast)
-        notes = "; ".join(self._perception.notes)
-        self._perception.notes.clear()
-        return replace(plan, reason="; ".join(filter(None, (plan.reason, notes))))
+        return ladder.choose(problem, pull, solutions, obstacles, forecast)
 
     def _ladder(self, observation: Observation) -> Ladder:
         """Where the plan starts, and what is left of the last one.
