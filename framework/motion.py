@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from .arrays import Array, Scalar, checked, checked_covariance, positive
 
 
@@ -14,10 +16,37 @@ class Pose:
     ----------
     position : D coordinates in the world frame, m.
     heading : rad, counter-clockwise from the x axis; None for a robot without one.
+    outline : (x, y) of the corners of a convex body in its own frame, m; () for a point (a
+        disc is a point with a margin).
     """
 
     position: tuple[Scalar, ...]
     heading: Scalar | None = None
+    outline: tuple[tuple[float, float], ...] = ()
+
+    @classmethod
+    def of(cls, points: Array) -> "Pose":
+        """Poses at points (..., D), m, without heading."""
+        return cls(tuple(np.moveaxis(np.asarray(points, dtype=np.float64), -1, 0)))
+
+    def points(self) -> Array:
+        """Positions of NumPy poses, (..., D), m."""
+        return np.stack(np.broadcast_arrays(*self.position), axis=-1).astype(np.float64)
+
+    def offset(self, place: tuple[float, float]) -> tuple[Scalar, ...]:
+        """World coordinates of a place in the body's frame, p + Rot(heading) place, m."""
+        if place == (0.0, 0.0):
+            return self.position
+        cosine, sine = np.cos(self.heading), np.sin(self.heading)
+        along, aside = place
+        return (
+            self.position[0] + cosine * along - sine * aside,
+            self.position[1] + sine * along + cosine * aside,
+        )
+
+    def corners(self) -> tuple[tuple[Scalar, ...], ...]:
+        """World coordinates of the corners, m; the position alone where there are none."""
+        return tuple(self.offset(place) for place in self.outline or ((0.0, 0.0),))
 
 
 @dataclass(frozen=True, eq=False)

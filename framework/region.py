@@ -108,14 +108,15 @@ class Region(ABC):
         """Declare extra variables; none unless a region says otherwise."""
         return Auxiliary()
 
-    def auxiliary_start(self, points: Array, parameters: Array, level: Array) -> Array:
-        """Best auxiliaries for given positions: (..., D), (..., P), (...) -> (..., A).
+    def auxiliary_start(self, pose: Pose, parameters: Array, level: Array) -> Array:
+        """Best auxiliaries for given poses: batch (...), (..., P), (...) -> (..., A).
 
-        The solver starts from them and the law check maximises with them.
+        ``pose`` holds NumPy arrays. The solver starts from these auxiliaries, and the law
+        check and the re-check of a plan maximise with them.
         """
-        dimension = points.shape[-1]
-        start = self.auxiliary(dimension).start
-        return np.broadcast_to(np.asarray(start), (*points.shape[:-1], len(start)))
+        start = self.auxiliary(len(pose.position)).start
+        batch = np.shape(pose.position[0])
+        return np.broadcast_to(np.asarray(start), (*batch, len(start)))
 
     @abstractmethod
     def constraint(

@@ -83,9 +83,9 @@ class Bhattacharyya(Region):
         """One scalar t, see `MinkowskiSum`."""
         return _SUM.auxiliary(dimension)
 
-    def auxiliary_start(self, points: Array, parameters: Array, level: Array) -> Array:
+    def auxiliary_start(self, pose: Pose, parameters: Array, level: Array) -> Array:
         """Best t for given positions, (..., 1)."""
-        return _SUM.auxiliary_start(points, *_inner(parameters, level))
+        return _SUM.auxiliary_start(pose, *_inner(parameters, level))
 
     def constraint(
         self, pose: Pose, parameters: Scalar, level: Scalar, auxiliary: Scalar

@@ -69,9 +69,9 @@ class MinkowskiSum(Signed, Convex):
         """Declare t in (0, 1), held near its guess where the constraint is inactive."""
         return Auxiliary((_EDGE,), (1.0 - _EDGE,), (0.5,), regularisation=1e-6)
 
-    def auxiliary_start(self, points: Array, parameters: Array, level: Array) -> Array:
+    def auxiliary_start(self, pose: Pose, parameters: Array, level: Array) -> Array:
         """Return the maximiser of F(t), (..., 1)."""
-        x, axes, margin, _ = self._frame(points, parameters, level)
+        x, axes, margin, _ = self._frame(pose.points(), parameters, level)
         squares, disc = axes**2 + gaussian.FLOOR**2, margin**2 + gaussian.FLOOR**2
         return concave_maximiser(x, squares, disc, _EDGE, 1.0 - _EDGE)[..., None]
 

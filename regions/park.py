@@ -66,10 +66,10 @@ class Park(Region):
         """One scalar t, see `MinkowskiSum`."""
         return _SUM.auxiliary(dimension)
 
-    def auxiliary_start(self, points: Array, parameters: Array, level: Array) -> Array:
+    def auxiliary_start(self, pose: Pose, parameters: Array, level: Array) -> Array:
         """Best t for given positions, (..., 1)."""
         inner, size, _ = _inner(parameters, level)
-        return _SUM.auxiliary_start(points, inner, size)
+        return _SUM.auxiliary_start(pose, inner, size)
 
     def constraint(
         self, pose: Pose, parameters: Scalar, level: Scalar, auxiliary: Scalar

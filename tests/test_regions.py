@@ -379,7 +379,7 @@ def test_ipopt_finds_the_boundary_from_inside(region: Any) -> None:
     for _ in range(30):
         start = parameters[:2] + rng.standard_normal(2) * 3
         target = parameters[:2] + rng.standard_normal(2) * 0.4
-        first = region.auxiliary_start(start, parameters, np.asarray(level))
+        first = region.auxiliary_start(Pose.of(start), parameters, np.asarray(level))
         solution = solver(
             x0=np.concatenate([start, first]),
             p=np.concatenate([parameters, target]),
@@ -406,7 +406,7 @@ def test_batches(region: Region) -> None:
     area = region.area(parameters, level)
     points = mean + rng.standard_normal((3, 4, 2))
     inside = region.contains(points, parameters, level)
-    start = region.auxiliary_start(points, parameters, level)
+    start = region.auxiliary_start(Pose.of(points), parameters, level)
     assert start.shape == (3, 4, len(region.auxiliary(2)))
     one = region.parameters(GaussianObstacle(mean[1, 2], obstacle.covariance[1, 2]), margin[1, 0])
     np.testing.assert_allclose(parameters[1, 2], one)
@@ -422,7 +422,7 @@ def test_symbols_of_both_kinds_are_accepted() -> None:
             (value,) = region.constraint(Pose((x[0], x[1])), p, level, extra).inequalities
             function = ca.Function("f", [x, p, extra], [value])
             point = np.array([4.0, 5.0])
-            start = region.auxiliary_start(point, packed(region), np.asarray(level))
+            start = region.auxiliary_start(Pose.of(point), packed(region), np.asarray(level))
             assert float(function(point, packed(region), start)) > 0
 
 

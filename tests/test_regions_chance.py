@@ -314,7 +314,7 @@ def test_projection(region: Region) -> None:
     for _ in range(10):
         target = rng.uniform(-0.3, 0.3, 2)
         start = edge[rng.integers(4000)] * 1.3
-        helper = region.auxiliary_start(start, numbers, np.float64(level))
+        helper = region.auxiliary_start(Pose.of(start), numbers, np.float64(level))
         found = solver(
             x0=[*start, *helper],
             p=target,

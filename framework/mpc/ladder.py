@@ -16,6 +16,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..forecast import Forecast
+from ..motion import Pose
 from ..plan import Plan, Rung, Status
 from ..region import Region
 from ..robot import Robot
@@ -242,5 +243,5 @@ def with_auxiliaries(robot: Robot, region: Region, parameters: Parameters, guess
     level = parameters.level
     if not np.isnan(guess.level):
         level = np.full_like(level, guess.level)
-    start = region.auxiliary_start(points, parameters.regions, level)
+    start = region.auxiliary_start(Pose.of(points), parameters.regions, level)
     return replace(guess, auxiliaries=np.array(start, dtype=np.float64))

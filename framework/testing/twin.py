@@ -24,22 +24,20 @@ def compile_twin(region: Region, size: int) -> Twin:
     inequalities = ca.vertcat(*stated.inequalities)
     outputs: list[Any] = [
         inequalities,
-        ca.jacobian(inequalities, x),
+        ca.vec(ca.jacobian(inequalities, x)),
         ca.vertcat(*stated.equalities),
     ]
     function = ca.Function("region", [x, parameters, level, auxiliary], outputs)
 
     def evaluate(points: Array, numbers: Array, at: float) -> tuple[Array, Array, Array]:
-        start = region.auxiliary_start(points, numbers, np.asarray(at))
-        values, gradients, ties = [], [], []
-        for point, extra in zip(points, start, strict=True):
-            kept, slope, equal = (
-                np.asarray(out.full()) for out in function(point, numbers, at, extra)
-            )
-            least = int(kept[:, 0].argmin())
-            values.append(kept[least, 0])
-            gradients.append(slope[least])
-            ties.append(np.abs(equal).max(initial=0.0))
-        return np.array(values), np.array(gradients), np.array(ties)
+        start = region.auxiliary_start(Pose.of(points), numbers, np.asarray(at))
+        count = len(points)
+        if not count:
+            return np.zeros(0), np.zeros((0, size)), np.zeros(0)
+        given = [points.T, np.tile(numbers[:, None], count), np.full((1, count), at), start.T]
+        kept, slopes, ties = (np.asarray(out.full()) for out in function.map(count)(*given))
+        least = kept.argmin(axis=0)
+        gradients = slopes.reshape(size, -1, count)[:, least, np.arange(count)].T
+        return kept.min(axis=0), gradients, np.abs(ties).max(axis=0, initial=0.0)
 
     return evaluate
