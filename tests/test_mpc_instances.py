@@ -1,5 +1,6 @@
 """Recorded instances: best known costs and an independent NumPy check are the oracles."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -96,3 +97,18 @@ def test_an_unbounded_level_is_the_paper_s_and_can_fall_below_zero(
         (solution,) = Ipopt().solve(problem, instance.parameters, [instance.guess])
         lowest.append(solution.point.level)
     assert min(lowest) < 0.0
+
+
+@pytest.mark.parametrize("solver", [Fatrop(), Ipopt()], ids=str)
+def test_a_failed_solve_leaves_no_trace(solver: Solver, instances: list[Instance]) -> None:
+    """Of twenty failures some make the solver be built anew; the results stay the same bytes."""
+    instance = instances[0]
+    problem = problem_for(instance)
+    (alone,) = solver.solve(problem, instance.parameters, [instance.guess])
+    broken = replace(instance.parameters, initial=np.full(5, np.nan))
+    for _ in range(20):
+        (failed,) = solver.solve(problem, broken, [instance.guess])
+        assert failed.status is not Status.SOLVED
+    (after,) = solver.solve(problem, instance.parameters, [instance.guess])
+    assert after.iterations == alone.iterations
+    np.testing.assert_array_equal(after.point.states, alone.point.states)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ...arrays import Array
 from ...plan import Status
 from ...symbolic import ca
 from ..problem import Parameters, Problem
@@ -56,13 +57,63 @@ class Solver(ABC):
         """Solve from each guess; ``deadline`` in s caps each single solve."""
 
 
-@dataclass(frozen=True, eq=False)
 class Compiled:
-    """A transcribed problem with the CasADi solver made for it."""
+    """A transcribed problem with the CasADi solver made for it.
 
-    form: Transcription
-    function: Any
+    A solver keeps its memory from call to call. fatrop's is spoilt by a solve that fails: a
+    later one, which a fresh solver does in 77 iterations, then never returned. So a call
+    goes through a buffer, which has a memory of its own, and after a solve that did not
+    succeed the next one gets another buffer. Results therefore do not depend on what was
+    solved before.
 
+    Parameters
+    ----------
+    form : the transcribed problem.
+    make : makes the CasADi function.
+    """
+
+    def __init__(self, form: Transcription, make: Callable[[], Any]) -> None:
+        self.form, self._make = form, make
+        self._function, self._buffer = make(), None
+        self._spoilt: list[Any] = []
+
+    def __call__(
+        self, parameters: Parameters, guess: Guess
+    ) -> tuple[Array, float, dict[str, Any]]:
+        """Solve from a guess: variables, cost and the solver's statistics."""
+        form = self.form
+        variables, rows = len(form.lower), len(form.row_lower)
+        given = [
+            form.pack(guess),
+            form.parameters(parameters),
+            *(form.lower, form.upper, form.row_lower, form.row_upper),
+            *(np.zeros(variables), np.zeros(rows)),  # multipliers
+        ]
+        kept = [np.ascontiguousarray(values, dtype=np.float64) for values in given]
+        flat, cost = np.full(variables, np.nan), np.full(1, np.nan)
+        buffer = self._free()
+        for i, values in enumerate(kept):
+            buffer.set_arg(i, memoryview(values))
+        for i, values in enumerate((flat, cost)):
+            buffer.set_res(i, memoryview(values))
+        buffer._eval()
+        stats = buffer.stats()
+        if not stats["success"]:
+            self._spoilt.append(buffer)  # kept: its memory would be handed out again
+            self._buffer = None
+        return flat, float(cost[0]), stats
+
+    def _free(self) -> Any:
+        """Return a buffer whose memory is sound; with too many spoilt ones all are made anew."""
+        if len(self._spoilt) > _MOST_SPOILT:
+            self._spoilt, self._function = [], self._make()
+        if self._buffer is None:
+            self._buffer, _ = self._function.buffer()
+        return self._buffer
+
+
+_MOST_SPOILT = 8
+"""Each holds some MiB; making the solver anew takes tenths of a second."""
 
 _CACHE: OrderedDict[tuple[str, str, str], Compiled] = OrderedDict()
 _CACHE_SIZE = 64
@@ -89,7 +140,8 @@ def compiled(
     settings = {**quiet, "calc_lam_p": False, **options}
     if name == "fatrop":
         settings |= _structure(form)
-    _CACHE[key] = Compiled(form, ca.nlpsol("solver", name, form.nlp(), settings))
+    program = form.nlp()
+    _CACHE[key] = Compiled(form, lambda: ca.nlpsol("solver", name, program, settings))
     if len(_CACHE) > _CACHE_SIZE:
         _CACHE.popitem(last=False)
     return _CACHE[key]
@@ -119,18 +171,8 @@ def run(
     """Solve from one guess and read the result."""
     begin = perf_counter()
     form = program.form
-    result = program.function(
-        x0=form.pack(guess),
-        p=form.parameters(parameters),
-        lbx=form.lower,
-        ubx=form.upper,
-        lbg=form.row_lower,
-        ubg=form.row_upper,
-    )
-    flat = np.asarray(result["x"]).ravel()
-    cost = float(result["f"])
+    flat, cost, stats = program(parameters, guess)
     seconds = perf_counter() - begin
-    stats = program.function.stats()
     outcome, message = status(stats)
     if not (np.isfinite(flat).all() and np.isfinite(cost)):
         flat, outcome, message = form.pack(guess), Status.FAILED, "not a number"
