@@ -9,7 +9,7 @@ from wideberth.framework import Path, names
 from wideberth.framework.config import build
 from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.instance import Obstacles, fill
-from wideberth.framework.mpc.ladder import with_auxiliaries
+from wideberth.framework.mpc.bodies import with_auxiliaries
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.problem import Parameters, Problem
 from wideberth.framework.mpc.reference import lay_reference
@@ -98,7 +98,7 @@ def _case(region_name: str, robot_name: str, solver: str) -> Case:
     problem = assemble(robot, region, level, horizon=STEPS, dt=DT, capacity=1)
     turning = replace(twist, angular=-0.05 if robot.pose(state).heading is not None else 0.0)
     states, inputs = steer(robot, start, turning, STEPS, DT)
-    guess = Guess(states, inputs, np.zeros((STEPS, 0, 0)), float("nan"), np.zeros(STEPS))
+    guess = Guess.bare(states, inputs, float("nan"))
     guess = with_auxiliaries(robot, region, parameters, guess)
     parameters = replace(parameters, auxiliaries=guess.auxiliaries)
     return Case(build("solvers", solver), problem, parameters, guess)

@@ -4,10 +4,13 @@ BUILT_IN: dict[str, str] = {
     "dynamic_matters": "wideberth.experiments.dynamic_matters:DynamicMatters",
     "conservativeness": "wideberth.experiments.conservativeness:Conservativeness",
     "encounter": "wideberth.experiments.encounter:Encounter",
+    "flight": "wideberth.experiments.flight:Flight",
     "replay": "wideberth.experiments.replay:Replay",
     "approximation_error": "wideberth.experiments.approximation_error:ApproximationError",
     "boundary_risk": "wideberth.experiments.boundary_risk:BoundaryRisk",
     "ellipse_construction": "wideberth.experiments.ellipse_construction:EllipseConstruction",
     "forecast_regions": "wideberth.experiments.forecast_regions:ForecastRegions",
+    "region_gallery": "wideberth.experiments.region_gallery:RegionGallery",
+    "region_price": "wideberth.experiments.region_price:RegionPrice",
 }
 """Name of an experiment -> where its class is."""

@@ -44,6 +44,7 @@ def play(
     The seed draws the situation and all noise, so that planners compared at one seed meet
     the same situation.
     """
+    placements = place(scenario, seed)
     agents = [
         RobotAgent(
             one.name,
@@ -54,9 +55,11 @@ def play(
             one.phase * made.period,
             truth=True,
         )
-        for one in place(scenario, seed)
+        for one in placements
     ]
-    return run_episode(agents, settings, seed=seed)
+    others = scenario.bystanders(np.random.default_rng([seed, 8]), placements)
+    polygons = scenario.polygons(np.random.default_rng([seed, 9]))
+    return run_episode(agents, settings, seed=seed, others=others, polygons=polygons)
 
 
 def grid(

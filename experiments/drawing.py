@@ -3,15 +3,15 @@
 Positions of three coordinates are drawn from above (x and y).
 """
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from wideberth.experiments import animation as pieces
+from wideberth.experiments import pieces
+from wideberth.experiments.closest import mark_closest
 from wideberth.experiments.plotting import COLOURS, COLUMN, PAGE, paper_style
 from wideberth.framework.arrays import Array, positive, probability
 from wideberth.framework.errors import WideberthError
-from wideberth.framework.metrics import approach
 from wideberth.framework.plan import Plan, Rung
 from wideberth.simulation.log import AgentLog, Episode
 
@@ -24,33 +24,8 @@ BLACK, PLANNED, OTHER, REFERENCE, FORECAST = COLOURS[:5]
 _MARK = 5.0  # s between two time marks
 _ORDER = (
     *("reference path", "reference points", "planned positions", "forecast regions"),
-    *("robot and its trail", "obstacle and its trail"),
+    *("robot and its trail", "obstacle and its trail", "static"),
 )
-
-
-class Closest(NamedTuple):
-    """The closest approach of an episode: time (s), the pair, and its clearance (m)."""
-
-    time: float
-    pair: tuple[AgentLog, AgentLog]
-    clearance: float
-
-
-def closest(episode: Episode) -> Closest | None:
-    """Where the clearance is smallest; None if no pair was ever there together."""
-    best: Closest | None = None
-    for first, second in pieces.pairs(episode):
-        gaps = approach(first.positions, second.positions) - first.radius - second.radius
-        if not np.isfinite(gaps).any():
-            continue
-        i = int(np.nanargmin(gaps))
-        if best is None or gaps[i] < best.clearance:
-            start = (first.positions - second.positions)[i : i + 2]
-            move = start[1] - start[0]
-            share = np.clip(-start[0] @ move / max(float(move @ move), 1e-300), 0.0, 1.0)
-            time = episode.times[i] + share * (episode.times[i + 1] - episode.times[i])
-            best = Closest(float(time), (first, second), float(gaps[i]))
-    return best
 
 
 def draw_views(episode: Episode, *, distance: float, tail: float) -> "Figure":
@@ -101,7 +76,8 @@ def draw_views(episode: Episode, *, distance: float, tail: float) -> "Figure":
         for panel, (low, high) in zip(panels, boxes, strict=True):
             pieces.frame(panel, 0.5 * (low + high - span), 0.5 * (low + high + span))
         width = 0.5 * PAGE - 0.5
-        figure.set_size_inches(PAGE, width * min(span[1] / span[0], 1.4) + 1.15)
+        legend = 1.3 if episode.polygons else 1.15  # inch; walls take another line
+        figure.set_size_inches(PAGE, width * min(span[1] / span[0], 1.4) + legend)
         _legend(figure, panels)
     return figure
 
@@ -122,11 +98,12 @@ def draw_run(episode: Episode) -> "Figure":
         span = high - low
         figure.set_size_inches(COLUMN, min(2.98 * span[1] / span[0], 3.6) + 1.0)
         pieces.frame(panel, low, high)
+        pieces.walls(panel, episode)
         pieces.courses(panel, episode)
         styles = pieces.looks(episode)
         for log in episode.agents:
             _way(panel, episode, log, styles[log.name])
-        taken = _closest_mark(panel, episode)
+        taken = mark_closest(panel, episode)
         _numbers(panel, episode, taken, float(span.max()))
         figure.legend(loc="outside lower center", ncols=2)
     return figure
@@ -140,6 +117,7 @@ def _view(
     time = moment if plan is None else plan.stamp
     path = [path for begin, path in ego.paths if begin <= time + 1e-9][-1]
     panel.plot(*path.points[:, :2].T, "-", color=REFERENCE, linewidth=0.7, label="reference path")
+    pieces.walls(panel, episode)
     seen = [_world(panel, episode, ego, time)]
     if plan is not None:
         seen += _intention(panel, plan, tail)
@@ -173,7 +151,7 @@ def _intention(panel: Any, plan: Plan, tail: float) -> list[Array]:
 
 def _world(panel: Any, episode: Episode, ego: AgentLog, time: float) -> Array:
     """Draw the discs and the ways driven so far; return the corners of the robots' discs."""
-    from matplotlib.patches import Circle
+    from matplotlib.collections import PolyCollection
 
     corners = []
     for log in episode.agents:
@@ -186,12 +164,13 @@ def _world(panel: Any, episode: Episode, ego: AgentLog, time: float) -> Array:
         if not np.isfinite(here).all():
             continue
         face = "white" if own else (OTHER, 0.25)
-        disc = Circle(
-            tuple(here), log.radius, facecolor=face, edgecolor=colour, linewidth=0.9,
-            linestyle=line, hatch=None if own else "/////", zorder=1.5,
+        body = PolyCollection(
+            pieces.shapes(log, here, pieces.heading_at(episode, log, time)), facecolor=face,
+            edgecolor=colour, linewidth=0.9, linestyle=line, hatch=None if own else "/////",
+            zorder=1.5,
             label="robot and its trail" if own else _once(panel, "obstacle and its trail"),
         )  # fmt: skip
-        panel.add_patch(disc)
+        panel.add_collection(body, autolim=False)
         panel.plot(*pieces.nose(episode, log, time).T, "-", color=colour, linewidth=2.0)
         if log.kind == "robot":
             corners += [here - log.radius, here + log.radius]
@@ -268,30 +247,3 @@ def _numbers(panel: Any, episode: Episode, taken: Array, span: float) -> None:
                 color=styles[log.name].color, zorder=3,
                 path_effects=[withStroke(linewidth=1.5, foreground="white")],
             )  # fmt: skip
-
-
-def _closest_mark(panel: Any, episode: Episode) -> Array:
-    """Draw both discs at the closest approach and the line between their surfaces.
-
-    Returns points of what was drawn, (K, 2), m, so that other things can keep clear of it.
-    """
-    from matplotlib.patches import Circle
-
-    found = closest(episode)
-    if found is None:
-        return np.zeros((0, 2))
-    first, second = (episode.at(log, np.array([found.time]))[0, :2] for log in found.pair)
-    styles = pieces.looks(episode)
-    angle = np.linspace(0.0, 2.0 * np.pi, 36)
-    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    drawn = []
-    for log, place in zip(found.pair, (first, second), strict=True):
-        color = styles[log.name].color
-        panel.add_patch(Circle(tuple(place), log.radius, fill=False, ec=color, lw=0.7))
-        drawn.append(place + log.radius * circle)
-    apart = float(np.linalg.norm(second - first))
-    along = (second - first) / apart if apart > 0.0 else np.array([1.0, 0.0])
-    rims = [first + found.pair[0].radius * along, second - found.pair[1].radius * along]
-    label = f"least clearance {found.clearance:.2f} m at {found.time:.1f} s"
-    panel.plot(*np.array(rims).T, "k.-", linewidth=0.9, markersize=4, label=label)
-    return np.concatenate([*drawn, np.linspace(rims[0], rims[1], 10)])

@@ -3,8 +3,13 @@
 from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
-from .arrays import Scalar, positive, whole
+import numpy as np
+
+from .arrays import Array, Scalar, positive, whole
 from .robot import Robot
+
+_NUDGE = 1e-6
+"""Step of the central differences, in the argument's own units."""
 
 Derivative: TypeAlias = Callable[[Sequence[Scalar], Sequence[Scalar]], tuple[Scalar, ...]]
 
@@ -74,6 +79,16 @@ def step(
     positive("dt", dt)
     whole("substeps", substeps)
     return runge_kutta(robot.derivative, state, control, dt, substeps)
+
+
+def slopes(function: Callable[[Array], Array], point: Sequence[float] | Array) -> Array:
+    """Jacobian of a function of arrays by central differences, (n,) -> (m, n)."""
+    here = np.asarray(point, dtype=np.float64)
+    columns = [
+        (function(here + nudge) - function(here - nudge)) / (2.0 * _NUDGE)
+        for nudge in _NUDGE * np.eye(len(here))
+    ]
+    return np.stack(columns, axis=1)
 
 
 def _moved(

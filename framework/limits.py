@@ -1,5 +1,6 @@
 """Clipping to a symmetric limit, in plain floats: the drives of robots call it all the time."""
 
+from collections.abc import Sequence
 from math import hypot
 
 
@@ -8,8 +9,8 @@ def within(value: float, limit: float) -> float:
     return min(max(value, -limit), limit)
 
 
-def within_norm(first: float, second: float, limit: float) -> tuple[float, float]:
+def within_norm(vector: Sequence[float], limit: float) -> tuple[float, ...]:
     """Return the vector, shortened to the length ``limit`` if it is longer."""
-    norm = hypot(first, second)
+    norm = hypot(*vector)
     scale = limit / norm if norm > limit else 1.0
-    return scale * first, scale * second
+    return tuple(scale * value for value in vector)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .arrays import Array, Scalar, checked, checked_covariance, positive
+from .polygon import Polygon
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +36,7 @@ class Pose:
 
     def offset(self, place: tuple[float, float]) -> tuple[Scalar, ...]:
         """World coordinates of a place in the body's frame, p + Rot(heading) place, m."""
-        if place == (0.0, 0.0):
+        if place == (0.0, 0.0) or self.heading is None:  # a body without heading is its centre
             return self.position
         cosine, sine = np.cos(self.heading), np.sin(self.heading)
         along, aside = place
@@ -137,6 +138,7 @@ class Observation:
     stamp : s.
     state : (n,) the robot's own estimated state, in the robot's own units.
     covariance : (n, n) of that estimate; None if unknown (taken as exact).
+    polygons : what stands still and where, all of it (a map), or what is known of it.
     detections : obstacles seen now; a missing one was not seen.
     truth : the future, where a simulation grants it (the oracle predictor alone reads it).
     """
@@ -145,6 +147,7 @@ class Observation:
     state: Array
     detections: tuple[Detection, ...] = ()
     covariance: Array | None = None
+    polygons: tuple[Polygon, ...] = ()
     truth: Truth | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:

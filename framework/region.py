@@ -159,3 +159,16 @@ class Convex(Region):
     @abstractmethod
     def support(self, normals: Array, parameters: Array, level: Array) -> Array:
         """Max of n . x over the region, m, for unit normals (..., D) -> (...)."""
+
+
+class Polygonal(Region):
+    """A region that knows bodies with corners.
+
+    Where the pose has an outline, ``constraint`` keeps the whole body, the convex hull of its
+    corners enlarged by the margin, clear of the obstacle; ``margin`` is then what is
+    added around the outline. Regions without this ability are given the enclosing disc.
+    """
+
+    @abstractmethod
+    def overlaps(self, pose: Pose, parameters: Array, level: Array) -> BoolArray:
+        """Whether bodies overlap the region: NumPy poses (...), (..., P), (...) -> (...)."""

@@ -38,6 +38,7 @@ _FRAMEWORK = "wideberth.framework"
 ROOMS = {
     "predictors": Room("wideberth.predictors", f"{_FRAMEWORK}.predictor:Predictor"),
     "regions": Room("wideberth.regions", f"{_FRAMEWORK}.region:Region"),
+    "static_regions": Room("wideberth.regions.static", f"{_FRAMEWORK}.static_region:StaticRegion"),
     "robots": Room("wideberth.robots", f"{_FRAMEWORK}.robot:Robot"),
     "controllers": Room("wideberth.controllers", f"{_FRAMEWORK}.controller:Controller"),
     "solvers": Room(f"{_FRAMEWORK}.mpc.solvers", f"{_FRAMEWORK}.mpc.solvers.base:Solver"),

@@ -7,6 +7,7 @@ from math import atan2
 from typing import ClassVar
 
 from .arrays import Scalar
+from .footprint import Footprint
 from .motion import Pose, Twist
 
 
@@ -43,7 +44,10 @@ class Robot(ABC):
     reference: ClassVar[str] = ""
 
     radius: float
-    """m, of the disc that encloses the robot."""
+    """m, of the disc that encloses the robot: what others see of it."""
+
+    footprint: Footprint | None = None
+    """What ground it covers, within that disc; None for the whole disc."""
 
     @abstractmethod
     def derivative(self, state: Sequence[Scalar], control: Sequence[Scalar]) -> tuple[Scalar, ...]:

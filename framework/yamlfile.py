@@ -33,12 +33,17 @@ def read_config(path: Path, overrides: list[str] | None = None) -> dict[str, Any
 
 
 def parse(text: str, place: str) -> Any:
-    """Return the value of a YAML text; ``place`` stands in the error message.
+    r"""Return the value of a YAML text; ``place`` stands in the error message.
 
     Examples
     --------
     >>> parse("tolerance: 1e-3", "example")
     {'tolerance': 0.001}
+
+    What mappings share may stand once:
+
+    >>> parse("first: &first {weight: 1, tail: 0.1}\nsecond: {<<: *first, tail: 0.2}", "example")
+    {'first': {'weight': 1, 'tail': 0.1}, 'second': {'weight': 1, 'tail': 0.2}}
     """
     import yaml
 
@@ -117,10 +122,12 @@ def _loader() -> Any:
         """YAML 1.2's floats, and no key twice."""
 
         def construct_mapping(self, node: Any, deep: bool = False) -> Any:
-            keys = [self.construct_object(key, deep=True) for key, _ in node.value]
+            merge = "tag:yaml.org,2002:merge"  # <<: takes over what it does not state itself
+            own = [entry for entry in node.value if entry[0].tag != merge]
+            keys = [self.construct_object(key, deep=True) for key, _ in own]
             for index, key in enumerate(keys):
                 if key in keys[:index]:
-                    mark = node.value[index][0].start_mark
+                    mark = own[index][0].start_mark
                     raise yaml.MarkedYAMLError(
                         problem=f"key {key!r} stands twice", problem_mark=mark
                     )

@@ -4,6 +4,7 @@ BUILT_IN: dict[str, str] = {
     "bicycle": "wideberth.robots.bicycle:Bicycle",
     "differential_drive": "wideberth.robots.differential_drive:DifferentialDrive",
     "holonomic": "wideberth.robots.holonomic:Holonomic",
+    "holonomic_3d": "wideberth.robots.holonomic_3d:Holonomic3D",
     "holonomic_velocity": "wideberth.robots.holonomic_velocity:HolonomicVelocity",
     "unicycle": "wideberth.robots.unicycle:Unicycle",
 }

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..framework.arrays import Scalar, positive
 from ..framework.errors import WideberthError
+from ..framework.footprint import Footprint, checked_footprint
 from ..framework.limits import within
 from ..framework.motion import Pose, Twist
 from ..framework.robot import Bounds, Quantity, Robot
@@ -33,6 +34,7 @@ class Bicycle(Robot):
     max_steering : rad, |delta|, below pi/2.
     max_acceleration : m/s^2, |a|.
     max_steering_rate : rad/s, |rate|.
+    footprint : several discs or a convex outline, within ``radius``; None for the disc itself.
 
     Raises
     ------
@@ -67,10 +69,13 @@ class Bicycle(Robot):
     max_steering: float = 0.4
     max_acceleration: float = 0.7
     max_steering_rate: float = 0.3
+    footprint: Footprint | None = None
 
     def __post_init__(self) -> None:
         for entry in fields(self):
-            positive(f"bicycle.{entry.name}", getattr(self, entry.name))
+            if entry.name != "footprint":
+                positive(f"bicycle.{entry.name}", getattr(self, entry.name))
+        checked_footprint("bicycle", self.footprint, self.radius)
         if self.max_steering >= 0.5 * pi:
             raise WideberthError(
                 f"bicycle.max_steering is {self.max_steering:g} rad; wanted less than pi/2 "

@@ -7,6 +7,7 @@ from typing import ClassVar, final
 import numpy as np
 
 from ..framework.arrays import Scalar, positive
+from ..framework.footprint import Footprint, checked_footprint
 from ..framework.limits import within
 from ..framework.motion import Pose, Twist
 from ..framework.robot import Bounds, Quantity, Robot
@@ -34,6 +35,7 @@ class DifferentialDrive(Robot):
     max_wheel_speed, max_wheel_acceleration : m/s, m/s^2, at the rim.
     max_speed, max_yaw_rate, max_acceleration, max_yaw_acceleration : m/s, rad/s, m/s^2,
         rad/s^2, of the body.
+    footprint : several discs or a convex outline, within ``radius``; None for the disc itself.
 
     Raises
     ------
@@ -66,10 +68,13 @@ class DifferentialDrive(Robot):
     max_yaw_rate: float = 0.3
     max_acceleration: float = 0.7
     max_yaw_acceleration: float = 0.1
+    footprint: Footprint | None = None
 
     def __post_init__(self) -> None:
         for entry in fields(self):
-            positive(f"differential_drive.{entry.name}", getattr(self, entry.name))
+            if entry.name != "footprint":
+                positive(f"differential_drive.{entry.name}", getattr(self, entry.name))
+        checked_footprint("differential_drive", self.footprint, self.radius)
 
     def derivative(self, state: Sequence[Scalar], control: Sequence[Scalar]) -> tuple[Scalar, ...]:
         """Time derivative of the state."""

@@ -83,4 +83,4 @@ class HolonomicVelocity(Robot):
 
     def drive(self, state: Sequence[float], twist: Twist, duration: float) -> tuple[float, ...]:
         """Return the wanted velocity, shortened to the limit."""
-        return within_norm(twist.linear[0], twist.linear[1], self.max_speed)
+        return within_norm(twist.linear, self.max_speed)

@@ -7,6 +7,7 @@ from typing import ClassVar, final
 import numpy as np
 
 from ..framework.arrays import Scalar, positive
+from ..framework.footprint import Footprint, checked_footprint
 from ..framework.limits import within
 from ..framework.motion import Pose, Twist
 from ..framework.robot import Bounds, Quantity, Robot
@@ -28,6 +29,7 @@ class Unicycle(Robot):
     max_yaw_rate : rad/s, |omega|.
     max_acceleration : m/s^2, |a|.
     max_yaw_acceleration : rad/s^2, |alpha|.
+    footprint : several discs or a convex outline, within ``radius``; None for the disc itself.
 
     Raises
     ------
@@ -54,10 +56,13 @@ class Unicycle(Robot):
     max_yaw_rate: float = 0.3
     max_acceleration: float = 0.7
     max_yaw_acceleration: float = 0.1
+    footprint: Footprint | None = None
 
     def __post_init__(self) -> None:
         for entry in fields(self):
-            positive(f"unicycle.{entry.name}", getattr(self, entry.name))
+            if entry.name != "footprint":
+                positive(f"unicycle.{entry.name}", getattr(self, entry.name))
+        checked_footprint("unicycle", self.footprint, self.radius)
 
     def derivative(self, state: Sequence[Scalar], control: Sequence[Scalar]) -> tuple[Scalar, ...]:
         """Time derivative of the state."""

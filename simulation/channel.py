@@ -57,14 +57,19 @@ class Channel:
         for name, position, radius in bodies:
             if not np.isfinite(position).all():
                 continue
-            key = (seed, _number(observer), _number(name), 2 * abs(tick) + (tick < 0))
-            rng = np.random.default_rng(key)
+            rng = noise_of(seed, observer, name, tick)
             if rng.random() < self.dropout:
                 continue
             size = len(position)
             noisy = position + self.noise * rng.standard_normal(size)
             seen.append(Detection(name, noisy, self.noise**2 * np.eye(size), radius, self.delay))
         return tuple(seen)
+
+
+def noise_of(seed: int, observer: str, name: str, tick: int) -> np.random.Generator:
+    """Return the generator of what one robot learns of another (or itself) at one tick."""
+    key = (seed, _number(observer), _number(name), 2 * abs(tick) + (tick < 0))
+    return np.random.default_rng(key)
 
 
 def _number(name: str) -> int:

@@ -1,6 +1,7 @@
 """Episodes as bytes: one array of numbers, and a description of where what stands in it.
 
-Format "wideberth/episode", version 1: a NumPy archive (npz, deflated) with two members.
+Format "wideberth/episode", version 2 (version 1, which is still read, knew neither footprints
+nor polygons): a NumPy archive (npz, deflated) with two members.
 ``numbers`` is a float64 vector with all arrays one after the other; ``meta`` is JSON in
 UTF-8, in which an array is written as {"at": offset, "shape": [...]}. One vector, since an
 archive member for each of thousands of small arrays is slow and large. Neither holds a
@@ -16,13 +17,15 @@ import numpy as np
 
 from ..framework.arrays import Array
 from ..framework.errors import WideberthError
+from ..framework.footprint import Discs, Footprint, Outline
 from ..framework.forecast import Forecast
 from ..framework.io import stamped, unstamped
 from ..framework.path import Path
 from ..framework.plan import Plan, Rung, Status
+from ..framework.polygon import Polygon
 from .log import AgentLog, CommandLog, Episode
 
-VERSION = 1
+VERSION = 2
 _COMMANDS = ("stamp", "effect", "linear", "omega", "ramp")
 _SERIES = ("positions", "headings", "speeds", "yaw_rates")
 _PLAN_ARRAYS = (
@@ -70,6 +73,7 @@ def to_bytes(episode: Episode) -> bytes:
         "goal_tolerance": pack.put(episode.goal_tolerance),
         "times": pack.put(episode.times),
         "agents": [_pack_agent(pack, agent) for agent in episode.agents],
+        "polygons": [[one.name, pack.put(one.vertices)] for one in episode.polygons],
     }
     meta = json.dumps(stamped("episode", VERSION, content), sort_keys=True)
     buffer = io.BytesIO()
@@ -96,6 +100,9 @@ def from_bytes(data: bytes) -> Episode:
         ended=content["ended"],
         goal_tolerance=float(unpack.get(content["goal_tolerance"])),
         seed=content["seed"],
+        polygons=tuple(
+            Polygon(_places(unpack, place), name) for name, place in content.get("polygons", [])
+        ),
     )
 
 
@@ -109,6 +116,7 @@ def _pack_agent(pack: _Packer, agent: AgentLog) -> dict[str, Any]:
         "paths": [[pack.put(time), pack.put(path.points)] for time, path in agent.paths],
         "commands": {name: pack.put(getattr(agent.commands, name)) for name in _COMMANDS},
         "plans": [_pack_plan(pack, plan) for plan in agent.plans],
+        "footprint": _pack_footprint(pack, agent.footprint),
     }
 
 
@@ -128,7 +136,28 @@ def _unpack_agent(unpack: _Unpacker, stored: dict[str, Any]) -> AgentLog:
         skipped=stored["skipped"],
         commands=CommandLog(**{n: unpack.get(p) for n, p in stored["commands"].items()}),
         plans=tuple(_unpack_plan(unpack, plan) for plan in stored["plans"]),
+        footprint=_unpack_footprint(unpack, stored.get("footprint")),
     )
+
+
+def _places(unpack: _Unpacker, place: dict[str, Any]) -> tuple[tuple[float, float], ...]:
+    return tuple((float(x), float(y)) for x, y in unpack.get(place))
+
+
+def _pack_footprint(pack: _Packer, footprint: Footprint | None) -> dict[str, Any] | None:
+    if footprint is None:
+        return None
+    if isinstance(footprint, Discs):
+        return {"centres": pack.put(footprint.centres), "radius": pack.put(footprint.radius)}
+    return {"vertices": pack.put(footprint.vertices)}
+
+
+def _unpack_footprint(unpack: _Unpacker, stored: dict[str, Any] | None) -> Footprint | None:
+    if stored is None:
+        return None
+    if "centres" in stored:
+        return Discs(_places(unpack, stored["centres"]), float(unpack.get(stored["radius"])))
+    return Outline(_places(unpack, stored["vertices"]))
 
 
 def _pack_plan(pack: _Packer, plan: Plan) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from ..framework.path import Path
 from ..framework.plan import Plan
 from ..framework.robot import start_state
 from .agents import RobotAgent, along
+from .gaps import Course
 from .log import AgentLog, CommandLog
 from .plant import Plant
 
@@ -141,6 +142,14 @@ class Driver:
                 forecast = replace(forecast, joint=None)
             self.plans.append(replace(plan, seconds=0.0, forecast=forecast))
 
+    def latest(self) -> Course:
+        """Return the way between the last two instants."""
+        last = self.states[-2:]
+        heading = [self.agent.robot.pose(state).heading for state in last]
+        headings = np.array([nan if value is None else value for value in heading], float)
+        where = np.array(self.positions[-2:])
+        return Course(self.radius, where, headings, self.agent.robot.footprint)
+
     def log(self) -> AgentLog:
         """Return all that was noted."""
         robot = self.agent.robot
@@ -165,6 +174,7 @@ class Driver:
             skipped=self.skipped,
             commands=self._command_log(),
             plans=tuple(self.plans),
+            footprint=robot.footprint,
         )
 
     def _command_log(self) -> CommandLog:

@@ -2,6 +2,7 @@
 
 import heapq
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import count
 from math import ceil
 from time import perf_counter
@@ -11,10 +12,12 @@ import numpy as np
 
 from ..framework.arrays import Array, whole
 from ..framework.errors import WideberthError
-from ..framework.metrics import closest_approach
 from ..framework.motion import Command, Observation, Truth
+from ..framework.polygon import Polygon
 from .agents import Bystander, PathChange, ReplayAgent, RobotAgent
+from .channel import noise_of
 from .driver import Driver
+from .gaps import Course, gaps, wall_gaps
 from .log import AgentLog, CommandLog, Episode
 from .settings import Settings
 
@@ -32,6 +35,7 @@ def run_episode(
     seed: int = 0,
     others: Sequence[Bystander] = (),
     changes: Sequence[PathChange] = (),
+    polygons: Sequence[Polygon] = (),
 ) -> Episode:
     """Run one episode and return its log.
 
@@ -49,12 +53,13 @@ def run_episode(
         unless solve times are measured.
     others : recorded and scripted agents.
     changes : paths replaced on the way.
+    polygons : what stands still; every robot knows all of them.
 
     Raises
     ------
     WideberthError : no robots, repeated names, mixed dimensions, a change for no robot.
     """
-    return _Run(robots, settings or Settings(), seed, others, changes).episode()
+    return _Run(robots, settings or Settings(), seed, others, changes, polygons).episode()
 
 
 class _Run:
@@ -67,8 +72,13 @@ class _Run:
         seed: int,
         others: Sequence[Bystander],
         changes: Sequence[PathChange],
+        polygons: Sequence[Polygon],
     ) -> None:
-        _check(robots, others, changes)
+        _check(robots, others, changes, polygons)
+        self.polygons = tuple(
+            one if one.name else replace(one, name=f"polygon {i}")
+            for i, one in enumerate(polygons, start=1)
+        )
         self.settings = settings
         self.seed = whole("seed", seed, least=0)
         self.others = tuple(others)
@@ -99,6 +109,7 @@ class _Run:
             goal_tolerance=self.settings.goal_tolerance,
             seed=self.seed,
             plan_seconds={driver.name: np.array(driver.seconds) for driver in self.drivers},
+            polygons=self.polygons,
         )
 
     def _push(self, time: float, kind: int, payload: Any) -> None:
@@ -169,7 +180,10 @@ class _Run:
         bodies += [(other.name, other.at(asked)[0], other.radius) for other in self.others]
         seen = channel.detections(self.seed, driver.name, tick, bodies)
         truth = self._truth(driver, time) if driver.agent.truth and time >= 0 else None
-        return Observation(time, state, seen, truth=truth)
+        rng = noise_of(self.seed, driver.name, driver.name, tick)
+        robot, control = driver.agent.robot, driver.plant.control
+        estimate, covariance = self.settings.localisation.measure(robot, state, control, rng)
+        return Observation(time, estimate, seen, covariance, self.polygons, truth)
 
     def _truth(self, driver: Driver, now: float) -> Truth:
         """Past and future of the others on a grid of 0.1 s, from the delay before now on."""
@@ -213,14 +227,17 @@ class _Run:
         return "deadlock" if now - self.stood > self.settings.deadlock_after else ""
 
     def _collided(self) -> bool:
+        """Whether a robot touched something within the last step."""
         times = np.array(self.clock[-2:])
-        tracks = [(np.array(d.positions[-2:]), d.radius) for d in self.drivers]
-        tracks += [(other.at(times), other.radius) for other in self.others]
-        for i in range(len(self.drivers)):
-            for j in range(i + 1, len(tracks)):
-                reach = tracks[i][1] + tracks[j][1]
-                if closest_approach(tracks[i][0], tracks[j][0])[0] < reach:
-                    return True
+        bodies = [driver.latest() for driver in self.drivers]
+        count = len(bodies)
+        nowhere = np.full(len(times), np.nan)
+        bodies += [Course(other.radius, other.at(times), nowhere) for other in self.others]
+        for i in range(count):
+            apart = [gaps(bodies[i], other) for other in bodies[i + 1 :]]
+            apart += [wall_gaps(bodies[i], polygon) for polygon in self.polygons]
+            if any((gap < 0.0).any() for gap in apart):
+                return True
         return False
 
 
@@ -247,11 +264,14 @@ def _bystander_log(other: Bystander, times: Array) -> AgentLog:
 
 
 def _check(
-    robots: Sequence[RobotAgent], others: Sequence[Bystander], changes: Sequence[PathChange]
+    robots: Sequence[RobotAgent],
+    others: Sequence[Bystander],
+    changes: Sequence[PathChange],
+    polygons: Sequence[Polygon],
 ) -> None:
     if not robots:
         raise WideberthError("the episode has no robot; give at least one RobotAgent")
-    names = [agent.name for agent in (*robots, *others)]
+    names = [one.name for one in (*robots, *others, *polygons) if one.name]
     repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated:
         raise WideberthError(f"agents share the name(s) {repeated}; every agent needs its own")
@@ -262,6 +282,8 @@ def _check(
         raise WideberthError(
             f"agents move in {sorted(sizes)} dimensions; one episode has one number of them"
         )
+    if polygons and sizes != {2}:
+        raise WideberthError(f"polygons lie in the plane; the agents move in {sizes} dimensions")
     known = [agent.name for agent in robots]
     for change in changes:
         if change.agent not in known:

@@ -6,8 +6,10 @@ import numpy as np
 
 from ..framework.arrays import Array
 from ..framework.errors import WideberthError
+from ..framework.footprint import Footprint
 from ..framework.path import Path
 from ..framework.plan import Plan
+from ..framework.polygon import Polygon
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +44,7 @@ class AgentLog:
     ----------
     name : identity.
     kind : "robot", "replay" or "scripted".
-    radius : m.
+    radius : m, of the enclosing disc.
     positions : (T, D), m, NaN where absent.
     headings : (T,), rad, NaN where there is none.
     speeds : (T,), m/s, length of the linear velocity; NaN for bystanders.
@@ -56,6 +58,7 @@ class AgentLog:
     plans : the plan behind each command; shorter or empty where a controller has none.
         Measured seconds are taken out (0): they stand in `Episode.plan_seconds`. The
         forecast's covariance over the whole horizon (`joint`) is not kept.
+    footprint : what it covers within the disc; None for all of it.
     """
 
     name: str
@@ -72,6 +75,7 @@ class AgentLog:
     skipped: int
     commands: CommandLog
     plans: tuple[Plan, ...]
+    footprint: Footprint | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +93,7 @@ class Episode:
     plan_seconds : name -> (C,), s, measured wall time of each call of the controller.
         Kept apart, and not part of `to_bytes`: it is the one thing that a second run with
         the same seed does not repeat.
+    polygons : what stood still.
     """
 
     times: Array
@@ -97,6 +102,7 @@ class Episode:
     goal_tolerance: float
     seed: int
     plan_seconds: dict[str, Array] = field(default_factory=dict)
+    polygons: tuple[Polygon, ...] = ()
 
     @property
     def robots(self) -> tuple[AgentLog, ...]:

@@ -8,6 +8,8 @@ import numpy as np
 
 from ..framework.errors import WideberthError
 from ..framework.path import Path
+from ..framework.polygon import Polygon
+from .agents import Bystander
 
 Range: TypeAlias = tuple[float, float]
 """Lowest and highest value; a value is drawn uniformly between them. Equal ends fix it."""
@@ -35,12 +37,22 @@ class Placement:
 class Scenario(ABC):
     """A family of situations; a frozen dataclass whose fields are ranges.
 
-    Law: the same generator state gives the same placements.
+    Law: the same generator state gives the same placements and bystanders.
     """
 
     @abstractmethod
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Draw one situation."""
+
+    def bystanders(
+        self, rng: np.random.Generator, placements: tuple[Placement, ...]
+    ) -> tuple[Bystander, ...]:
+        """Draw who else moves there, deciding nothing; nobody unless a scenario says so."""
+        return ()
+
+    def polygons(self, rng: np.random.Generator) -> tuple[Polygon, ...]:
+        """Draw what stands there; nothing unless a scenario says so."""
+        return ()
 
 
 def checked_range(name: str, value: Range, low: float, high: float = np.inf) -> Range:

@@ -6,6 +6,7 @@ from typing import Literal, final
 from ..framework.arrays import positive
 from ..framework.errors import WideberthError
 from .channel import Channel
+from .localisation import Localisation
 
 
 @final
@@ -24,6 +25,7 @@ class Settings:
         controller that is busy lets its ticks pass; meanwhile the robot follows its last
         plan and stops at the plan's end (without a plan it keeps to the command before).
     channel : what the robots learn of each other.
+    localisation : how well they know where they are themselves.
     still : m/s; a robot below it stands.
     deadlock_after : s; when all robots that are not at their goals have stood this long,
         the episode ends as a deadlock.
@@ -41,6 +43,7 @@ class Settings:
     goal_tolerance: float = 0.25
     solve_time: float | Literal["zero", "measured"] = "zero"
     channel: Channel = field(default_factory=Channel)
+    localisation: Localisation = field(default_factory=Localisation)
     still: float = 0.02
     deadlock_after: float = 10.0
     stop_on_collision: bool = False

@@ -9,6 +9,7 @@ import numpy as np
 from ..framework import metrics
 from ..framework.arrays import Array
 from ..framework.plan import Rung
+from .gaps import gaps, wall_gaps
 from .log import AgentLog, Episode
 
 
@@ -24,15 +25,15 @@ def summarise(episode: Episode, tail: float = 0.05) -> dict[str, Any]:
     the episode. Columns that hold for the worst robot end in ``_worst``.
     """
     rows = robot_rows(episode)
-    gaps = clearances(episode)
+    apart = clearances(episode)
     share, _, overall = forecast_coverage(episode, tail)
     fallbacks = [plan.fallbacks for log in episode.robots for plan in log.plans]
     return {
         "ended": episode.ended,
         "duration": episode.duration,
-        "success": episode.ended == "goals" and min(gaps.values(), default=np.inf) >= 0.0,
-        "clearance": min(gaps.values(), default=float("inf")),
-        "collision": any(gap < 0.0 for gap in gaps.values()),
+        "success": episode.ended == "goals" and min(apart.values(), default=np.inf) >= 0.0,
+        "clearance": min(apart.values(), default=float("inf")),
+        "collision": any(gap < 0.0 for gap in apart.values()),
         "deadlock": episode.ended in ("deadlock", "time limit"),
         "time_ratio_worst": max(row["time_ratio"] for row in rows),
         "length_ratio_worst": max(row["length_ratio"] for row in rows),
@@ -98,11 +99,17 @@ def time_rows(episode: Episode) -> list[dict[str, Any]]:
 
 
 def clearances(episode: Episode) -> dict[tuple[str, str], float]:
-    """Smallest clearance of every pair with a robot in it, m."""
-    return {
-        (a.name, b.name): metrics.clearance(a.positions, b.positions, a.radius + b.radius)
+    """Smallest clearance of every pair with a robot in it, polygons included, m."""
+    found = {
+        (a.name, b.name): gaps(a, b)
         for a, b in combinations(episode.agents, 2)
         if "robot" in (a.kind, b.kind)
+    }
+    for log in episode.robots:
+        found |= {(log.name, one.name): wall_gaps(log, one) for one in episode.polygons}
+    return {
+        pair: float(np.nanmin(gap)) if np.isfinite(gap).any() else float("inf")
+        for pair, gap in found.items()
     }
 
 

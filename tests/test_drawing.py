@@ -6,13 +6,14 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from matplotlib.collections import PolyCollection
 from matplotlib.patches import Circle
 from PIL import Image
 from scipy.stats import chi2
 
-from wideberth.experiments.animation import animate, nose, outlines, plan_at
-from wideberth.experiments.drawing import closest, draw_run, draw_views
+from wideberth.experiments.animation import animate
+from wideberth.experiments.closest import closest
+from wideberth.experiments.drawing import draw_run, draw_views
+from wideberth.experiments.pieces import nose, outlines, plan_at
 from wideberth.experiments.plotting import paper_style, save
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.forecast import Forecast
@@ -172,12 +173,15 @@ def test_views_show_plan_reference_and_forecast():
         np.testing.assert_array_equal(line(panel, "planned positions"), seen.positions[1:])
         np.testing.assert_array_equal(line(panel, "reference points"), seen.reference)
         np.testing.assert_array_equal(line(panel, "reference path"), log.paths[0][1].points)
-        (regions,) = [c for c in panel.collections if isinstance(c, PolyCollection)]
+        (regions,) = [c for c in panel.collections if str(c.get_label()).startswith("forecast")]
         assert len(regions.get_paths()) == STEPS
-        discs = [patch for patch in panel.patches if isinstance(patch, Circle)]
-        assert [disc.get_hatch() for disc in discs].count(None) == 1  # told apart without colour
-        own = next(disc for disc in discs if disc.get_hatch() is None)
-        np.testing.assert_allclose(own.center, seen.positions[0])
+        bodies = [c for c in panel.collections if c is not regions]
+        assert [body.get_hatch() for body in bodies].count(None) == 1  # told apart without colour
+        own = next(body for body in bodies if body.get_hatch() is None)
+        rim = own.get_paths()[0].vertices
+        np.testing.assert_allclose(
+            np.linalg.norm(rim - seen.positions[0], axis=1), log.radius, rtol=1e-9
+        )
         assert panel.get_aspect() == 1.0
         assert panel.get_xlabel() == "x (m)"
         title = panel.get_title()

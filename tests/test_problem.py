@@ -9,7 +9,7 @@ from wideberth.framework.errors import WideberthError
 from wideberth.framework.motion import Pose, Twist
 from wideberth.framework.mpc.assembly import Weights, assemble
 from wideberth.framework.mpc.instance import Obstacles, fill
-from wideberth.framework.mpc.ladder import with_auxiliaries
+from wideberth.framework.mpc.bodies import with_auxiliaries
 from wideberth.framework.mpc.levels.base import LevelPolicy
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
@@ -63,7 +63,7 @@ def set_up(
     )
     states, inputs = steer(robot, start, Twist((0.4, 0.0), -0.05), STEPS, DT)
     scale = region.level(level.tail) if level.shared else float("nan")
-    guess = Guess(states, inputs, np.zeros((STEPS, 0, 0)), scale, np.zeros(STEPS))
+    guess = Guess.bare(states, inputs, scale)
     guess = with_auxiliaries(robot, region, parameters, guess)
     return problem, replace(parameters, auxiliaries=guess.auxiliaries), guess
 
@@ -107,7 +107,7 @@ def test_no_obstacle_needs_no_slot() -> None:
     parameters = fill(start, reference, none, region, level, 0.75, 0)
     problem = assemble(robot, region, level, horizon=STEPS, dt=DT, capacity=0, penalty=1e4)
     states, inputs = steer(robot, start, Twist((0.5, 0.0)), STEPS, DT)
-    guess = Guess(states, inputs, np.zeros((STEPS, 0, 0)), 0.0, np.zeros(STEPS))
+    guess = Guess.bare(states, inputs, 0.0)
     costs = [solver.solve(problem, parameters, [guess])[0].cost for solver in (Ipopt(), Fatrop())]
     assert costs[0] == pytest.approx(costs[1], rel=1e-5)
     assert costs[0] > 0
@@ -124,7 +124,7 @@ def test_weights_mean_the_same_for_every_robot() -> None:
         cost = 0.0
         for i in range(STEPS):
             cost += float(problem.input_cost(states[i], inputs[i], stages[i]))
-            cost += float(problem.state_cost(states[i + 1], [], stages[i]))
+            cost += float(problem.state_cost(states[i + 1], [], [], stages[i]))
         totals.append(cost)
     assert totals == pytest.approx([totals[0]] * 4, rel=1e-6)
 

@@ -19,14 +19,18 @@ the paper's to the letter.
 from dataclasses import dataclass
 from typing import Any
 
-from ..arrays import positive, whole
+from ..arrays import Scalar, positive, whole
+from ..errors import WideberthError
 from ..integration import step as integrate
-from ..motion import Twist
-from ..region import Region
+from ..motion import Pose, Twist
+from ..region import Auxiliary, Constraint, Region
 from ..robot import Robot
+from ..static_region import StaticRegion
 from ..symbolic import ca
+from .bodies import bodies
 from .levels.base import LevelPolicy
-from .problem import Problem
+from .problem import Problem, Slots
+from .stage import Obstructions, ReferenceSymbols
 
 
 @dataclass(frozen=True)
@@ -61,8 +65,13 @@ def assemble(
     capacity: int,
     weights: Weights | None = None,
     penalty: float | None = None,
+    static_region: StaticRegion | None = None,
+    statics: int = 0,
+    corners: int = 4,
 ) -> Problem:
-    """Build the MPC problem of any robot among ``capacity`` obstacles.
+    """Build the MPC problem of any robot among ``capacity`` obstacles and static polygons.
+
+    A robot of several discs has one constraint, with auxiliaries of its own, per disc.
 
     Parameters
     ----------
@@ -72,26 +81,25 @@ def assemble(
     capacity : K, obstacle slots, at least 0.
     weights : of the cost; the paper's by default.
     penalty : price of one unit of slack (regions are unit-free); None keeps them hard.
+    static_region : what keeps clear of static polygons; needed where there are any.
+    statics, corners : slots for convex polygons, and vertices that each has room for.
 
     Raises
     ------
     WideberthError : horizon below 1, dt not positive, negative capacity or penalty.
     """
-    whole("horizon", horizon)
-    positive("dt", dt)
-    whole("capacity", capacity, least=0)
-    if penalty is not None:
-        positive("penalty", penalty)
-    x = ca.SX.sym("x", len(robot.states))
-    u = ca.SX.sym("u", len(robot.inputs))
-    stage = _Stage(region, capacity, robot.dimension)
-    by_input, by_state = _running_cost(robot, x, u, stage, weights or Weights())
+    _check(horizon, dt, capacity, penalty, static_region, statics)
+    x, u = ca.SX.sym("x", len(robot.states)), ca.SX.sym("u", len(robot.inputs))
+    reference = ReferenceSymbols(robot.dimension)
+    moving = _moving(robot, region, capacity)
+    standing = _standing(robot, static_region, statics, corners)
+    stage = ca.vertcat(reference.vector, moving.vector, standing.vector)
+    by_input, by_state = _running_cost(robot, x, u, reference, weights or Weights())
+    by_state += moving.regularisation() + standing.regularisation()
     on_input, on_state = _limits(robot, x, u)
-    s, target = ca.SX.sym("s", int(level.shared)), ca.SX.sym("target")
-    price = level.weight * (s - target) ** 2 if level.shared else ca.SX(0)
-    inequalities, equalities = stage.outside(robot, region, x, s)
+    s = ca.SX.sym("s", int(level.shared))
     following = ca.vertcat(*integrate(robot, _split(x), _split(u), dt))
-    pull = stage.regularisation()
+    pose = robot.pose(_split(x))
     return Problem(
         horizon=horizon,
         dt=dt,
@@ -99,62 +107,74 @@ def assemble(
         inputs=len(robot.inputs),
         dimension=robot.dimension,
         capacity=capacity,
-        width=stage.width,
-        auxiliary=stage.extra,
+        width=moving.width,
+        auxiliary=moving.extra,
         shared=level.shared,
         minimum=level.minimum,
         penalty=penalty,
         state_bounds=robot.state_bounds(),
         input_bounds=robot.input_bounds(),
         dynamics=ca.Function("dynamics", [x, u], [following]),
-        input_cost=ca.Function("input_cost", [x, u, stage.vector], [by_input]),
+        input_cost=ca.Function("input_cost", [x, u, stage], [by_input]),
         input_constraints=ca.Function("input_constraints", [x, u], [on_input]),
-        state_cost=ca.Function("state_cost", [x, stage.lifted, stage.vector], [by_state + pull]),
-        state_constraints=ca.Function("state_constraints", [x], [on_state]),
-        regions=ca.Function(
-            "regions", [x, stage.lifted, s, stage.vector], [inequalities, equalities]
+        state_cost=ca.Function(
+            "state_cost", [x, moving.lifted, standing.lifted, stage], [by_state]
         ),
-        level_cost=ca.Function("level_cost", [s, target], [price]),
+        state_constraints=ca.Function("state_constraints", [x], [on_state]),
+        regions=ca.Function("regions", [x, moving.lifted, s, stage], moving.outside(pose, s)),
+        level_cost=_level_cost(level, s),
+        statics=Slots(statics, standing.width, standing.extra),
+        static_regions=ca.Function(
+            "static_regions", [x, standing.lifted, stage], standing.outside(pose, s)
+        ),
     )
 
 
-class _Stage:
-    """The symbols of one stage's parameters and auxiliaries, cut into named pieces."""
+def _level_cost(level: LevelPolicy, s: Any) -> Any:
+    """Price of leaving the level aimed at."""
+    target = ca.SX.sym("target")
+    price = level.weight * (s - target) ** 2 if level.shared else ca.SX(0)
+    return ca.Function("level_cost", [s, target], [price])
 
-    def __init__(self, region: Region, capacity: int, dimension: int) -> None:
-        self.extra = region.auxiliary(dimension)
-        self.width = region.parameter_count(dimension)
-        self.capacity = capacity
-        extra = len(self.extra)
-        self.position = ca.SX.sym("reference", dimension)
-        self.direction = ca.SX.sym("direction", dimension)
-        self.speed = ca.SX.sym("speed")
-        self.region = ca.SX.sym("region", self.width, capacity)
-        self.level = ca.SX.sym("level", capacity)
-        self.active = ca.SX.sym("active", capacity)
-        self.guess = ca.SX.sym("guess", extra, capacity)
-        self.auxiliary = ca.SX.sym("auxiliary", extra, capacity)
-        self.lifted = ca.vec(self.auxiliary)
-        slots = ca.vertcat(self.region, self.level.T, self.active.T, self.guess)
-        self.vector = ca.vertcat(self.position, self.direction, self.speed, ca.vec(slots))
 
-    def outside(self, robot: Robot, region: Region, x: Any, s: Any) -> tuple[Any, Any]:
-        """Regions of all slots; an inactive one states 1 >= 0 and ties no auxiliary."""
-        inequalities, equalities = [], []
-        pose = robot.pose(_split(x))
-        for slot in range(self.capacity):
-            level = s if s.numel() else self.level[slot]
-            parts = region.constraint(pose, self.region[:, slot], level, self.auxiliary[:, slot])
-            on = self.active[slot]
-            inequalities += [on * value + (1 - on) for value in parts.inequalities]
-            equalities += [on * value for value in parts.equalities]
-        return ca.vertcat(*inequalities), ca.vertcat(*equalities)
+def _check(
+    horizon: int,
+    dt: float,
+    capacity: int,
+    penalty: float | None,
+    static_region: StaticRegion | None,
+    statics: int,
+) -> None:
+    whole("horizon", horizon)
+    positive("dt", dt)
+    whole("capacity", capacity, least=0)
+    whole("statics", statics, least=0)
+    if penalty is not None:
+        positive("penalty", penalty)
+    if statics and static_region is None:
+        raise WideberthError(f"{statics} static polygons need a static region; got None")
 
-    def regularisation(self) -> Any:
-        """Pull of the auxiliaries towards their guess."""
-        if not self.lifted.numel():
-            return ca.SX(0)
-        return self.extra.regularisation * ca.sumsqr(self.lifted - ca.vec(self.guess))
+
+def _moving(robot: Robot, region: Region, capacity: int) -> Obstructions:
+    """Make the slots of the Gaussian obstacles."""
+    size = robot.dimension
+    own, width = region.auxiliary(size), region.parameter_count(size)
+    parts = bodies(robot, region)
+    return Obstructions(capacity, width, own, parts, region.constraint, levelled=True)
+
+
+def _standing(robot: Robot, region: StaticRegion | None, count: int, corners: int) -> Obstructions:
+    """Make the slots of the static polygons."""
+    if region is None or not count:
+        return Obstructions(0, 0, Auxiliary(), (), lambda *_: Constraint(()), levelled=False)
+    parts = bodies(robot, region)
+    own = region.auxiliary(corners, max(len(parts[0].outline), 1))
+    width = region.parameter_count(corners)
+
+    def state(pose: Pose, parameters: Scalar, level: Scalar, auxiliary: Scalar) -> Constraint:
+        return region.constraint(pose, parameters, auxiliary)  # it has no level
+
+    return Obstructions(count, width, own, parts, state, levelled=False)
 
 
 def _limits(robot: Robot, x: Any, u: Any) -> tuple[Any, Any]:
@@ -166,7 +186,7 @@ def _limits(robot: Robot, x: Any, u: Any) -> tuple[Any, Any]:
 
 
 def _running_cost(
-    robot: Robot, x: Any, u: Any, stage: _Stage, weights: Weights
+    robot: Robot, x: Any, u: Any, reference: ReferenceSymbols, weights: Weights
 ) -> tuple[Any, Any]:
     """Split the cost into a part of (x_i, u_i), i < N, and a part of x_i, i >= 1.
 
@@ -175,9 +195,9 @@ def _running_cost(
     """
     pose = robot.pose(_split(x))
     place = ca.vertcat(*pose.position)
-    by_state = weights.position * ca.sumsqr(place - stage.position)
+    by_state = weights.position * ca.sumsqr(place - reference.position)
     twist = robot.twist(_split(x), _split(u))
-    speed = weights.speed * _speed_error(twist, pose.heading is not None, stage)
+    speed = weights.speed * _speed_error(twist, pose.heading is not None, reference)
     change = robot.acceleration(_split(x), _split(u))
     by_input = weights.acceleration * ca.sumsqr(ca.vertcat(*change.linear))
     by_input += weights.yaw_acceleration * change.angular**2
@@ -186,13 +206,13 @@ def _running_cost(
     return by_input, by_state + speed
 
 
-def _speed_error(twist: Twist, headed: bool, stage: _Stage) -> Any:
+def _speed_error(twist: Twist, headed: bool, reference: ReferenceSymbols) -> Any:
     """Squared error of the speed: forward speed where there is a heading, else velocity."""
     velocity = ca.vertcat(*twist.linear)
     if headed:
-        wanted = ca.vertcat(stage.speed, ca.SX.zeros(velocity.numel() - 1))
+        wanted = ca.vertcat(reference.speed, ca.SX.zeros(velocity.numel() - 1))
     else:
-        wanted = stage.speed * stage.direction
+        wanted = reference.speed * reference.direction
     return ca.sumsqr(velocity - wanted)
 
 

@@ -84,10 +84,15 @@ def fill(
     obstacles: Obstacles,
     region: Region,
     level: LevelPolicy,
-    robot_radius: float,
+    radius: float,
     capacity: int,
+    own: Array | None = None,
 ) -> Parameters:
     """Fill the parameters of a problem with room for ``capacity`` obstacles.
+
+    ``radius``, m, is that of the robot's bodies and what is added to it. ``own`` (N, D, D), m^2,
+    is the covariance of the robot's own position, which is added to every obstacle's.
+    Auxiliaries are filled in later, see `bodies.with_auxiliaries`.
 
     Empty slots hold a finite dummy, a unit disc at the origin: the mask multiplies it by
     zero, and zero times NaN would be NaN.
@@ -100,12 +105,13 @@ def fill(
     margin = np.ones(capacity)
     mean[:, :used] = obstacles.mean
     covariance[:, :used] = obstacles.covariance
-    margin[:used] = obstacles.radius + robot_radius
+    if own is not None:
+        covariance[:, :used] += own[:, None]
+    margin[:used] = obstacles.radius + radius
     spread = np.broadcast_to(margin, (steps, capacity))
     numbers = np.zeros((steps, 0, region.parameter_count(size)))
     if capacity:
         numbers = region.parameters(GaussianObstacle(mean, covariance), spread)
-    extra = len(region.auxiliary(size))
     return Parameters(
         initial=initial,
         reference=reference.position,
@@ -114,5 +120,8 @@ def fill(
         regions=numbers,
         level=level.levels(region, steps, capacity, size),
         active=(np.arange(capacity) < used).astype(np.float64),
-        auxiliaries=np.zeros((steps, capacity, extra)),
+        auxiliaries=np.zeros((steps, capacity, 0)),
+        statics=np.zeros((steps, 0, 0)),
+        static_active=np.zeros(0),
+        static_auxiliaries=np.zeros((steps, 0, 0)),
     )

@@ -16,17 +16,19 @@ import numpy as np
 
 from ..arrays import Array
 from ..forecast import Forecast
-from ..motion import Pose
 from ..plan import Plan, Rung, Status
 from ..region import Region
 from ..robot import Robot
+from ..static_region import StaticRegion
+from .bodies import with_auxiliaries
 from .instance import Obstacles
 from .levels.base import LevelPolicy
 from .problem import Parameters, Problem
-from .rollout import brake, clip, follow
+from .rollout import brake, clip, follow, starting_points
 from .solvers.base import Solution
 from .transcription import Guess
 from .verify import Violation, violation
+from .walls import NONE, Walls
 
 TOLERANCE = 1e-4
 """Largest violation of a plan that counts as feasible (m, m/s or unit-free)."""
@@ -53,6 +55,7 @@ class Ladder:
     dt, horizon : of the plan.
     start : (n,), the first state.
     inputs : (N, m), the last plan's inputs from now on, or None.
+    static_region : what keeps clear of static polygons.
     """
 
     robot: Robot
@@ -63,14 +66,25 @@ class Ladder:
     horizon: int
     start: Array
     inputs: Array | None
+    static_region: StaticRegion | None = None
 
     def guess(self, states: Array, inputs: Array) -> Guess:
         """Wrap a trajectory as a starting point; auxiliaries are filled in later."""
         target = float("nan")
         if self.level.shared:
             target = self.level.levels(self.region, 1, 1, self.robot.dimension)[0, 0]
-        empty = np.zeros((self.horizon, 0, 0))
-        return Guess(states, inputs, empty, float(target), np.zeros(self.horizon))
+        return Guess.bare(states, inputs, float(target))
+
+    def guesses(self, names: Sequence[str], speed: float) -> list[Guess]:
+        """Return the points to solve from: the shifted last plan, or coasting, and the named."""
+        points = starting_points(
+            self.robot, self.start, self.inputs, names, speed, self.horizon, self.dt
+        )
+        return [self.guess(states, inputs) for states, inputs in points]
+
+    def suited(self, parameters: Parameters, guess: Guess) -> Guess:
+        """Fill in the auxiliaries that suit the guess's poses best."""
+        return with_auxiliaries(self.robot, self.region, parameters, guess, self.static_region)
 
     def choose(
         self,
@@ -79,18 +93,22 @@ class Ladder:
         solutions: Sequence[Solution],
         obstacles: Obstacles,
         forecast: Forecast | None,
+        walls: Walls = NONE,
     ) -> Plan:
         """Take the best rung and write down why it is not a better one."""
         solved = [self._assess(problem, parameters, solution) for solution in solutions]
         best = _cheapest(solved, Rung.OPTIMAL) or _cheapest(solved, Rung.FEASIBLE)
         if best is None:
             best = self._fall_back(problem, parameters, solved)
-        reason = "" if best.rung is Rung.OPTIMAL else self._why(solved, best, obstacles)
+        empty = ("?",) * (problem.capacity - len(obstacles))
+        names = (*obstacles.ids, *empty, *walls.names)
+        reason = "" if best.rung is Rung.OPTIMAL else self._why(solved, best, names)
         plan = self._plan(best, parameters, obstacles, reason)
         first = best.solution or (solutions[0] if solutions else None)
         spent = sum(solution.seconds for solution in solutions)
         return replace(
             plan,
+            left_out=obstacles.left_out + walls.left_out,
             forecast=forecast,
             status=Status.NOT_RUN if first is None else first.status,
             iterations=sum(solution.iterations for solution in solutions),
@@ -106,9 +124,7 @@ class Ladder:
         if solution.status is not Status.SOLVED:
             inputs = clip(self.robot, point.inputs)
             states = follow(self.robot, self.start, inputs, self.dt)
-            point = with_auxiliaries(
-                self.robot, self.region, parameters, replace(point, states=states, inputs=inputs)
-            )
+            point = self.suited(parameters, replace(point, states=states, inputs=inputs))
         found = violation(problem, parameters, point)
         if found.worst > TOLERANCE:
             rung = Rung.LEAST
@@ -162,7 +178,7 @@ class Ladder:
         """
         bare = replace(parameters, level=np.zeros_like(parameters.level))
         level = 0.0 if problem.shared else float("nan")
-        touched = with_auxiliaries(self.robot, self.region, bare, replace(point, level=level))
+        touched = self.suited(bare, replace(point, level=level))
         depth = violation(problem, bare, touched).regions
         return float(depth[:window].max(initial=0.0))
 
@@ -172,18 +188,18 @@ class Ladder:
         """Re-check a trajectory at the lowest level that the policy allows."""
         level = max(self.level.minimum, 0.0) if problem.shared else float("nan")
         guess = replace(self.guess(states, inputs), level=level)
-        point = with_auxiliaries(self.robot, self.region, parameters, guess)
+        point = self.suited(parameters, guess)
         return Candidate(point, rung, violation(problem, parameters, point))
 
-    def _why(self, solved: Sequence[Candidate], best: Candidate, obstacles: Obstacles) -> str:
+    def _why(self, solved: Sequence[Candidate], best: Candidate, names: tuple[str, ...]) -> str:
         """Say what the solver reported and what the plan taken still breaks."""
         words = [
             f"solver: {one.solution.message}" for one in solved[:1] if one.solution is not None
         ]
         if solved and solved[0].found.worst > TOLERANCE:
-            words.append(f"its plan: {solved[0].found.where(obstacles.ids)}")
+            words.append(f"its plan: {solved[0].found.where(names)}")
         if best.found.worst > TOLERANCE and best.rung is not Rung.LEAST:
-            words.append(f"{best.rung} taken: {best.found.where(obstacles.ids)}")
+            words.append(f"{best.rung} taken: {best.found.where(names)}")
         return "; ".join(words)
 
     def _plan(
@@ -210,7 +226,6 @@ class Ladder:
             rung=best.rung,
             reason=reason,
             violation=best.found.worst,
-            left_out=obstacles.left_out,
             tracked=obstacles.tracked,
         )
 
@@ -229,19 +244,3 @@ def content(region: Region, level: Array, dimension: int) -> Array:
     values, place = np.unique(level, return_inverse=True)
     known = [1.0 - region.tail(value, dimension) if value > 0 else 0.0 for value in values]
     return np.asarray(known, dtype=np.float64)[place].reshape(level.shape)
-
-
-def with_auxiliaries(robot: Robot, region: Region, parameters: Parameters, guess: Guess) -> Guess:
-    """Fill in the auxiliaries that suit the guess's positions best."""
-    steps, slots = parameters.level.shape
-    size = robot.dimension
-    if not len(region.auxiliary(size)) or not slots:
-        none = np.zeros((steps, slots, len(region.auxiliary(size))))
-        return replace(guess, auxiliaries=none)
-    place = np.stack(robot.pose(tuple(guess.states[1:].T)).position, axis=-1)
-    points = np.broadcast_to(place[:, None], (steps, slots, size))
-    level = parameters.level
-    if not np.isnan(guess.level):
-        level = np.full_like(level, guess.level)
-    start = region.auxiliary_start(Pose.of(points), parameters.regions, level)
-    return replace(guess, auxiliaries=np.array(start, dtype=np.float64))

@@ -1,6 +1,5 @@
 """The planner: predictor, region, robot and MPC behind the Controller interface."""
 
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import final
 
@@ -10,24 +9,28 @@ from ..arrays import Array, positive, whole
 from ..controller import Controller
 from ..errors import WideberthError
 from ..forecast import Forecast
-from ..motion import Command, Detection, Observation
+from ..motion import Command, Observation
 from ..path import Path
 from ..plan import Plan
 from ..predictor import Predictor
 from ..region import Region
-from ..robot import Robot, start_state
+from ..robot import Robot
 from ..smoother import VelocitySmoother
+from ..static_region import StaticRegion
 from .assembly import Weights, assemble
+from .ego import Growth, OwnUncertainty, carried
 from .emergency import aim, emergency
-from .instance import CAPACITIES, Obstacles, choose_obstacles, fill
-from .ladder import Ladder, with_auxiliaries
+from .instance import CAPACITIES, Obstacles, choose_obstacles
+from .ladder import Ladder
 from .levels.base import LevelPolicy
 from .perception import Perception
 from .problem import Problem
-from .reference import Progress, Reference, lay_reference
-from .rollout import SWEEPS, carry, follow, shift, steer, sweep
+from .reference import Progress, lay_reference
+from .rollout import SWEEPS, carry, shift
+from .situation import Situation, reach_of_bodies
 from .solvers.base import Solver
-from .transcription import Guess
+from .walls import choose_walls
+from .warm_up import warm_up
 
 
 @final
@@ -64,6 +67,9 @@ class Planner(Controller):
     starts : starting points of the solver beside the shifted last plan: ``coast`` (hold
         the present twist), ``left``, ``right`` (turn or side-step as fast as allowed),
         ``wait`` (brake).
+    static_region : what keeps clear of the observation's polygons; needed where there are any.
+    own_uncertainty : how the covariance of the observed state grows over the horizon, see
+        `OwnUncertainty`; without one in the observation the state is taken as exact.
 
     Raises
     ------
@@ -89,6 +95,8 @@ class Planner(Controller):
     most_obstacles: int = 20
     margin: float = 0.0
     starts: tuple[str, ...] = ()
+    static_region: StaticRegion | None = None
+    own_uncertainty: Growth = "open-loop"
 
     def __post_init__(self) -> None:
         whole("planner.horizon", self.horizon)
@@ -115,7 +123,9 @@ class Planner(Controller):
             )
         self.level.levels(self.region, 1, 1, self.robot.dimension)
         self._progress: Progress | None = None
-        self._problems: dict[int, Problem] = {}
+        self._problems: dict[tuple[int, int, int], Problem] = {}
+        reach = reach_of_bodies(self.robot, self.region, self.static_region)
+        self._own = OwnUncertainty(self.robot, self.dt, self.own_uncertainty, reach)
         self.reset()
 
     def reset(self) -> None:
@@ -143,7 +153,9 @@ class Planner(Controller):
             )
         self._progress = Progress(path)
         if not self._problems:
-            self._warm_up(path)
+            twin = replace(self)  # shares the compiled problems
+            twin._progress, twin._problems = Progress(path), self._problems
+            warm_up(twin, self.robot, path, self.reference_speed, self.history)
 
     @property
     def plan(self) -> Plan | None:
@@ -174,55 +186,46 @@ class Planner(Controller):
         self._smoother = before.aim(command, since)
         return command
 
-    def _warm_up(self, path: Path) -> None:
-        """Import and compile before the first decision, which has to be quick.
-
-        A twin of this planner, which shares its compiled problems, has one obstacle far
-        behind it. (Problems with more obstacles are compiled when they are first met.) What goes
-        wrong here goes wrong again in `command`, which turns it into a reason.
-        """
-        twin = replace(self)
-        twin._progress, twin._problems = Progress(path), self._problems
-        with suppress(Exception):  # a plug-in that raises here is named by `command`
-            direction = path.direction(np.zeros(1))[0]
-            state = start_state(self.robot, path.points[0], direction, self.reference_speed)
-            size, rng = self.robot.dimension, np.random.default_rng(0)
-            for tick in range(self.history + 2):  # long enough for what fits a model
-                away = 100.0 + 0.3 * self.period * tick
-                place = path.points[0] - away * direction + 0.01 * rng.standard_normal(size)
-                far = Detection("warm-up", place, 1e-4 * np.eye(size), 0.5)
-                seen = Observation(self.period * tick, np.array(state[0], float), (far,))
-                (twin.remember if tick < self.history else twin.command)(seen)
-
     def _decide(self, observation: Observation) -> Plan:
         """Forecast, build the instance, solve, and choose a rung."""
         if self._progress is None:
             raise WideberthError("no path is set: call set_path before command")
-        if len(observation.state) != len(self.robot.states):
-            raise WideberthError(
-                f"the state has {len(observation.state)} entries; this robot has "
-                f"{[quantity.name for quantity in self.robot.states]}"
-            )
         ladder = self._ladder(observation)
         arc = self._progress.update(self._place(ladder.start))
         reference = lay_reference(
             self._progress.path, arc, self.reference_speed, self.horizon, self.dt
         )
-        obstacles, forecast = self._forecast(observation, ladder, reference)
-        capacity = next(size for size in CAPACITIES if size >= len(obstacles))
-        radius = self.robot.radius + self.margin
-        parameters = fill(
-            ladder.start, reference, obstacles, self.region, self.level, radius, capacity
+        here = self._place(ladder.start)
+        route = np.stack([reference.position, np.broadcast_to(here, reference.position.shape)])
+        obstacles, forecast = self._forecast(observation, ladder, route)
+        bare = ladder.guesses(self.starts, self.reference_speed)
+        walls = choose_walls(
+            observation.polygons,
+            self.static_region,
+            np.concatenate([*route, self._place(bare[0].states[1:].T).T]),
+            self.robot.radius + 0.5 * self.reference_speed * self.horizon * self.dt,
+            self.most_obstacles,
         )
-        problem = self._problem(capacity)
-        guesses = [
-            with_auxiliaries(self.robot, self.region, parameters, guess)
-            for guess in self._guesses(ladder)
-        ]
-        pull = replace(parameters, auxiliaries=guesses[0].auxiliaries)
+        known = observation.covariance
+        if known is not None and self.latency:
+            known = carried(known, lambda x: self._start(x, observation.stamp), observation.state)
+        own = self._own.spread(known, bare[0].states, bare[0].inputs)
+        parameters = Situation(ladder.start, reference, obstacles, walls, own).parameters(
+            self.robot, self.region, self.level, self.margin, self.static_region
+        )
+        problem = self._problem(
+            len(parameters.active), len(parameters.static_active), walls.parts.shape[1]
+        )
+        guesses = [ladder.suited(parameters, guess) for guess in bare]
+        first = guesses[0]
+        pull = replace(
+            parameters,
+            auxiliaries=first.auxiliaries,
+            static_auxiliaries=first.static_auxiliaries,
+        )
         cap = None if self.deadline is None else self.deadline / len(guesses)
         solutions = self.solver.solve(problem, pull, guesses, cap)
-        return ladder.choose(problem, pull, solutions, obstacles, forecast)
+        return ladder.choose(problem, pull, solutions, obstacles, forecast, walls)
 
     def _ladder(self, observation: Observation) -> Ladder:
         """Where the plan starts, and what is left of the last one.
@@ -230,23 +233,41 @@ class Planner(Controller):
         A state slightly beyond its limits (noise, a push) is taken as on them: otherwise no
         plan would be feasible, and the robot would stop for it.
         """
-        start, stamp = observation.state, observation.stamp + self.latency
-        if self.latency:
-            start = carry(self.robot, start, self._smoother, observation.stamp, self.latency)
+        if len(observation.state) != len(self.robot.states):
+            raise WideberthError(
+                f"the state has {len(observation.state)} entries; this robot has "
+                f"{[quantity.name for quantity in self.robot.states]}"
+            )
+        stamp = observation.stamp + self.latency
         bounds = self.robot.state_bounds()
+        start = self._start(observation.state, observation.stamp)
         start = np.clip(start, np.asarray(bounds.lower), np.asarray(bounds.upper))
         inputs = None
         if self._plan is not None and stamp >= self._plan.stamp:
             inputs = shift(self._plan.inputs, (stamp - self._plan.stamp) / self._plan.dt)
         return Ladder(
-            self.robot, self.region, self.level, stamp, self.dt, self.horizon, start, inputs
+            self.robot,
+            self.region,
+            self.level,
+            stamp,
+            self.dt,
+            self.horizon,
+            start,
+            inputs,
+            self.static_region,
         )
+
+    def _start(self, state: Array, stamp: float) -> Array:
+        """State in which the command takes effect, of a robot observed at ``stamp``."""
+        if not self.latency:
+            return state
+        return carry(self.robot, state, self._smoother, stamp, self.latency)
 
     def _place(self, state: Array) -> Array:
         return np.array(self.robot.pose(tuple(state)).position, dtype=np.float64)
 
     def _forecast(
-        self, observation: Observation, ladder: Ladder, reference: Reference
+        self, observation: Observation, ladder: Ladder, route: Array
     ) -> tuple[Obstacles, Forecast | None]:
         """Ask for a forecast on the plan's grid and choose the obstacles that fit."""
         grid = self.dt * np.arange(1, self.horizon + 1, dtype=np.float64)
@@ -255,14 +276,13 @@ class Planner(Controller):
         if found is None:
             return Obstacles.none(self.horizon, self.robot.dimension), None
         tracks, forecast = found
-        here = self._place(ladder.start)
-        route = np.stack([reference.position, np.broadcast_to(here, reference.position.shape)])
         most = self.most_obstacles
         return choose_obstacles(forecast, tracks.ids, tracks.radius, route, most), forecast
 
-    def _problem(self, capacity: int) -> Problem:
-        if capacity not in self._problems:
-            self._problems[capacity] = assemble(
+    def _problem(self, capacity: int, statics: int, corners: int) -> Problem:
+        key = capacity, statics, corners
+        if key not in self._problems:
+            self._problems[key] = assemble(
                 self.robot,
                 self.region,
                 self.level,
@@ -271,18 +291,8 @@ class Planner(Controller):
                 capacity=capacity,
                 weights=self.weights,
                 penalty=self.penalty,
+                static_region=self.static_region,
+                statics=statics,
+                corners=corners,
             )
-        return self._problems[capacity]
-
-    def _guesses(self, ladder: Ladder) -> list[Guess]:
-        """Return the starting points: the shifted last plan, or coasting, and ``starts``."""
-        start, names = ladder.start, self.starts
-        points = []
-        if ladder.inputs is not None:
-            points = [(follow(self.robot, start, ladder.inputs, self.dt), ladder.inputs)]
-        else:
-            names = ("coast", *names)
-        for name in dict.fromkeys(names):
-            twist = sweep(self.robot, start, name, self.reference_speed)
-            points.append(steer(self.robot, start, twist, self.horizon, self.dt))
-        return [ladder.guess(states, inputs) for states, inputs in points]
+        return self._problems[key]

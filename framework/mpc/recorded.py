@@ -9,7 +9,7 @@ along ``axis``), ``margin`` (K), the shifted guess ``guess_states`` (N + 1, 5),
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -95,9 +95,13 @@ def _instance(row: dict[str, Array], count: int, region: Region, speed: float) -
         level=np.full((steps, count), LEVEL),
         active=np.ones(count),
         auxiliaries=extra,
+        statics=np.zeros((steps, 0, 0)),
+        static_active=np.zeros(0),
+        static_auxiliaries=np.zeros((steps, 0, 0)),
     )
     level = float(row["guess_scale"])
-    guess = Guess(row["guess_states"], row["guess_inputs"], extra, level, np.zeros(steps))
+    guess = Guess.bare(row["guess_states"], row["guess_inputs"], level)
+    guess = replace(guess, auxiliaries=extra)
     ellipses = (mean, axis, deviation, margin)
     kind, best = str(row["kind"]), float(row["best_cost"])
     return Instance(kind, count, parameters, guess, best, ellipses)

@@ -1,5 +1,7 @@
 """Trajectories that the robot can drive, without solving anything."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..arrays import Array
@@ -88,5 +90,31 @@ def sweep(robot: Robot, start: Array, name: str, speed: float) -> Twist:
         return Twist(now.linear, side * speed)  # drive() keeps it within the limits
     forward = np.asarray(now.linear, dtype=np.float64)
     turned = np.array([-forward[1], forward[0], *np.zeros(len(forward) - 2)])
+    if not turned.any():  # straight up or down: one side is as good as another
+        turned[1] = np.linalg.norm(forward)
     mixed = (forward + side * turned) / np.sqrt(2.0)
     return Twist(tuple(float(value) for value in mixed), 0.0)
+
+
+def starting_points(
+    robot: Robot,
+    start: Array,
+    inputs: Array | None,
+    names: Sequence[str],
+    speed: float,
+    steps: int,
+    dt: float,
+) -> list[tuple[Array, Array]]:
+    """Return trajectories for a solver to start from: states (N + 1, n) and inputs (N, m).
+
+    The last plan's shifted inputs, or coasting where there are none; then the named twists,
+    see `sweep`.
+    """
+    points = []
+    if inputs is not None:
+        points = [(follow(robot, start, inputs, dt), inputs)]
+    else:
+        names = ("coast", *names)
+    for name in dict.fromkeys(names):
+        points.append(steer(robot, start, sweep(robot, start, name, speed), steps, dt))
+    return points

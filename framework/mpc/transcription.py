@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
+from ..region import Auxiliary
 from ..symbolic import ca
 from .problem import Parameters, Problem
 
@@ -32,6 +33,7 @@ class Guess:
     states : (N + 1, n). inputs : (N, m). auxiliaries : (N, K, A).
     level : the shared level; ignored where there is none.
     slack : (N,), of soft regions; ignored where they are hard.
+    static_auxiliaries : (N, S, A_s).
     """
 
     states: Array
@@ -39,6 +41,13 @@ class Guess:
     auxiliaries: Array
     level: float
     slack: Array
+    static_auxiliaries: Array
+
+    @classmethod
+    def bare(cls, states: Array, inputs: Array, level: float) -> "Guess":
+        """Wrap a trajectory; auxiliaries are filled in later, see `bodies.with_auxiliaries`."""
+        none = np.zeros((len(inputs), 0, 0))
+        return cls(states, inputs, none, level, np.zeros(len(inputs)), none)
 
 
 class Transcription:
@@ -84,6 +93,7 @@ class Transcription:
                 pieces["u"] = guess.inputs[i]
             if i > 0:
                 pieces["aux"] = guess.auxiliaries[i - 1].ravel()
+                pieces["static"] = guess.static_auxiliaries[i - 1].ravel()
                 pieces["slack"] = guess.slack[i - 1 : i]
             for name, values in pieces.items():
                 place = self._where.get((name, i))
@@ -98,15 +108,18 @@ class Transcription:
         states[0] = parameters.initial
         extra = (horizon, problem.capacity, len(problem.auxiliary))
         auxiliaries, slack = np.zeros(extra), np.zeros(horizon)
+        still = np.zeros((horizon, problem.statics.count, len(problem.statics.auxiliary)))
         inputs = np.stack([flat[self._where["u", i]] for i in range(horizon)])
         for i in range(1, horizon + 1):
             states[i] = flat[self._where["x", i]]
             if ("aux", i) in self._where:
                 auxiliaries[i - 1] = flat[self._where["aux", i]].reshape(extra[1:])
+            if ("static", i) in self._where:
+                still[i - 1] = flat[self._where["static", i]].reshape(still.shape[1:])
             if ("slack", i) in self._where:
                 slack[i - 1] = flat[self._where["slack", i]][0]
         level = float(flat[self._where["s", 0]][0]) if problem.shared else float("nan")
-        return Guess(states, inputs, auxiliaries, level, slack)
+        return Guess(states, inputs, auxiliaries, level, slack, still)
 
     def parameters(self, values: Parameters) -> Array:
         """Write the numbers of one instance into the vector of parameters."""
@@ -183,12 +196,11 @@ class Transcription:
     def _outside(self, i: int, state: Any, level: Any, stage: Any) -> None:
         """Variables, constraints and cost that come with the regions of stage i."""
         problem = self.problem
-        slots = problem.capacity * len(problem.auxiliary)
-        auxiliary = self._symbol.sym(f"a{i}", slots)
-        if slots:
-            lower = list(problem.auxiliary.lower) * problem.capacity
-            self._add("aux", i, auxiliary, lower, list(problem.auxiliary.upper) * problem.capacity)
-        inequalities, equalities = problem.regions(state, auxiliary, level, stage)
+        auxiliary = self._extra("aux", i, problem.auxiliary, problem.capacity)
+        still = self._extra("static", i, problem.statics.auxiliary, problem.statics.count)
+        outside, tied = problem.regions(state, auxiliary, level, stage)
+        clear, bound = problem.static_regions(state, still, stage)
+        inequalities, equalities = ca.vertcat(outside, clear), ca.vertcat(tied, bound)
         if problem.penalty is not None and problem.slacks:
             slack = self._symbol.sym(f"slack{i}")
             self._add("slack", i, slack, [0.0], [np.inf])
@@ -197,7 +209,14 @@ class Transcription:
         self._positive(problem.state_constraints(state))
         self._positive(inequalities)
         self._equal(equalities)
-        self._cost += problem.state_cost(state, auxiliary, stage)
+        self._cost += problem.state_cost(state, auxiliary, still, stage)
+
+    def _extra(self, name: str, i: int, auxiliary: Auxiliary, slots: int) -> Any:
+        """Add the auxiliaries of all slots and return their symbol."""
+        symbol = self._symbol.sym(f"{name}{i}", slots * len(auxiliary))
+        if symbol.numel():
+            self._add(name, i, symbol, auxiliary.lower * slots, auxiliary.upper * slots)
+        return symbol
 
     def _add(
         self, name: str, i: int, symbol: Any, lower: Sequence[float], upper: Sequence[float]

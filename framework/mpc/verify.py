@@ -16,7 +16,8 @@ class Violation:
     Attributes
     ----------
     motion : (N,), dynamics, bounds and robot limits, each in its own unit.
-    regions : (N, K), how far each region is entered at steps 1..N, unit-free.
+    regions : (N, K + S), how far each region, then each static polygon, is entered at steps
+        1..N, unit-free.
     """
 
     motion: Array
@@ -54,10 +55,12 @@ def violation(problem: Problem, parameters: Parameters, point: Guess) -> Violati
         point.inputs.T,
         point.states[1:].T,
         point.auxiliaries.reshape(horizon, -1).T,
+        point.static_auxiliaries.reshape(horizon, -1).T,
         level,
         parameters.stages().T,
     )
-    gap, limits, outside, tied = (np.asarray(value).reshape(-1, horizon) for value in values)
+    rows = [np.asarray(value).reshape(-1, horizon) for value in values]
+    gap, limits, outside, tied, clear, bound = rows
     broken = [np.abs(gap), np.maximum(-limits, 0.0)]
     state, control = problem.state_bounds, problem.input_bounds
     broken += [_beyond(point.states[1:], state.lower, state.upper).T]
@@ -65,11 +68,20 @@ def violation(problem: Problem, parameters: Parameters, point: Guess) -> Violati
     begin = np.abs(point.states[0] - parameters.initial).max(initial=0.0)
     motion = np.concatenate(broken).max(axis=0)
     motion[0] = max(motion[0], begin)
-    entered = _per_slot(np.maximum(-outside, 0.0), problem.capacity)
-    entered = np.maximum(entered, _per_slot(np.abs(tied), problem.capacity))
+    entered = np.concatenate(
+        [_entered(outside, tied, problem.capacity), _entered(clear, bound, problem.statics.count)]
+    )
+    # What an empty slot holds its auxiliaries to says nothing of the plan.
+    entered *= np.concatenate([parameters.active, parameters.static_active])[:, None]
     if not (np.isfinite(motion).all() and np.isfinite(entered).all()):
-        return Violation(np.full(horizon, np.inf), np.zeros((horizon, problem.capacity)))
+        return Violation(np.full(horizon, np.inf), np.zeros(entered.T.shape))
     return Violation(motion, entered.T)
+
+
+def _entered(outside: Array, tied: Array, slots: int) -> Array:
+    """How far each slot's constraints are broken, (slots, N)."""
+    entered = _per_slot(np.maximum(-outside, 0.0), slots)
+    return np.maximum(entered, _per_slot(np.abs(tied), slots))
 
 
 def _per_slot(values: Array, slots: int) -> Array:

@@ -1,7 +1,8 @@
 """Contract checks that every plug-in can run on itself.
 
-Each room of plug-ins has one: `check_predictor`, `check_region`, `check_robot`,
-`check_controller`. They are imported on first use, since each needs libraries of its own.
+Each room of plug-ins has one: `check_predictor`, `check_region`, `check_static_region`,
+`check_robot`, `check_controller`. They are imported on first use, since each needs libraries of
+its own.
 """
 
 from importlib import import_module
@@ -10,6 +11,7 @@ from typing import Any
 CHECKS = {
     "check_predictor": ".predictor",
     "check_region": ".region",
+    "check_static_region": ".static_region",
     "check_robot": ".robot",
     "check_controller": ".controller",
 }

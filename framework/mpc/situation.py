@@ -1,0 +1,80 @@
+"""All that one decision has to look at, and the numbers that the problem takes of it."""
+
+from dataclasses import dataclass
+from math import hypot
+
+from scipy import special
+
+from ..arrays import Array
+from ..region import Region
+from ..robot import Robot
+from ..static_region import StaticRegion
+from .bodies import bodies
+from .instance import CAPACITIES, Obstacles, fill
+from .levels.base import LevelPolicy
+from .problem import Parameters
+from .reference import Reference
+from .walls import Walls, fill_walls
+
+
+@dataclass(frozen=True, eq=False)
+class Situation:
+    """Where the robot starts, where it should go and what stands or moves in its way.
+
+    Attributes
+    ----------
+    start : (n,), the plan's first state.
+    reference : along the path.
+    obstacles, walls : Gaussian discs and convex polygons that the plan keeps clear of.
+    own : (N, D, D), m^2, covariance of the robot's own position.
+    """
+
+    start: Array
+    reference: Reference
+    obstacles: Obstacles
+    walls: Walls
+    own: Array
+
+    def parameters(
+        self,
+        robot: Robot,
+        region: Region,
+        level: LevelPolicy,
+        margin: float,
+        static_region: StaticRegion | None,
+    ) -> Parameters:
+        """Fill the parameters of the smallest problem that has room for all.
+
+        Parameters
+        ----------
+        robot, region, level, static_region : the plug-ins.
+        margin : m, added around the robot's bodies.
+        """
+        parameters = fill(
+            self.start,
+            self.reference,
+            self.obstacles,
+            region,
+            level,
+            bodies(robot, region)[0].radius + margin,
+            next(size for size in CAPACITIES if size >= len(self.obstacles)),
+            self.own,
+        )
+        if static_region is None:
+            return parameters
+        # A line that separates body and polygon by s deviations keeps the risk at Phi(-s).
+        spread = min(special.ndtri(level.tail), 0.0) ** 2 * self.own
+        radius = bodies(robot, static_region)[0].radius + margin
+        return fill_walls(parameters, self.walls, static_region, radius, spread)
+
+
+def reach_of_bodies(robot: Robot, *regions: Region | StaticRegion | None) -> float:
+    """How far centres and corners of the bodies are from the robot's position, m."""
+    places = [
+        place
+        for region in regions
+        if region is not None
+        for body in bodies(robot, region)
+        for place in (body.centre, *body.outline)
+    ]
+    return max((hypot(*place) for place in places), default=0.0)

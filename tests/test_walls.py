@@ -1,0 +1,180 @@
+"""Static polygons in the MPC: which are kept, what feasible means, and closed loops."""
+
+from dataclasses import replace
+from math import pi
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+from wideberth.framework.errors import WideberthError
+from wideberth.framework.footprint import Discs, Footprint, Outline
+from wideberth.framework.motion import Twist
+from wideberth.framework.mpc.assembly import assemble
+from wideberth.framework.mpc.bodies import with_auxiliaries
+from wideberth.framework.mpc.instance import Obstacles
+from wideberth.framework.mpc.levels.fixed import Fixed
+from wideberth.framework.mpc.problem import Parameters, Problem
+from wideberth.framework.mpc.reference import lay_reference
+from wideberth.framework.mpc.rollout import steer
+from wideberth.framework.mpc.situation import Situation
+from wideberth.framework.mpc.solvers.base import Solver
+from wideberth.framework.mpc.solvers.fatrop import Fatrop
+from wideberth.framework.mpc.solvers.ipopt import Ipopt
+from wideberth.framework.mpc.transcription import Guess
+from wideberth.framework.mpc.verify import violation
+from wideberth.framework.mpc.walls import CORNERS, NONE, Walls, choose_walls, padded
+from wideberth.framework.path import Path
+from wideberth.framework.plan import Status
+from wideberth.framework.polygon import Polygon
+from wideberth.framework.static_region import StaticRegion
+from wideberth.regions.minkowski_sum import MinkowskiSum
+from wideberth.regions.static.dual import Dual
+from wideberth.regions.static.separating_line import SeparatingLine
+from wideberth.robots.unicycle import Unicycle
+
+DISCS = Discs(((0.35, 0.0), (-0.05, 0.0)), 0.25)
+CAR = Outline(((0.55, 0.25), (-0.25, 0.25), (-0.25, -0.25), (0.55, -0.25)))
+FORMS = [None, DISCS, CAR]
+REGIONS = [SeparatingLine(), Dual()]
+EL = Polygon(((0.0, 0.0), (3.0, 0.0), (3.0, 1.0), (1.0, 1.0), (1.0, 2.5), (0.0, 2.5)), "el")
+SHED = Polygon(((-3.0, -2.0), (-1.5, -2.5), (-1.0, -1.2), (-2.4, -0.8)), "shed")
+HERE = np.zeros((1, 2))
+
+
+def block(x: float, y: float, name: str, size: float = 1.0) -> Polygon:
+    return Polygon(((x, y), (x + size, y), (x + size, y + size), (x, y + size)), name)
+
+
+# which polygons count
+
+
+def test_the_nearest_parts_are_kept_and_the_others_named() -> None:
+    route = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
+    far = [block(2.0, 3.0, "third"), block(0.0, 1.0, "first"), block(2.0, -3.0, "second")]
+    away = block(30.0, 0.0, "away")
+    kept = choose_walls([*far, away], SeparatingLine(), route, 5.0, 2)
+    assert kept.names == ("first", "second") and kept.left_out == ("third",)
+    assert len(kept) == 2 and kept.parts.shape == (2, 4, 2)
+    all_of = choose_walls([*far, away], SeparatingLine(), route, 5.0, 9)
+    assert all_of.names == ("third", "first", "second") and all_of.left_out == ()
+    near = choose_walls([*far, away], SeparatingLine(), route, 1.5, 9)
+    assert near.names == ("first",) and near.left_out == ()
+    assert len(choose_walls([away], SeparatingLine(), route, 5.0, 9)) == 0
+    assert choose_walls([], None, route, 5.0, 9) is NONE
+
+
+def test_polygons_that_are_not_convex_come_in_parts() -> None:
+    kept = choose_walls([EL, SHED], SeparatingLine(), HERE, 50.0, 9)
+    assert sorted(set(kept.names)) == ["el", "shed"] and kept.names.count("el") >= 2
+    area = sum(shapely.Polygon(part).area for part in kept.parts[[n == "el" for n in kept.names]])
+    assert area == pytest.approx(shapely.Polygon(EL.vertices).area)
+    angle = 2.0 * pi * np.arange(40) / 40
+    round_one = Polygon(tuple(zip(np.cos(angle) + 5.0, np.sin(angle), strict=True)), "round")
+    parts = choose_walls([round_one], SeparatingLine(), HERE, 50.0, 9).parts
+    assert parts.shape[1] in CORNERS
+    assert sum(shapely.Polygon(part).area for part in parts) == pytest.approx(
+        shapely.Polygon(round_one.vertices).area
+    )
+    assert padded(np.array(SHED.vertices), 8)[4:].tolist() == [list(SHED.vertices[-1])] * 4
+
+
+def test_what_walls_need() -> None:
+    with pytest.raises(WideberthError, match=r"2 static polygons are observed.*static_region"):
+        choose_walls([EL, SHED], None, HERE, 5.0, 9)
+    with pytest.raises(WideberthError, match="3 dimensions"):
+        choose_walls([EL], SeparatingLine(), np.zeros((1, 3)), 5.0, 9)
+    with pytest.raises(WideberthError, match="2 static polygons need a static region"):
+        assemble(Unicycle(), MinkowskiSum(), Fixed(), horizon=3, dt=0.5, capacity=0, statics=2)
+
+
+# what feasible means
+
+STEPS = 150
+
+
+def instance(
+    robot: Unicycle, region: StaticRegion, walls: Walls, states: np.ndarray
+) -> tuple[Problem, Parameters, Guess]:
+    """One problem over the walls alone, at any states."""
+    steps = len(states) - 1
+    reference = lay_reference(Path(np.array([[-5.0, 0.2], [9.0, 0.2]])), 0.0, 0.5, steps, 0.5)
+    own = np.zeros((steps, 2, 2))
+    case = Situation(states[0], reference, Obstacles.none(steps, 2), walls, own)
+    parameters = case.parameters(robot, MinkowskiSum(), Fixed(), 0.05, region)
+    problem = assemble(
+        robot, MinkowskiSum(), Fixed(), horizon=steps, dt=0.5, capacity=0, static_region=region,
+        statics=len(parameters.static_active), corners=walls.parts.shape[1],
+    )  # fmt: skip
+    bare = Guess.bare(states, np.zeros((steps, 2)), float("nan"))
+    point = with_auxiliaries(robot, MinkowskiSum(), parameters, bare, region)
+    return problem, replace(parameters, static_auxiliaries=point.static_auxiliaries), point
+
+
+def shape(footprint: Footprint | None, radius: float, place: Any, heading: float) -> Any:
+    """The body as Shapely sees it; discs as fine polygons that are at most 3e-5 m too small."""
+    body = shapely.Point(0.0, 0.0).buffer(radius, 64)
+    if isinstance(footprint, Discs):
+        body = shapely.MultiPoint(footprint.centres).buffer(footprint.radius, 64)
+    if isinstance(footprint, Outline):
+        body = shapely.Polygon(footprint.vertices)
+    turned = shapely.affinity.rotate(body, heading, origin=(0.0, 0.0), use_radians=True)
+    return shapely.affinity.translate(turned, *place)
+
+
+@pytest.mark.parametrize("region", REGIONS, ids=repr)
+@pytest.mark.parametrize("footprint", FORMS, ids=lambda one: type(one).__name__)
+def test_feasible_is_what_shapely_calls_clear(region: Any, footprint: Any) -> None:
+    rng = np.random.default_rng(0)
+    states = np.zeros((STEPS + 1, 5))
+    states[:, :2] = rng.uniform([-3.5, -3.0], [4.0, 3.5], (STEPS + 1, 2))
+    states[:, 2] = rng.uniform(-pi, pi, STEPS + 1)
+    walls = choose_walls([EL, SHED], region, HERE, 50.0, 9)
+    robot = Unicycle(radius=0.75, footprint=footprint)
+    problem, parameters, point = instance(robot, region, walls, states)
+    assert problem.statics.count > len(walls)  # some slots are empty
+    entered = violation(problem, parameters, point).regions
+    assert entered.shape == (STEPS, problem.statics.count)
+    assert not entered[:, len(walls) :].any()
+    seen = []
+    for step, state in enumerate(states[1:]):
+        body = shape(footprint, robot.radius, state[:2], state[2])
+        for name, polygon in (("el", EL), ("shed", SHED)):
+            gap = float(shapely.distance(body, shapely.Polygon(polygon.vertices))) - 0.05
+            told = max(entered[step, [i for i, n in enumerate(walls.names) if n == name]])
+            if abs(gap) > 2e-4:
+                assert (told > 1e-9) == (gap < 0.0), (step, name, gap, told)
+                seen.append(gap < 0.0)
+    assert len(seen) > 280 and 0.1 < np.mean(seen) < 0.8
+
+
+def placed(walls: Walls, region: StaticRegion) -> tuple[Problem, Parameters, Guess]:
+    robot = Unicycle(radius=0.75, footprint=CAR)
+    start = np.array([-4.5, 0.2, 0.0, 0.4, 0.0])
+    states, inputs = steer(robot, start, Twist((0.4, 0.0), 0.05), 12, 0.5)
+    problem, parameters, point = instance(robot, region, walls, states)
+    return problem, parameters, replace(point, inputs=inputs)
+
+
+@pytest.mark.parametrize("region", REGIONS, ids=repr)
+@pytest.mark.parametrize("solver", [Fatrop(), Ipopt()], ids=repr)
+def test_empty_slots_change_nothing(region: StaticRegion, solver: Solver) -> None:
+    two = choose_walls([block(-1.8, 0.4, "a"), block(-1.0, -2.5, "b")], region, HERE, 9.0, 9)
+    problem, parameters, point = placed(two, region)
+    (tight,) = solver.solve(problem, parameters, [point])
+    assert problem.statics.count == 2 and tight.status is Status.SOLVED
+    empty = np.concatenate([two.parts, two.parts[:1], two.parts[:1], two.parts[:1]])
+    roomy, wider, start = placed(Walls(empty, ("x",) * 5), region)
+    still = np.zeros_like(wider.static_auxiliaries)  # empty slots hold anything finite
+    still[:, :2], statics = parameters.static_auxiliaries, wider.statics.copy()
+    on = np.array([1.0, 1.0, 0.0, 0.0, 0.0])
+    statics[:, 2:] = 1.0
+    wider = replace(wider, static_active=on, static_auxiliaries=still, statics=statics)
+    (loose,) = solver.solve(roomy, wider, [replace(start, static_auxiliaries=still)])
+    assert roomy.statics.count == 5 and loose.status is Status.SOLVED
+    assert np.allclose(loose.point.states, tight.point.states, atol=1e-6)
+    assert 0.0 <= loose.cost - tight.cost + 1e-5 < 2e-3  # of holding idle auxiliaries
+    free = replace(parameters, static_active=np.zeros(2))
+    (without,) = solver.solve(problem, free, [point])
+    assert without.cost < 0.9 * tight.cost  # the walls do matter here
