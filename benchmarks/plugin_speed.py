@@ -8,8 +8,8 @@ from measuring import Row, Tick, brief, rotated, timed
 from wideberth.framework import Path, names
 from wideberth.framework.config import build
 from wideberth.framework.mpc.assembly import assemble
-from wideberth.framework.mpc.instance import Obstacles, fill
 from wideberth.framework.mpc.bodies import with_auxiliaries
+from wideberth.framework.mpc.instance import Obstacles, fill
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.problem import Parameters, Problem
 from wideberth.framework.mpc.reference import lay_reference

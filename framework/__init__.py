@@ -19,12 +19,14 @@ if TYPE_CHECKING:
     from .motion import Twist as Twist
     from .path import Path as Path
     from .plan import Plan as Plan
+    from .polygon import Polygon as Polygon
     from .predictor import Predictor as Predictor
     from .region import Region as Region
     from .registry import load as load
     from .registry import names as names
     from .registry import register as register
     from .robot import Robot as Robot
+    from .static_region import StaticRegion as StaticRegion
     from .tracks import Tracks as Tracks
 
 _HOME = {
@@ -33,9 +35,10 @@ _HOME = {
     "Forecast": "forecast", "GaussianObstacle": "forecast", "Scene": "forecast",
     "Command": "motion", "Detection": "motion", "Observation": "motion", "Pose": "motion",
     "Twist": "motion",
-    "Path": "path", "Plan": "plan", "Predictor": "predictor", "Region": "region",
+    "Path": "path", "Plan": "plan", "Polygon": "polygon", "Predictor": "predictor",
+    "Region": "region",
     "load": "registry", "names": "registry", "register": "registry",
-    "Robot": "robot", "Tracks": "tracks",
+    "Robot": "robot", "StaticRegion": "static_region", "Tracks": "tracks",
 }  # fmt: skip
 
 

@@ -14,7 +14,7 @@ Scalar: TypeAlias = Any
 
 
 def checked(
-    name: str, value: ArrayLike, shape: tuple[int | None, ...], *, finite: bool = True
+    name: str, value: ArrayLike, shape: tuple[int | None, ...] | None, *, finite: bool = True
 ) -> Array:
     """Return ``value`` as a read-only float64 array of the wanted shape.
 
@@ -22,7 +22,8 @@ def checked(
     ----------
     name : what the array is called in the error message.
     value : anything that NumPy turns into numbers.
-    shape : wanted length of each axis, None where any length will do.
+    shape : wanted length of each axis, None where any length will do; None for any batch of
+        vectors.
     finite : refuse NaN and infinity (NaN marks "unobserved" in tracks alone).
 
     Raises
@@ -33,6 +34,8 @@ def checked(
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise WideberthError(f"{name} is not an array of numbers: {error}") from None
+    if shape is None:
+        shape = (None,) * max(array.ndim, 1)
     fits = array.ndim == len(shape) and all(
         want is None or want == got for want, got in zip(shape, array.shape, strict=True)
     )

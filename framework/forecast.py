@@ -23,8 +23,7 @@ class GaussianObstacle:
     covariance: Array
 
     def __post_init__(self) -> None:
-        mean = np.asarray(self.mean, dtype=np.float64)
-        mean = checked("obstacle.mean", mean, (None,) * max(mean.ndim, 1))
+        mean = checked("obstacle.mean", self.mean, None)
         shape = (*mean.shape, mean.shape[-1])
         covariance = checked_covariance("obstacle.covariance", self.covariance, shape)
         object.__setattr__(self, "mean", mean)

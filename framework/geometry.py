@@ -8,6 +8,9 @@ from scipy import special
 
 from .arrays import Array, BoolArray
 
+UNIT_BALL = {2: np.pi, 3: 4.0 / 3.0 * np.pi}
+"""Area of the unit disc and volume of the unit ball, by dimension."""
+
 _FLAT = 1e-60
 """Below this share of the largest axis an ellipse counts as flat: ratios squared stay finite."""
 
@@ -129,6 +132,23 @@ def mean_support(axes: Array) -> Array:
     """Mean of the support function of an ellipsoid, m, R_G(a^2, b^2, c^2); half the width."""
     a, b, c = np.moveaxis(np.asarray(axes, dtype=np.float64) ** 2, -1, 0)
     return np.asarray(special.elliprg(a, b, c))
+
+
+def mean_cubed_support(axes: Array) -> Array:
+    """Mean of h^3 over directions, h the support function of an ellipsoid, m^3: (..., 3) -> (...).
+
+    With e_k the elementary symmetric functions of the squared axes,
+
+        (4 e_1 R_G - e_2 R_F - sqrt(e_3)) / 8,
+
+    by the recurrence of Carlson's R_-p in p, which ends here since its next term is elementary.
+    """
+    a, b, c = np.moveaxis(np.asarray(axes, dtype=np.float64) ** 2, -1, 0)
+    pairs = a * b + a * c + b * c
+    solid = pairs > 0.0  # with two axes of zero R_F is infinite and its factor zero
+    product = pairs * special.elliprf(*(np.where(solid, value, 1.0) for value in (a, b, c)))
+    total = 4.0 * (a + b + c) * special.elliprg(a, b, c)
+    return np.asarray((total - product - np.sqrt(a * b * c)) / 8.0)
 
 
 def sum_volume(axes: Array, margin: Array) -> Array:

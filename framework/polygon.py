@@ -1,7 +1,7 @@
 """Polygons that stand still, and how far apart convex bodies are, vectorised."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import final
 
 import numpy as np
@@ -67,9 +67,18 @@ class Polygon:
         ----------
         corners : most vertices that a part may have, at least 3.
         """
-        from .convex_parts import convex_parts
+        return _cut(self, whole("corners", corners, least=3))
 
-        return convex_parts(self.points, whole("corners", corners, least=3))
+
+@lru_cache(maxsize=512)
+def _cut(polygon: Polygon, corners: int) -> tuple[Array, ...]:
+    """Cut a polygon once: a controller asks at every tick."""
+    from .convex_parts import convex_parts
+
+    parts = convex_parts(polygon.points, corners)
+    for part in parts:
+        part.setflags(write=False)
+    return parts
 
 
 def edge_normals(vertices: Array) -> Array:

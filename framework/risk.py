@@ -1,19 +1,25 @@
 """Collision risk: the probability that a disc (a ball in 3-D) meets one at a Gaussian place."""
 
-from functools import cache
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
 from .arrays import Array, BoolArray
+from .eigenframe import checked_pairs, eigenframe, principal_axes, rim_gap
 from .errors import WideberthError
+from .inversion import probability, slopes
 
-REACH = 9.0
-"""Standard deviations beyond the likeliest point that the outer integral covers (1e-18)."""
+SHARP = 1e-30
+"""A deviation below this share of the radius counts as zero, and one above its inverse as that.
 
-SHARP = 1e-8
-"""A deviation below this share of the radius counts as zero."""
+The probability is then below 1e-30 either way.
+"""
+
+_CHUNK = 512
+"""Pairs at a time: 64 nodes of them are 256 KiB, which stay in the cache."""
 
 
 def collision_probability(
@@ -21,21 +27,17 @@ def collision_probability(
 ) -> Array:
     """Pr(|X| < radius) for X ~ N(difference, covariance), (...).
 
-    In the eigenframe, with y the coordinate along the smallest deviation s2 and x the other,
-
-        P = int R cos f phi((R sin f + y) / s2) / s2
-              [Phi((R cos f - x) / s1) - Phi((-R cos f - x) / s1)] df
-
-    over f in [-pi/2, pi/2], by Gauss-Legendre on the part that matters; in 3-D the bracket is
-    the same formula on the disc of radius R cos f. Zero and singular covariances are limits
-    of their own. With 64 nodes the relative error is below 1e-9 for P above 1e-12.
+    One integral in the complex plane, `inversion.logarithm`, for 2-D and 3-D alike. With 64 nodes
+    the relative error is below 1e-9, in 2-D and 3-D, for P above 1e-12 (and far below) with
+    deviations of 1e-5 to 1e3 radii and conditions to 1e8. Zero and singular covariances are
+    limits of their own.
 
     Parameters
     ----------
     difference : (..., D), m, mean position of the obstacle minus that of the robot.
     covariance : (..., D, D), m^2, of that difference; D is 2 or 3.
     radius : (...), m, both radii together.
-    nodes : Gauss-Legendre nodes per integral.
+    nodes : of the integral, see `inversion.rule`; 32 give 1e-8, 48 give 1e-10.
 
     Raises
     ------
@@ -46,61 +48,105 @@ def collision_probability(
     >>> float(collision_probability([3.0, 1.0], [[1.0, 0.0], [0.0, 0.25]], 1.5).round(10))
     0.0301269415
     """
-    local, deviations, size = eigenframe(difference, covariance, radius)
-    return np.asarray(np.clip(_ball(local, deviations, size, nodes), 0.0, 1.0))
+    shape, columns, _, _ = scaled(difference, covariance, radius)
+    result = np.zeros(columns.shape[1])
+    for part in _parts(len(result)):
+        result[part] = probability(*split(columns[:, part]), nodes, np)
+    return result.reshape(shape)
 
 
 def collision_probability_gradient(
-    difference: ArrayLike, covariance: ArrayLike, radius: ArrayLike
+    difference: ArrayLike, covariance: ArrayLike, radius: ArrayLike, nodes: int = 64
 ) -> Array:
-    """Gradient of the probability by the robot's position, 1/m, (..., 2).
+    """Gradient of the probability by the robot's position, 1/m, (..., D).
 
-        dP/dp = R int_0^{2 pi} f(p + R n) n dphi,   n = (cos phi, sin phi),
-
-    with f the density of the obstacle's position: what the disc wins on one side less what it
-    loses on the other. With ``difference`` = mean - p it is minus the gradient by the
-    difference. The trapezoidal rule converges spectrally on a full turn; the number of nodes
-    follows from the bandwidth R (R + |d|) / s2^2 of the exponent.
+    In the eigenframe, with x the obstacle's mean seen from the robot, 2 x_i / R^2 times the
+    density at 1 of |X|^2 / R^2 with two more degrees of freedom along axis i
+    (`inversion.slopes`): the sum of noncentral chi-square variables falls in a noncentrality by
+    what it has there with two degrees more. It points towards the obstacle. Each coordinate in
+    the eigenframe is known to 1e-9 of itself, also deep inside, where the probability is 1.
+    Where all spread is along a line or a plane the gradient is that of the limit.
 
     Parameters
     ----------
-    difference, covariance, radius : as in `collision_probability`, in two dimensions.
+    difference, covariance, radius, nodes : as in `collision_probability`.
 
     Raises
     ------
-    WideberthError : as `collision_probability`; three dimensions; a covariance that is singular
-        or so thin that the rule would need more than a million nodes.
+    WideberthError : as `collision_probability`; a singular covariance whose line or plane just
+        touches the disc: there the probability has no gradient.
     """
-    d, sigma, radii = _checked(difference, covariance, radius)
-    if d.shape[-1] != 2:
-        raise WideberthError("the gradient is built for two dimensions; difference has 3")
-    values, vectors = np.linalg.eigh(sigma)
-    shape = np.broadcast_shapes(d.shape[:-1], sigma.shape[:-2], radii.shape)
-    turn = np.broadcast_to(vectors, (*shape, 2, 2))
-    room = np.broadcast_to(radii, shape)
-    local = np.einsum("...ij,...i->...j", turn, d)
-    spread = np.sqrt(np.clip(np.broadcast_to(values, (*shape, 2)), 0.0, None))
-    band = np.sqrt(room * (room + np.hypot.reduce(local, axis=-1)))
-    if (spread[..., 0] <= 2e-5 * band).any() or not (spread > 0.0).all():
+    shape, columns, vectors, slope = scaled(difference, covariance, radius)
+    result = np.zeros(slope.shape)
+    for part in _parts(slope.shape[1]):
+        result[:, part] = slope[:, part] * slopes(*split(columns[:, part]), nodes, np)
+    return turned_back(result, vectors, shape)
+
+
+def turned_back(local: Array, vectors: Array, shape: tuple[int, ...]) -> Array:
+    """Gradients in the eigenframe (D, n) in the frame of the input, (..., D).
+
+    Raises
+    ------
+    WideberthError : one that is NaN.
+    """
+    if np.isnan(local).any():
         raise WideberthError(
-            "a covariance is singular or too thin: the probability has no gradient there that "
-            "the rule could find; its smallest deviation must exceed 2e-5 of the radius"
+            "a covariance is singular or too thin, and the line or plane on which the obstacle "
+            "lies just touches the disc: the probability has no gradient there; move the "
+            "obstacle or add a little to the covariance"
         )
-    count = 2 ** np.ceil(np.log2(np.maximum(8.0 * band / spread[..., 0], 64.0))).astype(int)
-    result = np.zeros((*shape, 2))
-    for nodes in np.unique(count):
-        for index in map(tuple, np.argwhere(count == nodes)):
-            result[index] = turn[index] @ _circle(local[index], spread[index], room[index], nodes)
-    return result
+    gradient = local.T.reshape(*shape, len(local))
+    return np.asarray(np.einsum("...ij,...j->...i", vectors, gradient))
 
 
-def _circle(d: Array, s: Array, radius: Array, nodes: int) -> Array:
-    """Trapezoidal rule for one gradient in the eigenframe."""
-    angle = np.arange(nodes) * (2.0 * np.pi / nodes)
-    normal = np.stack([np.cos(angle), np.sin(angle)])
-    offset = (radius * normal - d[:, None]) / s[:, None]
-    density = np.exp(-0.5 * (offset**2).sum(axis=0)) / (2.0 * np.pi * s[0] * s[1])
-    return np.asarray(radius * (2.0 * np.pi / nodes) * (normal @ density))
+def scaled(
+    difference: ArrayLike, covariance: ArrayLike, radius: ArrayLike
+) -> tuple[tuple[int, ...], Array, Array, Array]:
+    """Return what the integral takes, pairs in a row, and what turns its gradient back.
+
+    Lengths are divided by the radius, first by a power of two, so that the gap keeps its digits.
+
+    Returns
+    -------
+    shape : of the result.
+    columns : (2 D + 1, n), ratios, squares and gap of `inversion.logarithm`, large spread first.
+    vectors : (..., D, D), the eigenvectors as columns.
+    slope : (D, n), 2 x_i / R^2, 1/m; 0 where the radius is.
+
+    Raises
+    ------
+    WideberthError : as `collision_probability`.
+    """
+    d, sigma, size = checked_pairs(difference, covariance, radius)
+    deviations, vectors = principal_axes(sigma)
+    shape = np.broadcast_shapes(d.shape[:-1], deviations.shape[:-1], size.shape)
+    flat = (-1, d.shape[-1])
+    local = np.einsum("...ij,...i->...j", vectors, d)
+    local, deviations, d = (
+        np.broadcast_to(value, (*shape, flat[1])).reshape(flat) for value in (local, deviations, d)
+    )
+    size = np.broadcast_to(size, shape).reshape(-1)
+    room, exponent = np.frexp(np.where(size > 0.0, size, 1.0))
+    far = 1.0 / SHARP
+    places = np.clip(np.ldexp(local, -exponent[:, None]), -far, far).T / room
+    ratios = np.clip(np.ldexp(deviations, -exponent[:, None]).T / room, 0.0, far)
+    ratios = np.where((ratios > SHARP) & (size > 0.0), ratios, 0.0) ** 2
+    corner = np.clip(np.ldexp(d, -exponent[:, None]), -far, far)
+    gap = np.where(size > 0.0, rim_gap(corner, room) / room**2, -1.0)
+    columns = np.concatenate([ratios, places**2, gap[None]])
+    slope = np.where(size > 0.0, 2.0 * places / np.ldexp(room, exponent), 0.0)
+    return shape, columns, vectors, slope
+
+
+def split(columns: Any) -> tuple[list[Any], list[Any], Any]:
+    """Ratios, squares and gap of `scaled`, one array per coordinate."""
+    size = len(columns) // 2
+    return list(columns[:size]), list(columns[size:-1]), columns[-1]
+
+
+def _parts(count: int) -> Iterator[slice]:
+    return (slice(start, start + _CHUNK) for start in range(0, count, _CHUNK))
 
 
 def half_plane_level(difference: ArrayLike, covariance: ArrayLike, radius: ArrayLike) -> Array:
@@ -160,103 +206,3 @@ def _multiplier(
             break
         kappa = kappa + step
     return kappa, outside & ~spread
-
-
-def eigenframe(
-    difference: ArrayLike, covariance: ArrayLike, radius: ArrayLike
-) -> tuple[Array, Array, Array]:
-    """Difference in the eigenframe and deviations, large to small, and radius, broadcast.
-
-    The signs of the coordinates are dropped: the probability is symmetric in each.
-
-    Raises
-    ------
-    WideberthError : as `collision_probability`.
-    """
-    d, sigma, size = _checked(difference, covariance, radius)
-    values, vectors = np.linalg.eigh(sigma)
-    local = np.einsum("...ij,...i->...j", vectors, d)[..., ::-1]
-    deviations = np.sqrt(np.clip(values, 0.0, None))[..., ::-1]
-    shape = np.broadcast_shapes(local.shape[:-1], deviations.shape[:-1], size.shape)
-    full = (*shape, d.shape[-1])
-    return (
-        np.abs(np.broadcast_to(local, full)),
-        np.broadcast_to(deviations, full).copy(),
-        np.broadcast_to(size, shape).copy(),
-    )
-
-
-def _checked(
-    difference: ArrayLike, covariance: ArrayLike, radius: ArrayLike
-) -> tuple[Array, Array, Array]:
-    d = np.asarray(difference, dtype=np.float64)
-    sigma = np.asarray(covariance, dtype=np.float64)
-    size = np.asarray(radius, dtype=np.float64)
-    if d.ndim < 1 or d.shape[-1] not in (2, 3) or sigma.shape[-2:] != (d.shape[-1],) * 2:
-        raise WideberthError(
-            f"difference has shape {d.shape} and covariance {sigma.shape}; wanted (..., D) and "
-            "(..., D, D) with D = 2 or 3"
-        )
-    if not (np.isfinite(d).all() and np.isfinite(sigma).all() and np.isfinite(size).all()):
-        raise WideberthError("difference, covariance and radius must be finite numbers")
-    if (size < 0).any():
-        raise WideberthError(f"radius is {size.min():g}; wanted at least 0 m")
-    return d, sigma, size
-
-
-@cache
-def gauss_legendre(nodes: int) -> tuple[Array, Array]:
-    """Points and weights of the rule on [-1, 1]."""
-    points, weights = np.polynomial.legendre.leggauss(nodes)
-    return np.asarray(points), np.asarray(weights)
-
-
-def _ball(d: Array, s: Array, radius: Array, nodes: int) -> Array:
-    """Integrate the last coordinate, the one with the smallest deviation; the rest recursively."""
-    y, last = d[..., -1], s[..., -1]
-    sharp = last <= SHARP * radius
-    solid = np.where(last > 0, last, 1.0)
-    if d.shape[-1] == 1:
-        smooth = special.ndtr((radius - y) / solid) - special.ndtr((-radius - y) / solid)
-        return np.asarray(np.where(last > 0, smooth, np.where(y < radius, 1.0, 0.0)))
-    if sharp.all():
-        return _slice(d, s, radius, nodes)
-    size = np.where(radius > 0, radius, 1.0)
-    half = solid * np.hypot(REACH, _nearest(d, s, radius))
-    low = np.arcsin(np.clip((-y - half) / size, -1.0, 1.0))
-    high = np.arcsin(np.clip((half - y) / size, -1.0, 1.0))
-    points, weights = gauss_legendre(nodes)
-    width = 0.5 * (high - low)
-    angle = 0.5 * (high + low)[..., None] + width[..., None] * points
-    chord = radius[..., None] * np.cos(angle)
-    offset = (radius[..., None] * np.sin(angle) + y[..., None]) / solid[..., None]
-    density = np.exp(-0.5 * offset**2) / (np.sqrt(2.0 * np.pi) * solid[..., None])
-    rest = (*chord.shape, d.shape[-1] - 1)
-    lower = [np.broadcast_to(value[..., None, :-1], rest) for value in (d, s)]
-    inner = _ball(lower[0], lower[1], chord, nodes)
-    total = (density * chord * inner * weights).sum(axis=-1) * width
-    if sharp.any():
-        total = np.where(sharp, _slice(d, s, radius, nodes), total)
-    return np.asarray(total)
-
-
-def _slice(d: Array, s: Array, radius: Array, nodes: int) -> Array:
-    """Limit of a last deviation of zero: the chord at that offset."""
-    chord = np.sqrt(np.clip((radius - d[..., -1]) * (radius + d[..., -1]), 0.0, None))
-    meets = d[..., -1] < radius
-    return np.asarray(np.where(meets, _ball(d[..., :-1], s[..., :-1], chord, nodes), 0.0))
-
-
-def _nearest(d: Array, s: Array, radius: Array) -> Array:
-    """Bound on the Mahalanobis distance of the ball: how far out its likeliest point lies."""
-    length = np.hypot.reduce(d, axis=-1)
-    beyond = np.clip(length - radius, 0.0, None)
-    share = np.divide(beyond, length, out=np.zeros_like(length), where=length > 0)
-    solid = np.where(s > 0, s, 1.0)
-    radial = np.hypot.reduce(share[..., None] * d / solid, axis=-1)
-    if d.shape[-1] == 1:
-        return np.asarray(radial)
-    edge = np.minimum(d[..., -1], radius)
-    chord = np.sqrt(np.clip((radius - edge) * (radius + edge), 0.0, None))
-    rest = _nearest(d[..., :-1], s[..., :-1], chord)
-    return np.asarray(np.minimum(radial, np.hypot((d[..., -1] - edge) / solid[..., -1], rest)))

@@ -10,8 +10,10 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from .arrays import Array
+from .eigenframe import eigenframe
 from .errors import WideberthError
-from .risk import eigenframe, half_plane_level
+from .geometry import UNIT_BALL
+from .risk import half_plane_level
 
 
 def centre_point_value(difference: ArrayLike, covariance: ArrayLike, radius: ArrayLike) -> Array:
@@ -117,6 +119,6 @@ def _solid(deviations: Array) -> Array:
 def _ball_times_density(deviations: Array, radius: Array, distance: Array) -> Array:
     """V_D(R) times the density at a Mahalanobis distance."""
     size = deviations.shape[-1]
-    volume = np.pi * radius**2 if size == 2 else 4.0 / 3.0 * np.pi * radius**3
+    volume = UNIT_BALL[size] * radius**size
     peak = (2.0 * np.pi) ** (-0.5 * size) / deviations.prod(axis=-1)
     return np.asarray(volume * peak * np.exp(-0.5 * distance**2))

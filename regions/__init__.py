@@ -15,6 +15,7 @@ BUILT_IN: dict[str, str] = {
     "repaired_level": "wideberth.regions.repaired_level:RepairedLevel",
     "repaired_margin": "wideberth.regions.repaired_margin:RepairedMargin",
     "risk_contour": "wideberth.regions.risk_contour:RiskContour",
+    "separating_line": "wideberth.regions.separating_line:SeparatingLine",
     "whitened_box": "wideberth.regions.whitened_box:WhitenedBox",
 }
 """Name -> where the class is."""

@@ -1,11 +1,11 @@
 """The Gaussian density as a stand-in for the collision probability: what two regions share.
 
-Both compare area * density with the risk eps. With x = R^T (p - mu) and the level
-l = sqrt(-2 ln eps), pi margin^2 f(p) > eps is
+Both compare volume * density with the risk eps. With x = R^T (p - mu), V the area of the disc
+(the volume of the ball) of the margin and the level l = sqrt(-2 ln eps), V f(p) > eps is
 
-    sum_i x_i^2 / l_i < q,    q = l^2 - k,    k = 2 ln(2 sigma_1 sigma_2 / margin^2):
+    sum_i x_i^2 / l_i < q,    q = l^2 - k,    k = 2 ln((2 pi)^(D/2) sqrt(det Sigma) / V):
 
-an ellipse of level sqrt(q), nothing where q <= 0.
+an ellipse of level sqrt(q), nothing where q <= 0. In 2-D k = 2 ln(2 sigma_1 sigma_2 / margin^2).
 """
 
 import numpy as np
@@ -13,6 +13,7 @@ import numpy as np
 from ..framework.arrays import Array
 from ..framework.errors import WideberthError
 from ..framework.forecast import GaussianObstacle
+from ..framework.geometry import UNIT_BALL
 from . import gaussian
 
 _THIN = 1e-12
@@ -38,9 +39,11 @@ def checked_spread(obstacle: GaussianObstacle, name: str) -> Array:
 
 
 def pack(obstacle: GaussianObstacle, margin: Array, name: str) -> Array:
-    """Packed parameters and k, (..., 10); raises as `checked_margin` and `checked_spread`."""
-    packed = gaussian.pack(obstacle, margin, (2,))
+    """Packed parameters and k, (..., P); raises as `checked_margin` and `checked_spread`."""
+    packed = gaussian.pack(obstacle, margin, tuple(UNIT_BALL))
     variances = checked_spread(obstacle, name)
     room = np.maximum(packed[..., -1], _SMALL)
-    k = np.log(4.0 * variances.prod(axis=-1)) - 4.0 * np.log(room)
+    size = variances.shape[-1]
+    spread = 0.5 * np.log(2.0 * np.pi * variances).sum(axis=-1)
+    k = 2.0 * (spread - np.log(UNIT_BALL[size]) - size * np.log(room))
     return np.concatenate([packed, k[..., None]], axis=-1)

@@ -1,4 +1,4 @@
-"""The centre-point approximation of du Toit and Burdick: disc area times density."""
+"""The centre-point approximation of du Toit and Burdick: volume of the disc times density."""
 
 from dataclasses import dataclass
 from typing import ClassVar, final
@@ -11,6 +11,7 @@ from ..framework.motion import Pose
 from ..framework.region import Constraint, Guarantee, Region, Relation
 from ..framework.symbolic import ca
 from . import density, gaussian
+from .geometry import UNIT_BALL
 
 _TINY = 1e-13
 """Keeps the logarithm finite at the centre; an ellipse with q below this counts as empty."""
@@ -19,10 +20,11 @@ _TINY = 1e-13
 @final
 @dataclass(frozen=True)
 class DuToit(Region):
-    """Where pi margin^2 f(p) > eps, f the density of the obstacle's position.
+    """Where V f(p) > eps, f the density of the obstacle's position, V the volume of the disc.
 
-    An ellipse with squared level q = -2 ln(2 pi sqrt(det Sigma) eps / (pi margin^2)), empty
-    where q <= 0: then even at the obstacle's mean the approximation sees no risk.
+    V is pi margin^2 in 2-D and 4/3 pi margin^3 in 3-D. An ellipse with squared level
+    q = -2 ln((2 pi)^(D/2) sqrt(det Sigma) eps / V), empty where q <= 0: then even at the
+    obstacle's mean the approximation sees no risk.
 
     ``tail`` is eps, the collision risk asked for, ``level`` is sqrt(-2 ln eps); q = level^2 - k,
     see `regions.density`. Guarantee NONE: the density at the centre of the disc says little
@@ -41,21 +43,21 @@ class DuToit(Region):
 
     relation: ClassVar[Relation] = Relation.NONE
     guarantee: ClassVar[Guarantee] = Guarantee.NONE
-    dimensions: ClassVar[tuple[int, ...]] = (2,)
+    dimensions: ClassVar[tuple[int, ...]] = (2, 3)
     singular_covariances: ClassVar[bool] = False
     reference: ClassVar[str] = "dutoit2011probabilistic"
 
     def parameters(self, obstacle: GaussianObstacle, margin: Array) -> Array:
-        """Mean, eigenvectors, deviations, margin, k: (...,) -> (..., 10).
+        """Mean, eigenvectors, deviations, margin, k: (...,) -> (..., P).
 
         Raises
         ------
-        WideberthError : singular covariance, negative margin, not 2-D.
+        WideberthError : singular covariance, negative margin, neither 2-D nor 3-D.
         """
         return density.pack(obstacle, margin, "du_toit")
 
     def parameter_count(self, dimension: int) -> int:
-        """P = 10."""
+        """P, 10 in 2-D and 17 in 3-D."""
         return gaussian.packed_count(dimension) + 1
 
     def constraint(
@@ -66,7 +68,8 @@ class DuToit(Region):
         squared = sum(
             c**2 / (s**2 + gaussian.FLOOR**2) for c, s in zip(x, deviations, strict=True)
         )
-        q = ca.fmax(level**2 - parameters[9], _TINY)
+        last = gaussian.packed_count(len(x))
+        q = ca.fmax(level**2 - parameters[last], _TINY)
         return Constraint((0.5 * (ca.log(squared + _TINY) - ca.log(q)),))
 
     def contains(self, points: Array, parameters: Array, level: Array) -> BoolArray:
@@ -82,9 +85,10 @@ class DuToit(Region):
         return np.asarray(mean + (gaussian.circle(count, vectors) * axes) @ vectors.T)
 
     def area(self, parameters: Array, level: Array) -> Array:
-        """Pi q sigma_1 sigma_2, m^2."""
+        """Pi q sigma_1 sigma_2, or 4/3 pi q^(3/2) sigma_1 sigma_2 sigma_3."""
         _, _, deviations, q = _frame(parameters, level)
-        return np.asarray(np.pi * q * deviations.prod(axis=-1))
+        axes = np.sqrt(q)[..., None] * deviations
+        return np.asarray(UNIT_BALL[axes.shape[-1]] * axes.prod(axis=-1))
 
     def level(self, tail: float, dimension: int = 2) -> float:
         """Level sqrt(-2 ln eps)."""

@@ -5,6 +5,7 @@ Layout of their parameters, P = D + D^2 + D + 1 numbers: mean (D), eigenvectors 
 """
 
 from collections.abc import Sequence
+from math import isqrt
 
 import numpy as np
 from scipy import special
@@ -44,7 +45,13 @@ def checked_margin(obstacle: GaussianObstacle, margin: Array, dimensions: Sequen
         raise WideberthError(
             f"margin is {margin}; wanted the sum of two radii in m, finite and at least 0"
         )
-    return np.broadcast_to(values, obstacle.mean.shape[:-1])
+    batch = obstacle.mean.shape[:-1]
+    try:
+        return np.broadcast_to(values, batch)
+    except ValueError:
+        raise WideberthError(
+            f"margin has shape {values.shape}; wanted {batch}, one for each obstacle, or a number"
+        ) from None
 
 
 def pack(obstacle: GaussianObstacle, margin: Array, dimensions: Sequence[int]) -> Array:
@@ -60,10 +67,15 @@ def packed_count(dimension: int) -> int:
     return dimension * (dimension + 2) + 1
 
 
+def dimension(parameters: Array) -> int:
+    """D of packed parameters, from P = (D + 1)^2."""
+    return isqrt(np.shape(parameters)[-1]) - 1
+
+
 def unpack(parameters: Array) -> tuple[Array, Array, Array, Array]:
     """Mean (..., D), eigenvectors (..., D, D), deviations (..., D) and margin (...)."""
     parameters = np.asarray(parameters, dtype=np.float64)
-    size = round(np.sqrt(parameters.shape[-1])) - 1  # (D + 1)^2 = P
+    size = dimension(parameters)
     mean, flat, deviations, margin = np.split(
         parameters, [size, size + size**2, size * (size + 2)], axis=-1
     )
@@ -73,6 +85,12 @@ def unpack(parameters: Array) -> tuple[Array, Array, Array, Array]:
 def local(points: Array, mean: Array, vectors: Array) -> Array:
     """Points in the eigenframe, R^T (p - mu), (..., D) m."""
     return np.asarray(np.einsum("...ij,...i->...j", vectors, points - mean))
+
+
+def local_corners(pose: Pose, mean: Array, vectors: Array) -> Array:
+    """Corners of NumPy poses in the eigenframe, (..., V, D) m; V is 1 for a point."""
+    corners = np.stack([Pose(place).points() for place in pose.corners()], axis=-2)
+    return local(corners, mean[..., None, :], vectors[..., None, :, :])
 
 
 def local_symbols(pose: Pose, parameters: Scalar) -> tuple[list[Scalar], list[Scalar], Scalar]:

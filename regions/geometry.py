@@ -4,9 +4,11 @@ The risk meter needs them too, and the framework imports none of the rooms.
 """
 
 from ..framework.geometry import (
+    UNIT_BALL,
     closest_point,
     concave_maximiser,
     distance_to_ellipse,
+    mean_cubed_support,
     mean_support,
     perimeter,
     sum_gauge,
@@ -15,9 +17,11 @@ from ..framework.geometry import (
 )
 
 __all__ = [
+    "UNIT_BALL",
     "closest_point",
     "concave_maximiser",
     "distance_to_ellipse",
+    "mean_cubed_support",
     "mean_support",
     "perimeter",
     "sum_gauge",

@@ -12,7 +12,7 @@ from ..framework.motion import Pose
 from ..framework.region import Constraint, Guarantee, Region, Relation
 from ..framework.symbolic import ca
 from . import gaussian
-from .geometry import perimeter
+from .geometry import UNIT_BALL, mean_cubed_support, mean_support, perimeter
 
 
 @final
@@ -42,15 +42,15 @@ class HalfPlane(Region):
 
     relation: ClassVar[Relation] = Relation.NONE
     guarantee: ClassVar[Guarantee] = Guarantee.CONTENT
-    dimensions: ClassVar[tuple[int, ...]] = (2,)
+    dimensions: ClassVar[tuple[int, ...]] = (2, 3)
     reference: ClassVar[str] = "zhu2019chance"
 
     def parameters(self, obstacle: GaussianObstacle, margin: Array) -> Array:
-        """Mean, eigenvectors, deviations, margin: (...,) -> (..., 9); see `regions.gaussian`."""
+        """Mean, eigenvectors, deviations, margin: (...,) -> (..., P); see `regions.gaussian`."""
         return gaussian.pack(obstacle, margin, self.dimensions)
 
     def parameter_count(self, dimension: int) -> int:
-        """P = 9."""
+        """P, 9 in 2-D and 16 in 3-D."""
         return gaussian.packed_count(dimension)
 
     def constraint(
@@ -81,14 +81,22 @@ class HalfPlane(Region):
         return np.asarray(mean + (reach[:, None] * a) @ vectors.T)
 
     def area(self, parameters: Array, level: Array) -> Array:
-        """Pi margin^2 + margin z L + pi z^2 (l_1 + l_2) / 2, m^2.
+        """Volume of the unit ball times the mean of (margin + z h)^D over directions, m^D.
 
-        L is the perimeter of the ellipse with semi-axes sigma_i (Cauchy: the integral of h).
+        By the moments of h over directions: the mean is L / (2 pi) in 2-D, with L the
+        perimeter of the ellipse with semi-axes sigma_i, and R_G(l_1, l_2, l_3) in 3-D; the mean
+        of the square tr(Sigma) / D; that of the cube see `framework.geometry`.
         """
         _, _, deviations, margin = gaussian.unpack(parameters)
-        z = np.asarray(level)
-        spread = 0.5 * np.pi * z**2 * (deviations**2).sum(axis=-1)
-        return np.asarray(np.pi * margin**2 + margin * z * perimeter(deviations) + spread)
+        z, size = np.asarray(level), deviations.shape[-1]
+        square = z**2 * (deviations**2).mean(axis=-1)
+        if size == 2:
+            mean = z * perimeter(deviations) / (2.0 * np.pi)
+            total = margin**2 + 2.0 * margin * mean + square
+        else:
+            mean, cube = z * mean_support(deviations), z**3 * mean_cubed_support(deviations)
+            total = margin**3 + 3.0 * margin * (margin * mean + square) + cube
+        return np.asarray(UNIT_BALL[size] * total)
 
     def level(self, tail: float, dimension: int = 2) -> float:
         """Level z = Phi^-1(1 - tail), at least 0."""

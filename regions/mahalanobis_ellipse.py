@@ -11,7 +11,7 @@ from ..framework.motion import Pose
 from ..framework.region import Constraint, Convex, Guarantee, Relation, Signed
 from ..framework.symbolic import ca
 from . import gaussian
-from .geometry import distance_to_ellipse
+from .geometry import UNIT_BALL, distance_to_ellipse
 
 _TINY = 1e-13
 """Keeps the logarithm finite at the centre; moves the boundary by 5e-14 of the axes."""
@@ -95,8 +95,7 @@ class MahalanobisEllipse(Signed, Convex):
         """Pi a b, or 4/3 pi a b c."""
         mean = gaussian.unpack(parameters)[0]
         _, axes, _ = self._frame(mean, parameters, level)
-        ball = np.pi if mean.shape[-1] == 2 else 4.0 / 3.0 * np.pi
-        return np.asarray(ball * axes.prod(axis=-1))
+        return np.asarray(UNIT_BALL[axes.shape[-1]] * axes.prod(axis=-1))
 
     def level(self, tail: float, dimension: int = 2) -> float:
         """Level s with Pr(d_M > s) = tail."""

@@ -70,16 +70,16 @@ def deep_inside(x: list[Scalar], longest: Scalar, margin: Scalar, level: Scalar)
     """Give a slope where the collision probability is 1 to all digits; 0 elsewhere.
 
     min(0, (|x| - margin + 4 sigma_1) / margin). Where it is below 0 the disc holds the ball of
-    four deviations around the mean, so the probability is above 1 - exp(-8). A constraint on it
-    is then violated anyway, for every level sqrt(-2 ln eps) above 0.03 (eps below 0.9995, below
-    which the term is left out), and adding the term changes no sign.
+    four deviations around the mean, so the probability is above 0.9988 (in 2-D 1 - exp(-8)). A
+    constraint on it is then violated anyway, for every level sqrt(-2 ln eps) above 0.05 (the
+    term is left out below it), and adding the term changes no sign.
 
     Parameters
     ----------
-    x : coordinates of the robot from the obstacle's mean, m.
+    x : coordinates of the disc's centre from the obstacle's mean, m.
     longest : sigma_1, m.
-    margin : m, above 0.
+    margin : radius of the disc, m, above 0.
     level : sqrt(-2 ln eps).
     """
     length = ca.sqrt(sum(c**2 for c in x) + gaussian.FLOOR**2)
-    return ca.if_else(level > 0.03, ca.fmin(0.0, (length - margin + 4.0 * longest) / margin), 0.0)
+    return ca.if_else(level > 0.05, ca.fmin(0.0, (length - margin + 4.0 * longest) / margin), 0.0)

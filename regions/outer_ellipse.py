@@ -12,7 +12,7 @@ from ..framework.motion import Pose
 from ..framework.region import Constraint, Convex, Guarantee, Relation, Signed
 from ..framework.symbolic import ca
 from . import gaussian
-from .geometry import distance_to_ellipse
+from .geometry import UNIT_BALL, distance_to_ellipse
 
 EMPTY = 1e-30
 """Added to divisors that are zero for a point, a flat ellipse or a margin of zero."""
@@ -94,8 +94,7 @@ class OuterEllipse(Signed, Convex):
     def area(self, parameters: Array, level: Array) -> Array:
         """Pi c_1 c_2, or 4/3 pi c_1 c_2 c_3."""
         axes = self.axes(parameters, level)
-        ball = np.pi if axes.shape[-1] == 2 else 4.0 / 3.0 * np.pi
-        return np.asarray(ball * axes.prod(axis=-1))
+        return np.asarray(UNIT_BALL[axes.shape[-1]] * axes.prod(axis=-1))
 
     def level(self, tail: float, dimension: int = 2) -> float:
         """Level s with Pr(d_M > s) = tail."""

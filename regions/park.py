@@ -1,4 +1,4 @@
-"""The bound of Park, Park and Manocha: disc area times the largest density in the disc."""
+"""The bound of Park, Park and Manocha: volume of the disc times the largest density in it."""
 
 from dataclasses import dataclass
 from typing import ClassVar, final
@@ -21,16 +21,16 @@ _LEAST = 1e-12
 @final
 @dataclass(frozen=True)
 class Park(Region):
-    """Where pi margin^2 max f > eps, the maximum taken over the disc around p.
+    """Where V max f > eps, the maximum taken over the disc around p, V its volume.
 
-    The disc holds a point of density above eps / (pi margin^2) iff it meets the ellipse of du
-    Toit and Burdick (`DuToit`). So the region is that ellipse, of squared level
-    q = -2 ln(2 sqrt(det Sigma) eps / margin^2), plus the disc, and geometry, constraint and
+    The disc holds a point of density above eps / V iff it meets the ellipse of du Toit and
+    Burdick (`DuToit`). So the region is that ellipse, of squared level
+    q = -2 ln((2 pi)^(D/2) sqrt(det Sigma) eps / V), plus the disc, and geometry, constraint and
     auxiliary are those of `MinkowskiSum` at the level sqrt(q). It is empty where q <= 0.
 
     ``tail`` is eps, the collision risk asked for, ``level`` is sqrt(-2 ln eps), see
     `regions.density`. Guarantee CONTENT: the integral of the density over the disc is at most
-    area times maximum, so the risk outside is at most ``tail``, also where the region is empty.
+    volume times maximum, so the risk outside is at most ``tail``, also where the region is empty.
     Where the margin is much larger than the deviations the bound is 50 to 2500 times too large.
     Relation NONE. A singular covariance has no density: `parameters` raises.
 
@@ -45,21 +45,21 @@ class Park(Region):
 
     relation: ClassVar[Relation] = Relation.NONE
     guarantee: ClassVar[Guarantee] = Guarantee.CONTENT
-    dimensions: ClassVar[tuple[int, ...]] = (2,)
+    dimensions: ClassVar[tuple[int, ...]] = (2, 3)
     singular_covariances: ClassVar[bool] = False
     reference: ClassVar[str] = "park2017efficient"
 
     def parameters(self, obstacle: GaussianObstacle, margin: Array) -> Array:
-        """Mean, eigenvectors, deviations, margin, k: (...,) -> (..., 10).
+        """Mean, eigenvectors, deviations, margin, k: (...,) -> (..., P).
 
         Raises
         ------
-        WideberthError : singular covariance, negative margin, not 2-D.
+        WideberthError : singular covariance, negative margin, neither 2-D nor 3-D.
         """
         return density.pack(obstacle, margin, "park")
 
     def parameter_count(self, dimension: int) -> int:
-        """P = 10."""
+        """P, 10 in 2-D and 17 in 3-D."""
         return gaussian.packed_count(dimension) + 1
 
     def auxiliary(self, dimension: int) -> Auxiliary:
@@ -75,9 +75,10 @@ class Park(Region):
         self, pose: Pose, parameters: Scalar, level: Scalar, auxiliary: Scalar
     ) -> Constraint:
         """0.5 log F(t) >= 0 of the sum; where it is empty 1, which holds everywhere."""
-        q = level**2 - parameters[9]
+        last = _SUM.parameter_count(len(pose.position))
+        q = level**2 - parameters[last]
         size = ca.sqrt(ca.fmax(q, _LEAST))
-        (value,) = _SUM.constraint(pose, parameters[:9], size, auxiliary).inequalities
+        (value,) = _SUM.constraint(pose, parameters[:last], size, auxiliary).inequalities
         return Constraint((ca.if_else(q > _LEAST, value, 1.0),))
 
     def contains(self, points: Array, parameters: Array, level: Array) -> BoolArray:
@@ -92,7 +93,7 @@ class Park(Region):
         return np.asarray(np.where(there, points, inner[:2]))
 
     def area(self, parameters: Array, level: Array) -> Array:
-        """Steiner's formula, m^2."""
+        """Steiner's formula, m^2 or m^3."""
         inner, size, there = _inner(parameters, level)
         return np.asarray(np.where(there, _SUM.area(inner, size), 0.0))
 

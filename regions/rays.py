@@ -1,8 +1,8 @@
 """Boundary and area of a region that has no closed form, by search along rays from its centre.
 
 The region is symmetric in each coordinate of the eigenframe and star-shaped around its mean. The
-rays run in equal steps of the eccentric angle of the ellipse with the region's own half-widths, so
-that thin regions are sampled as evenly as round ones.
+rays are those of a circle or sphere stretched by the region's own half-widths, so that thin
+regions are sampled as evenly as round ones.
 """
 
 from collections.abc import Callable
@@ -11,23 +11,26 @@ import numpy as np
 
 from ..framework.arrays import Array
 from . import gaussian
+from .geometry import UNIT_BALL
 
 _HALVINGS = 18
 _SECANTS = 3
+_STEPS = {2: 128, 3: 32}
+"""Of the angle, and nodes along the third axis, when areas are integrated."""
 
 Field = Callable[[Array], Array]
-"""Points in the eigenframe (..., 2), m -> (...): below 0 inside, growing along every ray."""
+"""Points in the eigenframe (..., D), m -> (...): below 0 inside, growing along every ray."""
 
 
 def radius(field: Field, rays: Array, upper: Array) -> Array:
-    """Multiple of each ray (..., 2) at which the field reaches 0; 0 where the region is empty.
+    """Multiple of each ray (..., D) at which the field reaches 0; 0 where the region is empty.
 
     Bisection, which needs no scale, and then the chord of the bracket, which gives the digits.
 
     Parameters
     ----------
     field : see `Field`.
-    rays : (..., 2), m, not of unit length.
+    rays : (..., D), m, not of unit length.
     upper : (...), multiples at which the field is not below 0.
     """
     centre = field(np.zeros_like(rays))
@@ -49,24 +52,22 @@ def radius(field: Field, rays: Array, upper: Array) -> Array:
     return np.asarray(np.where(centre < 0.0, guess, 0.0))
 
 
-def outline(field: Field, upper: Field, circle: Array) -> tuple[Array, Array]:
-    """Half-widths (..., 2) m and multiples (..., K) of (w_1 cos t, w_2 sin t) on the boundary.
+def outline(field: Field, upper: Field, directions: Array) -> tuple[Array, Array]:
+    """Half-widths w (..., D) m and the multiples (..., K) of w * n on the boundary.
 
     Parameters
     ----------
-    field : see `Field`; takes (..., K, 2).
-    upper : (..., K, 2) rays -> (..., K), multiples that lie outside.
-    circle : (K, 2), unit vectors.
+    field : see `Field`; takes (..., K, D).
+    upper : (..., K, D) rays -> (..., K), multiples that lie outside.
+    directions : (K, D), unit vectors n.
     """
-    axes = np.eye(2)
-    widths = radius(field, np.broadcast_to(axes, (*_batch(field), 2, 2)), upper(axes))
+    size = directions.shape[-1]
+    axes = np.eye(size)
+    batch = field(np.zeros((1, size))).shape[:-1]
+    widths = radius(field, np.broadcast_to(axes, (*batch, size, size)), upper(axes))
     solid = np.where(widths > 0.0, widths, 1.0)
-    rays = solid[..., None, :] * circle
+    rays = solid[..., None, :] * directions
     return widths, radius(field, rays, upper(rays))
-
-
-def _batch(field: Field) -> tuple[int, ...]:
-    return field(np.zeros((1, 2))).shape[:-1]
 
 
 def boundary(field: Field, upper: Field, parameters: Array, count: int) -> Array:
@@ -77,12 +78,29 @@ def boundary(field: Field, upper: Field, parameters: Array, count: int) -> Array
     return np.asarray(mean + (multiples[..., None] * widths * circle) @ vectors.T)
 
 
-def area(field: Field, upper: Field, count: int = 128) -> Array:
-    """w_1 w_2 / 2 times the integral of the squared multiple over t, m^2, (...).
+def area(field: Field, upper: Field, dimension: int) -> Array:
+    """Area or volume: w_1 .. w_D times that of the unit ball times the mean D-th power, (...).
 
-    Midpoints of ``count`` equal steps in one quarter: spectral accuracy, since the square is
-    smooth, periodic and even about both axes.
+    The mean of multiple^D over directions, in one quadrant or octant by symmetry.
     """
-    angle = 0.5 * np.pi * (np.arange(count) + 0.5) / count
-    widths, multiples = outline(field, upper, np.stack([np.cos(angle), np.sin(angle)], axis=-1))
-    return np.asarray(np.pi * widths.prod(axis=-1) * (multiples**2).mean(axis=-1))
+    directions, weights = _quadrature(dimension)
+    widths, multiples = outline(field, upper, directions)
+    mean = (weights * multiples**dimension).sum(axis=-1)
+    return np.asarray(UNIT_BALL[dimension] * widths.prod(axis=-1) * mean)
+
+
+def _quadrature(dimension: int) -> tuple[Array, Array]:
+    """Directions (K, D) of all positive coordinates, and weights (K) that add up to 1.
+
+    Midpoints of equal steps of the angle: spectral accuracy, since the integrand is smooth,
+    periodic and even about the axes. In 3-D times Gauss-Legendre along the third axis.
+    """
+    steps = _STEPS[dimension]
+    angle = 0.5 * np.pi * (np.arange(steps) + 0.5) / steps
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    if dimension == 2:
+        return circle, np.full(steps, 1.0 / steps)
+    points, weights = np.polynomial.legendre.leggauss(steps)
+    height = np.repeat(0.5 + 0.5 * points, steps)
+    around = np.tile(circle, (steps, 1)) * np.sqrt(1.0 - height**2)[:, None]
+    return np.column_stack([around, height]), np.repeat(0.5 * weights / steps, steps)

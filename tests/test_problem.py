@@ -8,8 +8,8 @@ import pytest
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.motion import Pose, Twist
 from wideberth.framework.mpc.assembly import Weights, assemble
-from wideberth.framework.mpc.instance import Obstacles, fill
 from wideberth.framework.mpc.bodies import with_auxiliaries
+from wideberth.framework.mpc.instance import Obstacles, fill
 from wideberth.framework.mpc.levels.base import LevelPolicy
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed

@@ -6,19 +6,16 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
+from wideberth.framework import registry
 from wideberth.framework.forecast import GaussianObstacle
 from wideberth.framework.motion import Pose
-from wideberth.framework.region import Constraint, Guarantee, Region, Relation
+from wideberth.framework.region import Auxiliary, Constraint, Guarantee, Region, Relation
 from wideberth.framework.testing.region import check_region
-from wideberth.regions.luetkepohl_rectangle import LuetkepohlRectangle
+from wideberth.framework.testing.region_cases import variants
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
-from wideberth.regions.minkowski_sum import MinkowskiSum
 
 BUILT_IN = [
-    MahalanobisEllipse(),
-    MinkowskiSum(),
-    LuetkepohlRectangle(),
-    LuetkepohlRectangle(enlargement="box"),
+    one for name in registry.names("regions") for one in variants(registry.load("regions", name))
 ]
 
 
@@ -52,9 +49,17 @@ class Pretender(Region):
         (value,) = stated.inequalities
         if self.broken == "symbolic":
             return Constraint((value - 0.05,))
+        if self.broken == "auxiliary":
+            return Constraint((value + auxiliary[0] ** 2,))
+        if self.broken == "far":  # NaN beyond three times the size
+            return Constraint((value * (1.1 - value) ** 0.5,))
         if self.broken == "gradient":
             return Constraint((value * value * value,))
         return stated
+
+    def auxiliary(self, dimension: int) -> Auxiliary:
+        declared = Auxiliary((-np.inf,), (1.0,), (0.0,))
+        return declared if self.broken == "auxiliary" else Auxiliary()
 
     def contains(self, points: Any, parameters: Any, level: Any) -> Any:
         return self.inner.contains(points, parameters, level)
@@ -67,7 +72,8 @@ class Pretender(Region):
         return self.inner.area(parameters, level) * (1.01 if self.broken == "area" else 1.0)
 
     def level(self, tail: float, dimension: int = 2) -> float:
-        return self.inner.level(tail, dimension)
+        level = self.inner.level(tail, dimension)
+        return np.nan if self.broken == "level" and tail > 0.9999 else level
 
     def tail(self, level: float, dimension: int = 2) -> float:
         return self.inner.tail(level, dimension) ** (1.1 if self.broken == "tail" else 1.0)
@@ -79,6 +85,16 @@ class CallsItselfOuter(Pretender):
 
 class CallsItselfExact(Pretender):
     relation: ClassVar[Relation] = Relation.EXACT
+
+
+class Thick(Pretender):
+    """Inner but for thin covariances: to them it adds a millimetre."""
+
+    relation: ClassVar[Relation] = Relation.INNER
+
+    def parameters(self, obstacle: GaussianObstacle, margin: Any) -> Any:
+        thin = np.linalg.cond(obstacle.covariance) > 1e4
+        return self.inner.parameters(obstacle, np.asarray(margin) + 1e-3 * thin)
 
 
 class Shrunk(Pretender):
@@ -101,6 +117,10 @@ class Shrunk(Pretender):
         (Pretender("clockwise"), r"counter-clockwise"),
         (Pretender("area"), r"area\(\) says"),
         (Pretender("tail"), r"tail\(level"),
+        (Pretender("level"), r"level must grow"),
+        (Pretender("auxiliary"), r"no auxiliary may"),
+        (Pretender("far"), r"must be finite"),
+        (Thick(), r"outside the exact sum"),
         (CallsItselfOuter(), r"leaves out points"),
         (CallsItselfExact(), r"leaves out points"),
         (Shrunk(), r"collision risk on the boundary"),

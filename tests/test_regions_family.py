@@ -15,8 +15,8 @@ from wideberth.framework.errors import WideberthError
 from wideberth.framework.forecast import GaussianObstacle
 from wideberth.framework.motion import Pose, Twist
 from wideberth.framework.mpc.assembly import assemble
+from wideberth.framework.mpc.bodies import with_auxiliaries
 from wideberth.framework.mpc.instance import Obstacles, fill
-from wideberth.framework.mpc.ladder import with_auxiliaries
 from wideberth.framework.mpc.levels.base import LevelPolicy
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
@@ -31,7 +31,6 @@ from wideberth.framework.path import Path as DrivenPath
 from wideberth.framework.plan import Status
 from wideberth.framework.region import Region
 from wideberth.framework.symbolic import ca
-from wideberth.framework.testing.region import check_region
 from wideberth.regions import gaussian, geometry, inflation
 from wideberth.regions.box import box_content
 from wideberth.regions.eigen_rectangle import EigenRectangle
@@ -42,6 +41,7 @@ from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.regions.outer_ellipse import OuterEllipse
 from wideberth.regions.repaired_level import RepairedLevel
 from wideberth.regions.repaired_margin import RepairedMargin
+from wideberth.regions.separating_line import SeparatingLine
 from wideberth.robots.unicycle import Unicycle
 
 OUTER: list[OuterEllipse] = [RepairedMargin(), RepairedLevel(), MinimumTrace(), MinimumArea()]
@@ -69,11 +69,6 @@ def random_covariances(rng: np.random.Generator, count: int, size: int) -> tuple
     variance = 10.0 ** (2 * rng.uniform(-4, 1, (count, size)))
     covariance = np.einsum("kij,kj,klj->kil", turn, variance, turn)
     return 0.5 * (covariance + np.swapaxes(covariance, 1, 2)), 10.0 ** rng.uniform(-2, 1, count)
-
-
-@pytest.mark.parametrize("region", ALL, ids=repr)
-def test_contract(region: Region) -> None:
-    check_region(region)
 
 
 # golden values
@@ -344,13 +339,13 @@ def set_up(region: Region, level: LevelPolicy) -> tuple[Problem, Parameters, Gue
     problem = assemble(robot, region, level, horizon=steps, dt=dt, capacity=1)
     states, inputs = steer(robot, start, Twist((0.4, 0.0), -0.05), steps, dt)
     scale = region.level(level.tail) if level.shared else float("nan")
-    guess = Guess(states, inputs, np.zeros((steps, 0, 0)), scale, np.zeros(steps))
+    guess = Guess.bare(states, inputs, scale)
     guess = with_auxiliaries(robot, region, parameters, guess)
     return problem, replace(parameters, auxiliaries=guess.auxiliaries), guess
 
 
 @pytest.mark.parametrize("level", [Fixed(0.05), Relaxed(0.05, weight=100.0)], ids=repr)
-@pytest.mark.parametrize("region", ALL, ids=repr)
+@pytest.mark.parametrize("region", [*ALL, SeparatingLine()], ids=repr)
 def test_the_planner_solves(region: Region, level: LevelPolicy) -> None:
     costs = []
     for solver in (Ipopt(), Fatrop()):

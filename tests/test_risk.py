@@ -31,6 +31,19 @@ def test_round_covariances(dimension: int, deviation: float) -> None:
         assert float(got) == pytest.approx(want, rel=1e-8, abs=1e-13)
 
 
+@pytest.mark.parametrize("deviation", 10.0 ** np.arange(-8, 0))
+def test_round_covariances_at_the_rim(deviation: float) -> None:
+    """In 3-D the noncentral chi-square distribution is elementary."""
+    for level in np.linspace(-5.0, 5.0, 11):
+        distance = 1.0 + level * deviation
+        near, far = (1.0 - distance) / deviation, (-1.0 - distance) / deviation
+        density = math.exp(-0.5 * near**2) - math.exp(-0.5 * far**2)
+        want = special.ndtr(near) - special.ndtr(far)
+        want -= deviation / distance * density / math.sqrt(2 * math.pi)
+        got = collision_probability([0.0, distance, 0.0], deviation**2 * np.eye(3), 1.0)
+        assert float(got) == pytest.approx(want, rel=1e-9)
+
+
 def test_thin_covariance_against_adaptive_quadrature() -> None:
     for x, y, first, second in (
         (3.0, 1.0, 1.0, 0.5),

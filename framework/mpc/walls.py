@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -74,7 +73,7 @@ def choose_walls(
         raise WideberthError(
             f"polygons lie in the plane; the robot moves in {route.shape[1]} dimensions"
         )
-    owned = [(part, polygon) for polygon in polygons for part in _parts(polygon)]
+    owned = [(part, polygon) for polygon in polygons for part in polygon.convex_parts(CORNERS[-1])]
     room = next(size for size in CORNERS if size >= max(len(part) for part, _ in owned))
     parts = np.stack([padded(part, room) for part, _ in owned])
     away = separation(route[:, None, None], parts)[0].min(axis=0)
@@ -82,11 +81,6 @@ def choose_walls(
     kept = sorted(near[:most])
     names = tuple(owned[i][1].name for i in kept)
     return Walls(parts[kept], names, tuple(owned[i][1].name for i in near[most:]))
-
-
-@lru_cache(maxsize=512)
-def _parts(polygon: Polygon) -> tuple[Array, ...]:
-    return polygon.convex_parts(CORNERS[-1])
 
 
 def padded(part: Array, room: int) -> Array:

@@ -18,10 +18,11 @@ _REACH = 5.0
 def check_robot(robot: Robot, *, rng: np.random.Generator | None = None) -> None:
     """Check every law of `wideberth.framework.robot.Robot`.
 
-    Names and bounds fit together; NumPy (one state or a batch) and CasADi agree; pose
-    changes as twist says and twist as acceleration (central differences); `state_at` is the
-    inverse of pose and twist; one Runge-Kutta step has order four; turning the start turns
-    the motion; `drive` keeps every limit and reaches twists that the robot can have.
+    Names and bounds fit together; a footprint lies within the radius and turns with a heading;
+    NumPy (one state or a batch) and CasADi agree; pose changes as twist says and twist as
+    acceleration (central differences); `state_at` is the inverse of pose and twist; one
+    Runge-Kutta step has order four; turning the start turns the motion; `drive` keeps every
+    limit and reaches twists that the robot can have.
 
     Parameters
     ----------
@@ -48,6 +49,12 @@ def check_robot(robot: Robot, *, rng: np.random.Generator | None = None) -> None
 
 def _check_bounds(robot: Robot) -> None:
     assert robot.radius > 0, f"radius is {robot.radius}; wanted above 0"
+    if robot.footprint is not None:
+        assert robot.footprint.reach <= robot.radius * (1 + 1e-9), (
+            f"the footprint reaches {robot.footprint.reach:g} m, beyond radius {robot.radius:g} m"
+        )
+        heading = robot.pose(tuple(0.0 for _ in robot.states)).heading
+        assert heading is not None, "a footprint turns with the heading; this robot has none"
     named = (
         ("state", robot.states, robot.state_bounds()),
         ("input", robot.inputs, robot.input_bounds()),

@@ -1,12 +1,17 @@
 """The LevelPolicy interface."""
 
 from abc import ABC, abstractmethod
-from typing import ClassVar
+from typing import ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from ...arrays import Array
+from ...errors import WideberthError
 from ...region import Region
+
+Promise: TypeAlias = Literal["content", "risk"]
+"""What a tail stands for: 1 - content of the un-enlarged region, as in the paper, or the collision
+risk that the region guarantees (for the exact sum s = Phi^-1(1 - tail), a smaller region)."""
 
 
 class LevelPolicy(ABC):
@@ -20,7 +25,10 @@ class LevelPolicy(ABC):
     """Whether one decision variable stands for all levels."""
 
     tail: float
-    """1 - content that is aimed at."""
+    """Probability that is aimed at."""
+
+    promise: Promise
+    """What it is the probability of."""
 
     minimum: float
     """Lower bound of that variable; -inf where it is free, as the paper has it."""
@@ -33,6 +41,30 @@ class LevelPolicy(ABC):
         """Levels aimed at, (steps, obstacles)."""
 
 
-def uniform(region: Region, tail: float, steps: int, obstacles: int, dimension: int) -> Array:
-    """Return the region's level for ``tail`` in every entry, (steps, obstacles)."""
-    return np.full((steps, obstacles), region.level(tail, dimension))
+def uniform(
+    policy: LevelPolicy, region: Region, steps: int, obstacles: int, dimension: int
+) -> Array:
+    """Return the region's level for the policy's tail in every entry, (steps, obstacles).
+
+    Raises
+    ------
+    WideberthError : a collision risk is promised that the region guarantees at no level.
+    """
+    if policy.promise == "risk":
+        from ...risk_meter import level_for_risk
+
+        level = level_for_risk(region, policy.tail, dimension)
+    else:
+        level = region.level(policy.tail, dimension)
+    return np.full((steps, obstacles), level)
+
+
+def checked_promise(promise: str) -> None:
+    """Refuse what is no `Promise`.
+
+    Raises
+    ------
+    WideberthError : neither content nor risk.
+    """
+    if promise not in get_args(Promise):
+        raise WideberthError(f"level.promise is {promise!r}; wanted one of {get_args(Promise)}")

@@ -1,32 +1,36 @@
-"""Every region at the level of one content."""
+"""Every region at one level."""
 
 from dataclasses import dataclass, field
 from typing import ClassVar, final
 
 from ...arrays import Array, probability
 from ...region import Region
-from .base import LevelPolicy, uniform
+from .base import LevelPolicy, Promise, checked_promise, uniform
 
 
 @final
 @dataclass(frozen=True)
 class Fixed(LevelPolicy):
-    """Hold every region at the level whose content is 1 - tail.
+    """Hold every region at the level that stands for one probability.
 
     Parameters
     ----------
-    tail : probability in (0, 1) that the obstacle leaves the un-enlarged region.
+    tail : probability in (0, 1).
+    promise : whether it is that of the obstacle leaving the un-enlarged region (content), or
+        the highest collision risk.
     """
 
     shared: ClassVar[bool] = False
 
     tail: float = 0.05
+    promise: Promise = "content"
     minimum: float = field(default=0.0, init=False, repr=False)  # no setting: nothing gives way
     weight: float = field(default=0.0, init=False, repr=False)
 
     def __post_init__(self) -> None:
         probability("level.tail", self.tail)
+        checked_promise(self.promise)
 
     def levels(self, region: Region, steps: int, obstacles: int, dimension: int) -> Array:
         """Levels aimed at, (steps, obstacles)."""
-        return uniform(region, self.tail, steps, obstacles, dimension)
+        return uniform(self, region, steps, obstacles, dimension)

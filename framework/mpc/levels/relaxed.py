@@ -6,7 +6,7 @@ from typing import ClassVar, final
 from ...arrays import Array, positive, probability
 from ...errors import WideberthError
 from ...region import Region
-from .base import LevelPolicy, uniform
+from .base import LevelPolicy, Promise, checked_promise, uniform
 
 
 @final
@@ -26,6 +26,7 @@ class Relaxed(LevelPolicy):
         s_ref = sqrt(5.991), which is 0.050012; exactly 0.05 is s = 2.4477468.
     weight : w, at least 0.
     minimum : lower bound of s.
+    promise : whether tail is 1 - content, as in the paper, or the highest collision risk.
     """
 
     shared: ClassVar[bool] = True
@@ -33,16 +34,18 @@ class Relaxed(LevelPolicy):
     tail: float = 0.05
     weight: float = 1.0
     minimum: float = 0.0
+    promise: Promise = "content"
 
     def __post_init__(self) -> None:
         probability("level.tail", self.tail)
+        checked_promise(self.promise)
         positive("level.weight", self.weight, zero=True)
         if not self.minimum < float("inf"):
             raise WideberthError(f"level.minimum is {self.minimum}; wanted a number or -.inf")
 
     def levels(self, region: Region, steps: int, obstacles: int, dimension: int) -> Array:
         """Levels aimed at, (steps, obstacles)."""
-        target = uniform(region, self.tail, steps, obstacles, dimension)
+        target = uniform(self, region, steps, obstacles, dimension)
         if target.size and self.minimum > target.min():
             raise WideberthError(
                 f"level.minimum is {self.minimum:g}; wanted at most {target.min():.4g}, the "

@@ -5,7 +5,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -93,9 +93,9 @@ class Compiled:
         flat, cost = np.full(variables, np.nan), np.full(1, np.nan)
         buffer = self._free()
         for i, values in enumerate(kept):
-            buffer.set_arg(i, memoryview(values))
+            buffer.set_arg(i, memoryview(cast(Any, values)))
         for i, values in enumerate((flat, cost)):
-            buffer.set_res(i, memoryview(values))
+            buffer.set_res(i, memoryview(cast(Any, values)))
         buffer._eval()
         stats = buffer.stats()
         if not stats["success"]:
