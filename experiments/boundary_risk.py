@@ -3,7 +3,7 @@
 import json
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self, final
 
@@ -11,14 +11,20 @@ import numpy as np
 
 from wideberth.experiments.base import Experiment, Outcome, Result, Row, Task
 from wideberth.experiments.plotting import COLOURS, PAGE, paper_style, save
+from wideberth.experiments.region_family import (
+    FIELDS,
+    exceeds,
+    family,
+    member,
+    reading,
+    rounded,
+    title,
+)
 from wideberth.framework.arrays import positive, probability
-from wideberth.framework.config import build
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.forecast import GaussianObstacle
 from wideberth.framework.region import Region
-from wideberth.framework.registry import load, names
 from wideberth.framework.risk_boundary import along_boundary
-from wideberth.framework.risk_meter import measure
 
 SMALLEST = 1e-6
 """Risks below this are drawn at the left edge, with an arrow."""
@@ -72,7 +78,7 @@ class BoundaryRisk(Experiment):
         return [
             Task(f"{name} {i}", settings={"case": i, "region": name})
             for i in range(len(self.cases))
-            for name in self._all()
+            for name in family(self.regions, self.registered)
         ]
 
     def measure(self, task: Task) -> Outcome:
@@ -85,17 +91,14 @@ class BoundaryRisk(Experiment):
             "region": name,
         }  # fmt: skip
         try:
-            region = self.regions[name] if name in self.regions else build("regions", name)
+            region = member(self.regions, name)
             level = region.level(self.tail)
-            report = measure(region, obstacle, margin, level)
+            row |= reading(region, obstacle, margin, level)
             edge = along_boundary(region, obstacle, margin, level, 181)
         except WideberthError as error:
-            return Outcome([row | dict.fromkeys(_FIELDS) | {"remark": str(error)}])
-        values = {key: _clean(value, key in _LENGTHS) for key, value in asdict(report).items()}
-        row |= values | {"effective_level": _clean(report.effective_level)}
-        row |= {"relation": str(region.relation), "guarantee": str(region.guarantee)}
+            return Outcome([row | dict.fromkeys(FIELDS) | {"remark": str(error)}])
         curve = {"angle_deg": np.degrees(edge.angles).round(6).tolist()}
-        curve["risk"] = [_clean(value) for value in edge.risk]
+        curve["risk"] = [rounded(value) for value in edge.risk]
         content = json.dumps(curve).encode()
         return Outcome([row | {"remark": ""}], files={f"{number}_{name}.json": content})
 
@@ -103,7 +106,7 @@ class BoundaryRisk(Experiment):
         """Area, risk and clearance per case and region."""
         return [
             {column: row[column] for column in COLUMNS[:-1]}
-            | {"above_tail": None if row["remark"] else _above(row, self.tail)}
+            | {"above_tail": None if row["remark"] else exceeds(row, self.tail)}
             for row in rows
         ]
 
@@ -120,7 +123,7 @@ class BoundaryRisk(Experiment):
             for number, panel in enumerate(panels[0]):
                 own = {row["region"]: row for row in rows if row["case"] == number}
                 _panel(panel, [own[name] for name in regions], self.tail)
-            panels[0][0].set_yticks(range(len(regions)), [_title(name) for name in regions])
+            panels[0][0].set_yticks(range(len(regions)), [title(name) for name in regions])
             panels[0][0].set_ylim(len(regions) - 0.4, -0.6)
             _legend(figure, self.tail)
             return save(figure, folder, "boundary_risk")
@@ -132,37 +135,6 @@ class BoundaryRisk(Experiment):
             self, regions=chosen, registered=self.registered and not chosen, cases=self.cases[:2]
         )
 
-    def _all(self) -> list[str]:
-        """Names of the regions: the given ones, then the registered ones."""
-        found = list(self.regions)
-        if self.registered:
-            others = [name for name in names("regions") if name not in found]
-            found += [name for name in others if 2 in load("regions", name).dimensions]
-        return found
-
-
-_FIELDS = (
-    "level", "promised_tail", "tail", "risk_min", "risk_max", "risk_mean", "area", "area_ratio",
-    "clearance_lost", "gap_min", "gap_max", "gap_mean", "effective_level", "relation",
-    "guarantee",
-)  # fmt: skip
-
-
-_LENGTHS = ("clearance_lost", "gap_min", "gap_max", "gap_mean")
-"""Differences of lengths in m, known to about 1e-12 m."""
-
-
-def _clean(value: float, length: bool = False) -> float:
-    """Round what differs between processors: to nine digits, lengths to 1e-9 m."""
-    if length:
-        return round(value, 9) + 0.0
-    return float(f"{value:.9g}") if abs(value) > 1e-12 else 0.0
-
-
-def _above(row: Row, tail: float) -> bool:
-    """Whether the risk exceeds the tail, but for rounding: a risk contour has it everywhere."""
-    return float(row["risk_max"]) > tail * (1 + 1e-6)
-
 
 def _by_area(rows: list[Row]) -> list[str]:
     """Names of the regions, from the smallest to the largest mean share of the exact area."""
@@ -171,10 +143,6 @@ def _by_area(rows: list[Row]) -> list[str]:
         known = [] if row["remark"] else [float(row["area_ratio"])]
         sizes.setdefault(row["region"], []).extend(known)
     return sorted(sizes, key=lambda name: float(np.mean(sizes[name] or [np.inf])))
-
-
-def _title(name: str) -> str:
-    return name.replace("_", " ")
 
 
 def _panel(panel: Any, rows: list[Row], tail: float) -> None:
@@ -187,7 +155,7 @@ def _panel(panel: Any, rows: list[Row], tail: float) -> None:
         low, middle, high = (
             max(float(row[key]), SMALLEST) for key in ("risk_min", "risk_mean", "risk_max")
         )
-        above = _above(row, tail)
+        above = exceeds(row, tail)
         colour = COLOURS[2] if above else COLOURS[1]
         panel.plot([low, high], [place, place], "-", color=colour, linewidth=2.2)
         panel.plot(middle, place, "|", color="black", markersize=5)

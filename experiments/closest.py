@@ -50,8 +50,9 @@ def mark_closest(panel: Any, episode: Episode) -> Array:
     for log in found.pair:
         place = episode.at(log, np.array([found.time]))[0, :2]
         outlines = pieces.shapes(log, place, pieces.heading_at(episode, log, found.time), 180)
-        look = {"facecolor": "none", "edgecolor": styles[log.name].color, "linewidth": 0.7}
-        panel.add_collection(PolyCollection(outlines, **look), autolim=False)
+        edge = styles[log.name].color
+        body = PolyCollection(outlines, facecolor="none", edgecolor=edge, linewidth=0.7)
+        panel.add_collection(body, autolim=False)
         drawn.append(np.concatenate([_rim(outline) for outline in outlines]))
     rims = _nearest(found, [episode.at(log, np.array([found.time]))[0, :2] for log in found.pair])
     if rims is None:

@@ -1,8 +1,8 @@
-"""The content ellipse against Lütkepohl's rectangle, for several correlations."""
+"""The content ellipse against Lütkepohl's rectangle, for several correlations and contents."""
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self, final
@@ -10,13 +10,19 @@ from typing import Any, ClassVar, Self, final
 import numpy as np
 
 from wideberth.experiments.base import Experiment, Outcome, Result, Row, Task
-from wideberth.experiments.plotting import COLOURS, PAGE, paper_style, save
+from wideberth.experiments.plotting import COLOURS, LINES, PAGE, paper_style, save
 from wideberth.framework.arrays import Array, positive, probability, whole
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.forecast import GaussianObstacle
+from wideberth.framework.region import Convex
 from wideberth.regions.luetkepohl_rectangle import LuetkepohlRectangle, box_content
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
+
+REGIONS: Mapping[str, Convex] = {"ellipse": MinkowskiSum(), "rectangle": LuetkepohlRectangle()}
+"""Both at their exact enlargement by the disc; without margin the first is the ellipse."""
+
+MARKERS = "os^Dv"
 
 
 @final
@@ -30,7 +36,8 @@ class ForecastRegions(Experiment):
 
     Attributes
     ----------
-    content : p, which both regions promise.
+    content : p, which both regions promise in the first figure; one of ``contents``.
+    contents : several p for the table and the second figure.
     correlations : of the two coordinates, each within (-1, 1).
     deviations : m, of the two coordinates.
     margin : m, r + r_d, for the columns after the enlargement.
@@ -38,6 +45,7 @@ class ForecastRegions(Experiment):
     """
 
     content: float = 0.9
+    contents: tuple[float, ...] = (0.5, 0.8, 0.9, 0.95, 0.99)
     correlations: tuple[float, ...] = (0.0, 0.5, 0.8, 0.95)
     deviations: tuple[float, float] = (1.0, 1.0)
     margin: float = 1.5
@@ -49,7 +57,12 @@ class ForecastRegions(Experiment):
     reference: ClassVar[str] = "schoeneberg2025trajectory, luetkepohl2005new"
 
     def __post_init__(self) -> None:
-        probability("content", self.content)
+        for content in self.contents:
+            probability("contents", content)
+        if self.content not in self.contents:
+            raise WideberthError(
+                f"content is {self.content:g}; wanted one of contents, {self.contents}"
+            )
         positive("margin", self.margin, zero=True)
         whole("draws", self.draws)
         for deviation in self.deviations:
@@ -67,46 +80,54 @@ class ForecastRegions(Experiment):
         ]
 
     def measure(self, task: Task) -> Outcome:
-        """Areas, exact contents and their frequencies among random draws."""
+        """Areas, exact contents and their frequencies among random draws, per content."""
         rho = float(task.settings["correlation"])
         covariance = self._covariance(rho)
-        obstacle = GaussianObstacle(np.zeros(2), covariance)
-        ellipse, rectangle = MinkowskiSum(), LuetkepohlRectangle()
-        s, z = ellipse.level(1 - self.content), rectangle.level(1 - self.content)
         rng = np.random.default_rng(task.seed)
         draws = rng.standard_normal((self.draws, 2)) @ np.linalg.cholesky(covariance).T
-        row: Row = {"correlation": rho}
+        rows = [self._row(rho, content, covariance, draws) for content in self.contents]
+        obstacle = GaussianObstacle(np.zeros(2), covariance)
         curves: dict[str, Any] = {"draws": draws[:150].round(6).tolist()}
-        for name, region, level in (("ellipse", ellipse, s), ("rectangle", rectangle, z)):
+        for name, region in REGIONS.items():
+            bare = region.parameters(obstacle, np.asarray(0.0))
+            edge = region.boundary(bare, region.level(1.0 - self.content), 360)
+            curves[name] = edge.round(9).tolist()
+        return Outcome(rows, files={f"correlation_{rho:g}.json": json.dumps(curves).encode()})
+
+    def _row(self, rho: float, content: float, covariance: Array, draws: Array) -> Row:
+        """Measure both regions at one content."""
+        obstacle = GaussianObstacle(np.zeros(2), covariance)
+        row: Row = {"correlation": rho, "content": content}
+        for name, region in REGIONS.items():
             # Without margin the sum is the ellipse itself, whose test is the quicker one.
             test = MahalanobisEllipse() if name == "ellipse" else region
-            at = np.asarray(level)
+            at = np.asarray(region.level(1.0 - content))
             bare = region.parameters(obstacle, np.asarray(0.0))
             wide = region.parameters(obstacle, np.asarray(self.margin))
             row[f"{name}_area_m2"] = float(region.area(bare, at))
             row[f"{name}_enlarged_m2"] = float(region.area(wide, at))
             row[f"{name}_frequency"] = float(test.contains(draws, bare, at).mean())
-            curves[name] = region.boundary(bare, level, 360).round(9).tolist()
         row["area_ratio"] = row["rectangle_area_m2"] / row["ellipse_area_m2"]
         row["enlarged_ratio"] = row["rectangle_enlarged_m2"] / row["ellipse_enlarged_m2"]
-        row["ellipse_content"] = self.content
-        row["rectangle_content"] = box_content(z * np.asarray(self.deviations), covariance)
-        return Outcome([row], files={f"correlation_{rho:g}.json": json.dumps(curves).encode()})
+        row["ellipse_content"] = content
+        half = REGIONS["rectangle"].level(1.0 - content) * np.asarray(self.deviations)
+        row["rectangle_content"] = box_content(half, covariance)
+        return row
 
     def summary(self, rows: list[Row]) -> list[Row]:
-        """Ratios and contents per correlation."""
+        """Ratios and contents per correlation and content."""
         columns = (
-            "correlation", "area_ratio", "enlarged_ratio", "rectangle_content",
+            "correlation", "content", "area_ratio", "enlarged_ratio", "rectangle_content",
             "rectangle_frequency", "ellipse_frequency",
         )  # fmt: skip
         return [{column: row[column] for column in columns} for row in rows]
 
     def figures(self, result: Result, folder: Path) -> list[Path]:
-        """One panel per correlation."""
+        """One panel per correlation at one content; then ratios and contents over all."""
         with paper_style():
             from matplotlib import pyplot
 
-            rows = result.rows
+            rows = [row for row in result.rows if row["content"] == self.content]
             size = (PAGE, 1.0 + 0.95 * PAGE / len(rows))
             figure, panels = pyplot.subplots(
                 1, len(rows), figsize=size, sharex=True, sharey=True, squeeze=False
@@ -115,10 +136,11 @@ class ForecastRegions(Experiment):
                 _panel(panel, row, json.loads(result.read(_file(row))))
             panels[0][0].set_ylabel("y (m)")
             handles, labels = panels[0][0].get_legend_handles_labels()
-            named = {text: f"{text}, p = {self.content:g}" for text in ("ellipse", "rectangle")}
+            named = {text: f"{text}, p = {self.content:g}" for text in REGIONS}
             labels = [named.get(text, text) for text in map(str, labels)]
             figure.legend(handles, labels, loc="outside lower center", ncols=3)
-            return save(figure, folder, "forecast_regions")
+            files = save(figure, folder, "forecast_regions")
+            return [*files, *save(_over_contents(result.rows), folder, "forecast_regions_p")]
 
     def quick(self) -> Self:
         """Fewer draws."""
@@ -146,6 +168,45 @@ def _panel(panel: Any, row: Row, curves: dict[str, Any]) -> None:
         f"correlation {row['correlation']:g}\narea ratio {row['area_ratio']:.2f}\n"
         f"rectangle holds {row['rectangle_content']:.3f}"
     )
+
+
+def _over_contents(rows: list[Row]) -> Any:
+    """Three panels over p, one line per correlation: both area ratios, the content gained."""
+    from matplotlib import pyplot
+    from matplotlib.ticker import FixedLocator, NullLocator
+
+    figure, panels = pyplot.subplots(1, 3, figsize=(PAGE, 2.6))
+    titles = {
+        "area_ratio": "area, rectangle / ellipse\nbefore the enlargement",
+        "enlarged_ratio": "area, rectangle / ellipse\nafter the enlargement",
+        "gained": "content of the rectangle\nabove the promised p",
+    }
+    tails = sorted({1.0 - float(row["content"]) for row in rows}, reverse=True)
+    for i, rho in enumerate(dict.fromkeys(float(row["correlation"]) for row in rows)):
+        own = [row for row in rows if row["correlation"] == rho]
+        for panel, (name, text) in zip(panels, titles.items(), strict=True):
+            values = [_gained(row) if name == "gained" else row[name] for row in own]
+            panel.plot(
+                [1.0 - float(row["content"]) for row in own], values, color=COLOURS[i % 6],
+                linestyle=LINES[i % 6], marker=MARKERS[i % 5], markersize=3.5, label=f"{rho:g}",
+            )  # fmt: skip
+            panel.set_title(text)
+    for panel in panels:
+        panel.set_xscale("log")
+        panel.set_xlim(1.25 * tails[0], 0.8 * tails[-1])  # from the smallest p to the largest
+        panel.xaxis.set_major_locator(FixedLocator(tails))
+        panel.xaxis.set_minor_locator(NullLocator())
+        panel.set_xticklabels([f"{1.0 - tail:g}" for tail in tails])
+        panel.set_xlabel("promised content p")
+    for panel in panels[:2]:
+        panel.axhline(1.0, color="0.5", linewidth=0.8, linestyle="-")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, title="correlation", loc="outside lower center", ncols=6)
+    return figure
+
+
+def _gained(row: Row) -> float:
+    return float(row["rectangle_content"]) - float(row["content"])
 
 
 if __name__ == "__main__":

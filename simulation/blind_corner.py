@@ -87,7 +87,7 @@ class BlindCorner(Scenario):
             (-end, -out), (out, -out), (out, end), (half, end), (half, -half), (-end, -half),
         )  # fmt: skip
         block = ((-end, half), (-half, half), (-half, end), (-end, end))
-        crate = _regular(4, 0.8, np.array([-0.55 * self.arm, half - 0.6]), 0.3)
+        crate = _regular(4, 0.7, np.array([-0.55 * self.arm, half - 0.6]), 0.3)
         pillar = _regular(6, 0.3, np.array([half - 0.6, -half + 0.6]), 0.0)
         return (
             Polygon(wall, "wall"),

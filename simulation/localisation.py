@@ -8,14 +8,14 @@ import numpy as np
 
 from ..framework.arrays import Array, positive
 from ..framework.integration import slopes
-from ..framework.motion import Pose
+from ..framework.motion import Pose, Twist
 from ..framework.robot import Robot
 
 
 @final
 @dataclass(frozen=True)
 class Localisation:
-    """Noise of a robot's own pose, Gaussian and independent from one decision to the next.
+    """Noise of a robot's own pose and speed, independent from one decision to the next.
 
     The paper's robots know their state exactly, the default. With noise, observations also
     carry its covariance, which the planner adds to that of the obstacles.
@@ -24,6 +24,8 @@ class Localisation:
     ----------
     position : m, standard deviation of each coordinate.
     heading : rad, standard deviation.
+    speed : m/s, standard deviation of the forward speed, or, for a robot without heading, of
+        each component of the velocity.
 
     Raises
     ------
@@ -32,10 +34,12 @@ class Localisation:
 
     position: float = 0.0
     heading: float = 0.0
+    speed: float = 0.0
 
     def __post_init__(self) -> None:
         positive("localisation.position", self.position, zero=True)
         positive("localisation.heading", self.heading, zero=True)
+        positive("localisation.speed", self.speed, zero=True)
 
     def measure(
         self,
@@ -46,27 +50,31 @@ class Localisation:
     ) -> tuple[Array, Array | None]:
         """Return what the robot thinks its state is, and that estimate's covariance.
 
-        The twist is known. Where the pose is, is the robot model's affair: the covariance is
-        carried from the pose to the state by the derivative of `Robot.state_at`.
+        Where pose and speed are in the state is the robot model's affair: the covariance is
+        carried to it by the derivative of `Robot.state_at`.
         """
         exact = np.array(state, dtype=np.float64)
-        if not self.position and not self.heading:
+        if not (self.position or self.heading or self.speed):
             return exact, None
         pose, twist = robot.pose(tuple(state)), robot.twist(tuple(state), tuple(control))
-        entries = [float(value) for value in pose.position]
-        deviations = [self.position] * len(entries)
-        headed = pose.heading is not None
-        if pose.heading is not None:
-            entries.append(float(pose.heading))
-            deviations.append(self.heading)
+        places = [float(value) for value in pose.position]
+        turns = [] if pose.heading is None else [float(pose.heading)]
+        speeds = [float(value) for value in twist.linear[: 1 if turns else None]]
+        known = twist.linear[len(speeds) :]
+        cut = len(places), len(places) + len(turns)
 
-        def place(values: Array) -> Array:
-            numbers = tuple(float(value) for value in values)
-            moved = Pose(numbers[:-1], numbers[-1]) if headed else Pose(numbers)
-            return np.array(robot.state_at(moved, twist), dtype=np.float64)
+        def assemble(values: Array) -> Array:
+            place, turn, speed = (tuple(map(float, v)) for v in np.split(values, cut))
+            moved = Twist((*speed, *known), twist.angular)
+            return np.array(
+                robot.state_at(Pose(place, turn[0] if turn else None), moved), dtype=np.float64
+            )
 
-        spread = np.array(deviations)
-        slope = slopes(place, entries)
-        noisy = place(np.array(entries) + spread * rng.standard_normal(len(entries)))
+        spread = np.repeat(
+            (self.position, self.heading, self.speed), [len(places), len(turns), len(speeds)]
+        )
+        entries = np.array([*places, *turns, *speeds])
+        slope = slopes(assemble, entries)
+        noisy = assemble(entries + spread * rng.standard_normal(len(entries)))
         covariance = (slope * spread**2) @ slope.T
         return noisy, 0.5 * (covariance + covariance.T)

@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from matplotlib.patches import Circle
 from PIL import Image
 from scipy.stats import chi2
 

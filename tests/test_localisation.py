@@ -24,7 +24,7 @@ from wideberth.simulation.episode import run_episode
 from wideberth.simulation.localisation import Localisation
 from wideberth.simulation.settings import Settings
 
-NOISE = Localisation(0.05, 0.02)
+NOISE = Localisation(0.05, 0.02, 0.03)
 ROBOTS: list[tuple[Robot, int]] = [  # and how many entries of the state are its heading
     (Unicycle(), 1),
     (DifferentialDrive(), 1),
@@ -44,13 +44,18 @@ def test_noise_has_the_covariance_it_says(robot: Robot, headed: int) -> None:
     said = drawn[0][1]
     assert said is not None
     size = robot.dimension
-    wanted = np.diag([0.05**2] * size + [0.02**2] * headed + [0.0] * (len(state) - size - headed))
-    assert np.allclose(said, wanted, atol=1e-9)  # these models have the pose in front
-    assert np.abs(error[:, size + headed :]).max() < 1e-12  # the velocity is known
-    spread = np.sqrt(np.diagonal(wanted)[: size + headed])
-    scaled = error[:, : size + headed] / spread
-    assert (np.abs(scaled.mean(axis=0)) < 5.0 / np.sqrt(count)).all()
-    assert np.abs(np.cov(scaled.T) - np.eye(size + headed)).max() < 5.0 * np.sqrt(2.0 / count)
+    diagonal = np.diagonal(said)
+    assert np.allclose(diagonal[:size], 0.05**2) and np.allclose(
+        diagonal[size : size + headed], 0.02**2
+    )  # these models have the pose in front
+    error_of = np.sqrt((np.outer(diagonal, diagonal) + said**2) / count)
+    assert (np.abs(np.cov(error.T) - said) < 5.0 * error_of + 1e-12).all()
+    assert (np.abs(error.mean(axis=0)) < 5.0 * np.sqrt(diagonal / count) + 1e-9).all()
+    exact = robot.twist(tuple(state), control).linear
+    seen = [robot.twist(tuple(state + e), control).linear for e in error]
+    moved = np.array(seen, dtype=float) - np.array(exact, dtype=float)
+    speeds = moved[:, :1] if headed else moved
+    assert np.allclose(speeds.std(axis=0), 0.03, rtol=5.0 / np.sqrt(2.0 * count))
 
 
 def test_without_noise_the_state_is_exact() -> None:
@@ -63,7 +68,9 @@ def test_without_noise_the_state_is_exact() -> None:
     assert said is not None and np.allclose(said, np.diag([0.0, 0.0, 0.01, 0.0, 0.0]))
 
 
-@pytest.mark.parametrize("changes", [{"position": -0.1}, {"heading": -0.1}, {"position": np.nan}])
+@pytest.mark.parametrize(
+    "changes", [{"position": -0.1}, {"heading": -0.1}, {"position": np.nan}, {"speed": -1.0}]
+)
 def test_bad_deviations_are_refused(changes: Any) -> None:
     with pytest.raises(WideberthError, match=f"localisation.{next(iter(changes))} is"):
         Localisation(**changes)

@@ -23,6 +23,18 @@ def test_first_script_draws_a_picture(tmp_path: Path) -> None:
     assert picture.read_bytes().startswith(b"\x89PNG") and picture.stat().st_size > 10_000
 
 
+def test_static_polygons_example_draws_its_plan(tmp_path: Path) -> None:
+    script = ROOT / "examples" / "static_polygons.py"
+    assert len(script.read_text(encoding="utf-8").splitlines()) <= 30
+    done = subprocess.run(
+        [sys.executable, "-W", "error::UserWarning", str(script)], cwd=tmp_path, text=True,
+        capture_output=True, env={**os.environ, "MPLBACKEND": "Agg"}, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert "The plan is optimal" in done.stdout
+    assert (tmp_path / "gap.png").read_bytes().startswith(b"\x89PNG")
+
+
 def test_links_lead_somewhere() -> None:
     pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")]
     for page in pages:
