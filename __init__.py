@@ -7,16 +7,20 @@ if TYPE_CHECKING:
     from .framework import Command as Command
     from .framework import Controller as Controller
     from .framework import Detection as Detection
+    from .framework import Discs as Discs
     from .framework import Forecast as Forecast
     from .framework import GaussianObstacle as GaussianObstacle
     from .framework import Observation as Observation
+    from .framework import Outline as Outline
     from .framework import Path as Path
     from .framework import Plan as Plan
+    from .framework import Polygon as Polygon
     from .framework import Pose as Pose
     from .framework import Predictor as Predictor
     from .framework import Region as Region
     from .framework import Robot as Robot
     from .framework import Scene as Scene
+    from .framework import StaticRegion as StaticRegion
     from .framework import Tracks as Tracks
     from .framework import Twist as Twist
     from .framework import WideberthError as WideberthError
@@ -30,9 +34,9 @@ __version__ = "0.1.0"
 # Imports stay late: eager ones would make a second copy of the package when pytest imports the
 # checkout folder itself, and would cost seconds (statsmodels, cvxpy, JAX) in every script.
 _PUBLIC = (
-    "Command", "Controller", "Detection", "Forecast", "GaussianObstacle", "Observation", "Path",
-    "Plan", "Pose", "Predictor", "Region", "Robot", "Scene", "Tracks", "Twist", "WideberthError",
-    "build", "load", "names", "register",
+    "Command", "Controller", "Detection", "Discs", "Forecast", "GaussianObstacle", "Observation",
+    "Outline", "Path", "Plan", "Polygon", "Pose", "Predictor", "Region", "Robot", "Scene",
+    "StaticRegion", "Tracks", "Twist", "WideberthError", "build", "load", "names", "register",
 )  # fmt: skip
 
 

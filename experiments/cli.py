@@ -155,7 +155,7 @@ def list_(
 
 @app.command()
 def check(
-    room: Annotated[str, typer.Argument(help="predictor, region, robot or controller")],
+    room: Annotated[str, typer.Argument(help="predictor, region, static_region, robot, ...")],
     target: Annotated[str, typer.Argument(help="A name, or module:Class.")],
     set_: Set = None,
 ) -> None:

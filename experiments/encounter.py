@@ -35,8 +35,8 @@ class Encounter(Experiment):
     """
 
     claim: ClassVar[str] = (
-        "Two robots that plan for each other's predicted motion avoid a collision without "
-        "communication (the paper's chicken game and crossing)."
+        "Robots that plan for each other's predicted motion avoid collisions without "
+        "communication (section V)."
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
 

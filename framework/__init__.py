@@ -9,6 +9,8 @@ if TYPE_CHECKING:
     from .config import read_config as read_config
     from .controller import Controller as Controller
     from .errors import WideberthError as WideberthError
+    from .footprint import Discs as Discs
+    from .footprint import Outline as Outline
     from .forecast import Forecast as Forecast
     from .forecast import GaussianObstacle as GaussianObstacle
     from .forecast import Scene as Scene
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
 _HOME = {
     "build": "config", "describe": "config", "read_config": "config",
     "Controller": "controller", "WideberthError": "errors",
+    "Discs": "footprint", "Outline": "footprint",
     "Forecast": "forecast", "GaussianObstacle": "forecast", "Scene": "forecast",
     "Command": "motion", "Detection": "motion", "Observation": "motion", "Pose": "motion",
     "Twist": "motion",
