@@ -80,7 +80,9 @@ class Region(ABC):
     robot and obstacle together, m. Laws, checked by
     `wideberth.framework.testing.check_region`: symbolic constraint and NumPy twin agree;
     the region grows with level and margin; ``level`` and ``tail`` are inverse to each
-    other; area agrees with the boundary; the declared relation and guarantee hold.
+    other; area agrees with the boundary; the declared relation and guarantee hold; the
+    constraint is finite wherever a solver may look, also where level and auxiliaries are
+    beyond their bounds.
     """
 
     relation: ClassVar[Relation]

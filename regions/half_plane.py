@@ -60,7 +60,7 @@ class HalfPlane(Region):
         x, deviations, margin = gaussian.local_symbols(pose, parameters)
         squared = sum(c**2 for c in x) + gaussian.FLOOR**2
         spread = sum((c * s) ** 2 for c, s in zip(x, deviations, strict=True)) / squared
-        reach = margin + level * ca.sqrt(spread + gaussian.FLOOR**2) + gaussian.FLOOR
+        reach = margin + ca.fmax(level, 0.0) * ca.sqrt(spread + gaussian.FLOOR**2) + gaussian.FLOOR
         return Constraint((0.5 * ca.log(squared) - ca.log(reach),))
 
     def contains(self, points: Array, parameters: Array, level: Array) -> BoolArray:

@@ -80,7 +80,8 @@ class MinkowskiSum(Signed, Convex):
     ) -> Constraint:
         """0.5 log F(t) >= 0."""
         x, deviations, margin = gaussian.local_symbols(pose, parameters)
-        t = auxiliary[0]
+        # fatrop keeps to bounds only in the end; log of a negative number would be nan before.
+        t = ca.fmin(ca.fmax(auxiliary[0], _EDGE), 1.0 - _EDGE)
         disc = t * margin**2 + gaussian.FLOOR**2
         value = sum(
             coordinate**2 / ((1.0 - t) * (level * deviation) ** 2 + disc)

@@ -53,6 +53,8 @@ class Pretender(Region):
             return Constraint((value + auxiliary[0] ** 2,))
         if self.broken == "far":  # NaN beyond three times the size
             return Constraint((value * (1.1 - value) ** 0.5,))
+        if self.broken == "beyond":
+            return Constraint((value + 0.0 * (level + 1.0) ** 0.5,))
         if self.broken == "gradient":
             return Constraint((value * value * value,))
         return stated
@@ -120,6 +122,7 @@ class Shrunk(Pretender):
         (Pretender("level"), r"level must grow"),
         (Pretender("auxiliary"), r"no auxiliary may"),
         (Pretender("far"), r"must be finite"),
+        (Pretender("beyond"), r"finite also where auxiliaries and level are"),
         (Thick(), r"outside the exact sum"),
         (CallsItselfOuter(), r"leaves out points"),
         (CallsItselfExact(), r"leaves out points"),

@@ -59,6 +59,7 @@ def check_region(
             _check_motion(case, points, sides, rng)
             _check_relation(case, points, inside)
             _check_guarantee(case, reach)
+            _check_beyond(case, twin, points, rng)
             if usual:
                 _check_gradient(case, twin, case.mean + reach)
                 _check_area(case, rng)
@@ -215,6 +216,19 @@ def _refuses(case: RegionCase) -> bool:
         return case.parameters.size == 0
     except WideberthError:
         return True
+
+
+def _check_beyond(case: RegionCase, twin: Twin, points: Array, rng: np.random.Generator) -> None:
+    """Look beyond the bounds: fatrop keeps them only in the end, and never ends on a NaN."""
+    start = np.array(case.region.auxiliary(len(case.mean)).start)
+    spread = rng.uniform(-3.0, 3.0, (len(points), len(start)))
+    for level in (-3.0, 0.0, float(case.level), 30.0):
+        values, gradients, _ = twin(points, case.parameters, level, start + spread)
+        if not (np.isfinite(values).all() and np.isfinite(gradients).all()):
+            raise case.fail(
+                "constraint and gradient must be finite also where auxiliaries and level are "
+                f"beyond their bounds (level {level:g})"
+            )
 
 
 def _check_degenerate(region: Region, size: int, twin: Twin, rng: np.random.Generator) -> None:

@@ -1,7 +1,6 @@
 """The symbolic constraint of a region as a function of numbers."""
 
-from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -10,8 +9,15 @@ from ..motion import Pose
 from ..region import Region
 from ..symbolic import ca
 
-Twin = Callable[[Array, Array, float], tuple[Array, Array, Array]]
-"""(points, parameters, level) -> smallest inequality, its gradient, largest |equality|."""
+
+class Twin(Protocol):
+    """Evaluates a constraint: smallest inequality, its gradient, largest |equality|."""
+
+    def __call__(
+        self, points: Array, numbers: Array, at: float, auxiliaries: Array | None = None
+    ) -> tuple[Array, Array, Array]:
+        """Evaluate one region at points; with the best auxiliaries unless some are given."""
+        ...
 
 
 def compile_twin(region: Region, size: int) -> Twin:
@@ -29,8 +35,12 @@ def compile_twin(region: Region, size: int) -> Twin:
     ]
     function = ca.Function("region", [x, parameters, level, auxiliary], outputs)
 
-    def evaluate(points: Array, numbers: Array, at: float) -> tuple[Array, Array, Array]:
-        start = region.auxiliary_start(Pose.of(points), numbers, np.asarray(at))
+    def evaluate(
+        points: Array, numbers: Array, at: float, auxiliaries: Array | None = None
+    ) -> tuple[Array, Array, Array]:
+        start = auxiliaries
+        if start is None:
+            start = region.auxiliary_start(Pose.of(points), numbers, np.asarray(at))
         count = len(points)
         if not count:
             return np.zeros(0), np.zeros((0, size)), np.zeros(0)
