@@ -21,6 +21,7 @@ from wideberth.regions import geometry, inflation
 from wideberth.regions.luetkepohl_rectangle import LuetkepohlRectangle
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
+from wideberth.regions.separating_line import SeparatingLine
 
 
 def obstacle(first: float, second: float, angle: float = 0.0) -> GaussianObstacle:
@@ -190,7 +191,11 @@ def test_bad_input_is_named() -> None:
     with pytest.raises(WideberthError, match="one obstacle in two"):
         measure(region, GaussianObstacle(np.zeros((2, 2)), np.stack([np.eye(2)] * 2)), 1.0, 2.0)
     with pytest.raises(WideberthError, match="one obstacle in two"):
-        measure(region, GaussianObstacle(np.zeros(3), np.eye(3)), 1.0, 2.0)
+        measure(region, GaussianObstacle(np.zeros(4), np.eye(4)), 1.0, 2.0)
+    with pytest.raises(WideberthError, match="one obstacle in two"):
+        measure(SeparatingLine(), GaussianObstacle(np.zeros(3), np.eye(3)), 1.0, 2.0)
+    with pytest.raises(WideberthError, match="along in two"):
+        along_boundary(region, GaussianObstacle(np.zeros(3), np.eye(3)), 1.0, 2.0)
     with pytest.raises(WideberthError, match="margin"):
         measure(region, obstacle(1.0, 1.0), -1.0, 2.0)
     with pytest.raises(WideberthError, match="lower it"):
