@@ -55,7 +55,8 @@ class Plan:
     violation : largest violated constraint, re-checked in NumPy (unit-free, 0 if none; nan
         where an emergency left nothing to check against).
     cost : value of the objective, nan where there is none.
-    left_out : obstacles that did not fit into the problem, or forecast modes.
+    left_out : obstacles that did not fit into the problem, or forecast modes, and polygons
+        with a part that did not.
     forecast : what was assumed of all obstacles, left-out ones too, on the plan's grid.
     tracked : identities of the forecast's obstacles, in its order.
     fallbacks : per obstacle, why the named predictor was not used, or None.
@@ -94,9 +95,9 @@ class Plan:
 
         None where the plan held no constraint.
         """
-        if not self.level.size:
-            return None
-        return bool((self.level < self.target - 1e-4).any() or self.violation > 1e-4)
+        if self.violation > 1e-4:
+            return True
+        return bool((self.level < self.target - 1e-4).any()) if self.level.size else None
 
     @property
     def lowest_content(self) -> float:

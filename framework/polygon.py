@@ -1,7 +1,7 @@
 """Polygons that stand still, and how far apart convex bodies are, vectorised."""
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -9,7 +9,9 @@ import numpy as np
 from .arrays import Array, checked, whole
 from .errors import WideberthError
 
-_THIN = 1e-9
+MOST_CORNERS = 16
+"""Vertices of the largest convex part that the MPC has room for."""
+_THIN = 1e-6
 """m. What is thinner has no sides that a normal could be computed of."""
 _ANGLES = 32
 """Directions of either kind from which `best_direction` starts."""
@@ -29,7 +31,7 @@ class Polygon:
     Raises
     ------
     WideberthError : fewer than three vertices, not (V, 2) finite numbers, a vertex closer than
-        1e-9 m to the one before it, all of it thinner than 1e-9 m, an outline that crosses or
+        1e-6 m to the one before it, all of it thinner than 1e-6 m, an outline that crosses or
         touches itself.
 
     Examples
@@ -58,7 +60,15 @@ class Polygon:
         """The vertices as a read-only array, (V, 2), m, counter-clockwise."""
         return checked("polygon.vertices", self.vertices, (None, 2))
 
-    def convex_parts(self, corners: int = 16) -> tuple[Array, ...]:
+    @cached_property
+    def parts(self) -> tuple[Array, ...]:
+        """Convex parts of at most `MOST_CORNERS` vertices, cut once; see `convex_parts`."""
+        parts = self.convex_parts(MOST_CORNERS)
+        for part in parts:
+            part.setflags(write=False)
+        return parts
+
+    def convex_parts(self, corners: int) -> tuple[Array, ...]:
         """Cut into convex parts that tile the polygon, each (V, 2), m, counter-clockwise.
 
         A convex polygon is its own only part; see `wideberth.framework.convex_parts`.
@@ -67,18 +77,9 @@ class Polygon:
         ----------
         corners : most vertices that a part may have, at least 3.
         """
-        return _cut(self, whole("corners", corners, least=3))
+        from .convex_parts import convex_parts
 
-
-@lru_cache(maxsize=512)
-def _cut(polygon: Polygon, corners: int) -> tuple[Array, ...]:
-    """Cut a polygon once: a controller asks at every tick."""
-    from .convex_parts import convex_parts
-
-    parts = convex_parts(polygon.points, corners)
-    for part in parts:
-        part.setflags(write=False)
-    return parts
+        return convex_parts(self.points, whole("corners", corners, least=3))
 
 
 def edge_normals(vertices: Array) -> Array:

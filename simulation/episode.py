@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from ..framework.arrays import Array, whole
-from ..framework.errors import WideberthError
 from ..framework.motion import Command, Observation, Truth
 from ..framework.polygon import Polygon
 from .agents import Bystander, PathChange, ReplayAgent, RobotAgent
+from .cast import check_cast
 from .channel import noise_of
 from .driver import Driver
 from .gaps import Course, gaps, wall_gaps
@@ -74,7 +74,7 @@ class _Run:
         changes: Sequence[PathChange],
         polygons: Sequence[Polygon],
     ) -> None:
-        _check(robots, others, changes, polygons)
+        check_cast(robots, others, changes, polygons)
         self.polygons = tuple(
             one if one.name else replace(one, name=f"polygon {i}")
             for i, one in enumerate(polygons, start=1)
@@ -261,32 +261,3 @@ def _bystander_log(other: Bystander, times: Array) -> AgentLog:
         commands=CommandLog(empty, empty, np.zeros((0, positions.shape[1])), empty, empty),
         plans=(),
     )
-
-
-def _check(
-    robots: Sequence[RobotAgent],
-    others: Sequence[Bystander],
-    changes: Sequence[PathChange],
-    polygons: Sequence[Polygon],
-) -> None:
-    if not robots:
-        raise WideberthError("the episode has no robot; give at least one RobotAgent")
-    names = [one.name for one in (*robots, *others, *polygons) if one.name]
-    repeated = sorted({name for name in names if names.count(name) > 1})
-    if repeated:
-        raise WideberthError(f"agents share the name(s) {repeated}; every agent needs its own")
-    sizes = {agent.robot.dimension for agent in robots}
-    sizes |= {o.positions.shape[1] for o in others if isinstance(o, ReplayAgent)}
-    sizes |= {o.path.points.shape[1] for o in others if not isinstance(o, ReplayAgent)}
-    if len(sizes) > 1:
-        raise WideberthError(
-            f"agents move in {sorted(sizes)} dimensions; one episode has one number of them"
-        )
-    if polygons and sizes != {2}:
-        raise WideberthError(f"polygons lie in the plane; the agents move in {sizes} dimensions")
-    known = [agent.name for agent in robots]
-    for change in changes:
-        if change.agent not in known:
-            raise WideberthError(f"a path change names {change.agent!r}; the robots are {known}")
-    if len({id(agent.controller) for agent in robots}) < len(robots):
-        raise WideberthError("two robots share one controller; each needs one of its own")

@@ -63,13 +63,20 @@ def gaps(first: Moving, second: Moving) -> Array:
 
 
 def wall_gaps(body: Moving, polygon: Polygon) -> Array:
-    """Clearance of a body from a polygon in each interval, (T - 1,), m, from its two ends."""
-    least = np.full(len(body.positions), np.inf)
+    """Clearance of a body from a polygon in each interval, (T - 1,), m.
+
+    Discs move in a straight line between the instants, outlines are compared at both ends.
+    """
+    least = np.full(len(body.positions) - 1, np.inf)
     for piece, rounding in _pieces(body):
-        for part in polygon.convex_parts():
-            still = np.broadcast_to(part, (len(piece), *part.shape))
-            least = np.minimum(least, _apart(piece, still) - rounding)
-    return np.asarray(np.minimum(least[:-1], least[1:]))
+        ways = [piece[:-1], piece[1:]]
+        if piece.shape[1] == 1:
+            ways = [np.concatenate(ways, axis=1)]  # a line of two vertices
+        for part in polygon.parts:
+            for way in ways:
+                still = np.broadcast_to(part, (len(way), *part.shape))
+                least = np.minimum(least, _apart(way, still) - rounding)
+    return least
 
 
 def _pieces(body: Moving) -> list[tuple[Array, float]]:

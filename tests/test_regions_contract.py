@@ -54,7 +54,7 @@ class Pretender(Region):
         if self.broken == "far":  # NaN beyond three times the size
             return Constraint((value * (1.1 - value) ** 0.5,))
         if self.broken == "beyond":
-            return Constraint((value + 0.0 * (level + 1.0) ** 0.5,))
+            return Constraint((value + 1e-12 * (level + 1.0) ** 0.5,))
         if self.broken == "gradient":
             return Constraint((value * value * value,))
         return stated

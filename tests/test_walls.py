@@ -13,7 +13,9 @@ from wideberth.framework.footprint import Discs, Footprint, Outline
 from wideberth.framework.motion import Twist
 from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.bodies import with_auxiliaries
+from wideberth.framework.mpc.contact import Surroundings
 from wideberth.framework.mpc.instance import Obstacles
+from wideberth.framework.mpc.ladder import Case
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.problem import Parameters, Problem
 from wideberth.framework.mpc.reference import lay_reference
@@ -29,6 +31,7 @@ from wideberth.framework.path import Path
 from wideberth.framework.plan import Status
 from wideberth.framework.polygon import Polygon
 from wideberth.framework.static_region import StaticRegion
+from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.regions.static.dual import Dual
 from wideberth.regions.static.separating_line import SeparatingLine
@@ -165,7 +168,7 @@ def test_empty_slots_change_nothing(region: StaticRegion, solver: Solver) -> Non
     (tight,) = solver.solve(problem, parameters, [point])
     assert problem.statics.count == 2 and tight.status is Status.SOLVED
     empty = np.concatenate([two.parts, two.parts[:1], two.parts[:1], two.parts[:1]])
-    roomy, wider, start = placed(Walls(empty, ("x",) * 5), region)
+    roomy, wider, start = placed(Walls(empty, ("x",) * 5, empty, ("x",) * 5), region)
     still = np.zeros_like(wider.static_auxiliaries)  # empty slots hold anything finite
     still[:, :2], statics = parameters.static_auxiliaries, wider.statics.copy()
     on = np.array([1.0, 1.0, 0.0, 0.0, 0.0])
@@ -178,3 +181,35 @@ def test_empty_slots_change_nothing(region: StaticRegion, solver: Solver) -> Non
     free = replace(parameters, static_active=np.zeros(2))
     (without,) = solver.solve(problem, free, [point])
     assert without.cost < 0.9 * tight.cost  # the walls do matter here
+
+
+@pytest.mark.parametrize("region", REGIONS, ids=repr)
+def test_a_thin_wall_is_not_passed_between_two_steps(region: StaticRegion) -> None:
+    """Bodies of 0.2 m in steps of 0.4 m: the constraints at the steps alone see nothing."""
+    thin = Polygon(((2.0, -9.0), (2.001, -9.0), (2.001, 9.0), (2.0, 9.0)), "sheet")
+    box = Outline(((-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1)))
+    for footprint in (None, Discs(((0.0, 0.0),), 0.1), box):
+        robot = Unicycle(radius=0.15 if footprint is box else 0.1, footprint=footprint)
+        states = np.zeros((9, 5))
+        states[:, 0] = 0.2 + 0.4 * np.arange(9)
+        walls = choose_walls([thin], region, states[:, :2], 50.0, 9)
+        problem, parameters, point = instance(robot, region, walls, states)
+        none = Obstacles.none(len(states) - 1, 2)
+        around = Surroundings(robot, MahalanobisEllipse(), region, none, walls, 0.0)
+        found = Case(problem, parameters, around).check(point)
+        assert not found.regions.any()
+        assert np.flatnonzero(found.touched).tolist() == [4]
+        assert found.worst > 0.05 and "'sheet' touched" in found.where(walls.names)
+
+
+def test_parts_that_did_not_fit_are_not_driven_through() -> None:
+    hut = Polygon(((1.0, -0.5), (2.0, -0.5), (2.0, 0.5), (1.0, 0.5)), "hut")
+    states = np.zeros((9, 5))
+    states[:, 0] = 0.5 * np.arange(9)
+    walls = choose_walls([hut], REGIONS[0], states[:, :2], 50.0, 0)
+    assert len(walls) == 0 and walls.left_out == ("hut",)
+    none = Obstacles.none(len(states) - 1, 2)
+    robot = Unicycle(radius=0.3)
+    around = Surroundings(robot, MahalanobisEllipse(), REGIONS[0], none, walls, 0.0)
+    touch = around.touched(states)
+    assert touch.depth[2] == pytest.approx(0.3 + 0.5) and "hut" in touch.names

@@ -21,6 +21,7 @@ from ..region import Region
 from ..robot import Robot
 from ..static_region import StaticRegion
 from .bodies import with_auxiliaries
+from .contact import Surroundings
 from .instance import Obstacles
 from .levels.base import LevelPolicy
 from .problem import Parameters, Problem
@@ -28,7 +29,6 @@ from .rollout import brake, clip, follow, starting_points
 from .solvers.base import Solution
 from .transcription import Guess
 from .verify import Violation, violation
-from .walls import NONE, Walls
 
 TOLERANCE = 1e-4
 """Largest violation of a plan that counts as feasible (m, m/s or unit-free)."""
@@ -42,6 +42,20 @@ class Candidate:
     rung: Rung
     found: Violation
     solution: Solution | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """What plans are held against: the instance, and all that the bodies could touch."""
+
+    problem: Problem
+    parameters: Parameters
+    around: Surroundings
+
+    def check(self, point: Guess) -> Violation:
+        """Evaluate every constraint, and what is touched on the way."""
+        found = violation(self.problem, self.parameters, point)
+        return replace(found, touch=self.around.touched(point.states))
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,24 +100,17 @@ class Ladder:
         """Fill in the auxiliaries that suit the guess's poses best."""
         return with_auxiliaries(self.robot, self.region, parameters, guess, self.static_region)
 
-    def choose(
-        self,
-        problem: Problem,
-        parameters: Parameters,
-        solutions: Sequence[Solution],
-        obstacles: Obstacles,
-        forecast: Forecast | None,
-        walls: Walls = NONE,
-    ) -> Plan:
+    def choose(self, case: Case, solutions: Sequence[Solution], forecast: Forecast | None) -> Plan:
         """Take the best rung and write down why it is not a better one."""
-        solved = [self._assess(problem, parameters, solution) for solution in solutions]
+        obstacles, walls = case.around.obstacles, case.around.walls
+        solved = [self._assess(case, solution) for solution in solutions]
         best = _cheapest(solved, Rung.OPTIMAL) or _cheapest(solved, Rung.FEASIBLE)
         if best is None:
-            best = self._fall_back(problem, parameters, solved)
-        empty = ("?",) * (problem.capacity - len(obstacles))
+            best = self._fall_back(case, solved)
+        empty = ("?",) * (case.problem.capacity - len(obstacles))
         names = (*obstacles.ids, *empty, *walls.names)
         reason = "" if best.rung is Rung.OPTIMAL else self._why(solved, best, names)
-        plan = self._plan(best, parameters, obstacles, reason)
+        plan = self._plan(best, case.parameters, obstacles, reason)
         first = best.solution or (solutions[0] if solutions else None)
         spent = sum(solution.seconds for solution in solutions)
         return replace(
@@ -116,25 +123,23 @@ class Ladder:
             cost=best.solution.cost if best.solution else float("nan"),
         )
 
-    def _assess(self, problem: Problem, parameters: Parameters, solution: Solution) -> Candidate:
+    def _assess(self, case: Case, solution: Solution) -> Candidate:
         """Re-check a solution; one that did not converge is first made drivable."""
         point = solution.point
-        if problem.shared:  # the last iterate of a solver may lie below the bound
-            point = replace(point, level=max(point.level, problem.minimum))
+        if case.problem.shared:  # the last iterate of a solver may lie below the bound
+            point = replace(point, level=max(point.level, case.problem.minimum))
         if solution.status is not Status.SOLVED:
             inputs = clip(self.robot, point.inputs)
             states = follow(self.robot, self.start, inputs, self.dt)
-            point = self.suited(parameters, replace(point, states=states, inputs=inputs))
-        found = violation(problem, parameters, point)
+            point = self.suited(case.parameters, replace(point, states=states, inputs=inputs))
+        found = case.check(point)
         if found.worst > TOLERANCE:
             rung = Rung.LEAST
         else:
             rung = Rung.OPTIMAL if solution.status is Status.SOLVED else Rung.FEASIBLE
         return Candidate(point, rung, found, solution)
 
-    def _fall_back(
-        self, problem: Problem, parameters: Parameters, solved: Sequence[Candidate]
-    ) -> Candidate:
+    def _fall_back(self, case: Case, solved: Sequence[Candidate]) -> Candidate:
         """Shifted last plan, else the least violation of what is drivable.
 
         All are held against the lowest level that the policy allows; a solution that keeps
@@ -142,7 +147,7 @@ class Ladder:
         """
         candidates = [
             replace(
-                self._lowest(problem, parameters, one.point.states, one.point.inputs, one.rung),
+                self._lowest(case, one.point.states, one.point.inputs, one.rung),
                 solution=one.solution,
             )
             for one in solved
@@ -155,41 +160,25 @@ class Ladder:
             return kept[0]
         if self.inputs is not None:
             states = follow(self.robot, self.start, self.inputs, self.dt)
-            shifted = self._lowest(problem, parameters, states, self.inputs, Rung.SHIFTED)
+            shifted = self._lowest(case, states, self.inputs, Rung.SHIFTED)
             if shifted.found.worst <= TOLERANCE:
                 return shifted
         states, inputs = brake(self.robot, self.start, self.horizon, self.dt)
-        stop = self._lowest(problem, parameters, states, inputs, Rung.BRAKE)
+        stop = self._lowest(case, states, inputs, Rung.BRAKE)
         least = min(candidates, key=lambda one: one.found.total, default=stop)
         moving = np.abs(states - states[-1]).max(axis=1) > 1e-3
         window = int(moving.sum()) + 1
-        touching = self._contact(problem, parameters, least.point, window)
-        if touching > self._contact(problem, parameters, stop.point, window) + TOLERANCE:
+        touching = _contact(case, least, window)
+        if touching > _contact(case, stop, window) + TOLERANCE:
             return stop
         return least if least.found.total < stop.found.total else stop
 
-    def _contact(
-        self, problem: Problem, parameters: Parameters, point: Guess, window: int
-    ) -> float:
-        """Return how deep the bodies overlap by the forecast's means, before a stop ends.
-
-        Level 0 leaves the margin alone. The window is the steps that braking takes and one
-        more: what lies beyond can still be braked for when the next plan is made.
-        """
-        bare = replace(parameters, level=np.zeros_like(parameters.level))
-        level = 0.0 if problem.shared else float("nan")
-        touched = self.suited(bare, replace(point, level=level))
-        depth = violation(problem, bare, touched).regions
-        return float(depth[:window].max(initial=0.0))
-
-    def _lowest(
-        self, problem: Problem, parameters: Parameters, states: Array, inputs: Array, rung: Rung
-    ) -> Candidate:
+    def _lowest(self, case: Case, states: Array, inputs: Array, rung: Rung) -> Candidate:
         """Re-check a trajectory at the lowest level that the policy allows."""
-        level = max(self.level.minimum, 0.0) if problem.shared else float("nan")
+        level = max(self.level.minimum, 0.0) if case.problem.shared else float("nan")
         guess = replace(self.guess(states, inputs), level=level)
-        point = self.suited(parameters, guess)
-        return Candidate(point, rung, violation(problem, parameters, point))
+        point = self.suited(case.parameters, guess)
+        return Candidate(point, rung, case.check(point))
 
     def _why(self, solved: Sequence[Candidate], best: Candidate, names: tuple[str, ...]) -> str:
         """Say what the solver reported and what the plan taken still breaks."""
@@ -231,6 +220,17 @@ class Ladder:
 
     def _positions(self, states: Array) -> Array:
         return np.stack(self.robot.pose(tuple(states.T)).position, axis=-1)
+
+
+def _contact(case: Case, one: Candidate, window: int) -> float:
+    """Return how deep a plan enters polygons or the forecast's means before a stop ends.
+
+    The window is the steps that braking takes and one more: what lies beyond can still be
+    braked for when the next plan is made.
+    """
+    walls = one.found.regions[:, case.problem.capacity :].max(axis=1, initial=0.0)
+    depth = np.maximum(case.around.overlap(one.point.states), one.found.touched)
+    return float(np.maximum(depth, walls)[:window].max(initial=0.0))
 
 
 def _cheapest(candidates: Sequence[Candidate], rung: Rung) -> Candidate | None:

@@ -5,7 +5,7 @@ from typing import final
 
 import numpy as np
 
-from ..arrays import Array, positive, whole
+from ..arrays import Array
 from ..controller import Controller
 from ..errors import WideberthError
 from ..forecast import Forecast
@@ -18,18 +18,20 @@ from ..robot import Robot
 from ..smoother import VelocitySmoother
 from ..static_region import StaticRegion
 from .assembly import Weights, assemble
+from .contact import Surroundings
 from .ego import Growth, OwnUncertainty, carried
 from .emergency import aim, emergency
-from .instance import CAPACITIES, Obstacles, choose_obstacles
-from .ladder import Ladder
+from .instance import Obstacles, choose_obstacles
+from .ladder import Case, Ladder
 from .levels.base import LevelPolicy
 from .perception import Perception
-from .problem import Problem
+from .problem import Parameters, Problem
 from .reference import Progress, lay_reference
-from .rollout import SWEEPS, carry, shift
-from .situation import Situation, reach_of_bodies
+from .rollout import carry, shift
+from .settings import check_settings
+from .situation import Situation, reach_of_bodies, widest
 from .solvers.base import Solver
-from .walls import choose_walls
+from .walls import Walls, choose_walls
 from .warm_up import warm_up
 
 
@@ -99,29 +101,7 @@ class Planner(Controller):
     own_uncertainty: Growth = "open-loop"
 
     def __post_init__(self) -> None:
-        whole("planner.horizon", self.horizon)
-        whole("planner.history", self.history, least=2)
-        whole("planner.most_obstacles", self.most_obstacles, least=0)
-        if self.most_obstacles > CAPACITIES[-1]:
-            raise WideberthError(
-                f"planner.most_obstacles is {self.most_obstacles}; wanted at most {CAPACITIES[-1]}"
-            )
-        for name in ("dt", "period", "reference_speed", "track_dt", "forget"):
-            positive(f"planner.{name}", getattr(self, name))
-        for name in ("latency", "margin"):
-            positive(f"planner.{name}", getattr(self, name), zero=True)
-        for name in ("deadline", "penalty"):
-            if getattr(self, name) is not None:
-                positive(f"planner.{name}", getattr(self, name))
-        unknown = sorted(set(self.starts) - set(SWEEPS))
-        if unknown:
-            raise WideberthError(f"planner.starts holds {unknown}; wanted some of {SWEEPS}")
-        if self.robot.dimension not in self.region.dimensions:
-            raise WideberthError(
-                f"the robot moves in {self.robot.dimension} dimensions; the region "
-                f"{type(self.region).__name__} is made for {self.region.dimensions}"
-            )
-        self.level.levels(self.region, 1, 1, self.robot.dimension)
+        check_settings(self)
         self._progress: Progress | None = None
         self._problems: dict[tuple[int, int, int], Problem] = {}
         reach = reach_of_bodies(self.robot, self.region, self.static_region)
@@ -199,33 +179,38 @@ class Planner(Controller):
         route = np.stack([reference.position, np.broadcast_to(here, reference.position.shape)])
         obstacles, forecast = self._forecast(observation, ladder, route)
         bare = ladder.guesses(self.starts, self.reference_speed)
-        walls = choose_walls(
-            observation.polygons,
-            self.static_region,
-            np.concatenate([*route, self._place(bare[0].states[1:].T).T]),
-            self.robot.radius + 0.5 * self.reference_speed * self.horizon * self.dt,
-            self.most_obstacles,
-        )
         known = observation.covariance
         if known is not None and self.latency:
             known = carried(known, lambda x: self._start(x, observation.stamp), observation.state)
         own = self._own.spread(known, bare[0].states, bare[0].inputs)
+        walls = choose_walls(
+            observation.polygons,
+            self.static_region,
+            np.concatenate([*route, self._place(bare[0].states[1:].T).T]),
+            self._near(own),
+            self.most_obstacles,
+        )
         parameters = Situation(ladder.start, reference, obstacles, walls, own).parameters(
             self.robot, self.region, self.level, self.margin, self.static_region
         )
-        problem = self._problem(
-            len(parameters.active), len(parameters.static_active), walls.parts.shape[1]
-        )
+        problem = self._problem(parameters, walls)
         guesses = [ladder.suited(parameters, guess) for guess in bare]
-        first = guesses[0]
-        pull = replace(
-            parameters,
-            auxiliaries=first.auxiliaries,
-            static_auxiliaries=first.static_auxiliaries,
+        pull = guesses[0].pull(parameters)
+        around = Surroundings(
+            self.robot, self.region, self.static_region, obstacles, walls, self.margin
         )
         cap = None if self.deadline is None else self.deadline / len(guesses)
         solutions = self.solver.solve(problem, pull, guesses, cap)
-        return ladder.choose(problem, pull, solutions, obstacles, forecast, walls)
+        return ladder.choose(Case(problem, pull, around), solutions, forecast)
+
+    def _near(self, own: Array) -> float:
+        """How near a polygon has to be to the route to come into the problem, m.
+
+        Bodies, margin and own uncertainty, and as much as a plan may turn aside: half of what
+        the reference covers. A plan that goes farther is still held against all polygons.
+        """
+        aside = 0.5 * self.reference_speed * self.horizon * self.dt
+        return self.robot.radius + self.margin + aside + widest(own, self.level)
 
     def _ladder(self, observation: Observation) -> Ladder:
         """Where the plan starts, and what is left of the last one.
@@ -279,8 +264,9 @@ class Planner(Controller):
         most = self.most_obstacles
         return choose_obstacles(forecast, tracks.ids, tracks.radius, route, most), forecast
 
-    def _problem(self, capacity: int, statics: int, corners: int) -> Problem:
-        key = capacity, statics, corners
+    def _problem(self, parameters: Parameters, walls: Walls) -> Problem:
+        key = len(parameters.active), len(parameters.static_active), walls.parts.shape[1]
+        capacity, statics, corners = key
         if key not in self._problems:
             self._problems[key] = assemble(
                 self.robot,

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from math import hypot
 
+import numpy as np
 from scipy import special
 
 from ..arrays import Array
@@ -62,10 +63,24 @@ class Situation:
         )
         if static_region is None:
             return parameters
-        # A line that separates body and polygon by s deviations keeps the risk at Phi(-s).
-        spread = min(special.ndtri(level.tail), 0.0) ** 2 * self.own
+        spread = _deviations(level) ** 2 * self.own
         radius = bodies(robot, static_region)[0].radius + margin
         return fill_walls(parameters, self.walls, static_region, radius, spread)
+
+
+def widest(own: Array, level: LevelPolicy) -> float:
+    """How much a body is enlarged before a polygon by the robot's own uncertainty, at most, m."""
+    return _deviations(level) * float(np.sqrt(np.linalg.eigvalsh(own)[:, -1].max(initial=0.0)))
+
+
+def _deviations(level: LevelPolicy) -> float:
+    """Return s: a line that separates body and polygon by s deviations keeps the risk at Phi(-s).
+
+    Of an outline that holds for each corner: where the heading is uncertain as well, corners on
+    either side of the robot's position come near for opposite errors, and the risk of the body
+    is at most twice that.
+    """
+    return max(-float(special.ndtri(level.tail)), 0.0)
 
 
 def reach_of_bodies(robot: Robot, *regions: Region | StaticRegion | None) -> float:

@@ -13,7 +13,7 @@ need. Two forms differ in little:
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -48,6 +48,14 @@ class Guess:
         """Wrap a trajectory; auxiliaries are filled in later, see `bodies.with_auxiliaries`."""
         none = np.zeros((len(inputs), 0, 0))
         return cls(states, inputs, none, level, np.zeros(len(inputs)), none)
+
+    def pull(self, parameters: Parameters) -> Parameters:
+        """Let the regularisation of an instance pull towards the auxiliaries of this guess."""
+        return replace(
+            parameters,
+            auxiliaries=self.auxiliaries,
+            static_auxiliaries=self.static_auxiliaries,
+        )
 
 
 class Transcription:

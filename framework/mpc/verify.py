@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array
+from .contact import Touch
 from .problem import Parameters, Problem
 from .transcription import Guess
 
@@ -18,23 +19,36 @@ class Violation:
     motion : (N,), dynamics, bounds and robot limits, each in its own unit.
     regions : (N, K + S), how far each region, then each static polygon, is entered at steps
         1..N, unit-free.
+    touch : what is touched on the way to each step, where that was looked at.
     """
 
     motion: Array
     regions: Array
+    touch: Touch | None = None
+
+    @property
+    def touched(self) -> Array:
+        """How deep the bodies are in polygons on the way to each step, (N,), m."""
+        return np.zeros(len(self.motion)) if self.touch is None else self.touch.depth
 
     @property
     def worst(self) -> float:
         """The largest of all."""
-        return float(max(self.motion.max(initial=0.0), self.regions.max(initial=0.0)))
+        found = (self.motion, self.regions, self.touched)
+        return float(max(values.max(initial=0.0) for values in found))
 
     @property
     def total(self) -> float:
-        """Sum over steps of the deepest entry into any region."""
-        return float(self.regions.max(axis=1, initial=0.0).sum())
+        """Sum over steps of the deepest entry into any region or polygon."""
+        return float((self.regions.max(axis=1, initial=0.0) + self.touched).sum())
 
     def where(self, ids: tuple[str, ...]) -> str:
         """Name the obstacle and step of the deepest entry, or the limit that is broken."""
+        entered = self.regions.max(initial=0.0) > 0.0
+        if self.touch is not None and self.touched.max(initial=0.0) > 0.0 and not entered:
+            step = int(self.touched.argmax())
+            name, depth = self.touch.names[step], self.touched[step]
+            return f"polygon {name!r} touched by {depth:.2g} m on the way to step {step + 1}"
         if self.regions.size and self.regions.max() >= self.motion.max(initial=0.0):
             step, slot = divmod(int(self.regions.argmax()), self.regions.shape[1])
             name = ids[slot] if slot < len(ids) else "?"

@@ -7,12 +7,12 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import WideberthError
-from ..polygon import Polygon, separation
+from ..polygon import MOST_CORNERS, Polygon, separation
 from ..static_region import StaticRegion
 from .instance import CAPACITIES
 from .problem import Parameters
 
-CORNERS = (4, 6, 8, 12, 16)
+CORNERS = (4, 6, 8, 12, MOST_CORNERS)
 """Vertices that problems are compiled for; a convex part with fewer repeats its last one."""
 
 
@@ -24,11 +24,14 @@ class Walls:
     ----------
     parts : (S, V, 2), m, counter-clockwise, V one of `CORNERS`.
     names : of the polygons that they are parts of, S of them.
+    known : (M, V', 2), m, all parts there are, and `known_names`, M of them.
     left_out : names of those with a part within reach that did not fit.
     """
 
     parts: Array
-    names: tuple[str, ...] = ()
+    names: tuple[str, ...]
+    known: Array
+    known_names: tuple[str, ...]
     left_out: tuple[str, ...] = ()
 
     def __len__(self) -> int:
@@ -36,7 +39,8 @@ class Walls:
         return len(self.names)
 
 
-NONE = Walls(np.zeros((0, CORNERS[0], 2)))
+_EMPTY = np.zeros((0, CORNERS[0], 2))
+NONE = Walls(_EMPTY, (), _EMPTY, ())
 """No polygon at all."""
 
 
@@ -73,14 +77,16 @@ def choose_walls(
         raise WideberthError(
             f"polygons lie in the plane; the robot moves in {route.shape[1]} dimensions"
         )
-    owned = [(part, polygon) for polygon in polygons for part in polygon.convex_parts(CORNERS[-1])]
-    room = next(size for size in CORNERS if size >= max(len(part) for part, _ in owned))
-    parts = np.stack([padded(part, room) for part, _ in owned])
-    away = separation(route[:, None, None], parts)[0].min(axis=0)
-    near = [i for i in np.argsort(away, kind="stable") if away[i] <= reach]
+    cut = [part for polygon in polygons for part in polygon.parts]
+    names = tuple(polygon.name for polygon in polygons for _ in polygon.parts)
+    known = np.stack([padded(part, CORNERS[-1]) for part in cut])
+    away = separation(route[:, None, None], known)[0].min(axis=0)
+    near = [int(i) for i in np.argsort(away, kind="stable") if away[i] <= reach]
     kept = sorted(near[:most])
-    names = tuple(owned[i][1].name for i in kept)
-    return Walls(parts[kept], names, tuple(owned[i][1].name for i in near[most:]))
+    largest = max((len(cut[i]) for i in kept), default=0)
+    room = next(size for size in CORNERS if size >= largest)
+    left_out = tuple(dict.fromkeys(names[i] for i in near[most:]))
+    return Walls(known[kept][:, :room], tuple(names[i] for i in kept), known, names, left_out)
 
 
 def padded(part: Array, room: int) -> Array:

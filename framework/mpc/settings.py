@@ -1,0 +1,49 @@
+"""What a planner's settings have to keep, checked before any work."""
+
+from typing import TYPE_CHECKING
+
+from ..arrays import positive, whole
+from ..errors import WideberthError
+from .instance import CAPACITIES
+from .rollout import SWEEPS
+
+if TYPE_CHECKING:
+    from .planner import Planner
+
+
+def check_settings(planner: "Planner") -> None:
+    """Refuse settings out of range, and plug-ins that do not fit together.
+
+    Raises
+    ------
+    WideberthError : a value out of range, or robot and regions of different dimensions.
+    """
+    whole("planner.horizon", planner.horizon)
+    whole("planner.history", planner.history, least=2)
+    whole("planner.most_obstacles", planner.most_obstacles, least=0)
+    if planner.most_obstacles > CAPACITIES[-1]:
+        raise WideberthError(
+            f"planner.most_obstacles is {planner.most_obstacles}; wanted at most {CAPACITIES[-1]}"
+        )
+    for name in ("dt", "period", "reference_speed", "track_dt", "forget"):
+        positive(f"planner.{name}", getattr(planner, name))
+    for name in ("latency", "margin"):
+        positive(f"planner.{name}", getattr(planner, name), zero=True)
+    for name in ("deadline", "penalty"):
+        if getattr(planner, name) is not None:
+            positive(f"planner.{name}", getattr(planner, name))
+    unknown = sorted(set(planner.starts) - set(SWEEPS))
+    if unknown:
+        raise WideberthError(f"planner.starts holds {unknown}; wanted some of {SWEEPS}")
+    if planner.robot.dimension not in planner.region.dimensions:
+        raise WideberthError(
+            f"the robot moves in {planner.robot.dimension} dimensions; the region "
+            f"{type(planner.region).__name__} is made for {planner.region.dimensions}"
+        )
+    planner.level.levels(planner.region, 1, 1, planner.robot.dimension)
+    if planner.static_region is not None and planner.robot.dimension != 2:
+        raise WideberthError(
+            f"planner.static_region is {type(planner.static_region).__name__}, and the robot "
+            f"moves in {planner.robot.dimension} dimensions; polygons lie in the plane: leave it "
+            "out"
+        )
