@@ -26,8 +26,8 @@ class Guarantee(StrEnum):
 
     CONTENT: the collision risk is at most ``tail(level)``: the probability that the
     obstacle leaves the un-enlarged region, or the risk that the region was asked for.
-    RISK: a level can be chosen for any asked risk. NONE: no such promise holds for every
-    covariance.
+    RISK: that, and a lower level, of `RiskLevel`, keeps an asked risk. NONE: no such promise
+    holds for every covariance. `framework.risk_meter.level_for_risk` serves the first two.
     """
 
     CONTENT = "content"
@@ -161,6 +161,18 @@ class Convex(Region):
     @abstractmethod
     def support(self, normals: Array, parameters: Array, level: Array) -> Array:
         """Max of n . x over the region, m, for unit normals (..., D) -> (...)."""
+
+
+class RiskLevel(Region):
+    """A region with a level of its own for a collision risk, lower than that for the tail."""
+
+    @abstractmethod
+    def level_for_risk(self, risk: float) -> float:
+        """Level at which the collision risk outside is at most ``risk``, per step."""
+
+    @abstractmethod
+    def risk(self, level: float) -> float:
+        """Bound on the collision risk outside at this level; the inverse of `level_for_risk`."""
 
 
 class Polygonal(Region):

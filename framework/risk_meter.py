@@ -1,7 +1,6 @@
 """The risk meter: what a region keeps and what it costs, for one obstacle and margin."""
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from scipy import special
@@ -10,7 +9,7 @@ from .arrays import probability
 from .errors import WideberthError
 from .forecast import GaussianObstacle
 from .geometry import sum_volume
-from .region import Guarantee, Region
+from .region import Guarantee, Region, RiskLevel
 from .registry import load, names
 from .risk_boundary import outline
 from .risk_surface import surface
@@ -61,15 +60,6 @@ class RiskReport:
     def effective_level(self) -> float:
         """-Phi^-1(risk_max): the level of the exact sum that guarantees the same risk."""
         return -float(special.ndtri(self.risk_max))
-
-
-@runtime_checkable
-class RiskLevel(Protocol):
-    """A region with a level of its own for a risk, smaller than that for the tail."""
-
-    def level_for_risk(self, risk: float) -> float:
-        """Level at which the collision risk is at most ``risk``."""
-        ...
 
 
 def level_for_risk(region: Region, risk: float, dimension: int = 2) -> float:

@@ -15,7 +15,8 @@ class StaticRegion(ABC):
     outline) enlarged by a disc of radius ``margin``. Where the robot's own position is uncertain,
     ``spread`` is s^2 times its covariance, and the body is enlarged by that ellipse as
     well: with s = Phi^-1(1 - risk) the line that separates body and polygon keeps the
-    collision risk at most ``risk``.
+    collision risk at most ``risk``; with an uncertain heading that holds for each corner of an
+    outline, and for the body at most twice the risk.
 
     Laws, checked by `wideberth.framework.testing.check_static_region`: with the auxiliaries of
     ``auxiliary_start`` the constraint holds exactly where body and polygon are at least the

@@ -134,6 +134,19 @@ def ellipse_tail(level: float, dimension: int = 2) -> float:
     return float(special.gammaincc(0.5 * dimension, 0.5 * size**2))
 
 
+def line_level(risk: float) -> float:
+    """Level s = Phi^-1(1 - risk), at least 0: how many deviations a line is from the mean.
+
+    A normal coordinate lies beyond it with probability ``risk``.
+    """
+    return max(0.0, -float(special.ndtri(probability("risk", risk))))
+
+
+def line_risk(level: float) -> float:
+    """Phi(-s), the inverse of `line_level`; 1/2 for s at or below 0."""
+    return float(special.ndtr(-max(float(level), 0.0)))
+
+
 def circle(count: int, vectors: Array) -> Array:
     """Give unit vectors in the eigenframe, counter-clockwise in the world, (count, 2)."""
     angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)

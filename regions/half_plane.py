@@ -4,9 +4,8 @@ from dataclasses import dataclass
 from typing import ClassVar, final
 
 import numpy as np
-from scipy import special
 
-from ..framework.arrays import Array, BoolArray, Scalar, probability
+from ..framework.arrays import Array, BoolArray, Scalar
 from ..framework.forecast import GaussianObstacle
 from ..framework.motion import Pose
 from ..framework.region import Constraint, Guarantee, Region, Relation
@@ -100,8 +99,8 @@ class HalfPlane(Region):
 
     def level(self, tail: float, dimension: int = 2) -> float:
         """Level z = Phi^-1(1 - tail), at least 0."""
-        return max(0.0, -float(special.ndtri(probability("tail", tail))))
+        return gaussian.line_level(tail)
 
     def tail(self, level: float, dimension: int = 2) -> float:
         """Collision risk Phi(-z) that the region keeps."""
-        return float(special.ndtr(-max(float(level), 0.0)))
+        return gaussian.line_risk(level)

@@ -4,12 +4,19 @@ from dataclasses import dataclass
 from typing import ClassVar, final
 
 import numpy as np
-from scipy import special
 
-from ..framework.arrays import Array, BoolArray, Scalar, probability
+from ..framework.arrays import Array, BoolArray, Scalar
 from ..framework.forecast import GaussianObstacle
 from ..framework.motion import Pose
-from ..framework.region import Auxiliary, Constraint, Convex, Guarantee, Relation, Signed
+from ..framework.region import (
+    Auxiliary,
+    Constraint,
+    Convex,
+    Guarantee,
+    Relation,
+    RiskLevel,
+    Signed,
+)
 from ..framework.symbolic import ca
 from . import gaussian
 from .geometry import concave_maximiser, distance_to_ellipse, sum_gauge, sum_volume
@@ -24,7 +31,7 @@ _TINY = 1e-13
 
 @final
 @dataclass(frozen=True)
-class MinkowskiSum(Signed, Convex):
+class MinkowskiSum(Signed, Convex, RiskLevel):
     """E + B: all points closer than the margin to the ellipse E with semi-axes s sigma_i.
 
     Membership: signed distance to E below the margin rho. As a constraint a point is outside
@@ -138,11 +145,11 @@ class MinkowskiSum(Signed, Convex):
 
     def level_for_risk(self, risk: float) -> float:
         """Level s at which the collision risk per step is at most ``risk`` (below 1/2)."""
-        return max(0.0, -float(special.ndtri(probability("risk", risk))))
+        return gaussian.line_level(risk)
 
     def risk(self, level: float) -> float:
         """Return the bound Phi(-s) on the collision risk outside the region."""
-        return float(special.ndtr(-max(float(level), 0.0)))
+        return gaussian.line_risk(level)
 
     def _frame(
         self, points: Array, parameters: Array, level: Array

@@ -5,11 +5,10 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
-from scipy import special
 
-from ..framework.arrays import Array, BoolArray, Scalar, probability
+from ..framework.arrays import Array, BoolArray, Scalar
 from ..framework.motion import Pose
-from ..framework.region import Constraint, Convex, Guarantee, Relation, Signed
+from ..framework.region import Constraint, Convex, Guarantee, Relation, RiskLevel, Signed
 from ..framework.symbolic import ca
 from . import gaussian
 from .geometry import UNIT_BALL, distance_to_ellipse
@@ -22,7 +21,7 @@ _STEPS = 8
 """Newton steps of `excess`: to 1e-15 while axis / margin < 1e3; beyond that a little large."""
 
 
-class OuterEllipse(Signed, Convex):
+class OuterEllipse(Signed, Convex, RiskLevel):
     """An ellipse along the eigenvectors of Sigma that encloses content ellipse plus disc.
 
     {p : sum_i (R^T (p - mu))_i^2 / c_i^2 < 1}; a subclass gives the squared semi-axes c_i^2 as
@@ -106,11 +105,11 @@ class OuterEllipse(Signed, Convex):
 
     def level_for_risk(self, risk: float) -> float:
         """Level s at which the collision risk per step is at most ``risk`` (below 1/2)."""
-        return max(0.0, -float(special.ndtri(probability("risk", risk))))
+        return gaussian.line_level(risk)
 
     def risk(self, level: float) -> float:
         """Return the bound Phi(-s) on the collision risk outside the region."""
-        return float(special.ndtr(-max(float(level), 0.0)))
+        return gaussian.line_risk(level)
 
     def axes(self, parameters: Array, level: Array) -> Array:
         """Semi-axes c_i, (..., D), m, from large to small."""

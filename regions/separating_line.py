@@ -16,6 +16,7 @@ from ..framework.region import (
     Guarantee,
     Polygonal,
     Relation,
+    RiskLevel,
     Signed,
 )
 from ..framework.symbolic import ca
@@ -30,7 +31,7 @@ _LEAST = 1e-2
 
 @final
 @dataclass(frozen=True)
-class SeparatingLine(Signed, Convex, Polygonal):
+class SeparatingLine(Signed, Convex, RiskLevel, Polygonal):
     """The set of `MinkowskiSum`, stated by the angle of a line between body and ellipse.
 
     The convex body with corners v_i, enlarged by the margin, is clear of the ellipse of level s
@@ -47,8 +48,10 @@ class SeparatingLine(Signed, Convex, Polygonal):
 
     Guarantee RISK, for bodies with corners too: the body lies beyond a line that the obstacle
     crosses with probability Phi(-s), so with `level_for_risk`, s = Phi^-1(1 - risk), the
-    collision risk is at most ``risk``. Where the body has corners nothing is given away to an
-    enclosing disc. `MinkowskiSum` has the smoother constraint where the body is a disc.
+    collision risk is at most ``risk``. (Where the robot's own heading is uncertain as well, that
+    holds for each corner, and for the body at most twice the risk.) Where the body has corners
+    nothing is given away to an enclosing disc. `MinkowskiSum` has the smoother constraint where
+    the body is a disc.
 
     References
     ----------

@@ -8,6 +8,7 @@ given:
     subject to  x_{i+1} = f(x_i, u_i)                 i = 0..N-1
                 u_i within its bounds                 i = 0..N-1
                 x_i within its bounds, p_i outside the region of every obstacle, i = 1..N
+    and, beyond the paper, the robot's bodies at p_i clear of every static polygon.
 
 The paper runs dynamics and input bounds over i = 1..N, which leaves x_k out and u_k free;
 that cannot be meant, and we start both at 0. Its reference has x_r twice where the second

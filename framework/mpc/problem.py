@@ -54,7 +54,8 @@ class Problem:
     penalty : price of one unit of slack on the regions; None for hard constraints.
     state_bounds, input_bounds : of the robot.
     dynamics : (x, u) -> next x.
-    input_cost, input_constraints : (x, u, stage parameters of i + 1), at i = 0..N-1.
+    input_cost : (x, u, stage parameters of i + 1), at i = 0..N-1.
+    input_constraints : (x, u) -> values >= 0, at i = 0..N-1.
     state_cost : (x, auxiliaries, static auxiliaries, stage parameters), at i = 1..N.
     state_constraints : x -> values >= 0, at i = 1..N.
     regions : (x, auxiliaries, s, stage parameters) -> inequalities >= 0, equalities == 0.

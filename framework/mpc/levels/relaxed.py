@@ -20,6 +20,11 @@ class Relaxed(LevelPolicy):
     the ellipse's axes are shorter than r + r_d and the robots may touch. ``minimum`` is
     therefore 0 unless it is set lower (``-.inf`` in YAML is the paper's).
 
+    At level 0 a region around the content ellipse is the disc of the margin, so that bodies
+    touch at most. A region made of a risk (`RiskContour`, `WhitenedBox`, `Park`, `DuToit`, of
+    level sqrt(-2 ln risk)) is smaller than that there, or empty: its minimum has to be a level
+    that stands for a risk, 1.177 for one half, 1.794 for 0.2.
+
     Parameters
     ----------
     tail : probability in (0, 1) that s_ref stands for. The paper prints
