@@ -5,7 +5,7 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.arrays import Array, BoolArray, Scalar
+from ..framework.arrays import Array, BoolArray, Scalar, probability
 from ..framework.forecast import GaussianObstacle
 from ..framework.motion import Pose
 from ..framework.region import Constraint, Guarantee, Region, Relation
@@ -99,7 +99,7 @@ class HalfPlane(Region):
 
     def level(self, tail: float, dimension: int = 2) -> float:
         """Level z = Phi^-1(1 - tail), at least 0."""
-        return gaussian.line_level(tail)
+        return gaussian.line_level(probability("tail", tail))
 
     def tail(self, level: float, dimension: int = 2) -> float:
         """Collision risk Phi(-z) that the region keeps."""
