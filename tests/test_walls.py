@@ -213,3 +213,11 @@ def test_parts_that_did_not_fit_are_not_driven_through() -> None:
     around = Surroundings(robot, MahalanobisEllipse(), REGIONS[0], none, walls, 0.0)
     touch = around.touched(states)
     assert touch.depth[2] == pytest.approx(0.3 + 0.5) and "hut" in touch.names
+
+
+def test_states_that_are_no_numbers_are_left_to_the_re_check() -> None:
+    walls = choose_walls([EL], REGIONS[0], HERE, 50.0, 9)
+    around = Surroundings(
+        Unicycle(), MahalanobisEllipse(), REGIONS[0], Obstacles.none(2, 2), walls, 0.0
+    )
+    assert not around.touched(np.full((3, 5), np.nan)).depth.any()

@@ -64,8 +64,8 @@ class Surroundings:
         """Hold a plan's states (N + 1, n) against every polygon."""
         steps = len(states) - 1
         depth, names = np.zeros(steps), [""] * steps
-        if not len(self.walls.known):
-            return Touch(depth, tuple(names))
+        if not len(self.walls.known) or not np.isfinite(states).all():
+            return Touch(depth, tuple(names))  # what is no number breaks the dynamics already
         pose = self.robot.pose(tuple(states.T))
         place = np.stack(pose.position, axis=-1)
         near = self._near(place)
