@@ -1,5 +1,6 @@
 """Array types and the checks that every value passes once, at the door."""
 
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -82,6 +83,13 @@ def checked_covariance(name: str, value: ArrayLike, shape: tuple[int | None, ...
             )
     symmetric.setflags(write=False)
     return symmetric
+
+
+def stacked(places: Sequence[tuple[Scalar, ...]]) -> Array:
+    """Stack V places, each a tuple of D numbers or arrays (...), to (..., V, D)."""
+    numbers = np.broadcast_arrays(*(number for place in places for number in place))
+    together = np.stack(numbers, axis=-1).astype(np.float64)
+    return together.reshape(*together.shape[:-1], len(places), len(places[0]))
 
 
 def positive(name: str, value: float, *, zero: bool = False) -> float:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .arrays import Array, Scalar, checked, checked_covariance, positive
+from .arrays import Array, Scalar, checked, checked_covariance, positive, stacked
 from .polygon import Polygon
 
 
@@ -48,6 +48,10 @@ class Pose:
     def corners(self) -> tuple[tuple[Scalar, ...], ...]:
         """World coordinates of the corners, m; the position alone where there are none."""
         return tuple(self.offset(place) for place in self.outline or ((0.0, 0.0),))
+
+    def corner_points(self) -> Array:
+        """Corners of NumPy poses, (..., V, D), m; V is 1 for a point."""
+        return stacked(self.corners())
 
 
 @dataclass(frozen=True, eq=False)

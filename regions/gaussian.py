@@ -89,8 +89,7 @@ def local(points: Array, mean: Array, vectors: Array) -> Array:
 
 def local_corners(pose: Pose, mean: Array, vectors: Array) -> Array:
     """Corners of NumPy poses in the eigenframe, (..., V, D) m; V is 1 for a point."""
-    corners = np.stack([Pose(place).points() for place in pose.corners()], axis=-2)
-    return local(corners, mean[..., None, :], vectors[..., None, :, :])
+    return local(pose.corner_points(), mean[..., None, :], vectors[..., None, :, :])
 
 
 def local_symbols(pose: Pose, parameters: Scalar) -> tuple[list[Scalar], list[Scalar], Scalar]:

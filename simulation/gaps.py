@@ -1,11 +1,11 @@
 """How far apart bodies and polygons were: discs, several discs, and convex outlines."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, final
 
 import numpy as np
 
-from ..framework.arrays import Array
+from ..framework.arrays import Array, stacked
 from ..framework.footprint import Discs, Footprint
 from ..framework.metrics import approach
 from ..framework.motion import Pose
@@ -86,9 +86,8 @@ def _pieces(body: Moving) -> list[tuple[Array, float]]:
         return [(body.positions[:, None], body.radius)]
     if isinstance(body.footprint, Discs):
         places, rounding = body.footprint.centres, body.footprint.radius
-        return [(np.stack(pose.offset(place), axis=-1)[:, None], rounding) for place in places]
-    corners = [np.stack(pose.offset(place), axis=-1) for place in body.footprint.vertices]
-    return [(np.stack(corners, axis=1), 0.0)]
+        return [(stacked([pose.offset(place)]), rounding) for place in places]
+    return [(replace(pose, outline=body.footprint.vertices).corner_points(), 0.0)]
 
 
 def _apart(first: Array, second: Array) -> Array:

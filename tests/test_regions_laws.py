@@ -91,7 +91,7 @@ def test_symbolic_equals_numeric(region: Region, size: int) -> None:
         points = points.reshape(-1, size)
         sides = case.bracket(points)
         check_sides(case, twin, points, sides)
-        check_guesses(case, points, sides, rng)
+        check_guesses(case, twin, points, sides, rng)
 
     check()
 

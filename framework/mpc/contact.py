@@ -67,14 +67,14 @@ class Surroundings:
         if not len(self.walls.known) or not np.isfinite(states).all():
             return Touch(depth, tuple(names))  # what is no number breaks the dynamics already
         pose = self.robot.pose(tuple(states.T))
-        place = np.stack(pose.position, axis=-1)
+        place = pose.points()
         near = self._near(place)
         length = np.linalg.norm(np.diff(place, axis=0), axis=1)
         for body in self._at_walls() if near.size else ():
             half = _half_width(body)
             cut = half - np.sqrt(np.maximum(half**2 - 0.25 * length**2, 0.25 * half**2))
             looked = _between(pose, place, half)
-            corners = _corners(body, looked)  # (N, L, W, 2)
+            corners = body.at(looked).corner_points()  # (N, L, W, 2)
             parts = self.walls.known[near]
             gaps = separation(corners[:, :, None], parts)[0].min(axis=1) - body.radius
             for i in np.flatnonzero(gaps.min(axis=1) < -np.maximum(depth, cut)):
@@ -91,10 +91,9 @@ class Surroundings:
             room = body.radius + self.margin + self.obstacles.radius
             at = body.at(pose)
             if not body.outline:
-                place = np.stack(at.position, axis=-1)
-                apart = np.linalg.norm(means - place[:, None], axis=2)
+                apart = np.linalg.norm(means - at.points()[:, None], axis=2)
             else:
-                apart = separation(_corners(body, pose)[:, None], means[:, :, None])[0]
+                apart = separation(at.corner_points()[:, None], means[:, :, None])[0]
             depth = np.maximum(depth, (room - apart).max(axis=1))
         return depth
 
@@ -132,9 +131,3 @@ def _between(pose: Pose, place: Array, piece: float) -> Pose:
 
     heading = None if pose.heading is None else along(np.asarray(pose.heading))
     return Pose(tuple(along(column) for column in place.T), heading)
-
-
-def _corners(body: Body, pose: Pose) -> Array:
-    """World coordinates of a body's corners, (..., W, 2), m."""
-    corners = body.at(pose).corners()
-    return np.stack([np.stack(corner, axis=-1) for corner in corners], axis=-2)

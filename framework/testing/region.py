@@ -9,7 +9,7 @@ from ..arrays import Array, BoolArray
 from ..errors import WideberthError
 from ..region import Guarantee, Region, Relation
 from ..risk import collision_probability
-from .region_cases import RegionCase, Sides, guessing, sphere, turned
+from .region_cases import RegionCase, Sides, random_auxiliaries, sphere, turned
 from .twin import Twin, compile_twin
 
 _TAILS = (1.0 - 1e-9, 0.999, 0.5, 0.1, 0.05, 1e-3, 1e-12, 1e-15)
@@ -54,7 +54,7 @@ def check_region(
             points = np.concatenate([spread, scattered])
             sides, inside = case.bracket(points), case.contains(points)
             check_sides(case, twin, points, sides)
-            check_guesses(case, points, sides, rng)
+            check_guesses(case, twin, points, sides, rng)
             _check_growth(case, points, inside)
             _check_motion(case, points, sides, rng)
             _check_relation(case, points, inside)
@@ -118,7 +118,9 @@ def check_sides(case: RegionCase, twin: Twin, points: Array, sides: Sides) -> No
         raise case.fail(f"symbolic constraint and contains() differ at {where}")
 
 
-def check_guesses(case: RegionCase, points: Array, sides: Sides, rng: np.random.Generator) -> None:
+def check_guesses(
+    case: RegionCase, twin: Twin, points: Array, sides: Sides, rng: np.random.Generator
+) -> None:
     """Check that no random auxiliary makes a point inside look outside.
 
     ``sides`` is `RegionCase.bracket` of the points.
@@ -129,8 +131,8 @@ def check_guesses(case: RegionCase, points: Array, sides: Sides, rng: np.random.
     """
     if not len(case.region.auxiliary(case.size)):
         return
-    twin = compile_twin(guessing(case.region, rng), case.size)
-    values, _, ties = twin(points, case.parameters, float(case.level))
+    drawn = random_auxiliaries(case.region, case.size, len(points), rng)
+    values, _, ties = twin(points, case.parameters, float(case.level), drawn)
     if (sides[0] & (values >= 0.0) & (ties < 1e-6)).any():
         raise case.fail("no auxiliary may make a point inside look outside")
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import product
-from typing import Any, Literal, TypeAlias, cast, get_args, get_origin, get_type_hints
+from typing import Literal, TypeAlias, get_args, get_origin, get_type_hints
 
 import numpy as np
 from scipy import special
@@ -13,7 +13,6 @@ from ..arrays import Array, BoolArray
 from ..errors import WideberthError
 from ..forecast import GaussianObstacle
 from ..geometry import sum_gauge
-from ..motion import Pose
 from ..region import Region
 
 _HALVINGS = 36
@@ -150,29 +149,17 @@ class RegionCase:
         return np.array(flat).reshape(self.tail.shape)
 
 
-def guessing(region: Region, rng: np.random.Generator) -> Region:
-    """Return the region with random auxiliaries in place of the best ones."""
-    return cast("Region", _Guessing(region, rng))
-
-
-class _Guessing:
-    """What `guessing` returns: not a Region by class, but whatever `compile_twin` asks of one."""
-
-    def __init__(self, region: Region, rng: np.random.Generator) -> None:
-        self.region, self.rng = region, rng
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.region, name)
-
-    def auxiliary_start(self, pose: Pose, parameters: Array, level: Array) -> Array:
-        """Draw between the bounds, around the declared start where there are none."""
-        declared = self.region.auxiliary(len(pose.position))
-        low, high, start = (np.array(v) for v in (declared.lower, declared.upper, declared.start))
-        shape = (*np.shape(pose.position[0]), len(declared))
-        bound = np.isfinite(low) & np.isfinite(high)
-        within = self.rng.uniform(np.where(bound, low, 0.0), np.where(bound, high, 1.0), shape)
-        around = np.clip(start + 3.0 * self.rng.standard_normal(shape), low, high)
-        return np.asarray(np.where(bound, within, around))
+def random_auxiliaries(
+    region: Region, dimension: int, count: int, rng: np.random.Generator
+) -> Array:
+    """Draw between the bounds, around the declared start where there are none, (count, A)."""
+    declared = region.auxiliary(dimension)
+    low, high, start = (np.array(v) for v in (declared.lower, declared.upper, declared.start))
+    shape = (count, len(declared))
+    bound = np.isfinite(low) & np.isfinite(high)
+    within = rng.uniform(np.where(bound, low, 0.0), np.where(bound, high, 1.0), shape)
+    around = np.clip(start + 3.0 * rng.standard_normal(shape), low, high)
+    return np.asarray(np.where(bound, within, around))
 
 
 def sphere(rng: np.random.Generator, count: int, size: int) -> Array:

@@ -95,8 +95,7 @@ class _Case:
 
     def clearance(self, places: Array) -> tuple[Array, Array]:
         """Distance beyond the margin, m, and the normal that attains it."""
-        corners = [np.stack(np.broadcast_arrays(*c), axis=-1) for c in self.pose(places).corners()]
-        bodies = np.stack(corners, axis=-2)
+        bodies = self.pose(places).corner_points()
         distance, normal = best_direction(bodies, self.polygon, self.spread)
         return distance - self.margin, normal
 

@@ -4,11 +4,9 @@ Layout of the parameters, P = 2 V + 5 numbers for polygons of V vertices: the ve
 root of the spread M^1/2 as (xx, xy, yy), margin, and the length that makes constraints unit-free.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from ...framework.arrays import Array, Scalar, checked_covariance
+from ...framework.arrays import Array, Scalar, checked_covariance, stacked
 from ...framework.errors import WideberthError
 from ...framework.motion import Pose
 from ...framework.polygon import best_direction, symmetric_root
@@ -92,11 +90,4 @@ class Packed:
         """Return the unit normals that tell NumPy poses from the polygons best, (..., 2)."""
         first, mixed, last = self.root
         root = np.stack([first, mixed, mixed, last], axis=-1).reshape(*first.shape, 2, 2)
-        return best_direction(_together(pose.corners()), _together(self.vertices), root @ root)[1]
-
-
-def _together(places: Sequence[tuple[Scalar, ...]]) -> Array:
-    """Stack V places, each a pair of arrays (...), to (..., V, 2)."""
-    numbers = np.broadcast_arrays(*(number for place in places for number in place))
-    stacked = np.stack(numbers, axis=-1).astype(np.float64)
-    return stacked.reshape(*stacked.shape[:-1], len(places), 2)
+        return best_direction(pose.corner_points(), stacked(self.vertices), root @ root)[1]
