@@ -1,6 +1,9 @@
 """Forecast: where each obstacle will be, as Gaussians; and what a region keeps clear of."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 
@@ -48,6 +51,10 @@ class Scene:
     truth: Truth | None = None
 
 
+JointSource: TypeAlias = Array | Callable[[], Array] | None
+"""A joint covariance, (O, M, N*D, N*D), m^2, or what computes it when it is asked for."""
+
+
 @dataclass(frozen=True, eq=False)
 class Forecast:
     """Gaussian mixtures over the future positions of all obstacles.
@@ -61,7 +68,8 @@ class Forecast:
     weight : (O, M), sums to 1 for each obstacle.
     dt : s.
     fallback : per obstacle None, or why the named method was not used.
-    joint : (O, M, N*D, N*D), m^2, covariance over the whole horizon, or None.
+    joint_source : what `joint` is computed from when first asked for: few need it, and for
+        a thousand obstacles it costs more than all the rest. A function must be picklable.
 
     Raises
     ------
@@ -73,7 +81,7 @@ class Forecast:
     weight: Array
     dt: float
     fallback: tuple[str | None, ...]
-    joint: Array | None = None
+    joint_source: JointSource = None
 
     def __post_init__(self) -> None:
         mean = checked("forecast.mean", self.mean, (None, None, None, None))
@@ -93,10 +101,19 @@ class Forecast:
         object.__setattr__(self, "mean", mean)
         object.__setattr__(self, "covariance", covariance)
         object.__setattr__(self, "weight", weight)
-        if self.joint is not None:
-            flat = shape[2] * shape[3]
-            joint = checked_covariance("forecast.joint", self.joint, (*shape[:2], flat, flat))
-            object.__setattr__(self, "joint", joint)
+        if isinstance(self.joint_source, np.ndarray):
+            object.__setattr__(self, "joint_source", self._whole(self.joint_source))
+
+    def _whole(self, joint: Array) -> Array:
+        obstacles, modes, steps, size = self.mean.shape
+        flat = steps * size
+        return checked_covariance("forecast.joint", joint, (obstacles, modes, flat, flat))
+
+    @cached_property
+    def joint(self) -> Array | None:
+        """Covariance over the whole horizon, (O, M, N*D, N*D), m^2; None if it is not known."""
+        source = self.joint_source
+        return self._whole(source()) if callable(source) else source
 
     @classmethod
     def single(
@@ -105,11 +122,13 @@ class Forecast:
         covariance: Array,
         dt: float,
         fallback: tuple[str | None, ...] | None = None,
+        joint_source: JointSource = None,
     ) -> "Forecast":
         """Build a forecast of one Gaussian per obstacle from (O, N, D) and (O, N, D, D)."""
         count = len(mean)
         reasons = (None,) * count if fallback is None else fallback
-        return cls(mean[:, None], covariance[:, None], np.ones((count, 1)), dt, reasons)
+        weight = np.ones((count, 1))
+        return cls(mean[:, None], covariance[:, None], weight, dt, reasons, joint_source)
 
     @property
     def steps(self) -> int:

@@ -1,133 +1,148 @@
-"""From forecasts of single obstacles to one `Forecast` of all."""
+"""From what a method says of each obstacle to one `Forecast` of all."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from ..framework.arrays import Array
+from ..framework.arrays import Array, BoolArray
 from ..framework.forecast import Forecast, Scene
 from ..framework.predictor import Predictor
 from ..framework.tracks import Tracks
+from .history import Histories
 
 NEVER_SEEN_SPREAD = 1000.0
 """m, standard deviation given to an obstacle of which not one sample is known."""
 
 
 @dataclass(frozen=True, eq=False)
-class Gaussian:
-    """Forecast of one obstacle.
+class Gaussians:
+    """What one method says: one Gaussian per obstacle and step.
 
     Attributes
     ----------
-    mean : (N, D), m.
-    covariance : (N, D, D), m^2.
-    joint : (N*D, N*D), m^2, over the whole horizon, or None.
-    reason : why the named method was not used, or None.
+    mean : (O, N, D), m.
+    covariance : (O, N, D, D), m^2.
+    reasons : per obstacle why the method was not fully used, or None.
+    joint : computes (O, N*D, N*D), m^2, over the whole horizon when asked for; None if the
+        method does not know it. It must be picklable (a partial of a module's function).
     """
 
     mean: Array
     covariance: Array
-    joint: Array | None = None
-    reason: str | None = None
+    reasons: tuple[str | None, ...]
+    joint: Callable[[], Array] | None = None
 
-    @classmethod
-    def from_joint(
-        cls, mean: Array, joint: Array, reason: str | None = None, *, skip: int = 0
-    ) -> "Gaussian":
-        """Build it from the joint covariance alone, without the first ``skip`` steps."""
-        size = mean.shape[1]
-        kept = joint[skip * size :, skip * size :]
-        kept = 0.5 * (kept + kept.T)
-        steps = len(mean) - skip
-        each = np.arange(steps)
-        blocks = kept.reshape(steps, size, steps, size)[each, :, each, :]
-        return cls(mean[skip:], blocks, kept, reason)
+    @property
+    def steps(self) -> int:
+        """N, the number of steps."""
+        return int(self.mean.shape[1])
 
 
-def never_observed(name: str, steps: int, size: int) -> Gaussian:
-    """Forecast of an obstacle without a single sample.
+def finish(own: Gaussians, past: Histories, tracks: Tracks, name: str) -> Forecast:
+    """Turn what a method says into a forecast of as many steps.
 
-    Nothing is known of it, so its mean is the world's origin (the one place where a
-    forecast cannot turn and shift with the world) and its standard deviation
-    `NEVER_SEEN_SPREAD`, the same unknown place at all steps.
+    Obstacles never observed are seen to here. Nothing is known of them, so their mean is the
+    world's origin (the one place where a forecast cannot turn and shift with the world) and
+    their standard deviation `NEVER_SEEN_SPREAD`, the same unknown place at all steps.
     """
-    joint = np.tile(NEVER_SEEN_SPREAD**2 * np.eye(size), (steps, steps))
-    reason = f"{name}: never observed"
-    return Gaussian.from_joint(np.zeros((steps, size)), joint, reason)
+    unseen = np.asarray(past.samples == 0)
+    if unseen.any():
+        reasons = tuple(
+            f"{name}: never observed" if missing else reason
+            for missing, reason in zip(unseen, own.reasons, strict=True)
+        )
+        own = _without(own, unseen, NEVER_SEEN_SPREAD, reasons)
+    return _forecast(own, tracks)
 
 
-def assemble(parts: Sequence[Gaussian], tracks: Tracks, steps: int) -> Forecast:
-    """Stack one Gaussian per obstacle; zero obstacles are allowed."""
-    return _stack(list(parts), tracks, steps, None, [])
+def _forecast(own: Gaussians, tracks: Tracks) -> Forecast:
+    source = None if own.joint is None else partial(_single_mode, own.joint)
+    return Forecast.single(own.mean, own.covariance, tracks.dt, own.reasons, source)
+
+
+def _single_mode(joint: Callable[[], Array]) -> Array:
+    return joint()[:, None]
+
+
+def _without(
+    own: Gaussians, rows: BoolArray, spread: float, reasons: tuple[str | None, ...]
+) -> Gaussians:
+    """Put an unknown place with this standard deviation, m, into some rows."""
+    mean, covariance = own.mean.copy(), own.covariance.copy()
+    mean[rows], covariance[rows] = 0.0, spread**2 * np.eye(own.mean.shape[2])
+    joint = None if own.joint is None else partial(_joint_without, own.joint, rows, covariance)
+    return Gaussians(mean, covariance, reasons, joint)
+
+
+def _joint_without(joint: Callable[[], Array], rows: BoolArray, covariance: Array) -> Array:
+    whole = joint().copy()
+    steps = covariance.shape[1]
+    whole[rows] = np.tile(covariance[rows, 0], (steps, steps)) if steps else whole[rows]
+    return whole
 
 
 def with_fallback(
-    own: Sequence[Gaussian | str],
+    own: Gaussians | Forecast,
+    missing: Sequence[str | None],
     fallback: Predictor,
     tracks: Tracks,
-    steps: int,
     scene: Scene | None,
 ) -> Forecast:
     """Let another predictor fill in where the named one could not be used.
 
     Parameters
     ----------
-    own : per obstacle its forecast, or the reason why there is none.
+    own : what the named method says; anything where it could not be used.
+    missing : per obstacle why it could not be used, or None.
     fallback : asked once, for all obstacles with a reason; it may return several modes
-        (obstacles with one mode get the others with weight 0).
-    tracks, steps, scene : as given to `Predictor.predict`.
+        (obstacles with fewer get the others with weight 0).
+    tracks, scene : as given to `Predictor.predict`.
 
     Returns
     -------
     Forecast; its reasons name both, "var: 12 samples, needs 20; kalman: never observed".
     """
-    missing = [index for index, part in enumerate(own) if isinstance(part, str)]
-    filled = None
-    if missing:
-        filled = fallback.predict(tracks.select(missing), steps, _narrow(scene, missing))
-    return _stack(list(own), tracks, steps, filled, missing)
+    index = [place for place, reason in enumerate(missing) if reason is not None]
+    if isinstance(own, Gaussians):
+        rows = np.array([reason is not None for reason in missing], dtype=np.bool_)
+        own = _forecast(_without(own, rows, 1.0, own.reasons) if index else own, tracks)
+    if not index:
+        return own
+    filled = fallback.predict(tracks.select(index), own.steps, narrowed(scene, index))
+    reasons = list(own.fallback)
+    for place, deeper in zip(index, filled.fallback, strict=True):
+        first = str(missing[place])
+        reasons[place] = first if deeper is None else f"{first}; {deeper}"
+    modes = max(own.mean.shape[1], filled.mean.shape[1])
+    mean, covariance, weight = (
+        _more_modes(getattr(own, part), modes, part == "weight")
+        for part in ("mean", "covariance", "weight")
+    )
+    mean[index] = _more_modes(filled.mean, modes)
+    covariance[index] = _more_modes(filled.covariance, modes)
+    weight[index] = _more_modes(filled.weight, modes, empty=True)
+    known = own.joint_source is not None and filled.joint_source is not None
+    source = partial(_joined, own, filled, index, modes) if known else None
+    return Forecast(mean, covariance, weight, tracks.dt, tuple(reasons), source)
 
 
-def _narrow(scene: Scene | None, index: list[int]) -> Scene | None:
+def narrowed(scene: Scene | None, index: list[int]) -> Scene | None:
     """Return the scene for some of the obstacles."""
     if scene is None or scene.goals is None:
         return scene
     return replace(scene, goals=scene.goals[index])
 
 
-def _stack(
-    own: list[Gaussian | str],
-    tracks: Tracks,
-    steps: int,
-    filled: Forecast | None,
-    missing: list[int],
-) -> Forecast:
-    """Allocate (O, M, ...) arrays and put each part into its row."""
-    count, size = len(own), tracks.dimension
-    modes = 1 if filled is None else filled.mean.shape[1]
-    mean = np.zeros((count, modes, steps, size))
-    covariance = np.zeros((count, modes, steps, size, size))
-    joint = np.zeros((count, modes, steps * size, steps * size))
-    weight = np.zeros((count, modes))
-    reasons: list[str | None] = [None] * count
-    whole = filled is None or filled.joint is not None
-    for index, part in enumerate(own):
-        if isinstance(part, str):
-            continue
-        mean[index], covariance[index] = part.mean, part.covariance
-        weight[index, 0] = 1.0
-        reasons[index] = part.reason
-        if part.joint is None:
-            whole = False
-        else:
-            joint[index] = part.joint
-    if filled is not None:
-        mean[missing], covariance[missing] = filled.mean, filled.covariance
-        weight[missing] = filled.weight
-        if filled.joint is not None:
-            joint[missing] = filled.joint
-        for index, deeper in zip(missing, filled.fallback, strict=True):
-            first = str(own[index])
-            reasons[index] = first if deeper is None else f"{first}; {deeper}"
-    return Forecast(mean, covariance, weight, tracks.dt, tuple(reasons), joint if whole else None)
+def _more_modes(values: Array, modes: int, empty: bool = False) -> Array:
+    """Copy (O, M, ...) to more modes: repeats of the first one, or zeros."""
+    extra = np.repeat(values[:, :1], modes - values.shape[1], axis=1)
+    return np.concatenate([values, 0.0 * extra if empty else extra], axis=1)
+
+
+def _joined(own: Forecast, filled: Forecast, index: list[int], modes: int) -> Array:
+    assert own.joint is not None and filled.joint is not None
+    joint = _more_modes(own.joint, modes)
+    joint[index] = _more_modes(filled.joint, modes)
+    return joint

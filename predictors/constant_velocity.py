@@ -1,6 +1,7 @@
 """Obstacles that keep the velocity they had on average over their last steps."""
 
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar, final
 
 import numpy as np
@@ -9,9 +10,9 @@ from ..framework.arrays import Array, positive, whole
 from ..framework.forecast import Forecast, Scene
 from ..framework.predictor import Predictor
 from ..framework.tracks import Tracks
-from .assembly import Gaussian, assemble, never_observed
-from .history import History, histories, measurement_noise
-from .propagation import joint_covariance, white_acceleration
+from .assembly import Gaussians, finish
+from .history import LONGEST_GAP, Histories, gather, measurement_noise
+from .propagation import after, step_covariances, step_joint, white_acceleration
 
 
 @final
@@ -67,36 +68,44 @@ class ConstantVelocity(Predictor):
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
         """Forecast all obstacles; see `Predictor.predict`."""
+        past = gather(tracks, length=self.window + LONGEST_GAP + 1)
         noise = measurement_noise(tracks, self.noise_floor)
-        parts = [
-            self._one(past, noise[index], tracks.dt, steps)
-            for index, past in enumerate(histories(tracks))
-        ]
-        return assemble(parts, tracks, steps)
+        velocity, start = self._start(past, noise, tracks.dt)
+        size = tracks.dimension
+        model = white_acceleration(tracks.dt, self.acceleration_density, size)
+        ahead = steps + int(past.late.max(initial=0))
+        times = tracks.dt * (past.late[:, None] + np.arange(1.0, steps + 1))
+        mean = past.origin[:, None] + times[..., None] * velocity[:, None]
+        covariance = after(step_covariances(*model, start, size, ahead), steps, past.late)
+        reasons = tuple(
+            "constant_velocity: 1 sample, needs 2" if count == 1 else None
+            for count in past.samples
+        )
+        joint = partial(step_joint, *model, start, size, steps, past.late)
+        return finish(
+            Gaussians(mean, covariance, reasons, joint), past, tracks, "constant_velocity"
+        )
 
-    def _one(self, past: History, noise: Array, dt: float, steps: int) -> Gaussian:
-        size = len(noise)
-        if not past.samples:
-            return never_observed("constant_velocity", steps, size)
-        velocity, start, reason = self._start(past, noise, dt)
-        ahead = steps + past.late
-        transition, process = white_acceleration(dt, self.acceleration_density, size)
-        joint = joint_covariance(transition, process, start, size, ahead)
-        mean = past.origin + dt * np.arange(1, ahead + 1)[:, None] * velocity
-        return Gaussian.from_joint(mean, joint, reason, skip=past.late)
-
-    def _start(self, past: History, noise: Array, dt: float) -> tuple[Array, Array, str | None]:
-        """Velocity, covariance of (position, velocity), and why it is only a guess."""
-        zero, eye = np.zeros_like(noise), np.eye(len(noise))
-        if past.samples < 2:
-            start = np.block([[noise, zero], [zero, self.speed**2 * eye]])
-            return zero[0], start, "constant_velocity: 1 sample, needs 2"
-        newest = len(past.positions) - 1
-        seen = np.flatnonzero(past.observed)
-        older = seen[seen <= newest - self.window]
-        first = int(older[-1] if older.size else seen[0])
-        span = (newest - first) * dt
+    def _start(self, past: Histories, noise: Array, dt: float) -> tuple[Array, Array]:
+        """Velocity, (O, D), and covariance of (position, velocity), (O, 2D, 2D)."""
+        count, rows, size = past.positions.shape
+        newest = rows - 1
+        older = past.observed & (np.arange(rows) <= newest - self.window)
+        first = np.where(older.any(axis=1), newest - np.argmax(older[:, ::-1], axis=1), past.began)
+        moved = first < newest
+        span = np.where(moved, newest - first, 1)[:, None, None] * dt
+        place = past.positions[np.arange(count), np.minimum(first, newest)]
+        velocity = np.where(moved[:, None], -place / span[:, 0], 0.0)
+        eye = np.eye(size)
         drift = self.acceleration_density * span / 3 * eye
-        cross = noise / span
-        start = np.block([[noise, cross], [cross, 2 * noise / span**2 + drift]])
-        return -past.positions[first] / span, start, None
+        known = moved[:, None, None]
+        cross = np.where(known, noise / span, 0.0)
+        spread = np.where(known, 2 * noise / span**2 + drift, self.speed**2 * eye)
+        return velocity, _blocks(noise, cross, spread)
+
+
+def _blocks(first: Array, cross: Array, second: Array) -> Array:
+    """[[first, cross], [cross', second]] for each obstacle, (O, 2D, 2D)."""
+    above = np.concatenate([first, cross], axis=2)
+    below = np.concatenate([cross.swapaxes(1, 2), second], axis=2)
+    return np.concatenate([above, below], axis=1)

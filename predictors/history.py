@@ -1,11 +1,14 @@
 """What every predictor does first: turn tracks with holes into clean histories."""
 
 from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from ..framework.arrays import Array, BoolArray
 from ..framework.tracks import Tracks
+
+IntArray: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
 
 LONGEST_GAP = 5
 """Missing samples in a row that are bridged by a straight line; what lies before a longer
@@ -13,34 +16,62 @@ gap is dropped (at the paper's 2 Hz this is a gap of 3 s)."""
 
 
 @dataclass(frozen=True, eq=False)
-class History:
-    """The past of one obstacle, without holes.
+class Histories:
+    """The pasts of all obstacles, without holes, aligned at their newest observed samples.
+
+    Column T - 1 (T is at least 1) is the newest observed sample of each obstacle, whenever
+    that was. Columns before ``began`` are not part of the history; they repeat its first
+    position, so that velocities there are zero.
 
     Attributes
     ----------
-    origin : (D,), m, the newest observed position; zeros if there is none.
-    positions : (H, D), m, relative to `origin`, oldest first, last row 0. Working relative
-        to the obstacle keeps all digits however far the world's origin is away.
-    observed : (H,), False where a sample was missing and has been interpolated.
-    late : steps between the newest observed sample and the newest sample of the tracks. A
-        forecast made from this history must drop its first ``late`` steps.
+    origin : (O, D), m, the newest observed position; zeros if there is none.
+    positions : (O, T, D), m, relative to `origin`, oldest first, last column 0. Working
+        relative to the obstacle keeps all digits however far the world's origin is away.
+    observed : (O, T), False where a sample was missing and has been interpolated.
+    began : (O,), first column of the history; T where nothing was observed.
+    late : (O,), steps between the newest observed sample and the newest row of the tracks.
+        A forecast made from this history must drop its first ``late`` steps. 0 where
+        nothing was observed.
     """
 
     origin: Array
     positions: Array
     observed: BoolArray
-    late: int
+    began: IntArray
+    late: IntArray
 
     @property
-    def samples(self) -> int:
-        """Number of samples that were truly observed."""
-        return int(self.observed.sum())
+    def samples(self) -> IntArray:
+        """Number of samples that were truly observed, (O,)."""
+        return np.asarray(self.observed.sum(axis=1), dtype=np.int64)
+
+    @property
+    def length(self) -> IntArray:
+        """Number of samples with those filled in, (O,)."""
+        return np.asarray(self.positions.shape[1] - self.began, dtype=np.int64)
+
+    @property
+    def present(self) -> BoolArray:
+        """Whether a column belongs to the history, (O, T)."""
+        columns = np.arange(self.positions.shape[1])
+        return np.asarray(columns >= self.began[:, None], dtype=np.bool_)
+
+    def select(self, index: Any) -> "Histories":
+        """Return the histories with these indices, or where this mask is True."""
+        return Histories(
+            self.origin[index],
+            self.positions[index],
+            self.observed[index],
+            self.began[index],
+            self.late[index],
+        )
 
 
-def histories(
+def gather(
     tracks: Tracks, *, length: int | None = None, longest_gap: int = LONGEST_GAP
-) -> list[History]:
-    """Prepare the history of each obstacle.
+) -> Histories:
+    """Prepare the histories of all obstacles.
 
     A sample with NaN in any coordinate counts as missing. Gaps between two observed
     samples are filled by linear interpolation, p(t) on the straight line between them.
@@ -50,33 +81,64 @@ def histories(
     tracks : as observed.
     length : most grid samples to keep, counted back from the newest observed one.
     longest_gap : gaps of more missing samples than this cut the older part off.
-
-    Returns
-    -------
-    One `History` per obstacle, in the order of the tracks; an obstacle that was never
-    observed has H = 0.
     """
-    return [_history(track, length, longest_gap) for track in tracks.positions]
+    positions = tracks.positions
+    count, rows, size = positions.shape
+    kept = rows if length is None else min(rows, length)
+    if rows == 0:
+        positions, rows, kept = np.full((count, 1, size), np.nan), 1, 1
+    seen = np.asarray(np.isfinite(positions).all(axis=2), dtype=np.bool_)
+    late = np.argmax(seen[:, ::-1], axis=1)
+    late = np.where(seen.any(axis=1), late, rows)
+    column = np.arange(rows - kept, rows) - late[:, None]
+    row = np.arange(count)[:, None]
+    seen = np.asarray(seen[row, np.maximum(column, 0)] & (column >= 0), dtype=np.bool_)
+    aligned = positions[row, np.maximum(column, 0)]
+    origin = np.where(seen[:, -1:], aligned[:, -1], 0.0)
+    began = _beginning(seen, longest_gap)
+    seen = np.asarray(seen & (np.arange(kept) >= began[:, None]), dtype=np.bool_)
+    relative = np.where(seen[..., None], aligned - origin[:, None], 0.0)
+    if not seen.all():
+        relative = _filled(relative, seen)
+    late = np.where(began < kept, late, 0)
+    return Histories(origin, relative, seen, began, late.astype(np.int64))
 
 
-def _history(track: Array, length: int | None, longest_gap: int) -> History:
-    """Prepare one track, (T, D)."""
-    seen = np.flatnonzero(np.isfinite(track).all(axis=1))
-    size = track.shape[1]
-    if not seen.size:
-        empty = np.zeros((0, size))
-        return History(np.zeros(size), empty, np.zeros(0, dtype=np.bool_), len(track))
-    long = np.flatnonzero(np.diff(seen) > longest_gap + 1)
-    seen = seen[long[-1] + 1 :] if long.size else seen
-    if length is not None:
-        seen = seen[seen > seen[-1] - length]
-    rows = np.arange(seen[0], seen[-1] + 1)
-    origin = np.array(track[seen[-1]])
-    known = track[seen] - origin
-    columns = [np.interp(rows, seen, column) for column in known.T]
-    return History(
-        origin, np.stack(columns, axis=1), np.isin(rows, seen), len(track) - 1 - int(seen[-1])
-    )
+def _neighbours(seen: BoolArray) -> tuple[IntArray, IntArray]:
+    """Columns of the last seen sample up to each column, and of the next from it on, (O, T).
+
+    -1 and T where there is none.
+    """
+    columns, count = np.arange(seen.shape[1]), seen.shape[1]
+    before = np.maximum.accumulate(np.where(seen, columns, -1), axis=1)
+    after = np.minimum.accumulate(np.where(seen, columns, count)[:, ::-1], axis=1)[:, ::-1]
+    return before.astype(np.int64), after.astype(np.int64)
+
+
+def _beginning(seen: BoolArray, longest_gap: int) -> IntArray:
+    """First column of each history: the oldest sample seen after the newest long gap, (O,)."""
+    count = seen.shape[1]
+    before, after = _neighbours(seen)
+    gap = after - before - 1
+    columns = np.arange(count)
+    long = ~seen & (gap > longest_gap) & (after < count) & (before >= 0)
+    cut = np.max(np.where(long, columns, -1), axis=1)
+    usable = seen & (columns > cut[:, None])
+    first = np.argmax(usable, axis=1)
+    return np.asarray(np.where(usable.any(axis=1), first, count), dtype=np.int64)
+
+
+def _filled(relative: Array, seen: BoolArray) -> Array:
+    """Fill what was not seen: linearly between samples, before the first one with it."""
+    count = seen.shape[1]
+    before, after = _neighbours(seen)
+    after = np.minimum(after, count - 1)
+    before = np.where(before < 0, after, before)
+    width = np.maximum(after - before, 1)
+    share = ((np.arange(count) - before) / width)[..., None]
+    row = np.arange(len(seen))[:, None]
+    first, second = relative[row, before], relative[row, after]
+    return np.asarray(np.where(seen[..., None], relative, first + share * (second - first)))
 
 
 def measurement_noise(tracks: Tracks, floor: float) -> Array:

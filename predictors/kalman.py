@@ -1,6 +1,7 @@
 """Constant velocity, filtered: as smooth as the measurement noise asks for."""
 
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar, final
 
 import numpy as np
@@ -9,9 +10,9 @@ from ..framework.arrays import Array, positive, whole
 from ..framework.forecast import Forecast, Scene
 from ..framework.predictor import Predictor
 from ..framework.tracks import Tracks
-from .assembly import Gaussian, assemble, never_observed
-from .history import History, histories, measurement_noise
-from .propagation import joint_covariance, white_acceleration
+from .assembly import Gaussians, finish
+from .history import Histories, gather, measurement_noise
+from .propagation import after, readings, step_covariances, step_joint, white_acceleration
 
 
 @final
@@ -61,46 +62,39 @@ class Kalman(Predictor):
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
         """Forecast all obstacles; see `Predictor.predict`."""
         size = tracks.dimension
+        past = gather(tracks, length=self.history)
         noise = measurement_noise(tracks, self.noise_floor)
         model = white_acceleration(tracks.dt, self.acceleration_density, size)
-        parts = [
-            self._one(past, noise[index], model, steps)
-            for index, past in enumerate(histories(tracks, length=self.history))
-        ]
-        return assemble(parts, tracks, steps)
-
-    def _one(
-        self, past: History, noise: Array, model: tuple[Array, Array], steps: int
-    ) -> Gaussian:
-        size = len(noise)
-        if not past.samples:
-            return never_observed("kalman", steps, size)
         state, start = self._filter(past, noise, model)
-        transition, process = model
-        ahead = steps + past.late
-        mean = np.zeros((ahead, size))
-        for h in range(ahead):
-            state = transition @ state
-            mean[h] = past.origin + state[:size]
-        joint = joint_covariance(transition, process, start, size, ahead)
-        return Gaussian.from_joint(mean, joint, skip=past.late)
+        ahead = steps + int(past.late.max(initial=0))
+        reads = readings(model[0], size, ahead)
+        moved = after(np.einsum("nds,os->ond", reads, state), steps, past.late)
+        covariance = after(step_covariances(*model, start, size, ahead), steps, past.late)
+        joint = partial(step_joint, *model, start, size, steps, past.late)
+        mean = past.origin[:, None] + moved
+        own = Gaussians(mean, covariance, (None,) * len(tracks), joint)
+        return finish(own, past, tracks, "kalman")
 
     def _filter(
-        self, past: History, noise: Array, model: tuple[Array, Array]
+        self, past: Histories, noise: Array, model: tuple[Array, Array]
     ) -> tuple[Array, Array]:
-        """State (2D,) and covariance (2D, 2D) after the newest observed sample."""
+        """States (O, 2D) and covariances (O, 2D, 2D) after the newest observed sample."""
         from filterpy.kalman import KalmanFilter
 
-        size = len(noise)
+        count, rows, size = past.positions.shape
         zero = np.zeros((size, size))
-        engine = KalmanFilter(dim_x=2 * size, dim_z=size)
-        engine.F, engine.Q = model
-        engine.H = np.eye(size, 2 * size)
-        engine.R = noise
-        engine.x = np.concatenate([past.positions[0], np.zeros(size)])
-        engine.P = np.block([[noise, zero], [zero, self.speed**2 * np.eye(size)]])
-        for position, seen in zip(past.positions[1:], past.observed[1:], strict=True):
-            engine.predict()
-            if seen:
-                engine.update(position)
-        return np.asarray(engine.x), 0.5 * (engine.P + engine.P.T)
+        state, covariance = np.zeros((count, 2 * size)), np.zeros((count, 2 * size, 2 * size))
+        for i in range(count):
+            first = min(int(past.began[i]), rows - 1)
+            engine = KalmanFilter(dim_x=2 * size, dim_z=size)
+            engine.F, engine.Q = model
+            engine.H = np.eye(size, 2 * size)
+            engine.R = noise[i]
+            engine.x = np.concatenate([past.positions[i, first], np.zeros(size)])
+            engine.P = np.block([[noise[i], zero], [zero, self.speed**2 * np.eye(size)]])
+            for column in range(first + 1, rows):
+                engine.predict()
+                if past.observed[i, column]:
+                    engine.update(past.positions[i, column])
+            state[i], covariance[i] = engine.x, 0.5 * (engine.P + engine.P.T)
+        return state, covariance

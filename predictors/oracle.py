@@ -1,6 +1,7 @@
 """The true future, from the simulation or the recording: the upper bound for predictors."""
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import ClassVar, final
 
 import numpy as np
@@ -10,7 +11,7 @@ from ..framework.forecast import Forecast, Scene
 from ..framework.motion import Truth
 from ..framework.predictor import Predictor
 from ..framework.tracks import Tracks
-from .assembly import Gaussian, with_fallback
+from .assembly import Gaussians, with_fallback
 from .kalman import Kalman
 
 
@@ -51,10 +52,20 @@ class Oracle(Predictor):
         truth = None if scene is None else scene.truth
         ahead = tracks.dt * np.arange(1, steps + 1)
         times = np.asarray(tracks.stamp + ahead, dtype=np.float64)
-        own = [self._one(truth, ident, times, tracks.dimension) for ident in tracks.ids]
-        return with_fallback(own, self.fallback, tracks, steps, scene)
+        count, size = len(tracks), tracks.dimension
+        paths = [self._one(truth, ident, times) for ident in tracks.ids]
+        missing = [path if isinstance(path, str) else None for path in paths]
+        mean = np.zeros((count, steps, size))
+        for place, path in enumerate(paths):
+            if not isinstance(path, str):
+                mean[place] = path
+        covariance = np.tile(self.spread**2 * np.eye(size), (count, steps, 1, 1))
+        joint = partial(_joint, self.spread**2, count, steps * size)
+        own = Gaussians(mean, covariance, (None,) * count, joint)
+        return with_fallback(own, missing, self.fallback, tracks, scene)
 
-    def _one(self, truth: Truth | None, ident: str, times: Array, size: int) -> Gaussian | str:
+    def _one(self, truth: Truth | None, ident: str, times: Array) -> Array | str:
+        """Positions at these times, (N, D), or why they are not known."""
         if truth is None:
             return "oracle: no truth given"
         if ident not in truth.positions:
@@ -66,6 +77,8 @@ class Oracle(Predictor):
         if not clock.size or times[0] < clock[0] - 1e-6 or times[-1] > clock[-1] + 1e-6:
             span = f"{clock[0]:.10g} to {clock[-1]:.10g} s" if clock.size else "nothing"
             return f"oracle: the truth spans {span}, needs {times[0]:.10g} to {times[-1]:.10g} s"
-        mean = np.stack([np.interp(times, clock, column) for column in path.T], axis=1)
-        joint = self.spread**2 * np.eye(len(times) * size)
-        return Gaussian.from_joint(mean, joint)
+        return np.stack([np.interp(times, clock, column) for column in path.T], axis=1)
+
+
+def _joint(variance: float, count: int, flat: int) -> Array:
+    return np.tile(variance * np.eye(flat), (count, 1, 1))

@@ -1,16 +1,17 @@
 """Obstacles that stay where they are."""
 
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.arrays import positive
+from ..framework.arrays import Array, positive
 from ..framework.forecast import Forecast, Scene
 from ..framework.predictor import Predictor
 from ..framework.tracks import Tracks
-from .assembly import Gaussian, assemble, never_observed
-from .history import histories, measurement_noise
+from .assembly import Gaussians, finish
+from .history import gather, measurement_noise
 
 
 @final
@@ -45,16 +46,20 @@ class Static(Predictor):
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
         """Forecast all obstacles; see `Predictor.predict`."""
-        size = tracks.dimension
+        past = gather(tracks, length=1)
         noise = measurement_noise(tracks, self.noise_floor)
-        parts = []
-        for index, past in enumerate(histories(tracks, length=1)):
-            if not past.samples:
-                parts.append(never_observed("static", steps, size))
-                continue
-            times = tracks.dt * np.arange(past.late + 1, past.late + steps + 1)
-            growth = self.spread_rate**2 * np.eye(size)
-            joint = np.kron(np.ones((steps, steps)), noise[index])
-            joint += np.kron(np.outer(times, times), growth)
-            parts.append(Gaussian.from_joint(np.tile(past.origin, (steps, 1)), joint))
-        return assemble(parts, tracks, steps)
+        times = tracks.dt * (past.late[:, None] + np.arange(1.0, steps + 1))
+        growth = self.spread_rate**2 * np.eye(tracks.dimension)
+        covariance = noise[:, None] + times[:, :, None, None] ** 2 * growth
+        mean = np.repeat(past.origin[:, None], steps, axis=1)
+        joint = partial(_joint, noise, times, growth)
+        own = Gaussians(mean, covariance, (None,) * len(tracks), joint)
+        return finish(own, past, tracks, "static")
+
+
+def _joint(noise: Array, times: Array, growth: Array) -> Array:
+    """R + rate^2 t_h t_j I for all pairs of steps, (O, N*D, N*D)."""
+    count, steps = times.shape
+    flat = steps * len(growth)
+    blocks = noise[:, None, None] + np.einsum("oh,oj,ab->ohjab", times, times, growth)
+    return np.asarray(blocks.swapaxes(2, 3).reshape(count, flat, flat))

@@ -2,7 +2,8 @@
 
 import warnings
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal, final
+from functools import partial
+from typing import ClassVar, Literal, NamedTuple, final
 
 import numpy as np
 
@@ -11,10 +12,10 @@ from ..framework.errors import WideberthError
 from ..framework.forecast import Forecast, Scene
 from ..framework.predictor import Predictor
 from ..framework.tracks import Tracks
-from .assembly import Gaussian, with_fallback
-from .history import History, histories, measurement_noise
+from .assembly import Gaussians, with_fallback
+from .history import gather, measurement_noise
 from .kalman import Kalman
-from .propagation import (
+from .velocity_process import (
     Integration,
     VelocityProcess,
     differenced_noise,
@@ -85,6 +86,15 @@ def fit_velocities(velocities: Array, order: int, trend: Literal["n", "c"]) -> F
     innovation = 0.5 * (innovation + innovation.T)
     process = VelocityProcess(np.asarray(result.coefs), innovation, intercept)
     return Fit(process, inverse @ inverse.T, condition, freedom)
+
+
+class _Past(NamedTuple):
+    """The history of one obstacle."""
+
+    origin: Array
+    positions: Array
+    samples: int
+    late: int
 
 
 @final
@@ -182,13 +192,31 @@ class VectorAutoregression(Predictor):
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
         """Forecast all obstacles; see `Predictor.predict`."""
         noise = measurement_noise(tracks, self.noise_floor)
-        own: list[Gaussian | str] = []
-        for index, past in enumerate(histories(tracks, length=self.history)):
+        past = gather(tracks, length=self.history)
+        count, size = len(tracks), tracks.dimension
+        mean = np.zeros((count, steps, size))
+        covariance = np.zeros((count, steps, size, size))
+        joint = np.zeros((count, steps * size, steps * size))
+        missing: list[str | None] = [None] * count
+        for index in range(count):
             tracker = tracks.state_covariance
             start = self._start(noise[index], None if tracker is None else tracker[index], tracks)
-            part = self._one(past, start, tracks.dt, steps)
-            own.append(f"var: {part}" if isinstance(part, str) else part)
-        return with_fallback(own, self.fallback, tracks, steps, scene)
+            one = _Past(
+                past.origin[index],
+                past.positions[index, past.began[index] :],
+                int(past.samples[index]),
+                int(past.late[index]),
+            )
+            part = self._one(one, start, tracks.dt, steps)
+            if isinstance(part, str):
+                missing[index] = f"var: {part}"
+                continue
+            mean[index], covariance[index] = part[0], part[1]
+            joint[index] = 0.0 if part[2] is None else part[2]
+        whole_source = partial(np.asarray, joint)
+        paper = self.covariance in ("paper", "paper-literal")
+        own = Gaussians(mean, covariance, (None,) * count, None if paper else whole_source)
+        return with_fallback(own, missing, self.fallback, tracks, scene)
 
     def _start(self, noise: Array, tracker: Array | None, tracks: Tracks) -> Array:
         """P_0 of (p_k, v_k, ..., v_{k-p+1})."""
@@ -199,7 +227,9 @@ class VectorAutoregression(Predictor):
         spread = np.kron(share, np.eye(tracks.dimension))
         return np.asarray(spread @ tracker @ spread.T)
 
-    def _one(self, past: History, start: Array, dt: float, steps: int) -> Gaussian | str:
+    def _one(
+        self, past: _Past, start: Array, dt: float, steps: int
+    ) -> tuple[Array, Array, Array | None] | str:
         if past.samples < self.minimum_history:
             plural = "" if past.samples == 1 else "s"
             return f"{past.samples} sample{plural}, needs {self.minimum_history}"
@@ -219,7 +249,7 @@ class VectorAutoregression(Predictor):
         speed = np.linalg.norm(means, axis=1).max(initial=0.0)
         if self.gate and not speed <= self.max_speed:
             return f"predicted speed {speed:.3g} m/s, at most {self.max_speed:g}"
-        if not np.abs(moved).max(initial=0.0) < REACH or not part.covariance.max() < REACH**2:
+        if not np.abs(moved).max(initial=0.0) < REACH or not part[1].max() < REACH**2:
             return "forecast diverges"
         return part
 
@@ -244,8 +274,8 @@ class VectorAutoregression(Predictor):
         return None
 
     def _spread(
-        self, fit: Fit, recent: Array, past: History, moved: Array, start: Array, dt: float
-    ) -> Gaussian:
+        self, fit: Fit, recent: Array, past: _Past, moved: Array, start: Array, dt: float
+    ) -> tuple[Array, Array, Array | None]:
         """Mean and covariance of the positions, without the steps already gone by."""
         process, mean, rule = fit.process, past.origin + moved, self.integration
         ahead, size = moved.shape
@@ -253,9 +283,13 @@ class VectorAutoregression(Predictor):
             literal = self.covariance == "paper-literal"
             noise = start[:size, :size]
             spread = paper_covariances(process, dt, ahead, noise, rule, literal=literal)
-            return Gaussian(mean[past.late :], spread[past.late :])
+            return mean[past.late :], spread[past.late :], None
         joint = exact_joint(process, dt, ahead, start, rule)
         if self.covariance == "exact+estimation":
             moments = fit.moment_inverse
             joint = joint + estimation_joint(process, dt, recent, ahead, moments, rule)
-        return Gaussian.from_joint(mean, joint, skip=past.late)
+        kept = joint[past.late * size :, past.late * size :]
+        steps = ahead - past.late
+        each = np.arange(steps)
+        blocks = kept.reshape(steps, size, steps, size)[each, :, each, :]
+        return mean[past.late :], blocks, kept

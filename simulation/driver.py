@@ -138,8 +138,8 @@ class Driver:
         plan = self.agent.controller.plan
         if plan is not None:
             forecast = plan.forecast
-            if forecast is not None and forecast.joint is not None:
-                forecast = replace(forecast, joint=None)
+            if forecast is not None and forecast.joint_source is not None:
+                forecast = replace(forecast, joint_source=None)
             self.plans.append(replace(plan, seconds=0.0, forecast=forecast))
 
     def latest(self) -> Course:

@@ -365,7 +365,7 @@ class Odd(Predictor):
             )
         if self.how == "steps":
             short = good.covariance[:, :, :-1]
-            return replace(good, mean=good.mean[:, :, :-1], covariance=short, joint=None)
+            return replace(good, mean=good.mean[:, :, :-1], covariance=short, joint_source=None)
         if self.how == "dt":
             return replace(good, dt=2 * good.dt)
         return None  # type: ignore[return-value]

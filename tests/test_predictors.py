@@ -18,7 +18,6 @@ from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.tracks import Tracks
 from wideberth.predictors import BUILT_IN
 from wideberth.predictors.constant_velocity import ConstantVelocity
-from wideberth.predictors.history import histories
 from wideberth.predictors.kalman import Kalman
 from wideberth.predictors.oracle import Oracle
 from wideberth.predictors.propagation import white_acceleration
@@ -85,26 +84,6 @@ def test_same_answer_of_a_true_var_fit_and_the_others():
     for other in others:
         # One micrometre of noise, differenced and summed over ten steps.
         assert np.abs(forecast.mean - other).max() < 5e-5
-
-
-def test_history_fills_gaps_and_counts_late_steps():
-    path = line(12)
-    path[3], path[10:, 1] = NAN, NAN
-    past = histories(tracks_of([path]))[0]
-    np.testing.assert_allclose(past.positions + past.origin, line(10), atol=1e-12)
-    assert (past.late, past.samples, len(past.positions)) == (2, 9, 10)
-    assert not past.observed[3]
-
-
-def test_history_is_cut_at_a_long_gap_and_to_the_wanted_length():
-    path = line(20)
-    path[5:12] = NAN
-    assert len(histories(tracks_of([path]))[0].positions) == 8
-    assert len(histories(tracks_of([path]), longest_gap=7)[0].positions) == 20
-    assert len(histories(tracks_of([path]), length=3)[0].positions) == 3
-    path[:] = NAN
-    past = histories(tracks_of([path]))[0]
-    assert past.samples == 0 and past.late == 20
 
 
 @pytest.mark.parametrize("predictor", [Kalman(), ConstantVelocity(), Static(spread_rate=0.5)])

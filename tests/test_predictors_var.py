@@ -6,7 +6,9 @@ import pytest
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.tracks import Tracks
 from wideberth.predictors.kalman import Kalman
-from wideberth.predictors.propagation import (
+from wideberth.predictors.static import Static
+from wideberth.predictors.var import VectorAutoregression, fit_velocities
+from wideberth.predictors.velocity_process import (
     VelocityProcess,
     differenced_noise,
     displacements,
@@ -14,8 +16,6 @@ from wideberth.predictors.propagation import (
     exact_joint,
     forecast_velocities,
 )
-from wideberth.predictors.static import Static
-from wideberth.predictors.var import VectorAutoregression, fit_velocities
 
 DT = 0.5
 LAGS = np.array([[[0.8, 0.15], [-0.1, 0.7]], [[0.1, 0.0], [0.05, 0.15]]])

@@ -5,17 +5,22 @@ import pytest
 from scipy.linalg import expm
 
 from wideberth.predictors.propagation import (
+    cut_steps,
+    joint_covariance,
+    step_covariances,
+    step_joint,
+    white_acceleration,
+)
+from wideberth.predictors.velocity_process import (
     VelocityProcess,
     differenced_noise,
     displacements,
     estimation_joint,
     exact_joint,
     forecast_velocities,
-    joint_covariance,
     paper_covariances,
     state_model,
     velocity_covariances,
-    white_acceleration,
 )
 
 DT, STEPS, RUNS = 0.5, 15, 20_000
@@ -247,3 +252,23 @@ def test_no_steps_give_an_empty_covariance():
 def test_radius_says_whether_velocities_explode():
     assert planar(1.2, -0.22).radius() == pytest.approx(np.roots([1, -1.2, 0.22]).max())
     assert planar(1.3, -0.2).radius() > 1
+
+
+@pytest.mark.parametrize("size", [2, 3])
+def test_all_obstacles_at_once_are_each_alone(size):
+    rng = np.random.default_rng(size)
+    model = white_acceleration(0.4, 0.3, size)
+    root = rng.normal(size=(5, 2 * size, 2 * size))
+    start = root @ root.swapaxes(1, 2)
+    late = np.array([0, 2, 0, 1, 3])
+    joint = step_joint(*model, start, size, 6, late)
+    steps = step_covariances(*model, start, size, 9)
+    for i in range(5):
+        alone = joint_covariance(*model, start[i], size, 9)
+        for h in range(9):
+            block = alone[h * size : (h + 1) * size, h * size : (h + 1) * size]
+            np.testing.assert_allclose(steps[i, h], block, rtol=1e-12)
+        first = late[i] * size
+        wanted = alone[first : first + 6 * size, first : first + 6 * size]
+        np.testing.assert_allclose(joint[i], wanted, rtol=1e-12)
+        np.testing.assert_array_equal(cut_steps(alone[None], 6, size, late[i : i + 1])[0], wanted)
