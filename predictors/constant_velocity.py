@@ -28,7 +28,9 @@ class ConstantVelocity(Predictor):
     P_0 = [[R, R/T], [R/T, 2R/T^2 + q T/3 I]]
 
     (q T/3 is the variance between the mean velocity over T and the velocity at its end) and
-    then grows by F P F' + Q as in `white_acceleration`.
+    then grows by F P F' + Q as in `white_acceleration`. Where a tracker gives its own
+    covariance of position and velocity, that takes the place of the terms with R: positions
+    that have been filtered do not err independently.
 
     Gaps: the sample ``window`` steps back is taken, or the nearest older observed one, or
     the oldest there is; w is the true distance.
@@ -70,7 +72,7 @@ class ConstantVelocity(Predictor):
         """Forecast all obstacles; see `Predictor.predict`."""
         past = gather(tracks, length=self.window + LONGEST_GAP + 1)
         noise = measurement_noise(tracks, self.noise_floor)
-        velocity, start = self._start(past, noise, tracks.dt)
+        velocity, start = self._start(past, noise, tracks)
         size = tracks.dimension
         model = white_acceleration(tracks.dt, self.acceleration_density, size)
         ahead = steps + int(past.late.max(initial=0))
@@ -86,14 +88,14 @@ class ConstantVelocity(Predictor):
             Gaussians(mean, covariance, reasons, joint), past, tracks, "constant_velocity"
         )
 
-    def _start(self, past: Histories, noise: Array, dt: float) -> tuple[Array, Array]:
+    def _start(self, past: Histories, noise: Array, tracks: Tracks) -> tuple[Array, Array]:
         """Velocity, (O, D), and covariance of (position, velocity), (O, 2D, 2D)."""
         count, rows, size = past.positions.shape
         newest = rows - 1
         older = past.observed & (np.arange(rows) <= newest - self.window)
         first = np.where(older.any(axis=1), newest - np.argmax(older[:, ::-1], axis=1), past.began)
         moved = first < newest
-        span = np.where(moved, newest - first, 1)[:, None, None] * dt
+        span = np.where(moved, newest - first, 1)[:, None, None] * tracks.dt
         place = past.positions[np.arange(count), np.minimum(first, newest)]
         velocity = np.where(moved[:, None], -place / span[:, 0], 0.0)
         eye = np.eye(size)
@@ -101,7 +103,12 @@ class ConstantVelocity(Predictor):
         known = moved[:, None, None]
         cross = np.where(known, noise / span, 0.0)
         spread = np.where(known, 2 * noise / span**2 + drift, self.speed**2 * eye)
-        return velocity, _blocks(noise, cross, spread)
+        start = _blocks(noise, cross, spread)
+        if tracks.state_covariance is not None:
+            zero = np.zeros_like(noise)
+            tracked = tracks.state_covariance + _blocks(zero, zero, np.where(known, drift, zero))
+            start = np.where(known, tracked, start)
+        return velocity, start
 
 
 def _blocks(first: Array, cross: Array, second: Array) -> Array:

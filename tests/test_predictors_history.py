@@ -1,10 +1,14 @@
 """Histories of all obstacles at once, against one obstacle done by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from wideberth.framework.tracks import Tracks
+from wideberth.predictors.constant_velocity import ConstantVelocity
 from wideberth.predictors.history import gather
+from wideberth.predictors.propagation import joint_covariance, white_acceleration
 
 NAN = np.nan
 
@@ -71,3 +75,17 @@ def test_no_obstacles_and_no_rows():
     assert gather(tracks_of(np.zeros((0, 4, 2)))).positions.shape == (0, 4, 2)
     past = gather(tracks_of(np.zeros((3, 0, 2))))
     assert past.positions.shape == (3, 1, 2) and (past.samples == 0).all()
+
+
+def test_constant_velocity_starts_from_the_trackers_covariance():
+    rng = np.random.default_rng(5)
+    tracks = tracks_of([line(9)])
+    root = 0.1 * rng.normal(size=(1, 4, 4))
+    tracked = replace(tracks, state_covariance=root @ root.swapaxes(1, 2))
+    model = white_acceleration(0.5, 0.3, 2)
+    predictor = ConstantVelocity(window=2, acceleration_density=0.3)
+    forecast = predictor.predict(tracked, 4)
+    drift = np.kron(np.diag([0.0, 0.3 * 1.0 / 3]), np.eye(2))  # q T / 3 over two steps
+    start = tracked.state_covariance[0] + drift
+    np.testing.assert_allclose(forecast.joint[0, 0], joint_covariance(*model, start, 2, 4))
+    np.testing.assert_array_equal(forecast.mean, predictor.predict(tracks, 4).mean)
