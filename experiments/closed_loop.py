@@ -104,7 +104,7 @@ def condense(rows: Sequence[Row]) -> Row:
 
     ``goals_in_time`` is the share of episodes in which every robot reached its goal within
     twice its free time; ``time_ratio`` the median over episodes of the slowest robot's time
-    over its free time; ``below_reference`` the share of plans that hold less content than
+    over its free time, ``extra_time_s`` of what it took beyond that; ``below_reference`` the share of plans that hold less content than
     the reference; ``coverage`` the share of later positions inside the forecasts' regions.
     """
     ratio = column(rows, "time_ratio_worst")
@@ -118,6 +118,7 @@ def condense(rows: Sequence[Row]) -> Row:
         "clearance_min_m": float(clearance.min()),
         "clearance_median_m": float(np.median(clearance)),
         "time_ratio": float(np.median(ratio)),
+        "extra_time_s": float(np.median(column(rows, "extra_time_worst"))),
         "length_ratio": float(np.median(column(rows, "length_ratio_worst"))),
         "below_reference": float(np.mean(column(rows, "below_reference"))),
         "fallback_plans": float(column(rows, "fallbacks").sum() / plans) if plans else 0.0,

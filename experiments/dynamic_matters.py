@@ -24,6 +24,7 @@ COLUMNS = (
     "clearance_min_m",
     "clearance_median_m",
     "time_ratio",
+    "extra_time_s",
     "length_ratio",
     "named_forecasts",
     "coverage",

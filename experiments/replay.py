@@ -32,7 +32,14 @@ SUDDEN = 2.0
 somebody at 1.5 m/s is first seen 3 m away, and a robot at 1 m/s needs 1.4 s to stop."""
 CONTACTS = ("drove_into", "run_into", "sudden")
 SHOWN = (
-    *("deadlocks", "goals_in_time", "clearance_min_m", "clearance_median_m", "time_ratio"),
+    *(
+        "deadlocks",
+        "goals_in_time",
+        "clearance_min_m",
+        "clearance_median_m",
+        "time_ratio",
+        "extra_time_s",
+    ),
     *("below_reference", "named_forecasts", "coverage"),
 )
 """Columns of `condense` in the summary."""

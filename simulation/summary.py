@@ -36,6 +36,7 @@ def summarise(episode: Episode, tail: float = 0.05) -> dict[str, Any]:
         "collision": any(gap < 0.0 for gap in apart.values()),
         "deadlock": episode.ended in ("deadlock", "time limit"),
         "time_ratio_worst": max(row["time_ratio"] for row in rows),
+        "extra_time_worst": max(row["extra_time"] for row in rows),
         "length_ratio_worst": max(row["length_ratio"] for row in rows),
         "below_reference": _share_below(episode.robots),
         "plans": sum(row["plans"] for row in rows),
@@ -55,8 +56,8 @@ def robot_rows(episode: Episode) -> list[dict[str, Any]]:
     """One row per robot; times in s, lengths in m.
 
     Ratios are to the free time and to the length of the first path; the time ratio of a
-    robot that never arrived is inf, and both are about its first path only (a replaced path
-    makes them meaningless).
+    robot that never arrived is inf, as is its extra time (beyond the free time), and all are
+    about its first path only (a replaced path makes them meaningless).
     """
     return [_robot_row(episode, log) for log in episode.robots]
 
@@ -72,6 +73,7 @@ def _robot_row(episode: Episode, log: AgentLog) -> dict[str, Any]:
         "robot": log.name,
         "time": log.reached,
         "time_ratio": log.reached / free if log.reached == log.reached else float("inf"),
+        "extra_time": log.reached - free if log.reached == log.reached else float("inf"),
         "length": driven,
         "length_ratio": driven / path.length,
         "deviation": metrics.lateral_deviation(log.positions[until], path),
