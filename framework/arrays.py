@@ -1,6 +1,7 @@
 """Array types and the checks that every value passes once, at the door."""
 
 from collections.abc import Sequence
+from functools import reduce
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -64,8 +65,8 @@ def checked_covariance(name: str, value: ArrayLike, shape: tuple[int | None, ...
     """
     array = checked(name, value, shape)
     transposed = np.swapaxes(array, -1, -2)
-    scale = np.abs(array).max(axis=(-2, -1), initial=0.0)
-    uneven = np.abs(array - transposed).max(axis=(-2, -1), initial=0.0) > 1e-9 * scale
+    scale = _largest(array)
+    uneven = _largest(array - transposed) > 1e-9 * scale
     if uneven.any():
         where = [int(i) for i in np.argwhere(uneven)[0]]
         raise WideberthError(
@@ -77,8 +78,20 @@ def checked_covariance(name: str, value: ArrayLike, shape: tuple[int | None, ...
     return symmetric
 
 
+def _largest(matrices: Array) -> Array:
+    """Return the largest |entry| of each matrix, (..., D, D) -> (...); 0 where D is 0."""
+    size = matrices.shape[-1]
+    if not 0 < size <= 3:
+        return np.asarray(np.abs(matrices).max(axis=(-2, -1), initial=0.0))
+    # Entry by entry: NumPy reduces axes this short slowly.
+    entries = [np.abs(matrices[..., i, j]) for i in range(size) for j in range(size)]
+    return np.asarray(reduce(np.maximum, entries))
+
+
 def _refuse_negative(name: str, symmetric: Array, scale: Array) -> None:
     """Refuse covariances that have a negative eigenvalue beyond rounding."""
+    if not symmetric.size:
+        return
     # Eigenvalues of thousands of small matrices cost more than a forecast; most pass on minors.
     doubtful = ~_surely_definite(symmetric)
     if not doubtful.any():

@@ -40,7 +40,9 @@ def build(room: str, value: Any, path: str = "", default: Any = None) -> Any:
     Parameters
     ----------
     room : as in `wideberth.framework.registry.ROOMS`.
-    value : a name; or a mapping with ``type`` and the constructor's arguments; or a plug-in.
+    value : a name; or a mapping with ``type`` and the constructor's arguments; or a plug-in;
+        or ``{saved: file}`` for what `wideberth.framework.saved.save_plugin` wrote, the path
+        relative to the working folder.
     path : where the value stands, for messages ("planner.region").
     default : plug-in whose type and settings hold where a mapping names no ``type``.
 
@@ -56,6 +58,8 @@ def build(room: str, value: Any, path: str = "", default: Any = None) -> Any:
     if not isinstance(value, Mapping):
         kind = room.removesuffix("s")
         raise _wrong(path, value, f"the name of a {kind} or a mapping with 'type'")
+    if "saved" in value and "type" not in value:
+        return _saved(room, value, path)
     if "type" not in value and default is not None:
         value = {**describe(default), **value}
     if not isinstance(value.get("type"), str):
@@ -67,6 +71,17 @@ def build(room: str, value: Any, path: str = "", default: Any = None) -> Any:
     except WideberthError as error:
         raise WideberthError(f"{_at(_join(path, 'type'))}{error}") from None
     return _construct(found, settings, path)
+
+
+def _saved(room: str, value: Mapping[str, Any], path: str) -> Any:
+    from .saved import load_plugin  # which builds what it has read
+
+    if set(value) != {"saved"} or not isinstance(value["saved"], str):
+        raise _wrong(path, dict(value), "{saved: FILE} with no other key")
+    try:
+        return load_plugin(value["saved"], room)
+    except WideberthError as error:
+        raise WideberthError(f"{_at(_join(path, 'saved'))}{error}") from error
 
 
 def describe(plugin: Any) -> dict[str, Any]:

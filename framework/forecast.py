@@ -43,12 +43,17 @@ class Scene:
     plan : (N, D), m, positions of its current plan, or None.
     goals : (O, D), m, of the obstacles, or None where unknown.
     truth : the true future, for the oracle alone.
+    plan_times : (N,), s, on the clock of the tracks' stamp; without them the plan is on the
+        forecast's grid, its first row one step after the newest sample.
+    radius : m, of the robot.
     """
 
     ego: Array | None = None
     plan: Array | None = None
     goals: Array | None = None
     truth: Truth | None = None
+    plan_times: Array | None = None
+    radius: float = 0.0
 
 
 JointSource: TypeAlias = Array | Callable[[], Array] | None

@@ -7,6 +7,7 @@ import numpy as np
 
 from .arrays import Array
 from .motion import Detection
+from .resampling import ON_GRID, interpolated
 from .tracks import Tracks
 
 
@@ -79,17 +80,7 @@ class History:
     def _sampled(self, log: _Log, grid: Array) -> Array:
         """Positions of one obstacle on the grid, (T, D), NaN where unobserved."""
         times, positions = np.array(log.times), np.array(log.positions)
-        slack = 1e-6 * self._dt
-        after = np.clip(np.searchsorted(times, grid - slack), 0, len(times) - 1)
-        before = np.clip(after - 1, 0, None)
-        width = times[after] - times[before]
-        share = np.where(width > 0, (grid - times[before]) / np.where(width > 0, width, 1.0), 1.0)
-        share = np.clip(share, 0.0, 1.0)[:, None]
-        sampled = (1 - share) * positions[before] + share * positions[after]
-        on_sample = np.abs(grid - times[after]) <= slack
-        known = (grid >= times[0] - slack) & (grid <= times[-1] + slack)
-        bridged = on_sample | (width <= self._gap)
-        return np.where((known & bridged)[:, None], sampled, np.nan)
+        return interpolated(times, positions, grid, self._gap, ON_GRID * self._dt)
 
 
 def _told_apart(detections: tuple[Detection, ...]) -> list[tuple[str, Detection]]:

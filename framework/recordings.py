@@ -6,14 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from .arrays import Array, BoolArray, checked, positive, whole
+from .arrays import Array, checked, positive, whole
 from .errors import WideberthError
 from .motion import Truth
+from .resampling import LARGEST, interpolated
 from .text_rows import ROBOT, Samples, number, read_rows, read_samples
 from .tracks import Tracks
 
-LARGEST = 50_000_000
-"""Most (track, row) cells a recording may have; more means that the frame step is wrong."""
 OFF_GRID = 1e-6
 
 
@@ -102,6 +101,16 @@ class Recording:
             float(self.times[end_index]),
         )
 
+    def scene(self, *, radius: float = 0.3, noise: float = 0.05) -> Tracks:
+        """Return the whole recording, for `Fittable.fit`; the arguments are as in `tracks`.
+
+        Unusable tracks stand in it too: windows are cut where enough is observed.
+        """
+        count, _, size = self.positions.shape
+        spread = np.tile(noise**2 * np.eye(size), (count, 1, 1))
+        radii = np.full(count, radius)
+        return Tracks(self.positions, self.dt, self.ids, radii, spread, float(self.times[-1]))
+
     def truth(self) -> Truth:
         """Return the whole recording as the future for the oracle; NaN where unobserved."""
         return Truth(self.times, dict(zip(self.ids, self.positions, strict=True)))
@@ -185,10 +194,8 @@ def read_robot_log(
     if count > LARGEST:
         raise WideberthError(f"{path}: {clock[-1]:g} s in steps of {dt:g} s are {count} rows")
     grid = np.minimum(dt * np.arange(count), clock[-1])
-    positions = np.stack([np.interp(grid, clock, table[:, i]) for i in (1, 2)], axis=1)
-    inside = _inside_gap(grid, clock, bridge)
-    positions[inside] = np.nan
-    lost = int(inside.sum())
+    positions = interpolated(clock, table[:, 1:3], grid, bridge, OFF_GRID)
+    lost = int(np.isnan(positions[:, 0]).sum())
     notes = (f"{lost} rows unobserved: in gaps longer than {bridge:g} s",) if lost else ()
     reason = _unusable(positions, dt, minimum_samples, longest_gap)
     name = Path(path).stem if ident is None else ident
@@ -265,13 +272,3 @@ def _unusable(track: Array, dt: float, minimum: int, longest_gap: float) -> str 
     if np.diff(ends).max() >= minimum:
         return None
     return f"gaps longer than {longest_gap:g} s leave no stretch of {minimum} samples"
-
-
-def _inside_gap(grid: Array, clock: Array, bridge: float) -> BoolArray:
-    """Tell whether each grid time lies strictly inside a gap longer than ``bridge``."""
-    if len(clock) < 2:
-        return np.zeros(len(grid), dtype=np.bool_)
-    after = np.clip(np.searchsorted(clock, grid - OFF_GRID), 1, len(clock) - 1)
-    long = clock[after] - clock[after - 1] > bridge + OFF_GRID
-    strictly = (grid > clock[after - 1] + OFF_GRID) & (grid < clock[after] - OFF_GRID)
-    return np.asarray(long & strictly)

@@ -57,7 +57,8 @@ def cut_windows(scene: Tracks, observed: int, predicted: int, stride: int = 1) -
     whole("stride", stride)
     total = observed + predicted
     seen = np.isfinite(scene.positions).all(axis=2)
-    runs = np.zeros((len(scene), max(seen.shape[1] - total + 1, 0)), dtype=np.bool_)
+    starts = max(scene.positions.shape[1] - total + 1, 0)
+    runs = np.zeros((len(scene), starts), dtype=np.bool_)
     if runs.size:
         counts = np.concatenate([np.zeros((len(scene), 1)), np.cumsum(seen, axis=1)], axis=1)
         runs = counts[:, total:] - counts[:, :-total] == total

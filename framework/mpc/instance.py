@@ -64,7 +64,9 @@ def choose_obstacles(
     most : how many discs the problem can hold.
     """
     owner, mode = np.nonzero(forecast.weight >= LIGHT)
-    unlikely = [ids[o] for o in np.nonzero(forecast.weight < LIGHT)[0]]
+    # Modes of weight 0 only fill up the array; they are no modes.
+    light = (forecast.weight < LIGHT) & (forecast.weight > 0)
+    unlikely = [ids[o] for o in np.nonzero(light)[0]]
     mean = forecast.mean[owner, mode].swapaxes(0, 1)
     covariance = forecast.covariance[owner, mode].swapaxes(0, 1)
     apart = np.linalg.norm(mean[None] - route[:, :, None], axis=3)

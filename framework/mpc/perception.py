@@ -64,17 +64,14 @@ class Perception:
         notes, self._notes = self._notes, []
         return notes
 
-    def forecast(
-        self, observation: Observation, first: float, grid: Array, plan: Array | None
-    ) -> tuple[Tracks, Forecast] | None:
+    def forecast(self, first: float, grid: Array, scene: Scene) -> tuple[Tracks, Forecast] | None:
         """Forecast all obstacles, or return None when none is known.
 
         Parameters
         ----------
-        observation : what was seen now.
         first : s, time of the plan's first state.
         grid : (N,), s after ``first`` of the plan's steps.
-        plan : (N, D), m, the robot's current plan, for predictors that look at it.
+        scene : what else the predictor may look at.
 
         Raises
         ------
@@ -87,7 +84,6 @@ class Perception:
             self._predictor = self._predictor.update(tracks)
         times = first - tracks.stamp + grid
         steps = max(int(np.ceil(times[-1] / self._dt - 1e-9)), 1)
-        scene = Scene(observation.state, plan, None, observation.truth)
         forecast = self._predictor.predict(tracks, steps, scene)
         self._check(forecast, tracks, steps)
         newest = tracks.positions[:, -1]

@@ -8,7 +8,7 @@ import numpy as np
 from ..arrays import Array
 from ..controller import Controller
 from ..errors import WideberthError
-from ..forecast import Forecast
+from ..forecast import Forecast, Scene
 from ..motion import Command, Observation
 from ..path import Path
 from ..plan import Plan
@@ -256,13 +256,26 @@ class Planner(Controller):
     ) -> tuple[Obstacles, Forecast | None]:
         """Ask for a forecast on the plan's grid and choose the obstacles that fit."""
         grid = self.dt * np.arange(1, self.horizon + 1, dtype=np.float64)
-        plan = None if self._plan is None else self._plan.positions[1:]
-        found = self._perception.forecast(observation, ladder.stamp, grid, plan)
+        found = self._perception.forecast(ladder.stamp, grid, self._scene(observation))
         if found is None:
             return Obstacles.none(self.horizon, self.robot.dimension), None
         tracks, forecast = found
         most = self.most_obstacles
         return choose_obstacles(forecast, tracks.ids, tracks.radius, route, most), forecast
+
+    def _scene(self, observation: Observation) -> Scene:
+        """Tell predictors of the robot itself and its last plan."""
+        plan, times = None, None
+        if self._plan is not None:
+            plan = self._plan.positions
+            times = self._plan.stamp + self._plan.dt * np.arange(len(plan), dtype=np.float64)
+        return Scene(
+            ego=observation.state,
+            plan=plan,
+            truth=observation.truth,
+            plan_times=times,
+            radius=self.robot.radius,
+        )
 
     def _problem(self, parameters: Parameters, walls: Walls) -> Problem:
         key = len(parameters.active), len(parameters.static_active), walls.parts.shape[1]

@@ -1,0 +1,85 @@
+"""Plug-ins in files: a fitted predictor outlives the process that fitted it.
+
+The file is JSON and holds what `describe` says of the plug-in, nothing else: every number that was
+learnt stands in a field. In any config ``{saved: file.json}`` stands for the plug-in in that file.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from .config import build, describe
+from .errors import WideberthError
+from .io import read_json, write_json
+from .registry import room_name
+
+KIND = "plugin"
+VERSION = 1
+
+
+def save_plugin(path: str | Path, room: str, plugin: Any) -> Path:
+    """Write a plug-in to a file, whole or not at all.
+
+    Parameters
+    ----------
+    path : of the file; an older one is replaced.
+    room : as in `wideberth.framework.registry.ROOMS`, in the plural or the singular.
+    plugin : of that room.
+
+    Raises
+    ------
+    WideberthError : a plug-in of another room, one that its own config does not rebuild, or
+        a folder that cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from wideberth.predictors.kalman import Kalman
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = save_plugin(f"{folder}/slow.json", "predictor", Kalman(speed=0.3))
+    ...     again = load_plugin(file, "predictor")
+    >>> again.speed
+    0.3
+    """
+    room = room_name(room)
+    config = describe(plugin)
+    if "type" not in config:
+        raise WideberthError(f"{type(plugin).__qualname__} is no plug-in; nothing was saved")
+    try:
+        text = json.dumps(config)
+        faithful = json.dumps(describe(build(room, json.loads(text)))) == text
+    except (TypeError, WideberthError) as error:
+        raise WideberthError(
+            f"{config['type']} cannot be saved: its config does not build it again ({error}); "
+            "fields must be numbers, text, lists, mappings, dataclasses of these, or plug-ins"
+        ) from None
+    if not faithful:
+        raise WideberthError(
+            f"{config['type']} cannot be saved: what its config builds is another plug-in; the "
+            "constructor must keep its arguments as they are given"
+        )
+    return write_json(Path(path), KIND, VERSION, {"room": room, "plugin": config})
+
+
+def load_plugin(path: str | Path, room: str) -> Any:
+    """Read a plug-in that `save_plugin` wrote.
+
+    A plug-in that a script registered, or one of another package, must be known by then.
+
+    Raises
+    ------
+    WideberthError : no such file, not JSON, another format, a newer version, another room,
+        or a config that does not build; the message names the file.
+    """
+    room = room_name(room)
+    content = read_json(Path(path), KIND, VERSION)
+    stored = content.get("room")
+    if stored != room:
+        raise WideberthError(f"{path} holds a plug-in of {stored!r}; wanted one of {room!r}")
+    config = content.get("plugin")
+    if not isinstance(config, dict) or "type" not in config:
+        raise WideberthError(f"{path} is damaged: key 'plugin' is no mapping with 'type'")
+    try:
+        return build(room, config)
+    except WideberthError as error:
+        raise WideberthError(f"{path}: {error}") from error
