@@ -4,9 +4,23 @@ The table below is all that is needed to list them; nothing is imported until on
 """
 
 BUILT_IN: dict[str, str] = {
+    "adaptive_conformal": "wideberth.predictors.adaptive_conformal:AdaptiveConformal",
+    "bayesian_var": "wideberth.predictors.bayesian_var:BayesianVectorAutoregression",
+    "cascade": "wideberth.predictors.cascade:Cascade",
+    "conformal": "wideberth.predictors.conformal:Conformal",
+    "constant_acceleration": "wideberth.predictors.constant_acceleration:ConstantAcceleration",
     "constant_velocity": "wideberth.predictors.constant_velocity:ConstantVelocity",
+    "coordinated_turn": "wideberth.predictors.coordinated_turn:CoordinatedTurn",
+    "empirical": "wideberth.predictors.empirical:Empirical",
+    "game": "wideberth.predictors.game:Game",
+    "imm": "wideberth.predictors.interacting_models:InteractingModels",
     "kalman": "wideberth.predictors.kalman:Kalman",
+    "mixture_density": "wideberth.predictors.mixture_density:MixtureDensity",
     "oracle": "wideberth.predictors.oracle:Oracle",
+    "pooled_var": "wideberth.predictors.pooled_var:PooledVectorAutoregression",
+    "single_gaussian": "wideberth.predictors.single_gaussian:SingleGaussian",
+    "smoothed": "wideberth.predictors.smoothed:Smoothed",
+    "social_force": "wideberth.predictors.social_force:SocialForce",
     "static": "wideberth.predictors.static:Static",
     "var": "wideberth.predictors.var:VectorAutoregression",
 }

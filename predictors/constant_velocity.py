@@ -10,9 +10,9 @@ from ..framework.arrays import Array, positive, whole
 from ..framework.forecast import Forecast, Scene
 from ..framework.predictor import Predictor
 from ..framework.tracks import Tracks
-from .assembly import Gaussians, finish
-from .history import LONGEST_GAP, Histories, gather, measurement_noise
-from .propagation import after, step_covariances, step_joint, white_acceleration
+from .core.assembly import Gaussians, finish
+from .core.history import LONGEST_GAP, Histories, gather, measurement_noise
+from .core.propagation import after, step_covariances, step_joint, white_acceleration
 
 
 @final

@@ -11,7 +11,7 @@ from ..framework.forecast import Forecast, Scene
 from ..framework.motion import Truth
 from ..framework.predictor import Predictor
 from ..framework.tracks import Tracks
-from .assembly import Gaussians, with_fallback
+from .core.assembly import Gaussians, with_fallback
 from .kalman import Kalman
 
 

@@ -10,8 +10,8 @@ from ..framework.arrays import Array, positive
 from ..framework.forecast import Forecast, Scene
 from ..framework.predictor import Predictor
 from ..framework.tracks import Tracks
-from .assembly import Gaussians, finish
-from .history import gather, measurement_noise
+from .core.assembly import Gaussians, finish
+from .core.history import gather, measurement_noise
 
 
 @final

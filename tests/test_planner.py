@@ -492,7 +492,8 @@ def test_everything_is_loaded_before_the_first_decision() -> None:
     script = """
 import sys
 from wideberth import Path, build
-planner = build("controllers", {"type": "mpc", "robot": "unicycle", "predictor": "var",
+planner = build("controllers", {"type": "mpc", "robot": "unicycle",
+    "predictor": {"type": "var", "backend": "statsmodels"},
     "region": "mahalanobis_ellipse", "level": "relaxed", "solver": "fatrop"})
 planner.set_path(Path([(0, 0), (9, 0)]))
 assert "statsmodels" in sys.modules

@@ -18,9 +18,9 @@ from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.tracks import Tracks
 from wideberth.predictors import BUILT_IN
 from wideberth.predictors.constant_velocity import ConstantVelocity
+from wideberth.predictors.core.propagation import white_acceleration
 from wideberth.predictors.kalman import Kalman
 from wideberth.predictors.oracle import Oracle
-from wideberth.predictors.propagation import white_acceleration
 from wideberth.predictors.static import Static
 from wideberth.predictors.var import VectorAutoregression
 

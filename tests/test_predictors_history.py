@@ -7,8 +7,8 @@ import pytest
 
 from wideberth.framework.tracks import Tracks
 from wideberth.predictors.constant_velocity import ConstantVelocity
-from wideberth.predictors.history import gather
-from wideberth.predictors.propagation import joint_covariance, white_acceleration
+from wideberth.predictors.core.history import gather
+from wideberth.predictors.core.propagation import joint_covariance, white_acceleration
 
 NAN = np.nan
 

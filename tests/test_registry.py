@@ -76,7 +76,7 @@ def test_listing_imports_nothing_heavy() -> None:
 
 
 def test_unknown_names() -> None:
-    with pytest.raises(WideberthError, match=r"did you mean 'kalman'.*Known: const.*module:Class"):
+    with pytest.raises(WideberthError, match=r"mean 'kalman'.*Known: adaptive.*module:Class"):
         load("predictors", "kalmann")
     with pytest.raises(WideberthError, match=r"unknown room 'predictorz': did you mean"):
         names("predictorz")

@@ -1,19 +1,26 @@
 """The laws of `Predictor`, as a check that any predictor can be put through."""
 
-from collections.abc import Iterable
+import warnings
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from ..arrays import Array
 from ..forecast import Forecast, Scene
-from ..motion import Truth
-from ..predictor import Predictor
+from ..predictor import Adaptive, Fittable, Predictor
 from ..tracks import Tracks
+from .predictor_cases import (
+    NEVER,
+    STEPS,
+    draw_rotation,
+    draw_run,
+    draw_scene,
+    draw_tracks,
+    move_scene,
+    move_tracks,
+    odd_worlds,
+)
 
-STEPS = 6
-SAMPLES = 30
-DT = 0.5
 TOLERANCE = 1e-6
 
 
@@ -22,19 +29,24 @@ def check_predictor(
     *,
     dimensions: Iterable[int] = (2, 3),
     rng: np.random.Generator | None = None,
+    dataset: Sequence[Tracks] | None = None,
 ) -> None:
     """Hold a predictor to its laws, on ordinary and on degenerate tracks.
 
-    The laws: the right shapes; finite; covariances symmetric and PSD; pure; no exception
-    for any history; equivariant to turning and shifting tracks and scene together (not for
-    an obstacle never observed: nothing of it could turn); independent of the order of the
-    obstacles; zero obstacles are served.
+    The laws: the right shapes; finite; covariances symmetric and PSD, and the diagonal blocks
+    of the joint covariance where there is one; pure; no exception and no warning of NumPy
+    for any history, step or noise; a reason for an obstacle never observed; equivariant to
+    turning and shifting tracks and scene together (not for an obstacle never observed:
+    nothing of it could turn); independent of the order of the obstacles; zero obstacles are
+    served. One that adapts keeps its laws while it is updated, and no copy changes another.
 
     Parameters
     ----------
     predictor : to be checked.
     dimensions : D to try.
     rng : for the random tracks; seeded with 0 by default.
+    dataset : if given, a predictor that learns is fitted to it; the fitted copy is held to
+        the same laws, and the predictor itself must stay as it was.
 
     Raises
     ------
@@ -46,9 +58,10 @@ def check_predictor(
     >>> check_predictor(Static())
     """
     generator = np.random.default_rng(0) if rng is None else rng
-    for size in dimensions:
-        tracks = _tracks(size, generator)
-        scene = _scene(tracks, generator)
+    sizes = tuple(dimensions)
+    for size in sizes:
+        tracks = draw_tracks(size, generator)
+        scene = draw_scene(tracks, generator)
         for given in (None, scene):
             where = f"D = {size}, {'without' if given is None else 'with'} scene"
             forecast = _predict(predictor, tracks, given, where)
@@ -56,13 +69,19 @@ def check_predictor(
             _check_purity(predictor, tracks, given, forecast, where)
             _check_motion(predictor, tracks, given, forecast, generator, where)
             _check_order(predictor, tracks, given, forecast, generator, where)
-        _check_small(predictor, tracks, f"D = {size}")
+        _check_odd(predictor, tracks, f"D = {size}")
+        if isinstance(predictor, Adaptive):
+            _check_updates(predictor, tracks, f"D = {size}")
+    if dataset is not None and isinstance(predictor, Fittable):
+        _check_fit(predictor, dataset, sizes, generator)
 
 
 def _predict(predictor: Predictor, tracks: Tracks, scene: Scene | None, where: str) -> Forecast:
-    """Predict, turning an exception into a broken law."""
+    """Predict, turning an exception or a warning of NumPy into a broken law."""
     try:
-        forecast = predictor.predict(tracks, STEPS, scene)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", RuntimeWarning)
+            forecast = predictor.predict(tracks, STEPS, scene)
     except Exception as error:
         names = ", ".join(tracks.ids)
         raise AssertionError(
@@ -92,6 +111,26 @@ def _check_values(forecast: Forecast, tracks: Tracks, where: str) -> None:
         assert lowest >= -1e-9 * spread.max(initial=0.0), f"PSD covariance: {place}: {lowest}"
         share = forecast.weight[index].sum()
         assert abs(share - 1) < 1e-9, f"weights sum to 1: {place}: {share}"
+        unseen = not np.isfinite(tracks.positions[index]).all(axis=1).any()
+        reason = forecast.fallback[index]
+        assert reason or not unseen, f"a reason for an obstacle never observed: {place}"
+    _check_joint(forecast, tracks, where)
+
+
+def _check_joint(forecast: Forecast, tracks: Tracks, where: str) -> None:
+    """Check that the joint covariance says of each step what the covariance says."""
+    if forecast.joint is None:
+        return
+    count, modes, steps, size = forecast.mean.shape
+    each = np.arange(steps)
+    blocks = forecast.joint.reshape(count, modes, steps, size, steps, size)
+    blocks = blocks[:, :, each, :, each].transpose(1, 2, 0, 3, 4)
+    inner = (1, 2, 3, 4)
+    gap = np.abs(blocks - forecast.covariance).max(axis=inner, initial=0.0)
+    limit = TOLERANCE * forecast.covariance.max(axis=inner, initial=0.0)
+    for ident, apart, allowed in zip(tracks.ids, gap, limit, strict=True):
+        place = f"track {ident!r}, {where}"
+        assert apart <= allowed, f"joint covariance: a step differs by {apart:.3g} m^2: {place}"
 
 
 def _check_purity(
@@ -116,15 +155,15 @@ def _check_motion(
 ) -> None:
     """Check that turning or shifting the world turns or shifts the forecast."""
     size = tracks.dimension
-    turns = {"translation": np.eye(size), "rotation": _rotation(size, rng)}
+    turns = {"translation": np.eye(size), "rotation": draw_rotation(size, rng)}
     for law, turn in turns.items():
         shift = rng.normal(scale=50.0, size=size) * (law == "translation")
-        moved_scene = None if scene is None else _moved_scene(scene, turn, shift)
-        moved = _predict(predictor, _moved(tracks, turn, shift), moved_scene, where)
+        other = None if scene is None else move_scene(scene, turn, shift)
+        moved = _predict(predictor, move_tracks(tracks, turn, shift), other, where)
         mean = still.mean @ turn.T + shift
         spread = turn @ still.covariance @ turn.T
         for index, ident in enumerate(tracks.ids):
-            if ident == "never observed":
+            if ident == NEVER:
                 continue
             place = f"{law} equivariant: track {ident!r}, {where}"
             # Coordinates of 1e6 m have lost six digits before they get here.
@@ -159,93 +198,56 @@ def _check_order(
         )
 
 
-def _check_small(predictor: Predictor, tracks: Tracks, where: str) -> None:
-    """Check zero obstacles, and histories of 0 to 3 rows."""
+def _check_odd(predictor: Predictor, tracks: Tracks, where: str) -> None:
+    """Check zero obstacles, histories of 0 to 3 rows, no noise, and odd time steps."""
     empty = _predict(predictor, tracks.select([]), None, f"no obstacles, {where}")
     assert len(empty.mean) == 0 and empty.steps == STEPS, f"zero obstacles ({where})"
-    for rows in range(4):
-        short = replace(tracks, positions=tracks.positions[:, SAMPLES - rows :])
-        note = f"{rows} rows, {where}"
-        _check_values(_predict(predictor, short, None, note), short, note)
+    for name, world in odd_worlds(tracks).items():
+        note = f"{name}, {where}"
+        _check_values(_predict(predictor, world, None, note), world, note)
 
 
-def _tracks(size: int, rng: np.random.Generator) -> Tracks:
-    """Return ordinary tracks and every degenerate one, named by what is odd about it."""
-    time = DT * np.arange(SAMPLES)[:, None]
-    along = np.linspace(1.0, 0.3, size)
-    walk = np.cumsum(along * DT + 0.05 * rng.standard_normal((SAMPLES, size)), axis=0)
-    hollow, ended, single, pair, triple = (walk.copy() for _ in range(5))
-    hollow[[5, 6, 11, 20]] = np.nan
-    hollow[15, 0] = np.nan
-    ended[-4:] = np.nan
-    single[:-1], pair[:-2], triple[:-3] = np.nan, np.nan, np.nan
-    long_gap = walk.copy()
-    long_gap[8:22] = np.nan
-    paths = {
-        "ordinary": walk,
-        "gaps": hollow,
-        "long gap": long_gap,
-        "not seen lately": ended,
-        "one sample": single,
-        "two samples": pair,
-        "three samples": triple,
-        "never observed": np.full((SAMPLES, size), np.nan),
-        "standing still": np.tile(along, (SAMPLES, 1)),
-        "straight line": time * along,
-        "along one axis": time * np.eye(size)[0],
-        "far away": walk + 1e6,
-        "jumping": 20.0 * rng.standard_normal((SAMPLES, size)),
-    }
-    count = len(paths)
-    root = 0.02 * (np.eye(size) + 0.3 * rng.standard_normal((count, size, size)))
-    return Tracks(
-        np.stack(list(paths.values())),
-        DT,
-        tuple(paths),
-        np.full(count, 0.3),
-        root @ np.swapaxes(root, 1, 2),
-        stamp=12.0,
-    )
+def _check_updates(predictor: Adaptive, tracks: Tracks, where: str) -> None:
+    """Check that updating keeps the laws, serves any tracks and changes no earlier copy."""
+    before = _predict(predictor, tracks, None, where)
+    current = predictor
+    for seen in draw_run(tracks):
+        current = _updated(current, seen, where)
+    for name, world in {"zero obstacles": tracks.select([]), **odd_worlds(tracks)}.items():
+        _updated(current, world, f"{name}, {where}")
+    after = _predict(current, tracks, None, f"updated, {where}")
+    _check_values(after, tracks, f"updated, {where}")
+    _check_purity(current, tracks, None, after, f"updated, {where}")
+    _check_purity(predictor, tracks, None, before, f"after updates of copies, {where}")
 
 
-def _scene(tracks: Tracks, rng: np.random.Generator) -> Scene:
-    """Return a scene that tells all it can, with truth for some obstacles."""
-    size = tracks.dimension
-    times = np.asarray(tracks.stamp + DT * np.arange(-2, 2 * STEPS), dtype=np.float64)
-    future = {
-        ident: rng.standard_normal((len(times), size)).cumsum(axis=0) for ident in tracks.ids[::2]
-    }
-    goals = 10.0 * rng.standard_normal((len(tracks), size))
-    plan = rng.standard_normal((STEPS, size)).cumsum(axis=0)
-    return Scene(plan=plan, goals=goals, truth=Truth(times, future))
+def _updated(predictor: Adaptive, tracks: Tracks, where: str) -> Adaptive:
+    """Update, turning an exception or a warning of NumPy into a broken law."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", RuntimeWarning)
+            updated = predictor.update(tracks)
+    except Exception as error:
+        raise AssertionError(
+            f"update never raises: {type(error).__name__}: {error} ({where})"
+        ) from error
+    assert type(updated) is type(predictor), f"update returns its own kind ({where})"
+    return updated
 
 
-def _rotation(size: int, rng: np.random.Generator) -> Array:
-    """Return a random rotation matrix, (D, D)."""
-    basis, _ = np.linalg.qr(rng.standard_normal((size, size)))
-    basis[:, 0] *= np.sign(np.linalg.det(basis))
-    return np.asarray(basis)
-
-
-def _moved(tracks: Tracks, turn: Array, shift: Array) -> Tracks:
-    """Turn and shift tracks."""
-    noise = turn @ tracks.noise @ turn.T
-    return replace(
-        tracks,
-        positions=tracks.positions @ turn.T + shift,
-        noise=0.5 * (noise + np.swapaxes(noise, 1, 2)),
-    )
-
-
-def _moved_scene(scene: Scene, turn: Array, shift: Array) -> Scene:
-    """Turn and shift what the scene tells; the ego state's layout is the robot's own."""
-    truth, plan, goals = scene.truth, scene.plan, scene.goals
-    if truth is not None:
-        paths = {key: path @ turn.T + shift for key, path in truth.positions.items()}
-        truth = Truth(truth.times, paths)
-    return replace(
-        scene,
-        truth=truth,
-        plan=None if plan is None else plan @ turn.T + shift,
-        goals=None if goals is None else goals @ turn.T + shift,
-    )
+def _check_fit(
+    predictor: Fittable,
+    dataset: Sequence[Tracks],
+    sizes: tuple[int, ...],
+    rng: np.random.Generator,
+) -> None:
+    """Check that a fitted copy keeps the laws and the predictor stays as it was."""
+    tracks = draw_tracks(dataset[0].dimension, rng)
+    told, before = repr(predictor), _predict(predictor, tracks, None, "before the fit")
+    fitted = predictor.fit(dataset)
+    assert type(fitted) is type(predictor), "fit returns its own kind"
+    assert repr(predictor) == told, "fit changes the predictor itself"
+    assert repr(fitted) != told, "fit learns nothing: the copy equals the original"
+    assert repr(predictor.fit(dataset)) == repr(fitted), "fit is pure: a second one differs"
+    _check_purity(predictor, tracks, None, before, "after the fit of a copy")
+    check_predictor(fitted, dimensions=sizes, rng=rng)

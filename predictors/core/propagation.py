@@ -6,7 +6,7 @@ state, N the number of steps, O the number of obstacles.
 
 import numpy as np
 
-from ..framework.arrays import Array
+from ...framework.arrays import Array
 from .history import IntArray
 
 
@@ -54,7 +54,8 @@ def step_covariances(
     steps : N.
     """
     reads = readings(transition, size, steps)
-    square = np.einsum("nia,njb->nijab", reads, reads).reshape(steps * size**2, -1)
+    square = np.einsum("nia,njb->nijab", reads, reads)
+    square = square.reshape(steps * size**2, len(transition) ** 2)
     grown = np.zeros((steps, size, size))
     covariance = np.zeros_like(process)
     for h in range(steps):

@@ -6,10 +6,10 @@ from functools import partial
 
 import numpy as np
 
-from ..framework.arrays import Array, BoolArray
-from ..framework.forecast import Forecast, Scene
-from ..framework.predictor import Predictor
-from ..framework.tracks import Tracks
+from ...framework.arrays import Array, BoolArray
+from ...framework.forecast import Forecast, Scene
+from ...framework.predictor import Predictor
+from ...framework.tracks import Tracks
 from .history import Histories
 
 NEVER_SEEN_SPREAD = 1000.0
@@ -117,12 +117,12 @@ def with_fallback(
         reasons[place] = first if deeper is None else f"{first}; {deeper}"
     modes = max(own.mean.shape[1], filled.mean.shape[1])
     mean, covariance, weight = (
-        _more_modes(getattr(own, part), modes, part == "weight")
+        more_modes(getattr(own, part), modes, part == "weight")
         for part in ("mean", "covariance", "weight")
     )
-    mean[index] = _more_modes(filled.mean, modes)
-    covariance[index] = _more_modes(filled.covariance, modes)
-    weight[index] = _more_modes(filled.weight, modes, empty=True)
+    mean[index] = more_modes(filled.mean, modes)
+    covariance[index] = more_modes(filled.covariance, modes)
+    weight[index] = more_modes(filled.weight, modes, empty=True)
     known = own.joint_source is not None and filled.joint_source is not None
     source = partial(_joined, own, filled, index, modes) if known else None
     return Forecast(mean, covariance, weight, tracks.dt, tuple(reasons), source)
@@ -135,7 +135,7 @@ def narrowed(scene: Scene | None, index: list[int]) -> Scene | None:
     return replace(scene, goals=scene.goals[index])
 
 
-def _more_modes(values: Array, modes: int, empty: bool = False) -> Array:
+def more_modes(values: Array, modes: int, empty: bool = False) -> Array:
     """Copy (O, M, ...) to more modes: repeats of the first one, or zeros."""
     extra = np.repeat(values[:, :1], modes - values.shape[1], axis=1)
     return np.concatenate([values, 0.0 * extra if empty else extra], axis=1)
@@ -143,6 +143,6 @@ def _more_modes(values: Array, modes: int, empty: bool = False) -> Array:
 
 def _joined(own: Forecast, filled: Forecast, index: list[int], modes: int) -> Array:
     assert own.joint is not None and filled.joint is not None
-    joint = _more_modes(own.joint, modes)
-    joint[index] = _more_modes(filled.joint, modes)
+    joint = more_modes(own.joint, modes)
+    joint[index] = more_modes(filled.joint, modes)
     return joint

@@ -1,0 +1,220 @@
+"""Online conformal calibration: scales that follow how often the truth was missed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, Self, final
+
+import numpy as np
+
+from ..framework.arrays import Array, positive, probability, whole
+from ..framework.forecast import Forecast, Scene
+from ..framework.predictor import Adaptive, Fittable, Predictor
+from ..framework.tracks import Tracks
+from .core.calibration import ellipse_size, scale_at, scaled, squared_distances
+from .empirical import Empirical
+
+ON_GRID = 1e-6
+"""Steps by which a time may miss another and still count as the same."""
+LIMIT = 12.0
+"""Largest |log scale|: a factor of 400 in lengths. It stops the drift to 0 where a forecast
+never misses (everybody stands still), from which the scale would need long to come back."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pending:
+    """A forecast as it was stated, waiting for the truth.
+
+    Attributes
+    ----------
+    stamp : s, of the newest sample that it was made from.
+    ids : of the obstacles.
+    mean, covariance, weight : as in `Forecast`, covariances as stated, scale and all.
+    """
+
+    stamp: float
+    ids: tuple[str, ...]
+    mean: Any
+    covariance: Any
+    weight: Any
+
+    def __post_init__(self) -> None:
+        for name in ("mean", "covariance", "weight"):
+            object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=np.float64))
+
+
+@dataclass(frozen=True, eq=False)
+class Online:
+    """What the calibration has learnt so far, and what it waits for.
+
+    Attributes
+    ----------
+    stamp : s, of the newest sample used.
+    dt : s, between the steps.
+    log_scale : (N,), of the covariance of each step.
+    pending : oldest first; at most one per step of the horizon.
+    """
+
+    stamp: float
+    dt: float
+    log_scale: tuple[float, ...]
+    pending: tuple[Pending, ...] = ()
+
+
+@final
+@dataclass(frozen=True)
+class AdaptiveConformal(Adaptive, Fittable):
+    """A base predictor whose covariances are scaled by what is seen to happen.
+
+    Sigma_h -> exp(l_h) Sigma_h,   l_h <- l_h + rate * sum_i (miss_i - tail) / sqrt(n)
+
+    Whenever truth arrives for step h of earlier forecasts of n obstacles, miss_i is 1 where it
+    lies outside of the region of content 1 - tail that was stated, scale included, else 0.
+    Too many misses widen the step, too few narrow it. The n people of one moment are n looks
+    at the same scale; the sum of their misses varies by sqrt(n), so that a step's scale moves
+    alike in a crowd and alone.
+
+    Nothing is assumed of the base or of the world: as the sum telescopes, over T updates the
+    misses of single obstacles average to within (max l_h - min l_h + rate) / (rate T) of the
+    tail, on any site and however it changes. That is a long-run rate per step; it says
+    nothing of a single moment, nor of all steps together.
+
+    `update` makes the forecasts that it will judge; those of obstacles seen at the newest
+    sample for ``observed`` samples in a row are kept. Truth is looked up by identity at the
+    time it falls due (linear between two samples where updates come off the grid) and lost if
+    the obstacle is not there. A clock that goes back or another dt starts from l = 0. Modes are
+    treated as in `Conformal`; on another time grid scales are interpolated.
+
+    Parameters
+    ----------
+    base : predictor to calibrate; its own calibration is where l = 0 starts.
+    tail : of the region that is to hold.
+    rate : of adaptation. One miss of a lone obstacle widens the variance by the factor
+        exp(rate (1 - tail)), one hit narrows it by exp(-rate tail). Small follows slowly, large
+        makes scales restless and their regions larger on average.
+    observed : samples in a row that an obstacle must have been seen for its forecast to count.
+    steps : ahead, each with a scale of its own; later ones share the last.
+    state : what `update` has learnt; None before.
+
+    Raises
+    ------
+    WideberthError : a tail outside (0, 1), a rate not above 0, or a number below 1.
+
+    References
+    ----------
+    Gibbs, Candes, "Adaptive Conformal Inference Under Distribution Shift", NeurIPS 2021, who
+    adapt the level; here the logarithm of the size is, which cannot run out of quantiles
+    (Angelopoulos, Candes, Tibshirani, "Conformal PID Control", NeurIPS 2023).
+    """
+
+    base: Predictor = field(default_factory=Empirical)
+    tail: float = 0.05
+    rate: float = 0.25
+    observed: int = 8
+    steps: int = 12
+    state: Online | None = None
+
+    reference: ClassVar[str] = "gibbs2021adaptive"
+
+    def __post_init__(self) -> None:
+        probability("adaptive_conformal.tail", self.tail)
+        positive("adaptive_conformal.rate", self.rate)
+        for name in ("observed", "steps"):
+            whole(f"adaptive_conformal.{name}", getattr(self, name))
+
+    def fit(self, dataset: Sequence[Tracks]) -> Self:
+        """Fit the base, where it can be fitted; the scales start anew."""
+        base = self.base.fit(dataset) if isinstance(self.base, Fittable) else self.base
+        return replace(self, base=base, state=None)
+
+    def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
+        """Forecast all obstacles; see `Predictor.predict`."""
+        forecast = self.base.predict(tracks, steps, scene)
+        if self.state is None:
+            return forecast
+        known = np.exp(self.state.log_scale)
+        return scaled(forecast, scale_at(known, self.state.dt, tracks.dt, steps))
+
+    def update(self, tracks: Tracks) -> Self:
+        """Learn from what has fallen due, then forecast; see `Adaptive.update`."""
+        base = self.base.update(tracks) if isinstance(self.base, Adaptive) else self.base
+        state = self._learnt(tracks)
+        learnt = replace(self, base=base, state=state)
+        last = state.pending[-1].stamp if state.pending else -np.inf
+        if tracks.stamp - last < tracks.dt * (1 - ON_GRID):
+            return learnt
+        pending = (*state.pending, learnt._made(tracks))[-self.steps :]
+        return replace(learnt, state=replace(state, pending=pending))
+
+    def _made(self, tracks: Tracks) -> Pending:
+        """State a forecast of the obstacles that count."""
+        recent = tracks.positions[:, -self.observed :]
+        seen = np.isfinite(recent).all(axis=(1, 2)) & (recent.shape[1] == self.observed)
+        index = [int(i) for i in np.flatnonzero(seen)]
+        forecast = self.predict(tracks, self.steps)
+        return Pending(
+            tracks.stamp,
+            tuple(tracks.ids[i] for i in index),
+            forecast.mean[index],
+            forecast.covariance[index],
+            forecast.weight[index],
+        )
+
+    def _learnt(self, tracks: Tracks) -> Online:
+        """Return the state after the truth that has come since the last update."""
+        state = self.state
+        slack = ON_GRID * tracks.dt
+        if (
+            state is None
+            or abs(state.dt - tracks.dt) > slack
+            or tracks.stamp < state.stamp - slack
+            or len(state.log_scale) != self.steps
+        ):
+            return Online(tracks.stamp, tracks.dt, (0.0,) * self.steps)
+        balance, count = np.zeros(self.steps), np.zeros(self.steps)
+        for one in state.pending:
+            first = int((state.stamp - one.stamp) / state.dt + ON_GRID)
+            last = int((tracks.stamp - one.stamp) / state.dt + ON_GRID)
+            for step in range(first, min(last, self.steps)):
+                missed = self._missed(one, step, tracks)
+                balance[step] += np.sum(missed - self.tail)
+                count[step] += len(missed)
+        log_scale = state.log_scale + self.rate * balance / np.sqrt(np.maximum(count, 1.0))
+        bounded = np.clip(log_scale, -LIMIT, LIMIT).tolist()
+        horizon = tracks.stamp - self.steps * state.dt + slack
+        waiting = tuple(one for one in state.pending if one.stamp > horizon)
+        return Online(tracks.stamp, state.dt, tuple(bounded), waiting)
+
+    def _missed(self, one: Pending, step: int, tracks: Tracks) -> Array:
+        """Whether each obstacle known at the due time lay outside, as 1 or 0."""
+        place = {ident: index for index, ident in enumerate(tracks.ids)}
+        mine = [i for i, ident in enumerate(one.ids) if ident in place]
+        theirs = [place[one.ids[i]] for i in mine]
+        truth = _position(tracks, one.stamp + (step + 1) * tracks.dt)[theirs]
+        known = np.isfinite(truth).all(axis=1)
+        rows = np.array(mine, dtype=np.int64)[known]
+        square = squared_distances(
+            one.mean[rows, :, step : step + 1],
+            one.covariance[rows, :, step : step + 1],
+            one.weight[rows],
+            truth[known, None],
+        )
+        limit = ellipse_size(tracks.dimension, self.tail)
+        return np.asarray(square[:, 0] > limit, dtype=np.float64)
+
+
+def _position(tracks: Tracks, time: float) -> Array:
+    """Where each obstacle was at a time up to the newest sample, (O, D); NaN if not known."""
+    rows = tracks.positions.shape[1]
+    place = rows - 1 - (tracks.stamp - time) / tracks.dt
+    nearest = round(place)
+    if abs(place - nearest) <= ON_GRID:
+        place = float(nearest)
+    below = int(np.floor(place))
+    if below < 0 or rows == 0:
+        return np.full((len(tracks), tracks.dimension), np.nan)
+    share = place - below
+    if share == 0.0:
+        return np.asarray(tracks.positions[:, below])
+    return np.asarray(
+        (1 - share) * tracks.positions[:, below] + share * tracks.positions[:, below + 1]
+    )

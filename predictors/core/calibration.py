@@ -1,0 +1,156 @@
+"""What the calibrated predictors share: past forecasts held against what then happened."""
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from ...framework.arrays import Array
+from ...framework.errors import WideberthError
+from ...framework.forecast import Forecast
+from ...framework.predictor import Predictor
+from ...framework.scoring import SMALLEST
+from ...framework.tracks import Tracks
+from ...framework.windows import IntArray, Windows
+from .assembly import more_modes
+
+NEGLIGIBLE = 1e-3
+"""Modes of less weight have no ellipse: a planner that heeds them all plans for noise."""
+
+
+def squared_distances(mean: Array, covariance: Array, weight: Array, truth: Array) -> Array:
+    """Squared Mahalanobis distance of the truth from the nearest mode, (O, N).
+
+    d^2 = min over modes of (x - mu_m)' Sigma_m^-1 (x - mu_m)
+
+    d^2 <= q says that the truth lies in the union of the modes' ellipses of size q, which is
+    what a planner keeps clear of. Modes of negligible weight have no ellipse. NaN where the
+    truth is unknown.
+
+    Parameters
+    ----------
+    mean, covariance, weight : of a `Forecast`, (O, M, N, D), (O, M, N, D, D), (O, M).
+    truth : (O, N, D), m, NaN where unobserved.
+    """
+    values, vectors = np.linalg.eigh(covariance)
+    error = np.einsum("omnji,omnj->omni", vectors, truth[:, None] - mean)
+    square = np.sum(error**2 / np.maximum(values, SMALLEST), axis=-1)
+    heeded = (weight >= NEGLIGIBLE) | (weight == weight.max(axis=1, keepdims=True, initial=0.0))
+    return np.asarray(np.where(heeded[..., None], square, np.inf).min(axis=1, initial=np.inf))
+
+
+def ellipse_size(size: int, tail: float) -> float:
+    """Return q with P(d^2 > q) = tail for a Gaussian in D dimensions (quantile of chi^2_D)."""
+    from scipy.special import gammainccinv
+
+    return 2.0 * float(gammainccinv(0.5 * size, tail))
+
+
+def scaled(forecast: Forecast, scale: Array) -> Forecast:
+    """Multiply the covariance of each step.
+
+    Sigma_h -> s_h Sigma_h,   Cov(x_h, x_j) -> sqrt(s_h s_j) Cov(x_h, x_j)
+
+    Parameters
+    ----------
+    scale : (N,), above 0.
+    """
+    known = forecast.joint_source is not None
+    return Forecast(
+        forecast.mean,
+        forecast.covariance * scale[:, None, None],
+        forecast.weight,
+        forecast.dt,
+        forecast.fallback,
+        partial(_scaled_joint, forecast, scale) if known else None,
+    )
+
+
+def _scaled_joint(forecast: Forecast, scale: Array) -> Array:
+    assert forecast.joint is not None
+    root = np.repeat(np.sqrt(scale), forecast.mean.shape[-1])
+    return np.asarray(forecast.joint * np.outer(root, root))
+
+
+def scale_at(known: Array, known_dt: float, dt: float, steps: int) -> Array:
+    """Carry one number per step to another time grid, (N,).
+
+    Linear in the time ahead; before the first and after the last known time it stays as it
+    is there.
+    """
+    times = dt * np.arange(1, steps + 1)
+    return np.asarray(np.interp(times, known_dt * np.arange(1, len(known) + 1), known))
+
+
+def replayed(predictor: Predictor, scene: Tracks, windows: Windows) -> tuple[Array, Array, Array]:
+    """Forecast every window from all that had been seen at its newest row.
+
+    Row by row and with all obstacles present there, so that a predictor which looks at
+    neighbours sees the true ones.
+
+    Parameters
+    ----------
+    predictor : to be asked.
+    scene : the whole recording that the windows were cut from, or one with more tracks
+        whose ``obstacle`` numbers mean the same.
+    windows : at least one.
+
+    Returns
+    -------
+    mean (W, M, N, D), covariance (W, M, N, D, D) and weight (W, M), in the windows' order.
+    M is the most modes of any row; missing ones repeat the first with weight 0.
+    """
+    length, steps = windows.tracks.positions.shape[1], windows.future.shape[1]
+    parts: list[tuple[Array, Array, Array]] = []
+    order = np.argsort(windows.row, kind="stable")
+    starts = np.flatnonzero(np.diff(windows.row[order], prepend=-1))
+    for chosen in np.split(order, starts[1:]):
+        now, present = seen_at(scene, int(windows.row[chosen[0]]), length)
+        forecast = predictor.predict(now, steps)
+        place = np.searchsorted(present, windows.obstacle[chosen])
+        parts.append((forecast.mean[place], forecast.covariance[place], forecast.weight[place]))
+    modes = max(part[2].shape[1] for part in parts)
+    back = np.argsort(order, kind="stable")
+    mean, covariance, weight = (
+        np.concatenate([more_modes(part[k], modes, empty=k == 2) for part in parts])[back]
+        for k in range(3)
+    )
+    return mean, covariance, weight
+
+
+def same_step(dataset: Sequence[Tracks], who: str) -> None:
+    """Refuse scenes that differ in dt: one step ahead would mean different times.
+
+    Raises
+    ------
+    WideberthError : names the steps found.
+    """
+    steps = sorted({scene.dt for scene in dataset})
+    if len(steps) > 1:
+        raise WideberthError(
+            f"{who}.fit: scenes have steps of {', '.join(f'{dt:g} s' for dt in steps)}; "
+            "resample them to one, or fit a predictor to each"
+        )
+
+
+def seen_at(scene: Tracks, row: int, length: int) -> tuple[Tracks, IntArray]:
+    """Cut out what had been seen at one row: the tracks observed there, and their indices.
+
+    Parameters
+    ----------
+    row : newest row.
+    length : rows of past, the newest included; fewer where the recording began later.
+    """
+    past = scene.positions[:, max(0, row + 1 - length) : row + 1]
+    present = np.flatnonzero(np.isfinite(past[:, -1]).all(axis=1))
+    joint = scene.state_covariance
+    now = Tracks(
+        past[present],
+        scene.dt,
+        tuple(scene.ids[index] for index in present),
+        scene.radius[present],
+        scene.noise[present],
+        scene.stamp - scene.dt * (scene.positions.shape[1] - 1 - row),
+        None if joint is None else joint[present],
+    )
+    return now, np.asarray(present, dtype=np.int64)

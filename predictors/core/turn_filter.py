@@ -1,0 +1,195 @@
+"""Extended and unscented Kalman filters of turning bodies, all obstacles at once.
+
+State (x, y, theta, v, omega): place m, heading rad, speed m/s, yaw rate rad/s. The heading is
+never measured and never compared, only turned, so that nothing here wraps angles.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from ...framework.arrays import Array
+from .history import Histories
+
+STATES = 5
+SPREAD_WEIGHT = 2.0
+"""Weight of the central sigma point in covariances (beta; 2 is best for a Gaussian)."""
+
+Step: TypeAlias = "Callable[[Array, Array, TurnModel], tuple[Array, Array, Array]]"
+"""From states (B, 5) and covariances (B, 5, 5) to both one step on, and the (B, 5, 5) matrix A
+with Cov(s_{k+1}, s_k) = A Cov(s_k)."""
+
+
+@dataclass(frozen=True, eq=False)
+class TurnModel:
+    """Steps along arcs whose speed and yaw rate are disturbed by white noise.
+
+    Attributes
+    ----------
+    dt : s.
+    speed_process : (2, 2), covariance of what noise adds to (way along the heading, speed).
+    turn_transition : (2, 2), of (heading, yaw rate): [[1, c], [0, e]]. A lasting yaw rate has
+        c = dT and e = 1.
+    turn_process : (2, 2), covariance of what noise adds to (heading, yaw rate).
+    """
+
+    dt: float
+    speed_process: Array
+    turn_transition: Array
+    turn_process: Array
+
+    def moved(self, state: Array) -> Array:
+        """States (..., 5) one step on, without noise.
+
+        With u = c omega / 2, half of the turn, the chord of the arc is v dT sin(u) / u long
+        and leads along theta + u: the textbook's v / omega (sin(theta + omega dT) - sin(theta))
+        without its division by zero on a straight line.
+        """
+        turn, kept = self.turn_transition[:, 1]
+        half = 0.5 * turn * state[..., 4]
+        chord = self.dt * state[..., 3] * _sinc(half)
+        after = np.array(state)
+        after[..., 0] += chord * np.cos(state[..., 2] + half)
+        after[..., 1] += chord * np.sin(state[..., 2] + half)
+        after[..., 2] += 2.0 * half
+        after[..., 4] *= kept
+        return after
+
+    def jacobian(self, state: Array) -> Array:
+        """Return the derivative of `moved`, (B, 5, 5), for states (B, 5)."""
+        turn = self.turn_transition[0, 1]
+        half = 0.5 * turn * state[:, 4]
+        length, slope = self.dt * _sinc(half), self.dt * _sinc_slope(half)
+        speed, angle = state[:, 3], state[:, 2] + half
+        along, aside = np.cos(angle), np.sin(angle)
+        matrix = np.tile(np.eye(STATES), (len(state), 1, 1))
+        matrix[:, 0, 2], matrix[:, 1, 2] = -speed * length * aside, speed * length * along
+        matrix[:, 0, 3], matrix[:, 1, 3] = length * along, length * aside
+        reach = 0.5 * turn * speed
+        matrix[:, 0, 4] = reach * (slope * along - length * aside)
+        matrix[:, 1, 4] = reach * (slope * aside + length * along)
+        matrix[:, 2:5:2, 2:5:2] = self.turn_transition
+        return matrix
+
+    def process(self, state: Array) -> Array:
+        """Covariance of the noise of one step, (B, 5, 5), at the headings of states (B, 5)."""
+        into = np.zeros((len(state), STATES, 4))
+        into[:, 0, 0], into[:, 1, 0] = np.cos(state[:, 2]), np.sin(state[:, 2])
+        into[:, 3, 1] = into[:, 2, 2] = into[:, 4, 3] = 1.0
+        noise = np.zeros((4, 4))
+        noise[:2, :2], noise[2:, 2:] = self.speed_process, self.turn_process
+        return np.asarray(into @ noise @ into.swapaxes(1, 2))
+
+
+def _sinc(angle: Array) -> Array:
+    """sin(u) / u."""
+    return np.asarray(np.sinc(angle / np.pi))
+
+
+def _sinc_slope(angle: Array) -> Array:
+    """Return the derivative of sin(u) / u, by its series where the closed form cancels."""
+    small = np.abs(angle) < 1e-2
+    safe = np.where(small, 1.0, angle)
+    series = -angle / 3 * (1 - angle**2 / 10 * (1 - angle**2 / 28))
+    return np.where(small, series, (np.cos(safe) - np.sin(safe) / safe) / safe)
+
+
+def extended_step(state: Array, covariance: Array, model: TurnModel) -> tuple[Array, Array, Array]:
+    """Predict by linearisation, P -> A P A' + Q with A the Jacobian; see `Step`."""
+    slope = model.jacobian(state)
+    spread = slope @ covariance @ slope.swapaxes(1, 2) + model.process(state)
+    return model.moved(state), spread, slope
+
+
+def unscented_step(
+    state: Array, covariance: Array, model: TurnModel
+) -> tuple[Array, Array, Array]:
+    """Predict by sigma points; see `Step`.
+
+    The 2 * 5 points s +- sqrt(5) L_i, L L' = P (Cholesky), weigh 1/10 each and the centre 0 in
+    the mean and `SPREAD_WEIGHT` in the covariance (Merwe's scaled points with alpha 1, kappa 0):
+    no weight is negative, so that covariances stay positive semi-definite. A is the
+    regression of the points after the step on those before it.
+    """
+    root = lower_root(covariance)
+    offsets = np.sqrt(STATES) * root.swapaxes(1, 2)
+    ahead = model.moved(state[:, None] + offsets)
+    behind = model.moved(state[:, None] - offsets)
+    mean = (ahead + behind).sum(axis=1) / (2 * STATES)
+    centre = model.moved(state) - mean
+    gaps = np.concatenate([ahead, behind], axis=1) - mean[:, None]
+    spread = gaps.swapaxes(1, 2) @ gaps / (2 * STATES)
+    spread = spread + SPREAD_WEIGHT * centre[:, :, None] * centre[:, None, :]
+    # Cov(before, after) = L G with G the halved differences, so that A' = (L L')^-1 L G.
+    halved = (ahead - behind) * (0.5 / np.sqrt(STATES))
+    slope = np.linalg.solve(root.swapaxes(1, 2), halved).swapaxes(1, 2)
+    return mean, spread + model.process(state), slope
+
+
+def lower_root(covariance: Array) -> Array:
+    """Lower triangular L with L L' = P, (B, S, S), whatever rounding has done to P.
+
+    Cholesky's recursion, with pivots of at least 1e-14 of the diagonal entry: one covariance
+    that is singular must not stop all others, as it would in `numpy.linalg.cholesky`.
+    """
+    states = covariance.shape[-1]
+    root = np.zeros_like(covariance)
+    for j in range(states):
+        rest = covariance[:, j:, j] - np.einsum("bik,bk->bi", root[:, j:, :j], root[:, j, :j])
+        floor = np.maximum(1e-14 * covariance[:, j, j], np.finfo(np.float64).tiny)
+        pivot = np.sqrt(np.maximum(rest[:, 0], floor))
+        root[:, j:, j] = rest / pivot[:, None]
+        root[:, j, j] = pivot
+    return root
+
+
+def position_update(
+    state: Array, covariance: Array, measured: Array, noise: Array
+) -> tuple[Array, Array, Array]:
+    """State (B, 5) and covariance after a position (B, 2) with noise (B, 2, 2); Joseph's form.
+
+    The measurement is linear in the state: the same for both filters. Also returned is the
+    innovation squared in units of its covariance S, y' S^-1 y, (B,); 2 is to be expected.
+    """
+    reads = covariance[:, :, :2]
+    precision = np.linalg.inv(reads[:, :2] + noise)
+    gain = reads @ precision
+    kept = np.tile(np.eye(STATES), (len(state), 1, 1))
+    kept[:, :, :2] -= gain
+    after = kept @ covariance @ kept.swapaxes(1, 2) + gain @ noise @ gain.swapaxes(1, 2)
+    gap = measured - state[:, :2]
+    moved = np.einsum("bsd,bd->bs", gain, gap)
+    surprise = np.einsum("bi,bij,bj->b", gap, precision, gap)
+    return state + moved, 0.5 * (after + after.swapaxes(1, 2)), surprise
+
+
+def filter_turns(
+    past: Histories, noise: Array, start: tuple[Array, Array], model: TurnModel, step: Step
+) -> tuple[Array, Array, Array]:
+    """States (O, 5) and covariances (O, 5, 5) at the newest observed samples, and the fit.
+
+    The fit is the mean of y' S^-1 y / 2 over all samples after the first one, (O,): 1 where
+    the model is true.
+
+    Parameters
+    ----------
+    past : histories in the plane; missing samples are predicted over.
+    noise : (O, 2, 2), m^2, of one measurement.
+    start : states and covariances at the first samples.
+    """
+    state, covariance = start
+    total, used = np.zeros(len(state)), np.zeros(len(state))
+    for column in range(past.positions.shape[1]):
+        ahead, spread, _ = step(state, covariance, model)
+        after, tight, surprise = position_update(ahead, spread, past.positions[:, column], noise)
+        seen = past.observed[:, column]
+        fresh = column <= past.began
+        total += np.where(seen & ~fresh, surprise, 0.0)
+        used += seen & ~fresh
+        ahead = np.where(seen[:, None], after, ahead)
+        spread = np.where(seen[:, None, None], tight, spread)
+        state = np.where(fresh[:, None], start[0], ahead)
+        covariance = np.where(fresh[:, None, None], start[1], spread)
+    return state, covariance, total / np.maximum(2.0 * used, 1.0)

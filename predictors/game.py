@@ -1,0 +1,240 @@
+"""Everybody plans: iterated best responses of planners that forecast each other."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
+from functools import cached_property, partial
+from typing import Any, ClassVar, final
+
+import numpy as np
+
+from ..framework.arrays import Array, positive, whole
+from ..framework.config import build, describe
+from ..framework.errors import WideberthError
+from ..framework.forecast import Forecast, Scene
+from ..framework.mpc.planner import Planner
+from ..framework.mpc.response import Agent, Responder, state_of
+from ..framework.predictor import Predictor
+from ..framework.tracks import Tracks
+from .core.best_response import Table
+from .core.history import gather
+from .core.social_rollout import course_of
+
+STANDING = 0.05
+"""m/s; who was slower than this on average is taken to stay."""
+NEAR = 0.5
+"""m; a plan that ends nearer than this (a stop) does not tell where the robot wants to go."""
+
+
+def _recommended() -> Planner:
+    """Return the planner of the shipped encounters."""
+    planner = build(
+        "controllers",
+        {
+            "type": "mpc",
+            "robot": "unicycle",
+            "region": "mahalanobis_ellipse",
+            "predictor": {"type": "kalman", "acceleration_density": 0.01},
+            "level": {"type": "relaxed", "tail": 0.05, "weight": 1000.0, "minimum": 1.0},
+            "solver": "fatrop",
+            "penalty": 1e5,
+            "margin": 0.1,
+        },
+    )
+    assert isinstance(planner, Planner)
+    return planner
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Game(Predictor):
+    """Each obstacle, and the robot itself, plans as the robot does, forecasting the others' plans.
+
+    The paper's outlook: "a dynamic game theory approach", symmetric and without communication.
+    Agents i are the robot and the obstacles nearest to it. With s_i straight motion (what
+    ``planner.predictor`` forecasts of i alone) and R_i(x) the plan of i towards its goal among
+    others that move as x tells,
+
+        b_i = s_i + R_i(x^{n-1}) - R_i(nobody),    x^n = (x^{n-1} + b(x^{n-1})) / 2,    x^0 = s
+
+    for n = 1 to ``iterations``; all respond at once, so that nobody goes first. Half steps,
+    because full ones go to and fro: both give way, then, seeing that, neither does. What the
+    others change in a plan is added to the straight motion, so that somebody whom the
+    planner's robot model fits badly (a person faster than the robot) is forecast no worse
+    than by the predictor alone; who has nobody in the way is forecast exactly as by it.
+
+    Goals are extrapolated: in the direction and at the speed of the mean velocity over the last
+    ``memory`` s; for the robot, where its current plan ends (``scene.plan``; else straight
+    ahead), at the planner's reference speed. Each agent knows of the others as much as the
+    robot does: their covariance is the predictor's; that of the robot, of which the predictor
+    says nothing, is taken to be that of the agent who looks at it. Walls are not seen.
+
+    Covariance: the predictor's around the new mean, since planners do not say how wrong they
+    are; and (d/2)(d/2)' with d = b - x of the last round: where responses have not settled,
+    both ends are held for possible.
+
+    Budget: (agents + 1) (iterations + 1) solves per forecast, without regard to a deadline.
+    Left to ``planner.predictor``, with the reason: obstacles beyond the nearest ``agents``,
+    which the game does not see either; who stands (was slower than 0.05 m/s); whose inner
+    plan fails; and all where the robot's state is not given or tracks are not in the plane.
+
+    Parameters
+    ----------
+    planner : what each agent is taken to run. Its predictor must be no game.
+    iterations : rounds of responses.
+    agents : most obstacles that take part.
+    memory : s.
+
+    Raises
+    ------
+    WideberthError : a number out of range, a planner in three dimensions, or a game inside.
+    """
+
+    planner: Planner = field(default_factory=_recommended)
+    iterations: int = 3
+    agents: int = 3
+    memory: float = 8.0
+
+    reference: ClassVar[str] = "schoeneberg2025trajectory"
+
+    def __post_init__(self) -> None:
+        whole("game.iterations", self.iterations)
+        whole("game.agents", self.agents)
+        positive("game.memory", self.memory)
+        if self.planner.robot.dimension != 2:
+            raise WideberthError(
+                f"game.planner moves in {self.planner.robot.dimension} dimensions; wanted 2"
+            )
+        if _holds_game(self.planner.predictor):
+            raise WideberthError(
+                "game.planner.predictor is, or holds, a game: players that play games about "
+                "players have no end; give it another predictor, for example kalman"
+            )
+
+    def __eq__(self, other: object) -> bool:
+        """Tell whether the settings are the same (planners themselves go by identity)."""
+        return isinstance(other, Game) and describe(self) == describe(other)
+
+    def __hash__(self) -> int:
+        """Return a number that equal games share."""
+        return hash((self.iterations, self.agents, self.memory))
+
+    @cached_property
+    def _responder(self) -> Responder:
+        return Responder(self.planner)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the settings alone: compiled problems are made anew where they are needed."""
+        return {entry.name: getattr(self, entry.name) for entry in fields(self)}
+
+    def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
+        """Forecast all obstacles; see `Predictor.predict`."""
+        robot = self._robot(tracks, scene)
+        if isinstance(robot, str):
+            straight = self.planner.predictor.predict(tracks, steps, scene)
+            still = np.zeros((2, len(tracks), steps, tracks.dimension))
+            return _bent(straight, steps, [robot] * len(tracks), still)
+        ahead = max(steps, self._responder.steps(tracks.dt), 2)
+        straight = self.planner.predictor.predict(tracks, ahead, scene)
+        agents, reasons = self._agents(tracks, straight, robot)
+        rows = tuple(agents)
+        grid = tracks.dt * np.arange(1, ahead + 1, dtype=np.float64)
+        table = Table(self._responder, (robot, *agents.values()), rows, straight, grid)
+        played = table.play(self.iterations)
+        changes = np.zeros((2, len(tracks), ahead, 2))
+        if 0 in played.failures:
+            reasons = [f"no plan for the robot: {played.failures[0]}"] * len(tracks)
+        for index, row in enumerate(rows, start=1):
+            changes[:, row] = played.bent[index], played.unsettled[index]
+            if index in played.failures and 0 not in played.failures:
+                reasons[row] = f"no plan for it: {played.failures[index]}"
+        return _bent(straight, steps, reasons, changes)
+
+    def _robot(self, tracks: Tracks, scene: Scene | None) -> Agent | str:
+        """Return the robot itself as an agent, or why it cannot take part."""
+        model = self.planner.robot
+        if tracks.dimension != 2:
+            return f"{tracks.dimension} coordinates, made for 2"
+        if scene is None or scene.ego is None:
+            return "the robot's state is not given"
+        if len(scene.ego) != len(model.states):
+            return f"the robot's state has {len(scene.ego)} entries, needs {len(model.states)}"
+        if not np.isfinite(scene.ego).all():
+            return "the robot's state is not finite"
+        pose = model.pose(tuple(scene.ego))
+        course = course_of(scene, tracks.dt, tracks.stamp)
+        way = np.zeros(2) if course is None else course.positions[-1] - pose.points()
+        if np.linalg.norm(way) < NEAR:
+            if pose.heading is None:
+                return "the robot has no heading, and no plan that leads on"
+            way = np.array([np.cos(pose.heading), np.sin(pose.heading)])
+        direction = way / np.linalg.norm(way)
+        return Agent(scene.ego, direction, self.planner.reference_speed, model.radius)
+
+    def _agents(
+        self, tracks: Tracks, straight: Forecast, robot: Agent
+    ) -> tuple[dict[int, Agent], list[str | None]]:
+        """Choose the obstacles that take part, by row; and say why each other one does not."""
+        model = self.planner.robot
+        means = np.einsum("om,omnd->ond", straight.weight, straight.mean)
+        velocity = (means[:, 1] - means[:, 0]) / tracks.dt
+        place = means[:, 0] - tracks.dt * velocity
+        past = gather(tracks, length=int(np.ceil(self.memory / tracks.dt)) + 1)
+        gone = np.maximum(past.length - 1, 1) * tracks.dt
+        oldest = past.positions[:, 0]  # of a shorter history its first position
+        mean_speed = np.linalg.norm(oldest, axis=1) / gone
+        away = np.linalg.norm(place - model.pose(tuple(robot.state)).points(), axis=1)
+        agents: dict[int, Agent] = {}
+        reasons: list[str | None] = [None] * len(tracks)
+        for row in sorted(range(len(tracks)), key=lambda o: (away[o], tracks.ids[o])):
+            if past.samples[row] < 2:
+                reasons[row] = f"{past.samples[row]} samples, needs 2"
+            elif mean_speed[row] < STANDING:
+                reasons[row] = f"stands ({mean_speed[row]:.2f} m/s)"
+            elif len(agents) == self.agents:
+                reasons[row] = f"not among the nearest {self.agents}"
+            else:
+                direction = -oldest[row] / np.linalg.norm(oldest[row])
+                state = state_of(model, place[row], velocity[row], direction)
+                speed, radius = float(mean_speed[row]), float(tracks.radius[row])
+                agents[row] = Agent(state, direction, speed, radius)
+        return agents, reasons
+
+
+def _holds_game(value: Any) -> bool:
+    """Whether this is a game, or has one anywhere among its settings."""
+    if isinstance(value, Game):
+        return True
+    if is_dataclass(value):
+        return any(_holds_game(getattr(value, entry.name)) for entry in fields(value))
+    if isinstance(value, Mapping):
+        return any(map(_holds_game, value.values()))
+    return isinstance(value, list | tuple) and any(map(_holds_game, value))
+
+
+def _bent(
+    straight: Forecast, steps: int, reasons: Sequence[str | None], changes: Array
+) -> Forecast:
+    """Move the straight forecast's means, and widen it, by ``changes`` (2, O, >= N, D)."""
+    bent, unsettled = changes[:, :, :steps]
+    spread = np.einsum("oni,onj->onij", unsettled, unsettled)
+    said = [
+        deeper if own is None else f"game: {own}" + (f"; {deeper}" if deeper else "")
+        for own, deeper in zip(reasons, straight.fallback, strict=True)
+    ]
+    known = straight.joint_source is not None
+    return Forecast(
+        straight.mean[:, :, :steps] + bent[:, None],
+        straight.covariance[:, :, :steps] + spread[:, None],
+        straight.weight,
+        straight.dt,
+        tuple(said),
+        partial(_joint, straight, unsettled) if known else None,
+    )
+
+
+def _joint(straight: Forecast, unsettled: Array) -> Array:
+    """Joint covariance (O, M, N*D, N*D), of the straight forecast and of what is unsettled."""
+    known, flat = straight.joint, unsettled.reshape(len(unsettled), -1)
+    assert known is not None
+    size = flat.shape[1]
+    return np.asarray(known[:, :, :size, :size] + np.einsum("oi,oj->oij", flat, flat)[:, None])
