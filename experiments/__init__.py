@@ -11,6 +11,7 @@ BUILT_IN: dict[str, str] = {
     "ellipse_construction": "wideberth.experiments.ellipse_construction:EllipseConstruction",
     "forecast_regions": "wideberth.experiments.forecast_regions:ForecastRegions",
     "region_gallery": "wideberth.experiments.region_gallery:RegionGallery",
+    "prediction_benchmark": "wideberth.experiments.prediction_benchmark:PredictionBenchmark",
     "region_price": "wideberth.experiments.region_price:RegionPrice",
 }
 """Name of an experiment -> where its class is."""

@@ -107,8 +107,9 @@ def _print(rows: "list[Row]") -> None:
     for line in body:
         table.add_row(*line)
     console = Console()
-    # in a file or a pipe the table keeps its full width instead of being cut to 80 columns
-    console.print(table, width=None if console.is_terminal else max(console.width, 200))
+    if not console.is_terminal:  # a file or a pipe: do not cut the table to 80 columns
+        console = Console(width=max(console.width, 200))
+    console.print(table)
 
 
 @app.command()
@@ -179,6 +180,37 @@ def check(
         typer.secho(f"{target} breaks a law of {room_name(room)}: {broken}", fg="red", err=True)
         raise typer.Exit(1) from None
     typer.echo(f"{target} keeps the laws of {room_name(room)}.")
+
+
+@app.command()
+def fit(
+    predictor: Annotated[str, typer.Argument(help="A name, module:Class, or a YAML file.")],
+    recordings: Annotated[
+        list[str], typer.Argument(help="Text files: `frame id x y` or `time x y theta`.")
+    ],
+    dt: Annotated[float, typer.Option(help="Seconds between rows of the tracks.")],
+    out: Annotated[Path, typer.Option(help="JSON file of the fitted predictor.")],
+    noise: Annotated[float, typer.Option(help="Metres, deviation of a position per axis.")] = 0.05,
+    set_: Set = None,
+) -> None:
+    """Fit a predictor to recordings and save it; `{saved: FILE}` names it in a config."""
+    from wideberth.framework.saved import save_plugin
+
+    from . import fitting
+
+    unfitted = fitting.read_predictor(predictor, set_ or [])
+    scenes = fitting.read_files(recordings, dt)
+    if not out.absolute().parent.is_dir():
+        raise WideberthError(f"{out} cannot be written: its folder does not exist")
+    for name, recording in scenes.items():
+        typer.echo(f"{name}: {recording.report()}")
+    fitted = unfitted.fit([recording.scene(noise=noise) for recording in scenes.values()])
+    changes = fitting.learnt(unfitted, fitted)
+    if not changes:
+        raise WideberthError(f"{predictor} learnt nothing: no part of it learns from recordings")
+    typer.echo("\n".join(f"learnt {change}" for change in changes))
+    path = save_plugin(out, "predictors", fitted)
+    typer.echo(f"written: {path}; in a config, predictor: {{saved: {path}}}")
 
 
 @app.command()

@@ -104,8 +104,9 @@ def condense(rows: Sequence[Row]) -> Row:
 
     ``goals_in_time`` is the share of episodes in which every robot reached its goal within
     twice its free time; ``time_ratio`` the median over episodes of the slowest robot's time
-    over its free time, ``extra_time_s`` of what it took beyond that; ``below_reference`` the share of plans that hold less content than
-    the reference; ``coverage`` the share of later positions inside the forecasts' regions.
+    over its free time, ``extra_time_s`` of what it took beyond that; ``below_reference`` the
+    share of plans that hold less content than the reference; ``coverage`` the share of later
+    positions inside the forecasts' regions.
     """
     ratio = column(rows, "time_ratio_worst")
     clearance = column(rows, "clearance")

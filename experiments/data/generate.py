@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-CROWD_SEED, ROBOT_SEED = 2024, 2025
+CROWD_SEED, ROBOT_SEED, PLAZA_SEED = 2024, 2025, 2026
 
 
 def crowd(rng: np.random.Generator, walkers: int = 12, rows: int = 60, dt: float = 0.4) -> str:
@@ -50,9 +50,11 @@ def robot(rng: np.random.Generator, seconds: float = 60.0, dt: float = 0.1) -> s
 
 
 def main() -> None:
-    """Write both files beside this one."""
+    """Write the files beside this one; the plaza holds enough to fit a predictor to."""
     folder = Path(__file__).parent
     (folder / "crowd.txt").write_text(crowd(np.random.default_rng(CROWD_SEED)))
+    plaza = crowd(np.random.default_rng(PLAZA_SEED), walkers=48, rows=150)
+    (folder / "plaza.txt").write_text(plaza)
     (folder / "robot.txt").write_text(robot(np.random.default_rng(ROBOT_SEED)))
 
 

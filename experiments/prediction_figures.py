@@ -1,0 +1,222 @@
+"""Figures of the prediction benchmark: a small panel per predictor, all on the same axes."""
+
+from collections.abc import Mapping
+from math import ceil
+from pathlib import Path
+from textwrap import fill
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from wideberth.framework.arrays import Array
+from wideberth.framework.forecast import Forecast
+
+from .base import Row
+from .closed_loop import column, group, known_mean
+from .pieces import outlines
+from .plotting import COLOURS, PAGE, save
+from .prediction_scores import CONTENTS, TAIL
+from .region_family import title
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+ACROSS = 5
+"""Most panels in a row."""
+SEEN = (0.05, 0.995)
+"""Range of the coverages; what lies beyond is drawn at its edge."""
+EVERY = 3
+"""Steps between two drawn ellipses."""
+SIGHT = 1.1
+"""Half of the width shown, in widths of the true way."""
+STYLES = ((0.5, COLOURS[1], "--"), (0.9, COLOURS[2], "-."), (0.95, COLOURS[0], "-"))
+"""Content, colour and line of the coverages."""
+
+
+def draw_all(
+    rows: list[Row], files: Mapping[tuple[str, str], dict[str, Any]], folder: Path
+) -> list[Path]:
+    """Draw every figure.
+
+    Parameters
+    ----------
+    rows : of the table, of the scenes to show.
+    files : what each task left, by predictor and scene.
+    """
+    steps = [row for row in rows if row["step"] != "all"]
+    names = list(dict.fromkeys(str(row["predictor"]) for row in rows))
+    scene = next(key[1] for key in files)
+    written = save(_calibration(names, files), folder, "calibration")
+    written += save(_coverage(names, steps), folder, "coverage")
+    written += save(_error(names, steps), folder, "error")
+    samples = {name: files[name, scene]["samples"] for name in names}
+    for number, kind in enumerate(("usual", "surprising")):
+        if all(number < len(some) for some in samples.values()):
+            chosen = {name: some[number] for name, some in samples.items()}
+            written += save(_samples(chosen), folder, f"forecasts_{kind}")
+    return written
+
+
+def _panels(names: list[str], labels: tuple[str, str]) -> "tuple[Figure, list[Any]]":
+    """Return a figure with one titled panel per name, on common axes."""
+    from matplotlib import pyplot
+
+    across = min(ACROSS, max(len(names), 3))
+    down = ceil(len(names) / across)
+    size = (PAGE, 0.6 + down * (0.4 + 0.8 * PAGE / across))
+    figure, grid = pyplot.subplots(
+        down, across, figsize=size, sharex=True, sharey=True, squeeze=False
+    )
+    panels = list(grid.ravel())
+    for panel in panels[len(names) :]:
+        panel.set_visible(False)
+    for number, (panel, name) in enumerate(zip(panels, names, strict=False)):
+        panel.set_title(fill(title(name), 22), fontsize=6.5)
+        panel.tick_params(labelsize=6)
+        if number + across >= len(names):
+            panel.set_xlabel(labels[0], fontsize=7)
+            panel.xaxis.set_tick_params(labelbottom=True)
+        if number % across == 0:
+            panel.set_ylabel(labels[1], fontsize=7)
+    return figure, panels[: len(names)]
+
+
+def _calibration(names: list[str], files: Mapping[tuple[str, str], dict[str, Any]]) -> "Figure":
+    """Draw the share of truths inside against the content promised."""
+    figure, panels = _panels(names, ("content promised", "truths inside"))
+    for name, panel in zip(names, panels, strict=True):
+        own = [one for (predictor, _), one in files.items() if predictor == name]
+        levels = own[0]["levels"]
+        held = [np.array(one["coverage"], dtype=np.float64) for one in own]
+        panel.plot([0, 1], [0, 1], ":", color="0.4", linewidth=0.8, label="promised")
+        for number, each in enumerate(held):
+            label = "one scene, mean of the steps" if number == 0 else None
+            panel.plot(levels, each.mean(axis=0), "-", color="0.75", linewidth=0.7, label=label)
+        middle = np.mean(held, axis=0)
+        for step, colour, style in ((0, COLOURS[1], "--"), (-1, COLOURS[2], "-.")):
+            label = "first step" if step == 0 else "last step"
+            panel.plot(levels, middle[step], style, color=colour, linewidth=1.0, label=label)
+        panel.plot(
+            levels, middle.mean(axis=0), "-", color=COLOURS[0], label="mean of steps and scenes"
+        )
+        panel.set(xlim=(0, 1), ylim=(0, 1), xticks=(0, 0.5, 1), yticks=(0, 0.5, 1))
+    return _finished(figure, panels)
+
+
+def _coverage(names: list[str], rows: list[Row]) -> "Figure":
+    """Draw the coverage of three contents against the time ahead, on a logit scale."""
+    from matplotlib.ticker import FixedLocator, NullLocator
+
+    figure, panels = _panels(names, ("time ahead (s)", "truths inside"))
+    for name, panel in zip(names, panels, strict=True):
+        for content in CONTENTS:
+            panel.axhline(content, color="0.4", linestyle=":", linewidth=0.8)
+        scenes = group([row for row in rows if row["predictor"] == name], "scene")
+        for number, own in enumerate(scenes.values()):
+            label = "0.95, one scene" if number == 0 else None
+            panel.plot(
+                column(own, "time_s"), _seen(column(own, "cover_95")), "-", color="0.75",
+                linewidth=0.7, label=label,
+            )  # fmt: skip
+        for content, colour, style in STYLES:
+            times, middle = _mean(rows, name, f"cover_{round(100 * content)}")
+            label = f"{content:g}, mean of scenes"
+            panel.plot(times, _seen(middle), style, color=colour, label=label)
+        panel.set_yscale("logit")
+        panel.set_ylim(*SEEN)
+        panel.yaxis.set_major_locator(FixedLocator((0.1, *CONTENTS, 0.99)))
+        panel.yaxis.set_major_formatter("{x:g}")
+        panel.yaxis.set_minor_locator(NullLocator())
+    return _finished(figure, panels)
+
+
+def _error(names: list[str], rows: list[Row]) -> "Figure":
+    """Draw the mean error against the time ahead, over everybody else's in grey."""
+    figure, panels = _panels(names, ("time ahead (s)", "mean error (m)"))
+    curves = {name: _mean(rows, name, "error_m") for name in names}
+    highest = 2.0 * float(np.median([values[-1] for _, values in curves.values()]))
+    for name, panel in zip(names, panels, strict=True):
+        for other, (times, values) in curves.items():
+            if other != name:
+                panel.plot(times, values, "-", color="0.85", linewidth=0.6)
+        times, values = curves[name]
+        panel.plot(times, values, "-", color=COLOURS[0], label="mean of scenes")
+        panel.set_ylim(0, highest)
+        last = values[-1]
+        text = f"{last:.3g} m"
+        panel.text(
+            0.06, 0.93, f"last: {text}", transform=panel.transAxes, fontsize=6, va="top",
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5},
+        )  # fmt: skip
+    panels[0].plot([], [], "-", color="0.75", linewidth=0.6, label="other predictors")
+    return _finished(figure, panels)
+
+
+def _samples(samples: Mapping[str, dict[str, Any]]) -> "Figure":
+    """Draw everybody's forecast of one window."""
+    from matplotlib.collections import PolyCollection
+
+    figure, panels = _panels(list(samples), ("x (m)", "y (m)"))
+    for one, panel in zip(samples.values(), panels, strict=True):
+        past, truth = (np.array(one[key], dtype=np.float64) for key in ("past", "truth"))
+        forecast = _forecast(one)
+        panel.add_collection(
+            PolyCollection(
+                list(outlines(forecast, TAIL, every=EVERY)), facecolor=(0, 0.45, 0.7, 0.08),
+                edgecolor=COLOURS[1], linewidth=0.6, label=f"content {1 - TAIL:g}",
+            ),
+            autolim=False,
+        )  # fmt: skip
+        for mode, weight in zip(forecast.mean[0], forecast.weight[0], strict=True):
+            if weight > 0:
+                way = np.concatenate([past[-1:], mode])
+                panel.plot(*way.T[:2], "--", color=COLOURS[1], linewidth=0.9, label="forecast")
+        panel.plot(*past.T[:2], "-", color=COLOURS[0], label="seen")
+        panel.plot(*past[-1, :2], "o", color=COLOURS[0], markersize=2.5)
+        panel.plot(
+            *truth.T[:2], "-o", color=COLOURS[2], linewidth=0.8, markersize=1.6, label="truth"
+        )
+        _frame(panel, np.concatenate([past, truth])[:, :2])
+    return _finished(figure, panels)
+
+
+def _forecast(sample: Mapping[str, Any]) -> Forecast:
+    """Return the forecast of one obstacle that a task kept."""
+    mean, covariance, weight = (
+        np.array(sample[key], dtype=np.float64)[None] for key in ("mean", "covariance", "weight")
+    )
+    return Forecast(mean, covariance, weight, 1.0, (None,))
+
+
+def _frame(panel: Any, points: Array) -> None:
+    """Show the same part of the world, at equal scale, in every panel."""
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    half = SIGHT * max(float(np.ptp(points, axis=0).max()), 0.1)
+    panel.set_xlim(middle[0] - half, middle[0] + half)
+    panel.set_ylim(middle[1] - half, middle[1] + half)
+    panel.set_aspect("equal")
+
+
+def _seen(coverage: Array) -> Array:
+    return np.clip(coverage, *SEEN)
+
+
+def _mean(rows: list[Row], name: str, quantity: str) -> tuple[Array, Array]:
+    """Time ahead and mean over the scenes of one quantity, per step."""
+    own = group([row for row in rows if row["predictor"] == name], "step")
+    steps = [some for some in own.values() if np.isfinite(column(some, quantity)).any()]
+    times = np.array([column(some, "time_s").mean() for some in steps], dtype=np.float64)
+    means = [known_mean(column(some, quantity)) for some in steps]
+    return times, np.array(means, dtype=np.float64)
+
+
+def _finished(figure: "Figure", panels: list[Any]) -> "Figure":
+    """Put one legend below all panels."""
+    entries: dict[str, Any] = {}
+    for panel in panels:
+        handles, labels = panel.get_legend_handles_labels()
+        entries.update(zip(labels, handles, strict=True))
+    figure.legend(
+        list(entries.values()), list(entries), loc="outside lower center", ncols=5, fontsize=6.5
+    )
+    return figure

@@ -1,0 +1,298 @@
+"""One predictor run along recordings: every window's scores, and the lines of a table."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from time import perf_counter
+from typing import Any, final
+
+import numpy as np
+
+from wideberth.framework.arrays import Array, BoolArray
+from wideberth.framework.forecast import Forecast
+from wideberth.framework.predictor import Adaptive, Predictor
+from wideberth.framework.recordings import Recording
+from wideberth.framework.scoring import (
+    covered,
+    displacement,
+    energy_score,
+    inside_throughout,
+    joint_tail,
+    last_known,
+    negative_log_likelihood,
+    reached_tail,
+    reason_kind,
+    region_area,
+    trajectory_energy_score,
+)
+
+from .base import Row
+from .closed_loop import known_mean
+from .prediction_data import Moment, PredictionData, Protocol, moments
+from .region_family import rounded
+
+CONTENTS = (0.5, 0.9, 0.95)
+"""Of the regions whose coverage has a column."""
+LEVELS = (*(round(0.05 * i, 2) for i in range(1, 20)), 0.99)
+"""Contents of the calibration curves."""
+TAIL = 0.05
+"""1 - content of the regions whose area has a column."""
+WALKED, STOOD = 0.5, 0.1
+"""m/s; who is faster than the one at the forecast and slower than the other at the end of
+what was predicted, stops in between."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """Scores of W windows; definitions in `wideberth.framework.scoring`.
+
+    Attributes
+    ----------
+    error, nll, energy, tail, area : (W, N), of each step.
+    trajectory, joint : (W,), energy score and tail of the whole trajectory; ``joint`` is NaN
+        where the forecast has no joint covariance.
+    stops : (W,), 1 where the obstacle stops in the window, else 0.
+    fallback : reasons, None where the named method was used.
+    """
+
+    error: Array
+    nll: Array
+    energy: Array
+    tail: Array
+    area: Array
+    trajectory: Array
+    joint: Array
+    stops: Array
+    fallback: tuple[str | None, ...]
+
+    def __len__(self) -> int:
+        """Count the windows."""
+        return len(self.error)
+
+    def chosen(self, which: BoolArray) -> "Scores":
+        """Return some of the windows."""
+        arrays: dict[str, Any] = {name: getattr(self, name)[which] for name in _arrays()}
+        reasons = tuple(self.fallback[i] for i in np.flatnonzero(which))
+        return Scores(**arrays, fallback=reasons)
+
+
+def _arrays() -> list[str]:
+    return [field.name for field in fields(Scores) if field.name != "fallback"]
+
+
+@final
+@dataclass
+class Effort:
+    """Seconds that a predictor took, and for how many obstacles."""
+
+    predict: float = 0.0
+    update: float = 0.0
+    calls: int = 0
+    obstacles: int = 0
+
+
+def run_along(
+    predictor: Predictor,
+    recordings: Sequence[Recording],
+    data: PredictionData,
+    how: Protocol,
+    shown: Sequence[tuple[int, str]] = (),
+) -> tuple[Scores, Effort, list[dict[str, Any]]]:
+    """Let a predictor forecast every window of some recordings.
+
+    It is given everybody seen at a row, so that it may look at neighbours, and nothing of
+    the robot or the future. One that adapts starts anew with each recording, and is shown
+    every row before it forecasts there.
+
+    Parameters
+    ----------
+    shown : (row, identity) of forecasts in the first recording to be returned themselves.
+    """
+    effort, parts = Effort(), []
+    samples: list[dict[str, Any]] = []
+    for number, recording in enumerate(recordings):
+        current = predictor
+        for moment in moments(data, recording, how):
+            if isinstance(current, Adaptive):
+                begin = perf_counter()
+                current = current.update(moment.tracks)
+                effort.update += perf_counter() - begin
+            if not len(moment.scored):
+                continue
+            begin = perf_counter()
+            forecast = current.predict(moment.tracks, how.predicted)
+            effort.predict += perf_counter() - begin
+            effort.calls += 1
+            effort.obstacles += len(moment.tracks)
+            forecast = _of(forecast, moment)
+            rng = np.random.default_rng([how.seed, number, moment.row])
+            parts.append(_score(forecast, moment, how, rng))
+            wanted = [one for row, one in shown if row == moment.row and number == 0]
+            samples += [_sample(forecast, moment, ident) for ident in wanted]
+    return _together(parts), effort, samples
+
+
+def _of(forecast: Forecast, moment: Moment) -> Forecast:
+    """Return the forecast of the scored obstacles alone."""
+    index, joint = moment.scored, forecast.joint
+    return Forecast(
+        forecast.mean[index],
+        forecast.covariance[index],
+        forecast.weight[index],
+        forecast.dt,
+        tuple(forecast.fallback[i] for i in index),
+        None if joint is None else joint[index],
+    )
+
+
+def _score(forecast: Forecast, moment: Moment, how: Protocol, rng: np.random.Generator) -> Scores:
+    """Score one row's forecasts."""
+    mean, spread, weight = forecast.mean, forecast.covariance, forecast.weight
+    truth, floor, joint = moment.truth, how.floor, forecast.joint
+    draws = forecast.sample(rng, how.draws)
+    whole = np.full(len(truth), np.nan)
+    if joint is not None:
+        blurred = draws + floor * rng.standard_normal(draws.shape)
+        whole = joint_tail(mean, joint, weight, truth, blurred, floor)
+    area = region_area(mean, spread, weight, draws, TAIL)
+    return Scores(
+        displacement(mean, weight, truth),
+        negative_log_likelihood(mean, spread, weight, truth, floor),
+        energy_score(draws, truth),
+        reached_tail(mean, spread, weight, truth, draws),
+        np.where(np.isfinite(truth).all(axis=-1), area, np.nan),
+        trajectory_energy_score(draws, truth),
+        whole,
+        _stops(moment),
+        forecast.fallback,
+    )
+
+
+def _stops(moment: Moment) -> Array:
+    """Tell who walks at the forecast and stands in the end; 0 where the end is unknown."""
+    positions, dt = moment.tracks.positions[moment.scored], moment.tracks.dt
+    before = np.linalg.norm(positions[:, -1] - positions[:, -2], axis=1) / dt
+    after = np.linalg.norm(moment.truth[:, -1] - moment.truth[:, -2], axis=1) / dt
+    return np.asarray((before > WALKED) & (after < STOOD), dtype=np.float64)
+
+
+def _together(parts: Sequence[Scores]) -> Scores:
+    arrays: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in _arrays()
+    }
+    return Scores(**arrays, fallback=tuple(one for part in parts for one in part.fallback))
+
+
+def _sample(forecast: Forecast, moment: Moment, ident: str) -> dict[str, Any]:
+    """Keep one forecast for the figure."""
+    ids = [moment.tracks.ids[i] for i in moment.scored]
+    at = ids.index(ident)
+    kept = {
+        "past": moment.tracks.positions[moment.scored[at]],
+        "truth": moment.truth[at],
+        "mean": forecast.mean[at],
+        "covariance": forecast.covariance[at],
+        "weight": forecast.weight[at],
+    }
+    return {name: np.round(array, 12).tolist() for name, array in kept.items()}
+
+
+def shown_windows(
+    data: PredictionData, recording: Recording, how: Protocol, quantiles: Sequence[float]
+) -> list[tuple[int, str]]:
+    """Choose windows to draw: row and identity of some that are more or less of a surprise.
+
+    Of all windows known in full they are those whose distance of the last position from
+    that of a person who walks straight on has these quantiles.
+    """
+    surprises: list[tuple[float, int, str]] = []
+    for moment in moments(data, recording, how):
+        past = moment.tracks.positions[moment.scored]
+        straight = past[:, -1] + how.predicted * (past[:, -1] - past[:, -2])
+        gaps = np.linalg.norm(moment.truth[:, -1] - straight, axis=1)
+        for gap, index in zip(gaps, moment.scored, strict=True):
+            if np.isfinite(gap):
+                surprises.append((float(gap), moment.row, moment.tracks.ids[index]))
+    surprises.sort()
+    at = [round(share * (len(surprises) - 1)) for share in quantiles]
+    return [surprises[i][1:] for i in at] if surprises else []
+
+
+def table_rows(scores: Scores, dt: float) -> list[Row]:
+    """Return one line per step, one for all steps, and one for the windows with a stop."""
+    steps = scores.error.shape[1]
+    rows: list[Row] = []
+    for step in range(steps):
+        known = np.isfinite(scores.error[:, step])
+        rows.append({
+            "slice": "all", "step": step + 1, "time_s": rounded((step + 1) * dt),
+            "windows": int(known.sum()), **_columns(scores, slice(step, step + 1)),
+        })  # fmt: skip
+    rows.append(_whole(scores, "all"))
+    stops = scores.chosen(scores.stops > 0)
+    if len(stops):
+        rows.append(_whole(stops, "stops"))
+    return rows
+
+
+def _columns(scores: Scores, steps: slice) -> Row:
+    """Means over windows of the means over some steps, and the median error and area."""
+
+    def mean(values: Array) -> float:
+        return rounded(known_mean(_row_means(values[:, steps])))
+
+    errors, areas = _row_means(scores.error[:, steps]), scores.area[:, steps]
+    return {
+        "error_m": mean(scores.error),
+        "median_m": _median(errors),
+        "nll": mean(scores.nll),
+        "energy_m": mean(scores.energy),
+        **{
+            f"cover_{round(100 * content)}": mean(covered(scores.tail, 1.0 - content))
+            for content in CONTENTS
+        },
+        "area_m2": _median(areas),
+    }
+
+
+def _row_means(values: Array) -> Array:
+    """Mean of what is known in each row; NaN where nothing is."""
+    known = np.isfinite(values)
+    number = known.sum(axis=1)
+    share = np.where(known, values, 0.0).sum(axis=1) / np.maximum(number, 1)
+    return np.where(number > 0, share, np.nan)
+
+
+def _median(values: Array) -> float:
+    """Median of what is known; NaN where nothing is."""
+    known = values[np.isfinite(values)]
+    return rounded(float(np.median(known))) if known.size else float("nan")
+
+
+def _whole(scores: Scores, name: str) -> Row:
+    """Return the line of all steps together."""
+    throughout = inside_throughout(scores.tail, TAIL)
+    reasons = Counter(reason_kind(one) for one in scores.fallback if one is not None)
+    count = len(scores)
+    return {
+        "slice": name,
+        "step": "all",
+        "windows": count,
+        **_columns(scores, slice(None)),
+        "final_m": rounded(known_mean(last_known(scores.error))),
+        "trajectory_energy_m": rounded(known_mean(scores.trajectory)),
+        "all_95": rounded(known_mean(throughout)),
+        "joint_95": rounded(known_mean(covered(scores.joint, TAIL))),
+        "fell_back": rounded(sum(reasons.values()) / count),
+        "reasons": "; ".join(
+            f"{number / count:.1%}: {reason}" for reason, number in reasons.most_common()
+        ),
+    }
+
+
+def calibration(scores: Scores) -> list[list[float]]:
+    """Coverage at every content of `LEVELS`, one list per step."""
+    steps = scores.tail.shape[1]
+    at = [covered(scores.tail, 1.0 - content) for content in LEVELS]
+    return [[rounded(known_mean(held[:, step])) for held in at] for step in range(steps)]
