@@ -185,12 +185,22 @@ def share_named(fallbacks: Iterable[Sequence[str | None]]) -> float:
     return float(np.mean(flat)) if flat else float("nan")
 
 
-def inside_content(mean: Array, covariance: Array, truth: Array, tail: float) -> BoolArray:
-    """Whether the truth lies in the forecast's content region, (..., D) -> (...).
+SMALLEST = 1e-12
+"""m^2, below which a variance counts as this much: a certain forecast contains its own mean."""
 
-    (x - mu)^T Sigma^-1 (x - mu) <= q,  q the quantile of chi^2 with D degrees of freedom
-    that is exceeded with probability ``tail``. Standard deviations below 1e-6 m count as
-    that much, so that a certain forecast contains its own mean.
+
+def squared_mahalanobis(mean: Array, covariance: Array, points: Array) -> Array:
+    """Squared Mahalanobis distance (x - mu)^T Sigma^-1 (x - mu), (..., D) -> (...).
+
+    Eigenvalues of the covariance below `SMALLEST` count as that much.
+    """
+    values, vectors = np.linalg.eigh(covariance)
+    turned = np.einsum("...ji,...j->...i", vectors, points - mean)
+    return np.asarray(np.sum(turned**2 / np.maximum(values, SMALLEST), axis=-1))
+
+
+def content_bound(size: int, tail: float) -> float:
+    """Return the q that chi^2 with ``size`` degrees of freedom exceeds with probability ``tail``.
 
     Raises
     ------
@@ -198,13 +208,20 @@ def inside_content(mean: Array, covariance: Array, truth: Array, tail: float) ->
     """
     from scipy.special import gammainccinv
 
-    probability("tail", tail)
-    size = mean.shape[-1]
-    values, vectors = np.linalg.eigh(covariance)
-    turned = np.einsum("...ji,...j->...i", vectors, truth - mean)
-    square = np.sum(turned**2 / np.maximum(values, 1e-12), axis=-1)
-    bound = float(2.0 * gammainccinv(0.5 * size, tail))
-    return np.asarray(square <= bound, dtype=np.bool_)
+    return 2.0 * float(gammainccinv(0.5 * size, probability("tail", tail)))
+
+
+def inside_content(mean: Array, covariance: Array, truth: Array, tail: float) -> BoolArray:
+    """Whether the truth lies in the forecast's content region, (..., D) -> (...).
+
+    `squared_mahalanobis` at most `content_bound`.
+
+    Raises
+    ------
+    WideberthError : tail outside (0, 1).
+    """
+    square = squared_mahalanobis(mean, covariance, truth)
+    return np.asarray(square <= content_bound(mean.shape[-1], tail), dtype=np.bool_)
 
 
 def coverage(mean: Array, covariance: Array, truth: Array, tail: float) -> tuple[Array, Array]:

@@ -16,9 +16,7 @@ import re
 import numpy as np
 
 from .arrays import Array, positive, probability
-
-SMALLEST = 1e-12
-"""m^2; variances below count as that much, so that a certain forecast holds its own mean."""
+from .metrics import SMALLEST, content_bound, squared_mahalanobis
 
 
 def displacement(mean: Array, weight: Array, truth: Array) -> Array:
@@ -170,7 +168,7 @@ def region_area(mean: Array, covariance: Array, weight: Array, draws: Array, tai
     with q the quantile of chi^2, V_D the unit ball's volume, and t the density that a share
     ``tail`` of the draws stay below.
     """
-    from scipy.special import gamma, gammainccinv
+    from scipy.special import gamma
 
     probability("tail", tail)
     if mean.shape[1] > 1:
@@ -179,7 +177,7 @@ def region_area(mean: Array, covariance: Array, weight: Array, draws: Array, tai
         return np.asarray(np.where(density >= least, np.exp(-density), 0.0).mean(axis=0))
     size = covariance.shape[-1]
     values = np.maximum(np.linalg.eigvalsh(covariance[:, 0]), SMALLEST)
-    quantile = 2.0 * float(gammainccinv(0.5 * size, tail))
+    quantile = content_bound(size, tail)
     ball = np.pi ** (0.5 * size) / float(gamma(0.5 * size + 1))
     return np.asarray(ball * quantile ** (0.5 * size) * np.sqrt(np.prod(values, axis=-1)))
 
@@ -199,9 +197,7 @@ def _chi_square_tail(mean: Array, covariance: Array, truth: Array) -> Array:
     """Tail of one Gaussian beyond the truth, (...)."""
     from scipy.special import gammaincc
 
-    values, vectors = np.linalg.eigh(covariance)
-    turned = np.einsum("...ji,...j->...i", vectors, truth - mean)
-    square = np.sum(turned**2 / np.maximum(values, SMALLEST), axis=-1)
+    square = squared_mahalanobis(mean, covariance, truth)
     return np.asarray(gammaincc(0.5 * mean.shape[-1], 0.5 * square))
 
 

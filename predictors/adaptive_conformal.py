@@ -8,9 +8,10 @@ import numpy as np
 
 from ..framework.arrays import Array, positive, probability, whole
 from ..framework.forecast import Forecast, Scene
+from ..framework.metrics import content_bound
 from ..framework.predictor import Adaptive, Fittable, Predictor
 from ..framework.tracks import Tracks
-from .core.calibration import ellipse_size, scale_at, scaled, squared_distances
+from .core.calibration import scale_at, scaled, squared_distances
 from .empirical import Empirical
 
 ON_GRID = 1e-6
@@ -198,7 +199,7 @@ class AdaptiveConformal(Adaptive, Fittable):
             one.weight[rows],
             truth[known, None],
         )
-        limit = ellipse_size(tracks.dimension, self.tail)
+        limit = content_bound(tracks.dimension, self.tail)
         return np.asarray(square[:, 0] > limit, dtype=np.float64)
 
 

@@ -10,12 +10,11 @@ import numpy as np
 from ..framework.arrays import Array, checked, positive, probability, whole
 from ..framework.errors import WideberthError
 from ..framework.forecast import Forecast, Scene
+from ..framework.metrics import SMALLEST, content_bound
 from ..framework.predictor import Fittable, Predictor
-from ..framework.scoring import SMALLEST
 from ..framework.tracks import Tracks
 from ..framework.windows import windows_of
 from .core.calibration import (
-    ellipse_size,
     replayed,
     same_step,
     scale_at,
@@ -143,7 +142,7 @@ class Conformal(Fittable):
         rank = min(math.ceil((count + 1) * (1 - self.tail) - 1e-9), count)
         # A base that is exactly right on all windows would leave a region without interior.
         quantile = np.maximum(np.sort(distances, axis=0)[rank - 1], SMALLEST)
-        return np.asarray(quantile / ellipse_size(size, self.tail))
+        return np.asarray(quantile / content_bound(size, self.tail))
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
         """Forecast all obstacles; see `Predictor.predict`."""

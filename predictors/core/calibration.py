@@ -8,8 +8,8 @@ import numpy as np
 from ...framework.arrays import Array
 from ...framework.errors import WideberthError
 from ...framework.forecast import Forecast
+from ...framework.metrics import squared_mahalanobis
 from ...framework.predictor import Predictor
-from ...framework.scoring import SMALLEST
 from ...framework.tracks import Tracks
 from ...framework.windows import IntArray, Windows
 from .assembly import more_modes
@@ -32,18 +32,9 @@ def squared_distances(mean: Array, covariance: Array, weight: Array, truth: Arra
     mean, covariance, weight : of a `Forecast`, (O, M, N, D), (O, M, N, D, D), (O, M).
     truth : (O, N, D), m, NaN where unobserved.
     """
-    values, vectors = np.linalg.eigh(covariance)
-    error = np.einsum("omnji,omnj->omni", vectors, truth[:, None] - mean)
-    square = np.sum(error**2 / np.maximum(values, SMALLEST), axis=-1)
+    square = squared_mahalanobis(mean, covariance, truth[:, None])
     heeded = (weight >= NEGLIGIBLE) | (weight == weight.max(axis=1, keepdims=True, initial=0.0))
     return np.asarray(np.where(heeded[..., None], square, np.inf).min(axis=1, initial=np.inf))
-
-
-def ellipse_size(size: int, tail: float) -> float:
-    """Return q with P(d^2 > q) = tail for a Gaussian in D dimensions (quantile of chi^2_D)."""
-    from scipy.special import gammainccinv
-
-    return 2.0 * float(gammainccinv(0.5 * size, tail))
 
 
 def scaled(forecast: Forecast, scale: Array) -> Forecast:
