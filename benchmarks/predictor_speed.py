@@ -1,6 +1,9 @@
-"""Every registered predictor on 1, 10 and 100 obstacles."""
+"""Every registered predictor on 1 to 1000 obstacles, beside statsmodels and filterpy."""
 
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import partial
+from typing import Any, TypeAlias
 
 import numpy as np
 from measuring import Row, Tick, brief, rotated, timed
@@ -8,18 +11,58 @@ from measuring import Row, Tick, brief, rotated, timed
 from wideberth.framework import Predictor, Scene, Tracks, names
 from wideberth.framework.config import build
 from wideberth.framework.motion import Truth
+from wideberth.framework.predictor import Fittable
 
 REFERENCE = "constant_velocity"
-SAMPLES, STEPS, DT = 80, 15, 0.5
+SAMPLES, STEPS, DT = 20, 15, 0.5
 NOISE = 0.02
 """m, standard deviation of a measured position."""
+BUDGET = 3000.0
+"""ms. At each number of obstacles a candidate takes turns until it has used as much, and none if a
+single call is expected to use it: as much more than at the last number as that was more than at
+the one before, and at least in proportion."""
+BRIEF_TRAINING = {
+    "mixture_density": {"rounds": 1},
+    "single_gaussian": {"base": {"type": "mixture_density", "rounds": 1}},
+}
+"""What learns is fitted first; how well a network is trained does not change its speed."""
+Work: TypeAlias = Callable[[Tracks, Scene], float]
+"""Forecasts and returns the share of obstacles that fell back."""
+
+
+@dataclass
+class Candidate:
+    """What is timed.
+
+    Attributes
+    ----------
+    name : of the predictor.
+    engine : "own", or the library whose plain loop over the obstacles it is.
+    work : one call.
+    history : (obstacles, best time in ms) at the numbers measured so far.
+    """
+
+    name: str
+    engine: str
+    work: Work
+    history: list[tuple[int, float]] = field(default_factory=list)
+
+    def expected(self, count: int) -> float:
+        """Expect this many ms of one call for ``count`` obstacles; 0 where nothing is known."""
+        if not self.history:
+            return 0.0
+        number, time = self.history[-1]
+        growth = count / number
+        if len(self.history) > 1:
+            growth = max(growth, time / self.history[-2][1])
+        return time * growth
 
 
 def walkers(count: int, seed: int) -> tuple[Tracks, Scene]:
-    """Return tracks of people whose velocity drifts, and the truth behind them.
+    """Return tracks of people whose velocity drifts, the truth behind them, and a robot.
 
     v_h - v = 0.9 (v_{h-1} - v) + u_h with v drawn once, |v| about 1 m/s, and
-    u_h ~ N(0, (0.1 m/s)^2 I).
+    u_h ~ N(0, (0.1 m/s)^2 I). The robot stands in their midst and plans to cross.
     """
     rng = np.random.default_rng(seed)
     length = SAMPLES + STEPS
@@ -33,30 +76,112 @@ def walkers(count: int, seed: int) -> tuple[Tracks, Scene]:
     ids = tuple(f"walker {i}" for i in range(count))
     noise = np.tile(NOISE**2 * np.eye(2), (count, 1, 1))
     tracks = Tracks(seen, DT, ids, np.full(count, 0.3), noise, DT * (SAMPLES - 1))
-    truth = Truth(DT * np.arange(length), dict(zip(ids, places, strict=True)))
-    return tracks, Scene(truth=truth)
+    truth = Truth(DT * np.arange(length, dtype=np.float64), dict(zip(ids, places, strict=True)))
+    plan = 0.5 * DT * np.arange(1, STEPS + 1)[:, None] * np.eye(2)[0]
+    return tracks, Scene(ego=np.array([0.0, 0.0, 0.0, 0.5, 0.0]), plan=plan, truth=truth)
+
+
+def scenes(seed: int) -> list[Tracks]:
+    """Return recordings to fit to: the walkers' past and future in one."""
+    made = []
+    for number in range(2):
+        tracks, scene = walkers(20, seed + number)
+        assert scene.truth is not None
+        whole = np.stack([scene.truth.positions[ident] for ident in tracks.ids])
+        made.append(Tracks(whole, DT, tracks.ids, tracks.radius, tracks.noise))
+    return made
+
+
+def candidates() -> list[Candidate]:
+    """Return every registered predictor, fitted where it learns, and the libraries' loops."""
+    recordings = scenes(seed=100)
+    found = []
+    for name in names("predictors"):
+        predictor: Predictor = build("predictors", {"type": name, **BRIEF_TRAINING.get(name, {})})
+        if isinstance(predictor, Fittable):
+            predictor = predictor.fit(recordings)
+        found.append(Candidate(name, "own", partial(_predict, predictor)))
+    found.append(Candidate("var", "statsmodels", _statsmodels))
+    found.append(Candidate("kalman", "filterpy", _filterpy))
+    return found
+
+
+def _predict(predictor: Predictor, tracks: Tracks, scene: Scene) -> float:
+    forecast = predictor.predict(tracks, STEPS, scene)
+    return float(np.mean([why is not None for why in forecast.fallback]))
+
+
+def _statsmodels(tracks: Tracks, scene: Scene) -> float:
+    """Fit VAR(2), forecast and say the covariance, one obstacle after the other."""
+    from statsmodels.tsa.api import VAR
+
+    for positions in tracks.positions:
+        velocities = np.diff(positions, axis=0) / tracks.dt
+        result = VAR(velocities).fit(maxlags=2, trend="n")
+        result.forecast(velocities[-2:], STEPS)
+        result.mse(STEPS)
+    return 0.0
+
+
+def _filterpy(tracks: Tracks, scene: Scene) -> float:
+    """Filter at constant velocity and roll out, one obstacle after the other."""
+    from filterpy.kalman import KalmanFilter
+
+    dt, eye, zero = tracks.dt, np.eye(2), np.zeros((2, 2))
+    for positions, noise in zip(tracks.positions, tracks.noise, strict=True):
+        engine = KalmanFilter(dim_x=4, dim_z=2)
+        engine.F = np.block([[eye, dt * eye], [zero, eye]])
+        engine.Q = 0.02 * np.block(
+            [[dt**3 / 3 * eye, dt**2 / 2 * eye], [dt**2 / 2 * eye, dt * eye]]
+        )
+        engine.H, engine.R = np.eye(2, 4), noise
+        engine.x = np.concatenate([positions[0], np.zeros(2)])
+        engine.P = np.block([[noise, zero], [zero, eye]])
+        for position in positions[1:]:
+            engine.predict()
+            engine.update(position)
+        for _ in range(STEPS):
+            engine.predict()
+    return 0.0
 
 
 def measure(counts: tuple[int, ...], rounds: int, tick: Tick) -> list[Row]:
-    """Time one call for all obstacles together: one row per predictor and number."""
-    predictors: dict[str, Predictor] = {
-        name: build("predictors", name) for name in names("predictors")
-    }
+    """Time one call for all obstacles together: one row per candidate and number."""
+    found = candidates()
     rows = []
     for count in counts:
         tick(f"predictors, {count} obstacles")
-        times: dict[str, list[float]] = {name: [] for name in predictors}
-        fell_back: dict[str, float] = {}
-        tracks, scene = walkers(count, seed=1)
-        for turn in range(rounds + 1):
-            for name in rotated(list(predictors), turn):
-                work = partial(predictors[name].predict, tracks, STEPS, scene)
-                time, forecast = timed(work)
-                if turn:  # the first call imports what the predictor needs
-                    times[name].append(time)
-                fell_back[name] = float(np.mean([why is not None for why in forecast.fallback]))
-        for name in predictors:
-            row = {"obstacles": count, "predictor": name, **brief(times[name], times[REFERENCE])}
-            row["ms_per_obstacle"] = row["median_ms"] / count
-            rows.append(row | {"fell_back": fell_back[name]})
+        rows += _at(count, [one for one in found if one.expected(count) <= BUDGET], rounds)
     return rows
+
+
+def _at(count: int, found: list[Candidate], rounds: int) -> list[Row]:
+    """Time the candidates in turn, each until its budget is used up."""
+    tracks, scene = walkers(count, seed=1)
+    times: dict[str, list[float]] = {_key(one): [] for one in found}
+    fell_back: dict[str, float] = {}
+    by_key = {_key(one): one for one in found}
+    for turn in range(rounds + 1):
+        for key in rotated(list(by_key), turn):
+            if sum(times[key]) > BUDGET:
+                continue
+            time, fell_back[key] = timed(partial(by_key[key].work, tracks, scene))
+            # the first call imports what the predictor needs: it counts if that is little of it
+            if turn or time > BUDGET:
+                times[key].append(time)
+    rows = []
+    for key, one in by_key.items():
+        best = min(times[key])
+        one.history.append((count, best))
+        row: dict[str, Any] = {"obstacles": count, "predictor": one.name, "engine": one.engine}
+        row |= brief(times[key], times[f"{REFERENCE}, own"])
+        for library in ("var, statsmodels", "kalman, filterpy"):
+            known = times.get(library)
+            row[f"over_{library.split()[1]}"] = best / min(known) if known else None
+        row["us_per_obstacle"] = 1e3 * row["median_ms"] / count
+        rows.append(row | {"fell_back": fell_back[key]})
+    return rows
+
+
+def _key(one: Candidate) -> str:
+    return f"{one.name}, {one.engine}"
