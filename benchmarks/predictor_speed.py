@@ -148,6 +148,8 @@ def _filterpy(tracks: Tracks, scene: Scene) -> float:
 def measure(counts: tuple[int, ...], rounds: int, tick: Tick) -> list[Row]:
     """Time one call for all obstacles together: one row per candidate and number."""
     found = candidates()
+    for one in found:  # imports what it needs: no part of any time, whatever it costs
+        one.work(*walkers(1, seed=0))
     rows = []
     for count in counts:
         tick(f"predictors, {count} obstacles")

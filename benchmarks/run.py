@@ -52,7 +52,7 @@ class Extent:
     rounds: int = 3
     plugins: int | None = None
     repeats: tuple[int, int, int] = (15, 9, 5)
-    counts: tuple[int, ...] = (1, 10, 100)
+    counts: tuple[int, ...] = (1, 10, 100, 1000)
     risks: int = 50_000
 
 

@@ -22,14 +22,21 @@ if TYPE_CHECKING:
     from .path import Path as Path
     from .plan import Plan as Plan
     from .polygon import Polygon as Polygon
+    from .predictor import Adaptive as Adaptive
+    from .predictor import Fittable as Fittable
     from .predictor import Predictor as Predictor
     from .region import Region as Region
     from .registry import load as load
     from .registry import names as names
     from .registry import register as register
+    from .resampling import resampled_tracks as resampled_tracks
     from .robot import Robot as Robot
+    from .saved import load_plugin as load_plugin
+    from .saved import save_plugin as save_plugin
     from .static_region import StaticRegion as StaticRegion
     from .tracks import Tracks as Tracks
+    from .windows import Windows as Windows
+    from .windows import cut_windows as cut_windows
 
 _HOME = {
     "build": "config", "describe": "config", "read_config": "config",
@@ -38,10 +45,14 @@ _HOME = {
     "Forecast": "forecast", "GaussianObstacle": "forecast", "Scene": "forecast",
     "Command": "motion", "Detection": "motion", "Observation": "motion", "Pose": "motion",
     "Twist": "motion",
-    "Path": "path", "Plan": "plan", "Polygon": "polygon", "Predictor": "predictor",
+    "Path": "path", "Plan": "plan", "Polygon": "polygon",
+    "Adaptive": "predictor", "Fittable": "predictor", "Predictor": "predictor",
     "Region": "region",
     "load": "registry", "names": "registry", "register": "registry",
-    "Robot": "robot", "StaticRegion": "static_region", "Tracks": "tracks",
+    "resampled_tracks": "resampling", "Robot": "robot",
+    "load_plugin": "saved", "save_plugin": "saved",
+    "StaticRegion": "static_region", "Tracks": "tracks",
+    "Windows": "windows", "cut_windows": "windows",
 }  # fmt: skip
 
 

@@ -148,7 +148,9 @@ def read_json(path: Path, kind: str, version: int) -> dict[str, Any]:
     """
     try:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+    except OSError as error:
+        raise WideberthError(f"{path} cannot be read: {error.strerror or error}") from None
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
         raise WideberthError(f"{path} cannot be read as JSON: {error}") from None
     return unstamped(content, kind, version, str(path))
 
