@@ -117,6 +117,8 @@ def strip(panel: Any, rows: list[Row], name: str) -> None:
     """Draw one dot per episode in a column per planner, with the median as a bar."""
     import numpy as np
 
+    from .plotting import name_columns
+
     groups = group(rows, "planner")
     for i, ((_planner,), some) in enumerate(groups.items()):
         values = column(some, name)
@@ -125,6 +127,5 @@ def strip(panel: Any, rows: list[Row], name: str) -> None:
         panel.plot(i + spread[: len(values)], values, "o", markersize=2.5, color="0.35", alpha=0.8)
         if len(values):
             panel.hlines(np.median(values), i - 0.3, i + 0.3, color="black", linewidth=1.5)
-    labels = [planner.replace("_", "\n") for (planner,) in groups]
-    panel.set_xticks(range(len(labels)), labels)
+    name_columns(panel, [planner for (planner,) in groups])
     panel.grid(axis="y", linewidth=0.4, alpha=0.6)

@@ -1,6 +1,6 @@
 """How figures look: one style, readable in grey, and files without a time stamp."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -57,6 +57,15 @@ def paper_style() -> Iterator[None]:
     }
     with matplotlib.rc_context(settings):
         yield
+
+
+def name_columns(panel: Any, names: Sequence[str]) -> None:
+    """Write names below columns at 0, 1, ...: a word per line, upright where they are many."""
+    upright = len(names) > 6
+    labels = [name.replace("_", " " if upright else "\n") for name in names]
+    panel.set_xticks(range(len(labels)), labels, rotation=90 if upright else 0)
+    panel.set_xlim(-0.6, len(labels) - 0.4)
+    panel.grid(axis="x", visible=False)
 
 
 def save(figure: "Figure", folder: Path, name: str) -> list[Path]:

@@ -76,4 +76,4 @@ def rounded(value: float, length: bool = False) -> float:
     """Round what differs between processors: to nine digits, lengths to 1e-9 m."""
     if length:
         return round(value, 9) + 0.0
-    return float(f"{value:.9g}") if abs(value) > 1e-12 else 0.0
+    return 0.0 if abs(value) <= 1e-12 else float(f"{value:.9g}")  # NaN stays

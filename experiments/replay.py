@@ -245,10 +245,10 @@ def compare(rows: list[Row]) -> "Figure":
     """
     from matplotlib.figure import Figure
 
-    from .plotting import PAGE
+    from .plotting import PAGE, name_columns
 
     groups = group(rows, "planner")
-    figure = Figure(figsize=(PAGE, 2.4))
+    figure = Figure(figsize=(PAGE, 2.4 if len(groups) <= 6 else 3.2))
     titles = {
         "clearance": "least clearance (m)",
         "time_ratio_worst": "time over free time (1)",
@@ -257,10 +257,8 @@ def compare(rows: list[Row]) -> "Figure":
         for place, some in enumerate(groups.values()):
             _strip(panel, place, column(some, name))
         panel.axhline(0.0 if name == "clearance" else 1.0, color="0.5", linewidth=0.6)
-        panel.set_xticks(range(len(groups)), [key for (key,) in groups])
-        panel.set_xlim(-0.6, len(groups) - 0.4)
+        name_columns(panel, [key for (key,) in groups])
         panel.set_ylabel(title)
-        panel.grid(axis="x", visible=False)
     return figure
 
 

@@ -28,8 +28,10 @@ from wideberth.framework.io import (
 from wideberth.framework.yamlfile import dump, read_config
 
 from .base import Experiment, Result, Row, Task
+from .progress import Progress
 from .provenance import foreign_sources, provenance
 from .shards import checked_tasks, read_shard, shard_key, write_shard
+from .showing import fault, shown
 
 
 def run(
@@ -105,7 +107,14 @@ def prepare(
     (begun / "shards").mkdir()
     write_json(begun / "provenance.json", "provenance", 1, origin)
     write_text(begun / "config.yaml", dump(config))
-    os.replace(begun, out)  # the folder is there with both files or not at all
+    try:
+        os.replace(begun, out)  # the folder is there with both files or not at all
+    except OSError:
+        shutil.rmtree(begun)
+        raise WideberthError(
+            f"{out} was begun by another run at the same moment; let that one finish, or give "
+            "another folder with --out"
+        ) from None
 
 
 def _check_same(out: Path, config: dict[str, Any], source: str) -> None:
@@ -135,7 +144,7 @@ def _work_all(
     from joblib import Parallel, delayed, parallel_config
 
     settings = {"inner_max_num_threads": 1} if workers > 1 else {}
-    with _Progress(len(missing)) as advance, parallel_config("loky", **settings):
+    with Progress(len(missing)) as advance, parallel_config("loky", **settings):
         jobs = (
             delayed(_work)(experiment, task, folder, key, plugins, workers > 1)
             for key, task in missing.items()
@@ -159,8 +168,8 @@ def _work(
     with _Interrupt() as interrupt:
         try:
             outcome = experiment.measure(task)
-        except WideberthError as error:
-            raise WideberthError(f"task {task.name!r}: {error}") from error
+        except Exception as error:  # a plug-in may fail in any way; say where
+            raise WideberthError(f"task {task.name!r}: {fault(error)}") from error
         interrupt.check()
     write_shard(folder, key, task, outcome)
 
@@ -198,32 +207,6 @@ class _Interrupt:
             raise KeyboardInterrupt
 
 
-class _Progress:
-    """A bar with an ETA, shown on a terminal once the work has taken two seconds."""
-
-    def __init__(self, total: int) -> None:
-        from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
-
-        console = Console(stderr=True)
-        self.bar = Progress(
-            BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), console=console,
-            disable=not console.is_terminal, transient=True,
-        )  # fmt: skip
-        self.task = self.bar.add_task("tasks", total=total)
-        self.timer = threading.Timer(2.0, self.bar.start)
-        self.timer.daemon = True
-
-    def __enter__(self) -> Any:
-        self.timer.start()
-        return lambda: self.bar.advance(self.task)
-
-    def __exit__(self, *_: object) -> None:
-        self.timer.cancel()
-        self.timer.join()
-        self.bar.stop()
-
-
 def _collect(experiment: Experiment, keys: Sequence[str], out: Path) -> None:
     """Bring the shards together in the order of the tasks; table.csv comes last."""
     rows: list[Row] = []
@@ -256,13 +239,6 @@ def _markdown(claim: str, rows: Sequence[Row]) -> str:
     lines = [claim, "", f"| {' | '.join(columns)} |", "|" + " --- |" * len(columns)]
     lines += [f"| {' | '.join(shown(row.get(name)) for name in columns)} |" for row in rows]
     return "\n".join(lines) + "\n"
-
-
-def shown(value: Any) -> str:
-    """Return a cell as a reader wants it: four digits, and nothing for None."""
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    return "" if value is None else str(value)
 
 
 def reopen(folder: Path) -> tuple[Experiment, Result]:

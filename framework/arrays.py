@@ -64,18 +64,30 @@ def checked_covariance(name: str, value: ArrayLike, shape: tuple[int | None, ...
     WideberthError : as `checked`, or not symmetric, or an eigenvalue below zero.
     """
     array = checked(name, value, shape)
-    transposed = np.swapaxes(array, -1, -2)
-    scale = _largest(array)
-    uneven = _largest(array - transposed) > 1e-9 * scale
-    if uneven.any():
-        where = [int(i) for i in np.argwhere(uneven)[0]]
-        raise WideberthError(
-            f"{name}{where} is not symmetric; a covariance must equal its transpose"
-        )
-    symmetric = 0.5 * (array + transposed)
-    _refuse_negative(name, symmetric, scale)
-    symmetric.setflags(write=False)
+    if _equals_transpose(array):
+        symmetric = array
+    else:
+        transposed = np.swapaxes(array, -1, -2)
+        uneven = _largest(array - transposed) > 1e-9 * _largest(array)
+        if uneven.any():
+            where = [int(i) for i in np.argwhere(uneven)[0]]
+            raise WideberthError(
+                f"{name}{where} is not symmetric; a covariance must equal its transpose"
+            )
+        symmetric = np.asarray(0.5 * (array + transposed))
+        symmetric.setflags(write=False)
+    _refuse_negative(name, symmetric)
     return symmetric
+
+
+def _equals_transpose(matrices: Array) -> bool:
+    """Tell whether all of (..., D, D) are exactly symmetric, as most are."""
+    size = matrices.shape[-1]
+    if size > 3:
+        return bool((matrices == np.swapaxes(matrices, -1, -2)).all())
+    # Entry by entry: NumPy is slow over axes this short.
+    pairs = ((i, j) for i in range(size) for j in range(i))
+    return all((matrices[..., i, j] == matrices[..., j, i]).all() for i, j in pairs)
 
 
 def _largest(matrices: Array) -> Array:
@@ -83,12 +95,11 @@ def _largest(matrices: Array) -> Array:
     size = matrices.shape[-1]
     if not 0 < size <= 3:
         return np.asarray(np.abs(matrices).max(axis=(-2, -1), initial=0.0))
-    # Entry by entry: NumPy reduces axes this short slowly.
     entries = [np.abs(matrices[..., i, j]) for i in range(size) for j in range(size)]
     return np.asarray(reduce(np.maximum, entries))
 
 
-def _refuse_negative(name: str, symmetric: Array, scale: Array) -> None:
+def _refuse_negative(name: str, symmetric: Array) -> None:
     """Refuse covariances that have a negative eigenvalue beyond rounding."""
     if not symmetric.size:
         return
@@ -97,7 +108,7 @@ def _refuse_negative(name: str, symmetric: Array, scale: Array) -> None:
     if not doubtful.any():
         return
     lowest = np.linalg.eigvalsh(symmetric[doubtful])[..., 0]
-    negative = lowest < -1e-9 * scale[doubtful]
+    negative = lowest < -1e-9 * _largest(symmetric[doubtful])
     if negative.any():
         where = [int(i) for i in np.argwhere(doubtful)[negative][0]]
         raise WideberthError(

@@ -46,6 +46,11 @@ class Scene:
     plan_times : (N,), s, on the clock of the tracks' stamp; without them the plan is on the
         forecast's grid, its first row one step after the newest sample.
     radius : m, of the robot.
+
+    Raises
+    ------
+    WideberthError : a plan, its times or goals of a wrong shape or not finite; times that do
+        not increase.
     """
 
     ego: Array | None = None
@@ -55,7 +60,21 @@ class Scene:
     plan_times: Array | None = None
     radius: float = 0.0
 
+    def __post_init__(self) -> None:
+        for name, shape in (("plan", (None, None)), ("goals", (None, None))):
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, checked(f"scene.{name}", value, shape))
+        if self.plan_times is not None:
+            length = None if self.plan is None else len(self.plan)
+            times = checked("scene.plan_times", self.plan_times, (length,))
+            if (np.diff(times) <= 0).any():
+                raise WideberthError("scene.plan_times must increase from row to row")
+            object.__setattr__(self, "plan_times", times)
 
+
+LIGHT = 0.01
+"""Forecast modes of less weight than this are left out of plans, and named there; what judges
+forecasts as planners use them leaves them out too."""
 JointSource: TypeAlias = Array | Callable[[], Array] | None
 """A joint covariance, (O, M, N*D, N*D), m^2, or what computes it when it is asked for."""
 

@@ -46,5 +46,8 @@ class Adaptive(Predictor):
     """
 
     @abstractmethod
-    def update(self, tracks: Tracks) -> Self:
-        """Return a copy that has learnt from the newest samples."""
+    def update(self, tracks: Tracks, scene: Scene | None = None) -> Self:
+        """Return a copy that has learnt from the newest samples.
+
+        ``scene`` is what `predict` will be given next, for the forecasts made to be judged.
+        """

@@ -11,7 +11,7 @@ from ..framework.forecast import Forecast, Scene
 from ..framework.metrics import content_bound
 from ..framework.predictor import Adaptive, Fittable, Predictor
 from ..framework.tracks import Tracks
-from .core.calibration import scale_at, scaled, squared_distances
+from .core.calibration import scaled, squared_distances
 from .empirical import Empirical
 
 ON_GRID = 1e-6
@@ -74,10 +74,11 @@ class AdaptiveConformal(Adaptive, Fittable):
     at the same scale; the sum of their misses varies by sqrt(n), so that a step's scale moves
     alike in a crowd and alone.
 
-    Nothing is assumed of the base or of the world: as the sum telescopes, over T updates the
-    misses of single obstacles average to within (max l_h - min l_h + rate) / (rate T) of the
-    tail, on any site and however it changes. That is a long-run rate per step; it says
-    nothing of a single moment, nor of all steps together.
+    Nothing is assumed of the base or of the world but that |l_h| stays below 12: as the sum
+    telescopes, over T updates the misses of one obstacle average to within (max l_h - min l_h
+    + rate) / (rate T) of the tail, on any site and however it changes. (Of several, their sums
+    over sqrt(n) do: a moment with four people weighs twice as much as one with one.) That is a
+    long-run rate per step; it says nothing of a single moment, nor of all steps together.
 
     `update` makes the forecasts that it will judge; those of obstacles seen at the newest
     sample for ``observed`` samples in a row are kept. Truth is looked up by identity at the
@@ -132,26 +133,27 @@ class AdaptiveConformal(Adaptive, Fittable):
         forecast = self.base.predict(tracks, steps, scene)
         if self.state is None:
             return forecast
-        known = np.exp(self.state.log_scale)
-        return scaled(forecast, scale_at(known, self.state.dt, tracks.dt, steps))
+        return scaled(forecast, np.exp(self.state.log_scale), self.state.dt, tracks)
 
-    def update(self, tracks: Tracks) -> Self:
+    def update(self, tracks: Tracks, scene: Scene | None = None) -> Self:
         """Learn from what has fallen due, then forecast; see `Adaptive.update`."""
-        base = self.base.update(tracks) if isinstance(self.base, Adaptive) else self.base
+        base = self.base
+        if isinstance(base, Adaptive):
+            base = base.update(tracks, scene)
         state = self._learnt(tracks)
         learnt = replace(self, base=base, state=state)
         last = state.pending[-1].stamp if state.pending else -np.inf
-        if tracks.stamp - last < tracks.dt * (1 - ON_GRID):
+        if tracks.stamp - last < tracks.dt - _slack(tracks):
             return learnt
-        pending = (*state.pending, learnt._made(tracks))[-self.steps :]
+        pending = (*state.pending, learnt._made(tracks, scene))[-self.steps :]
         return replace(learnt, state=replace(state, pending=pending))
 
-    def _made(self, tracks: Tracks) -> Pending:
+    def _made(self, tracks: Tracks, scene: Scene | None) -> Pending:
         """State a forecast of the obstacles that count."""
         recent = tracks.positions[:, -self.observed :]
         seen = np.isfinite(recent).all(axis=(1, 2)) & (recent.shape[1] == self.observed)
         index = [int(i) for i in np.flatnonzero(seen)]
-        forecast = self.predict(tracks, self.steps)
+        forecast = self.predict(tracks, self.steps, scene)
         return Pending(
             tracks.stamp,
             tuple(tracks.ids[i] for i in index),
@@ -163,7 +165,7 @@ class AdaptiveConformal(Adaptive, Fittable):
     def _learnt(self, tracks: Tracks) -> Online:
         """Return the state after the truth that has come since the last update."""
         state = self.state
-        slack = ON_GRID * tracks.dt
+        slack = _slack(tracks)
         if (
             state is None
             or abs(state.dt - tracks.dt) > slack
@@ -173,8 +175,8 @@ class AdaptiveConformal(Adaptive, Fittable):
             return Online(tracks.stamp, tracks.dt, (0.0,) * self.steps)
         balance, count = np.zeros(self.steps), np.zeros(self.steps)
         for one in state.pending:
-            first = int((state.stamp - one.stamp) / state.dt + ON_GRID)
-            last = int((tracks.stamp - one.stamp) / state.dt + ON_GRID)
+            first = int((state.stamp - one.stamp + slack) / state.dt)
+            last = int((tracks.stamp - one.stamp + slack) / state.dt)
             for step in range(first, min(last, self.steps)):
                 missed = self._missed(one, step, tracks)
                 balance[step] += np.sum(missed - self.tail)
@@ -203,12 +205,17 @@ class AdaptiveConformal(Adaptive, Fittable):
         return np.asarray(square[:, 0] > limit, dtype=np.float64)
 
 
+def _slack(tracks: Tracks) -> float:
+    """Seconds by which a time may miss another: a clock that counts since 1970 is coarse."""
+    return max(ON_GRID * tracks.dt, 4.0 * float(np.spacing(abs(tracks.stamp))))
+
+
 def _position(tracks: Tracks, time: float) -> Array:
     """Where each obstacle was at a time up to the newest sample, (O, D); NaN if not known."""
     rows = tracks.positions.shape[1]
-    place = rows - 1 - (tracks.stamp - time) / tracks.dt
+    place = min(rows - 1 - (tracks.stamp - time) / tracks.dt, rows - 1.0)
     nearest = round(place)
-    if abs(place - nearest) <= ON_GRID:
+    if abs(place - nearest) * tracks.dt <= _slack(tracks):
         place = float(nearest)
     below = int(np.floor(place))
     if below < 0 or rows == 0:

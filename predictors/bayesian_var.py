@@ -13,7 +13,7 @@ from ..framework.predictor import Fittable, Predictor
 from ..framework.tracks import Tracks
 from .core.assembly import with_fallback
 from .core.history import Histories, gather
-from .core.least_squares import lagged, regress
+from .core.least_squares import complete_rows, lagged, regress
 from .core.pattern_search import fit_numbers
 from .core.velocity_forecast import past_velocities, process_gaussians, served, start_covariance
 from .core.velocity_process import VelocityProcess, velocity_path
@@ -71,7 +71,8 @@ def posterior(prior: Prior, velocities: Array, past: Histories) -> Posterior:
     Psi_n = n_0 s^2 I + (Y - Z B_n)'(Y - Z B_n) + l (B_n - B_0)'(B_n - B_0)
 
     which is least squares with the rows (sqrt(l) I, sqrt(l) B_0) on top of (Z, Y). For a
-    history without a single row it is the prior.
+    history without a single row it is the prior. Rows with a velocity that was filled in where
+    samples are missing are left out: they are smoother than the obstacle is.
 
     Parameters
     ----------
@@ -83,13 +84,14 @@ def posterior(prior: Prior, velocities: Array, past: Histories) -> Posterior:
     order = believed.order
     weight = np.sqrt(believed.innovation[0, 0, 0]) / prior.deviation
     mean = believed.coefficients[0].swapaxes(0, 1).reshape(size, order * size)
-    regressors, targets = lagged(velocities, past.began, order)
+    seen = np.asarray(past.observed[:, 1:] & past.observed[:, :-1], dtype=np.bool_)
+    regressors, targets = lagged(velocities, past.began, order, seen=seen)
     above = np.repeat(weight * np.eye(order * size)[:, :, None], count, axis=2)
     below = np.repeat(weight * mean[:, :, None], count, axis=2)
     found = regress(
         np.concatenate([above, regressors], axis=1), np.concatenate([below, targets], axis=1)
     )
-    rows = np.maximum(velocities.shape[1] - past.began - order, 0)
+    rows = complete_rows(seen, order).sum(axis=1)
     scale = np.moveaxis(found.squares, 2, 0) + prior.samples * believed.innovation
     innovation = scale / (prior.samples + rows)[:, None, None]
     solution = np.moveaxis(found.solution, 2, 0)

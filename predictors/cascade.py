@@ -13,7 +13,7 @@ from ..framework.predictor import Fittable, Predictor
 from ..framework.registry import name_of
 from ..framework.tracks import Tracks
 from .bayesian_var import BayesianVectorAutoregression
-from .core.assembly import with_fallback
+from .core.assembly import refuse_adaptive, with_fallback
 from .core.history import Histories, gather
 from .kalman import Kalman
 from .static import Static
@@ -41,6 +41,7 @@ class Stage:
     max_speed: float | None = None
 
     def __post_init__(self) -> None:
+        refuse_adaptive("stage.predictor", self.predictor)
         whole("stage.minimum_samples", self.minimum_samples)
         if self.max_speed is not None:
             positive("stage.max_speed", self.max_speed)
@@ -54,7 +55,7 @@ class Stage:
 def _stages() -> tuple[Stage, ...]:
     return (
         Stage(VectorAutoregression(), 60),
-        Stage(BayesianVectorAutoregression(), 8),
+        Stage(BayesianVectorAutoregression(), 8, max_speed=5.0),
         Stage(Kalman(), 2),
         Stage(Static()),
     )
@@ -74,7 +75,7 @@ class Cascade(Fittable):
 
     Each stage is asked once for all obstacles that no earlier one served, so that one which
     looks at neighbours sees those alone, and all of them where it is the first. `fit` passes
-    the recordings on to every stage that learns. A stage that adapts is not updated: wrap the
+    the recordings on to every stage that learns. A stage that adapts is refused: wrap the
     cascade instead.
 
     Parameters
@@ -124,8 +125,9 @@ class Cascade(Fittable):
 
 def _short(stage: Stage, past: Histories) -> list[str | None]:
     """Say per obstacle that its history is too short, or None."""
+    name = stage.name  # a look-up in the registry
     return [
-        f"{stage.name}: {count} sample{'' if count == 1 else 's'}, needs {stage.minimum_samples}"
+        f"{name}: {count} sample{'' if count == 1 else 's'}, needs {stage.minimum_samples}"
         if count < stage.minimum_samples
         else None
         for count in past.samples.tolist()

@@ -14,10 +14,10 @@ from ..framework.metrics import SMALLEST, content_bound
 from ..framework.predictor import Fittable, Predictor
 from ..framework.tracks import Tracks
 from ..framework.windows import windows_of
+from .core.assembly import refuse_adaptive
 from .core.calibration import (
     replayed,
     same_step,
-    scale_at,
     scaled,
     squared_distances,
 )
@@ -85,7 +85,7 @@ class Conformal(Fittable):
 
     Raises
     ------
-    WideberthError : a tail outside (0, 1), or a number of samples below 1.
+    WideberthError : a tail outside (0, 1), a number of samples below 1, or a base that adapts.
 
     References
     ----------
@@ -104,6 +104,7 @@ class Conformal(Fittable):
     reference: ClassVar[str] = "lindemann2023safe"
 
     def __post_init__(self) -> None:
+        refuse_adaptive("conformal.base", self.base)
         probability("conformal.tail", self.tail)
         for name in ("observed", "steps"):
             whole(f"conformal.{name}", getattr(self, name))
@@ -149,8 +150,7 @@ class Conformal(Fittable):
         forecast = self.base.predict(tracks, steps, scene)
         if self.fitted is None:
             return forecast
-        known = np.array(self.fitted.scale)
-        return scaled(forecast, scale_at(known, self.fitted.dt, tracks.dt, steps))
+        return scaled(forecast, np.array(self.fitted.scale), self.fitted.dt, tracks)
 
 
 def _halves(dataset: Sequence[Tracks]) -> tuple[list[list[int]], list[list[int]]]:

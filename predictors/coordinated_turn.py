@@ -120,8 +120,9 @@ class CoordinatedTurn(Predictor):
         state, start, fit = self._filter(past, frame, tracks, model, step)
         ahead = steps + int(past.late.max(initial=0))
         moved, spread = _roll_out(state, start, model, step, ahead)
-        moved = moved @ frame.swapaxes(1, 2)
-        spread = frame[:, None] @ spread @ frame.swapaxes(1, 2)[:, None]
+        moved = np.einsum("oab,onb->ona", frame, moved)
+        spread = np.einsum("oab,onbc->onac", frame, spread)
+        spread = np.einsum("onac,odc->onad", spread, frame)
         mean = past.origin[:, None] + after(moved, steps, past.late)
         joint = partial(_joint, state, start, frame, model, step, steps, past.late)
         own = Gaussians(mean, after(spread, steps, past.late), reasons, joint)

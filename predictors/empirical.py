@@ -13,6 +13,7 @@ from ..framework.predictor import Fittable, Predictor
 from ..framework.tracks import Tracks
 from ..framework.windows import Windows, windows_of
 from .constant_velocity import ConstantVelocity
+from .core.assembly import refuse_adaptive
 from .core.calibration import replayed, same_step
 from .core.error_table import ErrorTable, Motion, joined, learn_table
 from .core.history import gather
@@ -29,10 +30,14 @@ class Empirical(Fittable):
     mu_h as the base says,   Sigma_h = Sigma_h(speed bin, jitter bin), turned to the heading
 
     Somebody who stands, strolls or zigzags is not equally hard to forecast, and one process
-    noise does not say so: on recorded pedestrians of sites not learnt from, 24 classes bring
+    noise does not say so: on recorded pedestrians of other recordings, 24 classes bring
     0.17 nat per step over one for all. What a table holds, and how it is carried to other
     time grids, stands in `ErrorTable`. Errors are those against later measurements, so that
     the covariance is that of what will be measured.
+
+    Missing samples are filled in before jitter is read, so that people look steadier than they
+    are: of a simulated crowd of mixed agility with 30 % of the samples missing the nominal 95 %
+    held 90 to 91 % (`AdaptiveConformal` mends the rate in the long run).
 
     Unfitted, and for an obstacle for which the base gives a reason or whose history has
     fewer than three samples, the base's own covariance stands (with a reason). Of a base
@@ -51,7 +56,7 @@ class Empirical(Fittable):
 
     Raises
     ------
-    WideberthError : fewer than 3 samples observed, or a number below 1.
+    WideberthError : fewer than 3 samples observed, a number below 1, or a base that adapts.
 
     References
     ----------
@@ -69,6 +74,7 @@ class Empirical(Fittable):
     reference: ClassVar[str] = "schoeller2020constant"
 
     def __post_init__(self) -> None:
+        refuse_adaptive("empirical.base", self.base)
         whole("empirical.observed", self.observed, least=FEWEST)
         for name in ("steps", "speeds", "jitters"):
             whole(f"empirical.{name}", getattr(self, name))

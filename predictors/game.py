@@ -142,7 +142,8 @@ class Game(Predictor):
         played = table.play(self.iterations)
         changes = np.zeros((2, len(tracks), ahead, 2))
         if 0 in played.failures:
-            reasons = [f"no plan for the robot: {played.failures[0]}"] * len(tracks)
+            robotless = f"no plan for the robot: {played.failures[0]}"
+            reasons = [reason or robotless for reason in reasons]
         for index, row in enumerate(rows, start=1):
             changes[:, row] = played.bent[index], played.unsettled[index]
             if index in played.failures and 0 not in played.failures:

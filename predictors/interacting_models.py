@@ -110,7 +110,7 @@ class InteractingModels(Fittable):
         """Forecast all obstacles; see `Predictor.predict`."""
         past = gather(tracks, length=self.history)
         bank = self.bank(tracks.dt, tracks.dimension)
-        beliefs = self.filter(past, tracks)
+        beliefs = self._filtered(past, tracks, bank)
         if self.modes == "kept":
             return self._kept(beliefs, bank, past, tracks, steps)
         ahead = steps + int(past.late.max(initial=0))
@@ -122,9 +122,10 @@ class InteractingModels(Fittable):
 
     def filter(self, past: Histories, tracks: Tracks) -> Beliefs:
         """Return the beliefs after the newest observed samples, in the order of `MODES`."""
-        noise = measurement_noise(tracks, self.noise_floor)
-        bank = self.bank(tracks.dt, tracks.dimension)
-        return filter_modes(past, noise, bank, self.speed)
+        return self._filtered(past, tracks, self.bank(tracks.dt, tracks.dimension))
+
+    def _filtered(self, past: Histories, tracks: Tracks, bank: ModeBank) -> Beliefs:
+        return filter_modes(past, measurement_noise(tracks, self.noise_floor), bank, self.speed)
 
     def bank(self, dt: float, size: int) -> ModeBank:
         """Return the three models and their chain."""

@@ -12,6 +12,7 @@ from ..framework.errors import WideberthError
 from ..framework.forecast import Forecast, Scene
 from ..framework.predictor import Fittable, Predictor
 from ..framework.tracks import Tracks
+from .core.assembly import refuse_adaptive
 from .mixture_density import MixtureDensity
 
 
@@ -30,12 +31,15 @@ class SingleGaussian(Fittable):
 
     Parameters
     ----------
-    base : predictor whose modes are merged; `fit` fits it.
+    base : predictor whose modes are merged; `fit` fits it. One that adapts is refused.
     """
 
     base: Predictor = field(default_factory=MixtureDensity)
 
     reference: ClassVar[str] = ""
+
+    def __post_init__(self) -> None:
+        refuse_adaptive("single_gaussian.base", self.base)
 
     def fit(self, dataset: Sequence[Tracks]) -> Self:
         """Fit the base; see `Fittable.fit`.

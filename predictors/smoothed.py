@@ -11,6 +11,7 @@ from ..framework.forecast import Forecast, Scene
 from ..framework.predictor import Predictor
 from ..framework.tracks import Tracks
 from .constant_velocity import ConstantVelocity
+from .core.assembly import refuse_adaptive
 from .core.history import Histories, gather, measurement_noise
 
 SPACINGS = (8, 6, 4, 3)
@@ -93,6 +94,7 @@ class Smoothed(Predictor):
     reference: ClassVar[str] = "rauch1965maximum"
 
     def __post_init__(self) -> None:
+        refuse_adaptive("smoothed.base", self.base)
         for name in ("acceleration_density", "speed", "noise_floor"):
             positive(f"smoothed.{name}", getattr(self, name))
         if self.noise not in ("given", "estimated"):

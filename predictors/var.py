@@ -11,7 +11,7 @@ from ..framework.errors import WideberthError
 from ..framework.forecast import Forecast, Scene
 from ..framework.predictor import Predictor
 from ..framework.tracks import Tracks
-from .core.assembly import Gaussians, with_fallback
+from .core.assembly import Gaussians, placed, with_fallback
 from .core.history import Histories, gather
 from .core.least_squares import Fits, Trend, fit_velocities, fit_with_statsmodels
 from .core.paper_recursion import paper_covariances
@@ -20,10 +20,9 @@ from .core.velocity_forecast import (
     past_velocities,
     process_gaussians,
     process_means,
-    served,
     start_covariance,
 )
-from .core.velocity_process import SETTLED, Integration, velocity_path
+from .core.velocity_process import SETTLED, Integration, VelocityProcess, velocity_path
 from .kalman import Kalman
 
 CONDITION = 1e6
@@ -138,13 +137,17 @@ class VectorAutoregression(Predictor):
         velocities, recent = past_velocities(past, tracks.dt, self.order)
         fits = self._fit(velocities, past)
         missing = self._ill(fits, past)
-        past = served(past, missing)
-        # The arithmetic runs over unsound fits as well; nothing of that is used.
+        sound = np.flatnonzero([reason is None for reason in missing])
+        past, process, root = past.select(sound), fits.process.select(sound), fits.root[sound]
+        start = start_covariance(tracks, self.noise_floor, self.order)[sound]
+        # Without the gate an explosive fit may overflow; `_judge` says so.
         with np.errstate(all="ignore"):
-            path = velocity_path(fits.process, recent, steps + int(past.late.max(initial=0)))
-            own = self._spread(fits, past, path, tracks, steps)
-            self._judge(missing, own, past, path)
+            path = velocity_path(process, recent[sound], steps + int(past.late.max(initial=0)))
+            own = self._spread(process, root, past, path, start, tracks.dt, steps)
+            for o, reason in zip(sound, self._judge(own, past, path), strict=True):
+                missing[o] = reason
         named = [None if reason is None else f"var: {reason}" for reason in missing]
+        own = placed(own, sound, len(tracks))
         return with_fallback(own, named, self.fallback, tracks, scene)
 
     def _fit(self, velocities: Array, past: Histories) -> Fits:
@@ -178,24 +181,29 @@ class VectorAutoregression(Predictor):
         return missing
 
     def _spread(
-        self, fits: Fits, past: Histories, path: Array, tracks: Tracks, steps: int
+        self,
+        process: VelocityProcess,
+        root: Array,
+        past: Histories,
+        path: Array,
+        start: Array,
+        dt: float,
+        steps: int,
     ) -> Gaussians:
         """Mean and covariance of the positions, without the steps already gone by."""
-        start = start_covariance(tracks, self.noise_floor, self.order)
-        process, dt, rule = fits.process, tracks.dt, self.integration
+        rule = self.integration
         if self.covariance in ("exact", "exact+estimation"):
-            root = fits.root if self.covariance == "exact+estimation" else None
-            return process_gaussians(process, past, path, start, dt, steps, rule, root)
-        size, ahead = tracks.dimension, path.shape[1] - self.order
+            known = None if self.covariance == "exact" else root
+            return process_gaussians(process, past, path, start, dt, steps, rule, known)
+        size, ahead = past.origin.shape[1], path.shape[1] - self.order
         literal, noise = self.covariance == "paper-literal", start[:, :size, :size]
         spread = paper_covariances(process, dt, ahead, noise, rule, literal=literal)
         mean = process_means(past, path, self.order, dt, steps, rule)
         return Gaussians(mean, after(spread, steps, past.late), (None,) * len(mean))
 
-    def _judge(
-        self, missing: list[str | None], own: Gaussians, past: Histories, path: Array
-    ) -> None:
-        """Add why a forecast must not be used, now that it is there."""
+    def _judge(self, own: Gaussians, past: Histories, path: Array) -> list[str | None]:
+        """Why each forecast must not be used, now that it is there, or None."""
+        missing: list[str | None] = [None] * len(own.mean)
         ahead = path[:, self.order :]
         within = np.arange(ahead.shape[1]) < (own.steps + past.late)[:, None]
         squares = np.where(within, np.einsum("ohi,ohi->oh", ahead, ahead), 0.0)
@@ -207,13 +215,15 @@ class VectorAutoregression(Predictor):
         widest = _largest(own.covariance)
         diverges = ~(moved < REACH) | ~(widest < REACH**2)
         _mark(missing, diverges, "forecast diverges", widest)
+        return missing
 
 
 def _mark(missing: list[str | None], bad: BoolArray, text: str, values: ArrayLike) -> None:
     """Write down a reason, with the value in it, where there is none yet."""
-    for o in np.flatnonzero(bad):
+    each = np.asarray(values).tolist()  # these are printed faster than NumPy's
+    for o in np.flatnonzero(bad).tolist():
         if missing[o] is None:
-            missing[o] = text.format(np.asarray(values)[o])
+            missing[o] = text.format(each[o])
 
 
 def _largest(values: Array) -> Array:

@@ -9,7 +9,8 @@ from scipy.stats import chi2
 
 from wideberth.framework.config import build, describe
 from wideberth.framework.errors import WideberthError
-from wideberth.framework.forecast import Forecast
+from wideberth.framework.forecast import Forecast, Scene
+from wideberth.framework.motion import Truth
 from wideberth.framework.predictor import Adaptive, Predictor
 from wideberth.framework.saved import load_plugin, save_plugin
 from wideberth.framework.testing.predictor import check_predictor
@@ -18,6 +19,7 @@ from wideberth.predictors.adaptive_conformal import LIMIT, AdaptiveConformal
 from wideberth.predictors.constant_velocity import ConstantVelocity
 from wideberth.predictors.core.calibration import seen_at
 from wideberth.predictors.empirical import Empirical
+from wideberth.predictors.oracle import Oracle
 
 DT, OBSERVED, STEPS, TAIL, RATE = 0.5, 2, 3, 0.1, 0.2
 SIZE = chi2.ppf(1 - TAIL, 2)
@@ -202,6 +204,33 @@ def test_it_starts_anew_where_the_clock_or_the_step_says_so():
     assert learnt.update(away).state.log_scale == learnt.state.log_scale
 
 
+@pytest.mark.parametrize("dt", [0.02, 0.05, 0.1, 0.2, 0.4, 0.5])
+def test_a_clock_of_seconds_since_1970_learns_the_same(dt):
+    rng = np.random.default_rng(9)
+    walk = 0.3 * rng.standard_normal((4, 60, 2)).cumsum(axis=1)
+    learnt = []
+    for epoch in (0.0, 1.7e9):
+        predictor = adaptive(Stay(0.3))
+        for row in range(OBSERVED, 60):
+            past = walk[:, row - OBSERVED : row]
+            predictor = predictor.update(tracks_of(past, stamp=epoch + dt * row, dt=dt))
+        learnt.append(predictor.state.log_scale)
+    assert np.abs(learnt[0]).max() > 0
+    np.testing.assert_allclose(learnt[0], learnt[1], atol=1e-12)
+
+
+def test_forecasts_are_judged_as_the_scene_makes_them():
+    walk = 0.3 * np.random.default_rng(10).standard_normal((2, 60, 2)).cumsum(axis=1)
+    truth = Truth(DT * np.arange(60), {"o0": walk[0], "o1": walk[1]})
+    told, untold = adaptive(Oracle(spread=0.1)), adaptive(Oracle(spread=0.1))
+    for row in range(OBSERVED, 50):
+        now = tracks_of(walk[:, row - OBSERVED : row], stamp=DT * (row - 1))
+        told, untold = told.update(now, Scene(truth=truth)), untold.update(now)
+    hits = 50 - OBSERVED - np.arange(1, STEPS + 1)  # what the oracle says comes true
+    np.testing.assert_allclose(told.state.log_scale, -RATE * TAIL * np.sqrt(2) * hits)
+    assert max(untold.state.log_scale) > 0
+
+
 def test_what_is_kept_is_bounded():
     still = np.zeros((2, OBSERVED, 2))
     predictor = adaptive(rate=100.0)
@@ -217,7 +246,7 @@ def test_what_is_kept_is_bounded():
 class Counter(Adaptive):
     seen: int = 0
 
-    def update(self, tracks):
+    def update(self, tracks, scene=None):
         return replace(self, seen=self.seen + 1)
 
     def predict(self, tracks, steps, scene=None):

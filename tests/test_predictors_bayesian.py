@@ -263,3 +263,28 @@ def test_too_few_windows_are_refused():
     short = tracks_of(mixed_crowd(1)[:, :15])
     with pytest.raises(WideberthError, match=r"bayesian_var.fit: 1 scenes hold 0 windows of 8"):
         BayesianVectorAutoregression().fit([short])
+
+
+def test_rows_with_a_sample_that_was_filled_in_do_not_count():
+    rng = np.random.default_rng(21)
+    positions = positions_of(rng.normal(size=(1, 14, 2)).cumsum(axis=1))
+    hollow = positions.copy()
+    hollow[0, 6] = np.nan
+    past = gather(tracks_of(hollow))
+    velocities = np.diff(past.positions, axis=1) / DT
+    prior = Prior(IsotropicProcess.random_walk(2, 0.5, DT), 0.3, 4.0)
+    found = posterior(prior, velocities, past)
+    # Sample 6 spoils velocities 5 and 6, and with them rows 3 to 6 (targets 5 to 8).
+    rows = [h for h in range(2, velocities.shape[1]) if not {5, 6} & {h, h - 1, h - 2}]
+    regressors = np.array([np.r_[velocities[0, h - 1], velocities[0, h - 2]] for h in rows])
+    targets = velocities[0, rows]
+    weight = 0.5 * DT / 0.3**2
+    mean = np.vstack([np.eye(2), np.zeros((2, 2))])
+    moments = weight * np.eye(4) + regressors.T @ regressors
+    solution = np.linalg.solve(moments, weight * mean + regressors.T @ targets)
+    np.testing.assert_allclose(
+        np.concatenate([lag.T for lag in found.process.coefficients[0]]), solution, atol=1e-12
+    )
+    residuals, moved = targets - regressors @ solution, solution - mean
+    scale = 4.0 * 0.5 * DT * np.eye(2) + residuals.T @ residuals + weight * moved.T @ moved
+    np.testing.assert_allclose(found.process.innovation[0], scale / (4.0 + len(rows)), atol=1e-12)

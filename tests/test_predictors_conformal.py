@@ -14,6 +14,7 @@ from wideberth.framework.predictor import Fittable, Predictor
 from wideberth.framework.saved import load_plugin, save_plugin
 from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.tracks import Tracks
+from wideberth.predictors.adaptive_conformal import AdaptiveConformal
 from wideberth.predictors.conformal import Conformal, Scales
 from wideberth.predictors.constant_velocity import ConstantVelocity
 from wideberth.predictors.core.calibration import scaled, squared_distances
@@ -173,7 +174,7 @@ def test_modes_of_no_weight_have_no_region():
 
 def test_scales_reach_the_joint_covariance_and_other_grids():
     scene = walkers(3, np.random.default_rng(10))
-    forecast = scaled(Walk().predict(scene, 3), np.array([1.0, 4.0, 9.0]))
+    forecast = scaled(Walk().predict(scene, 3), np.array([1.0, 4.0, 9.0]), DT, scene)
     blocks = forecast.joint[0, 0].reshape(3, 2, 3, 2)
     assert np.allclose(blocks[1, :, 1], forecast.covariance[0, 0, 1])
     assert np.allclose(blocks[1, :, 2], 2.0 * 3.0 * 2.0 * np.eye(2))
@@ -209,6 +210,24 @@ def test_bad_input():
     for scale in ((), (1.0, 0.0), (np.nan,)):
         with pytest.raises(WideberthError, match=r"scales\.scale"):
             Scales(DT, scale, 1)
+
+
+def test_somebody_late_gets_the_scales_of_the_time_since_he_was_seen():
+    scene = walkers(2, np.random.default_rng(12))
+    gone = scene.positions.copy()
+    gone[1, -2:] = np.nan
+    predictor = Conformal(Kalman(), fitted=Scales(DT, (1.0, 2.0, 3.0, 4.0, 5.0), 99))
+    late = predictor.predict(replace(scene, positions=gone), 3)
+    plain = Kalman().predict(replace(scene, positions=gone), 3)
+    ratio = late.covariance[:, 0, :, 0, 0] / plain.covariance[:, 0, :, 0, 0]
+    np.testing.assert_allclose(ratio, [[1.0, 2.0, 3.0], [3.0, 4.0, 5.0]])
+    blocks = late.joint[1, 0].reshape(3, 2, 3, 2)
+    np.testing.assert_allclose(blocks[2, :, 2], late.covariance[1, 0, 2])
+
+
+def test_a_base_that_adapts_is_refused():
+    with pytest.raises(WideberthError, match=r"base is AdaptiveConformal, which adapts"):
+        Conformal(AdaptiveConformal())
 
 
 def test_scenes_of_one_track_are_dealt_to_both_halves():

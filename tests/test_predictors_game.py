@@ -97,6 +97,29 @@ def test_who_has_no_plan_keeps_its_way_and_is_still_seen():
     assert broken.failures == {0: "no way"} and not broken.bent.any()
 
 
+class Stumbling(Echo):
+    """Finds no plan at some of its calls; each round asks the robot (0) first."""
+
+    def __init__(self, *calls):
+        super().__init__({0: -0.5, 1: 0.4}, 1.0)
+        self.calls, self.asked = calls, -1
+
+    def respond(self, agent, others, radii):
+        self.asked += 1
+        return "no way" if self.asked in self.calls else super().respond(agent, others, radii)
+
+
+def test_only_a_failure_of_the_last_round_counts():
+    # Calls 0 and 1 are alone; 2 and 3 the first round, 4 and 5 the second.
+    assert table_of(Stumbling(2, 3), 2).play(2).failures == {}
+    other = table_of(Stumbling(5), 2).play(2)
+    assert other.failures == {1: "no way"}
+    assert not other.bent[1].any() and other.bent[0].all()
+    robot = table_of(Stumbling(4), 2).play(2)
+    assert robot.failures == {0: "no way"}
+    assert not robot.bent.any() and not robot.unsettled.any()
+
+
 def test_the_other_is_expected_to_give_way_as_the_robot_does():
     scene = Scene(ego=EGO)
     forecast = GAME.predict(MEETING, 15, scene)

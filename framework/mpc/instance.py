@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array
-from ..forecast import Forecast, GaussianObstacle
+from ..forecast import LIGHT, Forecast, GaussianObstacle
 from ..region import Region
 from .levels.base import LevelPolicy
 from .problem import Parameters
@@ -14,9 +14,6 @@ from .reference import Reference
 CAPACITIES = (0, 1, 2, 5, 10, 20, 50, 100)
 """Slots that problems are compiled for: one obstacle in a problem made for 20 costs IPOPT
 twice and fatrop three times the time."""
-
-LIGHT = 0.01
-"""Forecast modes of less weight than this are left out, and named in the plan."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -81,7 +81,7 @@ class Perception:
         if tracks is None:
             return None
         if isinstance(self._predictor, Adaptive):
-            self._predictor = self._predictor.update(tracks)
+            self._predictor = self._predictor.update(tracks, scene)
         times = first - tracks.stamp + grid
         steps = max(int(np.ceil(times[-1] / self._dt - 1e-9)), 1)
         forecast = self._predictor.predict(tracks, steps, scene)

@@ -7,10 +7,11 @@ from functools import partial
 import numpy as np
 
 from ...framework.arrays import Array, BoolArray
+from ...framework.errors import WideberthError
 from ...framework.forecast import Forecast, Scene
-from ...framework.predictor import Predictor
+from ...framework.predictor import Adaptive, Predictor
 from ...framework.tracks import Tracks
-from .history import Histories
+from .history import Histories, IntArray
 
 NEVER_SEEN_SPREAD = 1000.0
 """m, standard deviation given to an obstacle of which not one sample is known."""
@@ -58,8 +59,19 @@ def finish(own: Gaussians, past: Histories, tracks: Tracks, name: str) -> Foreca
 
 
 def _forecast(own: Gaussians, tracks: Tracks) -> Forecast:
-    source = None if own.joint is None else partial(_single_mode, own.joint)
-    return Forecast.single(own.mean, own.covariance, tracks.dt, own.reasons, source)
+    return Forecast.single(own.mean, own.covariance, tracks.dt, own.reasons, _source(own))
+
+
+def _source(own: Gaussians | Forecast) -> Callable[[], Array] | None:
+    """Return what computes the joint covariance, (O, M, N*D, N*D), m^2, None if not known."""
+    if isinstance(own, Gaussians):
+        return None if own.joint is None else partial(_single_mode, own.joint)
+    return None if own.joint_source is None else partial(_joint, own)
+
+
+def _joint(forecast: Forecast) -> Array:
+    assert forecast.joint is not None
+    return forecast.joint
 
 
 def _single_mode(joint: Callable[[], Array]) -> Array:
@@ -80,6 +92,27 @@ def _joint_without(joint: Callable[[], Array], rows: BoolArray, covariance: Arra
     whole = joint().copy()
     steps = covariance.shape[1]
     whole[rows] = np.tile(covariance[rows, 0], (steps, steps)) if steps else whole[rows]
+    return whole
+
+
+def placed(own: Gaussians, rows: IntArray, count: int) -> Gaussians:
+    """Put what is said of some obstacles, (O,) of ``rows``, among ``count``; the rest is zero."""
+    if len(rows) == count:
+        return own
+    mean = np.zeros((count, *own.mean.shape[1:]))
+    covariance = np.zeros((count, *own.covariance.shape[1:]))
+    mean[rows], covariance[rows] = own.mean, own.covariance
+    reasons: list[str | None] = [None] * count
+    for row, reason in zip(rows, own.reasons, strict=True):
+        reasons[row] = reason
+    joint = None if own.joint is None else partial(_joint_placed, own.joint, rows, count)
+    return Gaussians(mean, covariance, tuple(reasons), joint)
+
+
+def _joint_placed(joint: Callable[[], Array], rows: IntArray, count: int) -> Array:
+    known = joint()
+    whole = np.zeros((count, *known.shape[1:]))
+    whole[rows] = known
     return whole
 
 
@@ -105,27 +138,43 @@ def with_fallback(
     Forecast; its reasons name both, "var: 12 samples, needs 20; kalman: never observed".
     """
     index = [place for place, reason in enumerate(missing) if reason is not None]
-    if isinstance(own, Gaussians):
-        rows = np.array([reason is not None for reason in missing], dtype=np.bool_)
-        own = _forecast(_without(own, rows, 1.0, own.reasons) if index else own, tracks)
     if not index:
-        return own
+        return _forecast(own, tracks) if isinstance(own, Gaussians) else own
     filled = fallback.predict(tracks.select(index), own.steps, narrowed(scene, index))
-    reasons = list(own.fallback)
+    source = _source(own)
+    # What cannot be used is replaced before any of it is checked.
+    if isinstance(own, Gaussians):
+        reasons = list(own.reasons)
+        parts = own.mean[:, None], own.covariance[:, None], np.ones((len(own.mean), 1))
+    else:
+        reasons = list(own.fallback)
+        parts = own.mean, own.covariance, own.weight
     for place, deeper in zip(index, filled.fallback, strict=True):
         first = str(missing[place])
         reasons[place] = first if deeper is None else f"{first}; {deeper}"
-    modes = max(own.mean.shape[1], filled.mean.shape[1])
-    mean, covariance, weight = (
-        more_modes(getattr(own, part), modes, part == "weight")
-        for part in ("mean", "covariance", "weight")
-    )
+    modes = max(parts[0].shape[1], filled.mean.shape[1])
+    mean, covariance, weight = (more_modes(part, modes, k == 2) for k, part in enumerate(parts))
     mean[index] = more_modes(filled.mean, modes)
     covariance[index] = more_modes(filled.covariance, modes)
     weight[index] = more_modes(filled.weight, modes, empty=True)
-    known = own.joint_source is not None and filled.joint_source is not None
-    source = partial(_joined, own, filled, index, modes) if known else None
-    return Forecast(mean, covariance, weight, tracks.dt, tuple(reasons), source)
+    joint = None
+    if source is not None and filled.joint_source is not None:
+        joint = partial(_joined, source, filled, index, modes)
+    return Forecast(mean, covariance, weight, tracks.dt, tuple(reasons), joint)
+
+
+def refuse_adaptive(name: str, base: Predictor) -> None:
+    """Refuse a base that adapts where nothing would update it.
+
+    Raises
+    ------
+    WideberthError : the base is `Adaptive`.
+    """
+    if isinstance(base, Adaptive):
+        raise WideberthError(
+            f"{name} is {type(base).__name__}, which adapts while it runs, and nothing here would "
+            "update it; put the adaptive predictor outermost"
+        )
 
 
 def narrowed(scene: Scene | None, index: list[int]) -> Scene | None:
@@ -141,8 +190,7 @@ def more_modes(values: Array, modes: int, empty: bool = False) -> Array:
     return np.concatenate([values, 0.0 * extra if empty else extra], axis=1)
 
 
-def _joined(own: Forecast, filled: Forecast, index: list[int], modes: int) -> Array:
-    assert own.joint is not None and filled.joint is not None
-    joint = more_modes(own.joint, modes)
-    joint[index] = more_modes(filled.joint, modes)
+def _joined(own: Callable[[], Array], filled: Forecast, index: list[int], modes: int) -> Array:
+    joint = more_modes(own(), modes)
+    joint[index] = more_modes(_joint(filled), modes)
     return joint

@@ -48,7 +48,9 @@ class Table:
     def play(self, iterations: int) -> Played:
         """Let all respond at once to the last round, and go half the way there.
 
-        An agent for which no plan is found keeps its way, and is still seen by the others.
+        An agent for which no plan is found keeps its way, and is still seen by the others;
+        nothing bends the forecast of one that found none in the last round, nor any without the
+        robot's plan there.
         """
         count, steps = len(self.agents), len(self.grid)
         bent, step = np.zeros((2, count, steps, 2))
@@ -62,9 +64,13 @@ class Table:
                     continue
                 found = self._answer(i, np.asarray(alone[0]) + bent[0], bent)
                 if isinstance(found, str):
-                    failures[i] = found
-                step[i] = 0.0 if isinstance(found, str) else found - base - bent[i]
+                    failures[i], step[i] = found, 0.0
+                else:
+                    failures.pop(i, None)
+                    step[i] = found - base - bent[i]
             bent = bent + 0.5 * step
+        without = list(range(count)) if 0 in failures else list(failures)
+        bent[without], step[without] = 0.0, 0.0
         return Played(bent, 0.5 * step, failures)
 
     def _answer(self, index: int, robot: Array, bent: Array) -> Array | str:

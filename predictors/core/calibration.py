@@ -7,15 +7,13 @@ import numpy as np
 
 from ...framework.arrays import Array
 from ...framework.errors import WideberthError
-from ...framework.forecast import Forecast
+from ...framework.forecast import LIGHT, Forecast
 from ...framework.metrics import squared_mahalanobis
 from ...framework.predictor import Predictor
 from ...framework.tracks import Tracks
 from ...framework.windows import IntArray, Windows
 from .assembly import more_modes
-
-NEGLIGIBLE = 1e-3
-"""Modes of less weight have no ellipse: a planner that heeds them all plans for noise."""
+from .history import gather
 
 
 def squared_distances(mean: Array, covariance: Array, weight: Array, truth: Array) -> Array:
@@ -24,8 +22,8 @@ def squared_distances(mean: Array, covariance: Array, weight: Array, truth: Arra
     d^2 = min over modes of (x - mu_m)' Sigma_m^-1 (x - mu_m)
 
     d^2 <= q says that the truth lies in the union of the modes' ellipses of size q, which is
-    what a planner keeps clear of. Modes of negligible weight have no ellipse. NaN where the
-    truth is unknown.
+    what a planner keeps clear of. Modes of weight below `LIGHT` do not count, as in plans. NaN
+    where the truth is unknown.
 
     Parameters
     ----------
@@ -33,44 +31,41 @@ def squared_distances(mean: Array, covariance: Array, weight: Array, truth: Arra
     truth : (O, N, D), m, NaN where unobserved.
     """
     square = squared_mahalanobis(mean, covariance, truth[:, None])
-    heeded = (weight >= NEGLIGIBLE) | (weight == weight.max(axis=1, keepdims=True, initial=0.0))
+    heeded = (weight >= LIGHT) | (weight == weight.max(axis=1, keepdims=True, initial=0.0))
     return np.asarray(np.where(heeded[..., None], square, np.inf).min(axis=1, initial=np.inf))
 
 
-def scaled(forecast: Forecast, scale: Array) -> Forecast:
-    """Multiply the covariance of each step.
+def scaled(forecast: Forecast, known: Array, known_dt: float, tracks: Tracks) -> Forecast:
+    """Multiply the covariance of each obstacle's steps by a number known per step.
 
     Sigma_h -> s_h Sigma_h,   Cov(x_h, x_j) -> sqrt(s_h s_j) Cov(x_h, x_j)
 
+    Scales are carried to the time since each obstacle was last seen: linear between the steps
+    that are known, as at the first before it and as at the last after it.
+
     Parameters
     ----------
-    scale : (N,), above 0.
+    known : (K,), above 0, for the times dt, 2 dt, ... of ``known_dt``, s.
+    tracks : what was forecast; of somebody who is late the steps gone by are dropped.
     """
-    known = forecast.joint_source is not None
+    late = gather(tracks).late
+    times = tracks.dt * (late[:, None] + np.arange(1.0, forecast.steps + 1))
+    scale = np.interp(times, known_dt * np.arange(1, len(known) + 1), known)
+    joint = forecast.joint_source is not None
     return Forecast(
         forecast.mean,
-        forecast.covariance * scale[:, None, None],
+        forecast.covariance * scale[:, None, :, None, None],
         forecast.weight,
         forecast.dt,
         forecast.fallback,
-        partial(_scaled_joint, forecast, scale) if known else None,
+        partial(_scaled_joint, forecast, scale) if joint else None,
     )
 
 
 def _scaled_joint(forecast: Forecast, scale: Array) -> Array:
     assert forecast.joint is not None
-    root = np.repeat(np.sqrt(scale), forecast.mean.shape[-1])
-    return np.asarray(forecast.joint * np.outer(root, root))
-
-
-def scale_at(known: Array, known_dt: float, dt: float, steps: int) -> Array:
-    """Carry one number per step to another time grid, (N,).
-
-    Linear in the time ahead; before the first and after the last known time it stays as it
-    is there.
-    """
-    times = dt * np.arange(1, steps + 1)
-    return np.asarray(np.interp(times, known_dt * np.arange(1, len(known) + 1), known))
+    root = np.repeat(np.sqrt(scale), forecast.mean.shape[-1], axis=1)
+    return np.asarray(forecast.joint * (root[:, :, None] * root[:, None, :])[:, None])
 
 
 def replayed(predictor: Predictor, scene: Tracks, windows: Windows) -> tuple[Array, Array, Array]:

@@ -87,12 +87,12 @@ def gather(
     kept = rows if length is None else min(rows, length)
     if rows == 0:
         positions, rows, kept = np.full((count, 1, size), np.nan), 1, 1
-    seen = np.asarray(np.isfinite(positions).all(axis=2), dtype=np.bool_)
-    if seen[:, rows - kept :].all():  # the usual case needs none of what follows
-        recent = positions[:, rows - kept :]
+    recent = positions[:, rows - kept :]
+    if np.isfinite(recent).all():  # the usual case needs none of what follows
         begin = np.zeros(count, dtype=np.int64)
         everything = np.ones((count, kept), dtype=np.bool_)
         return Histories(recent[:, -1], recent - recent[:, -1:], everything, begin, begin)
+    seen = np.asarray(np.isfinite(positions).all(axis=2), dtype=np.bool_)
     late = np.argmax(seen[:, ::-1], axis=1)
     late = np.where(seen.any(axis=1), late, rows)
     column = np.arange(rows - kept, rows) - late[:, None]

@@ -152,14 +152,15 @@ def _filter_means(
 ) -> tuple[Array, Array]:
     """States (B, s) after all samples (T, B), and the sum of squared innovations over S."""
     rows, count = measured.shape
+    kind = which if tables.gain.shape[2] > 1 else slice(None)  # one kind needs no look-up
     state = np.zeros((len(transition), count))
     surprise = np.zeros(count)
     latest = int(began.max())
     for k in range(rows):
         state = transition @ state
         gap = measured[k] - state[0]
-        surprise += gap**2 * tables.precision[k][which]
-        state += tables.gain[k][:, which] * gap
+        surprise += gap**2 * tables.precision[k][kind]
+        state += tables.gain[k][:, kind] * gap
         if k <= latest:
             fresh = k <= began
             state[:, fresh] = 0.0
@@ -195,7 +196,7 @@ def scalar_update(
     total = column[component] + variance
     gain = column / total
     kept = covariance - gain[:, None] * column
-    joseph = kept - kept[:, component, None] * gain + (variance * gain)[:, None] * gain
+    joseph = kept - (kept[:, component] - variance * gain)[:, None] * gain
     return gain, total, joseph
 
 

@@ -11,7 +11,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from ...framework.arrays import Array
+from ...framework.arrays import Array, BoolArray
 from .history import IntArray
 from .velocity_process import VelocityProcess
 
@@ -98,7 +98,11 @@ def regress(regressors: Array, targets: Array) -> Regression:
 
 
 def lagged(
-    velocities: Array, began: IntArray, order: int, trend: Trend = "n"
+    velocities: Array,
+    began: IntArray,
+    order: int,
+    trend: Trend = "n",
+    seen: BoolArray | None = None,
 ) -> tuple[Array, Array]:
     """Lay out the regression of velocities on those before: Z (K, R, O) and Y (D, R, O).
 
@@ -111,15 +115,29 @@ def lagged(
         zero.
     order : p.
     trend : "c" puts the 1 into z_h.
+    seen : (O, T), whether a velocity was measured; rows that hold one filled in are zero too.
     """
     count, length = velocities.shape[:2]
     rows = max(length - order, 0)
     path = np.ascontiguousarray(velocities.transpose(2, 1, 0))
-    inside = (np.arange(rows)[:, None] >= began).astype(np.float64)
     lags = [path[:, order - lag :][:, :rows] for lag in range(1, order + 1)]
     constant = [np.ones((1, rows, count))] if trend == "c" else []
-    regressors = np.concatenate([*constant, *lags])
-    return regressors * inside, path[:, length - rows :] * inside
+    regressors, targets = np.concatenate([*constant, *lags]), path[:, length - rows :]
+    if seen is None and not began.any():
+        return regressors, targets
+    inside = np.arange(rows)[:, None] >= began
+    if seen is not None:
+        inside = inside & complete_rows(seen, order).T
+    return regressors * inside, targets * inside
+
+
+def complete_rows(seen: BoolArray, order: int) -> BoolArray:
+    """Tell which rows of `lagged` hold measured velocities alone, (O, T) -> (O, R)."""
+    rows = max(seen.shape[1] - order, 0)
+    complete = np.ones((len(seen), rows), dtype=np.bool_)
+    for lag in range(order + 1):
+        complete &= seen[:, order - lag :][:, :rows]
+    return complete
 
 
 def fit_velocities(

@@ -6,12 +6,13 @@ probability that model j follows model i after one step.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from ...framework.arrays import Array, BoolArray
 from .history import Histories, IntArray
-from .kalman_filter import advanced, measured_update
+from .kalman_filter import measured_update
 from .propagation import cut_steps
 
 
@@ -34,6 +35,11 @@ class ModeBank:
     def models(self) -> Iterator[tuple[Array, Array]]:
         """F_j and Q_j of each model."""
         return zip(self.transition, self.process, strict=True)
+
+    @cached_property
+    def squared(self) -> Array:
+        """F_j kron F_j, (M, S^2, S^2)."""
+        return np.stack([np.kron(transition, transition) for transition in self.transition])
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,25 +78,23 @@ def mixed(beliefs: Beliefs, switching: Array) -> Beliefs:
     """
     weight = switching.T @ beliefs.weight
     share = switching[:, :, None] * beliefs.weight[:, None] / weight
-    state = np.zeros_like(beliefs.state)
-    for i, part in enumerate(share):
-        state += part * beliefs.state[:, i, None]
-    covariance = np.zeros_like(beliefs.covariance)
-    for i, part in enumerate(share):
-        gap = beliefs.state[:, i, None] - state
-        covariance += part * beliefs.covariance[:, :, i, None]
-        covariance += (part * gap)[:, None] * gap
+    state = np.einsum("ijo,sio->sjo", share, beliefs.state)
+    gap = beliefs.state[:, :, None] - state[:, None]
+    covariance = np.einsum("ijo,abio->abjo", share, beliefs.covariance)
+    covariance += np.einsum("aijo,bijo->abjo", share * gap, gap)
     return Beliefs(weight, state, covariance)
 
 
 def stepped(beliefs: Beliefs, bank: ModeBank) -> Beliefs:
     """Beliefs one step on: mixed, then predicted by each model."""
     before = mixed(beliefs, bank.switching)
-    state, covariance = np.empty_like(before.state), np.empty_like(before.covariance)
-    for mode, (transition, process) in enumerate(bank.models):
-        state[:, mode] = transition @ before.state[:, mode]
-        covariance[:, :, mode] = advanced(before.covariance[:, :, mode], transition, process)
-    return Beliefs(before.weight, state, covariance)
+    states, modes, count = before.state.shape
+    state = bank.transition @ before.state.swapaxes(0, 1)
+    # F P F' of all at once: a product of F kron F and the entries of P.
+    entries = before.covariance.reshape(states**2, modes, count).swapaxes(0, 1)
+    spread = (bank.squared @ entries).reshape(modes, states, states, count)
+    spread += bank.process[..., None]
+    return Beliefs(before.weight, state.swapaxes(0, 1), np.moveaxis(spread, 0, 2))
 
 
 def updated(beliefs: Beliefs, measured: Array, variance: Array) -> Beliefs:
@@ -146,10 +150,11 @@ def _turned(beliefs: Beliefs, vectors: Array) -> Beliefs:
     size = vectors.shape[1]
     order = states // size
     state = beliefs.state.reshape(order, size, modes, count)
-    state = np.einsum("oab,kbmo->kamo", vectors, state)
     blocks = beliefs.covariance.reshape(order, size, order, size, modes, count)
-    blocks = np.einsum("oab,kblcmo->kalcmo", vectors, blocks)
-    blocks = np.einsum("odc,kalcmo->kaldmo", vectors, blocks)
+    turn = np.ascontiguousarray(vectors.transpose(1, 2, 0))
+    state = np.einsum("abo,kbmo->kamo", turn, state)
+    blocks = np.einsum("abo,kblcmo->kalcmo", turn, blocks)
+    blocks = np.einsum("dco,kalcmo->kaldmo", turn, blocks)
     return Beliefs(
         beliefs.weight,
         state.reshape(beliefs.state.shape),

@@ -69,13 +69,13 @@ class Force:
         touch : (P,), m, sum of the radii.
         """
         relative = velocity - other
-        inward = -np.einsum("...i,...i->...", apart, relative)
-        speed = np.einsum("...i,...i->...", relative, relative)
+        inward = -_dot(apart, relative)
+        speed = _dot(relative, relative)
         approach = np.maximum(inward, 0.0) / (_length(apart) + TINY)
         contact = (inward - touch * np.sqrt(speed)) / (speed + TINY**2)
         then = apart + np.clip(contact, 0.0, self.anticipation)[..., None] * relative
         distance = _length(then)
-        ahead = -np.einsum("...i,...i->...", then, velocity)
+        ahead = -_dot(then, velocity)
         cosine = ahead / (distance * _length(velocity) + TINY**2)
         fading = np.exp(-np.maximum(distance - touch, 0.0) / self.reach)
         size = self.strength * approach * (1.0 + cosine) / 2.0 * fading
@@ -221,14 +221,18 @@ def _pushes(
     total = np.zeros_like(place)
     if not walker.size:
         return total
+    apart = place.take(walker, axis=1) - others[0].take(neighbour, axis=0)
+    relative = velocity.take(walker, axis=1) - others[1].take(neighbour, axis=0)
+    # Who does not come nearer is not pushed, whatever the rest of the force.
+    row, pair = np.nonzero(_dot(apart, relative) < 0)
+    walker, neighbour = walker[pair], neighbour[pair]
     pushes = force.between(
-        place[:, walker] - others[0][neighbour],
-        velocity[:, walker],
-        others[1][neighbour],
-        pairs.touch,
+        apart[row, pair], velocity[row, walker], others[1][neighbour], pairs.touch[pair]
     )
-    first = np.flatnonzero(np.diff(walker, prepend=-1))
-    total[:, walker[first]] = np.add.reduceat(pushes, first, axis=1)
+    pushed = row * place.shape[1] + walker
+    for axis in range(2):
+        sums = np.bincount(pushed, pushes[:, axis], minlength=total[..., axis].size)
+        total[..., axis] = sums.reshape(total.shape[:2])
     return total
 
 
@@ -269,4 +273,9 @@ def _meeting(
 
 
 def _length(vectors: Array) -> Array:
-    return np.asarray(np.sqrt(np.einsum("...i,...i->...", vectors, vectors)))
+    return np.asarray(np.sqrt(_dot(vectors, vectors)))
+
+
+def _dot(first: Array, second: Array) -> Array:
+    """Inner products of vectors (..., 2); sums over axes this short are slow in NumPy."""
+    return np.asarray(first[..., 0] * second[..., 0] + first[..., 1] * second[..., 1])

@@ -2,6 +2,9 @@
 
 State (x, y, theta, v, omega): place m, heading rad, speed m/s, yaw rate rad/s. The heading is
 never measured and never compared, only turned, so that nothing here wraps angles.
+
+The batch axis is the first one of every array, and the last one in memory (`_columns`): sums
+over five components then run along memory, where NumPy is fast.
 """
 
 from collections.abc import Callable
@@ -64,7 +67,7 @@ class TurnModel:
         length, slope = self.dt * _sinc(half), self.dt * _sinc_slope(half)
         speed, angle = state[:, 3], state[:, 2] + half
         along, aside = np.cos(angle), np.sin(angle)
-        matrix = np.tile(np.eye(STATES), (len(state), 1, 1))
+        matrix = _columns(np.tile(np.eye(STATES), (len(state), 1, 1)))
         matrix[:, 0, 2], matrix[:, 1, 2] = -speed * length * aside, speed * length * along
         matrix[:, 0, 3], matrix[:, 1, 3] = length * along, length * aside
         reach = 0.5 * turn * speed
@@ -75,12 +78,19 @@ class TurnModel:
 
     def process(self, state: Array) -> Array:
         """Covariance of the noise of one step, (B, 5, 5), at the headings of states (B, 5)."""
-        into = np.zeros((len(state), STATES, 4))
-        into[:, 0, 0], into[:, 1, 0] = np.cos(state[:, 2]), np.sin(state[:, 2])
-        into[:, 3, 1] = into[:, 2, 2] = into[:, 4, 3] = 1.0
-        noise = np.zeros((4, 4))
-        noise[:2, :2], noise[2:, 2:] = self.speed_process, self.turn_process
-        return np.asarray(into @ noise @ into.swapaxes(1, 2))
+        along = np.stack([np.cos(state[:, 2]), np.sin(state[:, 2])])
+        (way, both), (_, speed) = self.speed_process
+        noise = np.zeros((STATES, STATES, len(state)))
+        noise[:2, :2] = way * along[:, None] * along
+        noise[:2, 3] = noise[3, :2] = both * along
+        noise[3, 3] = speed
+        noise[2::2, 2::2] = self.turn_process[..., None]
+        return np.moveaxis(noise, 2, 0)
+
+
+def _columns(array: Array) -> Array:
+    """Return the array with its first axis last in memory; free where it already is."""
+    return np.moveaxis(np.ascontiguousarray(np.moveaxis(array, 0, -1)), -1, 0)
 
 
 def _sinc(angle: Array) -> Array:
@@ -99,7 +109,8 @@ def _sinc_slope(angle: Array) -> Array:
 def extended_step(state: Array, covariance: Array, model: TurnModel) -> tuple[Array, Array, Array]:
     """Predict by linearisation, P -> A P A' + Q with A the Jacobian; see `Step`."""
     slope = model.jacobian(state)
-    spread = slope @ covariance @ slope.swapaxes(1, 2) + model.process(state)
+    half = np.einsum("bij,bjk->bik", slope, covariance)
+    spread = np.einsum("bik,blk->bil", half, slope) + model.process(state)
     return model.moved(state), spread, slope
 
 
@@ -115,17 +126,18 @@ def unscented_step(
     """
     root = lower_root(covariance)
     offsets = np.sqrt(STATES) * root.swapaxes(1, 2)
-    ahead = model.moved(state[:, None] + offsets)
-    behind = model.moved(state[:, None] - offsets)
-    mean = (ahead + behind).sum(axis=1) / (2 * STATES)
+    points = model.moved(state[:, None] + np.stack([offsets, -offsets]))
+    mean = points.sum(axis=(0, 2)) / (2 * STATES)
     centre = model.moved(state) - mean
-    gaps = np.concatenate([ahead, behind], axis=1) - mean[:, None]
-    spread = gaps.swapaxes(1, 2) @ gaps / (2 * STATES)
-    spread = spread + SPREAD_WEIGHT * centre[:, :, None] * centre[:, None, :]
+    gaps = points - mean[:, None]
+    spread = np.einsum("cbki,cbkj->bij", gaps, gaps) / (2 * STATES)
+    spread += SPREAD_WEIGHT * centre[:, :, None] * centre[:, None, :]
     # Cov(before, after) = L G with G the halved differences, so that A' = (L L')^-1 L G.
-    halved = (ahead - behind) * (0.5 / np.sqrt(STATES))
-    slope = np.linalg.solve(root.swapaxes(1, 2), halved).swapaxes(1, 2)
-    return mean, spread + model.process(state), slope
+    slope = (points[0] - points[1]) * (0.5 / np.sqrt(STATES))
+    for k in reversed(range(STATES)):
+        slope[:, k] -= np.einsum("bj,bji->bi", root[:, k + 1 :, k], slope[:, k + 1 :])
+        slope[:, k] /= root[:, k, k, None]
+    return mean, spread + model.process(state), slope.swapaxes(1, 2)
 
 
 def lower_root(covariance: Array) -> Array:
@@ -135,6 +147,7 @@ def lower_root(covariance: Array) -> Array:
     that is singular must not stop all others, as it would in `numpy.linalg.cholesky`.
     """
     states = covariance.shape[-1]
+    covariance = _columns(covariance)
     root = np.zeros_like(covariance)
     for j in range(states):
         rest = covariance[:, j:, j] - np.einsum("bik,bk->bi", root[:, j:, :j], root[:, j, :j])
@@ -153,16 +166,22 @@ def position_update(
     The measurement is linear in the state: the same for both filters. Also returned is the
     innovation squared in units of its covariance S, y' S^-1 y, (B,); 2 is to be expected.
     """
-    reads = covariance[:, :, :2]
-    precision = np.linalg.inv(reads[:, :2] + noise)
-    gain = reads @ precision
-    kept = np.tile(np.eye(STATES), (len(state), 1, 1))
-    kept[:, :, :2] -= gain
-    after = kept @ covariance @ kept.swapaxes(1, 2) + gain @ noise @ gain.swapaxes(1, 2)
+    precision = _inverse(covariance[:, :2, :2] + noise)
+    gain = np.einsum("bsd,bde->bse", covariance[:, :, :2], precision)
+    kept = covariance - np.einsum("bsd,bdt->bst", gain, covariance[:, :2])
+    rest = kept[:, :, :2] - np.einsum("bsd,bde->bse", gain, noise)
+    after = kept - np.einsum("bsd,btd->bst", rest, gain)
     gap = measured - state[:, :2]
     moved = np.einsum("bsd,bd->bs", gain, gap)
     surprise = np.einsum("bi,bij,bj->b", gap, precision, gap)
     return state + moved, 0.5 * (after + after.swapaxes(1, 2)), surprise
+
+
+def _inverse(matrix: Array) -> Array:
+    """Inverse of positive definite matrices (B, 2, 2)."""
+    first, cross, second = matrix[:, 0, 0], matrix[:, 0, 1], matrix[:, 1, 1]
+    adjugate = np.stack([np.stack([second, -cross]), np.stack([-cross, first])])
+    return np.moveaxis(adjugate / (first * second - cross**2), 2, 0)
 
 
 def filter_turns(
@@ -179,17 +198,20 @@ def filter_turns(
     noise : (O, 2, 2), m^2, of one measurement.
     start : states and covariances at the first samples.
     """
-    state, covariance = start
+    first, wide = _columns(start[0]), _columns(start[1])
+    noise, places = _columns(noise), _columns(past.positions)
+    state, covariance = first, wide
     total, used = np.zeros(len(state)), np.zeros(len(state))
     for column in range(past.positions.shape[1]):
         ahead, spread, _ = step(state, covariance, model)
-        after, tight, surprise = position_update(ahead, spread, past.positions[:, column], noise)
-        seen = past.observed[:, column]
-        fresh = column <= past.began
+        state, covariance, surprise = position_update(ahead, spread, places[:, column], noise)
+        seen, fresh = past.observed[:, column], column <= past.began
         total += np.where(seen & ~fresh, surprise, 0.0)
         used += seen & ~fresh
-        ahead = np.where(seen[:, None], after, ahead)
-        spread = np.where(seen[:, None, None], tight, spread)
-        state = np.where(fresh[:, None], start[0], ahead)
-        covariance = np.where(fresh[:, None, None], start[1], spread)
+        if not seen.all():
+            state = np.where(seen[:, None], state, ahead)
+            covariance = np.where(seen[:, None, None], covariance, spread)
+        if fresh.any():
+            state = np.where(fresh[:, None], first, state)
+            covariance = np.where(fresh[:, None, None], wide, covariance)
     return state, covariance, total / np.maximum(2.0 * used, 1.0)

@@ -224,7 +224,7 @@ def _effects(
     then the errors of the start ((p+1)*D), then those of the coefficients (K*D). The array
     is reused: copy what is to stay.
     """
-    lags, root = _last(process.coefficients), lower_root(_last(process.innovation))
+    lags, root = _last(process.coefficients), dt * lower_root(_last(process.innovation))
     order, size, _, count = lags.shape
     begin = lower_root(_last(start))
     pushes = np.zeros((steps, 0, count))
@@ -233,19 +233,22 @@ def _effects(
         pushes = np.einsum("klo,nko->nlo", _last(estimation.root), regressors)
     first, extra = size + len(begin), pushes.shape[1]
     columns = first + extra * size
-    past = np.zeros((order, size, columns, count))  # velocities, newest first
-    past[:, :, size:first] = begin[size:].reshape(order, size, len(begin), count)
+    # Velocities, newest first, in m per step: what positions then sum up as they are.
+    past = list(np.zeros((order, size, columns, count)))
+    for lag, part in enumerate(np.split(dt * begin[size:], order)):
+        past[lag][:, size:first] = part
     position = np.zeros((size, columns, count))
     position[:, size:first] = begin[:size]
     for h in range(steps):
-        velocity = np.einsum("pijo,pjco->ico", lags, past)
+        velocity = np.zeros_like(position)
+        for matrix, known in zip(lags, past, strict=True):
+            velocity += np.einsum("ijo,jco->ico", matrix, known)
         if h == 0:
             velocity[:, :size] += root
         pushed = velocity[:, first:].reshape(size, extra, size, count)
         pushed += pushes[h][None, :, None] * root[:, None]
-        moved = velocity if integration == "rectangle" else 0.5 * (velocity + past[0])
-        position += dt * moved
-        past = np.concatenate([velocity[None], past[:-1]])
+        position += velocity if integration == "rectangle" else 0.5 * (velocity + past[0])
+        past = [velocity, *past[:-1]]
         yield position
 
 
