@@ -4,14 +4,14 @@ import os
 import signal
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from wideberth.framework.errors import WideberthError
 
 if TYPE_CHECKING:
-    from .base import Experiment, Row
+    from .base import Experiment
 
 app = typer.Typer(
     help="Robot motion planning around moving obstacles with uncertain futures.",
@@ -24,6 +24,10 @@ RESULTS = Path("results")
 Config = Annotated[str, typer.Argument(help="A YAML file, or the name of a shipped config.")]
 Set = Annotated[
     list[str] | None, typer.Option("--set", help="KEY=VALUE, as in region.tail=0.1; repeatable.")
+]
+SetPlugin = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="KEY=VALUE of the plug-in, as in base.window=2; repeatable."),
 ]
 Out = Annotated[Path | None, typer.Option(help="Folder of the result; results/NAME by default.")]
 Workers = Annotated[int, typer.Option(help="Processes; the result does not depend on it.")]
@@ -75,41 +79,19 @@ def _show(folder: Path) -> None:
     from wideberth.framework.io import read_table
 
     from .runner import reopen, written
+    from .showing import list_files, print_table
     from .timing import condense_times
 
     experiment, result = reopen(folder)
     typer.secho(f"Examined: {experiment.claim}", bold=True)
-    _print(read_table(folder / "summary.csv"))
+    print_table(read_table(folder / "summary.csv"))
     times = condense_times(result.times)
     if times:
         typer.echo("Calls of the controller, as measured here:")
-        _print(times)
+        print_table(times)
     typer.echo("Files:")
-    for path in written(folder):
-        typer.echo(f"  {path}")
-
-
-def _print(rows: "list[Row]") -> None:
-    """Print a table, on its side where many quantities stand against few rows."""
-    from rich.console import Console
-    from rich.table import Table
-
-    from .runner import shown
-
-    lines = [[name, *(shown(row[name]) for row in rows)] for name in (rows[0] if rows else ())]
-    upright = len(rows) > 4 or len(lines) <= 8
-    if upright:
-        lines = [list(column) for column in zip(*lines, strict=True)]
-    head, *body = lines or [[]]
-    table = Table()
-    for name in head:
-        table.add_column(name.replace("_", " ") if upright else name)
-    for line in body:
-        table.add_row(*line)
-    console = Console()
-    if not console.is_terminal:  # a file or a pipe: do not cut the table to 80 columns
-        console = Console(width=max(console.width, 200))
-    console.print(table)
+    for line in list_files(folder, list(written(folder))):
+        typer.echo(f"  {line}")
 
 
 @app.command()
@@ -157,23 +139,22 @@ def list_(
 @app.command()
 def check(
     room: Annotated[str, typer.Argument(help="predictor, region, static_region, robot, ...")],
-    target: Annotated[str, typer.Argument(help="A name, or module:Class.")],
-    set_: Set = None,
+    target: Annotated[
+        str, typer.Argument(help="A name, module:Class, a YAML file, or a saved JSON file.")
+    ],
+    set_: SetPlugin = None,
 ) -> None:
     """Check that a plug-in keeps the laws of its room."""
     from wideberth.framework import testing
-    from wideberth.framework.config import build
     from wideberth.framework.registry import room_name, unknown
-    from wideberth.framework.yamlfile import apply
+
+    from .fitting import read_plugin
 
     kind = room_name(room).removesuffix("s")
     checks = [name.removeprefix("check_") for name in testing.CHECKS]
     if kind not in checks:
         raise WideberthError(unknown("contract check", kind, checks))
-    config: dict[str, Any] = {"type": target}
-    for override in set_ or []:
-        apply(config, override)
-    plugin = build(room_name(room), config)
+    plugin = read_plugin(room_name(room), target, set_ or [])
     try:
         getattr(testing, f"check_{kind}")(plugin)
     except AssertionError as broken:
@@ -184,14 +165,21 @@ def check(
 
 @app.command()
 def fit(
-    predictor: Annotated[str, typer.Argument(help="A name, module:Class, or a YAML file.")],
+    predictor: Annotated[
+        str, typer.Argument(help="A name, module:Class, a YAML file, or a saved JSON file.")
+    ],
     recordings: Annotated[
-        list[str], typer.Argument(help="Text files: `frame id x y` or `time x y theta`.")
+        list[str],
+        typer.Argument(
+            help="Text files (`frame id x y` or `time x y theta`) or folders of *.txt."
+        ),
     ],
     dt: Annotated[float, typer.Option(help="Seconds between rows of the tracks.")],
     out: Annotated[Path, typer.Option(help="JSON file of the fitted predictor.")],
-    noise: Annotated[float, typer.Option(help="Metres, deviation of a position per axis.")] = 0.05,
-    set_: Set = None,
+    noise: Annotated[
+        float, typer.Option(help="Metres, deviation of a position, told to the predictor.")
+    ] = 0.01,
+    set_: SetPlugin = None,
 ) -> None:
     """Fit a predictor to recordings and save it; `{saved: FILE}` names it in a config."""
     from wideberth.framework.saved import save_plugin
@@ -199,18 +187,18 @@ def fit(
     from . import fitting
 
     unfitted = fitting.read_predictor(predictor, set_ or [])
-    scenes = fitting.read_files(recordings, dt)
+    found = fitting.read_files(recordings, dt)
+    scenes = fitting.scenes(found, noise)
+    out = out.expanduser()
     if not out.absolute().parent.is_dir():
         raise WideberthError(f"{out} cannot be written: its folder does not exist")
-    for name, recording in scenes.items():
-        typer.echo(f"{name}: {recording.report()}")
-    fitted = unfitted.fit([recording.scene(noise=noise) for recording in scenes.values()])
-    changes = fitting.learnt(unfitted, fitted)
-    if not changes:
-        raise WideberthError(f"{predictor} learnt nothing: no part of it learns from recordings")
+    for name, recording in found.items():
+        typer.echo(f"{name}: {fitting.told(recording)}")
+    typer.echo(f"noise of a position, told to the predictor: {noise:g} m")
+    fitted, changes = fitting.fitted(unfitted, scenes)
     typer.echo("\n".join(f"learnt {change}" for change in changes))
     path = save_plugin(out, "predictors", fitted)
-    typer.echo(f"written: {path}; in a config, predictor: {{saved: {path}}}")
+    typer.echo(f"written: {path}; in a config, {fitting.named(path, fitted)}")
 
 
 @app.command()

@@ -8,24 +8,30 @@ from pathlib import Path
 from time import perf_counter
 from typing import ClassVar, Self, final
 
-import numpy as np
-
 from wideberth.experiments.base import Experiment, Outcome, Result, Row, Task
-from wideberth.experiments.closed_loop import column, group, known_mean
+from wideberth.experiments.closed_loop import group
 from wideberth.experiments.prediction_data import (
     PredictionData,
-    Protocol,
     SceneFiles,
-    window_places,
+    longest_stretch,
+    usual_speed,
 )
 from wideberth.experiments.prediction_scores import (
     LEVELS,
     Effort,
     calibration,
     run_along,
-    shown_windows,
     table_rows,
 )
+from wideberth.experiments.prediction_summary import (
+    AS_GIVEN,
+    FITTED,
+    NOTHING,
+    UNFITTED,
+    primary_rows,
+    summary,
+)
+from wideberth.experiments.prediction_windows import Protocol, shown_windows, window_places
 from wideberth.experiments.region_family import rounded
 from wideberth.framework.config import build
 from wideberth.framework.errors import WideberthError
@@ -34,19 +40,6 @@ from wideberth.framework.registry import names, unknown
 
 SHOWN = (0.5, 0.95)
 """Quantiles of the surprise of the two forecasts that are drawn."""
-MEANS = {
-    "ade_m": "error_m",
-    "fde_m": "final_m",
-    "nll": "nll",
-    "energy_m": "energy_m",
-    "cover_50": "cover_50",
-    "cover_90": "cover_90",
-    "cover_95": "cover_95",
-    "all_95": "all_95",
-    "joint_95": "joint_95",
-    "fell_back": "fell_back",
-}
-"""Columns of the summary that are means over the scenes -> columns of the table."""
 
 
 @final
@@ -58,7 +51,9 @@ class PredictionBenchmark(Experiment):
     ``protocol.observed`` rows, and the windows that are complete there are scored (see
     `Protocol`, and `wideberth.framework.scoring` for the definitions). What can be fitted is
     fitted to the recordings of all other scenes (leave one scene out); if these are too few,
-    or there are none, the predictor is scored with its defaults and ``fitted`` says why.
+    or there are none, the predictor is scored with its defaults and ``fitted`` says why. A
+    predictor that was fitted before, as one given by ``{saved: FILE}``, is fitted anew unless
+    ``as_given`` names it; whether it had seen the scene that it is scored on, nobody checks.
     What adapts starts anew with every recording.
 
     The table has a line per predictor, scene and step; lines of step "all" average over the
@@ -79,8 +74,11 @@ class PredictionBenchmark(Experiment):
         fallback; a predictor that solves a game at every row would need days.
     data : the recordings.
     protocol : which windows are scored.
+    chosen : names of the predictors to score, given or registered; if empty, all the given
+        ones, and the registered ones but for those left out.
     fit : whether what can be fitted is.
-    only : scenes to score; all if empty.
+    as_given : names of predictors that are scored as they are all the same.
+    only : scenes to score; all if empty. Files of the others may then be missing.
     """
 
     claim: ClassVar[str] = (
@@ -93,14 +91,27 @@ class PredictionBenchmark(Experiment):
     left_out: tuple[str, ...] = ("oracle",)
     data: PredictionData = field(default_factory=PredictionData)
     protocol: Protocol = field(default_factory=Protocol)
+    chosen: tuple[str, ...] = ()
     fit: bool = True
+    as_given: tuple[str, ...] = ()
     only: tuple[str, ...] = ()
 
     def family(self) -> list[str]:
-        """Names of the predictors: the given ones, then the registered ones."""
-        taken = {*self.predictors, *self.left_out}
+        """Names of the predictors: the chosen ones, or the given and then the registered ones.
+
+        Raises
+        ------
+        WideberthError : unknown names in ``chosen`` or ``as_given``.
+        """
+        known = {*self.predictors, *names("predictors")}
+        for field_name in ("chosen", "as_given"):
+            for name in getattr(self, field_name):
+                if name not in known:
+                    raise WideberthError(f"{field_name}: {unknown('predictor', name, known)}")
         others = names("predictors") if self.registered else []
-        return [*self.predictors, *(name for name in others if name not in taken)]
+        taken = {*self.predictors, *self.left_out}
+        usual = [*self.predictors, *(name for name in others if name not in taken)]
+        return list(self.chosen) or usual
 
     def member(self, name: str) -> Predictor:
         """Return the given predictor of this name, or the registered one with its defaults."""
@@ -115,12 +126,16 @@ class PredictionBenchmark(Experiment):
         ------
         WideberthError : as `PredictionData.found`, and unknown names in ``only``.
         """
-        scenes = {
-            name: scene for name, scene in self.data.found().items() if scene.role != "training"
-        }
+        found = self.data.found(self.only)
+        scenes = {name: scene for name, scene in found.items() if scene.role != "training"}
         for name in self.only:
             if name not in scenes:
-                raise WideberthError(f"only: {unknown('scene', name, scenes)}")
+                hint = (
+                    ""
+                    if name not in {*self.predictors, *names("predictors")}
+                    else (f" ({name!r} is a predictor: 'chosen' names predictors, 'only' scenes)")
+                )
+                raise WideberthError(f"only: {unknown('scene', name, scenes)}{hint}")
         return {name: scenes[name] for name in (self.only or scenes)}
 
     def tasks(self) -> Sequence[Task]:
@@ -132,84 +147,90 @@ class PredictionBenchmark(Experiment):
         """
         for name in self.family():
             self.member(name)
-        scenes, how = self.data.found(), self.protocol
-        scored = self.scored()
-        for name, scene in scenes.items():
+        scored, short = self.scored(), {}
+        for name, scene in self.data.found(self.only).items():
             recordings = self.data.read(scene)
             if name in scored and not any(
-                len(window_places(self.data, one, how)) for one in recordings
+                len(window_places(self.data, one, self.protocol)) for one in recordings
             ):
-                raise WideberthError(
-                    f"scene {name} ({', '.join(scene.files)}) has no window of {how.observed} + "
-                    f"{how.least} consecutive rows of {self.data.step(scene):g} s; state fewer "
-                    "under protocol, another dt, or leave the scene out"
-                )
+                short[name] = max(map(longest_stretch, recordings))
+        if short:
+            raise WideberthError(self._no_window(scored, short))
         return [
             Task(f"{predictor} {scene}", settings={"predictor": predictor, "scene": scene})
             for scene in scored
             for predictor in self.family()
         ]
 
+    def _no_window(self, scored: dict[str, SceneFiles], short: dict[str, int]) -> str:
+        """Say which scenes are too short, by how much, and how to go on."""
+        how, others = self.protocol, [name for name in scored if name not in short]
+        (name, rows), *more = short.items()
+        return (
+            f"scene {name} ({', '.join(scored[name].files)}) has no window of {how.observed} + "
+            f"{how.least} consecutive rows of {self.data.step(scored[name]):g} s: its longest "
+            f"track has {rows}"
+            + (f"; nor have {', '.join(one for one, _ in more)}" if more else "")
+            + "; state fewer under protocol, or (for logs of a robot) a smaller dt"
+            + (f", or score the others: --set 'only=[{', '.join(others)}]'" if others else "")
+        )
+
     def inputs(self) -> Sequence[Path]:
         """Return the recordings."""
-        return [path for scene in self.data.found().values() for path in self.data.paths(scene)]
+        found = self.data.found(self.only)
+        return [path for scene in found.values() for path in self.data.paths(scene)]
 
     def measure(self, task: Task) -> Outcome:
         """Fit the predictor to the other scenes, run it along this one, and score it."""
         name, place = str(task.settings["predictor"]), str(task.settings["scene"])
-        scene = self.data.found()[place]
+        scene = self.data.found(self.only)[place]
         recordings = self.data.read(scene)
         begin = perf_counter()
-        predictor, fitted = self._fitted(self.member(name), place)
+        predictor, fitted = self._fitted(name, place)
         seconds = perf_counter() - begin
         shown = shown_windows(self.data, recordings[0], self.protocol, SHOWN)
         scores, effort, samples = run_along(predictor, recordings, self.data, self.protocol, shown)
         dt = self.data.step(scene)
         head: Row = {"predictor": name, "scene": place, "role": scene.role}
-        how: Row = {"protocol": self.protocol.text(dt, self.fit), "fitted": fitted}
+        how: Row = {
+            "protocol": self.protocol.text(dt, self.fit),
+            "speed_mps": rounded(usual_speed(recordings)),
+            "fitted": fitted,
+        }
         rows = [head | how | row for row in table_rows(scores, dt)]
         kept = {"levels": LEVELS, "coverage": calibration(scores), "samples": samples}
         files = {f"{place}/{name}.json": json.dumps(kept).encode()}
         return Outcome(rows, [{**head, "fit_s": seconds, **_times(effort)}], files)
 
-    def _fitted(self, predictor: Predictor, scene: str) -> tuple[Predictor, str]:
+    def _fitted(self, name: str, scene: str) -> tuple[Predictor, str]:
         """Return the predictor as it is scored, and what it was fitted to."""
-        if not self.fit or not isinstance(predictor, Fittable):
-            return predictor, "nothing to fit" if self.fit else "as given"
-        training = self.data.training(scene)
+        predictor = self.member(name)
+        if not isinstance(predictor, Fittable):
+            return predictor, NOTHING
+        if not self.fit or name in self.as_given:
+            return predictor, AS_GIVEN
+        training = self.data.training(scene, self.only)
+        missing = ", ".join(self.data.missing() or ())
+        lacking = f" ({missing} not there)" if missing else ""
         if not training:
-            return predictor, "not fitted: no other scene"
+            return predictor, f"{UNFITTED}: no other scene{lacking}"
         try:
-            return predictor.fit(training), f"{len(training)} recordings"
+            plural = "s" if len(training) > 1 else ""
+            told = f"{FITTED} {len(training)} recording{plural}{lacking}"
+            return predictor.fit(training), told
         except WideberthError as error:
-            return predictor, f"not fitted: {error}"
+            return predictor, f"{UNFITTED}: {error}{lacking}"
 
     def summary(self, rows: list[Row]) -> list[Row]:
-        """Means over the primary scenes by predictor, then every predictor scene by scene.
-
-        ``cover_95_steps`` are the extremes over the steps: of the mean over the scenes in the
-        first lines, of the scene in the others. ``area_m2`` is that of the last step. The
-        protocol stands in the notes of the first line and wherever it changes; in the table it
-        stands in every line.
-        """
-        together = group(_primary(rows), "predictor").values()
-        lines = [_line(some, f"mean of {len(group(some, 'scene'))}") for some in together]
-        apart = group(rows, "predictor", "scene").items()
-        lines += [_line(some, str(scene)) for (_, scene), some in apart]
-        said = ""
-        for line in lines:
-            protocol = line.pop("protocol")
-            notes = [protocol] if protocol != said else []
-            line["notes"] = "; ".join([*notes, *line.pop("remarks")]) or None
-            said = protocol
-        return lines
+        """Condense; see `wideberth.experiments.prediction_summary`."""
+        return summary(rows)
 
     def figures(self, result: Result, folder: Path) -> list[Path]:
         """Draw calibration, coverage and error per step, and two forecasts of everybody."""
         from wideberth.experiments.plotting import paper_style
         from wideberth.experiments.prediction_figures import draw_all
 
-        rows = _primary(result.rows)
+        rows = primary_rows(result.rows)
         files = {
             (str(predictor), str(scene)): json.loads(result.read(f"{scene}/{predictor}.json"))
             for predictor, scene in group(rows, "predictor", "scene")
@@ -218,15 +239,15 @@ class PredictionBenchmark(Experiment):
             return draw_all(rows, files, folder)
 
     def quick(self) -> Self:
-        """Few rows of the smallest scene, and the first three predictors."""
+        """Few rows of the smallest scene, and the chosen or the first three predictors."""
         sizes = {
             name: sum(path.stat().st_size for path in self.data.paths(scene))
             for name, scene in self.scored().items()
         }
         small = min(sizes, key=lambda name: sizes[name])
-        first = {name: self.member(name) for name in self.family()[:3]}
+        chosen = self.chosen or tuple(self.family()[:3])
         protocol = replace(self.protocol, stride=max(self.protocol.stride, 5))
-        return replace(self, predictors=first, registered=False, only=(small,), protocol=protocol)
+        return replace(self, chosen=chosen, only=(small,), protocol=protocol)
 
 
 def _times(effort: Effort) -> Row:
@@ -238,35 +259,6 @@ def _times(effort: Effort) -> Row:
         "predict_s": effort.predict,
         "update_s": effort.update,
     }
-
-
-def _primary(rows: list[Row]) -> list[Row]:
-    """Lines of the primary scenes; of all where there is none."""
-    return [row for row in rows if row["role"] == "primary"] or rows
-
-
-def _line(rows: list[Row], scene: str) -> Row:
-    """Condense the lines of one predictor, in one or several scenes."""
-    whole = [row for row in rows if row["step"] == "all" and row["slice"] == "all"]
-    steps = list(group([row for row in rows if row["step"] != "all"], "step").values())
-    cover = [known_mean(column(some, "cover_95")) for some in steps]
-    return {
-        "predictor": whole[0]["predictor"],
-        "scene": scene,
-        "windows": int(column(whole, "windows").sum()),
-        **{name: rounded(known_mean(column(whole, of))) for name, of in MEANS.items()},
-        "cover_95_steps": f"{np.min(cover):.3f} to {np.max(cover):.3f}",
-        "area_m2": rounded(known_mean(column(steps[-1], "area_m2"))),
-        "protocol": "; ".join(dict.fromkeys(str(row["protocol"]) for row in whole)),
-        "remarks": _remarks(whole),
-    }
-
-
-def _remarks(rows: list[Row]) -> list[str]:
-    """Say what was not fitted, and why one scene's forecasts fell back."""
-    remarks = {str(row["fitted"]) for row in rows if str(row["fitted"]).startswith("not fitted")}
-    reasons = [str(rows[0]["reasons"])] if len(rows) == 1 and rows[0]["reasons"] else []
-    return [*sorted(remarks), *reasons]
 
 
 if __name__ == "__main__":

@@ -1,83 +1,24 @@
-"""Recordings that predictors are scored on: which files make a scene, and its windows."""
+"""Recordings that predictors are scored on: which files make a scene, and who learns from what."""
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, final
 
 import numpy as np
 
-from wideberth.framework.arrays import Array, positive, whole
+from wideberth.framework.arrays import positive
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.recordings import Recording
 from wideberth.framework.tracks import Tracks
-from wideberth.framework.windows import IntArray, cut_windows
 
 from .crowd import DATA, SHIPPED, TrackFile
 
-SHORTEST = 2
-"""Predicted steps of the shortest window in Schoeller's protocol."""
-
-
-@final
-@dataclass(frozen=True)
-class Protocol:
-    """Which windows are scored, and how.
-
-    A window is an obstacle with ``observed`` consecutive rows, the newest of which is the
-    moment of the forecast. "full": and ``predicted`` consecutive rows after it. "schoeller",
-    as in the published baseline of constant velocity: 2 rows after it suffice and at most
-    ``predicted`` are scored, so that every start within a track gives one window of 10 to 20
-    rows (with 8 + 12); the last row that there is counts as the final one.
-
-    Windows overlap and follow one another by ``stride`` rows.
-
-    Parameters
-    ----------
-    observed : rows that a predictor is given, with everybody who is seen at the newest one.
-    predicted : rows ahead.
-    windows : "full" or "schoeller".
-    stride : every so many rows a forecast is scored. Predictors that adapt see every row.
-    floor : m, standard deviation added in quadrature in the likelihoods (and in the joint
-        coverage), but not in coverage and area: those are of the forecast as it stands.
-    draws : of each forecast, for the energy score and the regions of mixtures.
-    seed : of the draws, which are the same for every predictor.
-
-    Raises
-    ------
-    WideberthError : a number out of range.
-    """
-
-    observed: int = 8
-    predicted: int = 12
-    windows: Literal["full", "schoeller"] = "full"
-    stride: int = 1
-    floor: float = 0.01
-    draws: int = 99
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        whole("protocol.observed", self.observed, least=2)
-        whole("protocol.predicted", self.predicted, least=SHORTEST)
-        whole("protocol.stride", self.stride)
-        whole("protocol.draws", self.draws, least=2)
-        whole("protocol.seed", self.seed, least=0)
-        positive("protocol.floor", self.floor)
-
-    @property
-    def least(self) -> int:
-        """Rows that must follow the newest observed one."""
-        return self.predicted if self.windows == "full" else SHORTEST
-
-    def text(self, dt: float, fit: bool) -> str:
-        """Say in one line what a number of the table stands for."""
-        kind = "full windows" if self.windows == "full" else f"windows from {SHORTEST} on"
-        apart = "" if self.stride == 1 else f", every {self.stride} rows"
-        learnt = "fit on other scenes" if fit else "no fit"
-        return (
-            f"{self.observed} + {self.predicted} rows of {dt:g} s, {kind}{apart}, {learnt}, "
-            f"floor {self.floor:g} m"
-        )
+STOOD = 0.1
+"""m/s; who is slower stands."""
+FAST = 4.0
+"""m/s; people (who walk at about 1.3) are not faster in the median, unless dt or the unit is
+wrong."""
 
 
 @final
@@ -118,11 +59,12 @@ class PredictionData:
 
     Parameters
     ----------
-    root : folder; ``shipped:`` is the package's own, of synthetic recordings.
+    root : folder; ``shipped:`` stands for the package's own synthetic recordings: two crowds,
+        or, of kind "robot-log", a robot.
     scenes : name -> its files. They are those of one dataset: in a folder that holds any of
-        the named files all must be there; in a folder that holds none of them, every file
-        that fits ``pattern`` is a primary scene, named after the file.
-    pattern : of file names, as in a shell.
+        the named files all must be there (see `found`); in a folder that holds none of them,
+        every file that fits ``pattern`` is a primary scene, named after the file.
+    pattern : of the names of files in a folder, as in a shell.
     dt : s between rows (which ``frame id x y`` does not tell); logs are resampled to it.
     kind : of all files, or "auto"; see `wideberth.experiments.crowd.TrackFile`.
     radius : m, of an obstacle.
@@ -150,8 +92,23 @@ class PredictionData:
         """Where the files are."""
         return DATA if self.root == SHIPPED else Path(self.root)
 
-    def found(self) -> dict[str, SceneFiles]:
+    def missing(self) -> dict[str, list[str]] | None:
+        """Named files that are not there, by scene; None if none is there: another dataset."""
+        lacking = {
+            name: [file for file in scene.files if not (self.folder / file).is_file()]
+            for name, scene in self.scenes.items()
+        }
+        if all(len(lacking[name]) == len(scene.files) for name, scene in self.scenes.items()):
+            return None
+        return {name: files for name, files in lacking.items() if files}
+
+    def found(self, only: Sequence[str] = ()) -> dict[str, SceneFiles]:
         """Return the scenes of this folder.
+
+        Parameters
+        ----------
+        only : named scenes that must be there, while others are left out if a file of theirs
+            is missing; by default all must be there.
 
         Raises
         ------
@@ -159,22 +116,32 @@ class PredictionData:
         """
         if not self.folder.is_dir():
             raise WideberthError(f"data.root: {self.folder} is no folder; check the path")
-        named = {file: scene for scene, one in self.scenes.items() for file in one.files}
-        missing = [file for file in named if not (self.folder / file).is_file()]
-        if len(missing) < len(named):
-            if missing:
+        missing = self.missing()
+        if missing is None:
+            return {Path(file).stem: SceneFiles((file,)) for file in self._files()}
+        there = {name: scene for name, scene in self.scenes.items() if name not in missing}
+        for name in only or missing:
+            if name in missing:
+                some = ", ".join(n for n, scene in there.items() if scene.role != "training")
                 raise WideberthError(
-                    f"data.scenes.{named[missing[0]]}: {self.folder} holds no file {missing[0]!r}"
-                    " (but others of data.scenes); add it, or take the scene out of data.scenes"
+                    f"data.scenes.{name}: {self.folder} holds no file {missing[name][0]!r} (but "
+                    "others of data.scenes); add it, "
+                    + (f"score only what is there (--set 'only=[{some}]'), " if some else "")
+                    + "or take every file for a scene of its own (--set 'data.scenes={}')"
                 )
-            return dict(self.scenes)
+        return there
+
+    def _files(self) -> list[str]:
+        """Names of the files that fit the pattern; of the package's, people or a robot."""
+        if self.root == SHIPPED:
+            return ["robot.txt"] if self.kind == "robot-log" else ["crowd.txt", "plaza.txt"]
         files = sorted(path.name for path in self.folder.glob(self.pattern) if path.is_file())
         if not files:
             raise WideberthError(
                 f"data.root: {self.folder} holds no file {self.pattern!r}; wanted recordings of "
                 "rows `frame id x y` or `time x y theta`"
             )
-        return {Path(file).stem: SceneFiles((file,)) for file in files}
+        return files
 
     def step(self, scene: SceneFiles) -> float:
         """Seconds between the rows of a scene."""
@@ -200,9 +167,12 @@ class PredictionData:
         """Return a whole recording as tracks, NaN where unobserved."""
         return recording.scene(radius=self.radius, noise=self.noise)
 
-    def training(self, name: str) -> list[Tracks]:
-        """Return every recording that a predictor scored on this scene may learn from."""
-        scenes = self.found()
+    def training(self, name: str, only: Sequence[str] = ()) -> list[Tracks]:
+        """Return every recording that a predictor scored on this scene may learn from.
+
+        ``only`` as in `found`.
+        """
+        scenes = self.found(only)
         own = scenes[name].site or name
         others = [
             scene
@@ -212,46 +182,21 @@ class PredictionData:
         return [self.whole(one) for scene in others for one in self.read(scene)]
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class Moment:
-    """One row of a recording at which forecasts are scored.
-
-    Attributes
-    ----------
-    row : in the recording.
-    tracks : everybody seen at this row, and the ``observed`` rows up to it.
-    scored : indices into the tracks of those who are scored.
-    truth : (K, predicted, D), m, what the scored ones then did; NaN after the first sample
-        missing.
-    """
-
-    row: int
-    tracks: Tracks
-    scored: IntArray
-    truth: Array
+def longest_stretch(recording: Recording) -> int:
+    """Count the rows of the longest stretch in which an obstacle is seen without a gap."""
+    run, longest = np.zeros(len(recording.ids), dtype=np.int64), 0
+    known = np.isfinite(recording.positions)
+    for row in range(known.shape[1]):
+        run = np.where(known[:, row].all(axis=1), run + 1, 0)
+        longest = max(longest, int(run.max(initial=0)))
+    return longest
 
 
-def window_places(data: PredictionData, recording: Recording, how: Protocol) -> IntArray:
-    """Track and newest observed row of every window, (W, 2), by row and then by track."""
-    found = cut_windows(data.whole(recording), how.observed, how.least)
-    places = np.stack([found.obstacle, found.row], axis=1)
-    kept = places[places[:, 1] % how.stride == 0]
-    return np.asarray(kept[np.lexsort((kept[:, 0], kept[:, 1]))])
-
-
-def moments(data: PredictionData, recording: Recording, how: Protocol) -> Iterator[Moment]:
-    """Yield every row of a recording, from the first; ``scored`` is empty where nobody is."""
-    places = window_places(data, recording, how)
-    length = len(recording.times)
-    for row in range(length):
-        tracks = recording.tracks(row, how.observed, radius=data.radius, noise=data.noise)
-        who = places[places[:, 1] == row, 0]
-        where = {ident: index for index, ident in enumerate(tracks.ids)}
-        scored = np.array([where[recording.ids[i]] for i in who], dtype=np.int64)
-        truth = np.full((len(who), how.predicted, tracks.dimension), np.nan)
-        ahead = recording.positions[who, row + 1 : row + 1 + how.predicted]
-        seen = np.isfinite(ahead).all(axis=2)
-        unbroken = np.logical_and.accumulate(seen, axis=1)
-        truth[:, : ahead.shape[1]] = np.where(unbroken[..., None], ahead, np.nan)
-        yield Moment(row, tracks, scored, truth)
+def usual_speed(recordings: Sequence[Recording]) -> float:
+    """Median speed, m/s, of those who do not stand; NaN if everybody does."""
+    speeds = [
+        np.linalg.norm(np.diff(one.positions, axis=1), axis=2).ravel() / one.dt
+        for one in recordings
+    ]
+    moving = np.concatenate([some[np.isfinite(some) & (some > STOOD)] for some in speeds])
+    return float(np.median(moving)) if moving.size else float("nan")

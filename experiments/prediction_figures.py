@@ -1,6 +1,6 @@
 """Figures of the prediction benchmark: a small panel per predictor, all on the same axes."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import ceil
 from pathlib import Path
 from textwrap import fill
@@ -23,12 +23,16 @@ if TYPE_CHECKING:
 
 ACROSS = 5
 """Most panels in a row."""
-SEEN = (0.05, 0.995)
-"""Range of the coverages; what lies beyond is drawn at its edge."""
+SEEN, BEYOND = (0.05, 0.995), (0.035, 0.9975)
+"""Range of the coverages, and of their axis; what lies beyond the first is drawn at its edge."""
+LEAST = 0.005
+"""m; errors below it are none to be seen."""
+MOST = 0.75
+"""Share of the predictors whose regions are shown whole, if the frame gets not too wide."""
 EVERY = 3
 """Steps between two drawn ellipses."""
-SIGHT = 1.1
-"""Half of the width shown, in widths of the true way."""
+NEAR, SIGHT, FAR = 2.0, 0.65, 1.5
+"""Half of the width shown: at least (m), at least and at most (in widths of the true way)."""
 STYLES = ((0.5, COLOURS[1], "--"), (0.9, COLOURS[2], "-."), (0.95, COLOURS[0], "-"))
 """Content, colour and line of the coverages."""
 
@@ -53,7 +57,7 @@ def draw_all(
     for number, kind in enumerate(("usual", "surprising")):
         if all(number < len(some) for some in samples.values()):
             chosen = {name: some[number] for name, some in samples.items()}
-            written += save(_samples(chosen), folder, f"forecasts_{kind}")
+            written += save(_samples(chosen, scene), folder, f"forecasts_{kind}")
     return written
 
 
@@ -73,9 +77,10 @@ def _panels(names: list[str], labels: tuple[str, str]) -> "tuple[Figure, list[An
     for number, (panel, name) in enumerate(zip(panels, names, strict=False)):
         panel.set_title(fill(title(name), 22), fontsize=6.5)
         panel.tick_params(labelsize=6)
-        if number + across >= len(names):
-            panel.set_xlabel(labels[0], fontsize=7)
+        if number + across >= len(names):  # the lowest of its column
             panel.xaxis.set_tick_params(labelbottom=True)
+        if number >= across * (down - 1):
+            panel.set_xlabel(labels[0], fontsize=7)
         if number % across == 0:
             panel.set_ylabel(labels[1], fontsize=7)
     return figure, panels[: len(names)]
@@ -89,17 +94,17 @@ def _calibration(names: list[str], files: Mapping[tuple[str, str], dict[str, Any
         levels = own[0]["levels"]
         held = [np.array(one["coverage"], dtype=np.float64) for one in own]
         panel.plot([0, 1], [0, 1], ":", color="0.4", linewidth=0.8, label="promised")
-        for number, each in enumerate(held):
+        for number, each in enumerate(held if len(held) > 1 else ()):
             label = "one scene, mean of the steps" if number == 0 else None
             panel.plot(levels, each.mean(axis=0), "-", color="0.75", linewidth=0.7, label=label)
         middle = np.mean(held, axis=0)
         for step, colour, style in ((0, COLOURS[1], "--"), (-1, COLOURS[2], "-.")):
             label = "first step" if step == 0 else "last step"
             panel.plot(levels, middle[step], style, color=colour, linewidth=1.0, label=label)
-        panel.plot(
-            levels, middle.mean(axis=0), "-", color=COLOURS[0], label="mean of steps and scenes"
-        )
-        panel.set(xlim=(0, 1), ylim=(0, 1), xticks=(0, 0.5, 1), yticks=(0, 0.5, 1))
+        label = "mean of steps and scenes" if len(held) > 1 else "mean of steps"
+        panel.plot(levels, middle.mean(axis=0), "-", color=COLOURS[0], label=label)
+        room = (-0.03, 1.03)  # so that a line at 1 is seen beside the frame
+        panel.set(xlim=room, ylim=room, xticks=(0, 0.5, 1), yticks=(0, 0.5, 1))
     return _finished(figure, panels)
 
 
@@ -112,7 +117,7 @@ def _coverage(names: list[str], rows: list[Row]) -> "Figure":
         for content in CONTENTS:
             panel.axhline(content, color="0.4", linestyle=":", linewidth=0.8)
         scenes = group([row for row in rows if row["predictor"] == name], "scene")
-        for number, own in enumerate(scenes.values()):
+        for number, own in enumerate(scenes.values() if len(scenes) > 1 else ()):
             label = "0.95, one scene" if number == 0 else None
             panel.plot(
                 column(own, "time_s"), _seen(column(own, "cover_95")), "-", color="0.75",
@@ -120,10 +125,10 @@ def _coverage(names: list[str], rows: list[Row]) -> "Figure":
             )  # fmt: skip
         for content, colour, style in STYLES:
             times, middle = _mean(rows, name, f"cover_{round(100 * content)}")
-            label = f"{content:g}, mean of scenes"
+            label = f"{content:g}, mean of scenes" if len(scenes) > 1 else f"{content:g}"
             panel.plot(times, _seen(middle), style, color=colour, label=label)
         panel.set_yscale("logit")
-        panel.set_ylim(*SEEN)
+        panel.set_ylim(*BEYOND)
         panel.yaxis.set_major_locator(FixedLocator((0.1, *CONTENTS, 0.99)))
         panel.yaxis.set_major_formatter("{x:g}")
         panel.yaxis.set_minor_locator(NullLocator())
@@ -134,49 +139,57 @@ def _error(names: list[str], rows: list[Row]) -> "Figure":
     """Draw the mean error against the time ahead, over everybody else's in grey."""
     figure, panels = _panels(names, ("time ahead (s)", "mean error (m)"))
     curves = {name: _mean(rows, name, "error_m") for name in names}
-    highest = 2.0 * float(np.median([values[-1] for _, values in curves.values()]))
+    several = "mean of scenes" if len(group(rows, "scene")) > 1 else "this predictor"
+    usual = float(np.median([values[-1] for _, values in curves.values()]))
+    highest = 2.0 * max(usual, LEAST)
     for name, panel in zip(names, panels, strict=True):
         for other, (times, values) in curves.items():
             if other != name:
                 panel.plot(times, values, "-", color="0.85", linewidth=0.6)
         times, values = curves[name]
-        panel.plot(times, values, "-", color=COLOURS[0], label="mean of scenes")
+        panel.plot(times, values, "-", color=COLOURS[0], label=several)
         panel.set_ylim(0, highest)
         last = values[-1]
-        text = f"{last:.3g} m"
+        text = f"last: {last:.3g} m" if last < 1000 else f"last: {last:.0f} m"
         panel.text(
-            0.06, 0.93, f"last: {text}", transform=panel.transAxes, fontsize=6, va="top",
+            0.06, 0.93, text, transform=panel.transAxes, fontsize=6, va="top",
             bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5},
         )  # fmt: skip
-    panels[0].plot([], [], "-", color="0.75", linewidth=0.6, label="other predictors")
+    if len(names) > 1:
+        panels[0].plot([], [], "-", color="0.75", linewidth=0.6, label="other predictors")
     return _finished(figure, panels)
 
 
-def _samples(samples: Mapping[str, dict[str, Any]]) -> "Figure":
+def _samples(samples: Mapping[str, dict[str, Any]], scene: str) -> "Figure":
     """Draw everybody's forecast of one window."""
     from matplotlib.collections import PolyCollection
 
     figure, panels = _panels(list(samples), ("x (m)", "y (m)"))
-    for one, panel in zip(samples.values(), panels, strict=True):
+    regions = [outlines(_forecast(one), TAIL, every=EVERY) for one in samples.values()]
+    for one, region, panel in zip(samples.values(), regions, panels, strict=True):
         past, truth = (np.array(one[key], dtype=np.float64) for key in ("past", "truth"))
         forecast = _forecast(one)
         panel.add_collection(
             PolyCollection(
-                list(outlines(forecast, TAIL, every=EVERY)), facecolor=(0, 0.45, 0.7, 0.08),
-                edgecolor=COLOURS[1], linewidth=0.6, label=f"content {1 - TAIL:g}",
+                list(region), facecolor=(0, 0.45, 0.7, 0.08), edgecolor=COLOURS[1],
+                linewidth=0.6, label=f"content {1 - TAIL:g}",
             ),
             autolim=False,
         )  # fmt: skip
-        for mode, weight in zip(forecast.mean[0], forecast.weight[0], strict=True):
-            if weight > 0:
-                way = np.concatenate([past[-1:], mode])
-                panel.plot(*way.T[:2], "--", color=COLOURS[1], linewidth=0.9, label="forecast")
         panel.plot(*past.T[:2], "-", color=COLOURS[0], label="seen")
         panel.plot(*past[-1, :2], "o", color=COLOURS[0], markersize=2.5)
         panel.plot(
             *truth.T[:2], "-o", color=COLOURS[2], linewidth=0.8, markersize=1.6, label="truth"
         )
-        _frame(panel, np.concatenate([past, truth])[:, :2])
+        for mode, weight in zip(forecast.mean[0], forecast.weight[0], strict=True):
+            if weight > 0:
+                way = np.concatenate([past[-1:], mode])
+                panel.plot(*way.T[:2], "--", color=COLOURS[1], linewidth=0.9, label="forecast")
+        _frame(panel, np.concatenate([past, truth])[:, :2], regions)
+    figure.set_figheight(figure.get_figheight() + 0.3)  # for the title
+    who = next(iter(samples.values()))
+    track = "" if who["id"] == scene else f", track {who['id']}"
+    figure.suptitle(f"{scene}{track}, {who['time_s']:.4g} s after the first row", fontsize=8)
     return _finished(figure, panels)
 
 
@@ -188,10 +201,15 @@ def _forecast(sample: Mapping[str, Any]) -> Forecast:
     return Forecast(mean, covariance, weight, 1.0, (None,))
 
 
-def _frame(panel: Any, points: Array) -> None:
-    """Show the same part of the world, at equal scale, in every panel."""
+def _frame(panel: Any, points: Array, regions: Sequence[Array]) -> None:
+    """Show the same part of the world, at equal scale, in every panel.
+
+    As much of it as most predictors' regions take, but not so much that the way gets lost.
+    """
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    half = SIGHT * max(float(np.ptp(points, axis=0).max()), 0.1)
+    width = float(np.ptp(points, axis=0).max())
+    reach = np.quantile([np.abs(region - middle).max(initial=0.0) for region in regions], MOST)
+    half = max(NEAR, SIGHT * width, min(1.05 * float(reach), FAR * width))
     panel.set_xlim(middle[0] - half, middle[0] + half)
     panel.set_ylim(middle[1] - half, middle[1] + half)
     panel.set_aspect("equal")

@@ -28,7 +28,8 @@ from wideberth.framework.scoring import (
 
 from .base import Row
 from .closed_loop import known_mean
-from .prediction_data import Moment, PredictionData, Protocol, moments
+from .prediction_data import STOOD, PredictionData
+from .prediction_windows import Moment, Protocol, moments
 from .region_family import rounded
 
 CONTENTS = (0.5, 0.9, 0.95)
@@ -37,9 +38,9 @@ LEVELS = (*(round(0.05 * i, 2) for i in range(1, 20)), 0.99)
 """Contents of the calibration curves."""
 TAIL = 0.05
 """1 - content of the regions whose area has a column."""
-WALKED, STOOD = 0.5, 0.1
-"""m/s; who is faster than the one at the forecast and slower than the other at the end of
-what was predicted, stops in between."""
+WALKED = 0.5
+"""m/s; who is faster at the forecast, and stands at the end of what was predicted, stops in
+between."""
 
 
 @final
@@ -188,35 +189,15 @@ def _sample(forecast: Forecast, moment: Moment, ident: str) -> dict[str, Any]:
     """Keep one forecast for the figure."""
     ids = [moment.tracks.ids[i] for i in moment.scored]
     at = ids.index(ident)
-    kept = {
+    kept: dict[str, Array] = {
         "past": moment.tracks.positions[moment.scored[at]],
         "truth": moment.truth[at],
         "mean": forecast.mean[at],
         "covariance": forecast.covariance[at],
         "weight": forecast.weight[at],
     }
-    return {name: np.round(array, 12).tolist() for name, array in kept.items()}
-
-
-def shown_windows(
-    data: PredictionData, recording: Recording, how: Protocol, quantiles: Sequence[float]
-) -> list[tuple[int, str]]:
-    """Choose windows to draw: row and identity of some that are more or less of a surprise.
-
-    Of all windows known in full they are those whose distance of the last position from
-    that of a person who walks straight on has these quantiles.
-    """
-    surprises: list[tuple[float, int, str]] = []
-    for moment in moments(data, recording, how):
-        past = moment.tracks.positions[moment.scored]
-        straight = past[:, -1] + how.predicted * (past[:, -1] - past[:, -2])
-        gaps = np.linalg.norm(moment.truth[:, -1] - straight, axis=1)
-        for gap, index in zip(gaps, moment.scored, strict=True):
-            if np.isfinite(gap):
-                surprises.append((float(gap), moment.row, moment.tracks.ids[index]))
-    surprises.sort()
-    at = [round(share * (len(surprises) - 1)) for share in quantiles]
-    return [surprises[i][1:] for i in at] if surprises else []
+    numbers = {name: np.round(array, 12).tolist() for name, array in kept.items()}
+    return {"id": ident, "time_s": rounded(moment.row * moment.tracks.dt), **numbers}
 
 
 def table_rows(scores: Scores, dt: float) -> list[Row]:

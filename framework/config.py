@@ -64,7 +64,9 @@ def build(room: str, value: Any, path: str = "", default: Any = None) -> Any:
         value = {**describe(default), **value}
     if not isinstance(value.get("type"), str):
         known = ", ".join(names(room))
-        raise WideberthError(f"{_at(path)}key 'type' is missing; wanted one of: {known}")
+        raise WideberthError(
+            f"{_at(path)}key 'type' is missing; wanted one of: {known}; or {{saved: FILE}}"
+        )
     settings = {key: entry for key, entry in value.items() if key != "type"}
     try:
         found = load(room, value["type"])

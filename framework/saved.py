@@ -42,23 +42,38 @@ def save_plugin(path: str | Path, room: str, plugin: Any) -> Path:
     0.3
     """
     room = room_name(room)
+    rebuilt(room, plugin)
+    return write_json(
+        Path(path).expanduser(), KIND, VERSION, {"room": room, "plugin": describe(plugin)}
+    )
+
+
+def rebuilt(room: str, plugin: Any) -> Any:
+    """Return the plug-in that a file of this one would hold.
+
+    Raises
+    ------
+    WideberthError : it cannot be saved, and why.
+    """
     config = describe(plugin)
     if "type" not in config:
         raise WideberthError(f"{type(plugin).__qualname__} is no plug-in; nothing was saved")
     try:
         text = json.dumps(config)
-        faithful = json.dumps(describe(build(room, json.loads(text)))) == text
+        again = build(room_name(room), json.loads(text))
+        faithful = json.dumps(describe(again)) == text
     except (TypeError, WideberthError) as error:
         raise WideberthError(
             f"{config['type']} cannot be saved: its config does not build it again ({error}); "
-            "fields must be numbers, text, lists, mappings, dataclasses of these, or plug-ins"
+            "fields must be numbers, text, lists, mappings, dataclasses of these, or plug-ins, "
+            "and arrays are kept as tuples of floats"
         ) from None
     if not faithful:
         raise WideberthError(
             f"{config['type']} cannot be saved: what its config builds is another plug-in; the "
             "constructor must keep its arguments as they are given"
         )
-    return write_json(Path(path), KIND, VERSION, {"room": room, "plugin": config})
+    return again
 
 
 def load_plugin(path: str | Path, room: str) -> Any:
@@ -72,7 +87,7 @@ def load_plugin(path: str | Path, room: str) -> Any:
         or a config that does not build; the message names the file.
     """
     room = room_name(room)
-    content = read_json(Path(path), KIND, VERSION)
+    content = read_json(Path(path).expanduser(), KIND, VERSION)
     stored = content.get("room")
     if stored != room:
         raise WideberthError(f"{path} holds a plug-in of {stored!r}; wanted one of {room!r}")

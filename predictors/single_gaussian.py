@@ -8,7 +8,6 @@ from typing import ClassVar, Self, final
 import numpy as np
 
 from ..framework.arrays import Array
-from ..framework.errors import WideberthError
 from ..framework.forecast import Forecast, Scene
 from ..framework.predictor import Fittable, Predictor
 from ..framework.tracks import Tracks
@@ -42,18 +41,9 @@ class SingleGaussian(Fittable):
         refuse_adaptive("single_gaussian.base", self.base)
 
     def fit(self, dataset: Sequence[Tracks]) -> Self:
-        """Fit the base; see `Fittable.fit`.
-
-        Raises
-        ------
-        WideberthError : a base that does not learn, or what the base refuses.
-        """
-        if not isinstance(self.base, Fittable):
-            raise WideberthError(
-                f"single_gaussian.fit: {type(self.base).__name__} does not learn; give a base "
-                "that can be fitted"
-            )
-        return replace(self, base=self.base.fit(dataset))
+        """Fit the base, where it can be fitted; see `Fittable.fit`."""
+        base = self.base.fit(dataset) if isinstance(self.base, Fittable) else self.base
+        return replace(self, base=base)
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
         """Forecast all obstacles; see `Predictor.predict`."""

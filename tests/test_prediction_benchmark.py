@@ -11,13 +11,8 @@ from wideberth.experiments import runner
 from wideberth.experiments.base import Row
 from wideberth.experiments.crowd import DATA
 from wideberth.experiments.prediction_benchmark import PredictionBenchmark
-from wideberth.experiments.prediction_data import (
-    PredictionData,
-    Protocol,
-    SceneFiles,
-    moments,
-    window_places,
-)
+from wideberth.experiments.prediction_data import PredictionData, SceneFiles
+from wideberth.experiments.prediction_windows import Protocol, moments, window_places
 from wideberth.experiments.shipped import read_experiment
 from wideberth.framework.arrays import Array
 from wideberth.framework.errors import WideberthError
@@ -75,7 +70,7 @@ class Diary(Adaptive):
 
     rows: tuple[float, ...] = ()
 
-    def update(self, tracks: Tracks) -> Self:
+    def update(self, tracks: Tracks, scene: Scene | None = None) -> Self:
         return replace(self, rows=(*self.rows, tracks.stamp))
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
@@ -227,8 +222,8 @@ def test_what_adapts_sees_every_row_once_and_starts_anew(tmp_path: Path) -> None
 
 def test_those_who_stop_are_scored_apart(tmp_path: Path) -> None:
     clock = 0.4 * np.arange(30)
-    walk = np.stack([1.2 * clock, 0 * clock], axis=1)
-    halt = np.stack([1.2 * np.minimum(clock, 4.0), 0 * clock], axis=1)
+    walk = np.array([1.2 * clock, 0 * clock], dtype=np.float64).T
+    halt = np.array([1.2 * np.minimum(clock, 4.0), 0 * clock], dtype=np.float64).T
     write(tmp_path, "a.txt", {"walks": walk, "halts": halt})
     experiment = PredictionBenchmark(
         {"cv": ConstantVelocity(window=1)}, registered=False,

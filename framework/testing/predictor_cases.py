@@ -102,6 +102,24 @@ def move_scene(scene: Scene, turn: Array, shift: Array) -> Scene:
     )
 
 
+def draw_recordings(size: int, rng: np.random.Generator) -> list[Tracks]:
+    """Return recordings to fit to: people who bend their way, walk on or stand, with gaps."""
+    count, rows, dt = 12, 60, 0.4
+    drawn = []
+    for place in range(2):
+        bends = np.cumsum(rng.normal(0, 0.06, (count, rows, size)), axis=1)
+        velocity = rng.normal(0, 0.8, (count, 1, size)) + bends
+        velocity[1] = velocity[1, :1]
+        velocity[2, rows // 2 :] = 0.0
+        start = rng.uniform(-5.0, 5.0, (count, 1, size))
+        paths = start + np.cumsum(dt * velocity, axis=1) + rng.normal(0, 0.02, velocity.shape)
+        paths[::5, 30:34] = np.nan
+        noise = np.tile(0.02**2 * np.eye(size), (count, 1, 1))
+        ids = tuple(f"{place}.{index}" for index in range(count))
+        drawn.append(Tracks(paths, dt, ids, np.full(count, 0.3), noise))
+    return drawn
+
+
 def odd_worlds(tracks: Tracks) -> dict[str, Tracks]:
     """Return the same tracks in worlds of their own, named by what is odd about them."""
     worlds = {f"{rows} rows": replace(tracks, positions=tracks.positions[:, SAMPLES - rows :])
