@@ -1,9 +1,6 @@
 """Static, constant velocity, Kalman and oracle, and the laws of all predictors."""
 
-import subprocess
-import sys
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -296,12 +293,3 @@ def test_the_check_finds_each_broken_law(law):
     with pytest.raises(AssertionError, match=law):
         check_predictor(Broken(law), dimensions=(2,))
     check_predictor(Broken("none"), dimensions=(2,))
-
-
-def test_example_of_an_own_predictor_runs():
-    script = Path(__file__).parent.parent / "examples" / "my_predictor.py"
-    assert len(script.read_text().splitlines()) <= 30
-    # In a process of its own: it registers a name that other tests must not see.
-    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert "keeps the laws" in done.stdout
