@@ -14,6 +14,7 @@ from wideberth.experiments.provenance import fingerprint
 from wideberth.experiments.runner import draw, reopen, run, written
 from wideberth.experiments.shards import checked_tasks, read_shard, shard_key, write_shard
 from wideberth.experiments.shipped import read_experiment
+from wideberth.experiments.showing import print_table
 from wideberth.framework.config import build
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.io import read_json, read_table, table_text, write_bytes, write_json
@@ -186,6 +187,32 @@ def test_unusable_folders_are_refused_before_any_work(tmp_path: Path) -> None:
 def test_refusal_names_the_task(tmp_path: Path) -> None:
     with pytest.raises(WideberthError, match=r"task 'seed 0': the coin fell on its edge"):
         run(coins(fails=True), tmp_path / "a")
+
+
+def test_a_plug_ins_exception_names_task_and_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def breaks(self: Experiment, task: Task) -> Outcome:
+        raise KeyError("boom")
+
+    monkeypatch.setattr(type(coins()), "measure", breaks)
+    with pytest.raises(WideberthError, match=r"'seed 0': KeyError: 'boom' \(.*test_runner.py, l"):
+        run(coins(), tmp_path / "a")
+
+
+def test_tables_fold_to_the_terminal_and_keep_their_names(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "90")
+    rows = [
+        {"name": f"row {i}", **{f"number_{k}": 1000.0 * i + k for k in range(30)}}
+        for i in range(6)
+    ]
+    print_table(rows)
+    printed = capsys.readouterr().out
+    assert all(len(line) <= 200 for line in printed.splitlines())
+    assert printed.count("row 3") == 2  # 30 numbers do not fit beside each other
+    assert "3029" in printed and "…" not in printed
 
 
 def test_figures_are_the_same_bytes_each_time(tmp_path: Path) -> None:
