@@ -18,6 +18,7 @@ from wideberth.framework.yamlfile import apply, read_config
 
 from .crowd import TrackFile
 from .prediction_data import FAST, usual_speed
+from .showing import fault
 
 FEWEST = 2
 """Samples that at least one track of a file must have in a row; how many a predictor needs it says
@@ -156,8 +157,11 @@ def fitted(unfitted: Fittable, dataset: Sequence[Tracks]) -> tuple[Fittable, lis
     WideberthError : as its `fit`; one that returns something else than a fitted copy, or of
         which no part learns.
     """
-    after = unfitted.fit(dataset)
     name = name_of("predictors", type(unfitted))
+    try:
+        after = unfitted.fit(dataset)
+    except Exception as error:  # a plug-in may fail in any way
+        raise WideberthError(f"the fit of {name} failed: {fault(error)}") from error
     if type(after) is not type(unfitted):
         raise WideberthError(
             f"the fit of {name} returned {after!r:.60}; wanted a fitted copy of it, as from "

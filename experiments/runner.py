@@ -169,6 +169,7 @@ def _work(
         try:
             outcome = experiment.measure(task)
         except Exception as error:  # a plug-in may fail in any way; say where
+            interrupt.check()
             raise WideberthError(f"task {task.name!r}: {fault(error)}") from error
         interrupt.check()
     write_shard(folder, key, task, outcome)

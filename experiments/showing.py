@@ -1,5 +1,6 @@
 """How results are shown in a terminal: tables that fit, files that can be counted."""
 
+import sysconfig
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
@@ -26,9 +27,15 @@ def fault(error: Exception) -> str:
     """Say what an exception says; of anything but our own also its type and where it arose."""
     if isinstance(error, WideberthError):
         return str(error)
-    last = traceback.extract_tb(error.__traceback__)[-1:]
-    place = "".join(f" ({frame.filename}, line {frame.lineno})" for frame in last)
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame for frame in frames if not _of_a_library(Path(frame.filename))]
+    place = "".join(f" ({frame.filename}, line {frame.lineno})" for frame in (own or frames)[-1:])
     return f"{type(error).__name__}: {error}{place}"
+
+
+def _of_a_library(file: Path) -> bool:
+    """Whether a file is of an installed library or of Python itself, not somebody's own."""
+    return "site-packages" in file.parts or file.is_relative_to(sysconfig.get_path("stdlib"))
 
 
 def print_table(rows: Sequence[Row]) -> None:
@@ -44,9 +51,9 @@ def print_table(rows: Sequence[Row]) -> None:
     upright = len(rows) > 4 or len(lines) <= 8
     columns = lines if upright else [list(line) for line in zip(*lines, strict=True)]
     names = _naming(rows) if upright else 1
-    console = Console()
+    console = Console(markup=False)  # notes and reasons may hold brackets
     if not console.is_terminal:
-        console = Console(width=max(console.width, 200))
+        console = Console(width=max(console.width, 200), markup=False)
     for block in _fold(columns, names, console.width):
         table = Table()
         for column in block:

@@ -1,5 +1,6 @@
 """Online conformal calibration: scales that follow how often the truth was missed."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self, final
@@ -16,6 +17,8 @@ from .empirical import Empirical
 
 ON_GRID = 1e-6
 """Steps by which a time may miss another and still count as the same."""
+EARLY = 0.9
+"""Steps after which the next forecast is stated: stamps that jitter must not skip every other."""
 LIMIT = 12.0
 """Largest |log scale|: a factor of 400 in lengths. It stops the drift to 0 where a forecast
 never misses (everybody stands still), from which the scale would need long to come back."""
@@ -52,7 +55,7 @@ class Online:
     stamp : s, of the newest sample used.
     dt : s, between the steps.
     log_scale : (N,), of the covariance of each step.
-    pending : oldest first; at most one per step of the horizon.
+    pending : oldest first; at most one per 0.9 steps of the horizon.
     """
 
     stamp: float
@@ -143,9 +146,10 @@ class AdaptiveConformal(Adaptive, Fittable):
         state = self._learnt(tracks)
         learnt = replace(self, base=base, state=state)
         last = state.pending[-1].stamp if state.pending else -np.inf
-        if tracks.stamp - last < tracks.dt - _slack(tracks):
+        if tracks.stamp - last < EARLY * tracks.dt - _slack(tracks):
             return learnt
-        pending = (*state.pending, learnt._made(tracks, scene))[-self.steps :]
+        most = math.ceil(self.steps / EARLY)
+        pending = (*state.pending, learnt._made(tracks, scene))[-most:]
         return replace(learnt, state=replace(state, pending=pending))
 
     def _made(self, tracks: Tracks, scene: Scene | None) -> Pending:

@@ -11,7 +11,7 @@ from ..framework.errors import WideberthError
 from ..framework.forecast import Forecast, Scene
 from ..framework.predictor import Fittable, Predictor
 from ..framework.tracks import Tracks
-from .core.assembly import with_fallback
+from .core.assembly import refuse_adaptive, with_fallback
 from .core.history import Histories, gather
 from .core.least_squares import complete_rows, lagged, regress
 from .core.pattern_search import fit_numbers
@@ -171,6 +171,7 @@ class BayesianVectorAutoregression(Fittable):
     reference: ClassVar[str] = "kadiyala1997bayesian"
 
     def __post_init__(self) -> None:
+        refuse_adaptive("bayesian_var.fallback", self.fallback)
         whole("bayesian_var.order", self.order)
         whole("bayesian_var.history", self.history, least=self.order + 1)
         for name in ("deviation", "acceleration_density", "samples", "noise_floor"):

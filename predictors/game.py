@@ -15,6 +15,7 @@ from ..framework.mpc.planner import Planner
 from ..framework.mpc.response import Agent, Responder, state_of
 from ..framework.predictor import Predictor
 from ..framework.tracks import Tracks
+from .core.assembly import refuse_adaptive
 from .core.best_response import Table
 from .core.history import gather
 from .core.social_rollout import course_of
@@ -100,6 +101,7 @@ class Game(Predictor):
         whole("game.iterations", self.iterations)
         whole("game.agents", self.agents)
         positive("game.memory", self.memory)
+        refuse_adaptive("game.planner.predictor", self.planner.predictor)
         if self.planner.robot.dimension != 2:
             raise WideberthError(
                 f"game.planner moves in {self.planner.robot.dimension} dimensions; wanted 2"

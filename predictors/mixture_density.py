@@ -14,7 +14,7 @@ from ..framework.predictor import Fittable, Predictor
 from ..framework.tracks import Tracks
 from ..framework.windows import windows_of
 from .constant_velocity import ConstantVelocity
-from .core.assembly import Gaussians, with_fallback
+from .core.assembly import Gaussians, refuse_adaptive, with_fallback
 from .core.calibration import same_step
 from .core.density_network import DensityNetwork, Modes, frames
 from .core.history import Histories, gather, measurement_noise
@@ -100,6 +100,7 @@ class MixtureDensity(Fittable):
     reference: ClassVar[str] = "zhang2021motion"
 
     def __post_init__(self) -> None:
+        refuse_adaptive("mixture_density.fallback", self.fallback)
         whole("mixture_density.observed", self.observed, least=3)
         for name in ("predicted", "modes", "rounds"):
             whole(f"mixture_density.{name}", getattr(self, name))

@@ -11,7 +11,7 @@ from ..framework.forecast import Forecast, Scene
 from ..framework.motion import Truth
 from ..framework.predictor import Predictor
 from ..framework.tracks import Tracks
-from .core.assembly import Gaussians, with_fallback
+from .core.assembly import Gaussians, refuse_adaptive, with_fallback
 from .kalman import Kalman
 
 
@@ -45,6 +45,7 @@ class Oracle(Predictor):
     reference: ClassVar[str] = ""
 
     def __post_init__(self) -> None:
+        refuse_adaptive("oracle.fallback", self.fallback)
         positive("oracle.spread", self.spread)
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:

@@ -12,7 +12,7 @@ from ..framework.forecast import Forecast, Scene
 from ..framework.predictor import Fittable, Predictor
 from ..framework.tracks import Tracks
 from ..framework.windows import windows_of
-from .core.assembly import with_fallback
+from .core.assembly import refuse_adaptive, with_fallback
 from .core.history import LONGEST_GAP, Histories, gather
 from .core.velocity_forecast import past_velocities, process_gaussians, served, start_covariance
 from .core.velocity_process import VelocityProcess, velocity_path
@@ -139,6 +139,7 @@ class PooledVectorAutoregression(Fittable):
     reference: ClassVar[str] = "luetkepohl2005new"
 
     def __post_init__(self) -> None:
+        refuse_adaptive("pooled_var.fallback", self.fallback)
         whole("pooled_var.order", self.order)
         positive("pooled_var.acceleration_density", self.acceleration_density)
         positive("pooled_var.noise_floor", self.noise_floor)

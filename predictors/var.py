@@ -11,7 +11,7 @@ from ..framework.errors import WideberthError
 from ..framework.forecast import Forecast, Scene
 from ..framework.predictor import Predictor
 from ..framework.tracks import Tracks
-from .core.assembly import Gaussians, placed, with_fallback
+from .core.assembly import Gaussians, placed, refuse_adaptive, with_fallback
 from .core.history import Histories, gather
 from .core.least_squares import Fits, Trend, fit_velocities, fit_with_statsmodels
 from .core.paper_recursion import paper_covariances
@@ -114,6 +114,7 @@ class VectorAutoregression(Predictor):
     reference: ClassVar[str] = "luetkepohl2005new"
 
     def __post_init__(self) -> None:
+        refuse_adaptive("var.fallback", self.fallback)
         whole("var.order", self.order)
         whole("var.minimum_history", self.minimum_history, least=self.order + 2)
         whole("var.history", self.history, least=self.minimum_history)

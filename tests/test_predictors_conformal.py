@@ -228,6 +228,9 @@ def test_somebody_late_gets_the_scales_of_the_time_since_he_was_seen():
 def test_a_base_that_adapts_is_refused():
     with pytest.raises(WideberthError, match=r"base is AdaptiveConformal, which adapts"):
         Conformal(AdaptiveConformal())
+    for name in ("var", "bayesian_var", "pooled_var", "mixture_density", "oracle"):
+        with pytest.raises(WideberthError, match=f"{name}.fallback is AdaptiveConformal"):
+            build("predictors", {"type": name, "fallback": "adaptive_conformal"})
 
 
 def test_scenes_of_one_track_are_dealt_to_both_halves():

@@ -35,6 +35,22 @@ def test_static_polygons_example_draws_its_plan(tmp_path: Path) -> None:
     assert (tmp_path / "gap.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_predictors_that_learn_are_written_as_the_page_says(tmp_path: Path) -> None:
+    """The blocks that define `Straying` and `Widened`; the contract check runs on both."""
+    page = (ROOT / "docs" / "write-your-own.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    first = next(i for i, block in enumerate(blocks) if "class Straying" in block)
+    last = next(i for i, block in enumerate(blocks) if "class Widened" in block)
+    check = "from wideberth.framework.testing import check_predictor\n"
+    check += "check_predictor(Straying())\ncheck_predictor(Widened())\n"
+    script = tmp_path / "page.py"
+    script.write_text("\n".join([*blocks[first : last + 1], check]), encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, str(script)], cwd=tmp_path, text=True, capture_output=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+
+
 def test_links_lead_somewhere() -> None:
     pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")]
     for page in pages:

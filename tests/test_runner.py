@@ -204,15 +204,14 @@ def test_tables_fold_to_the_terminal_and_keep_their_names(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "90")
-    rows = [
-        {"name": f"row {i}", **{f"number_{k}": 1000.0 * i + k for k in range(30)}}
-        for i in range(6)
-    ]
-    print_table(rows)
+    numbers = {f"number_{k}": 3000.0 + k for k in range(30)}
+    print_table([{"name": f"row {i}", **numbers} for i in range(6)])
     printed = capsys.readouterr().out
     assert all(len(line) <= 200 for line in printed.splitlines())
     assert printed.count("row 3") == 2  # 30 numbers do not fit beside each other
     assert "3029" in printed and "…" not in printed
+    print_table([{"name": "notes", "text": "wanted [/data/a.txt] of [hotel]"}])  # no markup
+    assert "wanted [/data/a.txt] of [hotel]" in capsys.readouterr().out
 
 
 def test_figures_are_the_same_bytes_each_time(tmp_path: Path) -> None:
