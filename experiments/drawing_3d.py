@@ -11,6 +11,7 @@ from wideberth.experiments.plotting import COLOURS, LINES, PAGE, paper_style
 from wideberth.framework.arrays import Array, positive, probability
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.forecast import GaussianObstacle, resample
+from wideberth.framework.metrics import content_bound
 from wideberth.framework.plan import Plan
 from wideberth.simulation.log import AgentLog, Episode
 
@@ -70,10 +71,8 @@ def ellipsoid(obstacle: GaussianObstacle, tail: float, count: int = 25) -> Array
     mu + sqrt(q) L n with L L^T = Sigma, n the unit vectors and q the quantile of chi^2 with
     three degrees of freedom that is exceeded with probability ``tail``.
     """
-    from scipy.special import gammainccinv
-
     values, vectors = np.linalg.eigh(obstacle.covariance)
-    root = vectors * np.sqrt(2.0 * float(gammainccinv(1.5, tail)) * np.clip(values, 0.0, None))
+    root = vectors * np.sqrt(content_bound(3, tail) * np.clip(values, 0.0, None))
     return np.asarray(obstacle.mean + _sphere(count) @ root.T)
 
 

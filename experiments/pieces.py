@@ -12,6 +12,7 @@ from wideberth.experiments.plotting import COLOURS, LINES
 from wideberth.framework.arrays import Array
 from wideberth.framework.footprint import Discs, Outline
 from wideberth.framework.forecast import Forecast
+from wideberth.framework.metrics import content_bound
 from wideberth.framework.motion import Pose
 from wideberth.framework.plan import Plan
 from wideberth.simulation.gaps import gaps, wall_gaps
@@ -122,8 +123,6 @@ def outlines(forecast: Forecast | None, tail: float, count: int = 96, every: int
     -------
     (K, count, 2), m.
     """
-    from scipy.special import gammainccinv
-
     if forecast is None:
         return np.zeros((0, count, 2))
     kept = forecast.weight > 0
@@ -131,7 +130,7 @@ def outlines(forecast: Forecast | None, tail: float, count: int = 96, every: int
     centre = forecast.mean[kept][:, steps, :2].reshape(-1, 2)
     blocks = forecast.covariance[kept][:, steps, :2, :2].reshape(-1, 2, 2)
     values, vectors = np.linalg.eigh(blocks)
-    quantile = 2.0 * float(gammainccinv(0.5 * forecast.mean.shape[-1], tail))
+    quantile = content_bound(forecast.mean.shape[-1], tail)
     root = vectors * np.sqrt(quantile * np.clip(values, 0.0, None))[:, None, :]
     angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
     circle = np.stack([np.cos(angle), np.sin(angle)])

@@ -178,11 +178,12 @@ class AdaptiveConformal(Adaptive, Fittable):
         ):
             return Online(tracks.stamp, tracks.dt, (0.0,) * self.steps)
         balance, count = np.zeros(self.steps), np.zeros(self.steps)
+        place = {ident: index for index, ident in enumerate(tracks.ids)}
         for one in state.pending:
             first = int((state.stamp - one.stamp + slack) / state.dt)
             last = int((tracks.stamp - one.stamp + slack) / state.dt)
             for step in range(first, min(last, self.steps)):
-                missed = self._missed(one, step, tracks)
+                missed = self._missed(one, step, tracks, place)
                 balance[step] += np.sum(missed - self.tail)
                 count[step] += len(missed)
         log_scale = state.log_scale + self.rate * balance / np.sqrt(np.maximum(count, 1.0))
@@ -191,9 +192,8 @@ class AdaptiveConformal(Adaptive, Fittable):
         waiting = tuple(one for one in state.pending if one.stamp > horizon)
         return Online(tracks.stamp, state.dt, tuple(bounded), waiting)
 
-    def _missed(self, one: Pending, step: int, tracks: Tracks) -> Array:
-        """Whether each obstacle known at the due time lay outside, as 1 or 0."""
-        place = {ident: index for index, ident in enumerate(tracks.ids)}
+    def _missed(self, one: Pending, step: int, tracks: Tracks, place: dict[str, int]) -> Array:
+        """Whether each obstacle known at the due time lay outside, as 1 or 0; ``place`` by id."""
         mine = [i for i, ident in enumerate(one.ids) if ident in place]
         theirs = [place[one.ids[i]] for i in mine]
         truth = _position(tracks, one.stamp + (step + 1) * tracks.dt)[theirs]

@@ -15,7 +15,7 @@ from ..framework.mpc.planner import Planner
 from ..framework.mpc.response import Agent, Responder, state_of
 from ..framework.predictor import Predictor
 from ..framework.tracks import Tracks
-from .core.assembly import refuse_adaptive
+from .core.assembly import both_reasons, refuse_adaptive
 from .core.best_response import Table
 from .core.history import gather
 from .core.social_rollout import course_of
@@ -221,7 +221,7 @@ def _bent(
     bent, unsettled = changes[:, :, :steps]
     spread = np.einsum("oni,onj->onij", unsettled, unsettled)
     said = [
-        deeper if own is None else f"game: {own}" + (f"; {deeper}" if deeper else "")
+        deeper if own is None else both_reasons(f"game: {own}", deeper)
         for own, deeper in zip(reasons, straight.fallback, strict=True)
     ]
     known = straight.joint_source is not None

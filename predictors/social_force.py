@@ -10,6 +10,7 @@ from ..framework.arrays import Array, positive
 from ..framework.forecast import Forecast, Scene
 from ..framework.predictor import Predictor
 from ..framework.tracks import Tracks
+from .core.assembly import both_reasons
 from .core.social_rollout import Force, Walkers, course_of, roll_out
 from .kalman import Kalman
 
@@ -76,8 +77,8 @@ class SocialForce(Predictor):
         if tracks.dimension != 2:
             reason = f"social_force: {tracks.dimension} coordinates, made for 2"
             forecast = self.estimate.predict(tracks, steps, scene)
-            deeper = [f"; {other}" if other else "" for other in forecast.fallback]
-            return replace(forecast, fallback=tuple(f"{reason}{other}" for other in deeper))
+            said = tuple(both_reasons(reason, deeper) for deeper in forecast.fallback)
+            return replace(forecast, fallback=said)
         ahead = self.estimate.predict(tracks, max(steps, 2), scene)
         walkers = _walkers(tracks, ahead, scene)
         factors = GRID * (self.speed_spread, self.direction_spread)

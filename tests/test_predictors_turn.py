@@ -14,7 +14,7 @@ from wideberth.predictors.core.turn_filter import (
     TurnModel,
     extended_step,
     filter_turns,
-    lower_root,
+    floored_root,
     position_update,
     unscented_step,
 )
@@ -139,11 +139,13 @@ def test_unscented_filter_equals_filterpy():
     np.testing.assert_allclose(covariance, engine.P, rtol=0, atol=1e-10)
 
 
-def test_lower_root_is_choleskys_and_survives_singular_ones():
+def test_floored_root_is_choleskys_and_survives_singular_ones():
     _, covariance = states(30)
-    np.testing.assert_allclose(lower_root(covariance), np.linalg.cholesky(covariance), atol=1e-12)
+    np.testing.assert_allclose(
+        floored_root(covariance), np.linalg.cholesky(covariance), atol=1e-12
+    )
     flat = np.ones((1, 3, 3))
-    root = lower_root(np.concatenate([flat, 0.0 * flat]))
+    root = floored_root(np.concatenate([flat, 0.0 * flat]))
     assert np.isfinite(root).all()
     np.testing.assert_allclose(
         root @ root.swapaxes(1, 2), np.concatenate([flat, 0 * flat]), atol=1e-13

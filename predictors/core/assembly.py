@@ -150,8 +150,7 @@ def with_fallback(
         reasons = list(own.fallback)
         parts = own.mean, own.covariance, own.weight
     for place, deeper in zip(index, filled.fallback, strict=True):
-        first = str(missing[place])
-        reasons[place] = first if deeper is None else f"{first}; {deeper}"
+        reasons[place] = both_reasons(str(missing[place]), deeper)
     modes = max(parts[0].shape[1], filled.mean.shape[1])
     mean, covariance, weight = (more_modes(part, modes, k == 2) for k, part in enumerate(parts))
     mean[index] = more_modes(filled.mean, modes)
@@ -161,6 +160,11 @@ def with_fallback(
     if source is not None and filled.joint_source is not None:
         joint = partial(_joined, source, filled, index, modes)
     return Forecast(mean, covariance, weight, tracks.dt, tuple(reasons), joint)
+
+
+def both_reasons(first: str, deeper: str | None) -> str:
+    """Return the named method's reason, and after it that of the predictor which filled in."""
+    return first if deeper is None else f"{first}; {deeper}"
 
 
 def refuse_adaptive(name: str, base: Predictor) -> None:

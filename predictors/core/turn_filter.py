@@ -124,7 +124,7 @@ def unscented_step(
     no weight is negative, so that covariances stay positive semi-definite. A is the
     regression of the points after the step on those before it.
     """
-    root = lower_root(covariance)
+    root = floored_root(covariance)
     offsets = np.sqrt(STATES) * root.swapaxes(1, 2)
     points = model.moved(state[:, None] + np.stack([offsets, -offsets]))
     mean = points.sum(axis=(0, 2)) / (2 * STATES)
@@ -140,7 +140,7 @@ def unscented_step(
     return mean, spread + model.process(state), slope.swapaxes(1, 2)
 
 
-def lower_root(covariance: Array) -> Array:
+def floored_root(covariance: Array) -> Array:
     """Lower triangular L with L L' = P, (B, S, S), whatever rounding has done to P.
 
     Cholesky's recursion, with pivots of at least 1e-14 of the diagonal entry: one covariance
