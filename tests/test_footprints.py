@@ -197,10 +197,11 @@ def scattered(
 
 def rows(problem: Problem, parameters: Parameters, point: Guess) -> tuple[np.ndarray, np.ndarray]:
     """Smallest inequality per step, slot and body, and all equalities."""
-    stated = problem.regions.map(STEPS)
     level = np.full((int(problem.shared), STEPS), point.level)
-    auxiliaries = point.auxiliaries.reshape(STEPS, -1).T
-    free, tied = stated(point.states[1:].T, auxiliaries, level, parameters.stages().T)
+    given = (point.states[:-1], point.inputs, point.states[1:], point.auxiliaries)
+    columns = [values.reshape(STEPS, -1).T for values in (*given, point.static_auxiliaries)]
+    stated = problem.residuals(*columns, level, parameters.stages().T)
+    free, tied = stated[2], stated[3]
     values = free.full().reshape(problem.capacity, len(DISCS.centres), -1, STEPS)
     return np.moveaxis(values.min(axis=2), -1, 0), tied.full()
 

@@ -120,11 +120,11 @@ def test_weights_mean_the_same_for_every_robot() -> None:
         problem, parameters, _ = set_up(robot, MahalanobisEllipse(), Fixed(), 1)
         states, inputs = steer(robot, parameters.initial, Twist((0.6, 0.0)), STEPS, 2.0)
         states, inputs = steer(robot, parameters.initial, Twist((0.45, 0.0)), STEPS, DT)
-        stages = parameters.stages()
+        heads = parameters.stages()[:, : problem.head_width]
         cost = 0.0
         for i in range(STEPS):
-            cost += float(problem.input_cost(states[i], inputs[i], stages[i]))
-            cost += float(problem.state_cost(states[i + 1], [], [], stages[i]))
+            cost += float(problem.input_cost(states[i], inputs[i], heads[i]))
+            cost += float(problem.state_cost(states[i + 1], heads[i]))
         totals.append(cost)
     assert totals == pytest.approx([totals[0]] * 4, rel=1e-6)
 

@@ -31,7 +31,7 @@ from ..symbolic import ca
 from .bodies import bodies
 from .levels.base import LevelPolicy
 from .problem import Problem, Slots
-from .stage import Obstructions, ReferenceSymbols
+from .stage import ReferenceSymbols, slots
 
 
 @dataclass(frozen=True)
@@ -92,43 +92,42 @@ def assemble(
     _check(horizon, dt, capacity, penalty, static_region, statics)
     x, u = ca.SX.sym("x", len(robot.states)), ca.SX.sym("u", len(robot.inputs))
     reference = ReferenceSymbols(robot.dimension)
-    moving = _moving(robot, region, capacity)
-    standing = _standing(robot, static_region, statics, corners)
-    stage = ca.vertcat(reference.vector, moving.vector, standing.vector)
     by_input, by_state = _running_cost(robot, x, u, reference, weights or Weights())
-    by_state += moving.regularisation() + standing.regularisation()
     on_input, on_state = _limits(robot, x, u)
     s = ca.SX.sym("s", int(level.shared))
-    following = ca.vertcat(*integrate(robot, _split(x), _split(u), dt))
     pose = robot.pose(_split(x))
+    frame = x, pose, s
+    following = ca.vertcat(*integrate(robot, _split(x), _split(u), dt))
     return Problem(
         horizon=horizon,
         dt=dt,
         states=len(robot.states),
         inputs=len(robot.inputs),
         dimension=robot.dimension,
-        capacity=capacity,
-        width=moving.width,
-        auxiliary=moving.extra,
         shared=level.shared,
         minimum=level.minimum,
         penalty=penalty,
         state_bounds=robot.state_bounds(),
         input_bounds=robot.input_bounds(),
         dynamics=ca.Function("dynamics", [x, u], [following]),
-        input_cost=ca.Function("input_cost", [x, u, stage], [by_input]),
+        input_cost=ca.Function("input_cost", [x, u, reference.vector], [by_input]),
         input_constraints=ca.Function("input_constraints", [x, u], [on_input]),
-        state_cost=ca.Function(
-            "state_cost", [x, moving.lifted, standing.lifted, stage], [by_state]
-        ),
+        state_cost=ca.Function("state_cost", [x, reference.vector], [by_state]),
         state_constraints=ca.Function("state_constraints", [x], [on_state]),
-        regions=ca.Function("regions", [x, moving.lifted, s, stage], moving.outside(pose, s)),
+        terminal_constraints=ca.Function("terminal_constraints", [x], [ca.SX(0, 1)]),
         level_cost=_level_cost(level, s),
-        statics=Slots(statics, standing.width, standing.extra),
-        static_regions=ca.Function(
-            "static_regions", [x, standing.lifted, stage], standing.outside(pose, s)
-        ),
+        obstacles=_moving(robot, region, capacity, frame),
+        statics=_standing(robot, static_region, statics, corners, frame),
+        heading=_heading(pose, x),
     )
+
+
+def _heading(pose: Pose, x: Any) -> int | None:
+    """Return which entry of x the heading is, if it is one."""
+    if pose.heading is None:
+        return None
+    same = [i for i, entry in enumerate(_split(x)) if ca.is_equal(entry, ca.SX(pose.heading))]
+    return same[0] if same else None
 
 
 def _level_cost(level: LevelPolicy, s: Any) -> Any:
@@ -156,18 +155,25 @@ def _check(
         raise WideberthError(f"{statics} static polygons need a static region; got None")
 
 
-def _moving(robot: Robot, region: Region, capacity: int) -> Obstructions:
+def _moving(robot: Robot, region: Region, count: int, frame: tuple[Any, Pose, Any]) -> Slots:
     """Make the slots of the Gaussian obstacles."""
     size = robot.dimension
     own, width = region.auxiliary(size), region.parameter_count(size)
     parts = bodies(robot, region)
-    return Obstructions(capacity, width, own, parts, region.constraint, levelled=True)
+    return slots(count, width, own, parts, region.constraint, frame, levelled=True)
 
 
-def _standing(robot: Robot, region: StaticRegion | None, count: int, corners: int) -> Obstructions:
+def _standing(
+    robot: Robot,
+    region: StaticRegion | None,
+    count: int,
+    corners: int,
+    frame: tuple[Any, Pose, Any],
+) -> Slots:
     """Make the slots of the static polygons."""
     if region is None or not count:
-        return Obstructions(0, 0, Auxiliary(), (), lambda *_: Constraint(()), levelled=False)
+        none = Constraint(())
+        return slots(0, 0, Auxiliary(), (), lambda *_: none, frame, levelled=False)
     parts = bodies(robot, region)
     own = region.auxiliary(corners, max(len(parts[0].outline), 1))
     width = region.parameter_count(corners)
@@ -175,7 +181,7 @@ def _standing(robot: Robot, region: StaticRegion | None, count: int, corners: in
     def state(pose: Pose, parameters: Scalar, level: Scalar, auxiliary: Scalar) -> Constraint:
         return region.constraint(pose, parameters, auxiliary)  # it has no level
 
-    return Obstructions(count, width, own, parts, state, levelled=False)
+    return slots(count, width, own, parts, state, frame, levelled=False)
 
 
 def _limits(robot: Robot, x: Any, u: Any) -> tuple[Any, Any]:

@@ -17,52 +17,88 @@ from ..robot import Bounds
 from ..symbolic import ca
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Slots:
-    """Room for static polygons in a problem.
+    """Room for obstacles of one kind: Gaussian ones, or static convex polygons.
+
+    The numbers of one slot stand in the order: parameters (width), its level (1, Gaussian ones
+    alone), whether it is active (1), the guess of its auxiliaries (A).
 
     Attributes
     ----------
-    count : how many convex polygons.
+    count : how many.
     width : parameters of each.
+    levelled : whether each has a level among its numbers.
     auxiliary : extra variables of each per stage, of all bodies of the robot.
+    constraint : of one slot: (x, its auxiliaries, s, its numbers) -> inequalities >= 0,
+        equalities == 0; s is empty where no level is shared. An inactive slot states 1 >= 0.
     """
 
     count: int
     width: int
+    levelled: bool
     auxiliary: Auxiliary
+    constraint: Any
+
+    @property
+    def size(self) -> int:
+        """How many numbers one slot has."""
+        return self.width + int(self.levelled) + 1 + len(self.auxiliary)
+
+    def all_of(self, x: Any, lifted: Any, s: Any, numbers: Any) -> tuple[Any, Any]:
+        """State the constraints of all slots: inequalities and equalities, slot by slot.
+
+        Parameters
+        ----------
+        x, s : state and shared level.
+        lifted : auxiliaries of all slots, one after the other.
+        numbers : of all slots, one after the other.
+        """
+        own, size = len(self.auxiliary), self.size
+        found = [
+            self.constraint(
+                x, lifted[k * own : (k + 1) * own], s, numbers[k * size : (k + 1) * size]
+            )
+            for k in range(self.count)
+        ]
+        return ca.vertcat(*[one[0] for one in found]), ca.vertcat(*[one[1] for one in found])
+
+    def regularisation(self, lifted: Any, numbers: Any) -> Any:
+        """Price of leaving the guess of the auxiliaries, of all slots."""
+        own, size = len(self.auxiliary), self.size
+        if not own:
+            return 0
+        guesses = [numbers[(k + 1) * size - own : (k + 1) * size] for k in range(self.count)]
+        return self.auxiliary.regularisation * ca.sumsqr(lifted - ca.vertcat(*guesses))
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
     """A stage-wise optimal control problem; every solver's form is derived from it.
 
-    Its functions take and return CasADi expressions. Per stage i = 1..N the parameters are
-    a vector: reference position (D), reference direction (D), reference speed (1), per
-    obstacle slot the region's parameters (P), its level (1), whether it is active (1), and
-    the guess of its auxiliaries (A), and per slot for a static polygon the same without level.
+    Its functions take and return CasADi expressions. The parameters of stage i = 1..N are a
+    vector: a head of reference position (D), reference direction (D) and reference speed (1),
+    then the numbers of every slot for a Gaussian obstacle, then those of every slot for a
+    static polygon, see `Slots`.
 
     Attributes
     ----------
     horizon, dt : N and s.
     states, inputs, dimension : n, m, D.
-    capacity : K, obstacle slots; an inactive slot constrains nothing.
-    width : P, parameters of a region.
-    auxiliary : extra variables per slot and stage, of all bodies of the robot.
     shared : whether one level s is a decision variable.
     minimum : its lower bound.
     penalty : price of one unit of slack on the regions; None for hard constraints.
     state_bounds, input_bounds : of the robot.
     dynamics : (x, u) -> next x.
-    input_cost : (x, u, stage parameters of i + 1), at i = 0..N-1.
+    input_cost : (x, u, head of i + 1), at i = 0..N-1.
     input_constraints : (x, u) -> values >= 0, at i = 0..N-1.
-    state_cost : (x, auxiliaries, static auxiliaries, stage parameters), at i = 1..N.
+    state_cost : (x, head), at i = 1..N.
     state_constraints : x -> values >= 0, at i = 1..N.
-    regions : (x, auxiliaries, s, stage parameters) -> inequalities >= 0, equalities == 0.
-    statics : slots for static polygons.
-    static_regions : (x, static auxiliaries, stage parameters) -> the same; all hold at
-        i = 1..N.
+    terminal_constraints : x -> values >= 0, at i = N alone.
     level_cost : (s, s_ref) -> cost, once.
+    obstacles, statics : slots, whose constraints hold at i = 1..N.
+    heading : which state is the robot's heading, an angle that may be shifted by full turns;
+        None where there is none.
     """
 
     horizon: int
@@ -70,9 +106,6 @@ class Problem:
     states: int
     inputs: int
     dimension: int
-    capacity: int
-    width: int
-    auxiliary: Auxiliary
     shared: bool
     minimum: float
     penalty: float | None
@@ -83,22 +116,43 @@ class Problem:
     input_constraints: Any
     state_cost: Any
     state_constraints: Any
-    regions: Any
+    terminal_constraints: Any
     level_cost: Any
+    obstacles: Slots
     statics: Slots
-    static_regions: Any
+    heading: int | None
+
+    @property
+    def capacity(self) -> int:
+        """K, slots for Gaussian obstacles."""
+        return self.obstacles.count
+
+    @property
+    def auxiliary(self) -> Auxiliary:
+        """Extra variables per Gaussian slot and stage."""
+        return self.obstacles.auxiliary
+
+    @property
+    def head_width(self) -> int:
+        """Number of parameters of one stage that belong to no slot."""
+        return 2 * self.dimension + 1
 
     @property
     def stage_width(self) -> int:
         """Number of parameters of one stage."""
-        per_slot = self.width + 2 + len(self.auxiliary)
-        still = self.statics.count * (self.statics.width + 1 + len(self.statics.auxiliary))
-        return 2 * self.dimension + 1 + self.capacity * per_slot + still
+        moving, standing = self.obstacles, self.statics
+        return self.head_width + moving.count * moving.size + standing.count * standing.size
 
     @property
     def slacks(self) -> int:
         """Slack variables per stage: 1 where the regions are soft, else 0."""
         return int(self.penalty is not None and self.capacity + self.statics.count > 0)
+
+    def cut(self, stage: Any) -> tuple[Any, Any, Any]:
+        """Cut a stage's parameters: head, numbers of the obstacles, numbers of the polygons."""
+        first = self.head_width
+        second = first + self.obstacles.count * self.obstacles.size
+        return stage[:first], stage[first:second], stage[second:]
 
     @cached_property
     def residuals(self) -> Any:
@@ -118,8 +172,9 @@ class Problem:
         s, stage = ca.SX.sym("s", int(self.shared)), ca.SX.sym("stage", self.stage_width)
         gap = following - self.dynamics(x, u)
         limits = ca.vertcat(self.input_constraints(x, u), self.state_constraints(following))
-        outside, tied = self.regions(following, auxiliary, s, stage)
-        clear, bound = self.static_regions(following, still, stage)
+        _, moving, standing = self.cut(stage)
+        outside, tied = self.obstacles.all_of(following, auxiliary, s, moving)
+        clear, bound = self.statics.all_of(following, still, s, standing)
         single = ca.Function(
             "residuals",
             [x, u, following, auxiliary, still, s, stage],
@@ -136,19 +191,17 @@ class Problem:
             self.input_constraints,
             self.state_cost,
             self.state_constraints,
-            self.regions,
+            self.terminal_constraints,
             self.level_cost,
-            self.static_regions,
+            self.obstacles.constraint,
+            self.statics.constraint,
         )
         text = [function.serialize() for function in functions]
-        numbers = (
-            self.horizon,
-            self.shared,
-            self.minimum,
-            self.penalty,
-            self.auxiliary,
-            self.statics,
-        )
+        slots = [
+            (own.count, own.width, own.levelled, own.auxiliary)
+            for own in (self.obstacles, self.statics)
+        ]
+        numbers = (self.horizon, self.shared, self.minimum, self.penalty, slots, self.heading)
         text.append(repr((numbers, self.state_bounds, self.input_bounds)))
         return sha256("\n".join(text).encode()).hexdigest()
 

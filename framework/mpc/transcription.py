@@ -185,7 +185,7 @@ class Transcription:
             if i == 0 and self.staged:
                 self._equal(states[0] - initial)
             self._positive(problem.input_constraints(states[i], control))
-            self._cost += problem.input_cost(states[i], control, stages[:, i])
+            self._cost += problem.input_cost(states[i], control, problem.cut(stages[:, i])[0])
         if i > 0:
             self._outside(i, states[i], levels[i], stages[:, i - 1])
         self.sizes.append(
@@ -206,8 +206,9 @@ class Transcription:
         problem = self.problem
         auxiliary = self._extra("aux", i, problem.auxiliary, problem.capacity)
         still = self._extra("static", i, problem.statics.auxiliary, problem.statics.count)
-        outside, tied = problem.regions(state, auxiliary, level, stage)
-        clear, bound = problem.static_regions(state, still, stage)
+        head, moving, standing = problem.cut(stage)
+        outside, tied = problem.obstacles.all_of(state, auxiliary, level, moving)
+        clear, bound = problem.statics.all_of(state, still, level, standing)
         inequalities, equalities = ca.vertcat(outside, clear), ca.vertcat(tied, bound)
         if problem.penalty is not None and problem.slacks:
             slack = self._symbol.sym(f"slack{i}")
@@ -215,9 +216,13 @@ class Transcription:
             inequalities = inequalities + slack
             self._cost += problem.penalty * slack
         self._positive(problem.state_constraints(state))
+        if i == problem.horizon:
+            self._positive(problem.terminal_constraints(state))
         self._positive(inequalities)
         self._equal(equalities)
-        self._cost += problem.state_cost(state, auxiliary, still, stage)
+        self._cost += problem.state_cost(state, head)
+        self._cost += problem.obstacles.regularisation(auxiliary, moving)
+        self._cost += problem.statics.regularisation(still, standing)
 
     def _extra(self, name: str, i: int, auxiliary: Auxiliary, slots: int) -> Any:
         """Add the auxiliaries of all slots and return their symbol."""

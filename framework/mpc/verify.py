@@ -79,9 +79,11 @@ def violation(problem: Problem, parameters: Parameters, point: Guess) -> Violati
     state, control = problem.state_bounds, problem.input_bounds
     broken += [_beyond(point.states[1:], state.lower, state.upper).T]
     broken += [_beyond(point.inputs, control.lower, control.upper).T]
+    final = np.asarray(problem.terminal_constraints(point.states[-1])).ravel()
     begin = np.abs(point.states[0] - parameters.initial).max(initial=0.0)
     motion = np.concatenate(broken).max(axis=0)
     motion[0] = max(motion[0], begin)
+    motion[-1] = max(motion[-1], (-final).max(initial=0.0))
     entered = np.concatenate(
         [_entered(outside, tied, problem.capacity), _entered(clear, bound, problem.statics.count)]
     )
