@@ -1,0 +1,139 @@
+"""The files of an export, and the folder that they are written into."""
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+
+from .... import __version__
+from ...errors import WideberthError
+from ...io import read_json, stamped
+from ...symbolic import ca
+from .example import data, example
+from .header import constants, flat_source, header, stage_source
+from .readme import readme
+from .routines import c_code
+from .subject import Subject
+
+KIND = "export"
+VERSION = 1
+MANIFEST = "manifest.json"
+
+_MAKEFILE = """\
+CC ?= cc
+CFLAGS ?= -O1 -std=c99 -Wall -Wextra -pedantic
+OBJECTS = wideberth.o stage_functions.o wideberth_nlp.o nlp_functions.o
+
+check: example
+	./example
+
+example: example.o $(OBJECTS)
+	$(CC) $(CFLAGS) -o $@ example.o $(OBJECTS) -lm
+
+example.o: example.c example_data.h wideberth.h
+wideberth.o: wideberth.c wideberth.h
+wideberth_nlp.o: wideberth_nlp.c wideberth.h
+
+clean:
+	rm -f example *.o
+
+.PHONY: check clean
+"""
+
+
+def bundle(subject: Subject) -> dict[str, str]:
+    """Return the files of an export by name; the same subject gives the same text.
+
+    Raises
+    ------
+    WideberthError : a function that no C can be made of, or values that are not numbers.
+    """
+    files = {
+        "README.md": readme(subject),
+        "wideberth.h": header(subject),
+        "wideberth.c": stage_source(subject),
+        "stage_functions.c": c_code(subject.stage, "stage_functions.c"),
+        "wideberth_nlp.c": flat_source(subject),
+        "nlp_functions.c": c_code(subject.flat, "nlp_functions.c"),
+        "example.c": example(subject),
+        "example_data.h": data(subject),
+        "Makefile": _MAKEFILE,
+    }
+    return {**files, MANIFEST: _manifest(subject, [*files])}
+
+
+def _manifest(subject: Subject, files: list[str]) -> str:
+    content = {
+        "wideberth": __version__,
+        "casadi": ca.CasadiMeta.version(),
+        "source": subject.source,
+        "key": subject.problem.key,
+        "sizes": {name: value for name, value, _ in constants(subject)},
+        "stage_functions": [routine.name for routine in subject.stage],
+        "nlp_functions": [routine.name for routine in subject.flat],
+        "files": files,
+        "planner": subject.config,
+    }
+    return json.dumps(stamped(KIND, VERSION, content), indent=1) + "\n"
+
+
+def check_target(out: Path, *, force: bool) -> None:
+    """Refuse a folder that cannot be made, or that holds something that is no export.
+
+    Raises
+    ------
+    WideberthError : ``out`` exists (with ``force``: and is no export), or its parent does not.
+    """
+    if not out.absolute().parent.is_dir():
+        raise WideberthError(f"{out} cannot be written: its folder does not exist")
+    if not out.exists() and not out.is_symlink():
+        return
+    if not force:
+        raise WideberthError(f"{out} exists; give another folder, or replace it with --force")
+    try:
+        read_json(out / MANIFEST, KIND, VERSION)
+    except WideberthError as error:
+        raise WideberthError(f"{out} is no export and is not replaced: {error}") from None
+
+
+def write_folder(out: Path, files: Mapping[str, str], *, force: bool) -> None:
+    """Write files into a new folder, which appears whole or not at all.
+
+    Raises
+    ------
+    WideberthError : see `check_target`, or the disk.
+    """
+    check_target(out, force=force)
+    out = out.absolute()
+    try:
+        made = Path(tempfile.mkdtemp(prefix=f".{out.name}.", suffix=".part", dir=out.parent))
+    except OSError as error:
+        raise WideberthError(f"{out} cannot be written: {error.strerror or error}") from None
+    try:
+        for name, text in files.items():
+            (made / name).write_bytes(text.encode("utf-8"))
+        made.chmod(0o755)
+        _exchange(made, out)
+    except OSError as error:
+        raise WideberthError(f"{out} cannot be written: {error.strerror or error}") from None
+    finally:
+        shutil.rmtree(made, ignore_errors=True)
+
+
+def _exchange(made: Path, out: Path) -> None:
+    """Put the new folder in the place of an older export; on failure the older one stays."""
+    if not out.exists():
+        os.rename(made, out)
+        return
+    aside = made.with_suffix(".old")
+    os.rename(out, aside)
+    try:
+        os.rename(made, out)
+    except OSError:
+        with suppress(OSError):
+            os.rename(aside, out)
+        raise
+    shutil.rmtree(aside, ignore_errors=True)
