@@ -64,19 +64,57 @@ def brief(times: Sequence[float], reference: Sequence[float]) -> Row:
     }
 
 
-def ratio(times: Repeats, reference: Repeats) -> Row:
-    """Median and 5th and 95th percentile over works of best / the reference's best."""
-    pairs = [min(repeats) / min(reference[work]) for work, repeats in times.items()]
-    low, median, high = np.percentile(pairs, [5, 50, 95])
-    return {"ratio": float(median), "ratio_p5": float(low), "ratio_p95": float(high)}
+def speedup(times: Repeats, reference: Repeats) -> Row:
+    """How many times as fast as the reference: best repeat over best repeat of each work.
+
+    ``of_medians`` is the ratio of the two medians over the works, ``each`` the median, 5th and
+    95th percentile of the ratios of the single works. Only works that both did count.
+    """
+    shared = [work for work in times if work in reference]
+    own = np.array([min(times[work]) for work in shared])
+    other = np.array([min(reference[work]) for work in shared])
+    low, median, high = np.percentile(other / own, [5, 50, 95])
+    return {
+        "of_medians": float(np.median(other) / np.median(own)),
+        "each": float(median),
+        "each_p5": float(low),
+        "each_p95": float(high),
+    }
 
 
-def repeat_spread(repeats: Repeats) -> float:
+def slope(sizes: Sequence[float], times: Sequence[float]) -> float:
+    """Exponent b of time = a size^b: the least-squares slope of log time over log size.
+
+    Examples
+    --------
+    >>> round(slope([1, 10, 100], [2.0, 20.0, 200.0]), 12)
+    1.0
+    """
+    x, y = np.log(sizes), np.log(times)
+    x = x - x.mean()
+    return float(x @ y / (x @ x))
+
+
+def repeats(rows: Sequence[Row], label: str) -> dict[Hashable, list[float]]:
+    """Collect the times of one set-up, ms, by instance."""
+    found: dict[Hashable, list[float]] = {}
+    for row in rows:
+        if row["set-up"] == label:
+            found.setdefault(row["instance"], []).append(row["ms"])
+    return found
+
+
+def labels(rows: Sequence[Row]) -> list[str]:
+    """Name the set-ups in the order in which they first appear."""
+    return list(dict.fromkeys(row["set-up"] for row in rows))
+
+
+def repeat_spread(times: Repeats) -> float:
     """How far repeats of the same work differ: median over the works of max / min - 1.
 
     nan where nothing was repeated.
     """
-    ranges = [max(times) / min(times) - 1 for times in repeats.values() if len(times) > 1]
+    ranges = [max(found) / min(found) - 1 for found in times.values() if len(found) > 1]
     return float(np.median(ranges)) if ranges else float("nan")
 
 

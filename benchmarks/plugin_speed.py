@@ -1,44 +1,27 @@
-"""Every registered region with every registered robot, on one fixed instance."""
+"""Every registered region with every registered robot, on instances made for the pair."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
-from measuring import Row, Tick, brief, rotated, timed
+from instances import Made, Recipe
+from judging import LOOSE
+from measuring import Row, Tick, rotated, timed
+from scaling import judged
+from set_ups import registered
 
-from wideberth.framework import Path, names
+from wideberth.framework import names
 from wideberth.framework.config import build
-from wideberth.framework.mpc.assembly import assemble
-from wideberth.framework.mpc.bodies import with_auxiliaries
-from wideberth.framework.mpc.instance import Obstacles, fill
 from wideberth.framework.mpc.levels.fixed import Fixed
-from wideberth.framework.mpc.problem import Parameters, Problem
-from wideberth.framework.mpc.reference import lay_reference
-from wideberth.framework.mpc.rollout import steer
-from wideberth.framework.mpc.solvers.base import Solution, Solver
-from wideberth.framework.mpc.transcription import Guess
-from wideberth.framework.mpc.verify import violation
-from wideberth.framework.plan import Status
-from wideberth.framework.region import Region
-from wideberth.framework.robot import Robot, start_state
+from wideberth.framework.mpc.solvers.base import Solver
 
-STEPS, DT = 15, 0.5
-SOLVERS = ("ipopt", "fatrop")
+OBSTACLES, STEPS = 2, 15
+ORACLE = "ipopt"
+"""Whose cost the others' is compared with."""
 REFERENCE = "reference"
 """IPOPT with the paper's unicycle and ellipse, measured again beside each pair."""
-
-
-@dataclass(frozen=True, eq=False)
-class Case:
-    """A solver and the instance it is given."""
-
-    solver: Solver
-    problem: Problem
-    parameters: Parameters
-    guess: Guess
-
-    def solve(self) -> Solution:
-        """Solve once."""
-        return self.solver.solve(self.problem, self.parameters, [self.guess])[0]
+AGREE = 1e-4
+"""Largest relative difference of two costs of the same optimum."""
 
 
 def pairs(limit: int | None) -> list[tuple[str, str]]:
@@ -48,66 +31,98 @@ def pairs(limit: int | None) -> list[tuple[str, str]]:
     return [(region, robot) for region, robot in found if _fit(region, robot)]
 
 
-def measure(limit: int | None, rounds: int, tick: Tick) -> list[Row]:
-    """Time both solvers on every pair: one row per pair and solver."""
-    reference = _case("mahalanobis_ellipse", "unicycle", "ipopt")
+def measure(limit: int | None, count: int, rounds: int, tick: Tick) -> list[Row]:
+    """Time every solver on every pair, over several instances: one row per pair and solver."""
+    solvers = registered()
+    reference = _made("mahalanobis_ellipse", "unicycle", count)
     rows = []
     for region, robot in pairs(limit):
         tick(f"{region} x {robot}")
-        cases = {name: _case(region, robot, name) for name in SOLVERS} | {REFERENCE: reference}
-        solutions = {name: case.solve() for name, case in cases.items()}  # compiles
-        times: dict[str, list[float]] = {name: [] for name in cases}
+        made = _made(region, robot, count)
+        work = {name: (solver, made) for name, solver in solvers.items()}
+        work[REFERENCE] = (solvers[ORACLE], reference)
+        solves = {
+            name: [_first(solver, one) for one in given] for name, (solver, given) in work.items()
+        }
+        times: dict[str, list[list[float]]] = {name: [[] for _ in made] for name in work}
         for turn in range(rounds):
-            for name in rotated(list(cases), turn):
-                times[name].append(timed(cases[name].solve)[0])
-        for name in SOLVERS:
-            solution = solutions[name]
-            case = cases[name]
-            worst = violation(case.problem, case.parameters, solution.point).worst
-            row = {"region": region, "robot": robot, "solver": name}
-            row |= brief(times[name], times[REFERENCE])
-            row |= {"iterations": solution.iterations, "violation": worst}
-            rows.append(row | {"converged": solution.status is Status.SOLVED})
+            for index in range(count):
+                for name in rotated(list(work), turn + index):
+                    solver, given = work[name]
+                    taken = timed(partial(_solve, solver, given[index]))[0]
+                    times[name][index].append(taken)
+        rows += [
+            {"region": region, "robot": robot, "solver": name}
+            | _row(times[name], times[REFERENCE], solves[name], solves[ORACLE])
+            for name in solvers
+        ]
     return rows
+
+
+def totals(rows: Sequence[Row]) -> list[Row]:
+    """One row per solver: over all pairs."""
+    found = []
+    for name in dict.fromkeys(row["solver"] for row in rows):
+        own = [row for row in rows if row["solver"] == name]
+        agree = [row["agree"] for row in own if row["agree"] is not None]
+        found.append(
+            {
+                "solver": name,
+                "pairs": len(own),
+                "median_ms": float(np.median([row["median_ms"] for row in own])),
+                "slowest_ms": float(np.max([row["median_ms"] for row in own])),
+                "solved": float(np.mean([row["solved"] for row in own])),
+                "all_solved": sum(row["solved"] == 1.0 for row in own),
+                "agree": float(np.mean(agree)) if agree else None,
+            }
+        )
+    return found
+
+
+def _row(
+    times: list[list[float]], reference: list[list[float]], solves: list[Row], oracle: list[Row]
+) -> Row:
+    """Boil one pair's solves by one solver down.
+
+    ``solved`` is the share that converged and keeps every constraint; ``agree`` the share, of
+    instances that IPOPT solves too, whose cost is no higher than its.
+    """
+    best = [min(taken) for taken in times]
+    kept = [one["solved"] and one["violation"] <= LOOSE for one in solves]
+    both = [
+        one["cost"] <= other["cost"] + AGREE * (1.0 + abs(other["cost"]))
+        for one, other, ok in zip(solves, oracle, kept, strict=True)
+        if ok and other["solved"] and other["violation"] <= LOOSE
+    ]
+    return {
+        "median_ms": float(np.median([value for taken in times for value in taken])),
+        "best_ms": float(np.median(best)),
+        "ratio": float(np.median(best) / np.median([min(taken) for taken in reference])),
+        "iterations": float(np.median([one["iterations"] for one in solves])),
+        "iterations_max": max(one["iterations"] for one in solves),
+        "solved": float(np.mean(kept)),
+        "agree": float(np.mean(both)) if both else None,
+        "violation": max(one["violation"] for one in solves),
+    }
 
 
 def _fit(region: str, robot: str) -> bool:
     return build("robots", robot).dimension in build("regions", region).dimensions
 
 
-def _case(region_name: str, robot_name: str, solver: str) -> Case:
-    """Put one obstacle beside the straight path of a robot that drives at 0.4 m/s.
+def _made(region: str, robot: str, count: int) -> list[Made]:
+    """Make the pair's instances.
 
-    The level is fixed: a level that gives way would let large regions escape the work.
+    The level is fixed: one that gives way would let large regions escape the work.
     """
-    region: Region = build("regions", region_name)
-    robot: Robot = build("robots", robot_name)
-    level, size = Fixed(), robot.dimension
-    along = np.eye(size)[0]
-    state, twist = start_state(robot, 0.0 * along, along, 0.4)
-    start = np.array(state, dtype=np.float64)
-    parameters = fill(
-        start,
-        lay_reference(Path(np.stack([0.0 * along, 20.0 * along])), 0.0, 0.5, STEPS, DT),
-        _obstacle(size),
-        region,
-        level,
-        robot.radius,
-        1,
-    )
-    problem = assemble(robot, region, level, horizon=STEPS, dt=DT, capacity=1)
-    turning = replace(twist, angular=-0.05 if robot.pose(state).heading is not None else 0.0)
-    states, inputs = steer(robot, start, turning, STEPS, DT)
-    guess = Guess.bare(states, inputs, float("nan"))
-    guess = with_auxiliaries(robot, region, parameters, guess)
-    parameters = replace(parameters, auxiliaries=guess.auxiliaries)
-    return Case(build("solvers", solver), problem, parameters, guess)
+    recipe = Recipe(build("robots", robot), build("regions", region), Fixed(), OBSTACLES, STEPS)
+    return recipe.make(range(count))
 
 
-def _obstacle(size: int) -> Obstacles:
-    """Stand 4 m ahead, 0.4 m to the left, with a correlated uncertainty."""
-    mean = np.zeros((STEPS, 1, size))
-    mean[..., :2] = 4.0, 0.4
-    covariance = np.tile(0.02 * np.eye(size), (STEPS, 1, 1, 1))
-    covariance[..., :2, :2] = [[0.04, 0.01], [0.01, 0.02]]
-    return Obstacles(mean, covariance, np.array([0.4]), ("a",))
+def _first(solver: Solver, made: Made) -> Row:
+    """Compile, and judge what is returned."""
+    return judged(made, solver.solve(made.problem, made.parameters, [made.guess])[0])
+
+
+def _solve(solver: Solver, made: Made) -> None:
+    solver.solve(made.problem, made.parameters, [made.guess])

@@ -42,23 +42,31 @@ def test_dry_run_writes_and_prints_every_table(tmp_path: Path) -> None:
     done = start("--quick", "--out", str(out), cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     tables = {path.stem: read_table(path) for path in out.glob("*.csv")}
-    assert set(tables) == {
-        "solves", "solvers", "quality", "obstacles", "plugins", "predictors", "risks",
-        "startup",
+    raw = {"solves", "hard_solves", "scaling_solves"}
+    assert set(tables) - raw == {
+        "startup", "solvers", "speedups", "quality", "obstacles", "hard", "safe", "scaling",
+        "slopes", "plugins", "plugin_totals", "batches", "predictors", "risks", "targets",
     }  # fmt: skip
+    assert raw < set(tables)
+    for name in ("times", "growth", "hard"):
+        assert (out / f"bench_{name}.png").exists() and (out / f"bench_{name}.pdf").exists()
     text = (out / "bench.md").read_text(encoding="utf-8")
     assert "Machine:" in text and "Spread:" in text
     for name, rows in tables.items():
         assert rows, name
-        if name != "solves":
+        if name not in raw:
             assert "| " + " | ".join(rows[0]) + " |" in text
         for row in rows:
             times = [row[key] for key in ("ms", "median_ms", "ratio") if key in row]
             assert all(0 < value < np.inf for value in times)
     set_ups = {row["set-up"] for row in tables["solvers"]}
-    assert set_ups == {"ipopt sx", "ipopt mx, 450 ms", *names("solvers")} - {"ipopt"}
+    assert {"paper_mx", "paper_mx, 450 ms", "ipopt_sx"} < set_ups
+    assert {*names("solvers"), *(f"{name}, exact" for name in names("solvers"))} < set_ups
+    assert len({row["kind"] for row in tables["hard"]}) == 9
+    for name in ("plugins", "scaling"):
+        key = "solver" if name == "plugins" else "set-up"
+        assert {row[key] for row in tables[name]} == set(names("solvers"))
     assert {row["predictor"] for row in tables["predictors"]} == set(names("predictors"))
-    assert {row["solver"] for row in tables["plugins"]} == {"ipopt", "fatrop"}
     assert {row["target"] for row in tables["risks"]} == {None, 1e5}
     assert all(row["per_second_per_core"] > 0 for row in tables["risks"])
     assert "wideberth --help" in {row["command"] for row in tables["startup"]}
@@ -66,27 +74,13 @@ def test_dry_run_writes_and_prints_every_table(tmp_path: Path) -> None:
     assert not list(tmp_path.glob("*.csv"))  # nothing beside the folder that was named
 
 
-def test_solutions_are_judged_by_the_independent_check(bench: Path) -> None:
-    speed = import_module("solver_speed")
-    sample = FOLDER.parent / "tests" / "data" / "mpc_instances.npz"
-    instances = speed.chosen(sample, 2)
-    assert len(instances) == 2
-    seen: list[str] = []
-    solves = speed.measure(instances, 2, seen.append)
-    assert len(seen) == speed.steps(instances, 2)
-    count = len(speed.set_ups())
-    assert len(solves) == 2 * 2 * count
-    for row in speed.quality(solves):
-        assert row["converged"] == row["feasible"] == row["both"] == 1.0
-        assert row["gap_max"] < speed.NEAR
-    for row in speed.times(solves):
-        assert row["solves"] == 4
-        assert row["median_ms"] <= row["p95_ms"] <= row["p99_ms"] <= row["max_ms"]
-    reference = speed.times(solves)[0]
-    assert reference["set-up"] == speed.REFERENCE
-    assert reference["ratio"] == reference["ratio_p95"] == 1.0
-    broken = [{**row, "violation": 1.0} for row in solves]
-    assert all(row["both"] == 0.0 for row in speed.quality(broken))
+def test_one_question_alone(tmp_path: Path) -> None:
+    done = start("--quick", "--only", "batches", "--out", "new", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == [
+        "batches.csv",
+        "bench.md",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -95,7 +89,9 @@ def test_solutions_are_judged_by_the_independent_check(bench: Path) -> None:
         (["--instances", "nowhere.npz"], "nowhere.npz: No such file"),
         (["--instances", "text.npz"], "is no file of recorded instances"),
         (["--instances", "other.npz"], "lacks"),
-        (["--instances", "array.npy"], "is no file of recorded instances"),
+        (["--instances", "array.npy"], "array.npy is no file of recorded instances"),
+        (["--hard", "nowhere.npz"], "nowhere.npz: No such file"),
+        (["--hard", "text.npz"], "text.npz is no file of recorded instances"),
         (["--out", "text.npz"], "File exists"),
         (["--rounds", "0"], "wanted a whole number of at least 1"),
     ],
@@ -112,14 +108,19 @@ def test_bad_input_ends_before_the_work(arguments: list[str], words: str, tmp_pa
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_ratio_pairs_the_same_work(measuring: ModuleType) -> None:
-    """Work b is three times as long for both: the ratios are 2 and 4, whatever the noise."""
-    reference = {"a": [5.0, 1.0], "b": [3.0, 3.5]}
+def test_speedup_pairs_the_same_work(measuring: ModuleType) -> None:
+    """Best repeats are 2 and 12 against 20 and 60: 10 and 5 times as fast, whatever the noise."""
     times = {"a": [2.0, 9.0], "b": [12.0, 12.5]}
-    found = measuring.ratio(times, reference)
-    assert found["ratio"] == pytest.approx(3.0)
-    assert found["ratio_p5"] == pytest.approx(2.1)
-    assert found["ratio_p95"] == pytest.approx(3.9)
+    found = measuring.speedup(times, {"a": [20.0, 31.0], "b": [70.0, 60.0], "c": [1.0]})
+    assert found["each"] == pytest.approx(7.5)
+    assert found["each_p5"] == pytest.approx(5.25)
+    assert found["each_p95"] == pytest.approx(9.75)
+    assert found["of_medians"] == pytest.approx(40.0 / 7.0)
+
+
+def test_slope_is_the_exponent(measuring: ModuleType) -> None:
+    sizes = [1, 5, 10, 20, 50, 100]
+    assert measuring.slope(sizes, [3.0 * size**1.3 for size in sizes]) == pytest.approx(1.3)
 
 
 def test_brief_takes_the_least_disturbed_repeat(measuring: ModuleType) -> None:

@@ -1,0 +1,126 @@
+"""Many solves at once: solves per second against batch size and cores."""
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from typing import TypeAlias
+
+import numpy as np
+from judging import LOOSE, judged
+from measuring import Row, Tick, rotated, timed
+from set_ups import ELLIPSE, OWN, TOLERANCE, paper_problem, registered
+
+from wideberth.framework.mpc.problem import Problem
+from wideberth.framework.mpc.recorded import Instance
+from wideberth.framework.mpc.solvers.base import Solution, Solver
+
+ROUNDS = 3
+Entry: TypeAlias = Callable[[Problem, Sequence[Instance], int], list[Solution]]
+"""(problem, instances, cores) -> one solution each."""
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way to solve a batch.
+
+    Attributes
+    ----------
+    name : of it.
+    solve : does it.
+    cores : that it can be given.
+    """
+
+    name: str
+    solve: Entry
+    cores: tuple[int, ...]
+
+
+def ways(accelerated: bool) -> list[Way]:
+    """Return what solves batches; with JAX, which takes long to compile, if asked for."""
+    solvers = registered()
+    every = tuple(sorted({1, os.cpu_count() or 1}))
+    found = [
+        Way(f"{name}, one by one", partial(_alone, one), (1,)) for name, one in solvers.items()
+    ]
+    if OWN in solvers:
+        found.append(Way(f"{OWN}, threads", partial(_threads, solvers[OWN]), every))
+    if accelerated:
+        found.append(Way("jax, all at once", _jax, every[-1:]))
+    return found
+
+
+def measure(
+    sizes: Sequence[int], accelerated: bool, instances: list[Instance], tick: Tick
+) -> list[Row]:
+    """Solve batches of recorded instances, best of three rounds: one row per size, way and cores.
+
+    Those with the median number of obstacles are taken, and repeated where a batch is larger than
+    they are many. JAX uses as many cores as it likes, or a GPU.
+    """
+    count = sorted(instance.obstacles for instance in instances)[len(instances) // 2]
+    pool = [instance for instance in instances if instance.obstacles == count]
+    problem = paper_problem(ELLIPSE, count)
+    trials = [(way, cores) for way in ways(accelerated) for cores in way.cores]
+    rows = []
+    for size in sizes:
+        tick(f"batches of {size}")
+        batch = [pool[i % len(pool)] for i in range(size)]
+        found = {}
+        times: dict[int, list[float]] = {}
+        for number, (way, cores) in enumerate(trials):
+            found[number] = way.solve(problem, batch, cores)  # compiles
+        for turn in range(ROUNDS):
+            for number in rotated(list(range(len(trials))), turn):
+                way, cores = trials[number]
+                time, _ = timed(partial(way.solve, problem, batch, cores))
+                times.setdefault(number, []).append(time)
+        for number, (way, cores) in enumerate(trials):
+            rate = 1e3 * size / min(times[number])
+            row = {"way": way.name, "batch": size, "cores": cores, "obstacles": count}
+            row |= {"solves_per_second": rate, "per_core": rate / cores}
+            rows.append(row | {"solved": _solved(batch, found[number])})
+    return rows
+
+
+def ticks(sizes: Sequence[int]) -> int:
+    """Count the ticks of `measure`."""
+    return len(sizes)
+
+
+def _solved(batch: Sequence[Instance], found: Sequence[Solution]) -> float:
+    """Share that converged to a feasible plan."""
+    rows = [judged(one, ELLIPSE, solution) for one, solution in zip(batch, found, strict=True)]
+    return float(np.mean([row["solved"] and row["violation"] <= LOOSE for row in rows]))
+
+
+def _alone(
+    solver: Solver, problem: Problem, batch: Sequence[Instance], cores: int
+) -> list[Solution]:
+    return [_one(solver, problem, instance) for instance in batch]
+
+
+def _threads(
+    solver: Solver, problem: Problem, batch: Sequence[Instance], cores: int
+) -> list[Solution]:
+    with ThreadPoolExecutor(cores) as pool:
+        return list(pool.map(partial(_one, solver, problem), batch))
+
+
+def _jax(problem: Problem, batch: Sequence[Instance], cores: int) -> list[Solution]:
+    from wideberth.framework.mpc.batch import solve_batch
+
+    parameters = [instance.parameters for instance in batch]
+    guesses = [instance.guess for instance in batch]
+    found = solve_batch(problem, parameters, guesses, tolerance=TOLERANCE)
+    return [
+        Solution(found.point(i), status, "", cost, count, found.seconds)
+        for i, (status, cost, count) in enumerate(
+            zip(found.status, found.cost.tolist(), found.iterations.tolist(), strict=True)
+        )
+    ]
+
+
+def _one(solver: Solver, problem: Problem, instance: Instance) -> Solution:
+    return solver.solve(problem, instance.parameters, [instance.guess])[0]

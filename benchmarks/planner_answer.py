@@ -1,0 +1,72 @@
+"""What the planner makes of an instance: several starts, a deadline, and the fallback ladder."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from time import perf_counter
+from typing import final
+
+import numpy as np
+
+from wideberth.framework.config import build
+from wideberth.framework.mpc.attempts import Attempts, Budget
+from wideberth.framework.mpc.case import Case
+from wideberth.framework.mpc.contact import Surroundings
+from wideberth.framework.mpc.instance import Obstacles
+from wideberth.framework.mpc.ladder import Ladder
+from wideberth.framework.mpc.levels.relaxed import Relaxed
+from wideberth.framework.mpc.problem import Parameters, Problem
+from wideberth.framework.mpc.solvers.base import Solution, Solver
+from wideberth.framework.mpc.transcription import Guess
+from wideberth.framework.mpc.walls import NONE
+from wideberth.framework.plan import Rung, Status
+
+
+@final
+@dataclass(frozen=True)
+class PlannerAnswer(Solver):
+    """Solves as the planner does, and returns the plan that it would take.
+
+    The guess's inputs are its last plan, which it drives from the present state: of the guess
+    itself nothing else is used. The plan counts as solved on the ladder's first rung alone.
+
+    Parameters
+    ----------
+    solver : of the planner.
+    """
+
+    solver: Solver
+
+    def solve(
+        self,
+        problem: Problem,
+        parameters: Parameters,
+        guesses: Sequence[Guess],
+        deadline: float | None = None,
+    ) -> list[Solution]:
+        """Plan from each guess, for the paper's robot and region."""
+        return [self._plan(problem, parameters, guess, deadline) for guess in guesses]
+
+    def _plan(
+        self, problem: Problem, parameters: Parameters, guess: Guess, deadline: float | None
+    ) -> Solution:
+        budget = Budget.start(deadline)
+        robot, region = build("robots", "unicycle"), build("regions", "mahalanobis_ellipse")
+        start, inputs = parameters.initial, guess.inputs
+        ladder = Ladder(robot, region, Relaxed(), 0.0, problem.dt, problem.horizon, start, inputs)
+        around = Surroundings(robot, region, None, _obstacles(parameters, robot.radius), NONE, 0.0)
+        first = ladder.suited(parameters, ladder.first())
+        case = Case(problem, first.pull(parameters), around)
+        outcome = Attempts(self.solver, "auto", budget).run(ladder, case, first, False)
+        plan, point = ladder.choose(case, outcome)
+        status = Status.SOLVED if plan.rung is Rung.OPTIMAL else Status.FAILED
+        spent = perf_counter() - budget.begin
+        return Solution(point, status, plan.reason, plan.cost, plan.iterations, spent)
+
+
+def _obstacles(parameters: Parameters, radius: float) -> Obstacles:
+    """Read the discs out of the parameters of their ellipses: mean first, margin last."""
+    numbers = parameters.regions
+    mean, margin = numbers[..., :2], numbers[0, :, -1]
+    names = tuple(f"{i}" for i in range(numbers.shape[1]))
+    covariance = np.zeros((*mean.shape, 2))
+    return Obstacles(mean, covariance, np.maximum(margin - radius, 0.0), names)

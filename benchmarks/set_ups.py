@@ -1,0 +1,132 @@
+"""The set-ups that are compared: a solver, the region it is given, its deadline, its starts."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cache
+from importlib.util import find_spec
+from typing import Any, TypeAlias
+
+import numpy as np
+from paper_program import PaperProgram
+
+from wideberth.framework import names
+from wideberth.framework.config import build
+from wideberth.framework.mpc.assembly import assemble
+from wideberth.framework.mpc.bodies import with_auxiliaries
+from wideberth.framework.mpc.levels.relaxed import Relaxed
+from wideberth.framework.mpc.problem import Parameters, Problem
+from wideberth.framework.mpc.recorded import LEVEL, Instance
+from wideberth.framework.mpc.solvers.base import Solution, Solver
+from wideberth.framework.mpc.starts import other_starts
+from wideberth.framework.mpc.transcription import Guess
+from wideberth.framework.plan import Status
+
+PAPER, HONEST = "paper_mx", "ipopt_sx"
+"""The references: the paper's program on MX graphs, and the same on SX."""
+OWN = "riccati"
+"""The solver of this project."""
+ELLIPSE, EXACT = "mahalanobis_ellipse", "minkowski_sum"
+TOLERANCE = 1e-6
+"""Of every solver, in its own measure of optimality."""
+CAP = 0.45
+"""s, the paper's deadline."""
+PERIOD = 0.05
+"""s, one period of a controller at 20 Hz."""
+DT = 0.5
+"""s, the paper's step."""
+Starts: TypeAlias = Callable[[Problem, Parameters, Guess], Sequence[Guess]]
+
+
+@dataclass(frozen=True)
+class SetUp:
+    """What takes part.
+
+    Attributes
+    ----------
+    solver : how the problem is solved.
+    region : which constraint is given to it.
+    deadline : s, or None.
+    starts : makes the starting points; None to take the instance's own alone.
+    rounds : most repeats of one instance, where more would be a waste of time; None for all.
+    """
+
+    solver: Solver
+    region: str = ELLIPSE
+    deadline: float | None = None
+    starts: Starts | None = None
+    rounds: int | None = None
+
+    def solve(self, problem: Problem, parameters: Parameters, guess: Guess) -> Solution:
+        """Solve from one starting point or several; of several keep the cheapest that converged.
+
+        Iterations are those of all starts together.
+        """
+        guesses = [guess] if self.starts is None else self.starts(problem, parameters, guess)
+        found = self.solver.solve(problem, parameters, guesses, self.deadline)
+        solved = [one for one in found if one.status is Status.SOLVED]
+        best = min(solved, key=lambda one: one.cost, default=found[0])
+        return replace(best, iterations=sum(one.iterations for one in found))
+
+
+def set_ups() -> dict[str, SetUp]:
+    """Return the references, every registered solver on both regions, and a peer."""
+    paper = PaperProgram("mx", TOLERANCE)
+    found = {
+        PAPER: SetUp(paper),
+        f"{PAPER}, 450 ms": SetUp(paper, deadline=CAP, rounds=1),
+        HONEST: SetUp(PaperProgram("sx", TOLERANCE)),
+    }
+    if find_spec("do_mpc"):
+        from do_mpc_program import DoMpcProgram
+
+        found["do-mpc"] = SetUp(DoMpcProgram(TOLERANCE))
+    solvers = registered()
+    found |= {name: SetUp(solver) for name, solver in solvers.items()}
+    for name, solver in solvers.items():
+        # The others run into their limits where s ends at 0: twice is enough of that.
+        found[f"{name}, exact"] = SetUp(solver, EXACT, rounds=None if name == OWN else 2)
+    if OWN in solvers:
+        found[f"{OWN}, several starts"] = SetUp(solvers[OWN], starts=several)
+    return found
+
+
+def registered() -> dict[str, Solver]:
+    """Return every registered solver, at the common tolerance where it has such a setting."""
+    solvers: dict[str, Any] = {name: build("solvers", name) for name in names("solvers")}
+    for name, solver in solvers.items():
+        if "tolerance" in {field.name for field in fields(solver)}:
+            solvers[name] = replace(solver, tolerance=TOLERANCE)
+    return solvers
+
+
+def several(problem: Problem, parameters: Parameters, guess: Guess) -> list[Guess]:
+    """Return the instance's own guess and all other starting points that the planner has."""
+    robot, region = unicycle(), build("regions", ELLIPSE)
+    others = other_starts(robot, problem, parameters, guess)
+    return [guess, *(with_auxiliaries(robot, region, parameters, one) for one in others)]
+
+
+@cache
+def unicycle() -> Any:
+    """Return the paper's robot."""
+    return build("robots", "unicycle")
+
+
+@cache
+def paper_problem(region: str, obstacles: int, steps: int = 15) -> Problem:
+    """Build the paper's problem; its printed s_ref is in the recorded parameters."""
+    return assemble(
+        unicycle(),
+        build("regions", region),
+        Relaxed(tail=float(np.exp(-0.5 * LEVEL**2))),
+        horizon=steps,
+        dt=DT,
+        capacity=obstacles,
+    )
+
+
+def suited(instance: Instance, region: str) -> Instance:
+    """Fill in the auxiliaries that suit the guess, of regions that have any."""
+    own = build("regions", region)
+    guess = with_auxiliaries(unicycle(), own, instance.parameters, instance.guess)
+    return replace(instance, guess=guess, parameters=guess.pull(instance.parameters))
