@@ -13,5 +13,7 @@ BUILT_IN: dict[str, str] = {
     "region_gallery": "wideberth.experiments.region_gallery:RegionGallery",
     "prediction_benchmark": "wideberth.experiments.prediction_benchmark:PredictionBenchmark",
     "region_price": "wideberth.experiments.region_price:RegionPrice",
+    "cost_comparison": "wideberth.experiments.cost_comparison:CostComparison",
+    "level_policies": "wideberth.experiments.level_policies:LevelPolicies",
 }
 """Name of an experiment -> where its class is."""

@@ -10,6 +10,9 @@ import typer
 
 from wideberth.framework.errors import WideberthError
 
+from . import export_command
+from .options import Config, Fresh, Out, Quick, Set, SetPlugin, Workers
+
 if TYPE_CHECKING:
     from .base import Experiment
 
@@ -20,19 +23,6 @@ app = typer.Typer(
 )
 
 RESULTS = Path("results")
-
-Config = Annotated[str, typer.Argument(help="A YAML file, or the name of a shipped config.")]
-Set = Annotated[
-    list[str] | None, typer.Option("--set", help="KEY=VALUE, as in region.tail=0.1; repeatable.")
-]
-SetPlugin = Annotated[
-    list[str] | None,
-    typer.Option("--set", help="KEY=VALUE of the plug-in, as in base.window=2; repeatable."),
-]
-Out = Annotated[Path | None, typer.Option(help="Folder of the result; results/NAME by default.")]
-Workers = Annotated[int, typer.Option(help="Processes; the result does not depend on it.")]
-Quick = Annotated[bool, typer.Option("--quick", help="A reduced version, in seconds.")]
-Fresh = Annotated[bool, typer.Option("--fresh", help="Throw an older result away first.")]
 
 
 @app.command()
@@ -210,6 +200,19 @@ def show(
 
 
 @app.command()
+def explain(
+    target: Annotated[
+        Path, typer.Argument(help="A recorded solve (.json or .npz), or a folder of them.")
+    ],
+    solver: Annotated[str | None, typer.Option(help="Solve again with this one.")] = None,
+) -> None:
+    """Say why a recorded solve failed or was slow, and solve it again."""
+    from .explaining import explained
+
+    typer.echo("\n".join(explained(target, solver)))
+
+
+@app.command()
 def cite(config: Config, set_: Set = None) -> None:
     """Print the BibTeX entries of everything that a config uses."""
     from .citing import bibliography, keys
@@ -232,6 +235,9 @@ def demo(
     for name in DEMO:
         experiment, plugins = read_experiment(name, [])
         _run(experiment, out / name, workers, True, plugins, True)
+
+
+app.command()(export_command.export)
 
 
 def main(arguments: list[str] | None = None) -> None:

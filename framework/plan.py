@@ -30,6 +30,42 @@ class Rung(StrEnum):
     BRAKE = "brake"
 
 
+class Kind(StrEnum):
+    """Kind of constraint that a plan can break."""
+
+    REGION = "region"
+    POLYGON = "polygon"
+    MOTION = "motion limits"
+
+
+@dataclass(frozen=True)
+class Breach:
+    """The constraint that a plan breaks most: which, when, by how much.
+
+    Attributes
+    ----------
+    kind : region of an obstacle or static polygon at a step, polygon touched on the way to it,
+        or limits of the motion (dynamics, bounds, the robot's own, the stop at the end).
+    name : of the obstacle or polygon; empty for limits of the motion.
+    step : 1..N.
+    amount : unit-free in a region, m in a polygon, a limit's own unit.
+    """
+
+    kind: Kind
+    name: str
+    step: int
+    amount: float
+
+    def __str__(self) -> str:
+        """Say it in one clause."""
+        if self.kind is Kind.REGION:
+            return f"region of {self.name!r} entered by {self.amount:.2g} at step {self.step}"
+        if self.kind is Kind.POLYGON:
+            where = f"on the way to step {self.step}"
+            return f"polygon {self.name!r} touched by {self.amount:.2g} m {where}"
+        return f"motion limits broken by {self.amount:.2g} at step {self.step}"
+
+
 @dataclass(frozen=True, eq=False)
 class Plan:
     """States and inputs over the horizon with all that is known about them.
@@ -50,6 +86,8 @@ class Plan:
     status : how the solver ended.
     rung : which rung of the fallback ladder this is.
     reason : why it is not the optimal plan; empty when it is.
+    breach : the constraint that it breaks most; None where it keeps all, or was held against
+        none.
     iterations : of the solver.
     seconds : wall time of the solve.
     violation : largest violated constraint, re-checked in NumPy (unit-free, 0 if none; nan
@@ -83,6 +121,7 @@ class Plan:
     left_out: tuple[str, ...] = ()
     forecast: Forecast | None = field(default=None, repr=False)
     tracked: tuple[str, ...] = ()
+    breach: Breach | None = None
 
     @property
     def fallbacks(self) -> tuple[str | None, ...]:

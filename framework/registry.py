@@ -43,6 +43,7 @@ ROOMS = {
     "controllers": Room("wideberth.controllers", f"{_FRAMEWORK}.controller:Controller"),
     "solvers": Room(f"{_FRAMEWORK}.mpc.solvers", f"{_FRAMEWORK}.mpc.solvers.base:Solver"),
     "levels": Room(f"{_FRAMEWORK}.mpc.levels", f"{_FRAMEWORK}.mpc.levels.base:LevelPolicy"),
+    "costs": Room(f"{_FRAMEWORK}.mpc.costs", f"{_FRAMEWORK}.mpc.costs.base:Cost"),
     "scenarios": Room("wideberth.simulation", "wideberth.simulation.scenario:Scenario"),
     "experiments": Room("wideberth.experiments", "wideberth.experiments.base:Experiment"),
 }

@@ -8,5 +8,6 @@ BUILT_IN: dict[str, str] = {
     "chicken_game": "wideberth.simulation.chicken_game:ChickenGame",
     "crossing": "wideberth.simulation.crossing:Crossing",
     "crossing_3d": "wideberth.simulation.crossing_3d:Crossing3D",
+    "crossing_field": "wideberth.simulation.crossing_field:CrossingField",
 }
 """Name -> where the class is."""

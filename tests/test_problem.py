@@ -7,8 +7,10 @@ import pytest
 
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.motion import Pose, Twist
-from wideberth.framework.mpc.assembly import Weights, assemble
+from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.bodies import with_auxiliaries
+from wideberth.framework.mpc.costs.base import Weights
+from wideberth.framework.mpc.costs.tracking import Tracking
 from wideberth.framework.mpc.instance import Obstacles, fill
 from wideberth.framework.mpc.levels.base import LevelPolicy
 from wideberth.framework.mpc.levels.fixed import Fixed
@@ -131,7 +133,7 @@ def test_weights_mean_the_same_for_every_robot() -> None:
 
 def test_the_key_tells_problems_apart() -> None:
     keys = set()
-    for weights in (Weights(), Weights(position=101.0)):
+    for cost in (Tracking(), Tracking(Weights(position=101.0))):
         for dt in (0.5, 0.4):
             for penalty in (None, 1e4):
                 problem = assemble(
@@ -141,7 +143,7 @@ def test_the_key_tells_problems_apart() -> None:
                     horizon=3,
                     dt=dt,
                     capacity=1,
-                    weights=weights,
+                    cost=cost,
                     penalty=penalty,
                 )
                 keys.add(problem.key)

@@ -49,7 +49,7 @@ def test_the_level_for_a_risk(shipped: RegionPrice) -> None:
 def test_planner_is_that_of_the_crossing(shipped: RegionPrice) -> None:
     crossing, _ = read_experiment("crossing", [])
     planner = planner_of(shipped.planner)
-    for name in ("predictor", "level", "solver", "penalty", "margin", "horizon", "weights"):
+    for name in ("predictor", "level", "solver", "penalty", "margin", "horizon", "cost"):
         assert getattr(planner, name) == getattr(crossing.planners["default"], name)  # type: ignore[attr-defined]
 
 

@@ -80,4 +80,6 @@ def test_bad_ranges_name_themselves(build, message):
 
 
 def test_table_names_every_scenario():
-    assert set(BUILT_IN) == {"blind_corner", "chicken_game", "crossing", "crossing_3d"}
+    assert set(BUILT_IN) == {
+        "blind_corner", "chicken_game", "crossing", "crossing_3d", "crossing_field",
+    }  # fmt: skip

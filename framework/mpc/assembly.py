@@ -10,14 +10,14 @@ given:
                 x_i within its bounds, p_i outside the region of every obstacle, i = 1..N
     and, beyond the paper, the robot's bodies at p_i clear of every static polygon.
 
-The paper runs dynamics and input bounds over i = 1..N, which leaves x_k out and u_k free;
+This is with the paper's cost, `wideberth.framework.mpc.costs.tracking`; another may take its
+place. The paper runs dynamics and input bounds over i = 1..N, which leaves x_k out and u_k free;
 that cannot be meant, and we start both at 0. Its reference has x_r twice where the second
 must be y_r: read literally, the robot tracks y = x. Costs are written on pose, twist and
 acceleration, so that the weights mean the same for every robot; for the unicycle they are
 the paper's to the letter.
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 from ..arrays import Scalar, positive, whole
@@ -29,31 +29,16 @@ from ..robot import Robot
 from ..static_region import StaticRegion
 from ..symbolic import ca
 from .bodies import bodies
+from .costs.base import Cost, Moment
+from .costs.tracking import Tracking
+from .follower import follower
 from .levels.base import LevelPolicy
 from .problem import Problem, Slots
 from .stage import ReferenceSymbols, slots
 
-
-@dataclass(frozen=True)
-class Weights:
-    """Weights of the paper's cost.
-
-    Parameters
-    ----------
-    position : w_p, 1/m^2.
-    speed : w_v, s^2/m^2.
-    acceleration : w_a, s^4/m^2.
-    yaw_acceleration : w_alpha, s^4/rad^2.
-    """
-
-    position: float = 100.0
-    speed: float = 10.0
-    acceleration: float = 1e4
-    yaw_acceleration: float = 500.0
-
-    def __post_init__(self) -> None:
-        for name in ("position", "speed", "acceleration", "yaw_acceleration"):
-            positive(f"weights.{name}", getattr(self, name), zero=True)
+REST = 1e-2
+"""m/s and rad/s; a plan that ends slower than this is braked to a stop in the step after its end.
+Zero itself would leave an interior point method without an interior."""
 
 
 def assemble(
@@ -64,11 +49,12 @@ def assemble(
     horizon: int,
     dt: float,
     capacity: int,
-    weights: Weights | None = None,
+    cost: Cost | None = None,
     penalty: float | None = None,
     static_region: StaticRegion | None = None,
     statics: int = 0,
     corners: int = 4,
+    stop_at_end: bool = False,
 ) -> Problem:
     """Build the MPC problem of any robot among ``capacity`` obstacles and static polygons.
 
@@ -80,19 +66,24 @@ def assemble(
     horizon : N, at least 1.
     dt : s per step.
     capacity : K, obstacle slots, at least 0.
-    weights : of the cost; the paper's by default.
+    cost : of each stage; the paper's by default. One that follows the path adds a state and an
+        input to the robot's.
     penalty : price of one unit of slack (regions are unit-free); None keeps them hard.
     static_region : what keeps clear of static polygons; needed where there are any.
     statics, corners : slots for convex polygons, and vertices that each has room for.
+    stop_at_end : whether the robot rests at x_N, its twist no more than `REST`. One whose input
+        is the velocity can always stop, and needs no such condition.
 
     Raises
     ------
     WideberthError : horizon below 1, dt not positive, negative capacity or penalty.
     """
     _check(horizon, dt, capacity, penalty, static_region, statics)
+    cost = Tracking() if cost is None else cost
+    robot = follower(robot) if cost.follows else robot
     x, u = ca.SX.sym("x", len(robot.states)), ca.SX.sym("u", len(robot.inputs))
-    reference = ReferenceSymbols(robot.dimension)
-    by_input, by_state = _running_cost(robot, x, u, reference, weights or Weights())
+    reference = ReferenceSymbols(robot.dimension, cost.curve_width(robot.dimension))
+    by_input, by_state = _running_cost(_moment(robot, x, u, cost), u, cost, reference)
     on_input, on_state = _limits(robot, x, u)
     s = ca.SX.sym("s", int(level.shared))
     pose = robot.pose(_split(x))
@@ -104,6 +95,7 @@ def assemble(
         states=len(robot.states),
         inputs=len(robot.inputs),
         dimension=robot.dimension,
+        curve=reference.curve.numel(),
         shared=level.shared,
         minimum=level.minimum,
         penalty=penalty,
@@ -114,7 +106,7 @@ def assemble(
         input_constraints=ca.Function("input_constraints", [x, u], [on_input]),
         state_cost=ca.Function("state_cost", [x, reference.vector], [by_state]),
         state_constraints=ca.Function("state_constraints", [x], [on_state]),
-        terminal_constraints=ca.Function("terminal_constraints", [x], [ca.SX(0, 1)]),
+        terminal_constraints=_at_rest(robot, x, wanted=stop_at_end),
         level_cost=_level_cost(level, s),
         obstacles=_moving(robot, region, capacity, frame),
         statics=_standing(robot, static_region, statics, corners, frame),
@@ -128,6 +120,23 @@ def _heading(pose: Pose, x: Any) -> int | None:
         return None
     same = [i for i, entry in enumerate(_split(x)) if ca.is_equal(entry, ca.SX(pose.heading))]
     return same[0] if same else None
+
+
+def _at_rest(robot: Robot, x: Any, *, wanted: bool) -> Any:
+    """State that x_N is at rest, REST - |twist|^2 / REST >= 0, as far as x tells the twist.
+
+    One row, since two for each component made fatrop fail where the robot's own limits bound the
+    same components. The yaw rate counts for a robot that can turn on the spot.
+    """
+    still, none = (0.0,) * robot.dimension, (0.0,) * len(robot.inputs)
+    spun = robot.state_at(Pose(still, 0.0), Twist(still, 1.0))
+    twist = robot.twist(_split(x), none)
+    parts = [*twist.linear] + [twist.angular] * bool(robot.twist(spun, none).angular)
+    moving = ca.vertcat(*[part for part in parts if ca.depends_on(ca.SX(part), x)])
+    rows = ca.SX(0, 1)
+    if wanted and moving.numel():
+        rows = REST - ca.sumsqr(moving) / REST
+    return ca.Function("terminal_constraints", [x], [rows])
 
 
 def _level_cost(level: LevelPolicy, s: Any) -> Any:
@@ -193,34 +202,29 @@ def _limits(robot: Robot, x: Any, u: Any) -> tuple[Any, Any]:
 
 
 def _running_cost(
-    robot: Robot, x: Any, u: Any, reference: ReferenceSymbols, weights: Weights
+    moment: Moment, u: Any, cost: Cost, reference: ReferenceSymbols
 ) -> tuple[Any, Any]:
     """Split the cost into a part of (x_i, u_i), i < N, and a part of x_i, i >= 1.
 
-    The speed belongs to the state for most robots; for one that takes velocities as inputs
-    it depends on u, and its cost is then paid at i = 0..N-1 against the reference of i + 1.
+    The speed, say, belongs to the state for most robots; for one that takes velocities as
+    inputs it depends on u and is paid against the reference of i + 1.
     """
-    pose = robot.pose(_split(x))
-    place = ca.vertcat(*pose.position)
-    by_state = weights.position * ca.sumsqr(place - reference.position)
-    twist = robot.twist(_split(x), _split(u))
-    speed = weights.speed * _speed_error(twist, pose.heading is not None, reference)
-    change = robot.acceleration(_split(x), _split(u))
-    by_input = weights.acceleration * ca.sumsqr(ca.vertcat(*change.linear))
-    by_input += weights.yaw_acceleration * change.angular**2
-    if ca.depends_on(speed, u):
-        return by_input + speed, by_state
-    return by_input, by_state + speed
+    by_input, by_state = ca.SX(0), ca.SX(0)
+    for term in cost.terms(moment, reference):
+        if ca.depends_on(ca.SX(term), u):
+            by_input += term
+        else:
+            by_state += term
+    return by_input, by_state
 
 
-def _speed_error(twist: Twist, headed: bool, reference: ReferenceSymbols) -> Any:
-    """Squared error of the speed: forward speed where there is a heading, else velocity."""
-    velocity = ca.vertcat(*twist.linear)
-    if headed:
-        wanted = ca.vertcat(reference.speed, ca.SX.zeros(velocity.numel() - 1))
-    else:
-        wanted = reference.speed * reference.direction
-    return ca.sumsqr(velocity - wanted)
+def _moment(robot: Robot, x: Any, u: Any, cost: Cost) -> Moment:
+    """Say how the robot moves, and where along its path it is if that is a state."""
+    state, control = _split(x), _split(u)
+    motion = robot.pose(state), robot.twist(state, control), robot.acceleration(state, control)
+    if not cost.follows:
+        return Moment(*motion)
+    return Moment(*motion, progress=state[-1], rate=control[-1])
 
 
 def _split(vector: Any) -> tuple[Any, ...]:

@@ -94,7 +94,7 @@ def fill(
     Auxiliaries are filled in later, see `bodies.with_auxiliaries`.
 
     Empty slots hold a finite dummy, a unit disc at the origin: the mask multiplies it by
-    zero, and zero times NaN would be NaN.
+    zero, and zero times NaN would be NaN. Their level is that of the first obstacle.
     """
     steps, size = reference.position.shape
     used = len(obstacles)
@@ -117,10 +117,20 @@ def fill(
         direction=reference.direction,
         speed=reference.speed,
         regions=numbers,
-        level=level.levels(region, steps, capacity, size),
+        level=_levels(level, region, obstacles, capacity),
         active=(np.arange(capacity) < used).astype(np.float64),
         auxiliaries=np.zeros((steps, capacity, 0)),
         statics=np.zeros((steps, 0, 0)),
         static_active=np.zeros(0),
         static_auxiliaries=np.zeros((steps, 0, 0)),
+        curve=reference.curve,
     )
+
+
+def _levels(policy: LevelPolicy, region: Region, obstacles: Obstacles, capacity: int) -> Array:
+    """Level of every slot, (N, capacity): one per obstacle, the same for all of its modes."""
+    names = list(dict.fromkeys(obstacles.ids))
+    steps, _, size = obstacles.mean.shape
+    level = policy.levels(region, steps, max(len(names), 1), size)
+    owner = [names.index(name) for name in obstacles.ids]
+    return level[:, owner + [0] * (capacity - len(owner))]

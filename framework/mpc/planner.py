@@ -8,7 +8,7 @@ import numpy as np
 from ..arrays import Array
 from ..controller import Controller
 from ..errors import WideberthError
-from ..forecast import Forecast, Scene
+from ..forecast import Forecast
 from ..motion import Command, Observation
 from ..path import Path
 from ..plan import Plan
@@ -17,21 +17,29 @@ from ..region import Region
 from ..robot import Robot
 from ..smoother import VelocitySmoother
 from ..static_region import StaticRegion
-from .assembly import Weights, assemble
+from .attempts import Attempts, Budget
+from .case import Case
 from .contact import Surroundings
+from .costs.base import Cost
+from .costs.tracking import Tracking
 from .ego import Growth, OwnUncertainty, carried
 from .emergency import aim, emergency
+from .explain import Decision, Solve
+from .follower import carried_along, unmarked
 from .instance import Obstacles, choose_obstacles
-from .ladder import Case, Ladder
+from .ladder import Ladder
 from .levels.base import LevelPolicy
 from .perception import Perception
-from .problem import Parameters, Problem
-from .reference import Progress, lay_reference
-from .rollout import carry, shift
-from .settings import check_settings
-from .situation import Situation, reach_of_bodies, widest
+from .problems import Problems, Size
+from .record import Record
+from .reference import Progress
+from .rollout import carry
+from .settings import check_settings, checked_state
+from .situation import Situation, nearness, reach_of_bodies, scene, within_limits
 from .solvers.base import Solver
-from .walls import Walls, choose_walls
+from .starts import Starts
+from .transcription import Guess
+from .walls import choose_walls
 from .warm_up import warm_up
 
 
@@ -53,10 +61,10 @@ class Planner(Controller):
     dt : s per MPC step; the paper's 0.5.
     period : s between calls; the paper's 0.5.
     reference_speed : m/s along the path; the paper's 0.5.
-    weights : of the cost; the paper's.
+    cost : of each stage of a plan; the paper's tracking of a timed reference by default.
     penalty : price of one unit of slack on soft regions; None for hard ones, the paper's.
-    deadline : s for the solves of one call; None leaves the limit to iteration counts, which is
-        reproducible. The paper's is 0.45.
+    deadline : s for one call, forecast and checks included; None leaves the limit to iteration
+        counts, which is reproducible. The paper's is 0.45.
     latency : s between observation and the moment the command takes effect; the plan
         starts where the robot will be by then. 0 is the paper's.
     track_dt : s between the samples that the predictor sees.
@@ -66,12 +74,14 @@ class Planner(Controller):
     margin : m, added to r + r_d; 0 is the paper's. The regions hold at the steps alone:
         between two of them, a straight pass at relative speed w comes closer by up to
         (w dt)^2 / (8 (r + r_d)), 0.02 m at the paper's numbers.
-    starts : starting points of the solver beside the shifted last plan: ``coast`` (hold
-        the present twist), ``left``, ``right`` (turn or side-step as fast as allowed),
-        ``wait`` (brake).
+    starts : starting points of the solver beside the shifted last plan, always tried, or
+        ``auto``: where something is in the way, see `wideberth.framework.mpc.attempts`.
     static_region : what keeps clear of the observation's polygons; needed where there are any.
     own_uncertainty : how the covariance of the observed state grows over the horizon, see
         `OwnUncertainty`; without one in the observation the state is taken as exact.
+    stop_at_end : whether every plan ends at rest. Then the last one, continued by standing,
+        is there to fall back on for as long as the forecast it was made for comes true.
+    record : where solves that failed or took long are kept for `wideberth explain`.
 
     Raises
     ------
@@ -87,7 +97,7 @@ class Planner(Controller):
     dt: float = 0.5
     period: float = 0.5
     reference_speed: float = 0.5
-    weights: Weights = field(default_factory=Weights)
+    cost: Cost = field(default_factory=Tracking)
     penalty: float | None = None
     deadline: float | None = None
     latency: float = 0.0
@@ -96,14 +106,16 @@ class Planner(Controller):
     forget: float = 3.0
     most_obstacles: int = 20
     margin: float = 0.0
-    starts: tuple[str, ...] = ()
+    starts: Starts = "auto"
     static_region: StaticRegion | None = None
     own_uncertainty: Growth = "open-loop"
+    stop_at_end: bool = False
+    record: Record | None = None
 
     def __post_init__(self) -> None:
         check_settings(self)
         self._progress: Progress | None = None
-        self._problems: dict[tuple[int, int, int], Problem] = {}
+        self._problems = Problems(self)
         reach = reach_of_bodies(self.robot, self.region, self.static_region)
         self._own = OwnUncertainty(self.robot, self.dt, self.own_uncertainty, reach)
         self.reset()
@@ -119,6 +131,8 @@ class Planner(Controller):
             self.forget,
         )
         self._plan: Plan | None = None
+        self._crowded = False
+        self._decision: Decision | None = None
         self._smoother: VelocitySmoother | None = None
         if self._progress is not None:
             self._progress = Progress(self._progress.path)
@@ -133,7 +147,7 @@ class Planner(Controller):
             )
         self._progress = Progress(path)
         if not self._problems:
-            twin = replace(self)  # shares the compiled problems
+            twin = replace(self, record=None)  # shares the compiled problems
             twin._progress, twin._problems = Progress(path), self._problems
             warm_up(twin, self.robot, path, self.reference_speed, self.history)
 
@@ -152,9 +166,10 @@ class Planner(Controller):
         Whatever a plug-in throws ends in a braking plan whose reason names it, and where
         even braking cannot be planned, in the command to stand still.
         """
+        budget, self._decision = Budget.start(self.deadline), None
         try:
             self.remember(observation)
-            self._plan = self._decide(observation)
+            self._plan = self._decide(observation, budget)
             command = aim(self.robot, self._plan)
         except Exception as error:
             reason = f"{type(error).__name__}: {error}"
@@ -166,71 +181,84 @@ class Planner(Controller):
         self._smoother = before.aim(command, since)
         return command
 
-    def _decide(self, observation: Observation) -> Plan:
-        """Forecast, build the instance, solve, and choose a rung."""
+    def explain(self) -> Solve:
+        """Return what the last call solved: to be read, saved, and solved again.
+
+        Raises
+        ------
+        WideberthError : it solved nothing.
+        """
+        if self._decision is None:
+            raise WideberthError(
+                "the last call solved no problem, so that there is none to explain; its plan's "
+                "reason says why"
+            )
+        return self._decision.solve(self)
+
+    def _decide(self, observation: Observation, budget: Budget) -> Plan:
+        """Solve, choose a rung, and keep what is to be explained."""
+        ladder, case, first, size, forecast = self._situate(observation)
+        attempts = Attempts(self.solver, self.starts, budget)
+        outcome = attempts.run(ladder, case, first, self._crowded)
+        self._crowded = outcome.crowded
+        plan, point = ladder.choose(case, outcome)
+        plan = replace(unmarked(self.robot, plan), forecast=forecast)
+        spent = budget.spent()
+        self._decision = Decision(case, size, outcome.guesses, point, plan, spent)
+        if self.record is not None and self.record.wants(self._decision):
+            note = self.record.keep(self._decision, self)
+            plan = replace(plan, reason="; ".join(filter(None, (plan.reason, note))))
+        return plan
+
+    def _situate(
+        self, observation: Observation
+    ) -> tuple[Ladder, Case, Guess, Size, Forecast | None]:
+        """Forecast, lay the reference, and fill the problem with all that is there."""
         if self._progress is None:
             raise WideberthError("no path is set: call set_path before command")
         ladder = self._ladder(observation)
-        arc = self._progress.update(self._place(ladder.start))
-        reference = lay_reference(
+        here = self._place(ladder.start)
+        arc = self._progress.update(here)
+        reference = self.cost.lay(
             self._progress.path, arc, self.reference_speed, self.horizon, self.dt
         )
-        here = self._place(ladder.start)
         route = np.stack([reference.position, np.broadcast_to(here, reference.position.shape)])
         obstacles, forecast = self._forecast(observation, ladder, route)
-        bare = ladder.guesses(self.starts, self.reference_speed)
-        known = observation.covariance
-        if known is not None and self.latency:
-            known = carried(known, lambda x: self._start(x, observation.stamp), observation.state)
-        own = self._own.spread(known, bare[0].states, bare[0].inputs)
+        bare = ladder.first()
+        own = self._own.spread(self._known(observation), bare.states, bare.inputs)
         walls = choose_walls(
             observation.polygons,
             self.static_region,
-            np.concatenate([*route, self._place(bare[0].states[1:].T).T]),
-            self._near(own),
+            np.concatenate([*route, self._place(bare.states[1:].T).T]),
+            nearness(self, own),
             self.most_obstacles,
         )
+        if self.cost.follows:
+            ladder, (bare,) = carried_along(ladder, [bare], reference, arc)
         parameters = Situation(ladder.start, reference, obstacles, walls, own).parameters(
             self.robot, self.region, self.level, self.margin, self.static_region
         )
-        problem = self._problem(parameters, walls)
-        guesses = [ladder.suited(parameters, guess) for guess in bare]
-        pull = guesses[0].pull(parameters)
+        size = Size.of(parameters, walls)
+        first = ladder.suited(parameters, bare)
         around = Surroundings(
-            self.robot, self.region, self.static_region, obstacles, walls, self.margin
+            ladder.robot, self.region, self.static_region, obstacles, walls, self.margin
         )
-        cap = None if self.deadline is None else self.deadline / len(guesses)
-        solutions = self.solver.solve(problem, pull, guesses, cap)
-        return ladder.choose(Case(problem, pull, around), solutions, forecast)
+        case = Case(self._problems.of(size), first.pull(parameters), around)
+        return ladder, case, first, size, forecast
 
-    def _near(self, own: Array) -> float:
-        """How near a polygon has to be to the route to come into the problem, m.
-
-        Bodies, margin and own uncertainty, and as much as a plan may turn aside: half of what
-        the reference covers. A plan that goes farther is still held against all polygons.
-        """
-        aside = 0.5 * self.reference_speed * self.horizon * self.dt
-        return self.robot.radius + self.margin + aside + widest(own, self.level)
+    def _known(self, observation: Observation) -> Array | None:
+        """Covariance of the plan's first state."""
+        known = observation.covariance
+        if known is None or not self.latency:
+            return known
+        return carried(known, lambda x: self._start(x, observation.stamp), observation.state)
 
     def _ladder(self, observation: Observation) -> Ladder:
-        """Where the plan starts, and what is left of the last one.
-
-        A state slightly beyond its limits (noise, a push) is taken as on them: otherwise no
-        plan would be feasible, and the robot would stop for it.
-        """
-        if len(observation.state) != len(self.robot.states):
-            raise WideberthError(
-                f"the state has {len(observation.state)} entries; this robot has "
-                f"{[quantity.name for quantity in self.robot.states]}"
-            )
+        """Where the plan starts, and what is left of the last one."""
+        checked_state(self.robot, observation.state)
+        start = within_limits(self.robot, self._start(observation.state, observation.stamp))
         stamp = observation.stamp + self.latency
-        bounds = self.robot.state_bounds()
-        start = self._start(observation.state, observation.stamp)
-        start = np.clip(start, np.asarray(bounds.lower), np.asarray(bounds.upper))
-        inputs = None
-        if self._plan is not None and stamp >= self._plan.stamp:
-            inputs = shift(self._plan.inputs, (stamp - self._plan.stamp) / self._plan.dt)
-        return Ladder(
+        ladder = Ladder(
             self.robot,
             self.region,
             self.level,
@@ -238,9 +266,11 @@ class Planner(Controller):
             self.dt,
             self.horizon,
             start,
-            inputs,
-            self.static_region,
+            static_region=self.static_region,
         )
+        if self._plan is None:
+            return ladder
+        return ladder.shifted(self._plan, standing=self.stop_at_end)
 
     def _start(self, state: Array, stamp: float) -> Array:
         """State in which the command takes effect, of a robot observed at ``stamp``."""
@@ -256,42 +286,11 @@ class Planner(Controller):
     ) -> tuple[Obstacles, Forecast | None]:
         """Ask for a forecast on the plan's grid and choose the obstacles that fit."""
         grid = self.dt * np.arange(1, self.horizon + 1, dtype=np.float64)
-        found = self._perception.forecast(ladder.stamp, grid, self._scene(observation))
+        found = self._perception.forecast(
+            ladder.stamp, grid, scene(observation, self._plan, self.robot.radius)
+        )
         if found is None:
             return Obstacles.none(self.horizon, self.robot.dimension), None
         tracks, forecast = found
         most = self.most_obstacles
         return choose_obstacles(forecast, tracks.ids, tracks.radius, route, most), forecast
-
-    def _scene(self, observation: Observation) -> Scene:
-        """Tell predictors of the robot itself and its last plan."""
-        plan, times = None, None
-        if self._plan is not None:
-            plan = self._plan.positions
-            times = self._plan.stamp + self._plan.dt * np.arange(len(plan), dtype=np.float64)
-        return Scene(
-            ego=observation.state,
-            plan=plan,
-            truth=observation.truth,
-            plan_times=times,
-            radius=self.robot.radius,
-        )
-
-    def _problem(self, parameters: Parameters, walls: Walls) -> Problem:
-        key = len(parameters.active), len(parameters.static_active), walls.parts.shape[1]
-        capacity, statics, corners = key
-        if key not in self._problems:
-            self._problems[key] = assemble(
-                self.robot,
-                self.region,
-                self.level,
-                horizon=self.horizon,
-                dt=self.dt,
-                capacity=capacity,
-                weights=self.weights,
-                penalty=self.penalty,
-                static_region=self.static_region,
-                statics=statics,
-                corners=corners,
-            )
-        return self._problems[key]

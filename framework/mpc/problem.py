@@ -4,7 +4,7 @@
 derived from it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from hashlib import sha256
 from typing import Any
@@ -77,14 +77,15 @@ class Problem:
     """A stage-wise optimal control problem; every solver's form is derived from it.
 
     Its functions take and return CasADi expressions. The parameters of stage i = 1..N are a
-    vector: a head of reference position (D), reference direction (D) and reference speed (1),
-    then the numbers of every slot for a Gaussian obstacle, then those of every slot for a
-    static polygon, see `Slots`.
+    vector: a head of reference position (D), reference direction (D), reference speed (1) and
+    what the cost has of the path (C), then the numbers of every slot for a Gaussian obstacle,
+    then those of every slot for a static polygon, see `Slots`.
 
     Attributes
     ----------
     horizon, dt : N and s.
     states, inputs, dimension : n, m, D.
+    curve : C, numbers of the path that the cost needs of a stage.
     shared : whether one level s is a decision variable.
     minimum : its lower bound.
     penalty : price of one unit of slack on the regions; None for hard constraints.
@@ -106,6 +107,7 @@ class Problem:
     states: int
     inputs: int
     dimension: int
+    curve: int
     shared: bool
     minimum: float
     penalty: float | None
@@ -135,7 +137,7 @@ class Problem:
     @property
     def head_width(self) -> int:
         """Number of parameters of one stage that belong to no slot."""
-        return 2 * self.dimension + 1
+        return 2 * self.dimension + 1 + self.curve
 
     @property
     def stage_width(self) -> int:
@@ -183,8 +185,8 @@ class Problem:
         return single.map(self.horizon)
 
     @cached_property
-    def key(self) -> str:
-        """Hash of the expressions and bounds: what a compiled problem is cached under."""
+    def stage_key(self) -> str:
+        """Hash of the expressions: of every stage function, whatever horizon and slots."""
         functions = (
             self.dynamics,
             self.input_cost,
@@ -197,13 +199,18 @@ class Problem:
             self.statics.constraint,
         )
         text = [function.serialize() for function in functions]
+        return sha256("\n".join(text).encode()).hexdigest()
+
+    @cached_property
+    def key(self) -> str:
+        """Hash of the expressions and bounds: what a compiled problem is cached under."""
         slots = [
             (own.count, own.width, own.levelled, own.auxiliary)
             for own in (self.obstacles, self.statics)
         ]
         numbers = (self.horizon, self.shared, self.minimum, self.penalty, slots, self.heading)
-        text.append(repr((numbers, self.state_bounds, self.input_bounds)))
-        return sha256("\n".join(text).encode()).hexdigest()
+        text = repr((self.stage_key, numbers, self.state_bounds, self.input_bounds))
+        return sha256(text.encode()).hexdigest()
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,6 +230,7 @@ class Parameters:
     statics : (N, S, P_s), parameters of static polygons, finite also in inactive slots.
     static_active : (S,), 1 or 0.
     static_auxiliaries : (N, S, A_s), guess.
+    curve : (N, C), numbers of the path that the cost needs; (0, 0) where it needs none.
     """
 
     initial: Array
@@ -236,6 +244,7 @@ class Parameters:
     statics: Array
     static_active: Array
     static_auxiliaries: Array
+    curve: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def stages(self) -> Array:
         """Stage parameters in the problem's order, (N, stage_width)."""
@@ -246,9 +255,14 @@ class Parameters:
         )
         on = np.broadcast_to(self.static_active, self.statics.shape[:2])[..., None]
         walls = np.concatenate([self.statics, on, self.static_auxiliaries], axis=2)
-        head = [self.reference, self.direction, self.speed[:, None]]
         slots_of = [packed.reshape(steps, -1), walls.reshape(steps, -1)]
-        return np.concatenate([*head, *slots_of], axis=1)
+        return np.concatenate([self.heads(), *slots_of], axis=1)
+
+    def heads(self) -> Array:
+        """Parameters of each stage that belong to no slot, (N, head_width)."""
+        curve = self.curve.reshape(len(self.speed), -1)
+        pieces = [self.reference, self.direction, self.speed[:, None], curve]
+        return np.concatenate(pieces, axis=1)
 
     @property
     def target(self) -> float:

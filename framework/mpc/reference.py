@@ -21,11 +21,13 @@ class Reference:
     position : (N, D), m.
     direction : (N, D), unit tangents.
     speed : (N,), m/s.
+    curve : (N, C), numbers of the path that some costs need; C is 0 for the others.
     """
 
     position: Array
     direction: Array
     speed: Array
+    curve: Array
 
 
 def lay_reference(path: Path, start: float, speed: float, steps: int, dt: float) -> Reference:
@@ -38,7 +40,7 @@ def lay_reference(path: Path, start: float, speed: float, steps: int, dt: float)
     arcs = np.minimum(start + speed * dt * np.arange(steps + 1), path.length)
     speeds = np.diff(arcs) / dt
     middle = 0.5 * (arcs[1:] + arcs[:-1])
-    return Reference(path.at(arcs[1:]), path.direction(middle), speeds)
+    return Reference(path.at(arcs[1:]), path.direction(middle), speeds, np.zeros((steps, 0)))
 
 
 class Progress:

@@ -9,6 +9,7 @@ from ..arrays import Array
 from ..forecast import Forecast, Scene
 from ..motion import Detection, Observation, Pose, Twist
 from ..path import Path
+from ..plan import Status
 from ..predictor import Predictor
 from ..robot import Robot, start_state
 from ..tracks import Tracks
@@ -55,7 +56,8 @@ class Responder:
 
     Every instance is solved in the agent's own frame (its position the origin, its goal on
     the x axis), so that turning the world changes a plan by rounding errors alone. The
-    planner's deadline and latency are left out: the same agent gets the same plan.
+    planner's deadline and latency are left out: the same agent gets the same plan. So are
+    further starts: each is a first plan, for which all would be tried.
 
     Parameters
     ----------
@@ -65,7 +67,7 @@ class Responder:
     def __init__(self, planner: Planner) -> None:
         self._told = Told()
         self._planner = replace(
-            planner, predictor=self._told, history=2, latency=0.0, deadline=None
+            planner, predictor=self._told, history=2, latency=0.0, deadline=None, starts=()
         )
 
     def steps(self, dt: float) -> int:
@@ -114,7 +116,8 @@ class Responder:
             Observation(0.0, _moved(robot, agent.state, origin, turn), tuple(detections))
         )
         plan = planner.plan
-        if plan is None or plan.violation != plan.violation:
+        raised = plan is not None and plan.status is Status.FAILED and not plan.iterations
+        if plan is None or raised or plan.violation != plan.violation:
             return "no plan" if plan is None else plan.reason
         times = plan.dt * np.arange(len(plan.positions), dtype=np.float64)
         return times, plan.positions @ turn.T + origin

@@ -1,7 +1,5 @@
 """Trajectories that the robot can drive, without solving anything."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from ..arrays import Array
@@ -10,8 +8,8 @@ from ..motion import Twist
 from ..robot import Robot
 from ..smoother import VelocitySmoother
 
-SWEEPS = ("coast", "left", "right", "wait")
-"""Names of the twists that a starting point may hold, see `sweep`."""
+SWEEPS = ("coast", "left", "right", "wait", "back-left", "back-right")
+"""Names of the twists that can be held, see `sweep`."""
 
 
 def follow(robot: Robot, start: Array, inputs: Array, dt: float) -> Array:
@@ -41,7 +39,8 @@ def steer(robot: Robot, start: Array, twist: Twist, steps: int, dt: float) -> tu
         control = robot.drive(states[-1], twist, dt)
         inputs.append(control)
         states.append(step(robot, states[-1], control, dt))
-    return np.array(states, dtype=np.float64), np.array(inputs, dtype=np.float64)
+    found = np.array(inputs, dtype=np.float64).reshape(steps, len(robot.inputs))
+    return np.array(states, dtype=np.float64), found
 
 
 def shift(inputs: Array, share: float) -> Array:
@@ -55,6 +54,16 @@ def shift(inputs: Array, share: float) -> Array:
     here = padded[whole : whole + len(inputs)]
     after = padded[whole + 1 : whole + 1 + len(inputs)]
     return np.asarray((1 - part) * here + part * after)
+
+
+def stand(robot: Robot, start: Array, inputs: Array, share: float, dt: float) -> Array:
+    """Replace what a shift of ``share`` steps put beyond a plan's end by inputs that stop.
+
+    A plan that ends in a stop then goes on by standing, whatever the state it is driven from.
+    """
+    known = max(len(inputs) - int(np.ceil(share - 1e-9)), 0)
+    last = follow(robot, start, inputs[:known], dt)[-1]
+    return np.concatenate([inputs[:known], brake(robot, last, len(inputs) - known, dt)[1]])
 
 
 def carry(
@@ -74,47 +83,30 @@ def carry(
     return np.array(moved, dtype=np.float64)
 
 
-def sweep(robot: Robot, start: Array, name: str, speed: float) -> Twist:
-    """Return the twist of a named starting point.
+def sweep(robot: Robot, start: Array, name: str, speed: float, now: Twist | None = None) -> Twist:
+    """Return a named twist.
 
-    ``coast`` holds the present one; ``left`` and ``right`` turn as fast as the robot can,
-    or, without a heading, go off to the side; ``wait`` stops.
+    ``coast`` holds the twist ``now``, by default that of the state; ``left`` and ``right`` turn
+    as fast as the robot can, or, without a heading, go off to the side; ``back-left`` and
+    ``back-right`` do so at ``speed``, m/s, backwards; ``wait`` stops.
     """
-    now = robot.twist(tuple(start), tuple(0.0 for _ in robot.inputs))
+    if now is None:
+        now = robot.twist(tuple(start), tuple(0.0 for _ in robot.inputs))
     if name == "wait":
         return Twist(tuple(0.0 for _ in now.linear), 0.0)
     if name == "coast":
         return now
-    side = 1.0 if name == "left" else -1.0
+    way, _, side = name.rpartition("-")
+    sign = 1.0 if side == "left" else -1.0
     if robot.pose(tuple(start)).heading is not None:
-        return Twist(now.linear, side * speed)  # drive() keeps it within the limits
+        linear = (-speed, 0.0) if way else now.linear
+        return Twist(linear, sign * speed)  # drive() keeps it within the limits
     forward = np.asarray(now.linear, dtype=np.float64)
+    if way:
+        length = float(np.linalg.norm(forward))
+        forward = -forward * (speed / length if length else 0.0)
     turned = np.array([-forward[1], forward[0], *np.zeros(len(forward) - 2)])
     if not turned.any():  # straight up or down: one side is as good as another
         turned[1] = np.linalg.norm(forward)
-    mixed = (forward + side * turned) / np.sqrt(2.0)
+    mixed = (forward + sign * turned * (-1.0 if way else 1.0)) / np.sqrt(2.0)
     return Twist(tuple(float(value) for value in mixed), 0.0)
-
-
-def starting_points(
-    robot: Robot,
-    start: Array,
-    inputs: Array | None,
-    names: Sequence[str],
-    speed: float,
-    steps: int,
-    dt: float,
-) -> list[tuple[Array, Array]]:
-    """Return trajectories for a solver to start from: states (N + 1, n) and inputs (N, m).
-
-    The last plan's shifted inputs, or coasting where there are none; then the named twists,
-    see `sweep`.
-    """
-    points = []
-    if inputs is not None:
-        points = [(follow(robot, start, inputs, dt), inputs)]
-    else:
-        names = ("coast", *names)
-    for name in dict.fromkeys(names):
-        points.append(steer(robot, start, sweep(robot, start, name, speed), steps, dt))
-    return points

@@ -2,10 +2,11 @@
 
 from typing import TYPE_CHECKING
 
-from ..arrays import positive, whole
+from ..arrays import Array, positive, whole
 from ..errors import WideberthError
+from ..robot import Robot
 from .instance import CAPACITIES
-from .rollout import SWEEPS
+from .starts import checked_starts
 
 if TYPE_CHECKING:
     from .planner import Planner
@@ -32,9 +33,7 @@ def check_settings(planner: "Planner") -> None:
     for name in ("deadline", "penalty"):
         if getattr(planner, name) is not None:
             positive(f"planner.{name}", getattr(planner, name))
-    unknown = sorted(set(planner.starts) - set(SWEEPS))
-    if unknown:
-        raise WideberthError(f"planner.starts holds {unknown}; wanted some of {SWEEPS}")
+    checked_starts(planner.starts)
     if planner.robot.dimension not in planner.region.dimensions:
         raise WideberthError(
             f"the robot moves in {planner.robot.dimension} dimensions; the region "
@@ -46,4 +45,18 @@ def check_settings(planner: "Planner") -> None:
             f"planner.static_region is {type(planner.static_region).__name__}, and the robot "
             f"moves in {planner.robot.dimension} dimensions; polygons lie in the plane: leave it "
             "out"
+        )
+
+
+def checked_state(robot: Robot, state: Array) -> None:
+    """Refuse the state of another robot.
+
+    Raises
+    ------
+    WideberthError : it has another number of entries.
+    """
+    if len(state) != len(robot.states):
+        raise WideberthError(
+            f"the state has {len(state)} entries; this robot has "
+            f"{[quantity.name for quantity in robot.states]}"
         )

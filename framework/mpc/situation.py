@@ -2,11 +2,15 @@
 
 from dataclasses import dataclass
 from math import hypot
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import special
 
 from ..arrays import Array
+from ..forecast import Scene
+from ..motion import Observation
+from ..plan import Plan
 from ..region import Region
 from ..robot import Robot
 from ..static_region import StaticRegion
@@ -16,6 +20,9 @@ from .levels.base import LevelPolicy
 from .problem import Parameters
 from .reference import Reference
 from .walls import Walls, fill_walls
+
+if TYPE_CHECKING:
+    from .planner import Planner
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +73,40 @@ class Situation:
         spread = _deviations(level) ** 2 * self.own
         radius = bodies(robot, static_region)[0].radius + margin
         return fill_walls(parameters, self.walls, static_region, radius, spread)
+
+
+def within_limits(robot: Robot, state: Array) -> Array:
+    """Take a state slightly beyond its limits (noise, a push) as on them.
+
+    Otherwise no plan would be feasible, and the robot would stop for it.
+    """
+    bounds = robot.state_bounds()
+    return np.asarray(np.clip(state, np.asarray(bounds.lower), np.asarray(bounds.upper)))
+
+
+def scene(observation: Observation, plan: Plan | None, radius: float) -> Scene:
+    """Return what predictors are told of the robot itself and its last plan."""
+    positions, times = None, None
+    if plan is not None:
+        positions = plan.positions
+        times = plan.stamp + plan.dt * np.arange(len(positions), dtype=np.float64)
+    return Scene(
+        ego=observation.state,
+        plan=positions,
+        truth=observation.truth,
+        plan_times=times,
+        radius=radius,
+    )
+
+
+def nearness(planner: "Planner", own: Array) -> float:
+    """How near a polygon has to be to the route to come into the problem, m.
+
+    Body, margin and own uncertainty, and as much as a plan may turn aside: half of what the
+    reference covers. A plan that goes farther is still held against all polygons.
+    """
+    aside = 0.5 * planner.reference_speed * planner.horizon * planner.dt
+    return planner.robot.radius + planner.margin + aside + widest(own, planner.level)
 
 
 def widest(own: Array, level: LevelPolicy) -> float:

@@ -16,18 +16,20 @@ State: TypeAlias = Callable[[Pose, Any, Any, Any], Constraint]
 
 
 class ReferenceSymbols:
-    """Where the robot should be: position, direction and speed.
+    """Where the robot should be: position, direction, speed, and what a cost has of the path.
 
     Parameters
     ----------
     dimension : D.
+    curve : C, numbers of the path.
     """
 
-    def __init__(self, dimension: int) -> None:
+    def __init__(self, dimension: int, curve: int) -> None:
         self.position = ca.SX.sym("reference", dimension)
         self.direction = ca.SX.sym("direction", dimension)
         self.speed = ca.SX.sym("speed")
-        self.vector = ca.vertcat(self.position, self.direction, self.speed)
+        self.curve = ca.SX.sym("curve", curve)
+        self.vector = ca.vertcat(self.position, self.direction, self.speed, self.curve)
 
 
 def slots(

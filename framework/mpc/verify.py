@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array
+from ..plan import Breach, Kind
 from .contact import Touch
 from .problem import Parameters, Problem
 from .transcription import Guess
@@ -42,19 +43,25 @@ class Violation:
         """Sum over steps of the deepest entry into any region or polygon."""
         return float((self.regions.max(axis=1, initial=0.0) + self.touched).sum())
 
-    def where(self, ids: tuple[str, ...]) -> str:
-        """Name the obstacle and step of the deepest entry, or the limit that is broken."""
-        entered = self.regions.max(initial=0.0) > 0.0
-        if self.touch is not None and self.touched.max(initial=0.0) > 0.0 and not entered:
+    def breach(self, names: tuple[str, ...]) -> Breach | None:
+        """Name what is broken most; ``names`` are those of all slots, (K + S)."""
+        deepest = self.regions.max(initial=0.0)
+        touched = self.touched.max(initial=0.0)
+        if self.touch is not None and touched > 0.0 and deepest == 0.0:
             step = int(self.touched.argmax())
-            name, depth = self.touch.names[step], self.touched[step]
-            return f"polygon {name!r} touched by {depth:.2g} m on the way to step {step + 1}"
-        if self.regions.size and self.regions.max() >= self.motion.max(initial=0.0):
+            return Breach(Kind.POLYGON, self.touch.names[step], step + 1, float(touched))
+        broken = self.motion.max(initial=0.0)
+        if deepest > 0.0 and deepest >= broken:
             step, slot = divmod(int(self.regions.argmax()), self.regions.shape[1])
-            name = ids[slot] if slot < len(ids) else "?"
-            return f"region of {name!r} entered by {self.regions.max():.2g} at step {step + 1}"
-        step = int(self.motion.argmax())
-        return f"motion limits broken by {self.motion.max():.2g} at step {step + 1}"
+            name = names[slot] if slot < len(names) else "?"
+            return Breach(Kind.REGION, name, step + 1, float(deepest))
+        if broken > 0.0:
+            return Breach(Kind.MOTION, "", int(self.motion.argmax()) + 1, float(broken))
+        return None
+
+    def where(self, names: tuple[str, ...]) -> str:
+        """Name it in words."""
+        return str(self.breach(names) or "nothing is broken")
 
 
 def violation(problem: Problem, parameters: Parameters, point: Guess) -> Violation:

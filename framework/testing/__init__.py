@@ -1,8 +1,8 @@
 """Contract checks that every plug-in can run on itself.
 
 Each room of plug-ins has one: `check_predictor`, `check_region`, `check_static_region`,
-`check_robot`, `check_controller`. They are imported on first use, since each needs libraries of
-its own.
+`check_robot`, `check_level`, `check_cost`, `check_controller`. They are imported on first use,
+since each needs libraries of its own.
 """
 
 from importlib import import_module
@@ -13,6 +13,8 @@ CHECKS = {
     "check_region": ".region",
     "check_static_region": ".static_region",
     "check_robot": ".robot",
+    "check_level": ".level",
+    "check_cost": ".cost",
     "check_controller": ".controller",
 }
 

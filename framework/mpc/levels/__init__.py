@@ -3,4 +3,6 @@
 BUILT_IN = {
     "fixed": "wideberth.framework.mpc.levels.fixed:Fixed",
     "relaxed": "wideberth.framework.mpc.levels.relaxed:Relaxed",
+    "discounted": "wideberth.framework.mpc.levels.discounted:Discounted",
+    "risk_allocation": "wideberth.framework.mpc.levels.risk_allocation:RiskAllocation",
 }

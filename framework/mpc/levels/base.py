@@ -38,7 +38,25 @@ class LevelPolicy(ABC):
 
     @abstractmethod
     def levels(self, region: Region, steps: int, obstacles: int, dimension: int) -> Array:
-        """Levels aimed at, (steps, obstacles)."""
+        """Levels aimed at, (steps, obstacles); steps 1..N, and obstacles that are there.
+
+        Pure. All entries of a shared level are the same, and not below ``minimum``. Laws,
+        checked by `wideberth.framework.testing.check_level`.
+        """
+
+
+def level_of(region: Region, promise: Promise, tail: float, dimension: int) -> float:
+    """Return the region's level for one tail.
+
+    Raises
+    ------
+    WideberthError : a collision risk is promised that the region guarantees at no level.
+    """
+    if promise == "risk":
+        from ...risk_meter import level_for_risk
+
+        return level_for_risk(region, tail, dimension)
+    return region.level(tail, dimension)
 
 
 def uniform(
@@ -48,15 +66,25 @@ def uniform(
 
     Raises
     ------
-    WideberthError : a collision risk is promised that the region guarantees at no level.
+    WideberthError : as `level_of`.
     """
-    if policy.promise == "risk":
-        from ...risk_meter import level_for_risk
-
-        level = level_for_risk(region, policy.tail, dimension)
-    else:
-        level = region.level(policy.tail, dimension)
+    level = level_of(region, policy.promise, policy.tail, dimension)
     return np.full((steps, obstacles), level)
+
+
+def spread(
+    region: Region, promise: Promise, tails: Array, obstacles: int, dimension: int
+) -> Array:
+    """Return the region's levels for a tail per step (steps,), (steps, obstacles).
+
+    Raises
+    ------
+    WideberthError : as `level_of`.
+    """
+    different, place = np.unique(tails, return_inverse=True)
+    found = [level_of(region, promise, float(tail), dimension) for tail in different]
+    levels = np.array(found, dtype=np.float64)[place]
+    return np.repeat(levels[:, None], obstacles, axis=1)
 
 
 def checked_promise(promise: str) -> None:

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any, cast
 
@@ -41,7 +41,8 @@ class Solution:
 class Solver(ABC):
     """Solves a problem from several starting points.
 
-    A solver never raises for what a problem holds: failure is the status of the solution.
+    A solver never raises for what a problem holds: failure is the status of the solution. It
+    takes every guess through `unwrapped` first.
     The same problem, parameters and guesses give the same solution unless a deadline cuts
     it short.
     """
@@ -55,6 +56,24 @@ class Solver(ABC):
         deadline: float | None = None,
     ) -> list[Solution]:
         """Solve from each guess; ``deadline`` in s caps each single solve."""
+
+
+def unwrapped(problem: Problem, parameters: Parameters, guess: Guess) -> Guess:
+    """Turn a guess by whole turns, so that its first heading is nearest that of x_0.
+
+    A heading that is off by 2 pi is the same heading, and no solver finds its way back from
+    there. Every solver passes its guesses through this door.
+    """
+    where = problem.heading
+    if where is None:
+        return guess
+    turns = (guess.states[0, where] - parameters.initial[where]) / (2.0 * np.pi)
+    turns = np.round(turns * (1.0 - 1e-9))  # half a turn off stays as it is
+    if turns == 0.0 or not np.isfinite(turns):
+        return guess
+    states = guess.states.copy()
+    states[:, where] -= 2.0 * np.pi * turns
+    return replace(guess, states=states)
 
 
 class Compiled:
@@ -171,6 +190,7 @@ def run(
     """Solve from one guess and read the result."""
     begin = perf_counter()
     form = program.form
+    guess = unwrapped(form.problem, parameters, guess)
     flat, cost, stats = program(parameters, guess)
     seconds = perf_counter() - begin
     outcome, message = status(stats)

@@ -1,0 +1,242 @@
+"""How much of its level should a plan hold, where and when? The level policies in closed loop."""
+
+import sys
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, ClassVar, Self, final
+
+import numpy as np
+
+from wideberth.experiments.base import Experiment, Outcome, Result, Row, Task
+from wideberth.experiments.closed_loop import column, condense, group, outcome, pick, play
+from wideberth.experiments.pieces import pairs
+from wideberth.experiments.prices import quartiles
+from wideberth.experiments.replay import STILL
+from wideberth.experiments.variants import planner_of
+from wideberth.framework.arrays import probability, whole
+from wideberth.framework.controller import Controller
+from wideberth.framework.errors import WideberthError
+from wideberth.framework.mpc.levels.base import LevelPolicy, level_of
+from wideberth.framework.mpc.planner import Planner
+from wideberth.framework.plan import Plan, Rung
+from wideberth.framework.predictor import Predictor
+from wideberth.framework.robot import Robot
+from wideberth.simulation.gaps import gaps
+from wideberth.simulation.log import AgentLog, Episode
+from wideberth.simulation.scenario import Scenario
+from wideberth.simulation.settings import Settings
+
+COLUMNS = (
+    "collisions", "deadlocks", "goals_in_time", "clearance_min_m", "clearance_median_m",
+    "extra_time_s", "length_ratio", "fallback_plans", "coverage",
+)  # fmt: skip
+
+
+@final
+@dataclass(frozen=True)
+class LevelPolicies(Experiment):
+    """The same planner with each level policy, on the same seeds.
+
+    Beside the columns of every closed loop, ``success`` is the share of episodes in which
+    everybody arrived and nobody touched; ``entered`` the share of plans that enter a region,
+    on the rungs `least violation` and `brake`; ``driven_below`` the share of plans, of those with
+    an obstacle, whose first step, the one that is driven, holds less than the level of the
+    policy's promise for the experiment's tail, or that enter a region. ``drove_into`` counts the
+    episodes in which a robot touched another body while it moved: a walker may also run into one
+    that stands, which no policy of the robot can prevent.
+
+    Parameters
+    ----------
+    scenarios : by name; each seed draws the same situation for every policy.
+    robot : model of all plants.
+    planner : settings of the MPC; its level and predictor are exchanged.
+    predictors, levels : by name.
+    settings : clock, noise and end of the episodes.
+    seeds : number of episodes per scenario, predictor and policy.
+    tail : that the driven step is held against.
+    """
+
+    claim: ClassVar[str] = (
+        "The paper lets one level give way for the whole horizon; what does it cost to hold it, "
+        "to let it fall over the horizon, or to hold one risk for the whole plan?"
+    )
+    reference: ClassVar[str] = "schoeneberg2025trajectory"
+
+    scenarios: dict[str, Scenario]
+    robot: Robot
+    planner: Controller
+    predictors: dict[str, Predictor]
+    levels: dict[str, LevelPolicy]
+    settings: Settings = field(default_factory=Settings)
+    seeds: int = 20
+    tail: float = 0.05
+
+    def __post_init__(self) -> None:
+        whole("seeds", self.seeds)
+        probability("tail", self.tail)
+        planner_of(self.planner)
+        for name in ("scenarios", "predictors", "levels"):
+            if not getattr(self, name):
+                raise WideberthError(f"{name} is empty; name at least one")
+        for predictor in self.predictors.values():
+            for level in self.levels.values():
+                replace(planner_of(self.planner), predictor=predictor, level=level)
+
+    def tasks(self) -> list[Task]:
+        """One per scenario, predictor, policy and seed."""
+        return [
+            Task(
+                f"{scenario} {forecast} {level} {seed}",
+                seed,
+                {"scenario": scenario, "forecast": forecast, "planner": level},
+            )
+            for scenario in self.scenarios
+            for forecast in self.predictors
+            for level in self.levels
+            for seed in range(self.seeds)
+        ]
+
+    def measure(self, task: Task) -> Outcome:
+        """Play one episode."""
+        scenario, forecast, level = (
+            task.settings[key] for key in ("scenario", "forecast", "planner")
+        )
+        planner = replace(
+            planner_of(self.planner),
+            predictor=self.predictors[forecast],
+            level=self.levels[level],
+        )
+        place = self.scenarios[scenario]
+        episode = play(place, self.robot, planner, self.settings, task.seed)
+        made = outcome(episode, task, self.tail, keep=False)
+        made.rows[0].update(_held(episode, planner, self.tail))
+        return made
+
+    def summary(self, rows: list[Row]) -> list[Row]:
+        """One line per scenario, forecast and policy."""
+        lines = []
+        for (scenario, forecast, level), some in group(
+            rows, "scenario", "forecast", "planner"
+        ).items():
+            held = column(some, "plans_with_obstacles").sum()
+            lines.append(
+                {
+                    **{"scenario": scenario, "forecast": forecast, "level": level},
+                    "episodes": len(some),
+                    "success": float(np.mean([bool(row["success"]) for row in some])),
+                    "drove_into": int(column(some, "drove_into").sum()),
+                    **pick(condense(some), COLUMNS),
+                    "entered": float(column(some, "entered").sum() / column(some, "plans").sum()),
+                    "driven_below": float(column(some, "driven_below").sum() / max(held, 1.0)),
+                }
+            )
+        return lines
+
+    def figures(self, result: Result, folder: Path) -> list[Path]:
+        """Draw least clearance against extra time, a panel per scenario and forecast."""
+        from wideberth.experiments.plotting import paper_style, save
+
+        with paper_style():
+            return save(draw_prices(result.rows), folder, "level_policies")
+
+    def quick(self) -> Self:
+        """Play the first 20 s of one seed, in the last scenario with the first forecast."""
+        name, scenario = list(self.scenarios.items())[-1]
+        return replace(
+            self,
+            scenarios={name: scenario},
+            predictors=dict(list(self.predictors.items())[:1]),
+            settings=replace(self.settings, time_limit=min(self.settings.time_limit, 20.0)),
+            seeds=1,
+        )
+
+
+def _held(episode: Episode, planner: Planner, tail: float) -> Row:
+    """Count plans that enter a region, and those that hold less at the step that is driven."""
+    plans = [plan for log in episode.robots for plan in log.plans]
+    size = planner.robot.dimension
+    full = level_of(planner.region, planner.level.promise, tail, size) - 1e-4
+    met = [plan for plan in plans if plan.level.size]
+    return {
+        "drove_into": any(_drove_into(a, b) for a, b in pairs(episode)),
+        "entered": sum(plan.rung in (Rung.LEAST, Rung.BRAKE) for plan in plans),
+        "plans_with_obstacles": len(met),
+        "driven_below": sum(_below(plan, full) for plan in met),
+    }
+
+
+def _below(plan: Plan, full: float) -> bool:
+    return bool(plan.level[0].min() < full or plan.violation > 1e-4)
+
+
+def _drove_into(first: AgentLog, second: AgentLog) -> bool:
+    """Whether a robot of the two moved when they first touched."""
+    touched = np.flatnonzero(gaps(first, second) < 0.0)
+    robots = [log for log in (first, second) if log.kind == "robot"]
+    return bool(touched.size) and any(log.speeds[touched[0]] >= STILL for log in robots)
+
+
+def draw_prices(rows: list[Row]) -> Any:
+    """Draw a marker per policy: median clearance against median extra time.
+
+    Bars reach down to the least clearance and over the quartiles of the time. A hollow marker
+    stands for a policy under which somebody touched or did not arrive, with how many beside it.
+    """
+    from matplotlib import pyplot
+
+    from wideberth.experiments.plotting import COLOURS, PAGE
+
+    panels = group(rows, "scenario", "forecast")
+    scenarios = list(dict.fromkeys(scenario for scenario, _ in panels))
+    forecasts = list(dict.fromkeys(forecast for _, forecast in panels))
+    names = list(dict.fromkeys(str(row["planner"]) for row in rows))
+    looks = {name: ("osD^vPX*"[i % 8], COLOURS[i % len(COLOURS)]) for i, name in enumerate(names)}
+    figure, axes = pyplot.subplots(
+        len(forecasts), len(scenarios), figsize=(PAGE, 0.6 + 2.1 * len(forecasts)), squeeze=False
+    )  # fmt: skip
+    for (scenario, forecast), some in panels.items():
+        panel = axes[forecasts.index(forecast), scenarios.index(scenario)]
+        panel.set_title(f"{scenario}, {forecast}".replace("_", " "))
+        for (name,), own in group(some, "planner").items():
+            _mark(panel, own, *looks[str(name)])
+        panel.axhline(0.0, color="black", linewidth=0.8)
+        panel.set_xlabel("extra time (s)")
+    for panel in axes[:, 0]:
+        panel.set_ylabel("least clearance (m)")
+    _legend(figure, looks)
+    return figure
+
+
+def _mark(panel: Any, rows: list[Row], marker: str, colour: str) -> None:
+    """Draw one policy; episodes that did not end count as none in the times."""
+    low, middle, high = quartiles(column(rows, "extra_time_worst"))
+    if not np.isfinite(middle):
+        return
+    clearance = column(rows, "clearance")
+    typical, least = float(np.median(clearance)), float(clearance.min())
+    failed = sum(not row["success"] for row in rows)
+    panel.plot([low, high], [typical, typical], "-", color=colour, linewidth=0.8)
+    panel.plot([middle, middle], [least, typical], "-", color=colour, linewidth=0.8)
+    face = "white" if failed else colour
+    panel.plot(middle, typical, marker, color=colour, markersize=5, markerfacecolor=face)
+    if failed:
+        panel.annotate(f"{failed}", (middle, typical), (3, 3), textcoords="offset points",
+                       fontsize=6, color=colour)  # fmt: skip
+
+
+def _legend(figure: Any, looks: dict[str, tuple[str, str]]) -> None:
+    from matplotlib.lines import Line2D
+
+    entries = [
+        Line2D([], [], linestyle="", marker=marker, color=colour, markersize=5,
+               label=name.replace("_", " "))
+        for name, (marker, colour) in looks.items()
+    ]  # fmt: skip
+    figure.legend(handles=entries, loc="outside lower center", ncols=min(len(entries), 4))
+
+
+if __name__ == "__main__":
+    from wideberth.experiments.cli import main
+
+    sys.argv[1:1] = ["run", "level_policies"]
+    main()

@@ -1,0 +1,90 @@
+"""What plans are held against, and a plan with what the re-check says of it."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..plan import Rung, Status
+from .contact import Surroundings
+from .problem import Parameters, Problem
+from .solvers.base import Solution
+from .transcription import Guess
+from .verify import Violation, violation
+
+TOLERANCE = 1e-4
+"""Largest violation of a plan that counts as feasible (m, m/s or unit-free)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A plan that could be taken, with what the re-check says of it.
+
+    ``way`` names the manoeuvre where it is one, see `manoeuvres.stops`.
+    """
+
+    point: Guess
+    rung: Rung
+    found: Violation
+    solution: Solution | None = None
+    way: str = ""
+
+    def __str__(self) -> str:
+        """Name the rung, and the manoeuvre."""
+        return f"{self.rung} ({self.way})" if self.way else str(self.rung)
+
+    @property
+    def cost(self) -> float:
+        """Objective of the solution; nan where no solver gave it."""
+        return float("nan") if self.solution is None else self.solution.cost
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """What plans are held against: the instance, and all that the bodies could touch."""
+
+    problem: Problem
+    parameters: Parameters
+    around: Surroundings
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all slots of the problem: obstacles, "?" where empty, polygons."""
+        ids = self.around.obstacles.ids
+        return (*ids, *("?",) * (self.problem.capacity - len(ids)), *self.around.walls.names)
+
+    def check(self, point: Guess) -> Violation:
+        """Evaluate every constraint, and what is touched on the way."""
+        found = violation(self.problem, self.parameters, point)
+        return replace(found, touch=self.around.touched(point.states))
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What solving from one start or several came to.
+
+    Attributes
+    ----------
+    candidates : the re-checked solutions, that from the last plan first.
+    guesses : what was solved from.
+    crowded : whether something is in the way, see `attempts.Attempts`.
+    before : whether that was so at the last call.
+    status, message : of the first solve, or why there was none.
+    """
+
+    candidates: tuple[Candidate, ...]
+    guesses: tuple[Guess, ...]
+    crowded: bool
+    before: bool
+    status: Status
+    message: str
+
+
+def contact(case: Case, one: Candidate, window: int) -> float:
+    """Return how deep a plan enters polygons or the forecast's means before a stop ends.
+
+    The window is the steps that braking takes and one more: what lies beyond can still be
+    braked for when the next plan is made.
+    """
+    walls = one.found.regions[:, case.problem.capacity :].max(axis=1, initial=0.0)
+    depth = np.maximum(case.around.overlap(one.point.states), one.found.touched)
+    return float(np.maximum(depth, walls)[:window].max(initial=0.0))

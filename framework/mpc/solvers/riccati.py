@@ -1,0 +1,222 @@
+"""Our own solver: a structured interior point, compiled without a compiler."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from os import cpu_count
+from threading import Timer
+from time import perf_counter
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from ...arrays import Array, positive, whole
+from ...errors import WideberthError
+from ...plan import Status
+from ..problem import Parameters, Problem
+from ..transcription import Guess
+from .base import Solution, Solver, unwrapped
+from .fatrop import Fatrop
+
+if TYPE_CHECKING:
+    from .structured.compiled import Program
+
+_STATUS = (Status.SOLVED, Status.LIMIT, Status.INFEASIBLE, Status.FAILED, Status.DEADLINE)
+
+
+@final
+@dataclass(frozen=True)
+class Riccati(Solver):
+    """Primal-dual interior point whose Newton steps are a Riccati recursion over the horizon.
+
+    Exact Hessians, regularised where the reduced one is not positive definite; a filter line
+    search; regions soft by an exact penalty and, with all that belongs to one obstacle and step,
+    eliminated by hand. It knows a problem by its stage functions alone: derivatives come from
+    CasADi, and all of it is compiled by Numba, so an iteration never enters Python.
+
+    Hard regions are held by a penalty as well, which is raised until they are kept: where
+    nothing keeps them, the plan with the smallest violation comes back as ``infeasible``.
+
+    The first solve on a machine compiles for about a minute, later processes load the result.
+    Where that is not possible (no Numba, or a region with too large an expression), `Fatrop`
+    solves, and the message says so.
+
+    Parameters
+    ----------
+    iterations : limit.
+    tolerance : of the optimality conditions, scaled as by IPOPT.
+    start_barrier : first barrier parameter mu.
+    start_distance : of the start from its bounds, relative.
+    start_penalty, most_penalty : price of one unit of slack on hard regions, first and highest.
+    gradient : largest entry of the cost's gradient after scaling.
+    """
+
+    iterations: int = 200
+    tolerance: float = 1e-6
+    start_barrier: float = 0.1
+    start_distance: float = 1e-2
+    start_penalty: float = 1e4
+    most_penalty: float = 1e7
+    gradient: float = 100.0
+
+    def __post_init__(self) -> None:
+        whole("riccati.iterations", self.iterations)
+        for name in ("tolerance", "start_barrier", "start_distance", "start_penalty", "gradient"):
+            positive(f"riccati.{name}", getattr(self, name))
+        if not self.most_penalty >= self.start_penalty:
+            raise WideberthError(
+                f"riccati.most_penalty is {self.most_penalty}; wanted at least start_penalty, "
+                f"{self.start_penalty}"
+            )
+
+    def solve(
+        self,
+        problem: Problem,
+        parameters: Parameters,
+        guesses: Sequence[Guess],
+        deadline: float | None = None,
+    ) -> list[Solution]:
+        """Solve from each guess."""
+        begin = perf_counter()
+        try:
+            made, run = _compiled(problem)
+        except WideberthError as error:
+            why = f"by fatrop, since {error}"
+            found = Fatrop().solve(problem, parameters, guesses, deadline)
+            return [replace(one, message=f"{one.message} ({why})") for one in found]
+        solutions = []
+        for guess in guesses:
+            solutions.append(self._one(problem, parameters, guess, deadline, made, run, begin))
+            begin = perf_counter()
+        return solutions
+
+    def solve_many(
+        self,
+        problem: Problem,
+        parameters: Sequence[Parameters],
+        guesses: Sequence[Guess],
+        workers: int | None = None,
+    ) -> list[Solution]:
+        """Solve many instances of one problem, each from its guess, on several cores.
+
+        The compiled solver holds no lock of Python's while it works, so threads suffice. Results
+        do not depend on their number, which is that of the cores by default.
+        """
+        from concurrent.futures import ThreadPoolExecutor
+
+        if len(parameters) != len(guesses):
+            raise WideberthError(
+                f"{len(parameters)} instances and {len(guesses)} guesses; wanted one for each"
+            )
+        self.solve(problem, parameters[0], []) if parameters else None  # compiles
+        pairs = list(zip(parameters, guesses, strict=True))
+
+        def part(some: Sequence[tuple[Parameters, Guess]]) -> list[Solution]:
+            return [self.solve(problem, one, [guess])[0] for one, guess in some]
+
+        share = max(1, -(-len(pairs) // (8 * (workers or cpu_count() or 1))))
+        pieces = [pairs[i : i + share] for i in range(0, len(pairs), share)]
+        with ThreadPoolExecutor(workers or cpu_count()) as pool:
+            return [solution for some in pool.map(part, pieces) for solution in some]
+
+    def _one(
+        self,
+        problem: Problem,
+        parameters: Parameters,
+        guess: Guess,
+        deadline: float | None,
+        made: "Program",
+        run: Callable[..., None],
+        begin: float,
+    ) -> Solution:
+        """Call the compiled core and read its result."""
+        guess = unwrapped(problem, parameters, guess)
+        found, numbers, stop = _room(problem, guess), np.zeros(6), np.zeros(1)
+        moving, standing = _slots(made, parameters, guess)
+        arguments = (
+            np.array([*made.sizes, self.iterations]),
+            made.addresses,
+            self._settings(problem, parameters, guess),
+            made.limits,
+            *_arrays(parameters.initial, parameters.heads(), guess.states, guess.inputs),
+            *moving,
+            *standing,
+            *(found.states, found.inputs, found.slack),
+            *(found.auxiliaries, found.static_auxiliaries, numbers, stop),
+        )
+        if deadline is None:
+            run(*arguments)
+        else:
+            _until(begin + deadline, stop, run, arguments)
+        status, cost = _STATUS[int(numbers[0])], numbers[2]
+        if problem.penalty is not None:
+            cost += problem.penalty * found.slack.sum()
+            if status is Status.INFEASIBLE:
+                status = Status.SOLVED  # its slack is paid for
+        point = replace(found, level=float(numbers[3]) if problem.shared else float("nan"))
+        words = _words(status, numbers)
+        return Solution(point, status, words, cost, int(numbers[1]), perf_counter() - begin)
+
+    def _settings(self, problem: Problem, parameters: Parameters, guess: Guess) -> Array:
+        """Numbers of the core, in its order."""
+        price, highest = self.start_penalty, self.most_penalty
+        if problem.penalty is not None:
+            price = highest = problem.penalty
+        level = (problem.minimum, parameters.target, guess.level)
+        if not problem.shared:
+            level = (-np.inf, 0.0, 0.0)
+        barrier = (self.tolerance, self.start_barrier, self.start_distance)
+        return np.array([*barrier, price, highest, self.gradient, *level])
+
+
+def _compiled(problem: Problem) -> "tuple[Program, Callable[..., None]]":
+    from .structured.compiled import core, program
+
+    return program(problem), core()
+
+
+def _room(problem: Problem, guess: Guess) -> Guess:
+    """Arrays for the result; empty slots keep the auxiliaries of the guess."""
+    horizon = problem.horizon
+    states, inputs = np.empty((horizon + 1, problem.states)), np.empty((horizon, problem.inputs))
+    own, still = guess.auxiliaries.copy(), guess.static_auxiliaries.copy()
+    return Guess(states, inputs, own, float("nan"), np.empty(horizon), still)
+
+
+def _slots(
+    made: "Program", parameters: Parameters, guess: Guess
+) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    """Arguments of the core for the moving and the standing slots."""
+    pull, still = parameters.auxiliaries, parameters.static_auxiliaries
+    none = np.zeros(parameters.statics.shape[:2])
+    moving = made.moving.given(
+        parameters.regions,
+        parameters.level,
+        parameters.active,
+        np.array([pull, guess.auxiliaries]),
+    )
+    starts = np.array([still, guess.static_auxiliaries])
+    return moving, made.standing.given(parameters.statics, none, parameters.static_active, starts)
+
+
+def _arrays(*values: Array) -> list[Array]:
+    return [np.ascontiguousarray(value, dtype=np.float64) for value in values]
+
+
+def _until(
+    end: float, stop: Array, run: Callable[..., None], arguments: tuple[object, ...]
+) -> None:
+    """Run, and ask the core to stop at a time; another thread sets the flag that it looks at."""
+    timer = Timer(max(end - perf_counter(), 0.0), stop.fill, (1.0,))
+    timer.daemon = True
+    timer.start()
+    try:
+        run(*arguments)
+    finally:
+        timer.cancel()
+
+
+def _words(status: Status, numbers: Array) -> str:
+    """Say how it ended."""
+    if status is Status.INFEASIBLE:
+        return "no plan keeps every region; this one enters them least, as far as was found"
+    return f"{status} after {numbers[1]:.0f} iterations, error {numbers[4]:.1e}"

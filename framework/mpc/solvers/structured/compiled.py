@@ -1,0 +1,186 @@
+"""The structured solver's compiled code: one core for all problems, and kernels for each.
+
+The kernels know nothing of the horizon and the number of slots, the core nothing of a robot or a
+region: it takes the kernels by their addresses. Compiling the core takes about a minute, once
+per machine; the kernels of a new pair of robot and region take seconds. Both are kept by
+`wideberth.framework.jit.store`.
+"""
+
+import sys
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....arrays import Array
+from ....errors import WideberthError
+from ....jit.columns import KERNEL, address
+from ....jit.store import load
+from ....jit.transpile import NUMBA_IMPORTS, numba_source
+from ...problem import Problem, Slots
+from .kernels import SlotShape, build
+
+NAMES = (
+    "drive", "drive_values", "node", "node_values", "level", "slot", "slot_values", "wall",
+    "wall_values",
+)  # fmt: skip
+"""Kernels in the order of their addresses, see `point`."""
+
+MOST_OPERATIONS = 10_000
+"""Size of a kernel that is still compiled; the compiler needs a second for a thousand."""
+
+_OPTIONS = (
+    'error_model="numpy", nogil=True, fastmath={"contract", "reassoc", "nsz", "arcp"}, cache=True'
+)
+_KIND = (
+    "i8[::1], i8[::1], f8[:, ::1], f8[::1], f8[:, :, ::1], f8[:, ::1], f8[::1], f8[:, :, :, ::1]"
+)
+_SIGNATURE = (
+    "void(i8[::1], i8[::1], f8[::1], f8[:, ::1], f8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], "
+    f"{_KIND}, {_KIND}, f8[:, ::1], f8[:, ::1], f8[::1], f8[:, :, ::1], f8[:, :, ::1], f8[::1], "
+    "f8[::1])"
+)
+_CORE = f'''# DIGEST
+from numba import njit
+
+from wideberth.framework.mpc.solvers.structured.solve import solve as core
+
+
+@njit("{_SIGNATURE}", {_OPTIONS})
+def solve(
+    sizes, kernels, settings, limits, initial, heads, states, inputs,
+    a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p,
+    found_states, found_inputs, slack, own, still, numbers, stop,
+):
+    core(
+        sizes, kernels, settings, limits, (initial, heads, states, inputs),
+        ((a, b, c, d, e, f, g, h), (i, j, k, l, m, n, o, p)),
+        (found_states, found_inputs, slack, own, still, numbers), stop,
+    )
+'''
+
+
+def announce(line: str) -> None:
+    """Say on standard error that something takes its time."""
+    print(line, file=sys.stderr, flush=True)
+
+
+@cache
+def core() -> Callable[..., None]:
+    """Return the compiled iteration, the same for all problems.
+
+    Raises
+    ------
+    WideberthError : it cannot be compiled here.
+    """
+    here = Path(__file__).parent
+    text = "".join(path.read_text(encoding="utf-8") for path in sorted(here.glob("*.py")))
+    source = _CORE.replace("DIGEST", sha256(text.encode()).hexdigest())
+    solve: Callable[..., None] = load("solver", source, announce).solve
+    return solve
+
+
+@dataclass(frozen=True, eq=False)
+class Kind:
+    """What the core wants to know of one kind of slots.
+
+    Attributes
+    ----------
+    depends : entries of x. rows : inequalities, equalities, whether slots have a level.
+    limits : (2, A) of the own variables. regularisation : (1,).
+    """
+
+    depends: NDArray[np.int64]
+    rows: NDArray[np.int64]
+    limits: Array
+    regularisation: Array
+
+    @classmethod
+    def of(cls, shape: SlotShape, slots: Slots) -> "Kind":
+        """Gather it from a problem's slots and the shape of their kernel."""
+        own = slots.auxiliary
+        return cls(
+            np.array(shape.depends, dtype=np.int64),
+            np.array([shape.inequalities, shape.equalities, int(slots.levelled)]),
+            np.array([own.lower, own.upper], dtype=np.float64),
+            np.array([own.regularisation]),
+        )
+
+    def given(self, numbers: Array, levels: Array, active: Array, guess: Array) -> tuple[Any, ...]:
+        """Arguments of the core for one instance."""
+        about = (self.depends, self.rows, self.limits, self.regularisation)
+        return (*about, *(np.ascontiguousarray(one) for one in (numbers, levels, active, guess)))
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """Compiled kernels of a problem.
+
+    Attributes
+    ----------
+    module : holds the kernels as long as their addresses are in use.
+    addresses : in the order of `NAMES`.
+    sizes : n, m, whether a level is shared, rows of input, node and final constraints.
+    limits : (2, n + m), bounds of states and inputs.
+    moving, standing : the slots.
+    """
+
+    module: Any
+    addresses: NDArray[np.int64]
+    sizes: tuple[int, ...]
+    limits: Array
+    moving: Kind
+    standing: Kind
+
+
+_PROGRAMS: OrderedDict[str, Program] = OrderedDict()
+_MOST_PROGRAMS = 64
+
+
+def program(problem: Problem) -> Program:
+    """Compile the kernels of a problem, or take them from this process's cache.
+
+    Raises
+    ------
+    WideberthError : they cannot be compiled here, or are too large.
+    """
+    key = repr((problem.stage_key, problem.state_bounds, problem.input_bounds))
+    if key in _PROGRAMS:
+        _PROGRAMS.move_to_end(key)
+        return _PROGRAMS[key]
+    made = build(problem)
+    longest = max(one.n_instructions() for one in made.functions.values())
+    if longest > MOST_OPERATIONS:
+        raise WideberthError(
+            f"a kernel of this problem has {longest} operations; up to {MOST_OPERATIONS} are "
+            "compiled"
+        )
+    text = ["from numba import njit", NUMBA_IMPORTS]
+    for name in NAMES:
+        text += ["", f'@njit("{KERNEL}", {_OPTIONS})', numba_source(made.functions[name], name)]
+    module = load("kernels", "\n".join(text), announce)
+    state, control = problem.state_bounds, problem.input_bounds
+    _PROGRAMS[key] = Program(
+        module,
+        np.array([address(getattr(module, name)) for name in NAMES]),
+        (
+            problem.states,
+            problem.inputs,
+            int(problem.shared),
+            made.input_rows,
+            made.node_rows,
+            made.final_rows,
+        ),
+        np.array([state.lower + control.lower, state.upper + control.upper], dtype=np.float64),
+        Kind.of(made.slot, problem.obstacles),
+        Kind.of(made.wall, problem.statics),
+    )
+    if len(_PROGRAMS) > _MOST_PROGRAMS:
+        _PROGRAMS.popitem(last=False)
+    return _PROGRAMS[key]

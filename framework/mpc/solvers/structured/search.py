@@ -1,0 +1,122 @@
+"""Filter line search, of Waechter and Biegler (2006), section 2.3, without its restoration.
+
+A trial point has to improve the residual theta or the barrier function phi over the present
+point and over every entry of the filter; close to feasibility phi has to fall as its slope
+promises. Where no step does, the full step is taken and the filter forgotten: the regions are
+soft, so that what is left to be restored is the dynamics, which full steps restore.
+"""
+
+import numpy as np
+from numba import njit
+
+from .boxes import accept_bounds, step_bounds
+from .condense import expand, open_slack
+from .memory import (
+    DS,
+    DZS,
+    ENTRIES,
+    FAST,
+    MU,
+    RHO,
+    SMIN,
+    THETA_LEAST,
+    THETA_MOST,
+    ZS,
+    S,
+    reach,
+    safe,
+)
+from .rows import accept_rows, step_rows
+from .slots import accept_slots, reach_slots, slope_slots
+
+HALVINGS = 12
+
+
+@njit(**FAST)
+def measure_step(
+    size, path, step, model, quadratic, slack, inputs, nodes, state, level, moving, standing, share
+):
+    """Give the steps of all slacks and multipliers, longest step lengths, and the slope of phi."""
+    mu, ds = state[MU], state[DS]
+    slope = level.out[1, 0] * ds
+    for i in range(size.steps):
+        for r in range(size.w):
+            slope += model.drive[size.n + 1 + r, i] * step.v[r, i]
+        for r in range(size.n):
+            slope += model.node[1 + r, i] * step.v[r, i + 1]
+    primal, dual, gain = step_bounds(size, path, step, mu, share, 1.0, 1.0)
+    slope += gain
+    primal, dual, gain = step_rows(inputs, step.v, mu, share, primal, dual)
+    slope += gain
+    primal, dual, gain = step_rows(nodes, step.v, mu, share, primal, dual)
+    slope += gain
+    if len(moving.active) + len(standing.active):
+        open_slack(size, quadratic, slack, step.v, ds, mu)
+        for i in range(size.steps):
+            primal = reach(slack.eps[i], slack.deps[i], share, primal)
+            dual = reach(slack.nu[i], slack.dnu[i], share, dual)
+            slope += (state[RHO] - mu / slack.eps[i]) * slack.deps[i]
+    expand(size, moving, slack, step.v, ds, mu)
+    expand(size, standing, slack, step.v, ds, mu)
+    primal, dual = reach_slots(size, moving, share, primal, dual)
+    primal, dual = reach_slots(size, standing, share, primal, dual)
+    slope += slope_slots(size, moving, mu) + slope_slots(size, standing, mu)
+    if state[SMIN] > -np.inf:
+        gap = state[S] - state[SMIN]
+        state[DZS] = (mu - state[ZS] * ds) / gap - state[ZS]
+        primal, dual = reach(gap, ds, share, primal), reach(state[ZS], state[DZS], share, dual)
+        slope -= mu * ds / gap
+    return primal, dual, slope
+
+
+@njit(**FAST)
+def welcome(filtered, state, length, slope, present, found):
+    """Whether a trial point may be taken: 0 no, 1 yes, 2 yes, and remember the present one.
+
+    ``present`` and ``found`` are (theta, phi).
+    """
+    theta, phi = present
+    new_theta, new_phi = found
+    if max(theta, new_theta) <= 1e-9 and abs(new_phi - phi) <= 1e-12 * abs(phi):
+        return 1
+    if not (new_theta <= state[THETA_MOST] and np.isfinite(new_phi)):
+        return 0
+    for k in range(int(state[ENTRIES])):
+        if new_theta >= filtered[k, 0] and new_phi >= filtered[k, 1]:
+            return 0
+    rounding = 1e-13 * abs(phi)
+    if theta <= state[THETA_LEAST] and slope < 0.0 and length * (-slope) ** 2.3 > theta**1.1:
+        return 1 if new_phi <= phi + 1e-8 * length * slope + rounding else 0
+    if new_theta <= (1.0 - 1e-5) * theta or new_phi <= phi - 1e-5 * theta + rounding:
+        return 2
+    return 0
+
+
+@njit(**FAST)
+def remember(filtered, state, theta, phi):
+    """Add an entry to the filter."""
+    k = int(state[ENTRIES])
+    if k < len(filtered):
+        filtered[k, 0], filtered[k, 1] = (1.0 - 1e-5) * theta, phi - 1e-5 * theta
+        state[ENTRIES] = k + 1
+
+
+@njit(**FAST)
+def accept(size, path, step, slack, inputs, nodes, state, moving, standing, primal, dual):
+    """Take the step."""
+    mu = state[MU]
+    accept_bounds(size, path, step, primal, dual, mu)
+    for r in range(size.n):
+        for i in range(size.steps):
+            path.v[size.w + r, i] += primal * step.pi[r, i]
+    accept_rows(inputs, primal, dual, mu)
+    accept_rows(nodes, primal, dual, mu)
+    if len(moving.active) + len(standing.active):
+        for i in range(size.steps):
+            slack.eps[i] += primal * slack.deps[i]
+            slack.nu[i] = safe(slack.nu[i] + dual * slack.dnu[i], slack.eps[i], mu)
+    state[S] += primal * state[DS]
+    if state[SMIN] > -np.inf:
+        state[ZS] = safe(state[ZS] + dual * state[DZS], state[S] - state[SMIN], mu)
+    accept_slots(size, moving, primal, dual, mu)
+    accept_slots(size, standing, primal, dual, mu)

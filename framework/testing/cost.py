@@ -1,0 +1,140 @@
+"""The contract of a Cost, checked with every registered robot."""
+
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Array
+from ..mpc.assembly import assemble
+from ..mpc.costs.base import Cost
+from ..mpc.levels.fixed import Fixed
+from ..mpc.problem import Problem
+from ..mpc.reference import Reference
+from ..path import Path
+from ..registry import load, names
+from ..robot import Robot, start_state
+
+_STEPS, _DT, _SPEED = 6, 0.4, 0.6
+_NUDGE = 1e-6
+
+
+def check_cost(cost: Cost) -> None:
+    """Check the laws of a cost.
+
+    With each registered robot, on a straight path, a path with a corner and near the goal: the
+    reference has positions, unit directions, speeds and ``curve_width`` numbers of the path, all
+    finite and the same each time; the price of a stage is finite and not negative, and its
+    gradient agrees with central differences; moving along a straight path at the reference
+    speed is free.
+
+    Raises
+    ------
+    AssertionError : a law does not hold; the message names it.
+    """
+    for name in names("robots"):
+        robot: Robot = load("robots", name)()
+        size = robot.dimension
+        corner = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 3.0, 1.0]])[:, :size]
+        bent, straight = Path(corner), Path(100.0 * np.eye(3)[:2, :size] - 50.0)
+        problem = _problem(cost, robot)
+        for path, arc in ((straight, 20.0), (bent, 0.0), (bent, 1.5), (bent, bent.length)):
+            reference = _check_reference(cost, path, arc)
+            _check_prices(cost, problem, robot, reference, arc)
+        _check_free(cost, problem, robot, straight)
+
+
+def _problem(cost: Cost, robot: Robot) -> Problem:
+    """Make the problem of a robot without obstacles."""
+    region = load("regions", "minkowski_sum")()
+    return assemble(robot, region, Fixed(), horizon=_STEPS, dt=_DT, capacity=0, cost=cost)
+
+
+def _check_reference(cost: Cost, path: Path, arc: float) -> Reference:
+    size = path.points.shape[1]
+    found, again = (cost.lay(path, arc, _SPEED, _STEPS, _DT) for _ in range(2))
+    shapes = {
+        "position": (_STEPS, size),
+        "direction": (_STEPS, size),
+        "speed": (_STEPS,),
+        "curve": (_STEPS, cost.curve_width(size)),
+    }
+    for name, shape in shapes.items():
+        values = getattr(found, name)
+        _demand(cost, values.shape == shape, f"{name} is {values.shape}; wanted {shape}")
+        _demand(cost, bool(np.isfinite(values).all()), f"{name} must be finite")
+        same = np.array_equal(values, getattr(again, name))
+        _demand(cost, same, f"{name} must be the same each time")
+    length = np.linalg.norm(found.direction, axis=1)
+    _demand(cost, bool(np.allclose(length, 1.0)), "directions are unit vectors")
+    return found
+
+
+def _check_prices(
+    cost: Cost, problem: Problem, robot: Robot, reference: Reference, arc: float
+) -> None:
+    """Price random stages around a place on the path."""
+    rng = np.random.default_rng(0)
+    size = problem.states
+    for head in _heads(reference):
+        x, u = rng.uniform(-0.5, 0.5, size), rng.uniform(-0.5, 0.5, problem.inputs)
+        x[: robot.dimension] += reference.position[0]
+        if cost.follows:
+            x[-1] += arc + 0.5
+
+        def by_input(z: Any, head: Array = head) -> Any:
+            return problem.input_cost(z[:size], z[size:], head)
+
+        def by_state(z: Any, head: Array = head) -> Any:
+            return problem.state_cost(z, head)
+
+        for price, point in ((by_input, np.append(x, u)), (by_state, x)):
+            value = float(price(point))
+            _demand(cost, np.isfinite(value) and value >= 0.0, f"a stage's price is {value}")
+            _check_gradient(cost, price, point)
+
+
+def _check_gradient(cost: Cost, price: Any, point: Array) -> None:
+    """CasADi's gradient against central differences."""
+    from ..symbolic import ca
+
+    z = ca.SX.sym("z", len(point))
+    slope = ca.Function("slope", [z], [ca.gradient(price(z), z)])
+    exact = np.asarray(slope(point)).ravel()
+    steps = _NUDGE * np.eye(len(point))
+    rough = [float(price(point + e)) - float(price(point - e)) for e in steps]
+    error = np.abs(exact - np.array(rough) / (2.0 * _NUDGE)).max()
+    _demand(cost, bool(np.isfinite(exact).all()), "the gradient must be finite")
+    scale = 1.0 + np.abs(exact).max() + float(price(point))
+    _demand(cost, error < 1e-5 * scale, f"the gradient is off by {error:.2g} of {scale:.2g}")
+
+
+def _check_free(cost: Cost, problem: Problem, robot: Robot, path: Path) -> None:
+    """Let each robot move along a straight path at the reference speed, at no price."""
+    arc = 30.0
+    reference = cost.lay(path, arc, _SPEED, _STEPS, _DT)
+    total = 0.0
+    for i, head in enumerate(_heads(reference)):
+        theta = np.array([arc + i * _SPEED * _DT, arc + (i + 1) * _SPEED * _DT])
+        along = reference.direction[0].tolist()
+        starts = [start_state(robot, place.tolist(), along, _SPEED) for place in path.at(theta)]
+        now, then = (np.array(state, dtype=np.float64) for state, _ in starts)
+        twist = starts[0][1]
+        control = np.array(robot.drive(tuple(now), twist, _DT), dtype=np.float64)
+        if cost.follows:
+            now, then = np.append(now, theta[0]), np.append(then, theta[1])
+            control = np.append(control, _SPEED)
+        total += float(problem.input_cost(now, control, head))
+        total += float(problem.state_cost(then, head))
+    _demand(cost, abs(total) < 1e-6, f"a free ride costs {total:.3g} with {robot!r}")
+
+
+def _heads(reference: Reference) -> Array:
+    """Return what each stage is told of the reference, (N, head_width)."""
+    return np.column_stack(
+        [reference.position, reference.direction, reference.speed, reference.curve]
+    )
+
+
+def _demand(cost: Cost, holds: bool, law: str) -> None:
+    if not holds:
+        raise AssertionError(f"{cost!r} breaks a law: {law}")
