@@ -124,7 +124,7 @@ def _own(size, slots, c, matrix, force, mu, delta):
 
 @njit(**FAST)
 def _inequalities(size, slots, c, matrix, force, eps, mu):
-    """Add sigma J J' and the force of each inequality; J in the matrix's order, 1 for eps at last."""
+    """Add sigma J J' and the force of each inequality; J in the matrix's order, eps at last."""
     first, own, inner = len(slots.depends) + size.shared, len(slots.lower), slots.back.shape[1]
     gradient = np.zeros(matrix.shape[0])
     for j in range(slots.t.shape[0]):

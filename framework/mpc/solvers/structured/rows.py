@@ -36,7 +36,7 @@ def add_rows(rows, quadratic, mu):
 
 @njit(**FAST)
 def step_rows(rows, dv, mu, share, primal, dual):
-    """Give the steps of slacks and multipliers; shortened step lengths; slope of the barrier terms."""
+    """Give the steps of slacks and multipliers; shorten step lengths; slope of the barrier."""
     total = 0.0
     for j in range(rows.t.shape[0]):
         for i in range(rows.t.shape[1]):
