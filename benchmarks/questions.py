@@ -7,6 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TypeAlias
 
+import endurance
 import hard_set
 import many_solves
 import perturbations
@@ -46,6 +47,7 @@ class Extent:
     risks : collision probabilities per call.
     batches : sizes of batches.
     accelerated : whether JAX solves them too.
+    drives : s that a robot drives among walkers with each of these solvers.
     """
 
     instances: int | None = None
@@ -60,6 +62,9 @@ class Extent:
     risks: int = 50_000
     batches: tuple[int, ...] = (1, 16, 256)
     accelerated: bool = True
+    drives: endurance.Durations = field(
+        default_factory=lambda: {"riccati": 3600.0, "fatrop": 300.0}
+    )
 
 
 QUICK = Extent(
@@ -75,6 +80,7 @@ QUICK = Extent(
     risks=500,
     batches=(1, 2),
     accelerated=False,
+    drives={"riccati": 3.0, "fatrop": 3.0},
 )
 
 
@@ -92,7 +98,10 @@ class Question:
     ask: Callable[[Tick], Tables]
 
 
-NAMES = ("startup", "solvers", "hard", "scaling", "plugins", "batches", "predictors", "risks")
+BRIEF = ("startup", "solvers", "hard", "scaling", "plugins", "batches", "predictors", "risks")
+"""Asked of every run."""
+NAMES = (*BRIEF, "endurance")
+"""All of them: what takes half an hour by itself is asked by name alone."""
 
 
 def questions(instances: Instances, hard: Path | None, extent: Extent) -> dict[str, Question]:
@@ -119,6 +128,7 @@ def questions(instances: Instances, hard: Path | None, extent: Extent) -> dict[s
         "batches": Question(many_solves.ticks(extent.batches), partial(_batches, extent, plain)),
         "predictors": Question(len(extent.counts), partial(_predictors, extent)),
         "risks": Question(1, partial(_risks, extent)),
+        "endurance": Question(endurance.ticks(extent.drives), partial(_endurance, extent)),
     }
     return {name: found[name] for name in NAMES}
 
@@ -189,3 +199,11 @@ def _predictors(extent: Extent, tick: Tick) -> Tables:
 def _risks(extent: Extent, tick: Tick) -> Tables:
     rows = risk_speed.measure(extent.risks, extent.repeats[0], tick)
     return {"risks": ("Collision probability, one call for all pairs", rows)}
+
+
+def _endurance(extent: Extent, tick: Tick) -> Tables:
+    rows, ends = endurance.measure(extent.drives, tick)
+    return {
+        "endurance": ("A robot among ten walkers at 20 Hz", rows),
+        "endurance_ends": ("How its plans came about", ends),
+    }

@@ -17,7 +17,7 @@ from zipfile import BadZipFile
 import report
 import solver_speed
 import targets
-from questions import NAMES, QUICK, Extent, Question, Tables, questions
+from questions import BRIEF, NAMES, QUICK, Extent, Question, Tables, questions
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from set_ups import set_ups
@@ -95,7 +95,11 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--hard", type=Path, help="hard instances (default: made of the sample)")
     parser.add_argument("--out", type=Path, default=ROOT / "results" / "bench", help="folder")
     parser.add_argument(
-        "--only", nargs="+", choices=NAMES, default=NAMES, help="questions (default: all)"
+        "--only",
+        nargs="+",
+        choices=NAMES,
+        default=BRIEF,
+        help="questions (default: all but endurance, which takes half an hour)",
     )
     parser.add_argument(
         "--rounds", type=_rounds, default=Extent.rounds, help="over the instances (default: 5)"

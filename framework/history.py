@@ -1,8 +1,5 @@
 """History: gathers detections by identity and lays them onto a uniform time grid."""
 
-from collections import deque
-from dataclasses import dataclass, field
-
 import numpy as np
 
 from .arrays import Array
@@ -10,16 +7,40 @@ from .motion import Detection
 from .resampling import ON_GRID, interpolated
 from .tracks import Tracks
 
+_ROOM = 64
+"""Measurements for which a log has room at first."""
 
-@dataclass
+
 class _Log:
-    """Measurements of one obstacle, oldest first."""
+    """Measurements of one obstacle, oldest first, in arrays that grow and are moved up."""
 
-    times: deque[float] = field(default_factory=deque)
-    positions: deque[Array] = field(default_factory=deque)
-    radius: float = 0.0
-    reported: float = 0.0
-    covariance: Array | None = None
+    def __init__(self, dimension: int) -> None:
+        self.radius, self.reported = 0.0, 0.0
+        self.covariance: Array | None = None
+        self._times, self._positions = np.empty(_ROOM), np.empty((_ROOM, dimension))
+        self._first = self._end = 0
+
+    @property
+    def times(self) -> Array:
+        """(T,), s."""
+        return self._times[self._first : self._end]
+
+    @property
+    def positions(self) -> Array:
+        """(T, D), m."""
+        return self._positions[self._first : self._end]
+
+    def append(self, time: float, position: Array, oldest: float) -> None:
+        """Add a measurement and forget those from before ``oldest``."""
+        if self._end == len(self._times):
+            kept, room = self._end - self._first, len(self._times)
+            bigger = room if 2 * kept <= room else 2 * room
+            times, positions = np.empty(bigger), np.empty((bigger, self._positions.shape[1]))
+            times[:kept], positions[:kept] = self.times, self.positions
+            self._times, self._positions, self._first, self._end = times, positions, 0, kept
+        self._times[self._end], self._positions[self._end] = time, position
+        self._end += 1
+        self._first += int(np.searchsorted(self.times, oldest))
 
 
 class History:
@@ -43,16 +64,11 @@ class History:
         keep = self._samples * self._dt + self._gap
         for ident, detection in _told_apart(detections):
             measured = stamp - detection.age
-            log = self._logs.setdefault(ident, _Log())
+            log = self._logs.setdefault(ident, _Log(len(detection.position)))
             log.reported = stamp
             log.radius, log.covariance = detection.radius, detection.covariance
-            if log.times and measured <= log.times[-1]:
-                continue
-            log.times.append(measured)
-            log.positions.append(detection.position)
-            while log.times[0] < measured - keep:
-                log.times.popleft()
-                log.positions.popleft()
+            if not len(log.times) or measured > log.times[-1]:
+                log.append(measured, detection.position, measured - keep)
         gone = [name for name, log in self._logs.items() if stamp - log.reported > self._forget]
         for name in gone:
             del self._logs[name]
@@ -65,7 +81,7 @@ class History:
         """
         if not self._logs:
             return None
-        newest = max(log.times[-1] for log in self._logs.values())
+        newest = max(float(log.times[-1]) for log in self._logs.values())
         grid = newest - self._dt * np.arange(self._samples - 1.0, -1.0, -1.0, dtype=np.float64)
         logs = [self._logs[name] for name in sorted(self._logs)]
         return Tracks(
@@ -79,8 +95,7 @@ class History:
 
     def _sampled(self, log: _Log, grid: Array) -> Array:
         """Positions of one obstacle on the grid, (T, D), NaN where unobserved."""
-        times, positions = np.array(log.times), np.array(log.positions)
-        return interpolated(times, positions, grid, self._gap, ON_GRID * self._dt)
+        return interpolated(log.times, log.positions, grid, self._gap, ON_GRID * self._dt)
 
 
 def _told_apart(detections: tuple[Detection, ...]) -> list[tuple[str, Detection]]:

@@ -1,7 +1,8 @@
 """Episodes as bytes: one array of numbers, and a description of where what stands in it.
 
-Format "wideberth/episode", version 2 (version 1, which is still read, knew neither footprints
-nor polygons): a NumPy archive (npz, deflated) with two members.
+Format "wideberth/episode", version 3 (still read are version 2, which did not know what a plan
+breaks, and version 1, which knew neither footprints nor polygons): a NumPy archive (npz,
+deflated) with two members.
 ``numbers`` is a float64 vector with all arrays one after the other; ``meta`` is JSON in
 UTF-8, in which an array is written as {"at": offset, "shape": [...]}. One vector, since an
 archive member for each of thousands of small arrays is slow and large. Neither holds a
@@ -21,11 +22,11 @@ from ..framework.footprint import Discs, Footprint, Outline
 from ..framework.forecast import Forecast
 from ..framework.io import stamped, unstamped
 from ..framework.path import Path
-from ..framework.plan import Plan, Rung, Status
+from ..framework.plan import Breach, Kind, Plan, Rung, Status
 from ..framework.polygon import Polygon
 from .log import AgentLog, CommandLog, Episode
 
-VERSION = 2
+VERSION = 3
 _COMMANDS = ("stamp", "effect", "linear", "omega", "ramp")
 _SERIES = ("positions", "headings", "speeds", "yaw_rates")
 _PLAN_ARRAYS = (
@@ -172,6 +173,7 @@ def _pack_plan(pack: _Packer, plan: Plan) -> dict[str, Any]:
         "rung": str(plan.rung),
         "reason": plan.reason,
         "iterations": plan.iterations,
+        "breach": _pack_breach(pack, plan.breach),
         "forecast": None
         if forecast is None
         else {
@@ -208,4 +210,18 @@ def _unpack_plan(unpack: _Unpacker, stored: dict[str, Any]) -> Plan:
         reason=stored["reason"],
         iterations=stored["iterations"],
         forecast=forecast,
+        breach=_unpack_breach(unpack, stored.get("breach")),
     )
+
+
+def _pack_breach(pack: _Packer, breach: Breach | None) -> list[Any] | None:
+    if breach is None:
+        return None
+    return [str(breach.kind), breach.name, breach.step, pack.put(breach.amount)]
+
+
+def _unpack_breach(unpack: _Unpacker, stored: list[Any] | None) -> Breach | None:
+    if stored is None:
+        return None
+    kind, name, step, amount = stored
+    return Breach(Kind(kind), name, step, float(unpack.get(amount)))

@@ -1,10 +1,15 @@
-"""Options of the test run."""
+"""Options of the test run, and what several test files share."""
 
+import os
+import sys
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 GOLDEN = Path(__file__).with_name("golden_regions.json")
+BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -16,6 +21,34 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Keep compiled solvers in the virtual environment, not in the user's cache.
+
+    All workers and all runs share them: the first one compiles, the others wait for it.
+    """
+    if sys.prefix != sys.base_prefix:
+        os.environ.setdefault("WIDEBERTH_CACHE", str(Path(sys.prefix) / "compiled"))
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave slow tests out unless they are asked for, as in ``-m slow``."""
+    if "slow" not in str(config.getoption("markexpr")):
+        for item in items:
+            if item.get_closest_marker("slow"):
+                item.add_marker(pytest.mark.skip(reason="slow; run with -m slow"))
+
+
 @pytest.fixture(scope="session")
 def golden_path(request: pytest.FixtureRequest) -> Path:
-    return Path(request.config.getoption("--golden"))
+    return Path(str(request.config.getoption("--golden")))
+
+
+@pytest.fixture(scope="session")
+def instances() -> ModuleType:
+    """The benchmark's maker of instances with a known feasible point."""
+    spec = spec_from_file_location("made_instances", BENCHMARKS / "instances.py")
+    assert spec is not None and spec.loader is not None
+    module = module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module

@@ -2,6 +2,7 @@
 
 import io
 import json
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -13,8 +14,9 @@ from wideberth.framework.controller import Controller
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.footprint import Discs, Footprint, Outline
 from wideberth.framework.motion import Command, Observation
+from wideberth.framework.mpc.emergency import emergency
 from wideberth.framework.path import Path
-from wideberth.framework.plan import Plan
+from wideberth.framework.plan import Breach, Kind, Plan
 from wideberth.framework.polygon import Polygon
 from wideberth.robots.holonomic_3d import Holonomic3D
 from wideberth.robots.unicycle import Unicycle
@@ -225,15 +227,19 @@ def test_bytes_keep_footprints_and_polygons(footprint: Footprint | None) -> None
     assert clearances(again) == clearances(episode)
 
 
-def older(data: bytes) -> bytes:
-    """The same episode as version 1 would have been written, without what it did not know."""
+def older(data: bytes, version: int) -> bytes:
+    """The same episode as an older version wrote it, without what that did not know."""
     with np.load(io.BytesIO(data)) as archive:
         numbers, meta = archive["numbers"], json.loads(archive["meta"].tobytes())
-    assert meta["version"] == 2
-    meta["version"] = 1
-    del meta["polygons"]
+    assert meta["version"] == 3
+    meta["version"] = version
     for agent in meta["agents"]:
-        del agent["footprint"]
+        for plan in agent["plans"]:
+            del plan["breach"]
+    if version == 1:
+        del meta["polygons"]
+        for agent in meta["agents"]:
+            del agent["footprint"]
     buffer = io.BytesIO()
     packed = np.frombuffer(json.dumps(meta, sort_keys=True).encode(), np.uint8)
     np.savez_compressed(buffer, meta=packed, numbers=numbers)
@@ -242,8 +248,25 @@ def older(data: bytes) -> bytes:
 
 def test_version_1_is_still_read() -> None:
     episode = drive(None)
-    read = Episode.from_bytes(older(episode.to_bytes()))
+    read = Episode.from_bytes(older(episode.to_bytes(), 1))
     assert read.polygons == ()
     assert [agent.footprint for agent in read.agents] == [None, None]
     assert clearances(read) == clearances(episode)
     assert read.to_bytes() == episode.to_bytes()
+
+
+def test_what_a_plan_breaks_is_kept_and_version_2_did_not_know_it() -> None:
+    seen = Observation(0.0, np.array([0.0, 0.0, 0.0, 0.5, 0.0]))
+    plan, _ = emergency(Unicycle(), seen, "", 3, 0.5)
+    breaches = (None, Breach(Kind.REGION, "walker", 2, 0.1 + 0.2), Breach(Kind.MOTION, "", 1, 3.0))
+    plans = tuple(replace(plan, breach=one) for one in breaches)
+    episode = drive(DISCS, EL)
+    robot, *others = episode.agents
+    episode = replace(episode, agents=(replace(robot, plans=plans), *others))
+    again = Episode.from_bytes(episode.to_bytes())
+    assert tuple(one.breach for one in again.agent("robot").plans) == breaches
+    assert again.to_bytes() == episode.to_bytes()
+    read = Episode.from_bytes(older(episode.to_bytes(), 2))
+    assert [one.breach for one in read.agent("robot").plans] == [None, None, None]
+    assert read.polygons == episode.polygons
+    assert read.agent("robot").footprint == DISCS

@@ -19,7 +19,12 @@ TOLERANCE = 1e-4
 class Candidate:
     """A plan that could be taken, with what the re-check says of it.
 
-    ``way`` names the manoeuvre where it is one, see `manoeuvres.stops`.
+    Attributes
+    ----------
+    point, rung, found : the plan, where it stands, and the re-check.
+    solution : what a solver returned, if one made it.
+    way : names the manoeuvre where it is one, see `manoeuvres.stops`.
+    cost : objective at the point; nan where nothing was priced.
     """
 
     point: Guess
@@ -27,15 +32,11 @@ class Candidate:
     found: Violation
     solution: Solution | None = None
     way: str = ""
+    cost: float = float("nan")
 
     def __str__(self) -> str:
         """Name the rung, and the manoeuvre."""
         return f"{self.rung} ({self.way})" if self.way else str(self.rung)
-
-    @property
-    def cost(self) -> float:
-        """Objective of the solution; nan where no solver gave it."""
-        return float("nan") if self.solution is None else self.solution.cost
 
 
 @dataclass(frozen=True, eq=False)

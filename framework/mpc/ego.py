@@ -1,15 +1,16 @@
 """The robot's own uncertainty: its pose covariance carried along the plan."""
 
 from collections.abc import Callable
-from typing import Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from ..arrays import Array
 from ..errors import WideberthError
 from ..integration import slopes, step
+from ..motion import Twist
 from ..robot import Robot
-from ..symbolic import ca
+from ..symbolic import ca, evaluated
 
 Growth: TypeAlias = Literal["open-loop", "feedback", "ignored"]
 """How the robot's own uncertainty grows over the horizon."""
@@ -22,7 +23,8 @@ class OwnUncertainty:
 
         P_{i+1} = A_i P_i A_i^T,    A_i = df/dx (x_i, u_i)    (open-loop)
 
-    or, with ``feedback``, A_i the derivative of x -> f(x, drive(x, twist_{i+1})): the velocity
+    or, with ``feedback``, A_i = df/dx + df/du d(drive)/dx, the derivative of
+    x -> f(x, drive(x, twist_{i+1})): the velocity
     smoother and the low-level controller bring the robot to the planned twist at every step
     whatever its error was, so that errors of the speed do not add up; those of position and
     heading are not fed back. The position's covariance is H P H^T, H = dp/dx.
@@ -62,9 +64,10 @@ class OwnUncertainty:
         following = ca.vertcat(*step(robot, state, tuple(ca.vertsplit(u)), dt))
         place = ca.vertcat(*pose.position)
         heading = ca.SX(0) if pose.heading is None else ca.SX(pose.heading)
-        self._slope = ca.Function("slope", [x, u], [ca.jacobian(following, x)])
+        rows = [ca.jacobian(following, x), ca.jacobian(following, u)]
+        self._slopes = ca.Function("slopes", [x, u], [ca.densify(row) for row in rows])
         rows = [ca.jacobian(place, x), ca.jacobian(heading, x)]
-        self._place = ca.Function("place", [x], rows)
+        self._places = ca.Function("places", [x], [ca.densify(row) for row in rows])
 
     def spread(
         self,
@@ -83,38 +86,49 @@ class OwnUncertainty:
         if covariance is None or self._growth == "ignored":
             return np.zeros((len(inputs), size, size))
         moved = np.asarray(covariance, dtype=np.float64)
-        spread = np.empty((len(inputs), size, size))
-        for i, (state, control) in enumerate(zip(states[:-1], inputs, strict=True)):
-            slope = self._step(state, states[i + 1], control)
+        covariances = np.empty((len(inputs), *moved.shape))
+        for i, slope in enumerate(self._steps(states, inputs)):
             moved = slope @ moved @ slope.T
-            spread[i] = self._of_bodies(states[i + 1], moved)
-        return spread
+            covariances[i] = moved
+        return self._of_bodies(states[1:], covariances)
 
-    def _step(self, state: Array, following: Array, control: Array) -> Array:
-        """A_i."""
+    def _steps(self, states: Array, inputs: Array) -> Array:
+        """A_0 .. A_{N-1}, (N, n, n)."""
         if self._growth == "open-loop":
-            return np.asarray(self._slope(state, control))
-        robot = self._robot
-        twist = robot.twist(tuple(following), tuple(control))
+            return self._matrices(self._slopes, states[:-1], inputs)[0]
+        robot, dt = self._robot, self._dt
+        driven, gains = [], []
+        for state, following, control in zip(states[:-1], states[1:], inputs, strict=True):
+            twist = robot.twist(tuple(following.tolist()), tuple(control.tolist()))
 
-        def closed(point: Array) -> Array:
-            now = tuple(float(value) for value in point)
-            return np.array(step(robot, now, robot.drive(now, twist, self._dt), self._dt))
+            def drive(point: Array, twist: Twist = twist) -> Array:
+                return np.array(robot.drive(tuple(point.tolist()), twist, dt))
 
-        return slopes(closed, state)
+            driven.append(drive(state))
+            gains.append(slopes(drive, state))
+        by_state, by_input = self._matrices(self._slopes, states[:-1], np.array(driven))
+        return np.asarray(by_state + by_input @ np.array(gains))
 
-    def _of_bodies(self, state: Array, covariance: Array) -> Array:
-        place, heading = (np.asarray(row) for row in self._place(state))
-        spread = place @ covariance @ place.T
-        turned = self._reach**2 * float((heading @ covariance @ heading.T)[0, 0])
-        size = len(spread)
-        trace = float(np.trace(spread))
-        if turned > 0.0 and trace > 0.0:
-            share = np.sqrt(trace / (size * turned))
-            spread = (1.0 + 1.0 / share) * spread + (1.0 + share) * turned * np.eye(size)
-        else:
-            spread = spread + turned * np.eye(size)
-        return np.asarray(0.5 * (spread + spread.T))
+    def _of_bodies(self, states: Array, covariances: Array) -> Array:
+        """Covariances of the places (N, D, D), enlarged by what the heading moves them."""
+        place, heading = self._matrices(self._places, states)
+        spread = place @ covariances @ place.swapaxes(1, 2)
+        turned = self._reach**2 * (heading @ covariances @ heading.swapaxes(1, 2))
+        size = spread.shape[-1]
+        trace = spread.trace(axis1=1, axis2=2)[:, None, None]
+        both = (turned > 0.0) & (trace > 0.0)
+        share = np.sqrt(np.divide(trace, size * turned, out=np.ones_like(turned), where=both))
+        around = turned * np.eye(size)
+        enlarged = (1.0 + 1.0 / share) * spread + (1.0 + share) * around
+        spread = np.where(both, enlarged, spread + around)
+        return np.asarray(0.5 * (spread + spread.swapaxes(1, 2)))
+
+    @staticmethod
+    def _matrices(function: Any, *points: Array) -> list[Array]:
+        """Evaluate at each of N points (N, n): one (N, rows, columns) array per result."""
+        count = len(points[0])
+        found = evaluated(function.map(count), points)
+        return [values.reshape(count, -1, values.shape[1]).swapaxes(1, 2) for values in found]
 
 
 def carried(covariance: Array, motion: Callable[[Array], Array], state: Array) -> Array:

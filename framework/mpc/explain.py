@@ -115,9 +115,8 @@ class Solve:
         """Table of what the plan taken breaks, worst first."""
         found = violation(self.problem(), self.parameters, self.point)
         rows = [
-            (float(amount), f"region of {self.names[slot]!r}", int(column[:, slot].argmax()) + 1)
-            for column in (found.regions,)
-            for slot, amount in enumerate(column.max(axis=0))
+            (float(entered.max()), f"region of {name!r}", int(entered.argmax()) + 1)
+            for name, entered in zip(self.names, found.regions.T, strict=True)
         ]
         motion = int(found.motion.argmax())
         rows.append((float(found.motion[motion]), "motion limits", motion + 1))

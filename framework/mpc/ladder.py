@@ -30,6 +30,7 @@ from .problem import Parameters
 from .rollout import clip, follow, shift, stand, steer, sweep
 from .solvers.base import Solution
 from .transcription import Guess
+from .verify import price
 
 LOYALTY = 0.05
 """Share of 1 + |cost| that another start has to save before the last plan is given up for it. Head
@@ -106,7 +107,10 @@ class Ladder:
             rung = Rung.LEAST
         else:
             rung = Rung.OPTIMAL if solution.status is Status.SOLVED else Rung.FEASIBLE
-        return Candidate(point, rung, found, solution)
+        cost = solution.cost
+        if rung is Rung.FEASIBLE:  # the solver's is that of its last iterate, not yet drivable
+            cost = price(case.problem, case.parameters, point)
+        return Candidate(point, rung, found, solution, cost=cost)
 
     def choose(self, case: Case, outcome: Outcome) -> tuple[Plan, Guess]:
         """Take the best rung and write down why it is not a better one.
@@ -146,21 +150,23 @@ class Ladder:
         return plan, best.point
 
     def _best(self, outcome: Outcome) -> Candidate | None:
-        """Return the cheapest plan that converged, or else the cheapest that is feasible.
+        """Return the cheapest feasible plan.
 
-        While something stays in the way, the one that continues the last plan is kept unless
-        another saves more than `LOYALTY`, so that the side is not changed for noise.
+        One that converged is kept unless an iterate saves more than `LOYALTY`; so is, while
+        something stays in the way, the one that continues the last plan, so that the side is
+        not changed for noise.
         """
+        rungs = (Rung.OPTIMAL, Rung.FEASIBLE)
+        feasible = [one for one in outcome.candidates if one.rung in rungs]
+        if not feasible:
+            return None
+        least = min(one.cost for one in feasible)
+        near = [one for one in feasible if one.cost - least <= LOYALTY * (1.0 + abs(least))]
+        sound = [one for one in near if one.rung is Rung.OPTIMAL] or near
         loyal = outcome.before and self.inputs is not None
-        for rung in (Rung.OPTIMAL, Rung.FEASIBLE):
-            fitting = [one for one in outcome.candidates if one.rung is rung]
-            best = min(fitting, key=lambda one: one.cost, default=None)
-            if best is None:
-                continue
-            first = outcome.candidates[0]
-            near = first.cost - best.cost <= LOYALTY * (1.0 + abs(best.cost))
-            return first if loyal and near and first.rung is rung else best
-        return None
+        if loyal and sound[0] is outcome.candidates[0]:
+            return sound[0]
+        return min(sound, key=lambda one: one.cost)
 
     def _fall_back(
         self, case: Case, solved: Sequence[Candidate], names: tuple[str, ...]
@@ -174,6 +180,7 @@ class Ladder:
             replace(
                 self._lowest(case, one.point.states, one.point.inputs, one.rung),
                 solution=one.solution,
+                cost=one.cost,
             )
             for one in solved
             if one.found.motion.max() <= TOLERANCE

@@ -158,11 +158,11 @@ class Problem:
 
     @cached_property
     def residuals(self) -> Any:
-        """All steps checked at once, for re-checking a plan without a solver.
+        """All steps at once, for re-checking and pricing a plan without a solver.
 
         (x_i, u_i, x_{i+1}, auxiliaries, static auxiliaries, s, stage parameters), one column
         per step -> gaps of the dynamics, robot limits (>= 0), region inequalities, region
-        equalities, and the same two of the static polygons.
+        equalities, the same two of the static polygons, and the cost without level and slack.
         """
         x, u, following = (
             ca.SX.sym("x", self.states),
@@ -174,13 +174,16 @@ class Problem:
         s, stage = ca.SX.sym("s", int(self.shared)), ca.SX.sym("stage", self.stage_width)
         gap = following - self.dynamics(x, u)
         limits = ca.vertcat(self.input_constraints(x, u), self.state_constraints(following))
-        _, moving, standing = self.cut(stage)
+        head, moving, standing = self.cut(stage)
         outside, tied = self.obstacles.all_of(following, auxiliary, s, moving)
         clear, bound = self.statics.all_of(following, still, s, standing)
+        cost = self.input_cost(x, u, head) + self.state_cost(following, head)
+        cost += self.obstacles.regularisation(auxiliary, moving)
+        cost += self.statics.regularisation(still, standing)
         single = ca.Function(
             "residuals",
             [x, u, following, auxiliary, still, s, stage],
-            [gap, limits, outside, tied, clear, bound],
+            [gap, limits, outside, tied, clear, bound, cost],
         )
         return single.map(self.horizon)
 

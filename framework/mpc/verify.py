@@ -6,6 +6,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..plan import Breach, Kind
+from ..symbolic import evaluated
 from .contact import Touch
 from .problem import Parameters, Problem
 from .transcription import Guess
@@ -69,19 +70,7 @@ def violation(problem: Problem, parameters: Parameters, point: Guess) -> Violati
 
     A soft region counts as entered however much slack was paid for it.
     """
-    horizon = problem.horizon
-    level = np.full((int(problem.shared), horizon), point.level)
-    values = problem.residuals(
-        point.states[:-1].T,
-        point.inputs.T,
-        point.states[1:].T,
-        point.auxiliaries.reshape(horizon, -1).T,
-        point.static_auxiliaries.reshape(horizon, -1).T,
-        level,
-        parameters.stages().T,
-    )
-    rows = [np.asarray(value).reshape(-1, horizon) for value in values]
-    gap, limits, outside, tied, clear, bound = rows
+    gap, limits, outside, tied, clear, bound, _ = _evaluated(problem, parameters, point)
     broken = [np.abs(gap), np.maximum(-limits, 0.0)]
     state, control = problem.state_bounds, problem.input_bounds
     broken += [_beyond(point.states[1:], state.lower, state.upper).T]
@@ -97,8 +86,31 @@ def violation(problem: Problem, parameters: Parameters, point: Guess) -> Violati
     # What an empty slot holds its auxiliaries to says nothing of the plan.
     entered *= np.concatenate([parameters.active, parameters.static_active])[:, None]
     if not (np.isfinite(motion).all() and np.isfinite(entered).all()):
-        return Violation(np.full(horizon, np.inf), np.zeros(entered.T.shape))
+        return Violation(np.full(problem.horizon, np.inf), np.zeros(entered.T.shape))
     return Violation(motion, entered.T)
+
+
+def price(problem: Problem, parameters: Parameters, point: Guess) -> float:
+    """Objective at a point that keeps every region, and so needs no slack."""
+    total = float(_evaluated(problem, parameters, point)[-1].sum())
+    if problem.shared:
+        total += float(problem.level_cost(point.level, parameters.target))
+    return total
+
+
+def _evaluated(problem: Problem, parameters: Parameters, point: Guess) -> list[Array]:
+    """`Problem.residuals` at a point, each (rows, N)."""
+    horizon = problem.horizon
+    stages = (
+        point.states[:-1],
+        point.inputs,
+        point.states[1:],
+        point.auxiliaries.reshape(horizon, -1),
+        point.static_auxiliaries.reshape(horizon, -1),
+        np.full((horizon, int(problem.shared)), point.level),
+        parameters.stages(),
+    )
+    return [rows.T for rows in evaluated(problem.residuals, stages)]
 
 
 def _entered(outside: Array, tied: Array, slots: int) -> Array:

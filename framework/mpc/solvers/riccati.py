@@ -56,7 +56,7 @@ class Riccati(Solver):
     start_distance: float = 1e-2
     start_penalty: float = 1e4
     most_penalty: float = 1e7
-    gradient: float = 100.0
+    gradient: float = 10.0
 
     def __post_init__(self) -> None:
         whole("riccati.iterations", self.iterations)
@@ -129,7 +129,7 @@ class Riccati(Solver):
         begin: float,
     ) -> Solution:
         """Call the compiled core and read its result."""
-        guess = unwrapped(problem, parameters, guess)
+        guess = _suited(parameters, unwrapped(problem, parameters, guess))
         found, numbers, stop = _room(problem, guess), np.zeros(6), np.zeros(1)
         moving, standing = _slots(made, parameters, guess)
         arguments = (
@@ -182,20 +182,25 @@ def _room(problem: Problem, guess: Guess) -> Guess:
     return Guess(states, inputs, own, float("nan"), np.empty(horizon), still)
 
 
+def _suited(parameters: Parameters, guess: Guess) -> Guess:
+    """Give a bare guess the auxiliaries that the regularisation pulls to."""
+    if guess.auxiliaries.shape != parameters.auxiliaries.shape:
+        guess = replace(guess, auxiliaries=parameters.auxiliaries)
+    if guess.static_auxiliaries.shape != parameters.static_auxiliaries.shape:
+        guess = replace(guess, static_auxiliaries=parameters.static_auxiliaries)
+    return guess
+
+
 def _slots(
     made: "Program", parameters: Parameters, guess: Guess
 ) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     """Arguments of the core for the moving and the standing slots."""
-    pull, still = parameters.auxiliaries, parameters.static_auxiliaries
     none = np.zeros(parameters.statics.shape[:2])
-    moving = made.moving.given(
-        parameters.regions,
-        parameters.level,
-        parameters.active,
-        np.array([pull, guess.auxiliaries]),
-    )
-    starts = np.array([still, guess.static_auxiliaries])
-    return moving, made.standing.given(parameters.statics, none, parameters.static_active, starts)
+    starts = np.array([parameters.auxiliaries, guess.auxiliaries])
+    moving = made.moving.given(parameters.regions, parameters.level, parameters.active, starts)
+    starts = np.array([parameters.static_auxiliaries, guess.static_auxiliaries])
+    on = parameters.static_active
+    return moving, made.standing.given(parameters.statics, none, on, starts)
 
 
 def _arrays(*values: Array) -> list[Array]:

@@ -3,12 +3,12 @@
 import numpy as np
 from numba import njit
 
-from .memory import FAST, logarithm, reach, safe
+from .memory import LEAN, logarithm, reach, safe
 
 INF = np.inf
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def inside(value, lower, upper, push):
     """Move a value off its bounds by a share of the room there is."""
     room = upper - lower
@@ -19,7 +19,7 @@ def inside(value, lower, upper, push):
     return value
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def start_bounds(size, path, mu):
     """Multipliers mu / gap."""
     for r in range(size.w):
@@ -31,7 +31,7 @@ def start_bounds(size, path, mu):
                     path.zu[r, i] = mu / (path.upper[r] - path.v[r, i])
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def add_bounds(size, path, quadratic, mu):
     """Add to the condensed quadratic what the bounds contribute."""
     for r in range(size.w):
@@ -47,7 +47,7 @@ def add_bounds(size, path, quadratic, mu):
                     quadratic.gradient[i, r] += mu / gap
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def step_bounds(size, path, step, mu, share, primal, dual):
     """Give the steps of the multipliers; shortened step lengths; slope of the barrier terms."""
     slope = 0.0
@@ -70,7 +70,7 @@ def step_bounds(size, path, step, mu, share, primal, dual):
     return primal, dual, slope
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def log_bounds(size, path, v):
     """Sum of the logarithms of all gaps."""
     total, product = 0.0, 1.0
@@ -84,7 +84,7 @@ def log_bounds(size, path, v):
     return total + np.log(product)
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def accept_bounds(size, path, step, primal, dual, mu):
     """Take the step in states, inputs and the multipliers of their bounds."""
     for r in range(size.w):
@@ -99,7 +99,7 @@ def accept_bounds(size, path, step, primal, dual, mu):
                     path.zu[r, i] = safe(path.zu[r, i] + dual * step.zu[r, i], gap, mu)
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def pull_bounds(size, path, pull, mu):
     """Add the bounds' forces to the gradient of the Lagrangian.
 

@@ -14,6 +14,7 @@ from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,18 +72,28 @@ def announce(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 
-@cache
 def core() -> Callable[..., None]:
     """Return the compiled iteration, the same for all problems.
 
     Raises
     ------
-    WideberthError : it cannot be compiled here.
+    WideberthError : it cannot be compiled here; that is tried once per process.
     """
+    found = _core()
+    if isinstance(found, WideberthError):
+        raise found
+    return found
+
+
+@cache
+def _core() -> Callable[..., None] | WideberthError:
     here = Path(__file__).parent
     text = "".join(path.read_text(encoding="utf-8") for path in sorted(here.glob("*.py")))
-    source = _CORE.replace("DIGEST", sha256(text.encode()).hexdigest())
-    solve: Callable[..., None] = load("solver", source, announce).solve
+    try:
+        source = _CORE.replace("DIGEST", sha256(text.encode()).hexdigest())
+        solve: Callable[..., None] = load("solver", source, announce).solve
+    except WideberthError as error:
+        return error
     return solve
 
 
@@ -139,7 +150,8 @@ class Program:
     standing: Kind
 
 
-_PROGRAMS: OrderedDict[str, Program] = OrderedDict()
+_PROGRAMS: OrderedDict[str, Program | WideberthError] = OrderedDict()
+_KNOWN: WeakKeyDictionary[Problem, Program | WideberthError] = WeakKeyDictionary()
 _MOST_PROGRAMS = 64
 
 
@@ -150,10 +162,28 @@ def program(problem: Problem) -> Program:
     ------
     WideberthError : they cannot be compiled here, or are too large.
     """
+    if problem in _KNOWN:
+        return _sound(_KNOWN[problem])
     key = repr((problem.stage_key, problem.state_bounds, problem.input_bounds))
-    if key in _PROGRAMS:
-        _PROGRAMS.move_to_end(key)
-        return _PROGRAMS[key]
+    if key not in _PROGRAMS:
+        try:
+            _PROGRAMS[key] = _made(problem)
+        except WideberthError as error:  # it would fail the same way at every solve
+            _PROGRAMS[key] = error
+    if len(_PROGRAMS) > _MOST_PROGRAMS:
+        _PROGRAMS.popitem(last=False)
+    _KNOWN[problem] = _PROGRAMS[key]
+    return _sound(_PROGRAMS[key])
+
+
+def _sound(found: Program | WideberthError) -> Program:
+    if isinstance(found, WideberthError):
+        raise found
+    return found
+
+
+def _made(problem: Problem) -> Program:
+    """Compile the kernels of a problem."""
     made = build(problem)
     longest = max(one.n_instructions() for one in made.functions.values())
     if longest > MOST_OPERATIONS:
@@ -166,7 +196,7 @@ def program(problem: Problem) -> Program:
         text += ["", f'@njit("{KERNEL}", {_OPTIONS})', numba_source(made.functions[name], name)]
     module = load("kernels", "\n".join(text), announce)
     state, control = problem.state_bounds, problem.input_bounds
-    _PROGRAMS[key] = Program(
+    return Program(
         module,
         np.array([address(getattr(module, name)) for name in NAMES]),
         (
@@ -181,6 +211,3 @@ def program(problem: Problem) -> Program:
         Kind.of(made.slot, problem.obstacles),
         Kind.of(made.wall, problem.statics),
     )
-    if len(_PROGRAMS) > _MOST_PROGRAMS:
-        _PROGRAMS.popitem(last=False)
-    return _PROGRAMS[key]

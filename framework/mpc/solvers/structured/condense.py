@@ -10,17 +10,16 @@ to the quadratic in (x, s, a, eps). The slot's own variables a, and the multipli
 equalities, are then eliminated from a small dense matrix, and at last, once per stage, eps.
 """
 
-import numpy as np
 from numba import njit
 
 from .boxes import INF
-from .memory import FAST
+from .memory import LEAN
 
 _DUAL = 1e-10
 """Regularisation of equalities, so that dependent ones do no harm."""
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def condense(size, slots, quadratic, eps, mu, delta):
     """Add one kind of slots to ``slots`` and ``force`` of the quadratic.
 
@@ -32,7 +31,7 @@ def condense(size, slots, quadratic, eps, mu, delta):
     return _eliminated(size, slots, quadratic, eps, mu, delta)
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def _sum(size, slots, quadratic, eps, mu):
     """Slots without variables of their own: sums over those of a stage."""
     n, first, count = size.n, len(slots.depends) + size.shared, len(slots.active)
@@ -73,15 +72,17 @@ def _sum(size, slots, quadratic, eps, mu):
                     into[max(row, column), min(row, column)] += total
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def _eliminated(size, slots, quadratic, eps, mu, delta):
     """Slots with variables of their own: one small matrix each."""
     n, first = size.n, len(slots.depends) + size.shared
     inner, count = slots.back.shape[1], len(slots.active)
-    total = inner + first + 1
-    matrix, force = np.empty((total, total)), np.empty(total)
+    matrix, force = slots.matrix, slots.force
     for c in range(slots.v.shape[1]):
-        matrix[:], force[:] = 0.0, 0.0
+        for r in range(len(force)):
+            force[r] = 0.0
+            for k in range(r + 1):
+                matrix[r, k] = 0.0
         _own(size, slots, c, matrix, force, mu, delta)
         _inequalities(size, slots, c, matrix, force, eps[c // count], mu)
         _equalities(size, slots, c, matrix, force)
@@ -100,7 +101,7 @@ def _eliminated(size, slots, quadratic, eps, mu, delta):
     return True
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def _own(size, slots, c, matrix, force, mu, delta):
     """Curvature of the constraints; regularisation and bounds of the own variables."""
     first, inner = len(slots.depends) + size.shared, slots.back.shape[1]
@@ -122,11 +123,11 @@ def _own(size, slots, c, matrix, force, mu, delta):
             force[r] += mu / (slots.upper[r] - a)
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def _inequalities(size, slots, c, matrix, force, eps, mu):
     """Add sigma J J' and the force of each inequality; J in the matrix's order, eps at last."""
     first, own, inner = len(slots.depends) + size.shared, len(slots.lower), slots.back.shape[1]
-    gradient = np.zeros(matrix.shape[0])
+    gradient = slots.gradient
     for j in range(slots.t.shape[0]):
         t = slots.t[j, c]
         sigma = slots.v[first + own + j, c] / t
@@ -143,7 +144,7 @@ def _inequalities(size, slots, c, matrix, force, eps, mu):
                 matrix[r, k] += factor * gradient[k]
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def _equalities(size, slots, c, matrix, force):
     """Rows of the equalities, whose unknowns are the new multipliers."""
     first, own, inner = len(slots.depends) + size.shared, len(slots.lower), slots.back.shape[1]
@@ -157,7 +158,7 @@ def _equalities(size, slots, c, matrix, force):
             matrix[inner + r, at] = slots.slope[row, r, c]
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def _reduce(own, inner, matrix, force):
     """Eliminate the first ``inner`` unknowns, in place, in the lower triangle.
 
@@ -176,7 +177,7 @@ def _reduce(own, inner, matrix, force):
     return True
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def _keep(back, inner, matrix, force):
     """Solve for the inner unknowns as a function of the outer ones and 1."""
     outer = matrix.shape[0] - inner
@@ -189,65 +190,36 @@ def _keep(back, inner, matrix, force):
             back[j, r] = -value * inverse
 
 
-@njit(**FAST)
-def close(size, quadratic, slack, mu, rho):
-    """Eliminate the slack of each stage, whose price is rho."""
-    last = size.n + 1
-    for i in range(size.steps):
-        into, force = quadratic.slots[i], quadratic.force[i]
-        into[last, last] += slack.nu[i] / slack.eps[i]
-        force[last] += rho - mu / slack.eps[i]
-        for r in range(last):
-            factor = into[last, r] / into[last, last]
-            if factor != 0.0:
-                force[r] -= factor * force[last]
-                for k in range(r + 1):
-                    into[r, k] -= factor * into[last, k]
-
-
-@njit(**FAST)
-def open_slack(size, quadratic, slack, dv, ds, mu):
-    """Write the steps of the slacks and their multipliers from those of states and level."""
-    n = size.n
-    for i in range(size.steps):
-        into, eps, nu = quadratic.slots[i], slack.eps[i], slack.nu[i]
-        value = quadratic.force[i, n + 1] + into[n + 1, n] * ds
-        for r in range(n):
-            value += into[n + 1, r] * dv[r, i + 1]
-        slack.deps[i] = -value / into[n + 1, n + 1]
-        slack.dnu[i] = (mu - nu * slack.deps[i]) / eps - nu
-
-
-@njit(**FAST)
+@njit(**LEAN)
 def expand(size, slots, slack, dv, ds, mu):
     """Write the steps of own variables, slacks and multipliers of all slots of one kind."""
-    count = max(len(slots.active), 1)
     known, first, own = len(slots.depends), len(slots.depends) + size.shared, len(slots.lower)
-    for c in range(slots.v.shape[1]):
-        i = c // count
-        for r in range(slots.da.shape[0]):
-            value = slots.back[c, r, first + 1] + slots.back[c, r, first] * slack.deps[i]
-            for k in range(known):
-                value += slots.back[c, r, k] * dv[slots.depends[k], i + 1]
-            if size.shared > 0:
-                value += slots.back[c, r, known] * ds
-            slots.da[r, c] = value
+    count = len(slots.active)
+    for i in range(size.steps if slots.da.shape[0] else 0):
+        for c in range(i * count, (i + 1) * count):
+            for r in range(slots.da.shape[0]):
+                value = slots.back[c, r, first + 1] + slots.back[c, r, first] * slack.deps[i]
+                for k in range(known):
+                    value += slots.back[c, r, k] * dv[slots.depends[k], i + 1]
+                if size.shared > 0:
+                    value += slots.back[c, r, known] * ds
+                slots.da[r, c] = value
     for j in range(slots.t.shape[0]):
-        for c in range(slots.v.shape[1]):
-            i = c // count
-            step = slots.value[j, c] - slots.t[j, c] + slack.eps[i] + slack.deps[i]
-            for k in range(known):
-                step += slots.slope[j, k, c] * dv[slots.depends[k], i + 1]
-            if size.shared > 0:
-                step += slots.slope[j, known, c] * ds
-            for r in range(own):
-                step += slots.slope[j, first + r, c] * slots.da[r, c]
-            t, y = slots.t[j, c], slots.v[first + own + j, c]
-            slots.dt[j, c], slots.dlam[j, c] = step, (mu - y * step) / t - y
+        for i in range(size.steps):
+            for c in range(i * count, (i + 1) * count):
+                step = slots.value[j, c] - slots.t[j, c] + slack.eps[i] + slack.deps[i]
+                for k in range(known):
+                    step += slots.slope[j, k, c] * dv[slots.depends[k], i + 1]
+                if size.shared > 0:
+                    step += slots.slope[j, known, c] * ds
+                for r in range(own):
+                    step += slots.slope[j, first + r, c] * slots.da[r, c]
+                t, y = slots.t[j, c], slots.v[first + own + j, c]
+                slots.dt[j, c], slots.dlam[j, c] = step, (mu - y * step) / t - y
     _expand_own(slots, first, mu)
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def _expand_own(slots, first, mu):
     """Write the steps of the multipliers of the own variables' bounds."""
     for r in range(len(slots.lower)):

@@ -21,6 +21,10 @@ FAST: dict[str, Any] = {
 }
 """No check for division by zero, sums in any order; NaN and infinity keep their meaning."""
 
+LEAN: dict[str, Any] = {**FAST, "_nrt": False}
+"""The same for functions that make no arrays, nor call one that does: Numba then counts no
+references, which costs as much as the work on short arrays."""
+
 Size = namedtuple("Size", "n m w shared steps inputs always nodes jacobian hessian value slope")
 """n, m, n + m, whether a level is shared, N; rows of constraints on (x_i, u_i), on every x_i, and
 on x_N; first rows of [A B], Hessian, constraints and their slopes in the result of ``drive``,
@@ -46,11 +50,13 @@ Trial = namedtuple("Trial", "v vn drive node slack")
 """Variables and values at a point that is tried."""
 
 Quadratic = namedtuple("Quadratic", "hessian gradient cross slots force top")
-"""Condensed: (N + 1, w, w), (N + 1, w), with the level (N + 1, n); what slots add to (x, s,
-slack): (N, n + 2, n + 2), (N, n + 2); curvature and slope of the level."""
+"""Condensed, without what ``drive`` gives: (N + 1, w, w), (N + 1, w), with the level (N + 1, n);
+what slots add to (x, s, slack): (N, n + 2, n + 2), (N, n + 2); curvature and slope of the
+level."""
 
-Gains = namedtuple("Gains", "P p q K k ks")
-"""Value functions x P x / 2 + (p + q ds) x, and the feedback K, k + ks ds."""
+Gains = namedtuple("Gains", "P p q K k ks slopes product curve force shared")
+"""Value functions x P x / 2 + (p + q ds) x, the feedback K, k + ks ds, and room for
+one stage."""
 
 Slack = namedtuple("Slack", "eps nu deps dnu pressure")
 """Of the regions, one per stage (N,), its multiplier, their steps; sum of the regions'
@@ -67,7 +73,7 @@ multiplier and its step, its bound; last regularisation, limits and length of th
 searches, step length that is tried."""
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def size_of(n, m, shared, steps, inputs, always, final):
     """Sizes, and where the pieces of the kernel's result begin."""
     w = n + m
@@ -135,11 +141,12 @@ def make_newton(size):
     gains = Gains(
         np.zeros((steps + 1, n, n)), np.zeros((steps + 1, n)), np.zeros((steps + 1, n)),
         np.zeros((steps, m, n)), np.zeros((steps, m)), np.zeros((steps, m)),
+        np.zeros((n, w)), np.zeros((n, w)), np.zeros((w, w)), np.zeros(w), np.zeros(w),
     )  # fmt: skip
     return quadratic, gains
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def reach(value, step, share, longest):
     """Longest step, at most ``longest``, that keeps 1 - ``share`` of a positive value."""
     if step < 0.0:
@@ -147,13 +154,13 @@ def reach(value, step, share, longest):
     return longest
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def safe(z, gap, mu):
     """Keep a multiplier within a huge factor of mu / gap (Waechter and Biegler 2006, eq. 16)."""
     return max(min(z, 1e10 * mu / gap), 1e-10 * mu / gap)
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def logarithm(total, product, value):
     """Add a factor to a product whose logarithm is wanted, without one call per factor."""
     product *= value

@@ -5,7 +5,7 @@ from numba import njit
 
 from ....jit.columns import caller
 from .boxes import inside, log_bounds, pull_bounds, start_bounds
-from .memory import FAST, LENGTH, MU, RHO, SMIN, ZS, S, logarithm
+from .memory import LEAN, LENGTH, MU, RHO, SMIN, ZS, S, logarithm
 from .rows import merit_rows, pull_rows, start_rows
 from .slots import merit_slots, place, pull_slots, start_slots, try_slots
 
@@ -14,7 +14,7 @@ call = caller()
 """Places of the kernels' addresses."""
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def start(size, path, state, given, push):
     """States and inputs of the guess, off their bounds. ``given``: initial, states, inputs."""
     n, lower, upper = size.n, path.lower, path.upper
@@ -30,7 +30,7 @@ def start(size, path, state, given, push):
     state[S] = inside(state[S], state[SMIN], np.inf, push)
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def rescale(size, path, model, kernels, heads, most):
     """Scale of the cost at which no entry of its gradient exceeds ``most``."""
     heads[-1, :] = 1.0
@@ -46,27 +46,24 @@ def rescale(size, path, model, kernels, heads, most):
     return heads[-1, 0]
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def begin(size, path, slack, inputs, nodes, state, moving, standing, push):
-    """Slacks and multipliers for the barrier mu; values are those of the trial point.
-
-    Where a region is entered, its slack is paid for at the price rho from the start: lambda is
-    rho there and t = mu / rho. Elsewhere lambda is small.
-    """
+    """Slacks and multipliers for the barrier mu; values are those of the trial point."""
     mu, rho = state[MU], state[RHO]
     for i in range(size.steps):
         deepest = min(_deepest(moving, i), _deepest(standing, i))
-        slack.eps[i] = mu / rho - deepest
+        # inside a region, as far from zero as the region is deep: short slacks mean short steps
+        slack.eps[i] = mu / rho - deepest if deepest > -push else push - 2.0 * deepest
         slack.nu[i] = mu / slack.eps[i]
-    start_slots(size, moving, slack.eps, mu, rho, push)
-    start_slots(size, standing, slack.eps, mu, rho, push)
+    start_slots(size, moving, slack.eps, mu, push)
+    start_slots(size, standing, slack.eps, mu, push)
     start_rows(inputs, mu, push)
     start_rows(nodes, mu, push)
     start_bounds(size, path, mu)
     state[ZS] = mu / (state[S] - state[SMIN]) if state[SMIN] > -np.inf else 0.0
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def _deepest(slots, i):
     """Lowest value of a stage's inequalities, at most 0."""
     lowest, count = 0.0, len(slots.active)
@@ -76,7 +73,7 @@ def _deepest(slots, i):
     return lowest
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def derive(size, path, model, state, kernels, heads, level, moving, standing):
     """Values and derivatives of everything at the present point."""
     v = path.v
@@ -94,14 +91,14 @@ def derive(size, path, model, state, kernels, heads, level, moving, standing):
             model.gap[r, i] = model.drive[r, i] - v[r, i + 1]
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def _derive_slots(size, slots, kernel, v, s):
     if slots.v.shape[1]:
         place(size, slots, slots.v, v, s)
         call(kernel, 0, slots.v.shape[1], slots.v, slots.p, slots.out)
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def _try_slots(size, slots, kernel, v, s, length):
     if slots.v.shape[1]:
         try_slots(size, slots, length)
@@ -109,7 +106,7 @@ def _try_slots(size, slots, kernel, v, s, length):
         call(kernel, 0, slots.v.shape[1], slots.trial, slots.p, slots.tried)
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def try_point(size, path, step, slack, trial, state, kernels, heads, level, moving, standing, s):
     """Values at the point ``state``'s step length along the direction; s is the level there."""
     length = state[LENGTH]
@@ -128,7 +125,7 @@ def try_point(size, path, step, slack, trial, state, kernels, heads, level, movi
     call(kernels[LEVEL], 0, 1, level.v, level.p, level.tried)
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def merit(size, path, trial, inputs, nodes, state, level, moving, standing, s):
     """Residual theta, cost and logarithms at the trial point: phi = cost - mu logarithms."""
     n, length = size.n, state[LENGTH]
@@ -157,7 +154,7 @@ def merit(size, path, trial, inputs, nodes, state, level, moving, standing, s):
     return theta, cost, logarithms
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def errors(size, path, model, pull, slack, inputs, nodes, state, level, moving, standing):
     """Largest residual, error of stationarity and of complementarity, and the scale of both.
 
@@ -171,7 +168,8 @@ def errors(size, path, model, pull, slack, inputs, nodes, state, level, moving, 
     primal, error, total, count = max(primal, off), max(error, wrong), total + more, count + many
     off, wrong, more, many = pull_rows(nodes, pull, mu)
     primal, error, total, count = max(primal, off), max(error, wrong), total + more, count + many
-    pressure[:] = 0.0
+    for i in range(size.steps):
+        pressure[i] = 0.0
     push, off, dual, wrong, more = pull_slots(size, moving, pull, eps, pressure, mu)
     force, primal, error, total = force + push, max(primal, off), max(error, wrong), total + more
     push, off, still, wrong, more = pull_slots(size, standing, pull, eps, pressure, mu)
@@ -190,7 +188,7 @@ def errors(size, path, model, pull, slack, inputs, nodes, state, level, moving, 
     return primal, dual, error, max(100.0, total / count) / 100.0
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def _pull(size, path, model, pull):
     """Gradient of cost and dynamics in states and inputs; returns the sum of |pi|."""
     n, w, total = size.n, size.w, 0.0
@@ -209,7 +207,7 @@ def _pull(size, path, model, pull):
     return total
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def _largest(values):
     """Largest absolute value; NaN where there is one."""
     largest = 0.0

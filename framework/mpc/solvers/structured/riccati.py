@@ -11,16 +11,15 @@ a P larger by one row.
 J. B. Rawlings, D. Q. Mayne, M. M. Diehl, Model Predictive Control (2017), section 8.8.
 """
 
-import numpy as np
 from numba import njit
 
-from .memory import DELTA, DS, FAST
+from .memory import DELTA, DS, LEAN
 
 _SMALLEST = 1e-10
 """Pivot below which the reduced Hessian does not count as positive definite."""
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def backward(size, model, quadratic, gains, state):
     """Recursion from the last stage to the first; False where the curvature is wrong.
 
@@ -32,8 +31,8 @@ def backward(size, model, quadratic, gains, state):
     )  # fmt: skip
     P, p, q, K, k, ks = gains.P, gains.p, gains.q, gains.K, gains.k, gains.ks
     drive, gap, delta = model.drive, model.gap, state[DELTA]
-    slopes, product = np.empty((n, w)), np.empty((n, w))
-    curve, force, shared = np.empty((w, w)), np.empty(w), np.empty(w)
+    slopes, product, curve = gains.slopes, gains.product, gains.curve
+    force, shared = gains.force, gains.shared
     for r in range(n):
         for c in range(n):
             P[last, r, c] = hessian[last, r, c]
@@ -52,9 +51,9 @@ def backward(size, model, quadratic, gains, state):
                     product[r, c] += factor * slopes[j, c]
         for r in range(w):
             for c in range(w):
-                curve[r, c] = hessian[i, r, c]
+                curve[r, c] = hessian[i, r, c] + drive[size.hessian + r * w + c, i]
             curve[r, r] += delta
-            force[r] = gradient[i, r]
+            force[r] = gradient[i, r] + drive[n + 1 + r, i]
             shared[r] = cross[i, r] if r < n else 0.0
         for j in range(n):
             for r in range(w):
@@ -107,7 +106,7 @@ def backward(size, model, quadratic, gains, state):
     return True
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def forward(size, path, step, model, gains, ds):
     """Write the steps of states and inputs, and of the multipliers of the dynamics."""
     n, w = size.n, size.w

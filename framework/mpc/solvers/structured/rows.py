@@ -3,10 +3,10 @@
 import numpy as np
 from numba import njit
 
-from .memory import FAST, logarithm, reach, safe
+from .memory import LEAN, logarithm, reach, safe
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def start_rows(rows, mu, push):
     """Slacks at the values, but off zero, and multipliers mu / t."""
     for j in range(rows.t.shape[0]):
@@ -16,7 +16,7 @@ def start_rows(rows, mu, push):
                 rows.y[rows.first + j, i] = mu / rows.t[j, i]
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def add_rows(rows, quadratic, mu):
     """Add to the condensed quadratic what the constraints contribute, t and y eliminated."""
     for j in range(rows.t.shape[0]):
@@ -34,7 +34,7 @@ def add_rows(rows, quadratic, mu):
                         )
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def step_rows(rows, dv, mu, share, primal, dual):
     """Give the steps of slacks and multipliers; shorten step lengths; slope of the barrier."""
     total = 0.0
@@ -53,7 +53,7 @@ def step_rows(rows, dv, mu, share, primal, dual):
     return primal, dual, total
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def merit_rows(rows, step):
     """Residual of the constraints at a trial point, and sum of the logarithms of the slacks."""
     residual, total, product = 0.0, 0.0, 1.0
@@ -66,7 +66,7 @@ def merit_rows(rows, step):
     return residual, total + np.log(product)
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def accept_rows(rows, primal, dual, mu):
     """Take the step in slacks and multipliers."""
     for j in range(rows.t.shape[0]):
@@ -78,7 +78,7 @@ def accept_rows(rows, primal, dual, mu):
                 )
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def pull_rows(rows, pull, mu):
     """Add the constraints' forces to the gradient of the Lagrangian.
 

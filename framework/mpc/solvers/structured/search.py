@@ -10,12 +10,12 @@ import numpy as np
 from numba import njit
 
 from .boxes import accept_bounds, step_bounds
-from .condense import expand, open_slack
+from .condense import expand
 from .memory import (
     DS,
     DZS,
     ENTRIES,
-    FAST,
+    LEAN,
     MU,
     RHO,
     SMIN,
@@ -27,12 +27,13 @@ from .memory import (
     safe,
 )
 from .rows import accept_rows, step_rows
-from .slots import accept_slots, reach_slots, slope_slots
+from .slack import open_slack, settle
+from .slots import accept_slots, reach_slots, slope_slots, withdraw
 
 HALVINGS = 12
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def measure_step(
     size, path, step, model, quadratic, slack, inputs, nodes, state, level, moving, standing, share
 ):
@@ -58,6 +59,7 @@ def measure_step(
             slope += (state[RHO] - mu / slack.eps[i]) * slack.deps[i]
     expand(size, moving, slack, step.v, ds, mu)
     expand(size, standing, slack, step.v, ds, mu)
+    settle(size, moving, standing, slack, mu, state[RHO])
     primal, dual = reach_slots(size, moving, share, primal, dual)
     primal, dual = reach_slots(size, standing, share, primal, dual)
     slope += slope_slots(size, moving, mu) + slope_slots(size, standing, mu)
@@ -69,7 +71,7 @@ def measure_step(
     return primal, dual, slope
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def welcome(filtered, state, length, slope, present, found):
     """Whether a trial point may be taken: 0 no, 1 yes, 2 yes, and remember the present one.
 
@@ -92,7 +94,7 @@ def welcome(filtered, state, length, slope, present, found):
     return 0
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def remember(filtered, state, theta, phi):
     """Add an entry to the filter."""
     k = int(state[ENTRIES])
@@ -101,7 +103,7 @@ def remember(filtered, state, theta, phi):
         state[ENTRIES] = k + 1
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def accept(size, path, step, slack, inputs, nodes, state, moving, standing, primal, dual):
     """Take the step."""
     mu = state[MU]
@@ -120,3 +122,15 @@ def accept(size, path, step, slack, inputs, nodes, state, moving, standing, prim
         state[ZS] = safe(state[ZS] + dual * state[DZS], state[S] - state[SMIN], mu)
     accept_slots(size, moving, primal, dual, mu)
     accept_slots(size, standing, primal, dual, mu)
+
+
+@njit(**LEAN)
+def take_back(size, path, step, state, moving, standing, length):
+    """Return to states, inputs and own variables before the step, the last that were finite."""
+    for r in range(size.w):
+        for i in range(size.steps + 1):
+            if i > 0 if r < size.n else i < size.steps:
+                path.v[r, i] -= length * step.v[r, i]
+    state[S] -= length * state[DS]
+    withdraw(size, moving, length)
+    withdraw(size, standing, length)

@@ -11,15 +11,16 @@ import numpy as np
 from numba import njit
 
 from .boxes import INF, inside
-from .memory import FAST, logarithm, reach, safe
+from .memory import FAST, LEAN, logarithm, reach, safe
 
 Slots = namedtuple(
     "Slots",
     "active depends lower upper pull v p out value slope hessian trial tried t dt dlam zl zu dzl "
-    "dzu da back",
+    "dzu da back matrix force gradient",
 )
 """Of one kind. ``active`` K slots, ``depends`` entries of x, ``pull`` weight of the
-regularisation; ``back`` gives the step of a slot's own variables from that of (x, s, eps, 1)."""
+regularisation; ``matrix``, ``force``, ``gradient`` room for one slot; ``back`` gives the step of a
+slot's own variables from that of (x, s, eps, 1)."""
 
 
 @njit(**FAST)
@@ -36,6 +37,7 @@ def make_slots(size, kind, scale, push):
     steps = size.steps
     columns, own, first = steps * len(chosen), len(lower), len(depends) + size.shared
     w, stated = first + own, rows[0] + rows[1]
+    inner = first + own + rows[1] + 1
     width = numbers.shape[2]
     at = width + rows[2] + 1  # the guess stands behind parameters, level and mask
     v, p = np.zeros((w + stated, columns)), np.ones((at + own, columns))
@@ -59,10 +61,11 @@ def make_slots(size, kind, scale, push):
         np.zeros(tall), np.zeros(tall), np.zeros(tall), np.zeros(wide), np.zeros(wide),
         np.zeros(wide), np.zeros(wide), np.zeros((own + rows[1], columns)),
         np.zeros((columns, own + rows[1], first + 2)),
+        np.zeros((inner, inner)), np.zeros(inner), np.zeros(inner),
     )  # fmt: skip
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def place(size, slots, target, v, s):
     """Write poses and level into the variables of the slots."""
     count = len(slots.active)
@@ -72,11 +75,12 @@ def place(size, slots, target, v, s):
             for k in range(count):
                 target[r, i * count + k] = v[row, i + 1]
     if size.shared > 0:
-        target[len(slots.depends), :] = s
+        for c in range(target.shape[1]):
+            target[len(slots.depends), c] = s
 
 
-@njit(**FAST)
-def start_slots(size, slots, eps, mu, rho, push):
+@njit(**LEAN)
+def start_slots(size, slots, eps, mu, push):
     """Slacks at the values, but off zero, and multipliers mu / t; see `point.begin`."""
     own = len(slots.depends) + size.shared
     multipliers = slots.v[own + len(slots.lower) :]
@@ -91,7 +95,7 @@ def start_slots(size, slots, eps, mu, rho, push):
                 slots.zu[r, c] = mu / (slots.upper[r] - slots.v[own + r, c])
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def reach_slots(size, slots, share, primal, dual):
     """Shorten the step lengths so that slacks, multipliers and gaps stay positive."""
     first = len(slots.depends) + size.shared
@@ -112,7 +116,7 @@ def reach_slots(size, slots, share, primal, dual):
     return primal, dual
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def slope_slots(size, slots, mu):
     """Return the derivative along the step of barrier terms and regularisation."""
     first, total = len(slots.depends) + size.shared, 0.0
@@ -131,7 +135,7 @@ def slope_slots(size, slots, mu):
     return total
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def try_slots(size, slots, step):
     """Own variables at a trial point; `place` writes the rest."""
     first = len(slots.depends) + size.shared
@@ -140,20 +144,21 @@ def try_slots(size, slots, step):
             slots.trial[first + r, c] = slots.v[first + r, c] + step * slots.da[r, c]
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def merit_slots(size, slots, eps, step):
     """Residual, regularisation and sum of logarithms at a trial point."""
     value, variables = slots.tried, slots.trial
-    first, count = len(slots.depends) + size.shared, max(len(slots.active), 1)
+    first, count = len(slots.depends) + size.shared, len(slots.active)
     residual, cost, total, product = 0.0, 0.0, 0.0, 1.0
     for j in range(value.shape[0]):
-        for c in range(value.shape[1]):
-            if j < slots.t.shape[0]:
-                t = slots.t[j, c] + step * slots.dt[j, c]
-                residual += abs(value[j, c] + eps[c // count] - t)
-                total, product = logarithm(total, product, t)
-            else:
-                residual += abs(value[j, c])
+        for i in range(size.steps):
+            for c in range(i * count, (i + 1) * count):
+                if j < slots.t.shape[0]:
+                    t = slots.t[j, c] + step * slots.dt[j, c]
+                    residual += abs(value[j, c] + eps[i] - t)
+                    total, product = logarithm(total, product, t)
+                else:
+                    residual += abs(value[j, c])
     weight, row = slots.pull[0], int(slots.pull[1])
     for r in range(len(slots.lower)):
         for c in range(value.shape[1]):
@@ -166,7 +171,7 @@ def merit_slots(size, slots, eps, step):
     return residual, cost, total + np.log(product)
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def accept_slots(size, slots, primal, dual, mu):
     """Take the step in slacks, multipliers and own variables."""
     first, own = len(slots.depends) + size.shared, len(slots.lower)
@@ -192,35 +197,43 @@ def accept_slots(size, slots, primal, dual, mu):
             multipliers[j, c] += primal * (new - multipliers[j, c])
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def pull_slots(size, slots, pull, eps, pressure, mu):
     """Add the slots' forces to the gradient of the Lagrangian.
 
     ``pressure`` gets the sum of the multipliers of each stage. Returns the force on the level,
     the largest residual, error of stationarity and of complementarity, sum of multipliers.
     """
-    count, first = max(len(slots.active), 1), len(slots.depends) + size.shared
+    count, first = len(slots.active), len(slots.depends) + size.shared
     multipliers = slots.v[first + len(slots.lower) :]
     level, primal, error, total = 0.0, 0.0, 0.0, 0.0
+    known = len(slots.depends)
     for j in range(multipliers.shape[0]):
-        for c in range(multipliers.shape[1]):
-            y = multipliers[j, c]
-            for r in range(len(slots.depends)):
-                pull[slots.depends[r], c // count + 1] -= y * slots.slope[j, r, c]
-            if size.shared > 0:
-                level -= y * slots.slope[j, first - 1, c]
+        for i in range(size.steps):
+            weight = 0.0
+            for c in range(i * count, (i + 1) * count):
+                y = multipliers[j, c]
+                weight += y
+                if size.shared > 0:
+                    level -= y * slots.slope[j, known, c]
+                if j < slots.t.shape[0]:
+                    primal = max(primal, abs(slots.value[j, c] + eps[i] - slots.t[j, c]))
+                    error = max(error, abs(slots.t[j, c] * y - mu))
+                else:
+                    primal = max(primal, abs(slots.value[j, c]))
+            for r in range(known):
+                force = 0.0
+                for c in range(i * count, (i + 1) * count):
+                    force += multipliers[j, c] * slots.slope[j, r, c]
+                pull[slots.depends[r], i + 1] -= force
             if j < slots.t.shape[0]:
-                primal = max(primal, abs(slots.value[j, c] + eps[c // count] - slots.t[j, c]))
-                error = max(error, abs(slots.t[j, c] * y - mu))
-                pressure[c // count] += y
-                total += y
-            else:
-                primal = max(primal, abs(slots.value[j, c]))
+                pressure[i] += weight
+                total += weight
     dual, own, more = _pull_own(size, slots, multipliers, mu)
     return level, primal, dual, max(error, own), total + more
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def _pull_own(size, slots, multipliers, mu):
     """Do the same for the own variables: stationarity, complementarity, sum of multipliers."""
     first = len(slots.depends) + size.shared
@@ -244,7 +257,16 @@ def _pull_own(size, slots, multipliers, mu):
     return dual, error, total
 
 
-@njit(**FAST)
+@njit(**LEAN)
+def withdraw(size, slots, length):
+    """Take the step in the own variables back."""
+    first = len(slots.depends) + size.shared
+    for r in range(len(slots.lower)):
+        for c in range(slots.v.shape[1]):
+            slots.v[first + r, c] -= length * slots.da[r, c]
+
+
+@njit(**LEAN)
 def write_slots(size, slots, into):
     """Copy the own variables into an array (N, K, A)."""
     first, count = len(slots.depends) + size.shared, len(slots.active)

@@ -12,13 +12,14 @@ import numpy as np
 from numba import njit
 
 from .boxes import add_bounds
-from .condense import close, condense
+from .condense import condense
 from .memory import (
     DELTA,
     DS,
     ENTRIES,
     FAILURES,
     FAST,
+    LEAN,
     LENGTH,
     MU,
     RHO,
@@ -39,7 +40,8 @@ from .memory import (
 from .point import begin, derive, errors, merit, rescale, start, try_point
 from .riccati import backward, forward
 from .rows import add_rows
-from .search import HALVINGS, accept, measure_step, remember, welcome
+from .search import HALVINGS, accept, measure_step, remember, take_back, welcome
+from .slack import close
 from .slots import make_slots, write_slots
 
 SOLVED, LIMIT, INFEASIBLE, FAILED, STOPPED = range(5)
@@ -90,6 +92,7 @@ def solve(sizes, kernels, settings, limits, given, kinds, found, stop):
     slots, tolerance = len(moving.active) + len(standing.active), settings[TOLERANCE]
     status, iterations, error, present, length = -1, -1, 0.0, (0.0, 0.0, 0.0), 0.0
     longest, reach, slope, attempt, forget = 0.0, 0.0, 0.0, 0, False
+    left, numbers, primal = np.inf, found[5], np.inf  # left: slack at the last price
     while True:
         # the trial point: at first the guess, then along the direction
         state[LENGTH], s = length, state[S] + length * state[DS]
@@ -120,37 +123,39 @@ def solve(sizes, kernels, settings, limits, given, kinds, found, stop):
                     state[ENTRIES], state[THETA_MOST], forget = 0, -1.0, True
                     length = longest if state[FAILURES] < 3 else 0.5 * longest
                 continue
+            if forget and not np.isfinite(new[1]):
+                status = FAILED
+                break
             if answer == 2 and not forget:
                 remember(filtered, state, present[0], phi)
             present = tried
             accept(
-                size,
-                path,
-                step,
-                slack,
-                on_inputs,
-                on_nodes,
-                state,
-                moving,
-                standing,
-                length,
+                size, path, step, slack, on_inputs, on_nodes, state, moving, standing, length,
                 reach,
-            )
+            )  # fmt: skip
         iterations += 1
         derive(size, path, model, state, kernels, columns, level, moving, standing)
         primal, dual, wrong, many = errors(
             size, path, model, pull, slack, on_inputs, on_nodes, state, level, moving, standing
         )
         error = max(primal, max(dual, wrong + state[MU]) / many)
+        if not np.isfinite(error):
+            take_back(size, path, step, state, moving, standing, length)
         if not np.isfinite(error) or state[FAILURES] > 8:
             status = FAILED
             break
         deepest = slack.eps.max() if slots else 0.0
         if error <= tolerance:
-            if deepest <= 10.0 * tolerance or state[RHO] >= scale * settings[MOST_PENALTY]:
-                status = SOLVED if deepest <= 10.0 * tolerance else INFEASIBLE
+            total = slack.eps.sum() if slots else 0.0
+            if deepest <= 10.0 * tolerance:
+                status = SOLVED
                 break
-            # slack is left that a higher price may remove
+            if state[RHO] >= scale * settings[MOST_PENALTY] or total > 0.99 * left:
+                status = INFEASIBLE
+                break
+            # slack is left that a higher price may remove; if it does not, this point is kept
+            _write(size, path, model, slack, level, moving, standing, initial, found, scale)
+            numbers[3], left = state[S], total
             present = present[0], present[1] + 29.0 * state[RHO] * slack.eps.sum(), present[2]
             state[RHO] *= 30.0
             state[MU] = max(state[MU], 1e-4)
@@ -173,14 +178,18 @@ def solve(sizes, kernels, settings, limits, given, kinds, found, stop):
             standing, share,
         )  # fmt: skip
         length, attempt, forget = longest, 0, False
-    _write(size, path, model, slack, moving, standing, initial, found, scale)
-    numbers = found[5]
-    numbers[0], numbers[1], numbers[3] = status, iterations, state[S]
-    numbers[2] += level.out[0, 0] / scale
+    if status == LIMIT and primal <= tolerance and slots > 0 and slack.eps.max() > 1e-4:
+        status, left = INFEASIBLE, np.inf  # slowly, but all that moves is how slack is shared out
+    if left == np.inf or status == SOLVED or status == INFEASIBLE:
+        _write(size, path, model, slack, level, moving, standing, initial, found, scale)
+        numbers[3] = state[S]
+    elif status != STOPPED:
+        status = INFEASIBLE  # with the point that was kept
+    numbers[0], numbers[1] = status, iterations
     numbers[4], numbers[5] = error, state[RHO] / scale
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def _lower_barrier(state, tolerance, primal, dual, wrong):
     """Fiacco and McCormick: a smaller mu once the problem for this one is solved."""
     mu = state[MU]
@@ -191,7 +200,7 @@ def _lower_barrier(state, tolerance, primal, dual, wrong):
         mu = state[MU]
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def _direction(
     size, path, step, model, quadratic, gains, slack, inputs, nodes, state, level, moving, standing
 ):
@@ -213,11 +222,11 @@ def _direction(
     return False
 
 
-@njit(**FAST)
+@njit(**LEAN)
 def _quadratic(size, path, model, quadratic, slack, inputs, nodes, state, level, moving, standing):
     """Condense everything into stages of (x, u), and the level's curvature and slope."""
-    n, w, mu, top = size.n, size.w, state[MU], quadratic.top
-    quadratic.slots[:], quadratic.force[:] = 0.0, 0.0
+    n, mu, top = size.n, state[MU], quadratic.top
+    _clear(size, quadratic)  # `backward` adds what comes from `drive`
     if not condense(size, moving, quadratic, slack.eps, mu, state[DELTA]):
         return False
     if not condense(size, standing, quadratic, slack.eps, mu, state[DELTA]):
@@ -225,18 +234,7 @@ def _quadratic(size, path, model, quadratic, slack, inputs, nodes, state, level,
     if len(moving.active) + len(standing.active):
         close(size, quadratic, slack, mu, state[RHO])
     top[0], top[1] = level.out[2, 0], level.out[1, 0]
-    hessian, gradient, drive, node = (
-        quadratic.hessian, quadratic.gradient, model.drive, model.node,
-    )  # fmt: skip
-    for i in range(size.steps):
-        for r in range(w):
-            gradient[i, r] = drive[n + 1 + r, i]
-            for c in range(w):
-                hessian[i, r, c] = drive[size.hessian + r * w + c, i]
-    for r in range(n):  # the inputs of the last stage are none
-        gradient[size.steps, r] = 0.0
-        for c in range(n):
-            hessian[size.steps, r, c] = 0.0
+    hessian, gradient, node = quadratic.hessian, quadratic.gradient, model.node
     slots, force, cross = quadratic.slots, quadratic.force, quadratic.cross
     for i in range(size.steps):
         for r in range(n):
@@ -257,18 +255,35 @@ def _quadratic(size, path, model, quadratic, slack, inputs, nodes, state, level,
     return True
 
 
-@njit(**FAST)
-def _write(size, path, model, slack, moving, standing, initial, found, scale):
+@njit(**LEAN)
+def _clear(size, quadratic):
+    """Set the quadratic to zero; slices set to a number are far slower."""
+    for i in range(size.steps + 1):
+        for r in range(size.w):
+            quadratic.gradient[i, r] = 0.0
+            for c in range(size.w):
+                quadratic.hessian[i, r, c] = 0.0
+    for i in range(size.steps):
+        for r in range(size.n + 2):
+            quadratic.force[i, r] = 0.0
+            for c in range(size.n + 2):
+                quadratic.slots[i, r, c] = 0.0
+
+
+@njit(**LEAN)
+def _write(size, path, model, slack, level, moving, standing, initial, found, scale):
     """Copy the last point into the results."""
     n, v = size.n, path.v
     states, inputs, slacks, own, still, numbers = found
-    states[0] = initial
+    numbers[2] = level.out[0, 0] / scale
+    for r in range(n):
+        states[0, r] = initial[r]
     for i in range(size.steps):
         for r in range(n):
             states[i + 1, r] = v[r, i + 1]
         for r in range(size.m):
             inputs[i, r] = v[n + r, i]
-        slacks[i] = slack.eps[i]
+        slacks[i] = slack.eps[i] if len(moving.active) + len(standing.active) else 0.0
         numbers[2] += (model.drive[n, i] + model.node[0, i]) / scale
     write_slots(size, moving, own)
     write_slots(size, standing, still)

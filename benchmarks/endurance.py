@@ -1,0 +1,278 @@
+"""A robot that drives for an hour at 20 Hz among ten walkers: does it last, and does it keep time.
+
+It goes from one goal to the next on a round field. The walkers cross the field, make no way, leave
+it and come back after a while as somebody else. Nothing of what has been is kept but numbers in
+arrays made beforehand, so that memory which grows is the planner's.
+"""
+
+import os
+import re
+import sys
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path as File
+from time import perf_counter, thread_time
+from typing import TypeAlias, final
+
+import numpy as np
+from measuring import Row, Tick, spread
+from walker_field import Field
+
+from wideberth.framework.arrays import Array
+from wideberth.framework.config import build
+from wideberth.framework.motion import Observation
+from wideberth.framework.mpc.planner import Planner
+from wideberth.framework.mpc.problem import Parameters, Problem
+from wideberth.framework.mpc.solvers.base import Solution, Solver
+from wideberth.framework.mpc.starts import OTHERS
+from wideberth.framework.mpc.transcription import Guess
+from wideberth.framework.path import Path
+from wideberth.framework.plan import Rung
+from wideberth.framework.robot import start_state
+from wideberth.simulation.channel import Channel, noise_of
+from wideberth.simulation.localisation import Localisation
+from wideberth.simulation.plant import Plant
+
+PERIOD = 0.05
+"""s between two decisions, and the time that one may take."""
+PARTS = 2
+"""Plant steps in each of them."""
+STEP = 0.5
+"""s, of the MPC."""
+SETTLED = 1.0 / 12.0
+"""Share of a run after which memory may no longer grow: five minutes of an hour."""
+SEED = 5
+INNER = 6.0
+"""m from the middle, within which goals lie: walkers come in three metres farther out."""
+ROUND = 20.0
+"""s between two looks at memory, and between two ticks of the progress bar."""
+OUT_OF_ORDER = re.compile(r"\b(\w*(?:Error|Exception|Warning)): ")
+"""How a reason names what a plug-in threw."""
+
+Durations: TypeAlias = Mapping[str, float]
+"""Solver -> s to be simulated."""
+
+
+class Solves:
+    """Time and end of every solve; room for all that a run can ask for is made beforehand."""
+
+    def __init__(self, most: int) -> None:
+        self._times = np.full((2, most), np.nan)
+        self._count = 0
+        self.ends: Counter[tuple[str, str]] = Counter()
+
+    def add(self, milliseconds: float, cpu: float, solution: Solution) -> None:
+        """Note one."""
+        self._times[:, self._count] = milliseconds, cpu
+        self._count += 1
+        self.ends[str(solution.status), shape(solution.message)] += 1
+
+    def forget(self) -> None:
+        """Begin anew."""
+        self._count = 0
+        self.ends.clear()
+
+    @property
+    def times(self) -> Array:
+        """Milliseconds by the clock and of this thread's work, (2, S)."""
+        return self._times[:, : self._count]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Watched(Solver):
+    """Solves from one guess after the other with another solver, and notes each."""
+
+    solver: Solver
+    noted: Solves
+
+    def solve(
+        self,
+        problem: Problem,
+        parameters: Parameters,
+        guesses: Sequence[Guess],
+        deadline: float | None = None,
+    ) -> list[Solution]:
+        """Solve from each guess."""
+        found: list[Solution] = []
+        for guess in guesses:
+            begin, worked = perf_counter(), thread_time()
+            found += self.solver.solve(problem, parameters, [guess], deadline)
+            taken = 1e3 * (perf_counter() - begin), 1e3 * (thread_time() - worked)
+            self.noted.add(*taken, found[-1])
+        return found
+
+
+class Run:
+    """One set-up's robot on the field, and what is noted of it."""
+
+    def __init__(self, solver: str, steps: int, seed: int) -> None:
+        self.solves = Solves((1 + len(OTHERS)) * (steps + 1))
+        planner = set_up(Watched(build("solvers", solver), self.solves))
+        self.planner, self.robot, self.seed = planner, planner.robot, seed
+        self.rng = np.random.default_rng(seed)
+        self.field = Field(np.random.default_rng([seed, 1]))
+        here = Path(np.array([[-INNER, 0.0], [0.0, 0.0]]))
+        state, twist = start_state(self.robot, here.points[0], here.direction(np.zeros(1))[0], 0.0)
+        self.plant, self.path = Plant(self.robot, state, twist), here
+        planner.set_path(here)
+        self.solves.forget()  # what warmed it up
+        self.channel = Channel(noise=0.02, dropout=0.02)
+        self.localisation = Localisation(position=0.03, heading=0.01, speed=0.02)
+        # Filled, not zero: the system hands out zeros when they are first written to.
+        self.milliseconds, self.cpu = np.full((2, steps), np.nan)
+        self.gap = np.full(steps, np.inf)
+        self.memory = np.full(int(steps * PERIOD / ROUND) + 2, np.nan)
+        self.memory[0] = resident()
+        self.ends: Counter[tuple[str, str, str]] = Counter()
+        self.goals = 0
+
+    def step(self, k: int) -> None:
+        """See, decide, and move on until the next decision."""
+        now = k * PERIOD
+        self._goal()
+        seen = self._observe(k, now)
+        begin, worked = perf_counter(), thread_time()
+        command = self.planner.command(seen)  # with the garbage collector's pauses, unlike `timed`
+        self.milliseconds[k] = 1e3 * (perf_counter() - begin)
+        self.cpu[k] = 1e3 * (thread_time() - worked)
+        self.plant.command(command, now)
+        for part in range(PARTS):
+            self.plant.advance(now + part * PERIOD / PARTS, PERIOD / PARTS)
+            self.field.advance(PERIOD / PARTS)
+            gaps = self.field.gaps(np.array(self.plant.position), self.robot.radius)
+            self.gap[k] = min(self.gap[k], gaps.min())
+        plan = self.planner.plan
+        assert plan is not None
+        self.ends[str(plan.rung), str(plan.status), shape(plan.reason)] += 1
+        if (k + 1) % round(ROUND / PERIOD) == 0:
+            self.memory[(k + 1) // round(ROUND / PERIOD)] = resident()
+
+    def _goal(self) -> None:
+        """Take a new goal, some way off, where the last one is reached."""
+        place = np.array(self.plant.position)
+        if np.linalg.norm(self.path.goal - place) > 0.5:
+            return
+        goal = place
+        while np.linalg.norm(goal - place) < 4.0 or np.linalg.norm(goal) > INNER:
+            goal = self.rng.uniform(-INNER, INNER, 2)
+        self.path, self.goals = Path(np.stack([place, goal])), self.goals + 1
+        self.planner.set_path(self.path)
+
+    def _observe(self, k: int, now: float) -> Observation:
+        seen = self.channel.detections(self.seed, "robot", k, self.field.present())
+        rng = noise_of(self.seed, "robot", "robot", k)
+        known = self.localisation.measure(self.robot, self.plant.state, self.plant.control, rng)
+        return Observation(now, known[0], seen, known[1])
+
+
+def set_up(solver: Solver) -> Planner:
+    """Return the planner of the run, as recommended for walkers, with a solver.
+
+    There is no deadline: what is over the period shall be seen, and two runs be the same.
+    """
+    return Planner(
+        build("robots", "unicycle"),
+        build("regions", "minimum_trace"),
+        build("predictors", {"type": "kalman", "acceleration_density": 0.01}),
+        build("levels", {"type": "discounted", "tail": 0.05, "final_tail": 0.5}),
+        solver,
+        dt=STEP,
+        period=PERIOD,
+        penalty=1e5,
+        margin=0.1,
+        own_uncertainty="feedback",
+    )
+
+
+def ticks(durations: Durations) -> int:
+    """Count the ticks of `measure`."""
+    return sum(int(duration / ROUND) for duration in durations.values())
+
+
+def measure(durations: Durations, tick: Tick) -> tuple[list[Row], list[Row]]:
+    """Drive with each solver: a row for each, and rows of how its plans and solves ended.
+
+    Solves have no rung; their reason is the solver's own word.
+    """
+    rows, ends = [], []
+    for solver, duration in durations.items():
+        steps = round(duration / PERIOD)
+        run = Run(solver, steps, SEED)
+        for k in range(steps):
+            run.step(k)
+            if (k + 1) % round(ROUND / PERIOD) == 0:
+                tick(f"{solver}, {(k + 1) * PERIOD:.0f} s of {duration:.0f} s")
+        rows.append({"solver": solver, "seed": SEED, **summary(run)})
+        found = [(end, count) for end, count in run.ends.most_common()]
+        found += [(("", *end), count) for end, count in run.solves.ends.most_common()]
+        ends += [
+            {"solver": solver, "rung": rung, "status": status, "reason": reason, "count": count}
+            for (rung, status, reason), count in found
+        ]
+    return rows, ends
+
+
+def summary(run: Run) -> Row:
+    """Boil a run down to one row.
+
+    ``over`` is the share of calls, and of single solves, that took more than the period; ``cpu``
+    is their time without what this machine gave to others meanwhile; ``touched`` the share of
+    steps in contact with a walker, ``touches`` how often that began; ``growth`` that of memory
+    from `SETTLED` to the end, nan for shorter runs.
+    """
+    steps = len(run.milliseconds)
+    touched = run.gap < 0.0
+    known = run.memory[np.isfinite(run.memory)]
+    first = int(np.ceil(SETTLED * steps * PERIOD / ROUND))
+    settled = known[first] if 0 < first < len(known) - 1 else float("nan")
+    share = Counter[str]()
+    for (rung, _, _), count in run.ends.items():
+        share[rung] += count
+    thrown = sum(count for (*_, reason), count in run.ends.items() if OUT_OF_ORDER.search(reason))
+    return {
+        "simulated_s": steps * PERIOD,
+        "calls": steps,
+        **_times("", run.milliseconds),
+        **_times("cpu_", run.cpu),
+        "solves": run.solves.times.shape[1],
+        **_times("solve_", run.solves.times[0]),
+        **_times("solve_cpu_", run.solves.times[1]),
+        "exceptions": thrown,
+        **{str(rung): share[rung] / steps for rung in Rung},
+        "goals": run.goals,
+        "touches": int((np.diff(touched.astype(int), prepend=0) > 0).sum()),
+        "touched": float(touched.mean()),
+        "least_gap_m": float(run.gap.min()),
+        "memory_settled_MiB": float(settled),
+        "memory_end_MiB": float(known[-1]),
+        "growth": float(known[-1] / settled - 1.0),
+    }
+
+
+def _times(prefix: str, milliseconds: Array) -> Row:
+    found: Row = spread(milliseconds.tolist())
+    found["over"] = float((milliseconds > 1e3 * PERIOD).mean())
+    return {f"{prefix}{name}": value for name, value in found.items()}
+
+
+def shape(reason: str) -> str:
+    """Return a reason without its numbers and names, so that alike ones can be counted."""
+    unnamed = re.sub(r"'[^']*'", "'...'", reason)
+    return re.sub(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?", "#", unnamed)
+
+
+def resident() -> float:
+    """Memory of this process, MiB; its peak where the system tells no more, nan without that."""
+    try:
+        pages = int(File("/proc/self/statm").read_text(encoding="ascii").split()[1])
+        return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+    except OSError:
+        pass
+    try:
+        import resource
+    except ImportError:
+        return float("nan")
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return float(peak / (2**20 if sys.platform == "darwin" else 2**10))
