@@ -10,7 +10,7 @@ from set_ups import CAP, PAPER, PERIOD
 
 from wideberth.experiments.plotting import COLOURS, LINES, PAGE, paper_style, save
 
-HATCHES = ("", "////", "....", "xxxx", "\\\\\\\\", "++++")
+HATCHES = ("", "////", "....", "xxxx", "\\\\\\\\", "++++", "----")
 MARKERS = ("o", "s", "^", "v", "D", "x")
 FILES = ("bench_times", "bench_growth", "bench_hard")
 

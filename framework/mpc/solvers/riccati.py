@@ -107,7 +107,8 @@ class Riccati(Solver):
             raise WideberthError(
                 f"{len(parameters)} instances and {len(guesses)} guesses; wanted one for each"
             )
-        self.solve(problem, parameters[0], []) if parameters else None  # compiles
+        if parameters:
+            self.solve(problem, parameters[0], [])  # compiles, once and not in every thread
         pairs = list(zip(parameters, guesses, strict=True))
 
         def part(some: Sequence[tuple[Parameters, Guess]]) -> list[Solution]:
