@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from typing import TypeAlias
@@ -15,6 +14,7 @@ from set_ups import ELLIPSE, OWN, TOLERANCE, paper_problem, registered
 from wideberth.framework.mpc.problem import Problem
 from wideberth.framework.mpc.recorded import Instance
 from wideberth.framework.mpc.solvers.base import Solution, Solver
+from wideberth.framework.mpc.solvers.riccati import Riccati
 
 ROUNDS = 3
 Entry: TypeAlias = Callable[[Problem, Sequence[Instance], int], list[Solution]]
@@ -44,8 +44,9 @@ def ways(accelerated: bool) -> list[Way]:
     found = [
         Way(f"{name}, one by one", partial(_alone, one), (1,)) for name, one in solvers.items()
     ]
-    if OWN in solvers:
-        found.append(Way(f"{OWN}, threads", partial(_threads, solvers[OWN]), every))
+    own = solvers.get(OWN)
+    if isinstance(own, Riccati):
+        found.append(Way(f"{OWN}, threads", partial(_threads, own), every))
     if accelerated:
         found.append(Way("jax, all at once", _jax, every[-1:]))
     return found
@@ -102,10 +103,10 @@ def _alone(
 
 
 def _threads(
-    solver: Solver, problem: Problem, batch: Sequence[Instance], cores: int
+    solver: Riccati, problem: Problem, batch: Sequence[Instance], cores: int
 ) -> list[Solution]:
-    with ThreadPoolExecutor(cores) as pool:
-        return list(pool.map(partial(_one, solver, problem), batch))
+    parameters, guesses = [one.parameters for one in batch], [one.guess for one in batch]
+    return solver.solve_many(problem, parameters, guesses, cores)
 
 
 def _jax(problem: Problem, batch: Sequence[Instance], cores: int) -> list[Solution]:

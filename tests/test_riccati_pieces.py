@@ -65,7 +65,7 @@ class Linear:
         quadratic.gradient[:] = rng.normal(size=quadratic.gradient.shape)
         quadratic.cross[:] = shared * rng.normal(size=quadratic.cross.shape)
         quadratic.top[:] = convex * shared, rng.normal()
-        return cls(size, np.zeros(14), path, step, model, quadratic, gains)
+        return cls(size, np.zeros(13), path, step, model, quadratic, gains)
 
     def dense(self) -> tuple[Array, Array, Array, Array]:
         """Hessian and gradient in (dw_0, .., dw_N, ds); rows and right-hand side, dx_0 = 0."""

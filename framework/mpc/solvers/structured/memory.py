@@ -65,12 +65,12 @@ multipliers."""
 Level = namedtuple("Level", "v p out tried")
 """Variables and parameters of the kernel ``level``, its result here and at a trial point."""
 
-MU, RHO, SCALE, S, DS, ZS, DZS, SMIN, DELTA, THETA_MOST, THETA_LEAST, ENTRIES, FAILURES, LENGTH = (
-    range(14)
+MU, RHO, S, DS, ZS, DZS, SMIN, DELTA, THETA_MOST, THETA_LEAST, ENTRIES, FAILURES, LENGTH = range(
+    13
 )
-"""Places in the array of single numbers: barrier, penalty, scale of the cost, level with step,
-multiplier and its step, its bound; last regularisation, limits and length of the filter, failed
-searches, step length that is tried."""
+"""Places in the array of single numbers: barrier, penalty, level with step, multiplier and its
+step, its bound; last regularisation, limits and length of the filter, failed searches, step length
+that is tried."""
 
 
 @njit(**LEAN)

@@ -23,7 +23,6 @@ from .memory import (
     LENGTH,
     MU,
     RHO,
-    SCALE,
     SMIN,
     THETA_LEAST,
     THETA_MOST,
@@ -80,11 +79,11 @@ def solve(sizes, kernels, settings, limits, given, kinds, found, stop):
     slack = Slack(zero, zero.copy(), zero.copy(), zero.copy(), zero.copy())
     columns = np.empty((heads.shape[1] + 1, size.steps))
     columns[:-1] = heads.T
-    state = np.zeros(14)
+    state = np.zeros(13)
     state[MU], state[SMIN], state[S] = settings[BARRIER], settings[MINIMUM], settings[GUESS]
     start(size, path, state, (initial, states, inputs), settings[PUSH])
     scale = rescale(size, path, model, kernels, columns, settings[GRADIENT])
-    state[SCALE], state[RHO], state[THETA_MOST] = scale, scale * settings[PENALTY], -1.0
+    state[RHO], state[THETA_MOST] = scale * settings[PENALTY], -1.0
     level = Level(np.zeros((1, 1)), np.zeros((2, 1)), np.zeros((3, 1)), np.zeros((3, 1)))
     level.p[0, 0], level.p[1, 0] = settings[TARGET], scale
     moving = make_slots(size, kinds[0], scale, settings[PUSH])
