@@ -1,51 +1,33 @@
 """What the closed-loop experiments share: playing one episode, and condensing many."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, is_dataclass
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from wideberth.framework.arrays import Array
-from wideberth.framework.controller import Controller
-from wideberth.framework.errors import WideberthError
+from wideberth.framework.controller import Controller, fresh
 from wideberth.framework.robot import Robot
 from wideberth.simulation.agents import RobotAgent
 from wideberth.simulation.episode import run_episode
 from wideberth.simulation.log import Episode
-from wideberth.simulation.scenario import Placement, Scenario
+from wideberth.simulation.scenario import Scenario
 from wideberth.simulation.settings import Settings
 from wideberth.simulation.summary import summarise, time_rows
 
 from .base import Outcome, Row, Task
 
 
-def fresh(controller: Controller) -> Controller:
-    """Return another controller with the same settings: every robot needs one of its own."""
-    if not is_dataclass(controller):
-        raise WideberthError(
-            f"{type(controller).__name__} is no dataclass; a controller's settings are its "
-            "fields, so that it can be built again for every robot"
-        )
-    settings = {f.name: getattr(controller, f.name) for f in fields(controller) if f.init}
-    return cast(Controller, type(controller)(**settings))
-
-
-def place(scenario: Scenario, seed: int) -> tuple[Placement, ...]:
-    """Draw the situation of a seed; the same for every planner that is compared."""
-    return scenario.build(np.random.default_rng([seed, 7]))
-
-
 def play(
     scenario: Scenario, robot: Robot, controller: Controller, settings: Settings, seed: int
 ) -> Episode:
-    """Play one episode in which every robot has the same controller.
+    """Play one episode in which every robot that is examined has the same controller.
 
     The seed draws the situation and all noise, so that planners compared at one seed meet
     the same situation.
     """
-    placements = place(scenario, seed)
-    agents = [
+    cast = scenario.cast(seed)
+    robots = [
         RobotAgent(
             one.name,
             robot,
@@ -54,12 +36,17 @@ def play(
             one.speed,
             one.phase * made.period,
             truth=True,
+            visible=one.visible,
         )
-        for one in placements
+        for one in cast.placements
     ]
-    others = scenario.bystanders(np.random.default_rng([seed, 8]), placements)
-    polygons = scenario.polygons(np.random.default_rng([seed, 9]))
-    return run_episode(agents, settings, seed=seed, others=others, polygons=polygons)
+    return run_episode(
+        [*robots, *cast.people],
+        settings,
+        seed=seed,
+        others=cast.bystanders,
+        polygons=cast.polygons,
+    )
 
 
 def grid(

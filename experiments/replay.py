@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 import numpy as np
 
 from wideberth.framework.arrays import Array, positive, probability, whole
-from wideberth.framework.controller import Controller
+from wideberth.framework.controller import Controller, fresh
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.io import write_bytes
 from wideberth.framework.metrics import approach
@@ -19,7 +19,7 @@ from wideberth.simulation.log import Episode
 from wideberth.simulation.settings import Settings
 
 from .base import Experiment, Outcome, Result, Row, Task
-from .closed_loop import column, condense, fresh, group, outcome
+from .closed_loop import column, condense, group, outcome
 from .crowd import Situation, TrackFile, counted_reasons, draw_situation
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from time import process_time
 from typing import final
 
-from wideberth.framework.controller import Controller
+from wideberth.framework.controller import Controller, fresh
 from wideberth.framework.motion import Command, Observation
 from wideberth.framework.mpc.planner import Planner
 from wideberth.framework.mpc.problem import Parameters, Problem
@@ -14,7 +14,6 @@ from wideberth.framework.mpc.transcription import Guess
 from wideberth.framework.path import Path
 from wideberth.framework.plan import Plan
 
-from .closed_loop import fresh
 from .variants import planner_of
 
 

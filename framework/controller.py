@@ -1,7 +1,10 @@
 """The Controller interface: our planner is one, every rival is another."""
 
 from abc import ABC, abstractmethod
+from dataclasses import fields, is_dataclass
+from typing import cast
 
+from .errors import WideberthError
 from .motion import Command, Observation
 from .path import Path
 from .plan import Plan
@@ -37,3 +40,14 @@ class Controller(ABC):
     @abstractmethod
     def plan(self) -> Plan | None:
         """The plan behind the last command; None before the first, or without a horizon."""
+
+
+def fresh(controller: Controller) -> Controller:
+    """Return another controller with the same settings: every robot needs one of its own."""
+    if not is_dataclass(controller):
+        raise WideberthError(
+            f"{type(controller).__name__} is no dataclass; a controller's settings are its "
+            "fields, so that it can be built again for every robot"
+        )
+    settings = {f.name: getattr(controller, f.name) for f in fields(controller) if f.init}
+    return cast(Controller, type(controller)(**settings))

@@ -1,4 +1,4 @@
-"""Who takes part in an episode: robots that decide, recordings, and scripted walkers."""
+"""Who takes part in an episode: robots and people that decide, recordings, scripted walkers."""
 
 from dataclasses import dataclass
 from typing import final
@@ -15,10 +15,12 @@ from ..framework.robot import Robot
 @final
 @dataclass(frozen=True, eq=False)
 class RobotAgent:
-    """A robot with a controller of its own.
+    """A robot, or a person, with a controller of its own.
 
-    At time 0 it stands at the start of its path and drives along it at ``speed``; before
-    that it came along the straight extension of the path's first segment.
+    An episode examines robots: it ends when all of them have arrived, and only pairs with a
+    robot in them count as clearances. People are the crowd that they move in. At time 0 either
+    stands at the start of its path and moves along it at ``speed``; before that it came along
+    the straight extension of the path's first segment.
 
     Parameters
     ----------
@@ -29,6 +31,9 @@ class RobotAgent:
     speed : m/s at time 0, also the reference of the free time.
     phase : s, time of the first decision, in [0, period).
     truth : grant the controller the others' future (for the oracle predictor).
+    person : one of the crowd.
+    visible : whether people detect it; robots detect everyone. An invisible robot has to make
+        all the way itself (the "invisible" setting of CrowdNav).
 
     Raises
     ------
@@ -43,6 +48,8 @@ class RobotAgent:
     speed: float = 0.5
     phase: float = 0.0
     truth: bool = False
+    person: bool = False
+    visible: bool = True
 
     def __post_init__(self) -> None:
         positive(f"{self.name}.speed", self.speed, zero=True)

@@ -20,7 +20,7 @@ def check_cast(
     ------
     WideberthError : as `run_episode`.
     """
-    if not robots:
+    if all(one.person for one in robots):
         raise WideberthError("the episode has no robot; give at least one RobotAgent")
     names = [one.name for one in (*robots, *others, *polygons) if one.name]
     repeated = sorted({name for name in names if names.count(name) > 1})

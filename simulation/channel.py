@@ -57,11 +57,12 @@ class Channel:
         for name, position, radius in bodies:
             if not np.isfinite(position).all():
                 continue
-            rng = noise_of(seed, observer, name, tick)
-            if rng.random() < self.dropout:
-                continue
-            size = len(position)
-            noisy = position + self.noise * rng.standard_normal(size)
+            size, noisy = len(position), position
+            if self.noise or self.dropout:
+                rng = noise_of(seed, observer, name, tick)
+                if rng.random() < self.dropout:
+                    continue
+                noisy = position + self.noise * rng.standard_normal(size)
             seen.append(Detection(name, noisy, self.noise**2 * np.eye(size), radius, self.delay))
         return tuple(seen)
 

@@ -161,7 +161,7 @@ class Driver:
         heading = nan if pose.heading is None else pose.heading
         return AgentLog(
             name=self.name,
-            kind="robot",
+            kind="person" if self.agent.person else "robot",
             radius=self.radius,
             positions=np.stack(pose.position, axis=-1),
             headings=np.broadcast_to(np.asarray(heading, dtype=np.float64), count).copy(),

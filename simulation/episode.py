@@ -40,14 +40,15 @@ def run_episode(
     """Run one episode and return its log.
 
     Events (decisions, commands taking effect, new paths) happen in order of time; between
-    them all robots move on by plant steps. Robots that decide at the same instant all see
-    the world as it was before any of them decided. The episode ends when every robot has
-    been at its goal, at a deadlock, or at the time limit; collisions are found from the log
-    afterwards unless they shall end it.
+    them everything moves on by plant steps. Those who decide at the same instant all see
+    the world as it was before any of them decided. The episode ends when every robot (people
+    do not count) has been at its goal, at a deadlock, or at the time limit; collisions are
+    found from the log afterwards unless they shall end it.
 
     Parameters
     ----------
-    robots : at least one; controllers are reset and get their paths.
+    robots : those who decide, people as well, at least one robot among them; their
+        controllers are reset and get their paths.
     settings : how it is run.
     seed : of the position noise. The same seed, robots and settings give the same episode,
         unless solve times are measured.
@@ -174,7 +175,7 @@ class _Run:
         bodies = [
             (other.name, other.position_at(measured, self.clock), other.radius)
             for other in self.drivers
-            if other is not driver
+            if other is not driver and (other.agent.visible or not driver.agent.person)
         ]
         asked = np.array([measured])
         bodies += [(other.name, other.at(asked)[0], other.radius) for other in self.others]
@@ -218,7 +219,7 @@ class _Run:
         now = self.clock[-1]
         if self.settings.stop_on_collision and self._collided():
             return "collision"
-        going = [driver for driver in self.drivers if driver.reached != driver.reached]
+        going = [d for d in self.drivers if not d.agent.person and d.reached != d.reached]
         pending = any(kind == _CHANGE for _, kind, _, _ in self.queue)
         if not going and not pending:
             return "goals"
@@ -229,8 +230,10 @@ class _Run:
     def _collided(self) -> bool:
         """Whether a robot touched something within the last step."""
         times = np.array(self.clock[-2:])
-        bodies = [driver.latest() for driver in self.drivers]
-        count = len(bodies)
+        robots = [driver for driver in self.drivers if not driver.agent.person]
+        people = [driver for driver in self.drivers if driver.agent.person]
+        bodies = [driver.latest() for driver in (*robots, *people)]
+        count = len(robots)
         nowhere = np.full(len(times), np.nan)
         bodies += [Course(other.radius, other.at(times), nowhere) for other in self.others]
         for i in range(count):

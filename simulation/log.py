@@ -43,11 +43,11 @@ class AgentLog:
     Attributes
     ----------
     name : identity.
-    kind : "robot", "replay" or "scripted".
+    kind : "robot", "person" (decides as well, but is not examined), "replay" or "scripted".
     radius : m, of the enclosing disc.
     positions : (T, D), m, NaN where absent.
     headings : (T,), rad, NaN where there is none.
-    speeds : (T,), m/s, length of the linear velocity; NaN for bystanders.
+    speeds : (T,), m/s, length of the linear velocity; NaN for those who decide nothing.
     yaw_rates : (T,), rad/s; NaN for bystanders.
     paths : (time, path) of each reference path, in order; empty for bystanders.
     speed : m/s, reference speed; NaN for bystanders.
@@ -106,7 +106,7 @@ class Episode:
 
     @property
     def robots(self) -> tuple[AgentLog, ...]:
-        """Those who decide."""
+        """Those who are examined."""
         return tuple(agent for agent in self.agents if agent.kind == "robot")
 
     @property

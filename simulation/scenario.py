@@ -9,7 +9,7 @@ import numpy as np
 from ..framework.errors import WideberthError
 from ..framework.path import Path
 from ..framework.polygon import Polygon
-from .agents import Bystander
+from .agents import Bystander, RobotAgent
 
 Range: TypeAlias = tuple[float, float]
 """Lowest and highest value; a value is drawn uniformly between them. Equal ends fix it."""
@@ -26,23 +26,65 @@ class Placement:
     speed : m/s at time 0, and the reference speed.
     phase : s after time 0 of the first decision, as a share of the control period: in
         [0, 1).
+    visible : whether people detect it; see `RobotAgent`.
     """
 
     name: str
     path: Path
     speed: float
     phase: float = 0.0
+    visible: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Cast:
+    """All who take part in one situation.
+
+    Attributes
+    ----------
+    placements : the robots whose controller is examined.
+    people : others who decide for themselves, complete with body and controller.
+    bystanders : others who move and decide nothing.
+    polygons : what stands still.
+    """
+
+    placements: tuple[Placement, ...]
+    people: tuple[RobotAgent, ...] = ()
+    bystanders: tuple[Bystander, ...] = ()
+    polygons: tuple[Polygon, ...] = ()
 
 
 class Scenario(ABC):
     """A family of situations; a frozen dataclass whose fields are ranges.
 
-    Law: the same generator state gives the same placements and bystanders.
+    Law: the same seed gives the same cast, and the same generator state the same parts of it.
     """
+
+    def cast(self, seed: int) -> Cast:
+        """Draw the situation of a seed; the same for every controller that is compared.
+
+        Each part has a generator of its own, so that one more of a kind changes no other kind.
+        """
+        robots, people, bystanders, polygons = (
+            np.random.default_rng([seed, stream]) for stream in (7, 6, 8, 9)
+        )
+        placements = self.build(robots)
+        return Cast(
+            placements,
+            self.people(people, placements),
+            self.bystanders(bystanders, placements),
+            self.polygons(polygons),
+        )
 
     @abstractmethod
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Draw one situation."""
+
+    def people(
+        self, rng: np.random.Generator, placements: tuple[Placement, ...]
+    ) -> tuple[RobotAgent, ...]:
+        """Draw who else decides there; nobody unless a scenario says so."""
+        return ()
 
     def bystanders(
         self, rng: np.random.Generator, placements: tuple[Placement, ...]

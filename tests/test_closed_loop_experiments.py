@@ -6,13 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wideberth.experiments.closed_loop import fresh, place, play
+from wideberth.experiments.closed_loop import play
 from wideberth.experiments.conservativeness import Conservativeness, kept, promised
 from wideberth.experiments.dynamic_matters import DynamicMatters
 from wideberth.experiments.encounter import Encounter
 from wideberth.experiments.runner import draw, run
 from wideberth.experiments.shipped import read_experiment
 from wideberth.experiments.timing import condense_times
+from wideberth.framework.controller import fresh
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.mpc.planner import Planner
 from wideberth.framework.testing import check_controller
@@ -52,11 +53,11 @@ def test_every_robot_gets_a_controller_of_its_own(encounter: Encounter) -> None:
 
 
 def test_planners_meet_the_same_situation(encounter: Encounter) -> None:
-    first, second = place(encounter.scenario, 5), place(encounter.scenario, 5)
+    first, second = encounter.scenario.cast(5).placements, encounter.scenario.cast(5).placements
     for one, two in zip(first, second, strict=True):
         assert np.array_equal(one.path.points, two.path.points)
         assert one.phase == two.phase
-    other = place(encounter.scenario, 6)
+    other = encounter.scenario.cast(6).placements
     assert not np.array_equal(first[0].path.points, other[0].path.points)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from wideberth.experiments.closed_loop import place, play
+from wideberth.experiments.closed_loop import play
 from wideberth.experiments.drawing_3d import draw_flight, ellipsoid, expected
 from wideberth.experiments.flight import Flight, volume_ratio
 from wideberth.experiments.runner import draw, run
@@ -124,7 +124,7 @@ def test_progress_on_a_helix_needs_the_height() -> None:
 def test_scenario_meets_in_the_origin_with_the_lag() -> None:
     scene = Crossing3D(lag=(0.7, 0.7))
     for seed in range(20):
-        first, second = place(scene, seed)
+        first, second = scene.cast(seed).placements
         waits = [np.linalg.norm(one.path.points[0]) / one.speed for one in (first, second)]
         assert waits[1] - waits[0] == pytest.approx(0.7) or waits[0] - waits[1] == pytest.approx(
             0.7
@@ -139,7 +139,7 @@ def test_scenario_meets_in_the_origin_with_the_lag() -> None:
 def test_passers_meet_their_robot_and_leave_the_starts_alone() -> None:
     scene, clock = Crossing3D(), np.linspace(0.0, 25.0, 2501)
     for seed in range(10):
-        placements = place(scene, seed)
+        placements = scene.cast(seed).placements
         passers = scene.bystanders(np.random.default_rng(seed), placements)
         assert len(passers) == 4 and len({one.name for one in passers}) == 4
         assert repr(passers) == repr(scene.bystanders(np.random.default_rng(seed), placements))
@@ -175,7 +175,7 @@ def test_bad_values_name_themselves(build: object, message: str) -> None:
 def test_no_room_is_said() -> None:
     crowd = Crossing3D(passers=60, reach=(3.0, 3.0), passer_radius=1.0, share=(0.5, 0.5))
     with pytest.raises(WideberthError, match="finds no room"):
-        crowd.bystanders(np.random.default_rng(0), place(crowd, 0))
+        crowd.bystanders(np.random.default_rng(0), crowd.cast(0).placements)
 
 
 def test_levels_are_those_of_three_degrees_of_freedom(episode: Episode) -> None:
@@ -217,7 +217,7 @@ def test_planner_is_warm_before_its_first_decision(flight: Flight) -> None:
     """The rehearsal in `set_path` went as far as a compiled problem with an obstacle."""
     planner = replace(flight.planner)  # type: ignore[type-var]
     assert isinstance(planner, Planner)
-    planner.set_path(place(SHORT, 0)[0].path)
+    planner.set_path(SHORT.cast(0).placements[0].path)
     assert planner._problems
 
 
