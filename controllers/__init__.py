@@ -1,3 +1,16 @@
-"""Controllers: ours, and (when they come) the rivals, one file each."""
+"""Controllers: ours and the rivals, one file each."""
 
-BUILT_IN = {"mpc": "wideberth.framework.mpc.planner:Planner"}
+BUILT_IN: dict[str, str] = {
+    "constant_velocity": "wideberth.controllers.constant_velocity:ConstantVelocity",
+    "dynamic_window": "wideberth.controllers.dynamic_window:DynamicWindow",
+    "linearized_chance": "wideberth.controllers.linearized_chance:LinearizedChance",
+    "lmpcc": "wideberth.controllers.lmpcc:Lmpcc",
+    "moussaid_force": "wideberth.controllers.moussaid_force:MoussaidForce",
+    "mpc": "wideberth.framework.mpc.planner:Planner",
+    "mpc_constant_velocity": "wideberth.controllers.mpc_constant_velocity:MpcConstantVelocity",
+    "orca": "wideberth.controllers.orca:Orca",
+    "policy": "wideberth.controllers.policy:Policy",
+    "pure_pursuit": "wideberth.controllers.pure_pursuit:PurePursuit",
+    "social_force": "wideberth.controllers.social_force:SocialForce",
+}
+"""Name -> where the class is."""

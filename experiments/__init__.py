@@ -2,6 +2,8 @@
 
 BUILT_IN: dict[str, str] = {
     "dynamic_matters": "wideberth.experiments.dynamic_matters:DynamicMatters",
+    "comparison": "wideberth.experiments.comparison:Comparison",
+    "closed_loop_risk": "wideberth.experiments.closed_loop_risk:ClosedLoopRisk",
     "conservativeness": "wideberth.experiments.conservativeness:Conservativeness",
     "encounter": "wideberth.experiments.encounter:Encounter",
     "flight": "wideberth.experiments.flight:Flight",
@@ -13,6 +15,7 @@ BUILT_IN: dict[str, str] = {
     "region_gallery": "wideberth.experiments.region_gallery:RegionGallery",
     "prediction_benchmark": "wideberth.experiments.prediction_benchmark:PredictionBenchmark",
     "region_price": "wideberth.experiments.region_price:RegionPrice",
+    "tuning": "wideberth.experiments.tuning:Tuning",
     "cost_comparison": "wideberth.experiments.cost_comparison:CostComparison",
     "level_policies": "wideberth.experiments.level_policies:LevelPolicies",
 }

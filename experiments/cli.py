@@ -10,19 +10,20 @@ import typer
 
 from wideberth.framework.errors import WideberthError
 
-from . import export_command
+from . import export_command, options, play_command, report_command
 from .options import Config, Fresh, Out, Quick, Set, SetPlugin, Workers
+from .results import RESULTS, result_folder
+from .threads import ROUNDING
 
 if TYPE_CHECKING:
     from .base import Experiment
+    from .cluster import Scheduler
 
 app = typer.Typer(
     help="Robot motion planning around moving obstacles with uncertain futures.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
-
-RESULTS = Path("results")
 
 
 @app.command()
@@ -34,14 +35,24 @@ def run(
     quick: Quick = False,
     fresh: Fresh = False,
     no_figures: Annotated[bool, typer.Option("--no-figures", help="Table only.")] = False,
+    scheduler: options.Scheduler = None,
+    tls_ca: options.TlsCa = None,
+    tls_cert: options.TlsCert = None,
+    tls_key: options.TlsKey = None,
+    parquet: options.Parquet = False,
 ) -> None:
     """Run an experiment: measure, print the table, draw the figures."""
+    from . import tables
+    from .cluster import reached
     from .shipped import config_path, read_experiment
 
+    if parquet:
+        tables.need_parquet()
+    cluster = reached(scheduler, tls_ca, tls_cert, tls_key)
     experiment, plugins = read_experiment(config, set_ or [])
     if out is None:
         out = RESULTS / (config_path(config).stem + ("-quick" if quick else ""))
-    _run(experiment, out, workers, quick, plugins, fresh, not no_figures)
+    _run(experiment, out, workers, quick, plugins, fresh, not no_figures, cluster, parquet)
 
 
 def _run(
@@ -52,13 +63,17 @@ def _run(
     plugins: list[str],
     fresh: bool,
     figures: bool = True,
+    cluster: "Scheduler | None" = None,
+    parquet: bool = False,
 ) -> None:
-    from . import runner
+    from . import runner, tables
 
     try:
-        runner.run(experiment, out, workers, quick, plugins, fresh)
+        runner.run(experiment, out, workers, quick, plugins, fresh, cluster)
     except KeyboardInterrupt as stop:
         raise WideberthError(str(stop) or f"stopped; nothing of {out} is half-written") from None
+    if parquet:
+        tables.write_parquet(out)
     if figures:
         runner.draw(out)
     _show(out)
@@ -99,19 +114,13 @@ def figures(
     if not names:
         raise WideberthError(f"{RESULTS}/ holds no result; name a config to run it first")
     for name in names:
-        folder = _folder(name)
+        folder = result_folder(name)
         if (folder / "table.csv").is_file():
             for path in draw(folder):
                 typer.echo(path)
         else:
             experiment, plugins = read_experiment(name, [])
             _run(experiment, folder, workers, False, plugins, False)
-
-
-def _folder(name: str) -> Path:
-    """Return the folder that a path or the name of a config means."""
-    folder = Path(name)
-    return folder if (folder / "config.yaml").is_file() else RESULTS / folder.stem
 
 
 @app.command("list")
@@ -196,7 +205,7 @@ def show(
     result: Annotated[str, typer.Argument(help="Folder of a result, or the name of its config.")],
 ) -> None:
     """Show a result: its claim, its table, its files."""
-    _show(_folder(result))
+    _show(result_folder(result))
 
 
 @app.command()
@@ -238,6 +247,8 @@ def demo(
 
 
 app.command()(export_command.export)
+app.command()(report_command.report)
+app.command()(play_command.play)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -245,7 +256,7 @@ def main(arguments: list[str] | None = None) -> None:
 
     ``arguments`` stand for those of the shell, as in ``main(["run", "crossing"])``.
     """
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    for name in ROUNDING:
         os.environ.setdefault(name, "1")  # the same rounding for any number of workers
     sys.path.append("")  # so that "mypkg:Box" is found where the command is given
     pressed = False

@@ -1,14 +1,16 @@
 """What the closed-loop experiments share: playing one episode, and condensing many."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
 
+from wideberth.controllers.reactive import Reactive
 from wideberth.framework.arrays import Array
 from wideberth.framework.controller import Controller, fresh
 from wideberth.framework.robot import Robot
-from wideberth.simulation.agents import RobotAgent
+from wideberth.framework.statistics import known_mean
 from wideberth.simulation.episode import run_episode
 from wideberth.simulation.log import Episode
 from wideberth.simulation.scenario import Scenario
@@ -27,19 +29,8 @@ def play(
     the same situation.
     """
     cast = scenario.cast(seed)
-    robots = [
-        RobotAgent(
-            one.name,
-            robot,
-            made := fresh(controller),
-            one.path,
-            one.speed,
-            one.phase * made.period,
-            truth=True,
-            visible=one.visible,
-        )
-        for one in cast.placements
-    ]
+    truth = not isinstance(controller, Reactive)  # which could not use it
+    robots = [one.agent(robot, fresh(controller), truth) for one in cast.placements]
     return run_episode(
         [*robots, *cast.people],
         settings,
@@ -49,26 +40,33 @@ def play(
     )
 
 
-def grid(
-    scenarios: Mapping[str, Scenario], planners: Mapping[str, Controller], seeds: int
-) -> list[Task]:
-    """One task per scenario, planner and seed."""
+def grid(axes: Mapping[str, Iterable[str]], seeds: Iterable[int]) -> list[Task]:
+    """One task per combination of the axes' names and seed; the last axis varies fastest."""
+    found = [dict(zip(axes, names, strict=True)) for names in product(*axes.values())]
     return [
-        Task(f"{scenario} {planner} {seed}", seed, {"scenario": scenario, "planner": planner})
-        for scenario in scenarios
-        for planner in planners
-        for seed in range(seeds)
+        Task(" ".join([*labels.values(), str(seed)]), seed, labels)
+        for labels in found
+        for seed in seeds
     ]
+
+
+KEPT_BY = ("scenario", "robot", "settings", "planner", "controller")
+"""What the names of kept episodes are made of, where a task has it."""
+
+
+def log_name(task: Task) -> str:
+    """Name of the file in which the episode of a task is kept."""
+    labels = [str(task.settings[name]) for name in KEPT_BY if name in task.settings]
+    return "-".join([*labels, str(task.seed)]) + ".npz"
 
 
 def outcome(episode: Episode, task: Task, tail: float, keep: bool) -> Outcome:
     """Table row and measured times of an episode; the log itself where asked to keep it."""
     labels = {**task.settings, "seed": task.seed}
-    name = f"{task.settings['scenario']}-{task.settings['planner']}-{task.seed}.npz"
     return Outcome(
         rows=[{**labels, **summarise(episode, tail)}],
         times=[{**labels, **row} for row in time_rows(episode)],
-        files={name: episode.to_bytes()} if keep else {},
+        files={log_name(task): episode.to_bytes()} if keep else {},
     )
 
 
@@ -91,7 +89,8 @@ def condense(rows: Sequence[Row]) -> Row:
 
     ``goals_in_time`` is the share of episodes in which every robot reached its goal within
     twice its free time; ``time_ratio`` the median over episodes of the slowest robot's time
-    over its free time, ``extra_time_s`` of what it took beyond that; ``below_reference`` the
+    over its free time, ``extra_time_s`` of what it took beyond that: NaN, all three, where a
+    robot arrived whose reference speed is unknown. ``below_reference`` is the
     share of plans that hold less content than the reference; ``coverage`` the share of later
     positions inside the forecasts' regions.
     """
@@ -102,7 +101,7 @@ def condense(rows: Sequence[Row]) -> Row:
         "episodes": len(rows),
         "collisions": int(column(rows, "collision").sum()),
         "deadlocks": int(column(rows, "deadlock").sum()),
-        "goals_in_time": float((ratio <= 2.0).mean()),
+        "goals_in_time": float(np.where(np.isnan(ratio), np.nan, ratio <= 2.0).mean()),
         "clearance_min_m": float(clearance.min()),
         "clearance_median_m": float(np.median(clearance)),
         "time_ratio": float(np.median(ratio)),
@@ -115,12 +114,6 @@ def condense(rows: Sequence[Row]) -> Row:
         "named_forecasts": known_mean(column(rows, "named_forecasts")),
         "coverage": known_mean(column(rows, "coverage")),
     }
-
-
-def known_mean(values: Array) -> float:
-    """Return the mean of what is known; nan where nothing is."""
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if known.size else float("nan")
 
 
 def pick(row: Row, names: Sequence[str]) -> Row:

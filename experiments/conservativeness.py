@@ -12,12 +12,13 @@ from wideberth.framework.errors import WideberthError
 from wideberth.framework.predictor import Predictor
 from wideberth.framework.region import Region
 from wideberth.framework.robot import Robot
+from wideberth.framework.statistics import known_mean
 from wideberth.simulation.log import AgentLog, Episode
 from wideberth.simulation.scenario import Scenario
 from wideberth.simulation.settings import Settings
 
 from .base import Experiment, Outcome, Result, Row, Task
-from .closed_loop import column, condense, group, known_mean, outcome, pick, play
+from .closed_loop import column, condense, group, outcome, pick, play
 from .variants import by_region_and_predictor, planner_of
 
 ORACLE = "oracle"

@@ -18,7 +18,7 @@ from wideberth.simulation.settings import Settings
 from wideberth.simulation.summary import robot_rows, summarise
 
 from .base import Experiment, Outcome, Result, Row, Task
-from .closed_loop import column, condense, group, pick, play
+from .closed_loop import column, condense, grid, group, pick, play
 from .dynamic_matters import strip
 from .stopwatch import Stopwatch
 from .variants import planner_of
@@ -80,11 +80,7 @@ class CostComparison(Experiment):
 
     def tasks(self) -> list[Task]:
         """One per scenario and seed, for all costs."""
-        return [
-            Task(f"{scenario} {seed}", seed, {"scenario": scenario})
-            for scenario in self.scenarios
-            for seed in range(self.seeds)
-        ]
+        return grid({"scenario": self.scenarios}, range(self.seeds))
 
     def measure(self, task: Task) -> Outcome:
         """Play one episode with each cost."""

@@ -70,7 +70,7 @@ class DynamicMatters(Experiment):
 
     def tasks(self) -> list[Task]:
         """One per scenario, predictor and seed."""
-        return grid(self.scenarios, by_predictor(self.planner, self.predictors), self.seeds)
+        return grid({"scenario": self.scenarios, "planner": self.predictors}, range(self.seeds))
 
     def measure(self, task: Task) -> Outcome:
         """Play one episode."""

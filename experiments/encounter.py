@@ -60,7 +60,7 @@ class Encounter(Experiment):
 
     def tasks(self) -> list[Task]:
         """One per planner and seed."""
-        return grid({"run": self.scenario}, self.planners, self.seeds)
+        return grid({"scenario": ["run"], "planner": self.planners}, range(self.seeds))
 
     def measure(self, task: Task) -> Outcome:
         """Play one episode."""

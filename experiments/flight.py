@@ -13,13 +13,14 @@ from wideberth.framework.forecast import GaussianObstacle
 from wideberth.framework.predictor import Predictor
 from wideberth.framework.region import Region
 from wideberth.framework.robot import Robot
+from wideberth.framework.statistics import known_mean
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.simulation.log import Episode
 from wideberth.simulation.scenario import Scenario
 from wideberth.simulation.settings import Settings
 
 from .base import Experiment, Outcome, Result, Row, Task
-from .closed_loop import column, condense, group, known_mean, outcome, pick, play
+from .closed_loop import column, condense, group, outcome, pick, play
 from .dynamic_matters import strip
 from .variants import by_region_and_predictor, planner_of
 

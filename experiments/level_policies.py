@@ -8,9 +8,9 @@ from typing import Any, ClassVar, Self, final
 import numpy as np
 
 from wideberth.experiments.base import Experiment, Outcome, Result, Row, Task
-from wideberth.experiments.closed_loop import column, condense, group, outcome, pick, play
+from wideberth.experiments.closed_loop import column, condense, grid, group, outcome, pick, play
+from wideberth.experiments.fronts import front_legend, front_looks, mark
 from wideberth.experiments.pieces import pairs
-from wideberth.experiments.prices import quartiles
 from wideberth.experiments.replay import STILL
 from wideberth.experiments.variants import planner_of
 from wideberth.framework.arrays import probability, whole
@@ -84,17 +84,10 @@ class LevelPolicies(Experiment):
 
     def tasks(self) -> list[Task]:
         """One per scenario, predictor, policy and seed."""
-        return [
-            Task(
-                f"{scenario} {forecast} {level} {seed}",
-                seed,
-                {"scenario": scenario, "forecast": forecast, "planner": level},
-            )
-            for scenario in self.scenarios
-            for forecast in self.predictors
-            for level in self.levels
-            for seed in range(self.seeds)
-        ]
+        return grid(
+            {"scenario": self.scenarios, "forecast": self.predictors, "planner": self.levels},
+            range(self.seeds),
+        )
 
     def measure(self, task: Task) -> Outcome:
         """Play one episode."""
@@ -184,13 +177,13 @@ def draw_prices(rows: list[Row]) -> Any:
     """
     from matplotlib import pyplot
 
-    from wideberth.experiments.plotting import COLOURS, PAGE
+    from wideberth.experiments.plotting import PAGE
 
     panels = group(rows, "scenario", "forecast")
     scenarios = list(dict.fromkeys(scenario for scenario, _ in panels))
     forecasts = list(dict.fromkeys(forecast for _, forecast in panels))
     names = list(dict.fromkeys(str(row["planner"]) for row in rows))
-    looks = {name: ("osD^vPX*"[i % 8], COLOURS[i % len(COLOURS)]) for i, name in enumerate(names)}
+    looks = front_looks(names)
     figure, axes = pyplot.subplots(
         len(forecasts), len(scenarios), figsize=(PAGE, 0.6 + 2.1 * len(forecasts)), squeeze=False
     )  # fmt: skip
@@ -198,41 +191,13 @@ def draw_prices(rows: list[Row]) -> Any:
         panel = axes[forecasts.index(forecast), scenarios.index(scenario)]
         panel.set_title(f"{scenario}, {forecast}".replace("_", " "))
         for (name,), own in group(some, "planner").items():
-            _mark(panel, own, *looks[str(name)])
+            mark(panel, own, "extra_time_worst", looks[str(name)])
         panel.axhline(0.0, color="black", linewidth=0.8)
         panel.set_xlabel("extra time (s)")
     for panel in axes[:, 0]:
         panel.set_ylabel("least clearance (m)")
-    _legend(figure, looks)
+    front_legend(figure, looks)
     return figure
-
-
-def _mark(panel: Any, rows: list[Row], marker: str, colour: str) -> None:
-    """Draw one policy; episodes that did not end count as none in the times."""
-    low, middle, high = quartiles(column(rows, "extra_time_worst"))
-    if not np.isfinite(middle):
-        return
-    clearance = column(rows, "clearance")
-    typical, least = float(np.median(clearance)), float(clearance.min())
-    failed = sum(not row["success"] for row in rows)
-    panel.plot([low, high], [typical, typical], "-", color=colour, linewidth=0.8)
-    panel.plot([middle, middle], [least, typical], "-", color=colour, linewidth=0.8)
-    face = "white" if failed else colour
-    panel.plot(middle, typical, marker, color=colour, markersize=5, markerfacecolor=face)
-    if failed:
-        panel.annotate(f"{failed}", (middle, typical), (3, 3), textcoords="offset points",
-                       fontsize=6, color=colour)  # fmt: skip
-
-
-def _legend(figure: Any, looks: dict[str, tuple[str, str]]) -> None:
-    from matplotlib.lines import Line2D
-
-    entries = [
-        Line2D([], [], linestyle="", marker=marker, color=colour, markersize=5,
-               label=name.replace("_", " "))
-        for name, (marker, colour) in looks.items()
-    ]  # fmt: skip
-    figure.legend(handles=entries, loc="outside lower center", ncols=min(len(entries), 4))
 
 
 if __name__ == "__main__":

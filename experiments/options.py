@@ -17,3 +17,13 @@ Out = Annotated[Path | None, typer.Option(help="Folder of the result; results/NA
 Workers = Annotated[int, typer.Option(help="Processes; the result does not depend on it.")]
 Quick = Annotated[bool, typer.Option("--quick", help="A reduced version, in seconds.")]
 Fresh = Annotated[bool, typer.Option("--fresh", help="Throw an older result away first.")]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(help="tcp://HOST:PORT or tls://HOST:PORT of a Dask cluster that does the work."),
+]
+TlsCa = Annotated[
+    Path | None, typer.Option(help="PEM file: who signs the cluster's certificates.")
+]
+TlsCert = Annotated[Path | None, typer.Option(help="PEM file: our certificate for the cluster.")]
+TlsKey = Annotated[Path | None, typer.Option(help="PEM file: its key, if not in the same file.")]
+Parquet = Annotated[bool, typer.Option("--parquet", help="Write table.parquet beside table.csv.")]

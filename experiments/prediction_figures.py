@@ -10,9 +10,10 @@ import numpy as np
 
 from wideberth.framework.arrays import Array
 from wideberth.framework.forecast import Forecast
+from wideberth.framework.statistics import known_mean
 
 from .base import Row
-from .closed_loop import column, group, known_mean
+from .closed_loop import column, group
 from .pieces import outlines
 from .plotting import COLOURS, PAGE, save
 from .prediction_scores import CONTENTS, TAIL

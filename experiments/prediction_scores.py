@@ -25,9 +25,9 @@ from wideberth.framework.scoring import (
     region_area,
     trajectory_energy_score,
 )
+from wideberth.framework.statistics import known_mean
 
 from .base import Row
-from .closed_loop import known_mean
 from .prediction_data import STOOD, PredictionData
 from .prediction_windows import Moment, Protocol, moments
 from .region_family import rounded

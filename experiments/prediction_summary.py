@@ -2,8 +2,10 @@
 
 import numpy as np
 
+from wideberth.framework.statistics import known_mean
+
 from .base import Row
-from .closed_loop import column, group, known_mean
+from .closed_loop import column, group
 from .prediction_data import FAST
 from .region_family import rounded
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Self, cast, final
 
 from wideberth.experiments.base import Experiment, Outcome, Result, Row, Task
-from wideberth.experiments.closed_loop import column, condense, group, known_mean, pick, play
+from wideberth.experiments.closed_loop import column, condense, group, pick, play
 from wideberth.experiments.price_figure import draw_prices
 from wideberth.experiments.prices import (
     ELLIPSE,
@@ -29,6 +29,7 @@ from wideberth.framework.mpc.planner import Planner
 from wideberth.framework.predictor import Predictor
 from wideberth.framework.region import Region
 from wideberth.framework.robot import Robot
+from wideberth.framework.statistics import known_mean
 from wideberth.simulation.log import Episode
 from wideberth.simulation.scenario import Scenario
 from wideberth.simulation.settings import Settings

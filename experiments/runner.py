@@ -6,32 +6,28 @@ files/. While the work goes on, shards/ holds one file per finished task; table.
 last and says that the run is complete.
 """
 
-import os
 import shutil
-import signal
-import tempfile
-import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from wideberth.framework.config import build, describe, import_plugins
 from wideberth.framework.errors import WideberthError
-from wideberth.framework.io import (
-    read_json,
-    read_table,
-    write_bytes,
-    write_json,
-    write_table,
-    write_text,
-)
-from wideberth.framework.yamlfile import dump, read_config
+from wideberth.framework.io import read_table, write_bytes, write_table, write_text
+from wideberth.framework.yamlfile import read_config
 
 from .base import Experiment, Result, Row, Task
-from .progress import Progress
+from .folder import claimed, prepare, sweep_out
+from .markdown import markdown_table
+from .progress import Progress, say
 from .provenance import foreign_sources, provenance
-from .shards import checked_tasks, read_shard, shard_key, write_shard
-from .showing import fault, shown
+from .shards import Packed, checked_tasks, finished, read_shard, shard_keys, write_shard
+from .sweep import Pool, Sweep
+from .work import do_task, pack_job
+
+if TYPE_CHECKING:
+    from .cluster import Scheduler
 
 
 def run(
@@ -41,6 +37,7 @@ def run(
     quick: bool = False,
     plugins: Sequence[str] = (),
     fresh: bool = False,
+    scheduler: "Scheduler | None" = None,
 ) -> Result:
     """Run an experiment into a folder, or finish what was begun there.
 
@@ -52,171 +49,127 @@ def run(
     quick : run the experiment's reduced copy.
     plugins : modules that every worker imports first.
     fresh : throw away what an earlier run of any config left in the folder.
+    scheduler : of a Dask cluster, whose workers do the tasks instead.
 
     Raises
     ------
     WideberthError : before any work if the folder holds anything else, another config or a
-        result of other source code, or cannot be written, or the tasks are not valid; later if
-        a task refuses its input.
+        result of other source code, or cannot be written, or another run is at work there, the
+        scheduler does not answer, or the tasks are not valid; later if a task refuses its
+        input, ends its workers, or the disk is full. Finished tasks are kept.
     KeyboardInterrupt : with a message that says how to resume; finished tasks are kept.
     """
     if workers < 1:
         raise WideberthError(f"workers is {workers}; wanted at least 1")
+    if scheduler is not None and workers > 1:
+        raise WideberthError(
+            f"workers is {workers}, and a scheduler has its own; give one of them"
+        )
     if quick:
         experiment = experiment.quick()
     config: dict[str, Any] = {**describe(experiment), "plugins": list(plugins)}
-    tasks = checked_tasks(experiment.tasks())
-    keys = {shard_key(config, task): task for task in tasks}
-    others = [*foreign_sources(experiment, plugins), *experiment.inputs()]
-    prepare(out, config, fresh, others)
+    keys = shard_keys(config, checked_tasks(experiment.tasks()))
+    origin = provenance([*foreign_sources(experiment, plugins), *experiment.inputs()])
     result = Result(out)
-    if (out / "table.csv").exists():
+    if (out / "table.csv").exists() and not fresh:
+        prepare(out, config, origin)
         return result
-    missing = {key: task for key, task in keys.items() if read_shard(out / "shards", key) is None}
-    try:
-        _work_all(experiment, missing, out / "shards", workers, plugins)
-    except KeyboardInterrupt:
-        kept = sum(read_shard(out / "shards", key) is not None for key in keys)
-        raise KeyboardInterrupt(
-            f"stopped with {kept} of {len(keys)} tasks done; they are kept in {out}: "
-            "the same command goes on from there"
-        ) from None
-    _collect(experiment, list(keys), out)
+    crew = _pool(experiment, plugins, min(workers, len(keys)), scheduler, origin["source"])
+    with crew as pool:  # before the folder: where there is no scheduler, no result is thrown away
+        prepare(out, config, origin, fresh)
+        if not (out / "table.csv").exists():
+            with claimed(out):
+                sweep_out(out)
+                _work(experiment, keys, out, origin["source"], pool)
+                try:
+                    _collect(experiment, list(keys), out, origin["source"])
+                except (WideberthError, OSError) as error:
+                    raise _kept(error, len(keys), len(keys), out) from error
     return result
 
 
-def prepare(
-    out: Path, config: dict[str, Any], fresh: bool = False, others: Sequence[Path] = ()
-) -> None:
-    """Make the folder with config and provenance in it, or check those that stand there."""
-    origin = provenance(others)
-    try:
-        if fresh and (out / "config.yaml").exists():
-            shutil.rmtree(out)
-        if out.exists() and (not out.is_dir() or any(out.iterdir())):
-            _check_same(out, config, origin["source"])
-            return
-        out.parent.mkdir(parents=True, exist_ok=True)
-        begun = Path(tempfile.mkdtemp(".part", f".{out.name}.", out.parent))
-    except OSError as error:
-        raise WideberthError(
-            f"the result cannot be written to {out} ({error.strerror or error}); "
-            "give another folder with --out"
-        ) from None
-    begun.chmod(0o755)
-    (begun / "shards").mkdir()
-    write_json(begun / "provenance.json", "provenance", 1, origin)
-    write_text(begun / "config.yaml", dump(config))
-    try:
-        os.replace(begun, out)  # the folder is there with both files or not at all
-    except OSError:
-        shutil.rmtree(begun)
-        raise WideberthError(
-            f"{out} was begun by another run at the same moment; let that one finish, or give "
-            "another folder with --out"
-        ) from None
-
-
-def _check_same(out: Path, config: dict[str, Any], source: str) -> None:
-    cure = "give another folder with --out, or throw the old result away with --fresh"
-    if not (out / "config.yaml").is_file():
-        raise WideberthError(f"{out} exists and holds no result; give another folder with --out")
-    found = read_config(out / "config.yaml")
-    if found != config:
-        differing = sorted(key for key in {*found, *config} if found.get(key) != config.get(key))
-        raise WideberthError(
-            f"{out} holds the result of another config (it differs in {', '.join(differing)}); "
-            f"{cure}"
-        )
-    stored = read_json(out / "provenance.json", "provenance", 1)
-    if stored.get("source") != source:
-        raise WideberthError(f"{out} was measured by other source code or data; {cure}")
-    (out / "shards").mkdir(exist_ok=True)
-
-
-def _work_all(
+@contextmanager
+def _pool(
     experiment: Experiment,
-    missing: dict[str, Task],
-    folder: Path,
-    workers: int,
     plugins: Sequence[str],
-) -> None:
-    from joblib import Parallel, delayed, parallel_config
+    workers: int,
+    scheduler: "Scheduler | None",
+    source: str,
+) -> Iterator[Pool | None]:
+    """Yield the workers, ready; None means this process. They end with the block."""
+    if scheduler is None and workers == 1:
+        yield None
+        return
+    job = pack_job(experiment, plugins, source)
+    pool: Pool
+    if scheduler is None:
+        from .processes import Processes
 
-    settings = {"inner_max_num_threads": 1} if workers > 1 else {}
-    with Progress(len(missing)) as advance, parallel_config("loky", **settings):
-        jobs = (
-            delayed(_work)(experiment, task, folder, key, plugins, workers > 1)
-            for key, task in missing.items()
-        )
-        for _ in Parallel(n_jobs=workers, return_as="generator_unordered")(jobs):
-            advance()
+        pool = Processes(job, workers)
+    else:
+        from .cluster import Cluster
+
+        pool = Cluster(scheduler, job)
+    try:
+        yield pool
+    finally:
+        pool.close()
 
 
 def _work(
-    experiment: Experiment,
-    task: Task,
-    folder: Path,
-    key: str,
-    plugins: Sequence[str],
-    own_process: bool,
+    experiment: Experiment, keys: Mapping[str, Task], out: Path, source: str, pool: Pool | None
 ) -> None:
-    """Do one task and write its shard; runs in a worker."""
-    if own_process:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process stops the workers
-    import_plugins(plugins)
-    with _Interrupt() as interrupt:
-        try:
-            outcome = experiment.measure(task)
-        except Exception as error:  # a plug-in may fail in any way; say where
-            interrupt.check()
-            raise WideberthError(f"task {task.name!r}: {fault(error)}") from error
-        interrupt.check()
-    write_shard(folder, key, task, outcome)
+    """Do the tasks that are missing, and write the shard of each when it is done."""
+    folder = out / "shards"
+    usable, reasons = finished(folder, keys, source)
+    for reason, number in reasons.items():
+        say(f"{number} of {len(keys)} tasks of {out} are done again: their shards are {reason}")
+    missing = {key: task for key, task in keys.items() if key not in usable}
+    if not missing:
+        return
+    done = len(usable)
+
+    def keep(key: str, packed: Packed) -> None:
+        nonlocal done
+        write_shard(folder, key, packed)
+        done += 1
+        advance()
+
+    try:
+        with Progress(len(keys), done) as advance:
+            if pool is not None:
+                Sweep(pool, missing).run(keep)
+            else:
+                for key, task in missing.items():
+                    keep(key, do_task(experiment, task, source))
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(
+            f"stopped with {done} of {len(keys)} tasks done; they are kept in {out}: "
+            "the same command goes on from there"
+        ) from None
+    except WideberthError as error:
+        raise _kept(error, done, len(keys), out) from error
 
 
-class _Interrupt:
-    """Remembers a Ctrl-C during a task.
-
-    IPOPT and fatrop may swallow the KeyboardInterrupt raised inside them and report a
-    failed solve; a result made from that must not be kept.
-    """
-
-    def __init__(self) -> None:
-        self._pressed = False
-        self._before: Any = None
-
-    def __enter__(self) -> "_Interrupt":
-        if threading.current_thread() is threading.main_thread():
-            before = signal.getsignal(signal.SIGINT)
-            if callable(before):  # a worker process ignores the signal
-                self._before = before
-                signal.signal(signal.SIGINT, self._press)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._before is not None:
-            signal.signal(signal.SIGINT, self._before)
-
-    def _press(self, number: int, frame: Any) -> None:
-        self._pressed = True
-        self._before(number, frame)
-
-    def check(self) -> None:
-        """Raise the KeyboardInterrupt that was swallowed, if one was."""
-        if self._pressed:
-            raise KeyboardInterrupt
+def _kept(error: Exception, done: int, total: int, out: Path) -> WideberthError:
+    """Add to an error what it left."""
+    if not done:
+        return WideberthError(str(error))
+    return WideberthError(
+        f"{error}; {done} of {total} tasks are done and kept in {out}: once that is mended, the "
+        "same command goes on from there"
+    )
 
 
-def _collect(experiment: Experiment, keys: Sequence[str], out: Path) -> None:
+def _collect(experiment: Experiment, keys: Sequence[str], out: Path, source: str) -> None:
     """Bring the shards together in the order of the tasks; table.csv comes last."""
     rows: list[Row] = []
     times: list[Row] = []
     owner: dict[str, str] = {}
     for key in keys:
-        outcome = read_shard(out / "shards", key)
+        outcome = read_shard(out / "shards", key, source)
         if outcome is None:
-            raise WideberthError(f"{out}/shards/{key}.json vanished; run the same command again")
+            raise WideberthError(f"{out}/shards/{key}.json vanished")
         rows += outcome.rows
         times += outcome.times
         for name, data in outcome.files.items():
@@ -230,16 +183,9 @@ def _collect(experiment: Experiment, keys: Sequence[str], out: Path) -> None:
     partial = write_table(out / ".table.part", rows)
     summary = experiment.summary(read_table(partial))
     write_table(out / "summary.csv", summary)
-    write_text(out / "summary.md", _markdown(experiment.claim, summary))
+    write_text(out / "summary.md", f"{experiment.claim}\n\n{markdown_table(summary)}\n")
     partial.replace(out / "table.csv")
     shutil.rmtree(out / "shards")
-
-
-def _markdown(claim: str, rows: Sequence[Row]) -> str:
-    columns = list(dict.fromkeys(name for row in rows for name in row))
-    lines = [claim, "", f"| {' | '.join(columns)} |", "|" + " --- |" * len(columns)]
-    lines += [f"| {' | '.join(shown(row.get(name)) for name in columns)} |" for row in rows]
-    return "\n".join(lines) + "\n"
 
 
 def reopen(folder: Path) -> tuple[Experiment, Result]:

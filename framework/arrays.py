@@ -118,15 +118,19 @@ def _refuse_negative(name: str, symmetric: Array) -> None:
 
 
 def _surely_definite(symmetric: Array) -> BoolArray:
-    """Tell which matrices (..., D, D) have positive leading minors (Sylvester), D = 1, 2."""
+    """Tell which matrices (..., D, D), D = 1, 2, have positive leading minors, or are diagonal.
+
+    The former is Sylvester's criterion.
+    """
     size = symmetric.shape[-1]
     if size > 2:
         return np.zeros(symmetric.shape[:-2], dtype=np.bool_)
     first = symmetric[..., 0, 0]
     if size == 1:
-        return np.asarray(first > 0)
+        return np.asarray(first >= 0)
     second, cross = symmetric[..., 1, 1], symmetric[..., 0, 1]
-    return np.asarray((first > 0) & (first * second > cross**2))
+    diagonal = (first >= 0) & (second >= 0) & (cross == 0)
+    return np.asarray(diagonal | ((first > 0) & (first * second > cross**2)))
 
 
 def stacked(places: Sequence[tuple[Scalar, ...]]) -> Array:

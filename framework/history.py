@@ -62,7 +62,7 @@ class History:
     def add(self, stamp: float, detections: tuple[Detection, ...]) -> None:
         """Take in what was seen at ``stamp``; measurements out of order are left out."""
         keep = self._samples * self._dt + self._gap
-        for ident, detection in _told_apart(detections):
+        for ident, detection in told_apart(detections):
             measured = stamp - detection.age
             log = self._logs.setdefault(ident, _Log(len(detection.position)))
             log.reported = stamp
@@ -98,7 +98,7 @@ class History:
         return interpolated(log.times, log.positions, grid, self._gap, ON_GRID * self._dt)
 
 
-def _told_apart(detections: tuple[Detection, ...]) -> list[tuple[str, Detection]]:
+def told_apart(detections: tuple[Detection, ...]) -> list[tuple[str, Detection]]:
     """Give the second detection of one identity a name of its own, so that none is lost."""
     seen: dict[str, int] = {}
     named = []

@@ -13,10 +13,11 @@ from typing import Any
 from .errors import WideberthError
 
 
-def write_bytes(path: Path, data: bytes) -> Path:
+def write_bytes(path: Path, data: bytes, synced: bool = True) -> Path:
     """Write ``data`` so that readers see the old file or the new one, never a part.
 
-    A temporary file in the same folder is flushed to the disk and renamed.
+    A temporary file in the same folder is flushed to the disk and renamed. Without ``synced``
+    the disk is not waited for: a power cut, and nothing less, may then leave a damaged file.
 
     Raises
     ------
@@ -32,8 +33,9 @@ def write_bytes(path: Path, data: bytes) -> Path:
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
+            if synced:
+                file.flush()
+                os.fsync(file.fileno())
         os.chmod(temporary, 0o644)
         os.replace(temporary, path)
     except BaseException as error:

@@ -65,7 +65,7 @@ class VelocitySmoother:
     def values(self, time: float) -> tuple[float, ...]:
         """Linear components and yaw rate at ``time``, (D + 1,)."""
         elapsed = time - self.since
-        if elapsed >= self.ramp:
+        if self.ramp == 0.0 or elapsed >= self.ramp:
             return self.target
         share = max(elapsed, 0.0) / self.ramp
         return tuple(a + share * (b - a) for a, b in zip(self.start, self.target, strict=True))

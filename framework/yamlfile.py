@@ -81,17 +81,27 @@ def apply(config: dict[str, Any], override: str) -> None:
     {'region': {'type': 'ellipse', 'tail': 0.1}}
     """
     key, equals, text = override.partition("=")
-    parts = key.strip().split(".")
-    if not equals or not all(parts):
+    if not equals or not all(key.strip().split(".")):
         raise WideberthError(f"--set {override!r}: wanted KEY=VALUE, as in region.tail=0.1")
-    value = parse(text, f"--set {override!r}")
+    where = f"--set {override!r}"
+    assign(config, key.strip(), parse(text, where), where)
+
+
+def assign(config: dict[str, Any], key: str, value: Any, where: str) -> None:
+    """Set one value in place by its dotted key, as `apply` does.
+
+    Raises
+    ------
+    WideberthError : a parent that holds no keys; ``where`` begins the message.
+    """
+    parts = key.split(".")
     here: Any = config
     for index, part in enumerate(parts):
         last = index == len(parts) - 1
         if isinstance(here, list):
             if not part.isdecimal() or int(part) >= len(here):
                 raise WideberthError(
-                    f"--set {override!r}: {'.'.join(parts[:index])} is a list of {len(here)}; "
+                    f"{where}: {'.'.join(parts[:index])} is a list of {len(here)}; "
                     f"{part!r} is no index of it"
                 )
             slot: Any = int(part)
@@ -99,7 +109,7 @@ def apply(config: dict[str, Any], override: str) -> None:
             slot = part
         else:
             raise WideberthError(
-                f"--set {override!r}: {'.'.join(parts[:index])} is {here!r}, which has no keys"
+                f"{where}: {'.'.join(parts[:index])} is {here!r}, which has no keys"
             )
         if last:
             here[slot] = value

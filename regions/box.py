@@ -18,9 +18,6 @@ from . import gaussian
 Correction: TypeAlias = Literal["bonferroni", "sidak"]
 Enlargement: TypeAlias = Literal["disc", "box"]
 
-_TINY = 1e-13
-"""Keeps the logarithm finite at the centre; moves the boundary by 5e-14 of its distance."""
-
 
 def check_choices(correction: str, enlargement: str) -> None:
     """Raise a WideberthError unless both are among the known ones."""
@@ -67,7 +64,7 @@ def box_outside(
     x = [ca.fabs(coordinate) for coordinate in coordinates]
     if enlargement == "box":
         half, margin = [h + margin for h in half], 0.0
-    return 0.5 * ca.log(_gauge(x, half, margin**2 + gaussian.FLOOR**2) ** 2 + _TINY)
+    return gaussian.log_gauge(_gauge(x, half, margin**2 + gaussian.FLOOR**2) ** 2)
 
 
 def _gauge(x: list[Scalar], half: list[Scalar], disc: Scalar) -> Scalar:

@@ -4,8 +4,8 @@ Layout of their parameters, P = D + D^2 + D + 1 numbers: mean (D), eigenvectors 
 (D^2, one vector per column), deviations sqrt(eigenvalue) from large to small (D), margin.
 """
 
+import math
 from collections.abc import Sequence
-from math import isqrt
 
 import numpy as np
 from scipy import special
@@ -14,11 +14,25 @@ from ..framework.arrays import Array, Scalar, probability
 from ..framework.errors import WideberthError
 from ..framework.forecast import GaussianObstacle
 from ..framework.motion import Pose
+from ..framework.symbolic import ca
 
 FLOOR = 1e-9
 """m. Added in quadrature to every axis, so that a point obstacle without margin gives finite
 numbers. An axis of 1 m or more does not change in float64, one of 1 mm by 1e-12 of its length.
 """
+CENTRE = 1e-4
+"""Keeps the curvature of a gauge's logarithm finite at the centre, see `log_gauge`."""
+
+
+def log_gauge(squared: Scalar) -> Scalar:
+    """0.5 log((g^2 + c) / (1 + c)) in CasADi, with c = `CENTRE`: >= 0 outside, where g >= 1.
+
+    The boundary g = 1 is met exactly; the gradient there is 1 / (1 + c) of that of log g. Without
+    c the second derivative grows as 1 / g^2 towards the centre. A start on top of an obstacle
+    then gives second derivatives, times the price of slack, of 1e12 and more, in which fatrop
+    looks for a shift that makes them definite for ever.
+    """
+    return 0.5 * (ca.log(squared + CENTRE) - math.log1p(CENTRE))
 
 
 def principal_axes(covariance: Array) -> tuple[Array, Array]:
@@ -69,7 +83,7 @@ def packed_count(dimension: int) -> int:
 
 def dimension(parameters: Array) -> int:
     """D of packed parameters, from P = (D + 1)^2."""
-    return isqrt(np.shape(parameters)[-1]) - 1
+    return math.isqrt(np.shape(parameters)[-1]) - 1
 
 
 def unpack(parameters: Array) -> tuple[Array, Array, Array, Array]:

@@ -58,9 +58,12 @@ class HalfPlane(Region):
         """Log |d| - log(margin + z h(a)) >= 0."""
         x, deviations, margin = gaussian.local_symbols(pose, parameters)
         squared = sum(c**2 for c in x) + gaussian.FLOOR**2
-        spread = sum((c * s) ** 2 for c, s in zip(x, deviations, strict=True)) / squared
+        # At the centre the direction turns without bounds, and so would the curvature, see
+        # `gaussian.log_gauge`.
+        away = ca.fmax(squared, gaussian.CENTRE * margin**2)
+        spread = sum((c * s) ** 2 for c, s in zip(x, deviations, strict=True)) / away
         reach = margin + ca.fmax(level, 0.0) * ca.sqrt(spread + gaussian.FLOOR**2) + gaussian.FLOOR
-        return Constraint((0.5 * ca.log(squared) - ca.log(reach),))
+        return Constraint((gaussian.log_gauge(squared / reach**2),))
 
     def contains(self, points: Array, parameters: Array, level: Array) -> BoolArray:
         """Whether |d| < margin + z h(a)."""

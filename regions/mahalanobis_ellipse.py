@@ -9,12 +9,8 @@ from ..framework.arrays import Array, BoolArray, Scalar
 from ..framework.forecast import GaussianObstacle
 from ..framework.motion import Pose
 from ..framework.region import Constraint, Convex, Guarantee, Relation, Signed
-from ..framework.symbolic import ca
 from . import gaussian
 from .geometry import UNIT_BALL, distance_to_ellipse
-
-_TINY = 1e-13
-"""Keeps the logarithm finite at the centre; moves the boundary by 5e-14 of the axes."""
 
 
 @final
@@ -66,7 +62,7 @@ class MahalanobisEllipse(Signed, Convex):
             coordinate**2 / ((level * deviation + margin) ** 2 + gaussian.FLOOR**2)
             for coordinate, deviation in zip(x, deviations, strict=True)
         )
-        return Constraint((0.5 * ca.log(q + _TINY),))
+        return Constraint((gaussian.log_gauge(q),))
 
     def contains(self, points: Array, parameters: Array, level: Array) -> BoolArray:
         """Whether q < 1."""

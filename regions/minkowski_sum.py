@@ -25,8 +25,6 @@ _EDGE = 1e-6
 """Bound on t: an interior point method may step 1e-8 over a bound, and t = 0 has no logarithm.
 Any t in (0, 1) gives a safe constraint; the bound costs at most 5e-7 of the gauge.
 """
-_TINY = 1e-13
-"""Keeps the logarithm finite at the centre; moves the boundary by 5e-14 of the gauge."""
 
 
 @final
@@ -94,7 +92,7 @@ class MinkowskiSum(Signed, Convex, RiskLevel):
             coordinate**2 / ((1.0 - t) * (level * deviation) ** 2 + disc)
             for coordinate, deviation in zip(x, deviations, strict=True)
         )
-        return Constraint((0.5 * ca.log(t * (1.0 - t) * value + _TINY),))
+        return Constraint((gaussian.log_gauge(t * (1.0 - t) * value),))
 
     def contains(self, points: Array, parameters: Array, level: Array) -> BoolArray:
         """Whether the distance to the ellipse is below the margin."""

@@ -15,8 +15,6 @@ from .geometry import UNIT_BALL, distance_to_ellipse
 
 EMPTY = 1e-30
 """Added to divisors that are zero for a point, a flat ellipse or a margin of zero."""
-_TINY = 1e-13
-"""Keeps the logarithm finite at the centre; moves the boundary by 5e-14 of the axes."""
 _STEPS = 8
 """Newton steps of `excess`: to 1e-15 while axis / margin < 1e3; beyond that a little large."""
 
@@ -66,7 +64,7 @@ class OuterEllipse(Signed, Convex, RiskLevel):
             coordinate**2 / (square + gaussian.FLOOR**2)
             for coordinate, square in zip(x, squares, strict=True)
         )
-        return Constraint((0.5 * ca.log(q + _TINY),))
+        return Constraint((gaussian.log_gauge(q),))
 
     def contains(self, points: Array, parameters: Array, level: Array) -> BoolArray:
         """Whether q < 1."""

@@ -28,16 +28,18 @@ class RobotAgent:
     robot : model of the plant; its radius is what the others see.
     controller : decides; called every ``controller.period`` s.
     path : reference path.
-    speed : m/s at time 0, also the reference of the free time.
+    speed : m/s at time 0.
     phase : s, time of the first decision, in [0, period).
     truth : grant the controller the others' future (for the oracle predictor).
     person : one of the crowd.
     visible : whether people detect it; robots detect everyone. An invisible robot has to make
         all the way itself (the "invisible" setting of CrowdNav).
+    reference_speed : m/s, at which its path takes the free time, whoever drives it; ``speed`` by
+        default, and unknown where that is 0.
 
     Raises
     ------
-    WideberthError : a phase outside [0, period), a negative speed, a path of another
+    WideberthError : a phase outside [0, period), a speed out of range, a path of another
         dimension than the robot's.
     """
 
@@ -50,10 +52,13 @@ class RobotAgent:
     truth: bool = False
     person: bool = False
     visible: bool = True
+    reference_speed: float | None = None
 
     def __post_init__(self) -> None:
         positive(f"{self.name}.speed", self.speed, zero=True)
         positive(f"{self.name}.phase", self.phase, zero=True)
+        if self.reference_speed is not None:
+            positive(f"{self.name}.reference_speed", self.reference_speed)
         positive(f"{self.name}.controller.period", self.controller.period)
         if self.phase >= self.controller.period:
             raise WideberthError(
@@ -70,6 +75,11 @@ class RobotAgent:
     def radius(self) -> float:
         """Radius of the enclosing disc, m."""
         return self.robot.radius
+
+    @property
+    def reference(self) -> float:
+        """Reference speed, m/s; NaN where it is unknown."""
+        return (self.speed or np.nan) if self.reference_speed is None else self.reference_speed
 
 
 @final

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 from ..framework.errors import WideberthError
-from ..framework.mpc.planner import Planner
 from ..framework.polygon import Polygon
 from .agents import Bystander, PathChange, ReplayAgent, RobotAgent
 
@@ -50,5 +49,9 @@ def check_cast(
 
 
 def _knows_polygons(agent: RobotAgent) -> bool:
-    planner = agent.controller
-    return not isinstance(planner, Planner) or planner.static_region is not None
+    """Whether what keeps it clear of polygons is there.
+
+    Who has the setting `static_region` needs it. The others read polygons as they are, or say in
+    their docstrings that they do not.
+    """
+    return getattr(agent.controller, "static_region", True) is not None

@@ -45,6 +45,11 @@ class Channel:
                 f"channel.dropout is {self.dropout:g}; wanted a probability below 1"
             )
 
+    @property
+    def exact(self) -> bool:
+        """Whether everybody learns the same: there is neither noise nor loss."""
+        return not (self.noise or self.dropout)
+
     def detections(
         self, seed: int, observer: str, tick: int, bodies: Sequence[tuple[str, Array, float]]
     ) -> tuple[Detection, ...]:
@@ -58,7 +63,7 @@ class Channel:
             if not np.isfinite(position).all():
                 continue
             size, noisy = len(position), position
-            if self.noise or self.dropout:
+            if not self.exact:
                 rng = noise_of(seed, observer, name, tick)
                 if rng.random() < self.dropout:
                     continue

@@ -70,13 +70,14 @@ class Driver:
         """Where the robot means to be, (T,) -> (T, D), m.
 
         Its current plan, straight on beyond the plan's end; before its first plan (or
-        without one) along its path at the reference speed.
+        without one) along its path at the reference speed, standing where that is unknown.
         """
         plan = self.agent.controller.plan
         here = np.array(self.positions[-1])
         if plan is None:
             path = self.paths[-1][1]
-            return along(path, path.project(here) + self.agent.speed * (times - now))
+            speed = np.nan_to_num(self.agent.reference)
+            return along(path, path.project(here) + speed * (times - now))
         clock = plan.stamp + plan.dt * np.arange(len(plan.positions))
         ahead = clock > now + 1e-9
         clock = np.concatenate([[now], clock[ahead]])
@@ -142,12 +143,12 @@ class Driver:
                 forecast = replace(forecast, joint_source=None)
             self.plans.append(replace(plan, seconds=0.0, forecast=forecast))
 
-    def latest(self) -> Course:
-        """Return the way between the last two instants."""
-        last = self.states[-2:]
+    def latest(self, steps: int = 1) -> Course:
+        """Return the way of the last ``steps`` intervals between two instants."""
+        last = self.states[-1 - steps :]
         heading = [self.agent.robot.pose(state).heading for state in last]
         headings = np.array([nan if value is None else value for value in heading], float)
-        where = np.array(self.positions[-2:])
+        where = np.array(self.positions[-1 - steps :])
         return Course(self.radius, where, headings, self.agent.robot.footprint)
 
     def log(self) -> AgentLog:
@@ -168,7 +169,7 @@ class Driver:
             speeds=np.linalg.norm(linear, axis=-1),
             yaw_rates=np.broadcast_to(np.asarray(twist.angular, np.float64), count).copy(),
             paths=tuple(self.paths),
-            speed=self.agent.speed,
+            speed=self.agent.reference,
             period=self.agent.controller.period,
             reached=self.reached,
             skipped=self.skipped,

@@ -16,6 +16,7 @@ from ..framework.polygon import Polygon
 from .agents import Bystander, PathChange, ReplayAgent, RobotAgent
 from .cast import check_cast
 from .channel import noise_of
+from .detecting import Detecting
 from .driver import Driver
 from .gaps import Course, gaps, wall_gaps
 from .log import AgentLog, CommandLog, Episode
@@ -60,11 +61,18 @@ def run_episode(
     ------
     WideberthError : no robots, repeated names, mixed dimensions, a change for no robot.
     """
-    return _Run(robots, settings or Settings(), seed, others, changes, polygons).episode()
+    run = Run(robots, settings or Settings(), seed, others, changes, polygons)
+    run.advance()
+    return run.episode()
 
 
-class _Run:
-    """One running episode."""
+class Run:
+    """One running episode; arguments as of `run_episode`, which goes through it in one go.
+
+    Attributes
+    ----------
+    ended : why it is over; empty while it is not.
+    """
 
     def __init__(
         self,
@@ -86,27 +94,48 @@ class _Run:
         self.drivers = [Driver(agent) for agent in robots]
         self.clock = [0.0]
         self.stood = 0.0
+        self.ended = ""
+        self.waiting: list[tuple[Driver, int, Observation]] = []
         self.queue: list[tuple[float, int, int, Any]] = []
         self.order = count()
+        self.detecting = Detecting(settings.channel, self.seed, self.drivers, self.others)
         by_name = {driver.name: driver for driver in self.drivers}
         for change in changes:
             self._push(change.time, _CHANGE, (by_name[change.agent], change.path))
         for driver in self.drivers:
             self._push(driver.agent.phase, _TICK, (driver, 0))
+        self._remember()
+
+    def advance(self, name: str = "") -> Observation | None:
+        """Go on until the robot ``name`` has to decide, and return what it sees; None at the end.
+
+        The next call begins with its decision. Without a name all decide as they come, and
+        the call returns at the end.
+        """
+        for decision in self.waiting:
+            self._decide(*decision)
+        self.waiting = []
+        while not self.ended:
+            self._handle_events(name)
+            if self.waiting:
+                return self.waiting[0][2]
+            self.ended = self._step() or self._verdict()
+        return None
+
+    def look(self, name: str) -> Observation:
+        """Return what a robot sees at the present instant, whether it has to decide or not."""
+        driver = next(driver for driver in self.drivers if driver.name == name)
+        state, tick = np.array(driver.plant.state), len(driver.commands) + driver.skipped
+        return self._observe(driver, self.clock[-1], tick, state)
 
     def episode(self) -> Episode:
-        """Loop until the end."""
-        self._remember()
-        ended = ""
-        while not ended:
-            self._handle_events()
-            ended = self._step() or self._verdict()
+        """Return the log up to now."""
         logs = [driver.log() for driver in self.drivers]
         times = np.array(self.clock)
         return Episode(
             times=times,
             agents=(*logs, *(_bystander_log(other, times) for other in self.others)),
-            ended=ended,
+            ended=self.ended,
             goal_tolerance=self.settings.goal_tolerance,
             seed=self.seed,
             plan_seconds={driver.name: np.array(driver.seconds) for driver in self.drivers},
@@ -126,7 +155,8 @@ class _Run:
                 state = driver.state_before(time)
                 driver.agent.controller.remember(self._observe(driver, time, tick, state))
 
-    def _handle_events(self) -> None:
+    def _handle_events(self, name: str) -> None:
+        """Do what is due; the decision of the robot ``name`` is left waiting."""
         now = self.clock[-1]
         ticks: list[tuple[Driver, int]] = []
         while self.queue and self.queue[0][0] <= now + _SAME:
@@ -141,8 +171,11 @@ class _Run:
             (driver, tick, self._observe(driver, now, tick, np.array(driver.plant.state)))
             for driver, tick in ticks
         ]
-        for driver, tick, observation in seen:
-            self._decide(driver, tick, observation)
+        for decision in seen:
+            if decision[0].name == name:
+                self.waiting.append(decision)
+            else:
+                self._decide(*decision)
 
     def _decide(self, driver: Driver, tick: int, observation: Observation) -> None:
         last = driver.agent.controller.plan
@@ -170,20 +203,14 @@ class _Run:
             self._push(effect, _EFFECT, (driver, command))
 
     def _observe(self, driver: Driver, time: float, tick: int, state: Array) -> Observation:
-        channel = self.settings.channel
-        measured = time - channel.delay
-        bodies = [
-            (other.name, other.position_at(measured, self.clock), other.radius)
-            for other in self.drivers
-            if other is not driver and (other.agent.visible or not driver.agent.person)
-        ]
-        asked = np.array([measured])
-        bodies += [(other.name, other.at(asked)[0], other.radius) for other in self.others]
-        seen = channel.detections(self.seed, driver.name, tick, bodies)
+        settings = self.settings
+        seen = self.detecting.of(driver, time, tick, self.clock)
         truth = self._truth(driver, time) if driver.agent.truth and time >= 0 else None
+        if settings.localisation.exact:
+            return Observation(time, state, seen, None, self.polygons, truth)
         rng = noise_of(self.seed, driver.name, driver.name, tick)
         robot, control = driver.agent.robot, driver.plant.control
-        estimate, covariance = self.settings.localisation.measure(robot, state, control, rng)
+        estimate, covariance = settings.localisation.measure(robot, state, control, rng)
         return Observation(time, estimate, seen, covariance, self.polygons, truth)
 
     def _truth(self, driver: Driver, now: float) -> Truth:

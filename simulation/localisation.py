@@ -41,6 +41,11 @@ class Localisation:
         positive("localisation.heading", self.heading, zero=True)
         positive("localisation.speed", self.speed, zero=True)
 
+    @property
+    def exact(self) -> bool:
+        """Whether there is no noise."""
+        return not (self.position or self.heading or self.speed)
+
     def measure(
         self,
         robot: Robot,
@@ -54,7 +59,7 @@ class Localisation:
         carried to it by the derivative of `Robot.state_at`.
         """
         exact = np.array(state, dtype=np.float64)
-        if not (self.position or self.heading or self.speed):
+        if self.exact:
             return exact, None
         pose, twist = robot.pose(tuple(state)), robot.twist(tuple(state), tuple(control))
         places = [float(value) for value in pose.position]

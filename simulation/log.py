@@ -50,7 +50,7 @@ class AgentLog:
     speeds : (T,), m/s, length of the linear velocity; NaN for those who decide nothing.
     yaw_rates : (T,), rad/s; NaN for bystanders.
     paths : (time, path) of each reference path, in order; empty for bystanders.
-    speed : m/s, reference speed; NaN for bystanders.
+    speed : m/s, reference speed; NaN for bystanders, and where it is unknown.
     period : s, of the controller; NaN for bystanders.
     reached : s, when it first was at its goal; NaN if never.
     skipped : ticks at which the controller was still busy with the one before.

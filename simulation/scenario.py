@@ -2,14 +2,17 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
+from ..framework.controller import Controller
 from ..framework.errors import WideberthError
 from ..framework.path import Path
 from ..framework.polygon import Polygon
+from ..framework.robot import Robot
 from .agents import Bystander, RobotAgent
+from .log import Episode
 
 Range: TypeAlias = tuple[float, float]
 """Lowest and highest value; a value is drawn uniformly between them. Equal ends fix it."""
@@ -23,10 +26,11 @@ class Placement:
     ----------
     name : identity.
     path : reference path; the robot stands at its start at time 0.
-    speed : m/s at time 0, and the reference speed.
+    speed : m/s at time 0.
     phase : s after time 0 of the first decision, as a share of the control period: in
         [0, 1).
     visible : whether people detect it; see `RobotAgent`.
+    reference_speed : m/s, of the free time; see `RobotAgent`.
     """
 
     name: str
@@ -34,6 +38,21 @@ class Placement:
     speed: float
     phase: float = 0.0
     visible: bool = True
+    reference_speed: float | None = None
+
+    def agent(self, robot: Robot, controller: Controller, truth: bool) -> RobotAgent:
+        """Return the robot of this place, complete; ``truth`` as of `RobotAgent`."""
+        return RobotAgent(
+            self.name,
+            robot,
+            controller,
+            self.path,
+            self.speed,
+            self.phase * controller.period,
+            truth=truth,
+            visible=self.visible,
+            reference_speed=self.reference_speed,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +114,10 @@ class Scenario(ABC):
     def polygons(self, rng: np.random.Generator) -> tuple[Polygon, ...]:
         """Draw what stands there; nothing unless a scenario says so."""
         return ()
+
+    def judge(self, episode: Episode) -> dict[str, Any]:
+        """Outcome by a benchmark's own rules, column -> value, beside ours; none by default."""
+        return {}
 
 
 def checked_range(name: str, value: Range, low: float, high: float = np.inf) -> Range:

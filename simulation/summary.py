@@ -24,8 +24,8 @@ def summarise(episode: Episode, tail: float = 0.05) -> dict[str, Any]:
     by a plug-in turned into an emergency stop. ``deadlock`` is true also when the time limit ended
     the episode. Columns that hold for the worst robot end in ``_worst``.
     """
-    rows = robot_rows(episode)
     apart = clearances(episode)
+    rows = [_robot_row(episode, log, apart) for log in episode.robots]
     share, _, overall = forecast_coverage(episode, tail)
     fallbacks = [plan.fallbacks for log in episode.robots for plan in log.plans]
     return {
@@ -35,8 +35,8 @@ def summarise(episode: Episode, tail: float = 0.05) -> dict[str, Any]:
         "clearance": min(apart.values(), default=float("inf")),
         "collision": any(gap < 0.0 for gap in apart.values()),
         "deadlock": episode.ended in ("deadlock", "time limit"),
-        "time_ratio_worst": max(row["time_ratio"] for row in rows),
-        "extra_time_worst": max(row["extra_time"] for row in rows),
+        "time_ratio_worst": _latest(row["time_ratio"] for row in rows),
+        "extra_time_worst": _latest(row["extra_time"] for row in rows),
         "length_ratio_worst": max(row["length_ratio"] for row in rows),
         "below_reference": _share_below(episode.robots),
         "plans": sum(row["plans"] for row in rows),
@@ -57,18 +57,22 @@ def robot_rows(episode: Episode) -> list[dict[str, Any]]:
 
     Ratios are to the free time and to the length of the first path; the time ratio of a
     robot that never arrived is inf, as is its extra time (beyond the free time), and all are
-    about its first path only (a replaced path makes them meaningless).
+    about its first path only (a replaced path makes them meaningless). Both are NaN for a robot
+    that arrived and has no reference speed: one that starts from a stand needs it stated.
     """
-    return [_robot_row(episode, log) for log in episode.robots]
+    apart = clearances(episode)
+    return [_robot_row(episode, log, apart) for log in episode.robots]
 
 
-def _robot_row(episode: Episode, log: AgentLog) -> dict[str, Any]:
+def _robot_row(
+    episode: Episode, log: AgentLog, apart: dict[tuple[str, str], float]
+) -> dict[str, Any]:
     path = log.paths[0][1]
-    free = metrics.free_time(path, log.speed) if log.speed else float("inf")
+    free = metrics.free_time(path, log.speed)
     until = episode.times <= log.reached if log.reached == log.reached else episode.times >= 0
     driven = metrics.path_length(log.positions[until])
     rungs = metrics.tally(plan.rung for plan in log.plans)
-    others = [gap for pair, gap in clearances(episode).items() if log.name in pair]
+    others = [gap for pair, gap in apart.items() if log.name in pair]
     return {
         "robot": log.name,
         "time": log.reached,
@@ -187,6 +191,12 @@ def _errors(logs: tuple[AgentLog, ...]) -> str:
         return ""
     common = max(sorted(set(reasons)), key=reasons.count)
     return f"{len(reasons)} plans: {common}"
+
+
+def _latest(values: Iterable[float]) -> float:
+    """Largest value; inf where somebody never arrived, else NaN where one is unknown."""
+    found = list(values)
+    return float("inf") if float("inf") in found else float(np.max(found))
 
 
 def _worst(violations: Iterable[float]) -> float:

@@ -74,6 +74,8 @@ def test_list(shell) -> None:  # type: ignore[no-untyped-def]
 def test_check(shell) -> None:  # type: ignore[no-untyped-def]
     code, out, error = shell("check", "robot", "wideberth.robots.unicycle:Unicycle")
     assert code == 0 and "keeps the laws of robots" in out, error
+    code, out, error = shell("check", "scenario", "crossing", "--set", "speed=0.7")
+    assert code == 0 and "keeps the laws of scenarios" in out, error
     Path("odd.py").write_text(
         "from dataclasses import dataclass\n"
         "from wideberth.framework.forecast import Forecast\n"
@@ -141,7 +143,7 @@ def test_demo_names_shipped_configs() -> None:
         (["figures", "coinz"], "unknown config 'coinz'"),
         (["list", "robotz"], "did you mean 'robots'"),
         (["check", "robot", "unicicle"], "did you mean 'unicycle'"),
-        (["check", "scenario", "crossing"], "unknown contract check 'scenario'"),
+        (["check", "solver", "fatrop"], "unknown contract check 'solver'"),
         (["show", "results/none"], "holds no result"),
         (["cite", "none"], "unknown config 'none'"),
     ],

@@ -174,13 +174,20 @@ def test_every_built_in_survives_describe(room: str, name: str) -> None:
             "type": "mpc", "robot": "unicycle", "region": "mahalanobis_ellipse",
             "predictor": "constant_velocity", "level": "relaxed", "solver": "ipopt",
         }  # fmt: skip
+    elif (room, name) == ("controllers", "policy"):
+        value = {"type": name, "robot": "unicycle", "policy": "math:sqrt"}
+    elif room == "controllers":
+        value = {"type": name, "robot": "unicycle"}
+    elif name == "recorded_scene":
+        value = {"type": name, "scene": "zara1"}
     else:
         value = name
     made = build(room, value)
     config = describe(made)
     again = build(room, parse(dump(config), "dump"))
     assert describe(again) == config and config["type"] == name
-    if type(made).__eq__ is not object.__eq__:
+    # Controllers are the same only if they are one, and so are scenarios with people in them.
+    if type(made).__eq__ is not object.__eq__ and room != "scenarios":
         assert again == made
 
 

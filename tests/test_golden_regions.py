@@ -29,6 +29,7 @@ from wideberth.framework.risk_bounds import (
 from wideberth.regions import gaussian, geometry, inflation
 from wideberth.regions.bhattacharyya import bhattacharyya_distance
 from wideberth.regions.eigen_rectangle import EigenRectangle
+from wideberth.regions.gaussian import CENTRE
 from wideberth.regions.luetkepohl_rectangle import (
     LuetkepohlRectangle,
     box_content,
@@ -108,7 +109,8 @@ def symbolic_q(region: MahalanobisEllipse, point: Any, parameters: Any, level: f
 
     x, p = ca.SX.sym("x", 2), ca.SX.sym("p", len(parameters))
     (value,) = region.constraint(Pose((x[0], x[1])), p, level, ca.SX(0, 1)).inequalities
-    return math.exp(2.0 * float(ca.Function("c", [x, p], [value])(point, parameters)))
+    logarithm = float(ca.Function("c", [x, p], [value])(point, parameters))
+    return (1.0 + CENTRE) * math.exp(2.0 * logarithm) - CENTRE
 
 
 def inflation_error(given: dict[str, Any]) -> Fields:

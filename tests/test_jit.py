@@ -22,6 +22,7 @@ from wideberth.framework.jit import (
     jax_source,
     load,
     numba_source,
+    recursion_source,
 )
 from wideberth.framework.motion import Pose
 from wideberth.framework.symbolic import ca
@@ -223,6 +224,21 @@ def test_jax_of_motion_and_constraint() -> None:
     found = by_jax(f, v_drawn.reshape(8, 3, 4), p_drawn.reshape(10, 3, 4))
     expected = wanted(f, v_drawn, p_drawn)
     np.testing.assert_allclose(found.reshape(len(found), 12), expected, rtol=1e-11, atol=1e-11)
+
+
+def test_a_recursion_hands_results_to_the_column_before() -> None:
+    v, p = ca.SX.sym("v", 3), ca.SX.sym("p", 1)
+    # the second result is what the first variable was: they are handed on at once
+    f = function(ca.vertcat(v[1] * p + ca.sin(v[2]), v[0], v[0] * v[1], 2.0), v, p)
+    source = recursion_source(f, "kernel", 2)
+    kernel = load("tested", HEAD + DECORATOR + source).kernel
+    given, parameters = np.random.default_rng(3).uniform(size=(2, 1, 6))
+    out = np.full((4, 5), 0.3)
+    kernel(1, 4, given, parameters, out)
+    for c in range(3, -1, -1):
+        found = f(np.array([*out[:2, c + 1], given[0, 1 + c]]), parameters[:, c]).nonzeros()
+        np.testing.assert_allclose(out[:, c], found, rtol=1e-14)
+    assert (out[:, 4] == 0.3).all()
 
 
 def test_rows_are_the_nonzeros_column_by_column() -> None:

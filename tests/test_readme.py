@@ -37,16 +37,31 @@ def test_static_polygons_example_draws_its_plan(tmp_path: Path) -> None:
 
 def test_predictors_that_learn_are_written_as_the_page_says(tmp_path: Path) -> None:
     """The blocks that define `Straying` and `Widened`; the contract check runs on both."""
-    page = (ROOT / "docs" / "write-your-own.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
-    first = next(i for i, block in enumerate(blocks) if "class Straying" in block)
-    last = next(i for i, block in enumerate(blocks) if "class Widened" in block)
     check = "from wideberth.framework.testing import check_predictor\n"
     check += "check_predictor(Straying())\ncheck_predictor(Widened())\n"
-    script = tmp_path / "page.py"
-    script.write_text("\n".join([*blocks[first : last + 1], check]), encoding="utf-8")
+    run_page(tmp_path, "Straying", "Widened", check)
+
+
+def test_a_scenario_is_written_as_the_page_says(tmp_path: Path) -> None:
+    """The block that defines `Gate`; the contract check runs on it, and it refuses narrow ways."""
+    check = "from wideberth.framework.testing import check_scenario\n"
+    check += "check_scenario(Gate())\nassert len(Gate().cast(3).bystanders) == 1\n"
+    check += "try:\n    Gate(width=0.8)\nexcept WideberthError:\n    pass\nelse:\n    raise SystemExit(1)\n"
+    run_page(tmp_path, "Gate", "Gate", check)
+
+
+def run_page(folder: Path, first: str, last: str, check: str) -> None:
+    """Run the blocks from the one that defines a class to that of another, and a check."""
+    page = (ROOT / "docs" / "write-your-own.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    ends = [
+        next(i for i, block in enumerate(blocks) if f"class {name}(" in block)
+        for name in (first, last)
+    ]
+    script = folder / "page.py"
+    script.write_text("\n".join([*blocks[ends[0] : ends[1] + 1], check]), encoding="utf-8")
     done = subprocess.run(
-        [sys.executable, str(script)], cwd=tmp_path, text=True, capture_output=True, timeout=120
+        [sys.executable, str(script)], cwd=folder, text=True, capture_output=True, timeout=120
     )
     assert done.returncode == 0, done.stderr[-2000:]
 

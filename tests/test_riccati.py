@@ -1,13 +1,15 @@
 """The structured solver finds the same optimum as IPOPT, for any horizon, level and slots."""
 
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path as File
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
 
+from wideberth.framework.config import build, describe
+from wideberth.framework.motion import Detection, Observation
 from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.levels.base import LevelPolicy
 from wideberth.framework.mpc.levels.discounted import Discounted
@@ -20,6 +22,7 @@ from wideberth.framework.mpc.solvers.ipopt import Ipopt
 from wideberth.framework.mpc.solvers.riccati import Riccati
 from wideberth.framework.mpc.transcription import Guess
 from wideberth.framework.mpc.verify import violation
+from wideberth.framework.path import Path
 from wideberth.framework.plan import Status
 from wideberth.framework.region import Region
 from wideberth.framework.robot import Robot
@@ -28,7 +31,7 @@ from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.robots.holonomic_3d import Holonomic3D
 from wideberth.robots.unicycle import Unicycle
 
-SAMPLE = Path(__file__).parent / "data" / "mpc_instances.npz"
+SAMPLE = File(__file__).parent / "data" / "mpc_instances.npz"
 PAPER = Relaxed(tail=float(np.exp(-5.991 / 2)))
 KEPT = 1e-6
 
@@ -94,6 +97,21 @@ def test_the_reported_cost_and_level_are_those_of_the_point(recorded: list[Insta
             total += float(problem.input_cost(x[i], u[i], heads[i]))
             total += float(problem.state_cost(x[i + 1], heads[i]))
         assert found.cost == pytest.approx(total, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["fatrop", "riccati"])
+@pytest.mark.parametrize("level", [Fixed(tail=0.05), Discounted(tail=0.05)])
+def test_a_plan_names_the_level_that_nobody_may_change(level: LevelPolicy, name: str) -> None:
+    planner = build("controllers", {
+        "type": "mpc", "robot": "unicycle", "region": "mahalanobis_ellipse",
+        "predictor": "static", "level": describe(level), "solver": name,
+    })  # fmt: skip
+    planner.set_path(Path([(0.0, 0.0), (12.0, 0.0)]))
+    walker = Detection("walker", np.array([1.0, 2.5]), 1e-4 * np.eye(2), 0.3)
+    planner.command(Observation(0.0, np.array([0.0, 0.0, 0.0, 0.5, 0.0]), (walker,)))
+    assert planner.plan.status is Status.SOLVED
+    np.testing.assert_array_equal(planner.plan.level, planner.plan.target)
+    assert planner.plan.level.min() > 0.0
 
 
 @pytest.mark.parametrize("level", [Fixed(), Discounted(), Relaxed(weight=50.0)], ids=repr)

@@ -9,15 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from wideberth.experiments.base import Experiment, Outcome, Result, Task
+from wideberth.experiments.base import Experiment, Outcome, Task
 from wideberth.experiments.provenance import fingerprint
 from wideberth.experiments.runner import draw, reopen, run, written
-from wideberth.experiments.shards import checked_tasks, read_shard, shard_key, write_shard
 from wideberth.experiments.shipped import read_experiment
 from wideberth.experiments.showing import print_table
 from wideberth.framework.config import build
 from wideberth.framework.errors import WideberthError
-from wideberth.framework.io import read_json, read_table, table_text, write_bytes, write_json
+from wideberth.framework.io import read_json, read_table, write_json
 
 HERE = Path(__file__).parent
 TIMED = {"times.csv"}
@@ -43,8 +42,9 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 def shell(*arguments: str, cwd: Path) -> subprocess.Popen[str]:
     command = [sys.executable, "-c", "from wideberth.experiments.cli import main; main()"]
+    path = os.pathsep.join([str(HERE), os.environ.get("PYTHONPATH", "")])
     return subprocess.Popen(
-        [*command, *arguments], cwd=cwd, text=True, env={**os.environ, "PYTHONPATH": str(HERE)},
+        [*command, *arguments], cwd=cwd, text=True, env={**os.environ, "PYTHONPATH": path},
         stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
 
@@ -220,79 +220,3 @@ def test_figures_are_the_same_bytes_each_time(tmp_path: Path) -> None:
     assert set(first) == {"share.png", "share.pdf"}
     assert first == {path.name: path.read_bytes() for path in draw(tmp_path / "a")}
     assert b"CreationDate" not in first["share.pdf"]
-
-
-def test_tasks_must_be_there_and_differ() -> None:
-    with pytest.raises(WideberthError, match=r"no task"):
-        checked_tasks([])
-    with pytest.raises(WideberthError, match=r"two tasks are named 'a'"):
-        checked_tasks([Task("a"), Task("a", 1)])
-
-
-def test_shards(tmp_path: Path) -> None:
-    task = Task("a", 1, {"x": 0.1})
-    key = shard_key({"type": "e"}, task)
-    assert key != shard_key({"type": "e"}, Task("a", 2, {"x": 0.1}))
-    assert read_shard(tmp_path, key) is None
-    outcome = Outcome([{"x": 0.1, "nan": float("inf")}], [{"t": 1.0}], {"f": b"\x00\xff"})
-    write_shard(tmp_path, key, task, outcome)
-    assert read_shard(tmp_path, key) == outcome
-    path = tmp_path / f"{key}.json"
-    path.write_text(path.read_text()[:-20])
-    assert read_shard(tmp_path, key) is None  # damaged: done again
-    with pytest.raises(WideberthError, match=r"leaves the folder"):
-        write_shard(tmp_path, key, task, Outcome(files={"../f": b""}))
-    with pytest.raises(WideberthError, match=r"not plain"):
-        shard_key({}, Task("a", 0, {"x": object()}))
-
-
-def test_table_reads_back_what_was_written(tmp_path: Path) -> None:
-    rows = [
-        {"a": 1, "b": 0.1 + 0.2, "c": "text, with\ncomma", "d": True, "e": None},
-        {"a": -3, "b": 1e-300, "c": "1_000", "d": False, "f": float("-inf")},
-    ]
-    path = write_bytes(tmp_path / "t.csv", table_text(rows).encode())
-    back = read_table(path)
-    assert back[0] == {**rows[0], "f": None}
-    assert back[1] == {**rows[1], "e": None}
-    assert table_text([]) == "\n"
-    with pytest.raises(WideberthError, match=r"column 'a' holds list"):
-        table_text([{"a": []}])
-    path.write_text("a,b\n1\n")
-    with pytest.raises(WideberthError, match=r"line 2: 1 cells; wanted 2"):
-        read_table(path)
-    path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(WideberthError, match=r"cannot be read as a table"):
-        read_table(path)
-
-
-def test_writing_is_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = write_bytes(tmp_path / "f", b"old")
-
-    def fails(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "replace", fails)
-    with pytest.raises(WideberthError, match=r"cannot be written: No space left"):
-        write_bytes(path, b"new")
-    assert path.read_bytes() == b"old" and list(tmp_path.iterdir()) == [path]
-    with pytest.raises(WideberthError, match=r"cannot be written"):
-        write_bytes(tmp_path / "missing" / "f", b"")
-
-
-def test_json_header(tmp_path: Path) -> None:
-    path = write_json(tmp_path / "j", "plan", 2, {"x": 0.1})
-    assert read_json(path, "plan", 2) == {"x": 0.1}
-    with pytest.raises(WideberthError, match=r"wanted 'wideberth/episode'"):
-        read_json(path, "episode", 2)
-    with pytest.raises(WideberthError, match=r"version 2; this package reads 1 to 1"):
-        read_json(path, "plan", 1)
-    path.write_text("{")
-    with pytest.raises(WideberthError, match=r"as JSON"):
-        read_json(path, "plan", 2)
-
-
-def test_result_without_files_or_times(tmp_path: Path) -> None:
-    write_bytes(tmp_path / "table.csv", b"a\n1\n")
-    result = Result(tmp_path)
-    assert result.rows == [{"a": 1}] and result.times == [] and result.names() == []

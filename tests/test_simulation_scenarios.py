@@ -7,7 +7,6 @@ import pytest
 
 from wideberth.framework import metrics
 from wideberth.framework.errors import WideberthError
-from wideberth.simulation import BUILT_IN
 from wideberth.simulation.chicken_game import ChickenGame
 from wideberth.simulation.crossing import Crossing
 
@@ -77,9 +76,3 @@ def test_crossing_lag_is_the_difference_of_arrival_at_the_crossing():
 def test_bad_ranges_name_themselves(build, message):
     with pytest.raises(WideberthError, match=message):
         build()
-
-
-def test_table_names_every_scenario():
-    assert set(BUILT_IN) == {
-        "blind_corner", "chicken_game", "crossing", "crossing_3d", "crossing_field",
-    }  # fmt: skip

@@ -7,3 +7,4 @@ from .transpile import JAX_IMPORTS as JAX_IMPORTS
 from .transpile import NUMBA_IMPORTS as NUMBA_IMPORTS
 from .transpile import jax_source as jax_source
 from .transpile import numba_source as numba_source
+from .transpile import recursion_source as recursion_source

@@ -73,8 +73,8 @@ def numba_source(function: Any, name: str) -> str:
     >>> print(numba_source(ca.Function("f", [v, p], [p * ca.sin(v[1])]), "pull"), end="")
     def pull(offset, count, v, p, out):
         for c in range(count):
-            v1 = read(v, 1, offset + c, 1)
             p0 = read(p, 0, c, 1)
+            v1 = read(v, 1, offset + c, 1)
             x0 = math.sin(v1)
             x1 = p0 * x0
             write(out, 0, c, x1, 1)
@@ -89,6 +89,58 @@ def numba_source(function: Any, name: str) -> str:
     body += [f"write(out, {row}, c, {value}, {rows})" for row, value in enumerate(listing.results)]
     head = [f"def {name}(offset, count, v, p, out):", "    for c in range(count):"]
     return "\n".join([*head, *(f"        {line}" for line in body or ["pass"])]) + "\n"
+
+
+def recursion_source(function: Any, name: str, carried: int) -> str:
+    """Python function that runs a CasADi function from the last column to the first.
+
+    The first ``carried`` variables of a column are the first results of the next one, and v has
+    the rest: for c = count - 1 .. 0,
+    out[:, c] = function([out[:carried, c + 1], v[:, offset + c]], p[:, c]); column ``count`` of
+    ``out`` is given. All else is as in `numba_source`, but columns cannot be computed at once.
+
+    Parameters
+    ----------
+    function, name : as for `numba_source`.
+    carried : how many variables are handed on.
+
+    Raises
+    ------
+    WideberthError : a function of another form, or with an operation that has no translation.
+
+    Examples
+    --------
+    >>> from wideberth.framework.symbolic import ca
+    >>> v, p = ca.SX.sym("v", 2), ca.SX.sym("p")
+    >>> print(recursion_source(ca.Function("f", [v, p], [p * v[0] + v[1]]), "sum", 1), end="")
+    def sum(offset, count, v, p, out):
+        v0 = read(out, 0, count, 1)
+        for c in range(count - 1, -1, -1):
+            p0 = read(p, 0, c, 1)
+            v1 = read(v, 0, offset + c, 1)
+            x0 = p0 * v0
+            x1 = x0 + v1
+            write(out, 0, c, x1, 1)
+            v0 = x1
+    """
+    listing = _listing(function)
+    rows = len(listing.results)
+    handed = [f"v{k}" for k in range(carried)]
+    before = [f"{local} = read(out, {k}, count, {rows})" for k, local in enumerate(handed)]
+    body = [
+        f"{local} = read({array}, {row - carried * (array == 'v')}, {_COLUMN[array]}, {rows})"
+        for local, (array, row) in listing.reads.items()
+        if local not in handed
+    ]
+    body += _statements(listing, NUMBA)
+    body += [f"write(out, {row}, c, {value}, {rows})" for row, value in enumerate(listing.results)]
+    # at once: a result may be what another one was handed
+    after = ", ".join(listing.results[:carried])
+    body += [f"{', '.join(handed)} = {after}"] if carried else []
+    loop = "for c in range(count - 1, -1, -1):"
+    lines = [*before, loop, *(f"    {line}" for line in body or ["pass"])]
+    head = f"def {name}(offset, count, v, p, out):"
+    return "\n".join([head, *(f"    {line}" for line in lines)]) + "\n"
 
 
 def jax_source(function: Any, name: str) -> str:

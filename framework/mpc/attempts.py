@@ -17,6 +17,10 @@ from .verify import violation
 RESERVE = 0.1
 """Share of the deadline that is kept for checking the results and for falling back."""
 
+STUCK = 0.1
+"""Share of its way that a plan has to come along not to be stuck. Between two people who stand, a
+plan that waits is optimal among those near it, and stays so for ever."""
+
 
 @dataclass(frozen=True)
 class Budget:
@@ -52,8 +56,9 @@ class Attempts:
     """Solves one instance from the last plan first, then from other starts.
 
     With ``auto`` these are all of `OTHERS` when the first solve gave no feasible plan, when there
-    is no last plan, and when something has just come into the way; as long as it stays there,
-    ``along`` alone. In the way is what the reference enters at the level aimed at, or what makes
+    is no last plan, when something has just come into the way, and when the plan does not get
+    past it (less than `STUCK` of the way); as long as it stays there else, ``along`` alone. In
+    the way is what the reference enters at the level aimed at, or what makes
     the level give way. With nothing there the problem is the tracking problem, and one start is
     enough.
 
@@ -87,7 +92,7 @@ class Attempts:
         solutions = self._solve(case, [first])
         candidates = [ladder.assess(case, one) for one in solutions]
         there = _in_the_way(ladder, case, reference, candidates[0])
-        names = self._names(ladder, candidates[0], there, crowded)
+        names = self._names(ladder, case, candidates[0], there, crowded)
         found = other_starts(ladder.robot, case.problem, case.parameters, first, names)
         others = [ladder.suited(case.parameters, guess) for guess in found]
         solutions = self._others(case, others, solutions[0].seconds)
@@ -98,7 +103,7 @@ class Attempts:
         return Outcome(tuple(candidates), guesses, there, crowded, solved.status, solved.message)
 
     def _names(
-        self, ladder: Ladder, first: Candidate, there: bool, crowded: bool
+        self, ladder: Ladder, case: Case, first: Candidate, there: bool, crowded: bool
     ) -> Sequence[str]:
         """Return the starts that this situation asks for."""
         if self.starts != "auto":
@@ -107,7 +112,8 @@ class Attempts:
             return OTHERS
         if not there:
             return ()
-        return OTHERS if ladder.inputs is None or not crowded else ("along",)
+        anew = ladder.inputs is None or not crowded
+        return OTHERS if anew or _stuck(ladder, case, first) else ("along",)
 
     def _others(self, case: Case, guesses: Sequence[Guess], longest: float) -> list[Solution]:
         """Solve from other starts while there is time."""
@@ -126,6 +132,16 @@ class Attempts:
     def _solve(self, case: Case, guesses: Sequence[Guess]) -> list[Solution]:
         left = None if self.budget.deadline is None else max(self.budget.left(), 1e-3)
         return self.solver.solve(case.problem, case.parameters, guesses, left)
+
+
+def _stuck(ladder: Ladder, case: Case, solved: Candidate) -> bool:
+    """Whether a plan ends where it begins, measured by the way to where its reference ends."""
+    begin, end = (
+        np.array(ladder.robot.pose(tuple(state)).position, dtype=np.float64)
+        for state in (solved.point.states[0], solved.point.states[-1])
+    )
+    way = np.linalg.norm(case.parameters.reference[-1] - begin)
+    return bool(np.linalg.norm(end - begin) < STUCK * way)
 
 
 def _in_the_way(ladder: Ladder, case: Case, reference: Guess, solved: Candidate) -> bool:

@@ -2,10 +2,11 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from os import cpu_count
 from threading import Timer
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 
@@ -53,7 +54,7 @@ class Riccati(Solver):
     iterations: int = 200
     tolerance: float = 1e-6
     start_barrier: float = 0.1
-    start_distance: float = 1e-2
+    start_distance: float = 0.1
     start_penalty: float = 1e4
     most_penalty: float = 1e7
     gradient: float = 10.0
@@ -130,57 +131,75 @@ class Riccati(Solver):
         begin: float,
     ) -> Solution:
         """Call the compiled core and read its result."""
-        guess = _suited(parameters, unwrapped(problem, parameters, guess))
-        found, numbers, stop = _room(problem, guess), np.zeros(6), np.zeros(1)
-        moving, standing = _slots(made, parameters, guess)
+        guess = _suited(parameters, _turned(problem, parameters, guess))
+        found, numbers = _room(problem, guess), np.zeros(7)
+        stop = numbers[6:]
         arguments = (
-            np.array([*made.sizes, self.iterations]),
-            made.addresses,
-            self._settings(problem, parameters, guess),
-            made.limits,
-            *_arrays(parameters.initial, parameters.heads(), guess.states, guess.inputs),
-            *moving,
-            *standing,
-            *(found.states, found.inputs, found.slack),
-            *(found.auxiliaries, found.static_auxiliaries, numbers, stop),
-        )
+            *(made.addresses, made.sizes, made.limits, self._settings(problem, guess)),
+            *_arrays(
+                parameters.initial, parameters.reference, parameters.direction,
+                parameters.speed, parameters.curve, guess.states, guess.inputs,
+            ),
+            *made.moving.about,
+            *_arrays(
+                parameters.regions, parameters.level, parameters.active,
+                parameters.auxiliaries, guess.auxiliaries,
+            ),
+            *made.standing.about,
+            *_arrays(
+                parameters.statics, _NONE, parameters.static_active,
+                parameters.static_auxiliaries, guess.static_auxiliaries,
+            ),
+            *(*found, numbers, stop),
+        )  # fmt: skip
         if deadline is None:
             run(*arguments)
         else:
             _until(begin + deadline, stop, run, arguments)
-        status, cost = _STATUS[int(numbers[0])], numbers[2]
+        states, inputs, slack, own, still = found
+        kind, iterations, cost, level, error = numbers[:5].tolist()
+        status = _STATUS[int(kind)]
         if problem.penalty is not None:
-            cost += problem.penalty * found.slack.sum()
+            cost += problem.penalty * float(slack.sum())
             if status is Status.INFEASIBLE:
                 status = Status.SOLVED  # its slack is paid for
-        point = replace(found, level=float(numbers[3]) if problem.shared else float("nan"))
-        words = _words(status, numbers)
-        return Solution(point, status, words, cost, int(numbers[1]), perf_counter() - begin)
+        level = level if problem.shared else float("nan")
+        point = Guess(states, inputs, own, level, slack, still)
+        words = _words(status, iterations, error)
+        return Solution(point, status, words, cost, int(iterations), perf_counter() - begin)
 
-    def _settings(self, problem: Problem, parameters: Parameters, guess: Guess) -> Array:
+    def _settings(self, problem: Problem, guess: Guess) -> Array:
         """Numbers of the core, in its order."""
         price, highest = self.start_penalty, self.most_penalty
         if problem.penalty is not None:
             price = highest = problem.penalty
-        level = (problem.minimum, parameters.target, guess.level)
-        if not problem.shared:
-            level = (-np.inf, 0.0, 0.0)
-        barrier = (self.tolerance, self.start_barrier, self.start_distance)
+        level = (problem.minimum, guess.level) if problem.shared else (-np.inf, 0.0)
+        barrier = (self.iterations, self.tolerance, self.start_barrier, self.start_distance)
         return np.array([*barrier, price, highest, self.gradient, *level])
 
 
+@lru_cache(maxsize=8)
 def _compiled(problem: Problem) -> "tuple[Program, Callable[..., None]]":
+    """Return what a problem is compiled to; the latest ones without a look into `program`."""
     from .structured.compiled import core, program
 
     return program(problem), core()
 
 
-def _room(problem: Problem, guess: Guess) -> Guess:
+def _room(problem: Problem, guess: Guess) -> tuple[Array, ...]:
     """Arrays for the result; empty slots keep the auxiliaries of the guess."""
     horizon = problem.horizon
     states, inputs = np.empty((horizon + 1, problem.states)), np.empty((horizon, problem.inputs))
     own, still = guess.auxiliaries.copy(), guess.static_auxiliaries.copy()
-    return Guess(states, inputs, own, float("nan"), np.empty(horizon), still)
+    return states, inputs, np.empty(horizon), own, still
+
+
+def _turned(problem: Problem, parameters: Parameters, guess: Guess) -> Guess:
+    """Send a guess through the door of all solvers, but for the one that is let through there."""
+    where = problem.heading
+    if where is None or abs(guess.states[0, where] - parameters.initial[where]) <= np.pi:
+        return guess
+    return unwrapped(problem, parameters, guess)
 
 
 def _suited(parameters: Parameters, guess: Guess) -> Guess:
@@ -192,20 +211,18 @@ def _suited(parameters: Parameters, guess: Guess) -> Guess:
     return guess
 
 
-def _slots(
-    made: "Program", parameters: Parameters, guess: Guess
-) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """Arguments of the core for the moving and the standing slots."""
-    none = np.zeros(parameters.statics.shape[:2])
-    starts = np.array([parameters.auxiliaries, guess.auxiliaries])
-    moving = made.moving.given(parameters.regions, parameters.level, parameters.active, starts)
-    starts = np.array([parameters.static_auxiliaries, guess.static_auxiliaries])
-    on = parameters.static_active
-    return moving, made.standing.given(parameters.statics, none, on, starts)
+_NONE = np.zeros((0, 0))
+"""Levels of polygons, which have none."""
 
 
 def _arrays(*values: Array) -> list[Array]:
-    return [np.ascontiguousarray(value, dtype=np.float64) for value in values]
+    """Return the arrays as the core takes them; most are so already."""
+    return [
+        value
+        if value.flags.carray and value.dtype == np.float64
+        else np.array(value, dtype=np.float64, order="C")
+        for value in values
+    ]
 
 
 def _until(
@@ -221,8 +238,8 @@ def _until(
         timer.cancel()
 
 
-def _words(status: Status, numbers: Array) -> str:
+def _words(status: Status, iterations: float, error: float) -> str:
     """Say how it ended."""
     if status is Status.INFEASIBLE:
         return "no plan keeps every region; this one enters them least, as far as was found"
-    return f"{status} after {numbers[1]:.0f} iterations, error {numbers[4]:.1e}"
+    return f"{status} after {iterations:.0f} iterations, error {error:.1e}"

@@ -39,12 +39,12 @@ def add_bounds(size, path, quadratic, mu):
             if i > 0 if r < size.n else i < size.steps:
                 if path.lower[r] > -INF:
                     gap = path.v[r, i] - path.lower[r]
-                    quadratic.hessian[i, r, r] += path.zl[r, i] / gap
-                    quadratic.gradient[i, r] -= mu / gap
+                    quadratic.hessian[r * size.w + r, i] += path.zl[r, i] / gap
+                    quadratic.gradient[r, i] -= mu / gap
                 if path.upper[r] < INF:
                     gap = path.upper[r] - path.v[r, i]
-                    quadratic.hessian[i, r, r] += path.zu[r, i] / gap
-                    quadratic.gradient[i, r] += mu / gap
+                    quadratic.hessian[r * size.w + r, i] += path.zu[r, i] / gap
+                    quadratic.gradient[r, i] += mu / gap
 
 
 @njit(**LEAN)

@@ -10,7 +10,7 @@ import sys
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -23,13 +23,16 @@ from ....arrays import Array
 from ....errors import WideberthError
 from ....jit.columns import KERNEL, address
 from ....jit.store import load
-from ....jit.transpile import NUMBA_IMPORTS, numba_source
+from ....jit.transpile import NUMBA_IMPORTS, numba_source, recursion_source
 from ...problem import Problem, Slots
-from .kernels import SlotShape, build
+from .elimination import Slot, eliminate, expand
+from .kernels import Kernels, SlotShape, build
+from .sweep import carried, sweep
 
 NAMES = (
-    "drive", "drive_values", "node", "node_values", "level", "slot", "slot_values", "wall",
-    "wall_values",
+    "drive", "node", "node_values", "level",
+    "slot", "slot_values", "slot_eliminate", "slot_expand",
+    "wall", "wall_values", "wall_eliminate", "wall_expand", "sweep",
 )  # fmt: skip
 """Kernels in the order of their addresses, see `point`."""
 
@@ -40,12 +43,14 @@ _OPTIONS = (
     'error_model="numpy", nogil=True, fastmath={"contract", "reassoc", "nsz", "arcp"}, cache=True'
 )
 _KIND = (
-    "i8[::1], i8[::1], f8[:, ::1], f8[::1], f8[:, :, ::1], f8[:, ::1], f8[::1], f8[:, :, :, ::1]"
+    "i8[::1], i8[::1], f8[:, ::1], f8[::1], f8[:, :, ::1], f8[:, ::1], f8[::1], f8[:, :, ::1], "
+    "f8[:, :, ::1]"
 )
 _SIGNATURE = (
-    "void(i8[::1], i8[::1], f8[::1], f8[:, ::1], f8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], "
-    f"{_KIND}, {_KIND}, f8[:, ::1], f8[:, ::1], f8[::1], f8[:, :, ::1], f8[:, :, ::1], f8[::1], "
-    "f8[::1])"
+    "void(i8[::1], i8[::1], f8[:, ::1], f8[::1], "
+    "f8[::1], f8[:, ::1], f8[:, ::1], f8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], "
+    f"{_KIND}, {_KIND}, "
+    "f8[:, ::1], f8[:, ::1], f8[::1], f8[:, :, ::1], f8[:, :, ::1], f8[::1], f8[::1])"
 )
 _CORE = f'''# DIGEST
 from numba import njit
@@ -55,13 +60,15 @@ from wideberth.framework.mpc.solvers.structured.solve import solve as core
 
 @njit("{_SIGNATURE}", {_OPTIONS})
 def solve(
-    sizes, kernels, settings, limits, initial, heads, states, inputs,
-    a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p,
+    kernels, sizes, limits, settings,
+    initial, reference, direction, speed, curve, states, inputs,
+    a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, q, r,
     found_states, found_inputs, slack, own, still, numbers, stop,
 ):
     core(
-        sizes, kernels, settings, limits, (initial, heads, states, inputs),
-        ((a, b, c, d, e, f, g, h), (i, j, k, l, m, n, o, p)),
+        kernels, sizes, limits, settings, (reference, direction, speed, curve),
+        (initial, states, inputs),
+        ((a, b, c, d, e, f, g, h, i), (j, k, l, m, n, o, p, q, r)),
         (found_states, found_inputs, slack, own, still, numbers), stop,
     )
 '''
@@ -123,10 +130,10 @@ class Kind:
             np.array([own.regularisation]),
         )
 
-    def given(self, numbers: Array, levels: Array, active: Array, guess: Array) -> tuple[Any, ...]:
-        """Arguments of the core for one instance."""
-        about = (self.depends, self.rows, self.limits, self.regularisation)
-        return (*about, *(np.ascontiguousarray(one) for one in (numbers, levels, active, guess)))
+    @cached_property
+    def about(self) -> tuple[Any, ...]:
+        """All of it, as arguments of the core."""
+        return self.depends, self.rows, self.limits, self.regularisation
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +151,7 @@ class Program:
 
     module: Any
     addresses: NDArray[np.int64]
-    sizes: tuple[int, ...]
+    sizes: NDArray[np.int64]
     limits: Array
     moving: Kind
     standing: Kind
@@ -182,10 +189,24 @@ def _sound(found: Program | WideberthError) -> Program:
     return found
 
 
+def _newton(problem: Problem, made: Kernels) -> dict[str, Any]:
+    """Functions that solve the Newton step, from the derivatives that ``made`` gives."""
+    found = {"sweep": sweep(problem.states, problem.inputs, made.functions["drive"])}
+    for name, slots, shape in (
+        ("slot", problem.obstacles, made.slot), ("wall", problem.statics, made.wall),
+    ):  # fmt: skip
+        outer = len(shape.depends) + int(problem.shared)
+        own = slots.auxiliary
+        slot = Slot(outer, own.lower, own.upper, shape.inequalities, shape.equalities)
+        found[f"{name}_eliminate"], found[f"{name}_expand"] = eliminate(slot), expand(slot)
+    return found
+
+
 def _made(problem: Problem) -> Program:
     """Compile the kernels of a problem."""
     made = build(problem)
-    longest = max(one.n_instructions() for one in made.functions.values())
+    functions = {**made.functions, **_newton(problem, made)}
+    longest = max(one.n_instructions() for one in functions.values())
     if longest > MOST_OPERATIONS:
         raise WideberthError(
             f"a kernel of this problem has {longest} operations; up to {MOST_OPERATIONS} are "
@@ -193,19 +214,24 @@ def _made(problem: Problem) -> Program:
         )
     text = ["from numba import njit", NUMBA_IMPORTS]
     for name in NAMES:
-        text += ["", f'@njit("{KERNEL}", {_OPTIONS})', numba_source(made.functions[name], name)]
+        source = numba_source(functions[name], name)
+        if name == "sweep":
+            source = recursion_source(functions[name], name, carried(problem.states))
+        text += ["", f'@njit("{KERNEL}", {_OPTIONS})', source]
     module = load("kernels", "\n".join(text), announce)
     state, control = problem.state_bounds, problem.input_bounds
     return Program(
         module,
         np.array([address(getattr(module, name)) for name in NAMES]),
-        (
-            problem.states,
-            problem.inputs,
-            int(problem.shared),
-            made.input_rows,
-            made.node_rows,
-            made.final_rows,
+        np.array(
+            [
+                problem.states,
+                problem.inputs,
+                problem.shared,
+                made.input_rows,
+                made.node_rows,
+                made.final_rows,
+            ]
         ),
         np.array([state.lower + control.lower, state.upper + control.upper], dtype=np.float64),
         Kind.of(made.slot, problem.obstacles),

@@ -5,12 +5,15 @@ from numba import njit
 
 from ....jit.columns import caller
 from .boxes import inside, log_bounds, pull_bounds, start_bounds
-from .memory import LEAN, LENGTH, MU, RHO, SMIN, ZS, S, logarithm
+from .memory import LEAN, LENGTH, MU, RHO, SMIN, ZS, S, larger, logarithm
 from .rows import merit_rows, pull_rows, start_rows
 from .slots import merit_slots, place, pull_slots, start_slots, try_slots
 
 call = caller()
-(DRIVE, DRIVE_VALUES, NODE, NODE_VALUES, LEVEL, SLOT, SLOT_VALUES, WALL, WALL_VALUES) = range(9)
+(
+    DRIVE, NODE, NODE_VALUES, LEVEL, SLOT, SLOT_VALUES, SLOT_ELIMINATE, SLOT_EXPAND, WALL,
+    WALL_VALUES, WALL_ELIMINATE, WALL_EXPAND, SWEEP,
+) = range(13)  # fmt: skip
 """Places of the kernels' addresses."""
 
 
@@ -34,8 +37,8 @@ def start(size, path, state, given, push):
 def rescale(size, path, model, kernels, heads, most):
     """Scale of the cost at which no entry of its gradient exceeds ``most``."""
     heads[-1, :] = 1.0
-    call(kernels[DRIVE], 0, size.steps, path.v, heads, model.drive)
-    call(kernels[NODE], 0, size.steps, path.vn, heads, model.node)
+    call(kernels[DRIVE], 0, size.wide, path.v, heads, model.drive)
+    call(kernels[NODE], 0, size.wide, path.vn, heads, model.node)
     largest = 1e-12
     for i in range(size.steps):
         for r in range(size.w):
@@ -51,39 +54,46 @@ def begin(size, path, slack, inputs, nodes, state, moving, standing, push):
     """Slacks and multipliers for the barrier mu; values are those of the trial point."""
     mu, rho = state[MU], state[RHO]
     for i in range(size.steps):
-        deepest = min(_deepest(moving, i), _deepest(standing, i))
+        deepest = 0.0
+        for slots in (moving, standing):
+            deepest = min(deepest, _deepest(size, slots, i))
         # inside a region, as far from zero as the region is deep: short slacks mean short steps
         slack.eps[i] = mu / rho - deepest if deepest > -push else push - 2.0 * deepest
         slack.nu[i] = mu / slack.eps[i]
-    start_slots(size, moving, slack.eps, mu, push)
-    start_slots(size, standing, slack.eps, mu, push)
-    start_rows(inputs, mu, push)
-    start_rows(nodes, mu, push)
+    for slots in (moving, standing):
+        start_slots(size, slots, slack.eps, mu, push)
+    for rows in (inputs, nodes):
+        start_rows(rows, mu, push)
     start_bounds(size, path, mu)
     state[ZS] = mu / (state[S] - state[SMIN]) if state[SMIN] > -np.inf else 0.0
 
 
 @njit(**LEAN)
-def _deepest(slots, i):
+def _deepest(size, slots, i):
     """Lowest value of a stage's inequalities, at most 0."""
     lowest, count = 0.0, len(slots.active)
     for j in range(slots.t.shape[0]):
-        for c in range(i * count, (i + 1) * count):
+        for c in range(i, i + count * size.wide, size.wide):
             lowest = min(lowest, slots.tried[j, c])
     return lowest
 
 
 @njit(**LEAN)
 def derive(size, path, model, state, kernels, heads, level, moving, standing):
-    """Values and derivatives of everything at the present point."""
+    """Values and derivatives of everything at the present point, that was tried last."""
     v = path.v
     for r in range(size.n):
         for i in range(size.steps):
             path.vn[r, i] = v[r, i + 1]
-    call(kernels[DRIVE], 0, size.steps, v, heads, model.drive)
-    call(kernels[NODE], 0, size.steps, path.vn, heads, model.node)
-    _derive_slots(size, moving, kernels[SLOT], v, state[S])
-    _derive_slots(size, standing, kernels[WALL], v, state[S])
+    if size.inputs > 0:  # else `try_point` did
+        call(kernels[DRIVE], 0, size.wide, v, heads, model.drive)
+    call(kernels[NODE], 0, size.wide, path.vn, heads, model.node)
+    at = SLOT
+    for slots in (moving, standing):
+        if slots.v.shape[1]:
+            place(size, slots, slots.v, v, state[S])
+            call(kernels[at], 0, slots.v.shape[1], slots.v, slots.p, slots.out)
+        at = WALL
     level.v[0, 0] = state[S]
     call(kernels[LEVEL], 0, 1, level.v, level.p, level.out)
     for r in range(size.n):
@@ -92,23 +102,14 @@ def derive(size, path, model, state, kernels, heads, level, moving, standing):
 
 
 @njit(**LEAN)
-def _derive_slots(size, slots, kernel, v, s):
-    if slots.v.shape[1]:
-        place(size, slots, slots.v, v, s)
-        call(kernel, 0, slots.v.shape[1], slots.v, slots.p, slots.out)
+def try_point(
+    size, path, step, model, slack, trial, state, kernels, heads, level, moving, standing, s
+):
+    """Values at the point ``state``'s step length along the direction; s is the level there.
 
-
-@njit(**LEAN)
-def _try_slots(size, slots, kernel, v, s, length):
-    if slots.v.shape[1]:
-        try_slots(size, slots, length)
-        place(size, slots, slots.trial, v, s)
-        call(kernel, 0, slots.v.shape[1], slots.trial, slots.p, slots.tried)
-
-
-@njit(**LEAN)
-def try_point(size, path, step, slack, trial, state, kernels, heads, level, moving, standing, s):
-    """Values at the point ``state``'s step length along the direction; s is the level there."""
+    Of ``drive`` the derivatives as well: nine of ten points are taken, and the sines and cosines
+    that both need take half of its time.
+    """
     length = state[LENGTH]
     for r in range(size.w):
         for i in range(size.steps + 1):
@@ -117,32 +118,42 @@ def try_point(size, path, step, slack, trial, state, kernels, heads, level, movi
         for r in range(size.n):
             trial.vn[r, i] = trial.v[r, i + 1]
         trial.slack[i] = slack.eps[i] + length * slack.deps[i]
-    call(kernels[DRIVE_VALUES], 0, size.steps, trial.v, heads, trial.drive)
-    call(kernels[NODE_VALUES], 0, size.steps, trial.vn, heads, trial.node)
-    _try_slots(size, moving, kernels[SLOT_VALUES], trial.v, s, length)
-    _try_slots(size, standing, kernels[WALL_VALUES], trial.v, s, length)
+    for r in range(size.n):
+        for i in range(size.wide):
+            trial.v[size.w + r, i] = path.v[size.w + r, i] + length * step.pi[r, i]
+    call(kernels[DRIVE], 0, size.wide, trial.v, heads, model.drive)
+    call(kernels[NODE_VALUES], 0, size.wide, trial.vn, heads, trial.node)
+    at = SLOT_VALUES
+    for slots in (moving, standing):
+        if slots.v.shape[1]:
+            try_slots(size, slots, length)
+            place(size, slots, slots.trial, trial.v, s)
+            call(kernels[at], 0, slots.v.shape[1], slots.trial, slots.p, slots.tried)
+        at = WALL_VALUES
     level.v[0, 0] = s
     call(kernels[LEVEL], 0, 1, level.v, level.p, level.tried)
 
 
 @njit(**LEAN)
-def merit(size, path, trial, inputs, nodes, state, level, moving, standing, s):
-    """Residual theta, cost and logarithms at the trial point: phi = cost - mu logarithms."""
+def merit(size, path, model, trial, inputs, nodes, state, level, moving, standing, s):
+    """Residual theta, cost and logarithms at the trial point: phi = cost - mu logarithms.
+
+    At last the cost without slack and regularisation.
+    """
     n, length = size.n, state[LENGTH]
     cost, theta = level.tried[0, 0], 0.0
     for i in range(size.steps):
-        cost += trial.drive[n, i] + trial.node[0, i]
+        cost += model.drive[n, i] + trial.node[0, i]
         for r in range(n):
-            theta += abs(trial.drive[r, i] - trial.v[r, i + 1])
+            theta += abs(model.drive[r, i] - trial.v[r, i + 1])
+    plain = cost
     logarithms = log_bounds(size, path, trial.v)
-    more, gain = merit_rows(inputs, length)
-    theta, logarithms = theta + more, logarithms + gain
-    more, gain = merit_rows(nodes, length)
-    theta, logarithms = theta + more, logarithms + gain
-    more, price, gain = merit_slots(size, moving, trial.slack, length)
-    theta, cost, logarithms = theta + more, cost + price, logarithms + gain
-    more, price, gain = merit_slots(size, standing, trial.slack, length)
-    theta, cost, logarithms = theta + more, cost + price, logarithms + gain
+    for rows in (inputs, nodes):
+        more, gain = merit_rows(rows, length)
+        theta, logarithms = theta + more, logarithms + gain
+    for slots in (moving, standing):
+        more, price, gain = merit_slots(size, slots, trial.slack, length)
+        theta, cost, logarithms = theta + more, cost + price, logarithms + gain
     if len(moving.active) + len(standing.active):
         total, product = 0.0, 1.0
         for i in range(size.steps):
@@ -151,7 +162,7 @@ def merit(size, path, trial, inputs, nodes, state, level, moving, standing, s):
         logarithms += total + np.log(product)
     if state[SMIN] > -np.inf:
         logarithms += np.log(s - state[SMIN])
-    return theta, cost, logarithms
+    return theta, cost, logarithms, plain
 
 
 @njit(**LEAN)
@@ -160,31 +171,35 @@ def errors(size, path, model, pull, slack, inputs, nodes, state, level, moving, 
 
     The scale is that of IPOPT: the mean multiplier, where it exceeds 100.
     """
-    mu, force, eps, pressure = state[MU], level.out[1, 0], slack.eps, slack.pressure
-    total, count, primal = _pull(size, path, model, pull), model.gap.size, _largest(model.gap)
+    mu, force, tally = state[MU], level.out[1, 0], slack.tally
+    total, count = _pull(size, path, model, pull), size.n * size.steps
+    primal = _largest(model.gap, size.steps)
     error, more, many = pull_bounds(size, path, pull, mu)
     total, count = total + more, count + many
-    off, wrong, more, many = pull_rows(inputs, pull, mu)
-    primal, error, total, count = max(primal, off), max(error, wrong), total + more, count + many
-    off, wrong, more, many = pull_rows(nodes, pull, mu)
-    primal, error, total, count = max(primal, off), max(error, wrong), total + more, count + many
-    for i in range(size.steps):
-        pressure[i] = 0.0
-    push, off, dual, wrong, more = pull_slots(size, moving, pull, eps, pressure, mu)
-    force, primal, error, total = force + push, max(primal, off), max(error, wrong), total + more
-    push, off, still, wrong, more = pull_slots(size, standing, pull, eps, pressure, mu)
-    force, primal, error, total = force + push, max(primal, off), max(error, wrong), total + more
-    dual = max(dual, still)
-    count += moving.t.size + standing.t.size + 2 * (moving.zl.size + standing.zl.size)
+    for rows in (inputs, nodes):
+        off, wrong, more, many = pull_rows(rows, pull, mu)
+        primal, error = max(primal, off), max(error, wrong)
+        total, count = total + more, count + many
+    if len(moving.active) + len(standing.active):
+        for r in range(tally.shape[0]):
+            for i in range(size.wide):
+                tally[r, i] = 0.0
+        for slots in (moving, standing):
+            pull_slots(size, slots, pull, slack.eps, tally, mu)
+            count += len(slots.active) * size.steps * (slots.t.shape[0] + 2 * len(slots.lower))
+    dual = _largest(pull, size.steps + 1)
     if len(moving.active) + len(standing.active):
         for i in range(size.steps):
-            dual = max(dual, abs(state[RHO] - slack.pressure[i] - slack.nu[i]))
-            error = max(error, abs(slack.eps[i] * slack.nu[i] - mu))
-            total, count = total + slack.nu[i], count + 1
+            off = larger(tally[3, i], abs(state[RHO] - tally[0, i] - slack.nu[i]))
+            dual, primal = larger(off, dual), larger(tally[1, i], primal)
+            wrong = larger(tally[2, i], abs(slack.eps[i] * slack.nu[i] - mu))
+            error, force = larger(wrong, error), force + tally[4, i]
+            total += slack.nu[i] + tally[0, i] + tally[5, i]
+        count += size.steps
     if state[SMIN] > -np.inf:
         force -= state[ZS]
         error = max(error, abs((state[S] - state[SMIN]) * state[ZS] - mu))
-    dual = max(_largest(pull), max(dual, abs(force) if size.shared > 0 else 0.0))
+    dual = max(dual, abs(force) if size.shared > 0 else 0.0)
     return primal, dual, error, max(100.0, total / count) / 100.0
 
 
@@ -208,11 +223,10 @@ def _pull(size, path, model, pull):
 
 
 @njit(**LEAN)
-def _largest(values):
-    """Largest absolute value; NaN where there is one."""
+def _largest(values, columns):
+    """Largest absolute value; NaN where there is one in the last."""
     largest = 0.0
     for r in range(values.shape[0]):
-        for i in range(values.shape[1]):
-            if not abs(values[r, i]) <= largest:
-                largest = abs(values[r, i])
+        for i in range(columns):
+            largest = larger(abs(values[r, i]), largest)
     return largest

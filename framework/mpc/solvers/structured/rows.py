@@ -17,7 +17,7 @@ def start_rows(rows, mu, push):
 
 
 @njit(**LEAN)
-def add_rows(rows, quadratic, mu):
+def add_rows(size, rows, quadratic, mu):
     """Add to the condensed quadratic what the constraints contribute, t and y eliminated."""
     for j in range(rows.t.shape[0]):
         for i in range(rows.t.shape[1]):
@@ -27,9 +27,9 @@ def add_rows(rows, quadratic, mu):
                 force = mu / t - sigma * (rows.out[rows.value + j, i] - t)
                 k, row = i + rows.after, rows.slope + j * rows.width
                 for r in range(rows.width):
-                    quadratic.gradient[k, r] -= force * rows.out[row + r, i]
-                    for c in range(rows.width):
-                        quadratic.hessian[k, r, c] += (
+                    quadratic.gradient[r, k] -= force * rows.out[row + r, i]
+                    for c in range(r + 1):
+                        quadratic.hessian[r * size.w + c, k] += (
                             sigma * rows.out[row + r, i] * rows.out[row + c, i]
                         )
 

@@ -26,6 +26,7 @@ from .memory import (
     reach,
     safe,
 )
+from .point import SLOT_EXPAND, WALL_EXPAND
 from .rows import accept_rows, step_rows
 from .slack import open_slack, settle
 from .slots import accept_slots, reach_slots, slope_slots, withdraw
@@ -35,8 +36,9 @@ HALVINGS = 12
 
 @njit(**LEAN)
 def measure_step(
-    size, path, step, model, quadratic, slack, inputs, nodes, state, level, moving, standing, share
-):
+    size, path, step, model, quadratic, slack, inputs, nodes, state, level, moving, standing,
+    share, kernels,
+):  # fmt: skip
     """Give the steps of all slacks and multipliers, longest step lengths, and the slope of phi."""
     mu, ds = state[MU], state[DS]
     slope = level.out[1, 0] * ds
@@ -47,22 +49,27 @@ def measure_step(
             slope += model.node[1 + r, i] * step.v[r, i + 1]
     primal, dual, gain = step_bounds(size, path, step, mu, share, 1.0, 1.0)
     slope += gain
-    primal, dual, gain = step_rows(inputs, step.v, mu, share, primal, dual)
-    slope += gain
-    primal, dual, gain = step_rows(nodes, step.v, mu, share, primal, dual)
-    slope += gain
+    for rows in (inputs, nodes):
+        primal, dual, gain = step_rows(rows, step.v, mu, share, primal, dual)
+        slope += gain
     if len(moving.active) + len(standing.active):
+        most = slack.most
         open_slack(size, quadratic, slack, step.v, ds, mu)
+        for i in range(size.wide):
+            most[0, i] = -slack.deps[i] / slack.eps[i]
+            most[1, i] = -slack.dnu[i] / slack.nu[i]
+        at = SLOT_EXPAND
+        for slots in (moving, standing):
+            expand(size, slots, slack, step.v, ds, kernels[at])
+            at = WALL_EXPAND
+        settle(size, moving, standing, slack, mu, state[RHO])
+        for slots in (moving, standing):
+            reach_slots(size, slots, most)
+            slope += slope_slots(size, slots, mu)
         for i in range(size.steps):
-            primal = reach(slack.eps[i], slack.deps[i], share, primal)
-            dual = reach(slack.nu[i], slack.dnu[i], share, dual)
             slope += (state[RHO] - mu / slack.eps[i]) * slack.deps[i]
-    expand(size, moving, slack, step.v, ds, mu)
-    expand(size, standing, slack, step.v, ds, mu)
-    settle(size, moving, standing, slack, mu, state[RHO])
-    primal, dual = reach_slots(size, moving, share, primal, dual)
-    primal, dual = reach_slots(size, standing, share, primal, dual)
-    slope += slope_slots(size, moving, mu) + slope_slots(size, standing, mu)
+            primal = reach(1.0, -most[0, i], share, primal)
+            dual = reach(1.0, -most[1, i], share, dual)
     if state[SMIN] > -np.inf:
         gap = state[S] - state[SMIN]
         state[DZS] = (mu - state[ZS] * ds) / gap - state[ZS]
@@ -111,17 +118,17 @@ def accept(size, path, step, slack, inputs, nodes, state, moving, standing, prim
     for r in range(size.n):
         for i in range(size.steps):
             path.v[size.w + r, i] += primal * step.pi[r, i]
-    accept_rows(inputs, primal, dual, mu)
-    accept_rows(nodes, primal, dual, mu)
+    for rows in (inputs, nodes):
+        accept_rows(rows, primal, dual, mu)
     if len(moving.active) + len(standing.active):
-        for i in range(size.steps):
+        for i in range(size.wide):
             slack.eps[i] += primal * slack.deps[i]
             slack.nu[i] = safe(slack.nu[i] + dual * slack.dnu[i], slack.eps[i], mu)
     state[S] += primal * state[DS]
     if state[SMIN] > -np.inf:
         state[ZS] = safe(state[ZS] + dual * state[DZS], state[S] - state[SMIN], mu)
-    accept_slots(size, moving, primal, dual, mu)
-    accept_slots(size, standing, primal, dual, mu)
+    for slots in (moving, standing):
+        accept_slots(size, slots, primal, dual, mu)
 
 
 @njit(**LEAN)
@@ -132,5 +139,5 @@ def take_back(size, path, step, state, moving, standing, length):
             if i > 0 if r < size.n else i < size.steps:
                 path.v[r, i] -= length * step.v[r, i]
     state[S] -= length * state[DS]
-    withdraw(size, moving, length)
-    withdraw(size, standing, length)
+    for slots in (moving, standing):
+        withdraw(size, slots, length)

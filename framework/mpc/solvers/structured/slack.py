@@ -7,30 +7,59 @@ from .memory import LEAN
 
 @njit(**LEAN)
 def close(size, quadratic, slack, mu, rho):
-    """Eliminate the slack of each stage, whose price is rho."""
-    last = size.n + 1
-    for i in range(size.steps):
-        into, force = quadratic.slots[i], quadratic.force[i]
-        into[last, last] += slack.nu[i] / slack.eps[i]
-        force[last] += rho - mu / slack.eps[i]
-        for r in range(last):
-            factor = into[last, r] / into[last, last]
-            if factor != 0.0:
-                force[r] -= factor * force[last]
-                for k in range(r + 1):
-                    into[r, k] -= factor * into[last, k]
+    """Eliminate the slack of each stage, whose price is rho, and add the rest to the stages."""
+    n, tall, wide = size.n, size.n + 2, size.wide
+    into, force, seen = quadratic.slots, quadratic.force, quadratic.seen
+    last = (n + 1) * tall
+    for i in range(wide):
+        into[last + n + 1, i] += slack.nu[i] / slack.eps[i]
+        force[n + 1, i] += rho - mu / slack.eps[i]
+    for a in range(len(seen) + size.shared):
+        r = seen[a] if a < len(seen) else n
+        for i in range(wide):
+            force[r, i] -= into[last + r, i] * force[n + 1, i] / into[last + n + 1, i]
+        for b in range(a + 1):
+            c = seen[b] if b < len(seen) else n
+            for i in range(wide):
+                both = into[last + r, i] * into[last + c, i] / into[last + n + 1, i]
+                into[max(r, c) * tall + min(r, c), i] -= both
+    _spread(size, quadratic)
+
+
+@njit(**LEAN)
+def _spread(size, quadratic):
+    """Add what slots contribute to the stages: x_{i+1} is that of stage i + 1."""
+    n, tall, w = size.n, size.n + 2, size.w
+    into, force, seen = quadratic.slots, quadratic.force, quadratic.seen
+    for r in seen:
+        for i in range(size.steps):
+            quadratic.gradient[r, i + 1] += force[r, i]
+        for c in seen:
+            if c <= r:
+                for i in range(size.steps):
+                    quadratic.hessian[r * w + c, i + 1] += into[r * tall + c, i]
+        if size.shared > 0:
+            for i in range(size.steps):
+                quadratic.cross[r, i + 1] = into[n * tall + r, i]
+    if size.shared > 0:
+        for i in range(size.steps):
+            quadratic.top[0] += into[n * tall + n, i]
+            quadratic.top[1] += force[n, i]
 
 
 @njit(**LEAN)
 def open_slack(size, quadratic, slack, dv, ds, mu):
     """Write the steps of the slacks and their multipliers from those of states and level."""
-    n = size.n
-    for i in range(size.steps):
-        into, eps, nu = quadratic.slots[i], slack.eps[i], slack.nu[i]
-        value = quadratic.force[i, n + 1] + into[n + 1, n] * ds
-        for r in range(n):
-            value += into[n + 1, r] * dv[r, i + 1]
-        slack.deps[i] = -value / into[n + 1, n + 1]
+    n, tall = size.n, size.n + 2
+    into, force, last = quadratic.slots, quadratic.force, (size.n + 1) * (size.n + 2)
+    for i in range(size.wide):
+        slack.deps[i] = force[n + 1, i] + into[last + n, i] * ds
+    for r in quadratic.seen:
+        for i in range(size.steps):
+            slack.deps[i] += into[last + r, i] * dv[r, i + 1]
+    for i in range(size.wide):
+        slack.deps[i] = -slack.deps[i] / into[last + tall - 1, i]
+        eps, nu = slack.eps[i], slack.nu[i]
         slack.dnu[i] = (mu - nu * slack.deps[i]) / eps - nu
 
 
@@ -64,7 +93,7 @@ def _heaviest(size, slots, i):
     first, count = len(slots.depends) + size.shared + len(slots.lower), len(slots.active)
     largest, row, column = 0.0, 0, 0
     for j in range(slots.t.shape[0]):
-        for c in range(i * count, (i + 1) * count):
+        for c in range(i, i + count * size.wide, size.wide):
             if slots.v[first + j, c] > largest:
                 largest, row, column = slots.v[first + j, c], j, c
     return largest, row, column
@@ -76,7 +105,7 @@ def _pressed(size, slots, i, row, column):
     first, count = len(slots.depends) + size.shared + len(slots.lower), len(slots.active)
     total = 0.0
     for j in range(slots.t.shape[0]):
-        for c in range(i * count, (i + 1) * count):
+        for c in range(i, i + count * size.wide, size.wide):
             if j != row or c != column:
                 total += slots.v[first + j, c] + slots.dlam[j, c]
     return total

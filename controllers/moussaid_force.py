@@ -1,0 +1,98 @@
+"""The social force measured on people: steps aside according to how others move."""
+
+from dataclasses import dataclass
+from typing import ClassVar, final
+
+import numpy as np
+
+from ..framework.arrays import Array
+from ..framework.motion import Observation
+from ..framework.social_force import interaction_force
+from .forces import ForceModel, away_from_walls, exponential
+
+
+@final
+@dataclass(eq=False)
+class MoussaidForce(ForceModel):
+    """Moussaïd's force with the numbers of PySocialForce.
+
+    ::
+
+        a = (v* - v) / tau + A sum_j f_j + A_w sum_w exp(-(d_w - r) / SIGMA) n_w
+        D = lambda (v - v_j) + e,    t = D / |D|,    B = gamma |D|
+        f_j = -exp(-d / B) (exp(-(n' B theta)^2) t + sign(theta) exp(-(n B theta)^2) left(t))
+
+    with e the unit vector from the robot to neighbour j, d their distance and theta the angle
+    from t to e: the first term slows down, the second one turns to the side that the neighbour
+    is not on. Exactly head-on it has no side. A polygon w pushes where d_w - r is below
+    `NEAR` + r; n_w points away from its nearest point. The speed is at most ``haste`` times
+    ``reference_speed``.
+
+    The distance is that of the centres: radii of others play no part, and people of 0.3 m were
+    measured. Nothing promises that nobody is touched.
+
+    PySocialForce drives towards 1.3 times a walker's first speed, its limit too; here v* has
+    ``reference_speed`` and only the limit is 1.3 times that. It does not wrap theta, which
+    turns the force round where the two angles lie on both sides of pi; here it is in [-pi, pi).
+    It sums over points every 0.1 m along a wall; here one nearest point stands for a polygon.
+    Its groups are left out.
+
+    Parameters
+    ----------
+    robot, period, reference_speed, look_ahead, forget, turn_gain : as in `Steered`.
+    haste : highest speed over ``reference_speed``.
+    relaxation : tau, s.
+    strength : A, m/s^2.
+    velocity_weight : lambda, s/m.
+    range_factor : gamma, m.
+    turning, slowing : n and n', 1/(m rad): how fast the two terms fall with the angle.
+    wall_strength : A_w, m/s^2.
+
+    Raises
+    ------
+    WideberthError : a number out of range, or a robot that moves in space.
+
+    References
+    ----------
+    M. Moussaïd et al., Experimental study of the behavioural mechanisms underlying
+    self-organization in human crowds, Proc. R. Soc. B 276 (2009); numbers from the code of Y. Gao,
+    PySocialForce.
+    """
+
+    zero_allowed: ClassVar[frozenset[str]] = frozenset(
+        {"strength", "velocity_weight", "turning", "slowing", "wall_strength"}
+    )
+    reference: ClassVar[str] = "moussaid2009experimental"
+    SIGMA: ClassVar[float] = 0.2
+    """m, in which a wall's force falls to 1/e."""
+    NEAR: ClassVar[float] = 0.2
+    """m, beside the radius: the reach of a wall, from the robot's surface."""
+
+    haste: float = 1.3
+    relaxation: float = 0.5
+    strength: float = 5.1
+    velocity_weight: float = 2.0
+    range_factor: float = 0.35
+    turning: float = 2.0
+    slowing: float = 3.0
+    wall_strength: float = 10.0
+
+    def acceleration(
+        self, observation: Observation, place: Array, velocity: Array, wanted: Array
+    ) -> Array:
+        """Sum of the forces, see the class."""
+        pull = (wanted - velocity) / self.relaxation
+        room, away = away_from_walls(place, observation.polygons)
+        gap = room - self.robot.radius
+        wall = np.where(gap < self.NEAR + self.robot.radius, exponential(-gap / self.SIGMA), 0.0)
+        _, others, moving, _ = self._neighbours.now()
+        pushes = interaction_force(
+            others - place,
+            velocity - moving,
+            self.velocity_weight,
+            self.range_factor,
+            self.turning,
+            self.slowing,
+        )
+        total = pull + self.strength * pushes.sum(axis=0) + self.wall_strength * wall @ away
+        return np.asarray(total)

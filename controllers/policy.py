@@ -1,0 +1,109 @@
+"""A learned (or any other) policy as a controller: a function from what is seen to an action."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Any, final
+
+from numpy.typing import ArrayLike
+
+from ..framework.arrays import positive
+from ..framework.controller import Controller
+from ..framework.errors import WideberthError
+from ..framework.motion import Command, Observation
+from ..framework.path import Path
+from ..framework.plan import Plan
+from ..framework.robot import Robot
+from ..framework.view import Shown, Sight, View
+
+
+@final
+@dataclass(eq=False)
+class Policy(Controller):
+    """Calls a function with the arrays of `Sight` and commands the velocity that it returns.
+
+    The arrays are those that the Gymnasium environment shows (here in double precision), and the
+    action is its action, so that what was learnt there is compared with any other controller.
+    The function must not keep anything from one call to the next: an episode may be played
+    again. What goes wrong (no path, another robot's state, an exception, an action of
+    another size or not finite) becomes the command to stand still, and `reason` says why.
+
+    Parameters
+    ----------
+    robot : to be driven.
+    policy : "module:function"; it takes a mapping, name -> array, and returns an action,
+        (A,), see `VelocityBox`.
+    period : s between calls; that of the environment it was trained in.
+    sight : how much it sees; that of the environment, too.
+
+    Raises
+    ------
+    WideberthError : a module that cannot be imported, or without that function.
+    """
+
+    robot: Robot
+    policy: str
+    period: float = 0.25
+    sight: Sight = field(default_factory=Sight)
+
+    def __post_init__(self) -> None:
+        positive("policy.period", self.period)
+        self._decide = _function(self.policy)
+        self._view = View(self.robot, self.period, self.sight)
+        self._reason = ""
+
+    def reset(self) -> None:
+        """Forget what was seen; the path stays."""
+        self._view.reset()
+        self._reason = ""
+
+    def set_path(self, path: Path) -> None:
+        """Take the end of this path as the goal."""
+        path = path if isinstance(path, Path) else Path(path)
+        if path.points.shape[1] != self.robot.dimension:
+            raise WideberthError(
+                f"the path has {path.points.shape[1]} columns; the robot moves in "
+                f"{self.robot.dimension} dimensions"
+            )
+        self._view.follow(path)
+
+    def remember(self, observation: Observation) -> None:
+        """Take note of who is seen."""
+        self._view.take(observation)
+
+    def command(self, observation: Observation) -> Command:
+        """Ask the policy; never raises, see `reason`."""
+        self._reason = ""
+        try:
+            self.remember(observation)
+            command = self._view.box.command(self._decide(self._view.show(observation)))
+        except Exception as error:  # a policy may fail in any way
+            self._reason = f"{type(error).__name__}: {error}"
+            command = Command((0.0,) * self.robot.dimension)
+        self._view.commanded(command)
+        return command
+
+    @property
+    def plan(self) -> Plan | None:
+        """None: there is no horizon."""
+        return None
+
+    @property
+    def reason(self) -> str:
+        """Why the last command was to stand still instead of an action; empty if it was one."""
+        return self._reason
+
+
+def _function(target: str) -> Callable[[Shown], ArrayLike]:
+    """Import "module:function"."""
+    module, colon, name = target.partition(":")
+    try:
+        found: Any = getattr(import_module(module), name) if colon else None
+    except Exception as error:  # somebody else's module may fail in any way
+        raise WideberthError(
+            f"policy is {target!r}, which cannot be imported ({type(error).__name__}: {error}); "
+            "wanted 'module:function'"
+        ) from error
+    if not callable(found):
+        raise WideberthError(f"policy is {target!r}; wanted 'module:function', a callable")
+    return found  # type: ignore[no-any-return]

@@ -1,0 +1,128 @@
+"""Pure pursuit that stops: along the path, and no further while something is in the way."""
+
+from dataclasses import dataclass
+from typing import ClassVar, final
+
+import numpy as np
+
+from ..framework.arrays import Array
+from ..framework.motion import Command, Observation, Twist
+from .arcs import free_way
+from .reactive import Reactive
+from .steering import (
+    SLOWING,
+    attained,
+    limited,
+    steer,
+    turns_on_the_spot,
+    wrapped,
+    yaw_rate,
+)
+
+
+@final
+@dataclass(eq=False)
+class PurePursuit(Reactive):
+    """Regulated pure pursuit of the path, which stops rather than touch what is on its arc.
+
+    With (x, y) the point ahead on the path in the robot's frame, the arc through it has
+
+        kappa = 2 y / (x^2 + y^2),    omega = v kappa.
+
+    v is min(v_ref, way to the goal / 1 s), times 1 / (``tight`` |kappa|) in tighter curves (but
+    ``least_share`` at least), and what the robot's yaw rate allows. Where the point ahead is more
+    than ``turn_from`` off its heading, a robot that can turns on the spot. Where the arc of the
+    next ``stop_horizon`` seconds at that speed touches an obstacle or a polygon, the command is
+    to stand; the robot goes on once the arc is free. Nothing is driven round.
+
+    Obstacles are taken as standing where they are seen. Nobody who stands is touched, provided
+    that ``stop_horizon`` is longer than v / (2 a) and a period and that the robot stays on its
+    arc as it brakes; who moves can run into the robot.
+
+    Of regulated pure pursuit the slowing near obstacles (by the cost of a costmap) is left out.
+    A robot without heading goes straight to the point ahead.
+
+    Parameters
+    ----------
+    robot, period, reference_speed, look_ahead, forget : as in `Reactive`.
+    stop_horizon : s.
+    tight : m, radius of a curve from which on the speed falls.
+    least_share : share of the speed that tight curves leave.
+    turn_from : rad.
+    turn_gain : 1/s, yaw rate per angle when it turns on the spot.
+    margin : m, added to the radius of the robot.
+
+    Raises
+    ------
+    WideberthError : a number that is not above 0, or a robot that moves in space.
+
+    References
+    ----------
+    R. C. Coulter, Implementation of the pure pursuit path tracking algorithm (1992); S. Macenski,
+    S. Singh, F. Martin and J. Gines, Regulated pure pursuit for robot path tracking, Autonomous
+    Robots 47 (2023).
+    """
+
+    zero_allowed: ClassVar[frozenset[str]] = frozenset({"margin"})
+    reference: ClassVar[str] = "coulter1992implementation,macenski2023regulated"
+
+    stop_horizon: float = 1.0
+    tight: float = 0.9
+    least_share: float = 0.25
+    turn_from: float = 0.785
+    turn_gain: float = 2.0
+    margin: float = 0.1
+
+    def decide(self, observation: Observation, place: Array) -> Command:
+        """Follow the arc, turn, or stand."""
+        found = self._guide.ahead(place, self.look_ahead)
+        assert found is not None  # seen to by `command`
+        carrot, way = found
+        state, apart = observation.state, carrot - place
+        heading = self.robot.pose(tuple(state)).heading
+        fastest = min(self.reference_speed, way / SLOWING)
+        distance = float(np.hypot(*apart))
+        if not distance:
+            return Command((0.0, 0.0))
+        if heading is None:
+            straight = fastest / distance * apart
+            if self._blocked(observation, place, apart / distance, 0.0, fastest):
+                return Command((0.0, 0.0))
+            return steer(self.robot, state, straight, self.turn_gain)
+        error = wrapped(float(np.arctan2(apart[1], apart[0])) - float(heading))
+        if abs(error) > self.turn_from and turns_on_the_spot(self.robot, state):
+            turning = yaw_rate(self.robot, state, error, self.turn_gain)
+            return limited(self.robot, state, Twist((0.0, 0.0), turning))
+        # 2 y / (x^2 + y^2); a car turns towards what is behind it as towards what is beside it.
+        curvature = 2.0 * float(np.sin(np.clip(error, -np.pi / 2, np.pi / 2))) / distance
+        twist = self.regulated(state, fastest, curvature)
+        along = np.array([np.cos(heading), np.sin(heading)])
+        speed, rate = float(twist.linear[0]), float(twist.angular)
+        if self._blocked(observation, place, along, rate / speed if speed else 0.0, speed):
+            return Command((0.0, 0.0))
+        return limited(self.robot, state, twist)
+
+    def regulated(self, state: Array, fastest: float, curvature: float) -> Twist:
+        """Twist on an arc, as fast as the curve and the robot's yaw rate allow."""
+        share = min(1.0, 1.0 / (self.tight * abs(curvature))) if curvature else 1.0
+        speed = fastest * max(share, self.least_share)
+        wanted = Twist((speed, 0.0), speed * curvature)
+        reached = attained(self.robot, state, [wanted])[0]
+        if abs(reached[2]) < abs(wanted.angular):
+            speed *= float(abs(reached[2]) / abs(wanted.angular))
+        return Twist((speed, 0.0), speed * curvature)
+
+    def _blocked(
+        self, observation: Observation, place: Array, along: Array, curvature: float, speed: float
+    ) -> bool:
+        """Whether the arc of the next seconds touches anything."""
+        _, others, _, radii = self._neighbours.now()
+        free = free_way(
+            place,
+            along[None],
+            np.array([curvature]),
+            self.robot.radius + self.margin,
+            (others, radii),
+            observation.polygons,
+        )
+        return bool(free[0] < speed * self.stop_horizon)

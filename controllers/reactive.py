@@ -1,0 +1,142 @@
+"""What the controllers without a horizon share: all but the decision itself."""
+
+from abc import abstractmethod
+from dataclasses import dataclass, fields
+from typing import ClassVar
+
+import numpy as np
+
+from ..framework.arrays import Array, positive
+from ..framework.controller import Controller
+from ..framework.errors import WideberthError
+from ..framework.motion import Command, Observation
+from ..framework.mpc.settings import checked_state
+from ..framework.path import Path
+from ..framework.plan import Plan
+from ..framework.robot import Robot
+from .neighbours import Neighbours
+from .steering import Guide, steer
+
+
+@dataclass(eq=False)
+class Reactive(Controller):
+    """A controller in the plane that decides from what it sees now, without a plan.
+
+    A subclass gives `decide` and, where it remembers more than neighbours and progress,
+    `forget_more`. What goes wrong there (no path, another robot's state) becomes the command to
+    stand still, and `reason` says why.
+
+    Parameters
+    ----------
+    robot : to be driven; in the plane.
+    period : s between calls.
+    reference_speed : m/s along the path.
+    look_ahead : m along the path to the point that is headed for; infinite (``.inf``) for the
+        goal itself, straight there.
+    forget : s after which an obstacle that is no longer reported is dropped.
+
+    Raises
+    ------
+    WideberthError : a number that is not above 0, or a robot that moves in space.
+    """
+
+    zero_allowed: ClassVar[frozenset[str]] = frozenset()
+    """Fields that may be 0; every other number must be above."""
+
+    robot: Robot
+    period: float = 0.1
+    reference_speed: float = 0.5
+    look_ahead: float = 2.0
+    forget: float = 3.0
+
+    def __post_init__(self) -> None:
+        name = type(self).__name__
+        if self.robot.dimension != 2:
+            raise WideberthError(
+                f"{name} drives robots in the plane; {type(self.robot).__name__} moves in "
+                f"{self.robot.dimension} dimensions: take mpc or one of its presets"
+            )
+        for field in fields(self):
+            value = getattr(self, field.name)
+            endless = field.name == "look_ahead" and value == np.inf
+            if isinstance(value, int | float) and not endless:
+                positive(f"{name}.{field.name}", value, zero=field.name in self.zero_allowed)
+        self._guide = Guide()
+        self._neighbours = Neighbours(self.forget)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget who is around, the progress and the last decision; the path stays."""
+        self._guide.reset()
+        self._neighbours.reset()
+        self._reason = ""
+        self.forget_more()
+
+    def set_path(self, path: Path) -> None:
+        """Follow this path from now on."""
+        path = path if isinstance(path, Path) else Path(path)
+        if path.points.shape[1] != 2:
+            raise WideberthError(
+                f"the path has {path.points.shape[1]} columns; the robot moves in the plane"
+            )
+        self._guide.follow(path)
+
+    @property
+    def plan(self) -> Plan | None:
+        """None: there is no horizon."""
+        return None
+
+    @property
+    def reason(self) -> str:
+        """Why the last command was to stand still instead of a decision; empty if it was one."""
+        return self._reason
+
+    def remember(self, observation: Observation) -> None:
+        """Take note of who is seen."""
+        self._neighbours.take(observation)
+
+    def command(self, observation: Observation) -> Command:
+        """Decide; never raises, see `reason`."""
+        self._reason = ""
+        try:
+            self.remember(observation)
+            checked_state(self.robot, observation.state)
+            place = self.robot.pose(tuple(observation.state)).points()
+            if self._guide.ahead(place, self.look_ahead) is None:
+                raise WideberthError("no path is set: call set_path before command")
+            command = self.decide(observation, place)
+            if not np.isfinite((*command.linear, command.omega, command.ramp)).all():
+                raise WideberthError(f"the decision is {command}, which is not finite")
+        except Exception as error:
+            self._reason = f"{type(error).__name__}: {error}"
+            return Command((0.0, 0.0))
+        return command
+
+    @abstractmethod
+    def decide(self, observation: Observation, place: Array) -> Command:
+        """Return the command; ``place`` (2,), m, is where the robot is."""
+
+    def forget_more(self) -> None:
+        """Forget what the subclass remembers."""
+
+
+@dataclass(eq=False)
+class Steered(Reactive):
+    """A reactive controller that decides on the velocity of a point; `steer` has it driven.
+
+    Parameters
+    ----------
+    turn_gain : 1/s, yaw rate per angle between the robot's heading and the wanted velocity; a
+        robot without heading needs none.
+    """
+
+    turn_gain: float = 2.0
+
+    def decide(self, observation: Observation, place: Array) -> Command:
+        """Command that follows the wanted velocity as well as the robot can."""
+        wanted = self.velocity(observation, place)
+        return steer(self.robot, observation.state, wanted, self.turn_gain)
+
+    @abstractmethod
+    def velocity(self, observation: Observation, place: Array) -> Array:
+        """Wanted velocity, (2,), m/s, in the world frame; ``place`` (2,), m, as in `decide`."""

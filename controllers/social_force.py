@@ -1,0 +1,76 @@
+"""The circular social force: pushed by everybody near, whatever they do."""
+
+from dataclasses import dataclass
+from typing import ClassVar, final
+
+import numpy as np
+
+from ..framework.arrays import Array
+from ..framework.motion import Observation
+from .forces import ForceModel, away_from_walls, exponential
+
+
+@final
+@dataclass(eq=False)
+class SocialForce(ForceModel):
+    """Helbing's force in its circular form, as CrowdSimPlus has it.
+
+    ::
+
+        a = K (v* - v) + sum_j A exp((r + r_j + GAP - d_j) / B) n_j
+                       + sum_w A_w exp((r + GAP - d_w) / B_w) n_w
+
+    v* is the wanted velocity, n_j points from neighbour j to the robot, d_j is the distance of the
+    centres, d_w that from polygon w and n_w away from its nearest point. The speed is at most
+    ``reference_speed``. Velocities of others play no part, so that the force comes late and does
+    not know who is going away; nothing promises that nobody is touched.
+
+    CrowdSimPlus heads for the goal at full speed until it is there; here the wanted velocity
+    falls in the last second, and polygons with their nearest point stand for its wall segments.
+
+    Parameters
+    ----------
+    robot, period, reference_speed, look_ahead, forget, turn_gain : as in `Steered`.
+    haste : highest speed over ``reference_speed``.
+    stiffness : K, 1/s.
+    strength, reach : A, m/s^2, and B, m, of neighbours.
+    wall_strength, wall_reach : A_w and B_w, of polygons.
+
+    Raises
+    ------
+    WideberthError : a number out of range, or a robot that moves in space.
+
+    References
+    ----------
+    D. Helbing and P. Molnar, Social force model for pedestrian dynamics, Phys. Rev. E 51 (1995);
+    the circular form and its numbers from the code of S. Samavi et al., SICNav (2024).
+    """
+
+    zero_allowed: ClassVar[frozenset[str]] = frozenset({"strength", "wall_strength"})
+    reference: ClassVar[str] = "helbing1995social,samavi2024sicnav"
+    GAP: ClassVar[float] = 0.01
+    """m, added to the radii, as there."""
+
+    stiffness: float = 1.0
+    strength: float = 3.0
+    reach: float = 0.18
+    wall_strength: float = 2.0
+    wall_reach: float = 0.025
+
+    def acceleration(
+        self, observation: Observation, place: Array, velocity: Array, wanted: Array
+    ) -> Array:
+        """Sum of the forces, see the class."""
+        _, others, _, radii = self._neighbours.now()
+        apart = place - others
+        distance = np.hypot(apart[:, 0], apart[:, 1])
+        push = self.strength * exponential(
+            (self.robot.radius + radii + self.GAP - distance) / self.reach
+        )
+        away = apart / np.where(distance > 0.0, distance, 1.0)[:, None]
+        room, from_wall = away_from_walls(place, observation.polygons)
+        wall = self.wall_strength * exponential(
+            (self.robot.radius + self.GAP - room) / self.wall_reach
+        )
+        total = self.stiffness * (wanted - velocity) + push @ away + wall @ from_wall
+        return np.asarray(total)

@@ -1,0 +1,199 @@
+"use strict";
+/* The player's controls. */
+
+class Player {
+  constructor(element) {
+    this.element = element;
+    this.sources = [...element.querySelectorAll("script.episode")];
+    element.append(document.getElementById("player").content.cloneNode(true));
+    this.part = (name) => element.querySelector(`.${name}`);
+    this.sources.forEach((source, i) => {
+      this.part("which select.episode").append(new Option(source.dataset.name, i));
+    });
+    this.part("which").hidden = this.sources.length < 2;
+    this.listen();
+    this.load(0);
+  }
+
+  async load(number) {
+    this.pause();
+    try {
+      this.episode = await unpack(this.sources[number].textContent);
+    } catch (error) {
+      this.part("facts").textContent =
+        `This browser cannot unpack the episode (${error}). Take one of 2023 or later.`;
+      return;
+    }
+    const { episode } = this;
+    this.robots = episode.agents.filter((agent) => agent.kind === "robot");
+    const options = this.robots.map((robot, i) => new Option(robot.name, i));
+    this.part("robot").replaceChildren(...options);
+    this.part("regions").options[0].text = `of content ${+(100 * episode.content).toFixed(4)} %`;
+    for (const name of ["views", "charts"]) this.part(name).replaceChildren();
+    this.views = episode.axes.map((_, i) => new View(this.part("views"), episode, i));
+    const jump = (share) => this.show(lastAtMost(episode.frames, share * episode.frames.at(-1)));
+    const charts = this.part("charts");
+    this.charts = [
+      new Chart(charts, "clearance", "m", "clearance", jump),
+      new Chart(charts, "speed", "m/s", "speeds", jump),
+    ];
+    this.part("time").max = episode.frames.length - 1;
+    this.show(0);
+    this.element.dataset.ready = "yes";
+  }
+
+  key() {
+    const items = [
+      ["reference", "reference path and points"], ["region", "forecast means and regions"],
+    ];
+    const robot = this.robots[this.part("robot").selectedIndex];
+    const enlarged = this.episode.axes.length === 1 && robot.room !== null;
+    this.part("enlarged").parentElement.hidden = !enlarged;
+    this.part("each").parentElement.hidden = this.episode.every > 1;
+    if (enlarged) items.push(["region", "enlarged by r + r_d, as the paper's region is", "dashed"]);
+    items.push([`robot-${robot.color}`, `${robot.name}, its plan and trail`]);
+    items.push(["other", "others", "dotted"]);
+    const lines = items.map(([color, text, style]) => {
+      const line = document.createElement("li"), mark = document.createElement("i");
+      mark.style.borderTopColor = `var(--${color})`;
+      mark.style.borderTopStyle = style ?? "solid";
+      line.append(mark, text);
+      return line;
+    });
+    if (this.episode.every > 1) {
+      const line = document.createElement("li");
+      line.textContent = `of the forecasts one step in ${this.episode.every}`;
+      lines.push(line);
+    }
+    this.part("key").replaceChildren(...lines);
+  }
+
+  listen() {
+    const on = (name, kind, act) => this.part(name).addEventListener(kind, act);
+    on("go", "click", () => this.toggle());
+    on("back", "click", () => this.step(-1));
+    on("next", "click", () => this.step(1));
+    on("time", "input", () => this.show(Number(this.part("time").value)));
+    on("which select.episode", "change", (event) => this.load(Number(event.target.value)));
+    for (const name of ["robot", "zoom", "regions", "each", "plan", "enlarged", "trails"]) {
+      on(name, "change", () => this.show(this.index));
+    }
+    document.addEventListener("keydown", (event) => this.press(event));
+    let width = 0;
+    new ResizeObserver(() => {
+      if (width === this.element.clientWidth) return; // its height is our own doing
+      width = this.element.clientWidth;
+      this.redraw();
+    }).observe(this.element);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.redraw());
+    addEventListener("beforeprint", () => this.redraw());
+  }
+
+  press(event) {
+    const alone = "alone" in this.element.dataset;
+    const mine = this.element.contains(event.target) || (alone && event.target === document.body);
+    if (!mine || !this.episode || event.ctrlKey || event.altKey || event.metaKey) return;
+    const tag = event.target.tagName, native = tag === "BUTTON" || event.target.type === "checkbox";
+    if (tag === "SELECT" || (native && event.key === " ")) return;
+    const speed = this.part("speed"), robot = this.part("robot");
+    const faster = (way) => {
+      const wanted = speed.selectedIndex + way;
+      speed.selectedIndex = Math.min(Math.max(wanted, 0), speed.options.length - 1);
+    };
+    const acts = {
+      " ": () => this.toggle(),
+      ArrowRight: () => this.step(1),
+      ArrowLeft: () => this.step(-1),
+      ArrowUp: () => faster(1),
+      ArrowDown: () => faster(-1),
+      Home: () => this.show(0),
+      End: () => this.show(this.episode.frames.length - 1),
+      r: () => {
+        robot.selectedIndex = (robot.selectedIndex + 1) % robot.options.length;
+        this.show(this.index);
+      },
+    };
+    const act = acts[event.key] ?? acts[event.key.toLowerCase()];
+    if (!act) return;
+    event.preventDefault();
+    act();
+  }
+
+  step(way) {
+    this.pause();
+    const robot = this.robots[this.part("robot").selectedIndex];
+    this.show(decisionFrom(this.episode, robot, this.index, way));
+  }
+
+  toggle() {
+    if (this.playing) {
+      this.pause();
+      return;
+    }
+    const { frames } = this.episode;
+    if (this.index === frames.length - 1) this.show(0);
+    this.playing = true;
+    this.part("go").textContent = "Pause";
+    let time = frames[this.index], before;
+    const advance = (now) => {
+      if (!this.playing) return;
+      // What somebody moved by hand while it plays goes on from there.
+      if (this.moved) time = frames[this.index];
+      time += Math.min((now - (before ?? now)) / 1000, 0.25) * Number(this.part("speed").value);
+      before = now;
+      this.show(lastAtMost(frames, time));
+      this.moved = false;
+      if (this.index === frames.length - 1) this.pause(); else requestAnimationFrame(advance);
+    };
+    requestAnimationFrame(advance);
+  }
+
+  pause() {
+    this.playing = false;
+    this.part("go").textContent = "Play";
+  }
+
+  show(index) {
+    this.index = Math.min(Math.max(index, 0), this.episode.frames.length - 1);
+    this.moved = true;
+    const time = this.episode.frames[this.index], slider = this.part("time");
+    slider.value = this.index;
+    slider.setAttribute("aria-valuetext", `${time.toFixed(2)} s`);
+    const robot = this.robots[this.part("robot").selectedIndex];
+    this.tell(facts(this.episode, robot, this.index));
+    if (this.followed !== robot) this.key();
+    this.followed = robot;
+    this.redraw();
+  }
+
+  tell(rows) {
+    const list = this.part("facts");
+    if (list.children.length !== 2 * rows.length) {
+      list.replaceChildren(...rows.flatMap(() => ["dt", "dd"].map((n) => document.createElement(n))));
+    }
+    rows.flat().forEach((text, i) => {
+      if (list.children[i].textContent !== text) list.children[i].textContent = text;
+    });
+  }
+
+  redraw() {
+    if (!this.episode) return;
+    const checked = (name) => this.part(name).checked;
+    const state = {
+      episode: this.episode,
+      robot: this.robots[this.part("robot").selectedIndex],
+      index: this.index,
+      time: this.episode.frames[this.index],
+      near: this.part("zoom").value === "near",
+      regions: this.part("regions").value,
+      each: checked("each") || this.episode.every > 1,
+      plan: checked("plan"),
+      enlarged: checked("enlarged"),
+      trails: checked("trails"),
+    };
+    const colors = palette(this.element);
+    for (const drawn of [...this.views, ...this.charts]) drawn.draw(state, colors);
+  }
+}
+
+for (const element of document.querySelectorAll(".player")) new Player(element);

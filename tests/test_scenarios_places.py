@@ -1,0 +1,152 @@
+"""Scenarios with walls and crowds: what is drawn lies where the docstrings say."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from wideberth.framework.errors import WideberthError
+from wideberth.simulation.agents import ReplayAgent, ScriptedAgent
+from wideberth.simulation.antipodal_swap import AntipodalSwap
+from wideberth.simulation.corridor import Corridor
+from wideberth.simulation.doorway import Doorway
+from wideberth.simulation.overtaking import Overtaking
+from wideberth.simulation.pedestrian_corridor import BOTH_WAYS, PedestrianCorridor
+from wideberth.simulation.placing import wall_distance
+from wideberth.simulation.random_crowd import RandomCrowd
+
+
+@pytest.mark.parametrize(("robots", "radius"), [(2, 4.0), (6, 4.0), (7, 4.2), (10, 6.0)])
+def test_robots_swap_on_the_circle(robots: int, radius: float) -> None:
+    cast = AntipodalSwap(robots=robots, angle=(0.0, 0.0)).cast(0)
+    starts = np.array([one.path.points[0] for one in cast.placements])
+    goals = np.array([one.path.goal for one in cast.placements])
+    assert goals == pytest.approx(-starts)
+    assert np.hypot(*starts.T) == pytest.approx(np.full(robots, radius))
+    turns = np.unwrap(np.arctan2(starts[:, 1], starts[:, 0]))
+    assert np.diff(turns) == pytest.approx(np.full(robots - 1, 2.0 * np.pi / robots))
+
+
+def test_angles_and_phases_are_uniform() -> None:
+    swap = AntipodalSwap(robots=8, angle=(-0.04, 0.08))
+    placed = [one for seed in range(60) for one in swap.cast(seed).placements]
+    starts = np.array([one.path.points[0] for one in placed])
+    even = np.tile(2.0 * np.pi * np.arange(8) / 8, 60)
+    angle = np.arctan2(starts[:, 1], starts[:, 0]) - even
+    angle = np.mod(angle + np.pi, 2.0 * np.pi) - np.pi
+    assert stats.kstest(angle, stats.uniform(-0.04, 0.12).cdf).pvalue > 1e-3
+    assert stats.kstest([one.phase for one in placed], stats.uniform(0, 0.99).cdf).pvalue > 1e-3
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_door_is_reached_with_the_drawn_lag(seed: int) -> None:
+    lag = 1.5
+    for oncoming in ("walker", "robot"):
+        scene = Doorway(lag=(lag, lag), oncoming=oncoming)
+        cast = scene.cast(seed)
+        robot = cast.placements[0]
+        assert robot.path.points[1].tolist() == [0.0, 0.0]
+        other = cast.placements[1] if oncoming == "robot" else cast.bystanders[0]
+        assert not isinstance(other, ReplayAgent)
+        assert other.path.points[1].tolist() == [0.0, 0.0] and other.path.points[0][0] > 0.0
+        times = other.path.arc[1] / other.speed, robot.path.arc[1] / robot.speed
+        assert times[0] - times[1] == pytest.approx(lag)
+        # The door is 1.2 robots wide: its middle is 0.36 m from the wall.
+        assert wall_distance(np.zeros(2), cast.polygons) == pytest.approx(0.36)
+
+
+def test_the_leader_is_caught_up_with() -> None:
+    scene = Overtaking()
+    for seed in range(20):
+        cast = scene.cast(seed)
+        (leader,), (robot,) = cast.bystanders, cast.placements
+        assert isinstance(leader, ScriptedAgent)
+        gap = leader.path.points[0][0] - robot.path.points[0][0]
+        assert 2.5 <= gap <= 4.0 and 0.2 <= leader.speed <= 0.4
+        assert gap / (robot.speed - leader.speed) < robot.path.length / robot.speed
+        assert wall_distance(np.array([5.0, 0.0]), cast.polygons) == pytest.approx(1.5)
+
+
+def test_people_come_the_other_way() -> None:
+    for seed in range(10):
+        cast = Corridor(persons=5).cast(seed)
+        assert len(cast.people) == 5
+        for one in cast.people:
+            step = one.path.goal - one.path.points[0]
+            assert step == pytest.approx([-28.0, 0.0])
+            assert 0.5 <= one.speed <= 1.0 and 0.2 <= one.radius <= 0.3
+            assert wall_distance(one.path.points[0], cast.polygons) >= one.radius + 0.1 - 1e-9
+
+
+def test_the_crowd_has_the_stated_density_and_speeds() -> None:
+    pytest.importorskip("pyrvo")
+    crowd = RandomCrowd(persons=20, density=0.2)
+    assert crowd.side == pytest.approx(10.0)
+    people = [one for seed in range(20) for one in crowd.cast(seed).people]
+    places = np.array([one.path.points for one in people])
+    assert np.abs(places).max() <= 5.0
+    legs = np.linalg.norm(np.diff(places, axis=1), axis=2)
+    assert legs.min() >= 5.0
+    speeds = np.array([one.speed for one in people])
+    inside = speeds[(speeds > 0.82) & (speeds < 1.86)]
+    cut = stats.truncnorm(-2.0, 2.0, loc=1.34, scale=0.26)
+    assert stats.kstest(inside, cut.cdf).pvalue > 1e-3
+    assert stats.binomtest(len(speeds) - len(inside), len(speeds), 0.0455).pvalue > 1e-3
+    radii = [one.radius for one in people]
+    assert stats.kstest(radii, stats.uniform(0.2, 0.1).cdf).pvalue > 1e-3
+    kinds = [type(one.controller).__name__ for one in people]
+    counts = [kinds.count(name) for name in ("Orca", "SocialForce", "ConstantVelocity")]
+    assert sum(counts) == 400 and stats.chisquare(counts).pvalue > 1e-3
+
+
+def test_two_groups_share_the_long_corridor() -> None:
+    starts, steps, speeds = [], [], []
+    for seed in range(40):
+        for one in PedestrianCorridor(pedestrians=4).cast(seed).people:
+            starts.append(one.path.points[0])
+            steps.append(one.path.goal - one.path.points[0])
+            speeds.append(one.speed)
+    x, y = np.array(starts).T
+    along = np.array(steps)[:, 0] > 0.0
+    assert np.abs(steps) == pytest.approx(np.tile([30.0, 0.0], (len(steps), 1)))
+    assert stats.binomtest(int(along.sum()), len(along), 0.5).pvalue > 1e-3
+    assert stats.kstest(x[along], stats.uniform(4.0, 8.0).cdf).pvalue > 1e-3
+    assert stats.kstest(x[~along], stats.uniform(20.0, 15.0).cdf).pvalue > 1e-3
+    assert stats.kstest(y, stats.uniform(-3.0, 6.0).cdf).pvalue > 1e-3
+    assert stats.kstest(speeds, stats.uniform(1.14, 0.52).cdf).pvalue > 1e-3
+
+
+def test_both_ways_is_fixed() -> None:
+    for seed in (0, 7):
+        cast = PedestrianCorridor(layout="both_ways").cast(seed)
+        ways = tuple(tuple(map(tuple, one.path.points.tolist())) for one in cast.people)
+        assert ways == BOTH_WAYS and {one.speed for one in cast.people} == {1.3}
+    assert PedestrianCorridor(pedestrians=0).cast(0).people == ()
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: AntipodalSwap(robots=1), "robots"),
+        (lambda: AntipodalSwap(robots=20, circle=1.5), "20 robots .* overlap"),
+        (lambda: AntipodalSwap(robots=10, angle=(-0.4, 0.4)), "smaller angles"),
+        (lambda: Doorway(opening=1.0), "does not fit through it"),
+        (lambda: Doorway(walker_radius=0.5), "does not fit through it"),
+        (lambda: Doorway(lag=(-30.0, 0.0)), "doorway.lag"),
+        (lambda: Overtaking(width=1.5), "take a wider corridor"),
+        (lambda: Overtaking(leader_speed=(0.2, 0.8)), "leader_speed"),
+        (lambda: Corridor(width=1.0), "take a wider corridor"),
+        (lambda: Corridor(persons=80).cast(0), "person .* of 80: take fewer"),
+        (lambda: RandomCrowd(density=0.0), "density"),
+        (lambda: PedestrianCorridor(pedestrians=400).cast(0), "of 400: take fewer"),
+        (lambda: PedestrianCorridor(pedestrian_speed=(2.0, 1.0)), "pedestrian_speed"),
+    ],
+)
+def test_what_cannot_be_placed_says_what_to_change(make, message) -> None:
+    with pytest.raises(WideberthError, match=message):
+        make()
+
+
+def test_too_dense_a_crowd_says_so() -> None:
+    pytest.importorskip("pyrvo")
+    with pytest.raises(WideberthError, match=r"in a square of .* take a lower density"):
+        RandomCrowd(persons=30, density=5.0).cast(0)

@@ -1,0 +1,181 @@
+"""Sudden changes, recorded people, and the hallways of CrowdSimPlus."""
+
+import numpy as np
+import pytest
+
+from wideberth.framework.config import build
+from wideberth.framework.errors import WideberthError
+from wideberth.framework.metrics import approach
+from wideberth.simulation.agents import ReplayAgent
+from wideberth.simulation.hallway import Hallway
+from wideberth.simulation.placing import wall_distance
+from wideberth.simulation.recorded_scene import SCENES, RecordedScene
+from wideberth.simulation.sudden_change import SuddenChange
+
+
+@pytest.mark.parametrize("change", ["stop", "turn"])
+@pytest.mark.parametrize("seed", range(6))
+def test_the_walker_changes_in_the_robots_way(change, seed) -> None:
+    scene = SuddenChange(change=change)
+    cast = scene.cast(seed)
+    (walker,), (robot,) = cast.bystanders, cast.placements
+    assert isinstance(walker, ReplayAgent)
+    moment = float(walker.times[1])
+    times = np.linspace(0.0, 20.0, 4001)
+    driven = robot.path.at(robot.speed * times)
+    gap = np.linalg.norm(walker.at(times) - driven, axis=1)
+    met = float(times[gap.argmin()])
+    assert gap.min() < 0.01  # it is met, on the grid of 5 ms
+    assert 2.5 - 0.01 <= met - moment <= 5.0 + 0.01
+    before = times < moment
+    room = approach(walker.at(times[before]), driven[before]).min()
+    assert room >= 0.9 - 0.01  # both radii and 0.3 m
+    steps = np.diff(walker.at(moment + np.array([-1.0, 0.0, 1.0])), axis=0)
+    speeds = np.hypot(*steps.T)
+    assert 0.5 <= speeds[0] <= 1.2
+    if change == "stop":
+        assert speeds[1] < 1e-9
+    else:
+        assert speeds[1] == pytest.approx(speeds[0])
+        angle = np.arccos(np.clip(steps[0] @ steps[1] / speeds[0] ** 2, -1.0, 1.0))
+        assert 0.8 - 1e-6 <= angle <= 2.2 + 1e-6
+
+
+def test_either_change_is_drawn() -> None:
+    stops = 0
+    for seed in range(40):
+        (walker,) = SuddenChange().cast(seed).bystanders
+        assert isinstance(walker, ReplayAgent)
+        stops += np.array_equal(walker.positions[1], walker.positions[2])
+    assert 8 <= stops <= 32
+    with pytest.raises(WideberthError, match="notice"):
+        SuddenChange(notice=(2.0, 100.0))
+    with pytest.raises(WideberthError, match="no room for the walker"):
+        SuddenChange(space=30.0).cast(0)
+
+
+ROWS = [
+    (0, 1, 0.0, 0.0),
+    (0, 2, 4.0, 4.0),
+    (10, 1, 1.0, 0.0),
+    (10, 2, 4.0, 3.0),
+    (20, 1, 2.0, 0.0),
+]
+
+
+@pytest.fixture
+def tracks(tmp_path):
+    file = tmp_path / "tracks.txt"
+    file.write_text("\n".join(" ".join(map(str, row)) for row in ROWS), encoding="utf-8")
+    return str(file)
+
+
+def test_people_walk_as_recorded_from_the_row_of_the_seed(tracks) -> None:
+    scene = RecordedScene(tracks, start=(9.0, 0.0, np.pi), goal=(-9.0, 0.0), rows=(0, 1))
+    for seed, offset in ((0, 0.0), (1, 0.4), (2, 0.0), (3, 0.4)):
+        cast = scene.cast(seed)
+        first, second = cast.bystanders
+        assert (first.name, second.name) == ("recorded 1", "recorded 2")
+        assert first.at(np.array([0.2]) - offset)[0] == pytest.approx([0.5, 0.0])
+        assert second.at(np.array([0.4]) - offset)[0] == pytest.approx([4.0, 3.0])
+        assert np.isnan(second.at(np.array([0.8]) - offset)).all()  # gone in the last row
+        assert first.radius == pytest.approx(0.7071, abs=1e-4)
+        path = cast.placements[0].path
+        assert path.points[0].tolist() == [9.0, 0.0] and path.goal.tolist() == [-9.0, 0.0]
+        assert path.direction(np.zeros(1))[0] == pytest.approx([-1.0, 0.0])
+
+
+def test_scenes_have_the_published_starts_and_goals(tracks) -> None:
+    robot = RecordedScene(tracks, scene="hotel").build(np.random.default_rng(0))[0]
+    assert robot.path.points[0].tolist() == [-1.5, 0.0] and robot.path.goal.tolist() == [2.0, -6.0]
+    assert robot.path.direction(np.zeros(1))[0] == pytest.approx([0.0, -1.0])
+    assert {name: scene[1] for name, scene in SCENES.items()} == {
+        "zara1": (3.0, 6.0), "zara2": (14.0, 5.0), "hotel": (2.0, -6.0), "eth": (3.0, 10.0),
+        "univ": (11.5, 8.5),
+    }  # fmt: skip
+    assert SCENES["univ"][2] == (100,) and SCENES["eth"][2] == (100, 200, 300)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda file: RecordedScene(file), "no scene is named, and start and goal and rows"),
+        (lambda file: RecordedScene(file, start=(0, 0, 0), rows=(1,)), "goal missing"),
+        (lambda file: RecordedScene(file, scene="eth").cast(0), "holds 100, and .* rows 0 to 2"),
+        (lambda file: RecordedScene("nowhere.txt", scene="eth").cast(0), "cannot be read"),
+    ],
+)
+def test_recordings_that_do_not_fit(tracks, make, message) -> None:
+    with pytest.raises(WideberthError, match=message):
+        make(tracks)
+
+
+def drawn_again(case: int, persons: int) -> list[list[float]]:
+    """Starts and goals of the open hallway, written down anew from its description."""
+    rng = np.random.default_rng(1000 + case)
+    placed = [(0.0, -1.5, 0.0, 1.5, 0.25)]
+    for _ in range(persons):
+        height, found = 4.0, None
+        while found is None:
+            down = rng.random() < 0.15
+            likely = 0.8 if down else 0.2
+            x_side = -1 if rng.random() < likely else 1
+            crossing = 0.7 if rng.random() < likely else 0.3
+            goal_side = -x_side if rng.random() < crossing else x_side
+            x = rng.random() * 0.5 * x_side * (2.0 - 0.6)
+            y = rng.random() * 0.25 * (1 if down else -1) * 1.5 * (height - 0.6)
+            height *= 1.1
+            least = [0.3 + r + (0.2 if i == 0 else 0.0) for i, (*_, r) in enumerate(placed)]
+            near = [np.hypot(x - p[0], y - p[1]) for p in placed]
+            if any(a < b for a, b in zip(near, least, strict=True)) or 1.0 - abs(x) < 0.31:
+                continue
+            gx = rng.random() * 0.5 * goal_side * (2.0 - 0.6)
+            gy = rng.random() * 0.5 * (-1 if down else 1) * 1.5 * (height / 1.1 - 0.6)
+            if all(np.hypot(gx - p[2], gy - p[3]) >= 0.3 + p[4] for p in placed):
+                found = (x, y, gx, gy, 0.3)
+        placed.append(found)
+    return [list(one[:4]) for one in placed[1:]]
+
+
+@pytest.mark.parametrize("case", range(8))
+def test_hallway_cases_are_those_of_the_original(case: int) -> None:
+    people = Hallway(head_start=0.0).cast(case).people
+    ways = [one.path.points.ravel().tolist() for one in people]
+    assert ways == [pytest.approx(way) for way in drawn_again(case, 3)]
+
+
+@pytest.mark.parametrize(
+    ("layout", "gap", "above"),
+    [("open", 1.0, 1.0), ("static", 0.5, 0.5), ("bottleneck", 0.5, 1.0), ("squeeze", 0.5, 0.6)],
+)
+def test_hallway_walls_by_hand(layout, gap, above) -> None:
+    walls = Hallway(layout=layout).hall.polygons()
+    if layout == "squeeze":  # an edge at (0.5, 0), a wall from there to (1, 3.75)
+        above = abs(3.75 * (0.0 - 0.5) - 0.5 * 0.2) / np.hypot(0.5, 3.75)
+    elif layout == "bottleneck":
+        above = np.hypot(0.5, 0.2 - 0.01)  # the jamb's end is 0.02 m thick
+    assert wall_distance(np.zeros(2), walls) == pytest.approx(gap)
+    assert wall_distance(np.array([0.0, 0.2]), walls) == pytest.approx(above)
+
+
+def test_people_head_for_the_door_first() -> None:
+    scene = Hallway(layout="bottleneck")
+    below, above = np.array([0.5, -1.0]), np.array([0.3, 1.2])
+    assert scene._route(below, above).points.tolist() == [[0.5, -1.0], [0.0, 0.0], [0.3, 1.2]]
+    assert len(scene._route(np.array([0.2, -0.3]), above).points) == 2  # in the door already
+    assert len(scene._route(np.array([0.5, 0.5]), above).points) == 2
+    assert len(Hallway()._route(below, above).points) == 2
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Hallway(layout="bottleneck", door=0.5), "does not fit through it"),
+        (lambda: Hallway(layout="squeeze", width=1.1), "does not fit through it"),
+        (lambda: Hallway(width=0.5), "hallway.width"),
+        (lambda: build("scenarios", {"type": "hallway", "layout": "funnel"}), "layout"),
+    ],
+)
+def test_hallways_that_cannot_be(make, message) -> None:
+    with pytest.raises(WideberthError, match=message):
+        make()
