@@ -95,12 +95,12 @@ def slope(sizes: Sequence[float], times: Sequence[float]) -> float:
     return float(x @ y / (x @ x))
 
 
-def repeats(rows: Sequence[Row], label: str) -> dict[Hashable, list[float]]:
-    """Collect the times of one set-up, ms, by instance."""
+def repeats(rows: Sequence[Row], label: str, column: str = "ms") -> dict[Hashable, list[float]]:
+    """Collect the times of one set-up, ms, by instance; ``column`` is where they stand."""
     found: dict[Hashable, list[float]] = {}
     for row in rows:
         if row["set-up"] == label:
-            found.setdefault(row["instance"], []).append(row["ms"])
+            found.setdefault(row["instance"], []).append(row[column])
     return found
 
 

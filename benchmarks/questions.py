@@ -18,6 +18,7 @@ import scaling
 import solver_speed
 import solver_tables
 import startup
+import sweep_speed
 from measuring import Row, Tick
 from set_ups import SetUp, set_ups
 
@@ -48,6 +49,7 @@ class Extent:
     batches : sizes of batches.
     accelerated : whether JAX solves them too.
     drives : s that a robot drives among walkers with each of these solvers.
+    sweep : episodes of the sweep, and rounds.
     """
 
     instances: int | None = None
@@ -65,6 +67,7 @@ class Extent:
     drives: endurance.Durations = field(
         default_factory=lambda: {"riccati": 3600.0, "fatrop": 300.0}
     )
+    sweep: tuple[int, int] = (200, 3)
 
 
 QUICK = Extent(
@@ -81,6 +84,7 @@ QUICK = Extent(
     batches=(1, 2),
     accelerated=False,
     drives={"riccati": 3.0, "fatrop": 3.0},
+    sweep=(2, 1),
 )
 
 
@@ -100,7 +104,7 @@ class Question:
 
 BRIEF = ("startup", "solvers", "hard", "scaling", "plugins", "batches", "predictors", "risks")
 """Asked of every run."""
-NAMES = (*BRIEF, "endurance")
+NAMES = (*BRIEF, "sweeps", "endurance")
 """All of them: what takes half an hour by itself is asked by name alone."""
 
 
@@ -128,6 +132,7 @@ def questions(instances: Instances, hard: Path | None, extent: Extent) -> dict[s
         "batches": Question(many_solves.ticks(extent.batches), partial(_batches, extent, plain)),
         "predictors": Question(len(extent.counts), partial(_predictors, extent)),
         "risks": Question(1, partial(_risks, extent)),
+        "sweeps": Question(sweep_speed.ticks(extent.sweep[1]), partial(_sweeps, extent)),
         "endurance": Question(endurance.ticks(extent.drives), partial(_endurance, extent)),
     }
     return {name: found[name] for name in NAMES}
@@ -199,6 +204,15 @@ def _predictors(extent: Extent, tick: Tick) -> Tables:
 def _risks(extent: Extent, tick: Tick) -> Tables:
     rows = risk_speed.measure(extent.risks, extent.repeats[0], tick)
     return {"risks": ("Collision probability, one call for all pairs", rows)}
+
+
+def _sweeps(extent: Extent, tick: Tick) -> Tables:
+    return {
+        "sweeps": (
+            "A sweep with two workers and with one",
+            sweep_speed.measure(*extent.sweep, tick),
+        )
+    }
 
 
 def _endurance(extent: Extent, tick: Tick) -> Tables:

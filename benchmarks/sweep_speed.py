@@ -68,6 +68,11 @@ def measure(episodes: int, rounds: int, tick: Tick) -> list[Row]:
     return rows
 
 
+def ticks(rounds: int) -> int:
+    """Return how often `measure` reports progress."""
+    return 4 * rounds
+
+
 def _row(turn: int, episodes: int, seconds: Mapping[str, float]) -> Row:
     ratio = seconds["sweep 1"] / seconds["sweep 2"]
     return {

@@ -11,6 +11,7 @@ from ..framework.arrays import positive
 from ..framework.controller import Controller
 from ..framework.errors import WideberthError
 from ..framework.motion import Command, Observation
+from ..framework.mpc.settings import checked_path
 from ..framework.path import Path
 from ..framework.plan import Plan
 from ..framework.robot import Robot
@@ -59,13 +60,7 @@ class Policy(Controller):
 
     def set_path(self, path: Path) -> None:
         """Take the end of this path as the goal."""
-        path = path if isinstance(path, Path) else Path(path)
-        if path.points.shape[1] != self.robot.dimension:
-            raise WideberthError(
-                f"the path has {path.points.shape[1]} columns; the robot moves in "
-                f"{self.robot.dimension} dimensions"
-            )
-        self._view.follow(path)
+        self._view.follow(checked_path(self.robot, path))
 
     def remember(self, observation: Observation) -> None:
         """Take note of who is seen."""

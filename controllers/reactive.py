@@ -10,7 +10,7 @@ from ..framework.arrays import Array, positive
 from ..framework.controller import Controller
 from ..framework.errors import WideberthError
 from ..framework.motion import Command, Observation
-from ..framework.mpc.settings import checked_state
+from ..framework.mpc.settings import checked_path, checked_state
 from ..framework.path import Path
 from ..framework.plan import Plan
 from ..framework.robot import Robot
@@ -74,12 +74,7 @@ class Reactive(Controller):
 
     def set_path(self, path: Path) -> None:
         """Follow this path from now on."""
-        path = path if isinstance(path, Path) else Path(path)
-        if path.points.shape[1] != 2:
-            raise WideberthError(
-                f"the path has {path.points.shape[1]} columns; the robot moves in the plane"
-            )
-        self._guide.follow(path)
+        self._guide.follow(checked_path(self.robot, path))
 
     @property
     def plan(self) -> Plan | None:

@@ -59,7 +59,7 @@ def mark_closest(panel: Any, episode: Episode) -> Array:
         apart = np.linalg.norm(drawn[0][:, None] - drawn[1][None], axis=2)
         one, other = np.unravel_index(int(apart.argmin()), apart.shape)
         rims = np.array([drawn[0][one], drawn[1][other]])
-    label = f"least clearance between agents {found.clearance:.2f} m at {found.time:.1f} s"
+    label = f"least clearance between agents\n{found.clearance:.2f} m at {found.time:.1f} s"
     panel.plot(*rims.T, "k.-", linewidth=0.9, markersize=4, label=label)
     return np.concatenate([*drawn, np.linspace(rims[0], rims[1], 10)])
 

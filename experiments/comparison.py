@@ -95,6 +95,14 @@ class Comparison(Experiment):
         self._check_robots()
 
     def _check_robots(self) -> None:
+        for place, scenario in self.scenarios.items():
+            room = getattr(scenario, "robot_radius", float("inf"))
+            for name, robot in self.robots.items():
+                if robot.radius > room + 1e-9:
+                    raise WideberthError(
+                        f"scenarios.{place} has room for a robot of radius {room:g} m, and "
+                        f"robots.{name} has {robot.radius:g} m: set the scenario's robot_radius"
+                    )
         for name, controller in self.controllers.items():
             own = getattr(controller, "robot", None)
             if own is not None and own not in self.robots.values():

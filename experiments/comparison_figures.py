@@ -13,7 +13,7 @@ from wideberth.simulation.log import Episode
 from .base import Result, Row, Task
 from .closed_loop import column, group, log_name
 from .comparison_summary import against, means, paired, promised, shares
-from .fronts import front_legend, front_looks, mark
+from .fronts import front_legend, front_looks, mark, say_empty
 from .plotting import PAGE, paper_style, save
 
 PLACES = ("scenario", "robot", "settings")
@@ -161,9 +161,13 @@ def _front(rows: Sequence[Row], names: Sequence[str]) -> Any:
             for (name,), own in group(some, "controller").items()
         }
         never = [name.replace("_", " ") for name, place in places.items() if place is None]
-        panel.axhline(0.0, color="black", linewidth=0.8)
-        panel.margins(y=0.14)
         missing = [fill(f"(no success: {', '.join(never)})", 36)] if never else []
+        if len(never) == len(places):
+            missing = []
+            say_empty(panel)
+        else:
+            panel.axhline(0.0, color="black", linewidth=0.8)
+            panel.margins(y=0.14)
         panel.set_xlabel("\n".join(["time to the goals (s)", *missing]))
     for panel in axes[:: min(len(axes), 3)]:
         panel.set_ylabel("least clearance (m)")
@@ -181,6 +185,8 @@ def _pairs(rows: Sequence[Row], names: Sequence[str], baseline: str) -> Any:
         played = {str(name): own for (name,), own in group(some, "controller").items()}
         for i, name in enumerate(others):
             _difference(panel, -i, played[name], played[baseline])
+        if not any(np.isfinite(line.get_xdata(orig=False)).any() for line in panel.lines):
+            panel.set_xticks([0.0])  # nobody arrived whom to compare
         panel.set_yticks(-np.arange(len(others)), [name.replace("_", " ") for name in others])
         panel.set_ylim(0.5 - len(others), 0.55)
         panel.axvline(0.0, color="black", linewidth=0.8)

@@ -146,8 +146,13 @@ def extent(episode: Episode) -> tuple[Array, Array]:
     for polygon in episode.polygons:  # of walls, what is near
         near = np.clip(polygon.points, low - _NEAR, high + _NEAR)
         low, high = np.fmin(low, near.min(axis=0)), np.fmax(high, near.max(axis=0))
-    beside = 0.8 if len(episode.agents) > len(episode.robots) else 0.4  # where others move
-    span = np.maximum(high - low, beside * max(high - low))
+    middle, reach = 0.5 * (low + high), 0.4 * max(high - low)
+    ends = np.minimum(low, middle - reach), np.maximum(high, middle + reach)
+    for log in episode.agents:  # of others, who is beside, as far as the figure is then wide
+        places = np.clip(log.positions[:, :2], *ends)
+        low = np.fmin(low, np.fmin.reduce(places))
+        high = np.fmax(high, np.fmax.reduce(places))
+    span = np.maximum(high - low, 0.4 * max(high - low))
     return 0.5 * (low + high - span), 0.5 * (low + high + span)
 
 

@@ -7,6 +7,13 @@ RESULTS = Path("results")
 
 
 def result_folder(name: str) -> Path:
-    """Return the folder that a path or the name of a config means."""
+    """Return the folder that a path or the name of a config means.
+
+    Examples
+    --------
+    >>> [result_folder(name).as_posix() for name in ("tuning", "mine/tuning.yaml", "old/tuning")]
+    ['results/tuning', 'results/tuning', 'old/tuning']
+    """
     folder = Path(name).expanduser()
-    return folder if (folder / "config.yaml").is_file() else RESULTS / folder.stem
+    own = len(folder.parts) > 1 and folder.suffix not in (".yaml", ".yml")
+    return folder if own or (folder / "config.yaml").is_file() else RESULTS / folder.stem

@@ -17,7 +17,7 @@ def condense_times(times: Sequence[Row]) -> list[Row]:
     to the experiment.
     """
     known = [row for row in times if all(name in row for name in STATISTICS)]
-    skipped = {"robot", "seed", *STATISTICS}
+    skipped = {"agent", "seed", *STATISTICS}
     groups: dict[tuple[object, ...], list[Row]] = {}
     names = [name for name in (known[0] if known else {}) if name not in skipped]
     names = [name for name in names if len({row[name] for row in known}) > 1] or names[:1]

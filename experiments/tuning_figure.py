@@ -7,7 +7,7 @@ import numpy as np
 
 from .base import Row
 from .closed_loop import group
-from .fronts import mark
+from .fronts import mark, say_empty
 from .plotting import COLOURS, PAGE
 from .showing import shown
 
@@ -50,6 +50,9 @@ def draw_fronts(lines: Sequence[Row], rows: Sequence[Row]) -> Any:
         if i + wide >= len(factors):  # nothing below it
             panel.tick_params(labelbottom=True)
             panel.set_xlabel("time to the goals (s)")
+    if not any(row["success"] for row in rows):
+        for panel in axes.flat[: len(factors)]:
+            say_empty(panel)
     for panel in axes[:, 0]:
         panel.set_ylabel("least clearance (m)")
     _legend(figure)

@@ -99,7 +99,7 @@ def _robot_row(
 def time_rows(episode: Episode) -> list[dict[str, Any]]:
     """Measured solve times, one row per robot, s; kept apart from all that is reproducible."""
     return [
-        {"robot": log.name, **metrics.time_statistics(episode.plan_seconds.get(log.name, ()))}
+        {"agent": log.name, **metrics.time_statistics(episode.plan_seconds.get(log.name, ()))}
         for log in episode.robots
     ]
 

@@ -103,7 +103,14 @@ def test_every_solve_is_judged(bench: SimpleNamespace) -> None:
 
 def solve(label: str, instance: int, **changes: Any) -> dict[str, Any]:
     row = {"set-up": label, "region": "minkowski_sum", "instance": instance, "kind": "jump"}
-    row |= {"ms": 10.0, "solved": True, "cost": 1.0, "violation": 0.0, "best_known": np.nan}
+    row |= {
+        "ms": 10.0,
+        "again_ms": 9.0,
+        "solved": True,
+        "cost": 1.0,
+        "violation": 0.0,
+        "best_known": np.nan,
+    }
     row |= {"driven_motion": 0.0, "driven_entered": 0.0}
     return row | changes
 

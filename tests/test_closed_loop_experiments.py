@@ -118,10 +118,10 @@ def test_settings_that_make_no_experiment_are_refused(encounter: Encounter) -> N
 
 
 def test_times_are_condensed_over_robots_and_seeds() -> None:
-    row = {"scenario": "run", "planner": "a", "seed": 0, "robot": "left"}
+    row = {"scenario": "run", "planner": "a", "seed": 0, "agent": "left"}
     times = [
         {**row, "median": 0.004, "p95": 0.01, "p99": 0.02, "max": 0.03},
-        {**row, "robot": "right", "median": 0.006, "p95": 0.02, "p99": 0.02, "max": 0.02},
+        {**row, "agent": "right", "median": 0.006, "p95": 0.02, "p99": 0.02, "max": 0.02},
         {**row, "planner": "b", "median": 0.001, "p95": 0.002, "p99": 0.003, "max": 0.004},
     ]
     first, second = condense_times(times)

@@ -9,6 +9,7 @@ import pytest
 
 from wideberth.experiments.base import Row
 from wideberth.experiments.comparison import Comparison, driving
+from wideberth.experiments.comparison_figures import _front, _pairs
 from wideberth.experiments.comparison_summary import against, condensed, means, promised
 from wideberth.experiments.runner import draw, run
 from wideberth.experiments.shipped import read_experiment
@@ -21,6 +22,7 @@ from wideberth.framework.robot import Robot
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.robots.unicycle import Unicycle
 from wideberth.simulation.agents import ScriptedAgent
+from wideberth.simulation.doorway import Doorway
 from wideberth.simulation.log import Episode
 from wideberth.simulation.scenario import Placement, Scenario
 from wideberth.simulation.settings import Settings
@@ -96,6 +98,13 @@ def gate() -> Comparison:
 @pytest.fixture(scope="module")
 def rows(gate: Comparison) -> list[Row]:
     return [row for task in gate.tasks() for row in gate.measure(task).rows]
+
+
+def test_times_say_which_model_was_driven(gate: Comparison) -> None:
+    """The label ``robot`` is the model; who drove it is the ``agent``."""
+    task = gate.tasks()[0]
+    (row,) = gate.measure(task).times
+    assert (row["robot"], row["agent"]) == (task.settings["robot"], "robot")
 
 
 def test_what_was_played(gate: Comparison, rows: list[Row]) -> None:
@@ -189,6 +198,26 @@ def test_what_makes_no_comparison_is_refused(gate: Comparison) -> None:
         replace(gate, show=(4,))
     with pytest.raises(WideberthError, match="seeds"):
         replace(gate, seeds=0)
+    own = next(iter(gate.robots.values()))
+    assert replace(gate, scenarios={"door": Doorway(robot_radius=own.radius)}).tasks()
+    with pytest.raises(WideberthError, match=r"door has room for .* 0.2 m.*robot_radius"):
+        replace(gate, scenarios={"door": Doorway(robot_radius=0.2, walker_radius=0.2)})
+
+
+def test_where_nobody_arrived_the_figures_say_so(gate: Comparison) -> None:
+    """No ticks that mean nothing: neither of the front nor of the pairs."""
+    from matplotlib import pyplot
+
+    short = {"nominal": Settings(time_limit=1.0)}
+    early = replace(gate, settings=short, seeds=1, show=())
+    rows = [row for task in early.tasks() for row in early.measure(task).rows]
+    names = list(gate.controllers)
+    figures = [_front(rows, names), _pairs(rows, names, names[0])]
+    assert [text.get_text() for text in figures[0].axes[0].texts] == ["nobody arrived"]
+    assert len(figures[0].axes[0].get_xticks()) == 0
+    assert list(figures[1].axes[0].get_xticks()) == [0.0]
+    for figure in figures:
+        pyplot.close(figure)
 
 
 def test_seeds_begin_where_they_shall(gate: Comparison) -> None:

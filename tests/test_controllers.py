@@ -87,7 +87,7 @@ def test_bad_input_stands_still_and_says_why(name):
     assert "this robot has" in controller.reason
     controller.command(Observation(0.2, state_of(Unicycle())))
     assert controller.reason == "" and controller.plan is None
-    with pytest.raises(WideberthError, match="3 columns; the robot moves in the plane"):
+    with pytest.raises(WideberthError, match="3 columns; the robot moves in 2 dimensions"):
         controller.set_path(Path(np.array([[0.0, 0.0, 0.0], [5.0, 0.0, 0.0]])))
     with pytest.raises(WideberthError, match="moves in 3 dimensions: take mpc or one of"):
         build("controllers", {"type": name, "robot": "holonomic_3d"})

@@ -99,3 +99,25 @@ def test_settings_out_of_range_are_refused():
         build("controllers", {"type": "lmpcc", "robot": "unicycle", "tail": 2.0})
     with pytest.raises(WideberthError, match=r"horizon is 0; wanted a whole number"):
         build("controllers", {"type": "mpc_constant_velocity", "robot": "unicycle", "horizon": 0})
+
+
+@pytest.mark.parametrize("name", [*PARTS, "mpc", "constant_velocity"])
+def test_who_lacks_a_static_region_is_refused_among_polygons(name):
+    """Presets have theirs; who has no such setting reads polygons as they are, or not at all."""
+    wall = Polygon(((2.0, 2.0), (3.0, 2.0), (3.0, 3.0)), "wall")
+    config = {"type": name, "robot": "unicycle"}
+    if name == "mpc":
+        config |= {
+            "region": "half_plane",
+            "predictor": "kalman",
+            "level": "fixed",
+            "solver": "fatrop",
+        }
+    made = build("controllers", config)
+    agent = RobotAgent("one", made.robot, made, Path(np.array([[0.0, 0.0], [7.0, 0.0]])))
+    settings = Settings(time_limit=0.1, history=0.0)
+    if name == "mpc":
+        with pytest.raises(WideberthError, match=r"\['one'\] has no static_region"):
+            run_episode([agent], settings, polygons=(wall,))
+    else:
+        assert run_episode([agent], settings, polygons=(wall,)).polygons == (wall,)

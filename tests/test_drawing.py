@@ -242,7 +242,9 @@ def test_run_shows_ways_marks_and_the_closest_approach():
         "upper, marks every 5 s", "recorded", named[-1],
     ]  # fmt: skip
     found = closest(episode(upper, walker("a"), walker("b")))
-    assert named[-1] == f"least clearance {found.clearance:.2f} m at {found.time:.1f} s"
+    assert named[-1] == (
+        f"least clearance between agents\n{found.clearance:.2f} m at {found.time:.1f} s"
+    )
     times = [text.get_text() for text in panel.texts]
     assert times == ["5", "10", "15"] * 3
     assert panel.get_aspect() == 1.0

@@ -46,7 +46,8 @@ def test_a_scenario_is_written_as_the_page_says(tmp_path: Path) -> None:
     """The block that defines `Gate`; the contract check runs on it, and it refuses narrow ways."""
     check = "from wideberth.framework.testing import check_scenario\n"
     check += "check_scenario(Gate())\nassert len(Gate().cast(3).bystanders) == 1\n"
-    check += "try:\n    Gate(width=0.8)\nexcept WideberthError:\n    pass\nelse:\n    raise SystemExit(1)\n"
+    check += "try:\n    Gate(width=0.8)\nexcept WideberthError:\n    pass\n"
+    check += "else:\n    raise SystemExit('a narrow gate')\n"
     run_page(tmp_path, "Gate", "Gate", check)
 
 

@@ -34,7 +34,7 @@ from .problems import Problems, Size
 from .record import Record
 from .reference import Progress
 from .rollout import carry
-from .settings import check_settings, checked_state
+from .settings import check_settings, checked_path, checked_state
 from .situation import Situation, nearness, reach_of_bodies, scene, within_limits
 from .solvers.base import Solver
 from .starts import Starts
@@ -139,13 +139,7 @@ class Planner(Controller):
 
     def set_path(self, path: Path) -> None:
         """Follow this path from now on."""
-        path = path if isinstance(path, Path) else Path(path)
-        if path.points.shape[1] != self.robot.dimension:
-            raise WideberthError(
-                f"the path has {path.points.shape[1]} columns; the robot moves in "
-                f"{self.robot.dimension} dimensions"
-            )
-        self._progress = Progress(path)
+        self._progress = Progress(checked_path(self.robot, path))
         if not self._problems:
             twin = replace(self, record=None)  # shares the compiled problems
             twin._progress, twin._problems = Progress(path), self._problems

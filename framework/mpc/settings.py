@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 from ..arrays import Array, positive, whole
 from ..errors import WideberthError
+from ..path import Path
 from ..robot import Robot
 from .instance import CAPACITIES
 from .starts import checked_starts
@@ -60,3 +61,19 @@ def checked_state(robot: Robot, state: Array) -> None:
             f"the state has {len(state)} entries; this robot has "
             f"{[quantity.name for quantity in robot.states]}"
         )
+
+
+def checked_path(robot: Robot, path: Path) -> Path:
+    """Return a path, which may come as its points, if the robot can move along it.
+
+    Raises
+    ------
+    WideberthError : it has another dimension.
+    """
+    path = path if isinstance(path, Path) else Path(path)
+    if path.points.shape[1] != robot.dimension:
+        raise WideberthError(
+            f"the path has {path.points.shape[1]} columns; the robot moves in "
+            f"{robot.dimension} dimensions"
+        )
+    return path
