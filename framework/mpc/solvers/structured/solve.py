@@ -107,7 +107,7 @@ def solve(kernels, sizes, limits, settings, head, given, kinds, found, stop):
     slots, tolerance = len(moving.active) + len(standing.active), settings[TOLERANCE]
     status, iterations, error, present, length = -1, -1, 0.0, (0.0, 0.0, 0.0, 0.0), 0.0
     longest, reach, slope, attempt, forget = 0.0, 0.0, 0.0, 0, False
-    left, numbers, primal = np.inf, found[5], np.inf  # left: slack at the last price
+    left, deepest, primal, numbers = np.inf, 0.0, np.inf, found[5]  # left: slack at the last price
     while True:
         # the trial point: at first the guess, then along the direction
         state[LENGTH], s = length, state[S] + length * state[DS]
