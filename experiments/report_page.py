@@ -18,6 +18,7 @@ from wideberth.framework.io import table_text
 _FIRST = 20  # rows of a long table that are shown
 _LARGEST = 500_000  # bytes of a table that the page hands out
 _PLAYERS = 12_000_000  # characters of all packed episodes
+_FILMS = 12_000_000  # bytes of all animations of one result
 _WIDE = 1200  # pixels of a picture from which it has a line of its own: two printed columns
 _KINDS = {".png": "image/png", ".gif": "image/gif"}
 
@@ -55,7 +56,7 @@ def report_page(reports: Sequence[Report]) -> str:
 def _section(number: int, one: Report, episodes: dict[str, str], left_out: Sequence[Path]) -> str:
     """Return one result."""
     stills = [path for path in one.pictures if path.suffix == ".png"]
-    films = [path for path in one.pictures if path.suffix == ".gif"]
+    films, long = _fitting([path for path in one.pictures if path.suffix == ".gif"])
     parts = [
         f'<section id="result-{number}" aria-labelledby="title-{number}">',
         f'<h2 id="title-{number}">{escape(one.name)}</h2>',
@@ -72,6 +73,9 @@ def _section(number: int, one: Report, episodes: dict[str, str], left_out: Seque
             _pictures(films, one.name, "animation"),
             "</details>",
         ]
+    if long:
+        files = "".join(f"<li><code>{escape(str(path))}</code></li>" for path in long)
+        parts.append(f"<p>Animations too large for this page:</p><ul>{files}</ul>")
     if episodes:
         parts += ["<h3>Episodes, step by step</h3>", player(episodes, one.name)]
     if left_out:
@@ -90,6 +94,16 @@ def _section(number: int, one: Report, episodes: dict[str, str], left_out: Seque
         ]
     parts += ["<h3>Where it comes from</h3>", _origin(one), "</section>"]
     return "\n".join(parts)
+
+
+def _fitting(films: Sequence[Path]) -> tuple[list[Path], list[Path]]:
+    """Return the animations that the page has room for, the smallest first, and the others."""
+    room, kept = _FILMS, []
+    for size, path in sorted((path.stat().st_size, path) for path in films):
+        if size <= room:
+            room -= size
+            kept.append(path)
+    return [path for path in films if path in kept], [path for path in films if path not in kept]
 
 
 def html_table(rows: Sequence[Row], caption: str) -> str:

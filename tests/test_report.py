@@ -177,6 +177,22 @@ def test_episodes_that_do_not_fit_are_named(
     assert Page(text).values("script", "data-name") == []
 
 
+def test_animations_that_do_not_fit_are_named(
+    coins: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("wideberth.experiments.report_page._FILMS", 100)
+    folder = coins / "figures"
+    folder.mkdir(exist_ok=True)
+    films = {"large.gif": 90, "small.gif": 40, "tiny.gif": 30}
+    for name, size in films.items():
+        (folder / name).write_bytes(b"GIF89a" + bytes(size - 6))
+    one = replace(gather(coins), pictures=[folder / name for name in films])
+    page = Page(text := report_page([one]))
+    shown = [source for source in page.values("img", "src") if source.startswith("data:image/gif")]
+    assert len(shown) == 2
+    assert text.count("large.gif</code>") == 1 and "small.gif</code>" not in text
+
+
 def test_measured_times_stand_apart(tmp_path: Path) -> None:
     times = [{"planner": "a", "median ms": 1.5}]
     text = report_page([made(times=times)])
