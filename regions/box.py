@@ -60,7 +60,10 @@ def distance_to_box(points: Array, half: Array) -> Array:
 def box_outside(
     coordinates: list[Scalar], half: list[Scalar], margin: Scalar, enlargement: Enlargement
 ) -> Scalar:
-    """0.5 log g^2 in CasADi, with g the gauge of the enlarged box: >= 0 outside."""
+    """0.5 log g^2 in CasADi, with g the gauge of the enlarged box: >= 0 outside.
+
+    Its curvature is kept finite at the centre, see `gaussian.log_gauge`.
+    """
     x = [ca.fabs(coordinate) for coordinate in coordinates]
     if enlargement == "box":
         half, margin = [h + margin for h in half], 0.0

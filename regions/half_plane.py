@@ -55,7 +55,7 @@ class HalfPlane(Region):
     def constraint(
         self, pose: Pose, parameters: Scalar, level: Scalar, auxiliary: Scalar
     ) -> Constraint:
-        """Log |d| - log(margin + z h(a)) >= 0."""
+        """Log |d| - log(margin + z h(a)) >= 0, by `gaussian.log_gauge`."""
         x, deviations, margin = gaussian.local_symbols(pose, parameters)
         squared = sum(c**2 for c in x) + gaussian.FLOOR**2
         # At the centre the direction turns without bounds, and so would the curvature, see

@@ -21,7 +21,8 @@ class MahalanobisEllipse(Signed, Convex):
     {p : sum_i (R^T (p - mu))_i^2 / (s sigma_i + margin)^2 < 1}, with s = sqrt(-2 ln(1 - p)) in
     2-D and from the chi-square distribution with three degrees of freedom in 3-D.
 
-    The constraint is 0.5 log(q) >= 0 with q the sum above. The paper writes q >= 1; the sets
+    The constraint is 0.5 log(q) >= 0 with q the sum above, its curvature kept finite at the
+    centre (`gaussian.log_gauge`). The paper writes q >= 1; the sets
     are the same. The logarithm of the gauge grows evenly in all directions and has length
     about 1 / axis near the boundary, where the gradient of q fades towards the centre and grows
     far outside. Projecting one point onto the boundary takes IPOPT the same number of iterations
@@ -56,7 +57,7 @@ class MahalanobisEllipse(Signed, Convex):
     def constraint(
         self, pose: Pose, parameters: Scalar, level: Scalar, auxiliary: Scalar
     ) -> Constraint:
-        """0.5 log q >= 0."""
+        """0.5 log q >= 0, by `gaussian.log_gauge`."""
         x, deviations, margin = gaussian.local_symbols(pose, parameters)
         q = sum(
             coordinate**2 / ((level * deviation + margin) ** 2 + gaussian.FLOOR**2)

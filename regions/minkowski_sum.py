@@ -83,7 +83,7 @@ class MinkowskiSum(Signed, Convex, RiskLevel):
     def constraint(
         self, pose: Pose, parameters: Scalar, level: Scalar, auxiliary: Scalar
     ) -> Constraint:
-        """0.5 log F(t) >= 0."""
+        """0.5 log F(t) >= 0, by `gaussian.log_gauge`."""
         x, deviations, margin = gaussian.local_symbols(pose, parameters)
         # fatrop keeps to bounds only in the end; log of a negative number would be nan before.
         t = ca.fmin(ca.fmax(auxiliary[0], _EDGE), 1.0 - _EDGE)

@@ -57,7 +57,7 @@ class OuterEllipse(Signed, Convex, RiskLevel):
     def constraint(
         self, pose: Pose, parameters: Scalar, level: Scalar, auxiliary: Scalar
     ) -> Constraint:
-        """0.5 log q >= 0."""
+        """0.5 log q >= 0, by `gaussian.log_gauge`."""
         x, deviations, margin = gaussian.local_symbols(pose, parameters)
         squares = self.squares(deviations, margin, ca.fmax(level, 0.0))
         q = sum(
