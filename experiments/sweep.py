@@ -40,7 +40,7 @@ class Pool(Protocol):
 
     Attributes
     ----------
-    patience : workers that a task may cost before it is given up.
+    patience : workers that a task, done with nothing beside it, may cost before it is given up.
     """
 
     patience: int
@@ -69,14 +69,16 @@ class Pool(Protocol):
 class Sweep:
     """Tasks on their way through a pool.
 
-    A chunk that is lost with its worker is done again task by task: whatever ends a worker as
-    often as the pool's ``patience`` allows is named.
+    A chunk that is lost with its worker is done again task by task, each while nothing else is
+    out: a Dask worker holds chunks in its queue, which are lost with it through no fault of
+    theirs. Whatever then ends a worker as often as the pool's ``patience`` allows is named.
     """
 
     def __init__(self, pool: Pool, tasks: Mapping[str, Task]) -> None:
         self._pool = pool
         self._waiting = deque(tasks.items())
-        self._alone: set[str] = set()
+        self._suspects: set[str] = set()
+        self._tried: str | None = None  # the suspect that is out, alone
         self._lost: Counter[str] = Counter()
         self._out = 0
         self._pace = 0.0  # s per task, of late
@@ -111,18 +113,24 @@ class Sweep:
         return returned.done.failed
 
     def _again(self, returned: Returned) -> str | None:
-        keys = [key for key, _ in returned.chunk]
-        if len(keys) == 1:
-            self._lost[keys[0]] += 1
-            if self._lost[keys[0]] >= self._pool.patience:
-                name = returned.chunk[0][1].name
-                return f"task {name!r} ends every worker that does it ({returned.loss})"
-        self._alone.update(keys)
+        key, task = returned.chunk[0]
+        if key == self._tried:
+            self._lost[key] += 1
+            if self._lost[key] >= self._pool.patience:
+                return f"task {task.name!r} ends every worker that does it ({returned.loss})"
+        self._suspects.update(key for key, _ in returned.chunk)
         self._waiting.extendleft(reversed(returned.chunk))
         return None
 
     def _fill(self) -> None:
-        while self._waiting and self._pool.free:
+        if self._out == 0:
+            self._tried = None
+        while self._waiting and self._pool.free and self._tried is None:
+            key = self._waiting[0][0]
+            if key in self._suspects:  # they wait in front
+                if self._out:
+                    return
+                self._tried = key
             self._pool.submit(self._next())
             self._out += 1
 
@@ -131,8 +139,6 @@ class Sweep:
         share = ceil(len(self._waiting) / (2 * max(self._pool.slots, 1)))
         size = min(LARGEST, share, int(CHUNK / self._pace) if self._pace else 1)
         chunk = [self._waiting.popleft()]
-        while len(chunk) < size and chunk[0][0] not in self._alone:
-            if self._waiting[0][0] in self._alone:
-                break
+        while len(chunk) < size and self._tried is None:
             chunk.append(self._waiting.popleft())
         return chunk
