@@ -14,7 +14,7 @@ from . import density, gaussian
 from .geometry import UNIT_BALL
 
 _TINY = 1e-13
-"""Keeps the logarithm finite at the centre; an ellipse with q below this counts as empty."""
+"""An ellipse with q below this counts as empty."""
 
 
 @final
@@ -32,8 +32,8 @@ class DuToit(Region):
     boundary reaches 1 (deviations 0.3 m and 0.1 m, margin 1.5 m, eps 0.05: 0.91 to 1.00).
     Relation NONE. A singular covariance has no density: `parameters` raises.
 
-    The constraint is 0.5 log(sum_i x_i^2 / l_i) - 0.5 log q >= 0; where the region is empty q
-    is replaced by a tiny number and the constraint holds everywhere.
+    The constraint is 0.5 log(sum_i x_i^2 / l_i / q) >= 0, its curvature kept finite at the
+    centre (`gaussian.log_gauge`); where the region is empty it is 1, which holds everywhere.
 
     References
     ----------
@@ -63,14 +63,15 @@ class DuToit(Region):
     def constraint(
         self, pose: Pose, parameters: Scalar, level: Scalar, auxiliary: Scalar
     ) -> Constraint:
-        """0.5 log(d_M^2 / q) >= 0."""
+        """0.5 log(d_M^2 / q) >= 0, by `gaussian.log_gauge`; where the region is empty 1."""
         x, deviations, _ = gaussian.local_symbols(pose, parameters)
         squared = sum(
             c**2 / (s**2 + gaussian.FLOOR**2) for c, s in zip(x, deviations, strict=True)
         )
         last = gaussian.packed_count(len(x))
-        q = ca.fmax(level**2 - parameters[last], _TINY)
-        return Constraint((0.5 * (ca.log(squared + _TINY) - ca.log(q)),))
+        q = level**2 - parameters[last]
+        value = gaussian.log_gauge(squared / ca.fmax(q, _TINY))
+        return Constraint((ca.if_else(q > _TINY, value, 1.0),))
 
     def contains(self, points: Array, parameters: Array, level: Array) -> BoolArray:
         """Whether d_M^2 < q."""

@@ -72,7 +72,9 @@ def deep_inside(x: list[Scalar], longest: Scalar, margin: Scalar, level: Scalar)
     min(0, (|x| - margin + 4 sigma_1) / margin). Where it is below 0 the disc holds the ball of
     four deviations around the mean, so the probability is above 0.9988 (in 2-D 1 - exp(-8)). A
     constraint on it is then violated anyway, for every level sqrt(-2 ln eps) above 0.05 (the
-    term is left out below it), and adding the term changes no sign.
+    term is left out below it), and adding the term changes no sign. For |x| stands
+    sqrt(|x|^2 + c margin^2), which is not shorter and keeps the curvature finite at the centre,
+    see `gaussian.log_gauge`.
 
     Parameters
     ----------
@@ -81,5 +83,5 @@ def deep_inside(x: list[Scalar], longest: Scalar, margin: Scalar, level: Scalar)
     margin : radius of the disc, m, above 0.
     level : sqrt(-2 ln eps).
     """
-    length = ca.sqrt(sum(c**2 for c in x) + gaussian.FLOOR**2)
+    length = ca.sqrt(sum(c**2 for c in x) + gaussian.CENTRE * margin**2)
     return ca.if_else(level > 0.05, ca.fmin(0.0, (length - margin + 4.0 * longest) / margin), 0.0)

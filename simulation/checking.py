@@ -71,7 +71,7 @@ def fingerprint(cast: Cast) -> list[Any]:
 
     return [
         [placed(one) for one in cast.placements],
-        [(*placed(one), one.truth, who(one)) for one in cast.people],
+        [(*placed(one), one.truth, one.respawn, who(one)) for one in cast.people],
         [_moving(one) for one in cast.bystanders],
         list(cast.polygons),
     ]

@@ -255,5 +255,6 @@ def test_plugins_are_imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert sys.modules.pop("plug_in_of_a_test").value == 1
     with pytest.raises(WideberthError, match=r"'torn_plug_in' cannot be imported .ZeroDivision"):
         import_plugins(["torn_plug_in"])
-    with pytest.raises(WideberthError, match=r"plugins is 'x'; wanted a list"):
-        import_plugins("x")
+    for wrong in ("x", 3, {"x": 1}, [3]):
+        with pytest.raises(WideberthError, match=r"plugins is .*; wanted a list"):
+            import_plugins(wrong)  # type: ignore[arg-type]

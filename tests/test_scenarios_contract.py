@@ -27,6 +27,8 @@ CASES = {
     "corridor, narrow": {"width": 2.0, "persons": 4},
     "doorway, two robots": {"oncoming": "robot"},
     "pedestrian_corridor, both ways": {"layout": "both_ways"},
+    "pedestrian_corridor, sixteen": {"layout": "16_random", "respawn": True},
+    "pedestrian_corridor, gaussian": {"layout": "8_gaussian", "process_noise": 0.3},
     "random_crowd, dense": {"persons": 30, "density": 0.3},
     "sudden_change, stop": {"change": "stop"},
     "sudden_change, turn": {"change": "turn"},

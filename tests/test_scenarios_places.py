@@ -10,7 +10,7 @@ from wideberth.simulation.antipodal_swap import AntipodalSwap
 from wideberth.simulation.corridor import Corridor
 from wideberth.simulation.doorway import Doorway
 from wideberth.simulation.overtaking import Overtaking
-from wideberth.simulation.pedestrian_corridor import BOTH_WAYS, PedestrianCorridor
+from wideberth.simulation.pedestrian_corridor import FIXED, PedestrianCorridor
 from wideberth.simulation.placing import wall_distance
 from wideberth.simulation.random_crowd import RandomCrowd
 
@@ -98,28 +98,41 @@ def test_the_crowd_has_the_stated_density_and_speeds() -> None:
     assert sum(counts) == 400 and stats.chisquare(counts).pvalue > 1e-3
 
 
-def test_two_groups_share_the_long_corridor() -> None:
+@pytest.mark.parametrize(
+    ("layout", "onward", "ahead", "against", "least_speed", "more_speed"),
+    [
+        ("random", 30.0, (4.0, 8.0, -3.0, 6.0), (20.0, 15.0, -3.0, 6.0), 1.14, 0.52),
+        ("16_random", 40.0, (2.0, 8.0, -3.0, 4.0), (38.0, 6.0, -1.0, 4.0), 0.7, 0.6),
+    ],
+)
+def test_two_groups_share_the_long_corridor(
+    layout, onward, ahead, against, least_speed, more_speed
+) -> None:
     starts, steps, speeds = [], [], []
     for seed in range(40):
-        for one in PedestrianCorridor(pedestrians=4).cast(seed).people:
+        for one in PedestrianCorridor(layout=layout, pedestrians=4).cast(seed).people:
             starts.append(one.path.points[0])
             steps.append(one.path.goal - one.path.points[0])
             speeds.append(one.speed)
     x, y = np.array(starts).T
     along = np.array(steps)[:, 0] > 0.0
-    assert np.abs(steps) == pytest.approx(np.tile([30.0, 0.0], (len(steps), 1)))
+    assert np.abs(steps) == pytest.approx(np.tile([onward, 0.0], (len(steps), 1)))
     assert stats.binomtest(int(along.sum()), len(along), 0.5).pvalue > 1e-3
-    assert stats.kstest(x[along], stats.uniform(4.0, 8.0).cdf).pvalue > 1e-3
-    assert stats.kstest(x[~along], stats.uniform(20.0, 15.0).cdf).pvalue > 1e-3
-    assert stats.kstest(y, stats.uniform(-3.0, 6.0).cdf).pvalue > 1e-3
-    assert stats.kstest(speeds, stats.uniform(1.14, 0.52).cdf).pvalue > 1e-3
+    for group, box in ((along, ahead), (~along, against)):
+        assert stats.kstest(x[group], stats.uniform(*box[:2]).cdf).pvalue > 1e-3
+        assert stats.kstest(y[group], stats.uniform(*box[2:]).cdf).pvalue > 1e-3
+    assert stats.kstest(speeds, stats.uniform(least_speed, more_speed).cdf).pvalue > 1e-3
 
 
 def test_both_ways_is_fixed() -> None:
-    for seed in (0, 7):
-        cast = PedestrianCorridor(layout="both_ways").cast(seed)
-        ways = tuple(tuple(map(tuple, one.path.points.tolist())) for one in cast.people)
-        assert ways == BOTH_WAYS and {one.speed for one in cast.people} == {1.3}
+    for layout, speed, count in (("both_ways", 1.3, 4), ("8_gaussian", 0.7, 8)):
+        for seed in (0, 7):
+            cast = PedestrianCorridor(layout=layout).cast(seed)
+            ways = tuple(tuple(map(tuple, one.path.points.tolist())) for one in cast.people)
+            assert ways == FIXED[layout].ways and {one.speed for one in cast.people} == {speed}
+            assert len(ways) == count and len(cast.polygons) == (2 if count == 4 else 0)
+    assert len(PedestrianCorridor().cast(0).people) == 8
+    assert len(PedestrianCorridor(layout="16_random").cast(0).people) == 16
     assert PedestrianCorridor(pedestrians=0).cast(0).people == ()
 
 
@@ -139,6 +152,8 @@ def test_both_ways_is_fixed() -> None:
         (lambda: RandomCrowd(density=0.0), "density"),
         (lambda: PedestrianCorridor(pedestrians=400).cast(0), "of 400: take fewer"),
         (lambda: PedestrianCorridor(pedestrian_speed=(2.0, 1.0)), "pedestrian_speed"),
+        (lambda: PedestrianCorridor(process_noise=-0.3), "process_noise"),
+        (lambda: PedestrianCorridor(layout="8_random"), "16_random"),
     ],
 )
 def test_what_cannot_be_placed_says_what_to_change(make, message) -> None:

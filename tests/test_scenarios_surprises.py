@@ -1,15 +1,18 @@
 """Sudden changes, recorded people, and the hallways of CrowdSimPlus."""
 
+from pathlib import Path as File
+
 import numpy as np
 import pytest
 
+from wideberth.experiments.comparison import Comparison
 from wideberth.framework.config import build
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.metrics import approach
 from wideberth.simulation.agents import ReplayAgent
 from wideberth.simulation.hallway import Hallway
 from wideberth.simulation.placing import wall_distance
-from wideberth.simulation.recorded_scene import SCENES, RecordedScene
+from wideberth.simulation.recorded_scene import FILES, SCENES, RecordedScene
 from wideberth.simulation.sudden_change import SuddenChange
 
 
@@ -70,6 +73,15 @@ def tracks(tmp_path):
     return str(file)
 
 
+def test_a_result_hangs_on_the_users_recording(tracks) -> None:
+    scene = RecordedScene(tracks, start=(0.0, 0.0, 0.0), goal=(5.0, 0.0), rows=(0,))
+    robot = build("robots", {"type": "unicycle", "radius": 0.4})
+    straight = build("controllers", {"type": "constant_velocity", "robot": robot})
+    scenes = {"theirs": scene, "shipped": RecordedScene()}
+    made = Comparison(scenes, {"one": robot}, {"straight": straight})
+    assert made.inputs() == [File(tracks)]  # the shipped one is part of the source
+
+
 def test_people_walk_as_recorded_from_the_row_of_the_seed(tracks) -> None:
     scene = RecordedScene(tracks, start=(9.0, 0.0, np.pi), goal=(-9.0, 0.0), rows=(0, 1))
     for seed, offset in ((0, 0.0), (1, 0.4), (2, 0.0), (3, 0.4)):
@@ -94,6 +106,28 @@ def test_scenes_have_the_published_starts_and_goals(tracks) -> None:
         "univ": (11.5, 8.5),
     }  # fmt: skip
     assert SCENES["univ"][2] == (100,) and SCENES["eth"][2] == (100, 200, 300)
+    assert FILES.keys() == SCENES.keys()
+
+
+def test_a_folder_holds_the_scenes_file_and_rows_count_from_its_first(tmp_path) -> None:
+    # One sample every ten frames of the video, from frame 780 on: x is the row.
+    lines = [f"{780 + 10 * row} 1 {row} 0" for row in range(320)]
+    (tmp_path / FILES["eth"]).write_text("\n".join(lines), encoding="utf-8")
+    for seed, row in enumerate((100, 200, 300, 100)):
+        (person,) = RecordedScene(str(tmp_path), scene="eth").cast(seed).bystanders
+        found = person.at(np.array([0.0, 0.8]))
+        np.testing.assert_allclose(found, [[row, 0.0], [row + 2.0, 0.0]], atol=1e-9)
+    slower = RecordedScene(str(tmp_path), scene="eth", dt=0.5).cast(0).bystanders[0]
+    np.testing.assert_allclose(slower.at(np.array([1.0])), [[102.0, 0.0]], atol=1e-9)
+
+
+def test_with_nothing_stated_the_robot_crosses_the_plaza() -> None:
+    cast = RecordedScene().cast(1)
+    path = cast.placements[0].path
+    assert path.points[0].tolist() == [-9.0, 0.0] and path.goal.tolist() == [9.0, 0.0]
+    assert {one.radius for one in cast.bystanders} == {0.3}
+    ways = np.stack([one.at(np.arange(0.0, 25.0, 0.4)) for one in cast.bystanders])
+    assert np.isfinite(ways).any(axis=(1, 2)).sum() >= 10  # people are there
 
 
 @pytest.mark.parametrize(
@@ -103,6 +137,17 @@ def test_scenes_have_the_published_starts_and_goals(tracks) -> None:
         (lambda file: RecordedScene(file, start=(0, 0, 0), rows=(1,)), "goal missing"),
         (lambda file: RecordedScene(file, scene="eth").cast(0), "holds 100, and .* rows 0 to 2"),
         (lambda file: RecordedScene("nowhere.txt", scene="eth").cast(0), "cannot be read"),
+        (lambda file: RecordedScene(file, scene="eth", person_radius=0.0), "person_radius"),
+        (
+            lambda file: RecordedScene(str(File(file).parent), scene="univ").cast(0),
+            r"holds no 'students003.txt', .* name the file itself",
+        ),
+        (
+            lambda file: RecordedScene(
+                str(File(file).parent), start=(0, 0, 0), goal=(1, 1), rows=(0,)
+            ).cast(0),
+            "is a folder; name a file, or a scene of eth, hotel, univ, zara1, zara2",
+        ),
     ],
 )
 def test_recordings_that_do_not_fit(tracks, make, message) -> None:
@@ -173,6 +218,7 @@ def test_people_head_for_the_door_first() -> None:
         (lambda: Hallway(layout="bottleneck", door=0.5), "does not fit through it"),
         (lambda: Hallway(layout="squeeze", width=1.1), "does not fit through it"),
         (lambda: Hallway(width=0.5), "hallway.width"),
+        (lambda: Hallway(persons=31), "there is room for 30 of radius 0.3 m"),
         (lambda: build("scenarios", {"type": "hallway", "layout": "funnel"}), "layout"),
     ],
 )

@@ -1,0 +1,69 @@
+"""Each predictor with each region: what is played, what is compared, what is drawn."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from wideberth.experiments.planner_parts import PlannerParts
+from wideberth.experiments.runner import draw, run
+from wideberth.experiments.shipped import read_experiment
+from wideberth.experiments.variants import planner_of
+from wideberth.framework.config import build
+from wideberth.framework.errors import WideberthError
+
+
+@pytest.fixture(scope="module")
+def shipped() -> PlannerParts:
+    experiment, _ = read_experiment("crowdnav_parts", [])
+    assert isinstance(experiment, PlannerParts)
+    return experiment
+
+
+def test_a_pair_differs_in_predictor_and_region_alone(shipped: PlannerParts) -> None:
+    base = planner_of(shipped.planner)
+    pair = planner_of(shipped.pair("kalman", "half_plane"))
+    assert pair.predictor == shipped.predictors["kalman"]
+    assert pair.region == shipped.regions["half_plane"]
+    same = ("robot", "level", "solver", "cost", "horizon", "dt", "penalty", "margin", "starts")
+    assert all(getattr(pair, name) == getattr(base, name) for name in same)
+
+
+def test_every_pair_meets_the_same_seeds(shipped: PlannerParts) -> None:
+    few = replace(shipped, seeds=3, first_seed=5)
+    seeds: dict[tuple[str, str], list[int]] = {}
+    for task in few.tasks():
+        seeds.setdefault((task.settings["predictor"], task.settings["region"]), []).append(
+            task.seed
+        )
+    assert len(seeds) == len(few.predictors) * len(few.regions)
+    assert set(map(tuple, seeds.values())) == {(5, 6, 7)}
+
+
+def test_the_first_pair_is_ours_of_the_comparison(shipped: PlannerParts, tmp_path: Path) -> None:
+    """The first pair is `ours` of crowdnav.yaml: the same episode, number for number."""
+    comparison, _ = read_experiment("crowdnav", [])
+    small = shipped.quick()
+    result = run(small, tmp_path)
+    row = result.rows[0]
+    task = next(
+        task for task in comparison.tasks()
+        if (task.settings["scenario"], task.settings["controller"]) == ("circle", "ours")
+    )  # fmt: skip
+    expected = comparison.measure(task).rows[0]
+    same = ("outcome", "success_time", "clearance", "plans", "judged_outcome", "judged_distance_m")
+    assert [row[name] for name in same] == [expected[name] for name in same]
+    lines = small.summary(result.rows)
+    first = lines[0]["predictor"], lines[0]["region"]
+    assert first == ("constant_velocity", "mahalanobis_ellipse")
+    assert len(lines) == 4 and lines[0]["p_value"] == 1.0
+    names = {path.name for path in draw(tmp_path)}
+    assert names == {"planner_parts.png", "planner_parts.pdf"}
+
+
+def test_a_controller_without_a_region_is_refused(shipped: PlannerParts) -> None:
+    straight = build("controllers", {"type": "constant_velocity", "robot": shipped.robot})
+    with pytest.raises(WideberthError, match=r"without predictor and region; wanted one that"):
+        replace(shipped, planner=straight)
+    with pytest.raises(WideberthError, match=r"regions is empty"):
+        replace(shipped, regions={})
