@@ -36,11 +36,12 @@ class RobotAgent:
         all the way itself (the "invisible" setting of CrowdNav).
     reference_speed : m/s, at which its path takes the free time, whoever drives it; ``speed`` by
         default, and unknown where that is 0.
+    respawn : a person who has arrived appears anew at the start of its path, see `Respawning`.
 
     Raises
     ------
     WideberthError : a phase outside [0, period), a speed out of range, a path of another
-        dimension than the robot's.
+        dimension than the robot's, a robot that would respawn.
     """
 
     name: str
@@ -53,10 +54,16 @@ class RobotAgent:
     person: bool = False
     visible: bool = True
     reference_speed: float | None = None
+    respawn: bool = False
 
     def __post_init__(self) -> None:
         positive(f"{self.name}.speed", self.speed, zero=True)
         positive(f"{self.name}.phase", self.phase, zero=True)
+        if self.respawn and not self.person:
+            raise WideberthError(
+                f"{self.name} is a robot and would respawn; only people (person=True) come anew, "
+                "an episode ends when its robots have arrived"
+            )
         if self.reference_speed is not None:
             positive(f"{self.name}.reference_speed", self.reference_speed)
         positive(f"{self.name}.controller.period", self.controller.period)

@@ -91,8 +91,10 @@ def from_bytes(data: bytes) -> Episode:
             meta = json.loads(archive["meta"].tobytes().decode("utf-8"))
             unpack = _Unpacker(archive["numbers"])
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, AttributeError) as error:
+        # what NumPy says of a file of another kind is how to load it unsafely
+        reason = "no npz archive" if "pickle" in str(error) else error
         raise WideberthError(
-            f"this is not a saved episode ({error}); give a file that Episode.to_bytes wrote"
+            f"this is not a saved episode ({reason}); give a file that Episode.to_bytes wrote"
         ) from None
     content = unstamped(meta, "episode", VERSION, "the episode")
     return Episode(

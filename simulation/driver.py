@@ -20,18 +20,30 @@ from .plant import Plant
 
 
 class Driver:
-    """Steps one robot and writes its log. Changes as the episode runs."""
+    """Steps one robot and writes its log. Changes as the episode runs.
 
-    def __init__(self, agent: RobotAgent) -> None:
+    Parameters
+    ----------
+    agent : whom it drives, from the start of the path.
+    came : s, when it stands there.
+    absent : number of instants of the episode before that.
+
+    Attributes
+    ----------
+    present : False once it has left.
+    """
+
+    def __init__(self, agent: RobotAgent, came: float = 0.0, absent: int = 0) -> None:
         self.agent = agent
-        self.paths: list[tuple[float, Path]] = [(0.0, agent.path)]
+        self.present, self.absent = True, absent
+        self.paths: list[tuple[float, Path]] = [(came, agent.path)]
         direction = agent.path.direction(np.zeros(1))[0]
         start = agent.path.points[0]
         state, twist = start_state(agent.robot, start, direction, agent.speed)
         self.plant = Plant(agent.robot, state, twist)
-        self.states = [self.plant.state]
-        self.controls = [self.plant.control]
-        self.positions = [self.plant.position]
+        self.states = [*absent * [_nowhere(self.plant.state)], self.plant.state]
+        self.controls = [*absent * [_nowhere(self.plant.control)], self.plant.control]
+        self.positions = [*absent * [_nowhere(self.plant.position)], self.plant.position]
         self.reached = nan
         self.skipped = 0
         self.commands: list[tuple[float, float, Command]] = []
@@ -58,20 +70,27 @@ class Driver:
         return np.array(start_state(robot, place, direction, self.agent.speed)[0])
 
     def position_at(self, time: float, clock: list[float]) -> Array:
-        """Where the robot was at a time up to now, (D,), m."""
+        """Where the robot was at a time up to now, (D,), m; NaN where it was absent."""
         if time <= 0.0:
+            if self.absent:
+                return np.full(self.agent.robot.dimension, nan)
             return np.asarray(along(self.agent.path, np.array([self.agent.speed * time]))[0])
         index = min(bisect_right(clock, time), len(clock) - 1)
         first, second = np.array(self.positions[index - 1]), np.array(self.positions[index])
         share = (time - clock[index - 1]) / (clock[index] - clock[index - 1])
+        if share in (0.0, 1.0) and (self.absent or not self.present):
+            return second if share else first  # at an instant itself the other does not count
         return np.asarray(first + min(share, 1.0) * (second - first))
 
     def future(self, times: Array, now: float) -> Array:
         """Where the robot means to be, (T,) -> (T, D), m.
 
         Its current plan, straight on beyond the plan's end; before its first plan (or
-        without one) along its path at the reference speed, standing where that is unknown.
+        without one) along its path at the reference speed, standing where that is unknown. NaN
+        once it has left.
         """
+        if not self.present:
+            return np.full((len(times), self.agent.robot.dimension), nan)
         plan = self.agent.controller.plan
         here = np.array(self.positions[-1])
         if plan is None:
@@ -93,8 +112,22 @@ class Driver:
         self.reached = nan
         self.agent.controller.set_path(path)
 
+    def leave(self) -> None:
+        """Be gone from the newest instant on."""
+        self.present = False
+        for series in (self.states, self.controls, self.positions):
+            series[-1] = _nowhere(series[-1])
+
+    def tick_time(self, tick: int) -> float:
+        """Time of a decision, s."""
+        return self.agent.phase + tick * self.agent.controller.period
+
     def advance(self, time: float, duration: float, tolerance: float) -> None:
         """Step the plant and note what it did."""
+        if not self.present:
+            for series in (self.states, self.controls, self.positions):
+                series.append(series[-1])
+            return
         self.plant.advance(time, duration)
         self.states.append(self.plant.state)
         self.controls.append(self.plant.control)
@@ -185,3 +218,7 @@ class Driver:
         return CommandLog(
             table[:, 0], table[:, 1], table[:, 2 : 2 + size], table[:, -2], table[:, -1]
         )
+
+
+def _nowhere(values: tuple[float, ...]) -> tuple[float, ...]:
+    return (nan,) * len(values)

@@ -20,6 +20,7 @@ from .detecting import Detecting
 from .driver import Driver
 from .gaps import Course, gaps, wall_gaps
 from .log import AgentLog, CommandLog, Episode
+from .respawning import Respawning
 from .settings import Settings
 
 _CHANGE, _EFFECT, _TICK = 0, 1, 2
@@ -99,6 +100,7 @@ class Run:
         self.queue: list[tuple[float, int, int, Any]] = []
         self.order = count()
         self.detecting = Detecting(settings.channel, self.seed, self.drivers, self.others)
+        self.respawning = Respawning(self.drivers, self.others)
         by_name = {driver.name: driver for driver in self.drivers}
         for change in changes:
             self._push(change.time, _CHANGE, (by_name[change.agent], change.path))
@@ -161,11 +163,11 @@ class Run:
         ticks: list[tuple[Driver, int]] = []
         while self.queue and self.queue[0][0] <= now + _SAME:
             _, kind, _, payload = heapq.heappop(self.queue)
-            if kind == _CHANGE:
+            if kind == _CHANGE and payload[0].present:
                 payload[0].take(now, payload[1])
             elif kind == _EFFECT:
                 payload[0].plant.command(payload[1], now)
-            else:
+            elif payload[0].present:
                 ticks.append(payload)
         seen = [
             (driver, tick, self._observe(driver, now, tick, np.array(driver.plant.state)))
@@ -239,6 +241,9 @@ class Run:
         for driver in self.drivers:
             driver.advance(now, target - now, settings.goal_tolerance)
         self.clock.append(target)
+        for driver, tick in self.respawning.newcomers(target):
+            self.drivers.append(driver)
+            self._push(driver.tick_time(tick), _TICK, (driver, tick))
         return ""
 
     def _verdict(self) -> str:

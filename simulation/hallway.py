@@ -24,6 +24,9 @@ DISCOMFORT = 0.2
 """m between a person and the robot, at first."""
 STRETCH = 1.1
 """Factor of the drawn heights after each place that was not free."""
+JAMMED = 0.547
+"""Share of a floor that equal discs cover at most when they are placed one after the other at
+random (Feder 1980): whoever comes later would be placed beyond the hallway, ever farther away."""
 
 
 @final
@@ -56,7 +59,7 @@ class Hallway(Scenario):
     Raises
     ------
     WideberthError : a number out of range; a door too narrow for those who have to go through
-        it; when drawing, too many people.
+        it; more people than find room between the walls.
 
     Notes
     -----
@@ -91,11 +94,23 @@ class Hallway(Scenario):
             positive(f"hallway.{name}", getattr(self, name))
         for name in ("circle_radius", "width", "height"):
             positive(f"hallway.{name}", getattr(self, name) - 2.0 * self.person_radius)
+        self._check_room()
         body = max(self.robot_radius, self.person_radius)
         if self.layout != "open" and self.hall.door <= 2.0 * body:
             raise WideberthError(
                 f"hallway: the door is {self.hall.door:g} m wide and a body of radius {body:g} m "
                 "does not fit through it; take a wider door or smaller bodies"
+            )
+
+    def _check_room(self) -> None:
+        """Refuse more people than can be placed at random between the walls."""
+        floor = 2.0 * self.width * self.height
+        most = int(JAMMED * floor / (np.pi * self.person_radius**2))
+        if self.persons > most:
+            raise WideberthError(
+                f"hallway.persons is {self.persons}; on its {floor:g} m^2 there is room for "
+                f"{most} of radius {self.person_radius:g} m: take fewer people, smaller ones, "
+                "or a larger hallway"
             )
 
     @property

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from pathlib import Path as File
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -113,6 +114,10 @@ class Scenario(ABC):
 
     def polygons(self, rng: np.random.Generator) -> tuple[Polygon, ...]:
         """Draw what stands there; nothing unless a scenario says so."""
+        return ()
+
+    def inputs(self) -> tuple[File, ...]:
+        """Files that the situations hang on; none unless a scenario reads some."""
         return ()
 
     def judge(self, episode: Episode) -> dict[str, Any]:
