@@ -6,6 +6,7 @@ from pathlib import Path
 
 from wideberth.experiments.page import PLAYER, page, template
 from wideberth.experiments.player_data import packed
+from wideberth.experiments.player_regions import episode_planner
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.io import write_text
 from wideberth.framework.yamlfile import read_config
@@ -20,7 +21,8 @@ def play(path: Path, out: Path, tail: float | None = None) -> Path:
 
     Parameters
     ----------
-    path : a file of `Episode.to_bytes`; see `find_episode`.
+    path : a file of `Episode.to_bytes`; see `find_episode`. Of one in the folder of its result
+        the planner is known, and its regions are drawn.
     out : HTML file.
     tail : 1 - content of the drawn regions; by default that of the result, else 0.05.
 
@@ -31,11 +33,12 @@ def play(path: Path, out: Path, tail: float | None = None) -> Path:
     """
     episode = read_episode(path)
     chosen = result_tail(path.parent.parent) if tail is None else tail
+    text = packed(episode, chosen, episode_planner(path))
     title = f"{path.stem}: seed {episode.seed}, ended by {episode.ended}"
     parts = [
         "<main>",
         f"<h1>{escape(title)}</h1>",
-        player({path.stem: packed(episode, chosen)}, path.stem, alone=True),
+        player({path.stem: text}, path.stem, alone=True),
         template("player.html"),
         "</main>",
     ]

@@ -14,11 +14,13 @@ from typing import Any
 import numpy as np
 
 from wideberth.experiments import pieces
+from wideberth.experiments.player_regions import Shown, outlined, region_name, spacing
 from wideberth.experiments.plotting import COLOURS
 from wideberth.framework.arrays import Array, probability
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.footprint import Discs, Outline
 from wideberth.framework.metrics import content_bound
+from wideberth.framework.mpc.planner import Planner
 from wideberth.framework.plan import Plan
 from wideberth.simulation.log import AgentLog, Episode
 
@@ -31,23 +33,24 @@ _ENTRIES = 120_000  # regions in a page: about 1 MB of it
 _EVERY = (1, 2, 3, 5, 8)  # steps from one kept region to the next
 
 
-def packed(episode: Episode, tail: float) -> str:
+def packed(episode: Episode, tail: float, planner: Planner | None = None) -> str:
     """Return the text that `data/player.js` unpacks; the same episode gives the same text.
 
     Parameters
     ----------
     episode : with at least one robot.
     tail : 1 - content of the forecast regions.
+    planner : of all its robots, whose regions are drawn; None where it is not known.
 
     Raises
     ------
     WideberthError : an episode without a robot, a tail outside (0, 1).
     """
-    text = json.dumps(content(episode, tail), separators=(",", ":"), allow_nan=False)
+    text = json.dumps(content(episode, tail, planner), separators=(",", ":"), allow_nan=False)
     return base64.b64encode(zlib.compress(text.encode("utf-8"), 9)).decode("ascii")
 
 
-def content(episode: Episode, tail: float) -> dict[str, Any]:
+def content(episode: Episode, tail: float, planner: Planner | None = None) -> dict[str, Any]:
     """Return what is packed: numbers, lists, mappings and text."""
     probability("tail", tail)
     if not episode.robots:
@@ -57,18 +60,21 @@ def content(episode: Episode, tail: float) -> dict[str, Any]:
         )
     times = frames(episode)
     every = _thinned(episode)
+    shown = Shown(tail, every, planner, spacing(episode, every))
     return {
         "ended": episode.ended,
         "seed": episode.seed,
         "content": 1.0 - tail,
         "every": every,
+        "apart": shown.apart,
+        "region": None if planner is None else region_name(planner.region),
         "axes": _axes(episode),
         "extent": [_extent(episode, axes) for axes in _axes(episode)],
         "frames": series(times, TIME),
         "polygons": [
             {"name": one.name, "points": _columns(one.points)} for one in episode.polygons
         ],
-        "agents": [_agent(episode, log, times, tail, every) for log in episode.agents],
+        "agents": [_agent(episode, log, times, shown) for log in episode.agents],
     }
 
 
@@ -117,9 +123,7 @@ def _extent(episode: Episode, axes: list[int]) -> list[float]:
     return [float(low[0]), bottom, float(high[0]), top]
 
 
-def _agent(
-    episode: Episode, log: AgentLog, times: Array, tail: float, every: int
-) -> dict[str, Any]:
+def _agent(episode: Episode, log: AgentLog, times: Array, shown: Shown) -> dict[str, Any]:
     """Return one agent's frames and, for a robot, its decisions and plans."""
     index = np.maximum(np.searchsorted(episode.times, times + 1e-9) - 1, 0)
     known: dict[str, Any] = {
@@ -145,7 +149,7 @@ def _agent(
         "least": series(np.fmin.accumulate(clear)[index]),
         "decisions": series(log.commands.stamp, TIME),
         "paths": [{"begin": begin, "points": _columns(path.points)} for begin, path in log.paths],
-        "plans": [_plan(episode, plan, tail, every) for plan in log.plans],
+        "plans": [_plan(episode, log, plan, shown) for plan in log.plans],
     }
 
 
@@ -173,7 +177,7 @@ def _thinned(episode: Episode) -> int:
     return next((every for every in _EVERY if entries <= every * _ENTRIES), _EVERY[-1])
 
 
-def _plan(episode: Episode, plan: Plan, tail: float, every: int) -> dict[str, Any]:
+def _plan(episode: Episode, log: AgentLog, plan: Plan, shown: Shown) -> dict[str, Any]:
     """Return one plan: how it came about, where it leads, what it expects."""
     held = plan.content.size > 0
     return {
@@ -194,7 +198,7 @@ def _plan(episode: Episode, plan: Plan, tail: float, every: int) -> dict[str, An
         ],
         "positions": _columns(plan.positions),
         "reference": _columns(plan.reference),
-        "forecast": _forecasts(episode, plan, tail, every),
+        "forecast": _forecasts(episode, log, plan, shown),
     }
 
 
@@ -203,22 +207,24 @@ def _number(value: Any) -> float | None:
     return float(f"{value:.4g}") if np.isfinite(value) else None
 
 
-def _forecasts(episode: Episode, plan: Plan, tail: float, every: int) -> list[dict[str, Any]]:
+def _forecasts(episode: Episode, log: AgentLog, plan: Plan, shown: Shown) -> list[dict[str, Any]]:
     """Return one entry per obstacle and mode: means and content ellipses in every view.
 
     The steps kept are the last one and those in whole multiples of ``every`` before it. An
-    ellipse is given by both semi-axes (m) and the angle of the longer one (rad).
+    ellipse is given by both semi-axes (m) and the angle of the longer one (rad); beside them
+    are the sets kept out of, at the last kept step and whole multiples of ``apart`` before it.
     """
     forecast = plan.forecast
     if forecast is None:
         return []
-    steps = slice((forecast.steps - 1) % every, None, every)
+    steps = list(range((forecast.steps - 1) % shown.every, forecast.steps, shown.every))
     size = forecast.mean.shape[-1]
     owners, modes = np.nonzero(forecast.weight > 0)
     mean = forecast.mean[owners, modes][:, steps]
     spread = forecast.covariance[owners, modes][:, steps]
-    bound = content_bound(size, tail)
+    bound = content_bound(size, shown.tail)
     entries = []
+    sets = outlined(episode, log, plan, shown, steps)
     shapes = [ellipses(spread[..., axes, :][..., axes], bound) for axes in _axes(episode)]
     for i, (owner, mode) in enumerate(zip(owners, modes, strict=True)):
         name = plan.tracked[owner]
@@ -230,6 +236,10 @@ def _forecasts(episode: Episode, plan: Plan, tail: float, every: int) -> list[di
                 "mean": _columns(mean[i]),
                 "ellipses": [_columns(shape[i]) for shape in shapes],
                 "held": series(_held(plan, name, size, bound)[steps]),
+                "sets": [
+                    None if rim is None else _columns(rim)
+                    for rim in sets.get((int(owner), int(mode)), [])
+                ],
             }
         )
     return entries

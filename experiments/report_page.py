@@ -11,6 +11,7 @@ from wideberth.experiments.markdown import columns_of, has_words
 from wideberth.experiments.page import PLAYER, data_uri, page, template
 from wideberth.experiments.player import player, read_episode
 from wideberth.experiments.player_data import packed
+from wideberth.experiments.player_regions import episode_planner
 from wideberth.experiments.report_contents import Report, origin
 from wideberth.experiments.showing import WIDEST, shown
 from wideberth.framework.io import table_text
@@ -195,7 +196,7 @@ def _packed(one: Report, room: int) -> tuple[dict[str, str], list[Path]]:
         episode = read_episode(path)
         if not episode.robots:
             continue
-        text = packed(episode, one.tail)
+        text = packed(episode, one.tail, episode_planner(path))
         if len(text) > room:
             left_out.append(path)
             continue

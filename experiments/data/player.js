@@ -61,6 +61,7 @@ function decode(episode) {
         one.mean = columns(one.mean);
         one.ellipses = one.ellipses.map(columns);
         one.held = length(one.held);
+        one.sets = one.sets.map((rim) => rim && columns(rim));
       }
     }
   }

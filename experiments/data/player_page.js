@@ -47,10 +47,13 @@ class Player {
       ["reference", "reference path and points"], ["region", "forecast means and regions"],
     ];
     const robot = this.robots[this.part("robot").selectedIndex];
-    const enlarged = this.episode.axes.length === 1 && robot.room !== null;
+    const { region } = this.episode, flat = this.episode.axes.length === 1;
+    const enlarged = flat && (region !== null || robot.room !== null);
+    const words = region === null ? "enlarged by r + r_d, as the paper's region is"
+      : `kept out of at the plan's level: ${region}`;
     this.part("enlarged").parentElement.hidden = !enlarged;
     this.part("each").parentElement.hidden = this.episode.every > 1;
-    if (enlarged) items.push(["region", "enlarged by r + r_d, as the paper's region is", "dashed"]);
+    if (enlarged) items.push(["region", words, "dashed"]);
     items.push([`robot-${robot.color}`, `${robot.name}, its plan and trail`]);
     items.push(["other", "others", "dotted"]);
     const lines = items.map(([color, text, style]) => {

@@ -173,11 +173,13 @@ class View {
       for (let i = 0; i < long.length; i += 1) {
         const scale = state.regions === "held" ? one.held[i] : 1;
         const skipped = !state.each && (long.length - 1 - i) % THIRD !== 0;
+        if (state.enlarged && (!skipped || this.episode.apart > 1)) this.rim(one.sets[i], shade);
         if (skipped || state.regions === "none" || !Number.isFinite(scale)) continue;
         const place = [this.toX(one.mean[a][i]), this.toY(one.mean[b][i])];
         const axes = [scale * long[i], scale * short[i]];
         this.ellipse(place, axes, angle[i], 0.06 * shade, 0.75 * shade);
-        if (!state.enlarged || room === null || this.episode.axes.length > 1) continue;
+        const known = this.episode.region !== null || this.episode.axes.length > 1;
+        if (!state.enlarged || room === null || known) continue;
         c.setLineDash([4, 3]);
         this.ellipse(place, axes.map((axis) => axis + room), angle[i], 0, 0.55 * shade);
         c.setLineDash([]);
@@ -188,6 +190,19 @@ class View {
       this.dots(one.mean[a], one.mean[b], 1.6, true);
       c.globalAlpha = 1;
     }
+  }
+
+  /** What the plan keeps out of at one step, where that is known. */
+  rim(points, shade) {
+    if (!points) return;
+    const { context: c } = this;
+    this.line(...points);
+    c.closePath();
+    c.setLineDash([4, 3]);
+    c.globalAlpha = 0.75 * shade;
+    c.stroke();
+    c.setLineDash([]);
+    c.globalAlpha = 1;
   }
 
   ellipse(place, axes, angle, fill, edge) {
