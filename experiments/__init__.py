@@ -14,6 +14,7 @@ BUILT_IN: dict[str, str] = {
     "forecast_regions": "wideberth.experiments.forecast_regions:ForecastRegions",
     "region_gallery": "wideberth.experiments.region_gallery:RegionGallery",
     "prediction_benchmark": "wideberth.experiments.prediction_benchmark:PredictionBenchmark",
+    "planner_parts": "wideberth.experiments.planner_parts:PlannerParts",
     "region_price": "wideberth.experiments.region_price:RegionPrice",
     "tuning": "wideberth.experiments.tuning:Tuning",
     "cost_comparison": "wideberth.experiments.cost_comparison:CostComparison",

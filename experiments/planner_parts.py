@@ -1,0 +1,122 @@
+"""Every predictor with every region in one planner: what each pair does in closed loop."""
+
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar, Self, TypeVar, final
+
+from wideberth.framework.arrays import probability, whole
+from wideberth.framework.controller import Controller
+from wideberth.framework.errors import WideberthError
+from wideberth.framework.predictor import Predictor
+from wideberth.framework.region import Region
+from wideberth.framework.robot import Robot
+from wideberth.simulation.scenario import Scenario
+from wideberth.simulation.settings import Settings
+
+from .base import Experiment, Outcome, Result, Row, Task
+from .closed_loop import check_starts, grid, group
+from .comparison import driving, measured
+from .comparison_summary import against, condensed
+
+T = TypeVar("T")
+
+
+@final
+@dataclass(frozen=True)
+class PlannerParts(Experiment):
+    """One planner with each predictor and each region in place of its own, on the same seeds.
+
+    Each pair is held against the first one, seed by seed. Columns as of a `comparison`.
+
+    Parameters
+    ----------
+    scenario : drawn from each seed.
+    robot : model of the plant.
+    planner : all that stays the same; a controller with a predictor and a region.
+    predictors, regions : by name.
+    settings : clock, noise and end of the episodes.
+    seeds : number of episodes per pair.
+    first_seed : the seeds are first_seed to first_seed + seeds - 1.
+    tail : 1 - content that forecasts and regions are measured against.
+    """
+
+    claim: ClassVar[str] = (
+        "Which predictor and which region does a planner need, and does one make up for the other?"
+    )
+
+    scenario: Scenario
+    robot: Robot
+    planner: Controller
+    predictors: dict[str, Predictor]
+    regions: dict[str, Region]
+    settings: Settings = field(default_factory=Settings)
+    seeds: int = 20
+    first_seed: int = 0
+    tail: float = 0.05
+
+    def __post_init__(self) -> None:
+        whole("seeds", self.seeds)
+        whole("first_seed", self.first_seed, least=0)
+        probability("tail", self.tail)
+        for name in ("predictors", "regions"):
+            if not getattr(self, name):
+                raise WideberthError(f"{name} is empty; name at least one")
+        own: Any = fields(self.planner) if is_dataclass(self.planner) else ()
+        missing = sorted({"predictor", "region"} - {entry.name for entry in own if entry.init})
+        if missing:
+            raise WideberthError(
+                f"planner is {type(self.planner).__name__}, without {' and '.join(missing)}; "
+                "wanted one that takes both, such as mpc"
+            )
+
+    def pair(self, predictor: str, region: str) -> Controller:
+        """Return the planner with a predictor and a region."""
+        made: Any = driving(self.planner, self.robot)
+        changed: Controller = replace(
+            made, predictor=self.predictors[predictor], region=self.regions[region]
+        )
+        return changed
+
+    def tasks(self) -> list[Task]:
+        """One per predictor, region and seed."""
+        seeds = range(self.first_seed, self.first_seed + self.seeds)
+        return grid({"predictor": self.predictors, "region": self.regions}, seeds)
+
+    def inputs(self) -> tuple[Path, ...]:
+        """Return the files that the scenario reads."""
+        return self.scenario.inputs()
+
+    def check(self) -> None:
+        """Begin an episode with every pair."""
+        pairs = {f"{p} and {r}": self.pair(p, r) for p in self.predictors for r in self.regions}
+        check_starts({"": self.scenario}, self.robot, pairs, self.first_seed)
+
+    def measure(self, task: Task) -> Outcome:
+        """Play one episode."""
+        planner = self.pair(task.settings["predictor"], task.settings["region"])
+        return measured(self.scenario, self.robot, planner, self.settings, task, self.tail)
+
+    def summary(self, rows: list[Row]) -> list[Row]:
+        """One line per pair, compared with the first."""
+        played = group(rows, "predictor", "region")
+        first = next(iter(played.values()))
+        return [
+            {"predictor": predictor, "region": region, **condensed(own), **against(own, first)}
+            for (predictor, region), own in played.items()
+        ]
+
+    def figures(self, result: Result, folder: Path) -> list[Path]:
+        """Draw tables of success, time and nearness, predictors down and regions across."""
+        from .planner_parts_figure import draw_tables
+        from .plotting import paper_style, save
+
+        with paper_style():
+            return save(draw_tables(self.summary(result.rows)), folder, "planner_parts")
+
+    def quick(self) -> Self:
+        """Play one seed with the first two predictors and regions."""
+        return replace(self, predictors=_two(self.predictors), regions=_two(self.regions), seeds=1)
+
+
+def _two(named: dict[str, T]) -> dict[str, T]:
+    return dict(list(named.items())[:2])
