@@ -130,5 +130,6 @@ def _library() -> Any:
         return import_module("pyrvo")
     except ImportError as error:
         raise WideberthError(
-            f"orca needs the library pyrvo ({error}); install it with: pip install wideberth[sim]"
+            f"orca needs the library pyrvo ({error}); install it with: "
+            "pip install 'wideberth[sim]'"
         ) from None

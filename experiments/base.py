@@ -117,6 +117,17 @@ class Experiment(ABC):
         """Files that the result depends on: with other content a result is not resumed."""
         return ()
 
+    def check(self) -> None:
+        """Refuse what no constructor sees and the first task would find; takes a second or so.
+
+        Called before a folder is made, so that nothing of a run that cannot begin is left.
+
+        Raises
+        ------
+        WideberthError : what is wrong, as `measure` would say it.
+        """
+        return
+
     @abstractmethod
     def measure(self, task: Task) -> Outcome:
         """Do one task."""

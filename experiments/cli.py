@@ -115,7 +115,7 @@ def figures(
         raise WideberthError(f"{RESULTS}/ holds no result; name a config to run it first")
     for name in names:
         folder = result_folder(name)
-        if (folder / "table.csv").is_file():
+        if (folder / "table.csv").is_file() or Path(name).is_dir():
             for path in draw(folder):
                 typer.echo(path)
         else:
@@ -271,6 +271,10 @@ def main(arguments: list[str] | None = None) -> None:
         app(args=arguments)
     except WideberthError as error:
         typer.secho(f"Error: {error}", fg="red", err=True)
+        sys.exit(2)
+    except OSError as error:  # of a folder that may not be looked into, say
+        where = f"{error.filename}: " if error.filename else ""
+        typer.secho(f"Error: {where}{error.strerror or error}", fg="red", err=True)
         sys.exit(2)
     except SystemExit:
         if not pressed:

@@ -11,13 +11,14 @@ from wideberth.framework.arrays import Array
 from wideberth.framework.controller import Controller, fresh
 from wideberth.framework.robot import Robot
 from wideberth.framework.statistics import known_mean
-from wideberth.simulation.episode import run_episode
+from wideberth.simulation.episode import Run
 from wideberth.simulation.log import Episode
-from wideberth.simulation.scenario import Scenario
+from wideberth.simulation.scenario import Cast, Scenario
 from wideberth.simulation.settings import Settings
 from wideberth.simulation.summary import summarise, time_rows
 
 from .base import Outcome, Row, Task
+from .showing import told
 
 
 def play(
@@ -28,16 +29,41 @@ def play(
     The seed draws the situation and all noise, so that planners compared at one seed meet
     the same situation.
     """
-    cast = scenario.cast(seed)
+    run = _begun(scenario.cast(seed), robot, controller, settings, seed)
+    run.advance()
+    return run.episode()
+
+
+def check_starts(
+    scenarios: Mapping[str, Scenario],
+    robot: Robot,
+    controllers: Mapping[str, Controller],
+    seed: int = 0,
+) -> None:
+    """Put every controller at the start of an episode in every scenario, and go no further.
+
+    Parameters
+    ----------
+    scenarios : by the names of the config; "" where it has one only.
+
+    Raises
+    ------
+    WideberthError : the scenario finds no room for all, or does not fit to robot or controller.
+    """
+    for label, scenario in scenarios.items():
+        place = f"{'scenarios.' if label else 'scenario'}{label}, seed {seed}"
+        with told(f"{place}: no situation can be drawn: "):
+            cast = scenario.cast(seed)
+        for name, controller in controllers.items():
+            with told(f"{place}: no episode of {name} can begin: "):
+                _begun(cast, robot, controller, Settings(history=0.0), seed)
+
+
+def _begun(cast: Cast, robot: Robot, controller: Controller, settings: Settings, seed: int) -> Run:
+    """Return an episode at its start."""
     truth = not isinstance(controller, Reactive)  # which could not use it
     robots = [one.agent(robot, fresh(controller), truth) for one in cast.placements]
-    return run_episode(
-        [*robots, *cast.people],
-        settings,
-        seed=seed,
-        others=cast.bystanders,
-        polygons=cast.polygons,
-    )
+    return Run([*robots, *cast.people], settings, seed, cast.bystanders, (), cast.polygons)
 
 
 def grid(axes: Mapping[str, Iterable[str]], seeds: Iterable[int]) -> list[Task]:

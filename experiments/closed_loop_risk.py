@@ -24,7 +24,7 @@ from wideberth.framework.predictor import Predictor
 from wideberth.framework.region import RiskLevel
 from wideberth.framework.risk import collision_probability
 from wideberth.framework.statistics import bootstrap_interval, clopper_pearson
-from wideberth.simulation.agents import ReplayAgent, RobotAgent
+from wideberth.simulation.agents import ReplayAgent
 from wideberth.simulation.episode import run_episode
 from wideberth.simulation.model_crowd import ModelCrowd
 from wideberth.simulation.settings import Settings
@@ -235,7 +235,7 @@ def _play(crowd: Crowd, planner: Planner, seed: int) -> Row:
     """Play one episode and count its pairs."""
     cast = crowd.scenario.cast(seed)
     (one,) = cast.placements
-    agent = RobotAgent(one.name, planner.robot, planner, one.path, one.speed)
+    agent = one.agent(planner.robot, planner, truth=False)
     episode = run_episode([agent], crowd.settings, seed=seed, others=cast.bystanders)
     plans = episode.robots[0].plans
     walkers = {one.name: one for one in cast.bystanders if isinstance(one, ReplayAgent)}

@@ -14,7 +14,7 @@ from wideberth.simulation.scenario import Scenario
 from wideberth.simulation.settings import Settings
 
 from .base import Experiment, Outcome, Result, Row, Task
-from .closed_loop import grid, group, outcome, play
+from .closed_loop import check_starts, grid, group, outcome, play
 from .comparison_summary import against, condensed
 
 AXES = {
@@ -118,6 +118,16 @@ class Comparison(Experiment):
         axes = {column: getattr(self, name) for column, name in AXES.items()}
         return grid(axes, range(self.first_seed, self.first_seed + self.seeds))
 
+    def inputs(self) -> list[Path]:
+        """Return the files that the scenarios read."""
+        return [file for scenario in self.scenarios.values() for file in scenario.inputs()]
+
+    def check(self) -> None:
+        """Begin an episode of the first seed in every scenario with every robot and controller."""
+        for robot in self.robots.values():
+            driven = {name: driving(one, robot) for name, one in self.controllers.items()}
+            check_starts(self.scenarios, robot, driven, self.first_seed)
+
     def measure(self, task: Task) -> Outcome:
         """Play one episode."""
         scenario, robot, settings, controller = (
@@ -157,13 +167,15 @@ class Comparison(Experiment):
         ]
 
     def quick(self) -> Self:
-        """Play the first 20 s of one seed in the first scenario, with the first robot."""
-        (name, settings), *_ = self.settings.items()
+        """Play one seed to its end, in the first scenario with the first robot and settings.
+
+        Cut short, nobody would have arrived, and there would be nothing to compare.
+        """
         return replace(
             self,
             scenarios=_first(self.scenarios),
             robots=_first(self.robots),
-            settings={name: replace(settings, time_limit=min(settings.time_limit, 20.0))},
+            settings=_first(self.settings),
             seeds=1,
             show=tuple(seed for seed in self.show if seed == self.first_seed),
         )

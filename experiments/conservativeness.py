@@ -18,7 +18,7 @@ from wideberth.simulation.scenario import Scenario
 from wideberth.simulation.settings import Settings
 
 from .base import Experiment, Outcome, Result, Row, Task
-from .closed_loop import column, condense, group, outcome, pick, play
+from .closed_loop import check_starts, column, condense, group, outcome, pick, play
 from .variants import by_region_and_predictor, planner_of
 
 ORACLE = "oracle"
@@ -99,6 +99,12 @@ class Conservativeness(Experiment):
             for rule in self.predictors
             for seed in range(self.seeds)
         ]
+
+    def check(self) -> None:
+        """Begin an episode with every region and covariance rule in every scenario."""
+        variants = by_region_and_predictor(self.planner, self.regions, self.predictors)
+        planners = {" ".join(key): planner for key, planner in variants.items()}
+        check_starts(self.scenarios, self.robot, planners)
 
     def measure(self, task: Task) -> Outcome:
         """Play one episode and count what its plans kept."""

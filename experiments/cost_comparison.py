@@ -18,7 +18,7 @@ from wideberth.simulation.settings import Settings
 from wideberth.simulation.summary import robot_rows, summarise
 
 from .base import Experiment, Outcome, Result, Row, Task
-from .closed_loop import column, condense, grid, group, pick, play
+from .closed_loop import check_starts, column, condense, grid, group, pick, play
 from .dynamic_matters import strip
 from .stopwatch import Stopwatch
 from .variants import planner_of
@@ -81,6 +81,12 @@ class CostComparison(Experiment):
     def tasks(self) -> list[Task]:
         """One per scenario and seed, for all costs."""
         return grid({"scenario": self.scenarios}, range(self.seeds))
+
+    def check(self) -> None:
+        """Begin an episode with every cost in every scenario."""
+        planner = planner_of(self.planner)
+        planners = {name: replace(planner, cost=cost) for name, cost in self.costs.items()}
+        check_starts(self.scenarios, self.robot, planners)
 
     def measure(self, task: Task) -> Outcome:
         """Play one episode with each cost."""

@@ -13,7 +13,7 @@ from wideberth.simulation.scenario import Scenario
 from wideberth.simulation.settings import Settings
 
 from .base import Experiment, Outcome, Result, Row, Task
-from .closed_loop import column, condense, grid, group, outcome, pick, play
+from .closed_loop import check_starts, column, condense, grid, group, outcome, pick, play
 from .variants import by_predictor, planner_of
 
 COLUMNS = (
@@ -71,6 +71,11 @@ class DynamicMatters(Experiment):
     def tasks(self) -> list[Task]:
         """One per scenario, predictor and seed."""
         return grid({"scenario": self.scenarios, "planner": self.predictors}, range(self.seeds))
+
+    def check(self) -> None:
+        """Begin an episode with every predictor in every scenario."""
+        planners = by_predictor(self.planner, self.predictors)
+        check_starts(self.scenarios, self.robot, planners)
 
     def measure(self, task: Task) -> Outcome:
         """Play one episode."""

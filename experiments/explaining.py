@@ -24,6 +24,10 @@ def explained(target: Path, solver: str | None) -> list[str]:
         if not files:
             raise WideberthError(f"{target} holds no recorded solve (solve-*.json)")
         return [line for file in files for line in (*_one(file, solver), "")][:-1]
+    if target.suffix not in ("", ".json", ".npz"):
+        raise WideberthError(
+            f"{target} is no recorded solve; wanted a .json or .npz file of one, or their folder"
+        )
     return _one(target, solver)
 
 

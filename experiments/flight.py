@@ -20,7 +20,7 @@ from wideberth.simulation.scenario import Scenario
 from wideberth.simulation.settings import Settings
 
 from .base import Experiment, Outcome, Result, Row, Task
-from .closed_loop import column, condense, group, outcome, pick, play
+from .closed_loop import check_starts, column, condense, group, outcome, pick, play
 from .dynamic_matters import strip
 from .variants import by_region_and_predictor, planner_of
 
@@ -104,6 +104,12 @@ class Flight(Experiment):
             for region in self.regions
             for seed in range(self.seeds)
         ]
+
+    def check(self) -> None:
+        """Begin an episode with every region and predictor."""
+        variants = by_region_and_predictor(self.planner, self.regions, self.predictors)
+        planners = {" ".join(key): planner for key, planner in variants.items()}
+        check_starts({"": self.scenario}, self.robot, planners)
 
     def measure(self, task: Task) -> Outcome:
         """Play one episode and measure its regions."""

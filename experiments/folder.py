@@ -54,14 +54,17 @@ def _check_same(out: Path, config: Mapping[str, Any], source: str) -> None:
     cure = "give another folder with --out, or throw the old result away with --fresh"
     if not (out / "config.yaml").is_file():
         raise WideberthError(f"{out} exists and holds no result; give another folder with --out")
-    found = read_config(out / "config.yaml")
+    try:
+        found = read_config(out / "config.yaml")
+        stored = read_json(out / "provenance.json", "provenance", 1)
+    except WideberthError as error:
+        raise WideberthError(f"{error}; {cure}") from None
     if found != config:
         differing = sorted(key for key in {*found, *config} if found.get(key) != config.get(key))
         raise WideberthError(
             f"{out} holds the result of another config (it differs in {', '.join(differing)}); "
             f"{cure}"
         )
-    stored = read_json(out / "provenance.json", "provenance", 1)
     if stored.get("source") != source:
         raise WideberthError(f"{out} was measured by other source code or data; {cure}")
     if not (out / "table.csv").exists():

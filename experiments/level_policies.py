@@ -8,7 +8,16 @@ from typing import Any, ClassVar, Self, final
 import numpy as np
 
 from wideberth.experiments.base import Experiment, Outcome, Result, Row, Task
-from wideberth.experiments.closed_loop import column, condense, grid, group, outcome, pick, play
+from wideberth.experiments.closed_loop import (
+    check_starts,
+    column,
+    condense,
+    grid,
+    group,
+    outcome,
+    pick,
+    play,
+)
 from wideberth.experiments.fronts import front_legend, front_looks, mark
 from wideberth.experiments.pieces import pairs
 from wideberth.experiments.replay import STILL
@@ -88,6 +97,10 @@ class LevelPolicies(Experiment):
             {"scenario": self.scenarios, "forecast": self.predictors, "planner": self.levels},
             range(self.seeds),
         )
+
+    def check(self) -> None:
+        """Begin an episode in every scenario."""
+        check_starts(self.scenarios, self.robot, {"planner": self.planner})
 
     def measure(self, task: Task) -> Outcome:
         """Play one episode."""

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Self, cast, final
 
 from wideberth.experiments.base import Experiment, Outcome, Result, Row, Task
-from wideberth.experiments.closed_loop import column, condense, group, pick, play
+from wideberth.experiments.closed_loop import check_starts, column, condense, group, pick, play
 from wideberth.experiments.price_figure import draw_prices
 from wideberth.experiments.prices import (
     ELLIPSE,
@@ -115,6 +115,10 @@ class RegionPrice(Experiment):
             for forecast in self.predictors
             for seed in range(self.seeds)
         ]
+
+    def check(self) -> None:
+        """Begin an episode of the first seed."""
+        check_starts({"": self.scenario}, self.robot, {"planner": self.planner})
 
     def measure(self, task: Task) -> Outcome:
         """Play one episode with each region."""

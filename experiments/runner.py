@@ -23,6 +23,7 @@ from .markdown import markdown_table
 from .progress import Progress, say
 from .provenance import foreign_sources, provenance
 from .shards import Packed, checked_tasks, finished, read_shard, shard_keys, write_shard
+from .showing import fault, told
 from .sweep import Pool, Sweep
 from .work import do_task, pack_job
 
@@ -65,15 +66,18 @@ def run(
         raise WideberthError(
             f"workers is {workers}, and a scheduler has its own; give one of them"
         )
-    if quick:
-        experiment = experiment.quick()
-    config: dict[str, Any] = {**describe(experiment), "plugins": list(plugins)}
-    keys = shard_keys(config, checked_tasks(experiment.tasks()))
-    origin = provenance([*foreign_sources(experiment, plugins), *experiment.inputs()])
+    with told():
+        if quick:
+            experiment = experiment.quick()
+        config: dict[str, Any] = {**describe(experiment), "plugins": list(plugins)}
+        keys = shard_keys(config, checked_tasks(experiment.tasks()))
+        origin = provenance([*foreign_sources(experiment, plugins), *experiment.inputs()])
     result = Result(out)
     if (out / "table.csv").exists() and not fresh:
         prepare(out, config, origin)
         return result
+    with told():
+        experiment.check()
     crew = _pool(experiment, plugins, min(workers, len(keys)), scheduler, origin["source"])
     with crew as pool:  # before the folder: where there is no scheduler, no result is thrown away
         prepare(out, config, origin, fresh)
@@ -83,7 +87,7 @@ def run(
                 _work(experiment, keys, out, origin["source"], pool)
                 try:
                     _collect(experiment, list(keys), out, origin["source"])
-                except (WideberthError, OSError) as error:
+                except Exception as error:  # a summary may fail in any way
                     raise _kept(error, len(keys), len(keys), out) from error
     return result
 
@@ -154,10 +158,10 @@ def _work(
 def _kept(error: Exception, done: int, total: int, out: Path) -> WideberthError:
     """Add to an error what it left."""
     if not done:
-        return WideberthError(str(error))
+        return WideberthError(fault(error))
     return WideberthError(
-        f"{error}; {done} of {total} tasks are done and kept in {out}: once that is mended, the "
-        "same command goes on from there"
+        f"{fault(error)}; {done} of {total} tasks are done and kept in {out}: once that is "
+        "mended, the same command goes on from there"
     )
 
 
@@ -206,11 +210,17 @@ def reopen(folder: Path) -> tuple[Experiment, Result]:
 
 
 def draw(folder: Path) -> list[Path]:
-    """Draw the figures of a finished run into its figures/ and return their files."""
+    """Draw the figures of a finished run into its figures/ and return their files.
+
+    Raises
+    ------
+    WideberthError : no finished run, or the figures cannot be drawn; the result stays as it is.
+    """
     experiment, result = reopen(folder)
     target = folder / "figures"
-    target.mkdir(exist_ok=True)
-    return experiment.figures(result, target)
+    with told(f"the result in {folder} is complete, its figures cannot be drawn: "):
+        target.mkdir(exist_ok=True)
+        return experiment.figures(result, target)
 
 
 def written(folder: Path) -> Iterator[Path]:

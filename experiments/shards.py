@@ -79,8 +79,11 @@ def pack(task: Task, outcome: Outcome, source: str) -> Packed:
         place = PurePosixPath(name)
         if place.is_absolute() or ".." in place.parts or not name:
             raise WideberthError(f"task {task.name!r}: file name {name!r} leaves the folder")
+    try:
+        rows, times = _plain(outcome.rows), _plain(outcome.times)
+    except WideberthError as error:
+        raise WideberthError(f"task {task.name!r}: {error}") from None
     files = {name: base64.b64encode(data).decode() for name, data in outcome.files.items()}
-    rows, times = _plain(outcome.rows), _plain(outcome.times)
     origin = {"task": task.name, "source": source}
     content = {**origin, "timed": bool(times), "rows": rows, "files": files}
     packed = _json("shard", content)

@@ -1,11 +1,13 @@
 """Configs that come with the package, and what a config builds."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import get_origin, get_type_hints
 
 from wideberth.framework.config import build, import_plugins
 from wideberth.framework.errors import WideberthError
-from wideberth.framework.registry import unknown
-from wideberth.framework.yamlfile import read_config
+from wideberth.framework.registry import load, unknown
+from wideberth.framework.yamlfile import apply, read_config
 
 from .base import Experiment
 
@@ -39,14 +41,40 @@ def config_path(text: str) -> Path:
     if text in shipped():
         return CONFIGS / f"{text}.yaml"
     if path.is_dir():
-        raise WideberthError(f"{text} is a folder; wanted a YAML file or a shipped config")
+        raise WideberthError(f"{path} is a folder; wanted a YAML file or a shipped config")
     raise WideberthError(f"no such file, and {unknown('config', text, shipped())}")
 
 
 def read_experiment(text: str, overrides: list[str]) -> tuple[Experiment, list[str]]:
     """Return the experiment that a config describes, and the plug-in modules it lists."""
-    config = read_config(config_path(text), overrides)
+    path = config_path(text)
+    config = read_config(path, overrides)
     plugins = config.pop("plugins", None) or []
     import_plugins(plugins)
+    _check_names(config.get("type"), path, overrides)
     experiment: Experiment = build("experiments", config)
     return experiment, plugins
+
+
+def _check_names(kind: object, path: Path, overrides: list[str]) -> None:
+    """Refuse to set something of an entry that is not there: mistyped, it would be one more.
+
+    Raises
+    ------
+    WideberthError : ``settings.nominl.time_limit=5`` where ``settings`` holds only ``nominal``.
+    """
+    try:
+        hints = get_type_hints(load("experiments", str(kind)))
+    except (WideberthError, NameError):  # `build` says what is wrong
+        return
+    config = read_config(path)
+    for override in overrides:
+        first, *rest = override.partition("=")[0].strip().split(".")
+        held = config.get(first)
+        named = held if get_origin(hints.get(first)) is dict else None
+        if isinstance(named, Mapping) and len(rest) > 1 and rest[0] not in named:
+            raise WideberthError(
+                f"--set {override!r}: {first}: {unknown('name', rest[0], named)}; to add one, "
+                f"give it whole: {first}.{rest[0]}={{...}}"
+            )
+        apply(config, override)

@@ -2,7 +2,8 @@
 
 import sysconfig
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -23,14 +24,29 @@ def shown(value: Any) -> str:
     return "" if value is None else str(value)
 
 
-def fault(error: Exception) -> str:
+def fault(error: BaseException) -> str:
     """Say what an exception says; of anything but our own also its type and where it arose."""
     if isinstance(error, WideberthError):
         return str(error)
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if not _of_a_library(Path(frame.filename))]
     place = "".join(f" ({frame.filename}, line {frame.lineno})" for frame in (own or frames)[-1:])
-    return f"{type(error).__name__}: {error}{place}"
+    text = f": {error}" if str(error) else ""
+    return f"{type(error).__name__}{text}{place}"
+
+
+@contextmanager
+def told(head: str = "") -> Iterator[None]:
+    """Turn whatever a plug-in raises, or an exit, into one message that begins with ``head``.
+
+    Raises
+    ------
+    WideberthError : the block has raised anything but a KeyboardInterrupt.
+    """
+    try:
+        yield
+    except (Exception, SystemExit) as error:
+        raise WideberthError(f"{head}{fault(error)}") from error
 
 
 def _of_a_library(file: Path) -> bool:

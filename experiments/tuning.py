@@ -18,7 +18,7 @@ from wideberth.simulation.scenario import Scenario
 from wideberth.simulation.settings import Settings
 
 from .base import Experiment, Outcome, Result, Row, Task
-from .closed_loop import group
+from .closed_loop import check_starts, group
 from .comparison import driving, measured
 from .comparison_summary import against, condensed
 from .showing import shown
@@ -98,6 +98,15 @@ class Tuning(Experiment):
             for seed in range(self.seeds)
         ]
 
+    def inputs(self) -> tuple[Path, ...]:
+        """Return the files that the scenario reads."""
+        return self.scenario.inputs()
+
+    def check(self) -> None:
+        """Begin an episode with every setting of the planner."""
+        variants = {" ".join(key).strip(): self.variant(*key) for key in self.variants()}
+        check_starts({"": self.scenario}, self.robot, variants)
+
     def measure(self, task: Task) -> Outcome:
         """Play one episode."""
         planner = self.variant(task.settings["factor"], task.settings["value"])
@@ -134,11 +143,9 @@ class Tuning(Experiment):
             return save(draw_fronts(self.summary(result.rows), result.rows), folder, "tuning")
 
     def quick(self) -> Self:
-        """Play the first 20 s of one seed with the first value of the first factor."""
+        """Play one seed to its end with the first value of the first factor."""
         (key, values), *_ = self.factors.items()
-        limit = min(self.settings.time_limit, 20.0)
-        settings = replace(self.settings, time_limit=limit)
-        return replace(self, factors={key: values[:1]}, settings=settings, seeds=1)
+        return replace(self, factors={key: values[:1]}, seeds=1)
 
 
 def worded(value: Any) -> str:

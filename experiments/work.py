@@ -201,7 +201,7 @@ def do_task(experiment: Experiment, task: Task, source: str) -> Packed:
     with _Interrupt() as interrupt:
         try:
             outcome = experiment.measure(task)
-        except Exception as error:  # a plug-in may fail in any way; say where
+        except (Exception, SystemExit) as error:  # a plug-in may fail in any way; say where
             interrupt.check()
             raise WideberthError(f"task {task.name!r}: {fault(error)}") from error
         interrupt.check()

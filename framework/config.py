@@ -2,7 +2,7 @@
 
 import dataclasses
 import types
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from enum import Enum
 from importlib import import_module
 from pathlib import PurePath
@@ -16,14 +16,15 @@ _SEQUENCES = (tuple, list, Sequence)
 _MAPPINGS = (dict, Mapping)
 
 
-def import_plugins(modules: Iterable[str]) -> None:
+def import_plugins(modules: Sequence[str]) -> None:
     """Import the modules that a config lists under ``plugins``, so that they register.
 
     Raises
     ------
     WideberthError : not a list of names, or a module that cannot be imported.
     """
-    if isinstance(modules, str) or not all(isinstance(name, str) for name in modules):
+    listed = isinstance(modules, list | tuple)
+    if not listed or not all(isinstance(name, str) for name in modules):
         raise WideberthError(f"plugins is {modules!r}; wanted a list of module names")
     for name in modules:
         try:
@@ -135,6 +136,9 @@ def _construct(found: type, settings: Mapping[str, Any], path: str) -> Any:
         return found(**arguments)
     except (ValueError, TypeError) as error:
         raise WideberthError(f"{_at(path)}{error}") from error
+    except Exception as error:  # a plug-in may fail in any way
+        what = f"{found.__qualname__} cannot be made ({type(error).__name__}: {error})"
+        raise WideberthError(f"{_at(path)}{what}") from error
 
 
 def _default(field: "dataclasses.Field[Any]") -> Any:

@@ -53,8 +53,10 @@ def parse(text: str, place: str) -> Any:
         mark = error.problem_mark
         where = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
         raise WideberthError(f"{place}{where} is not YAML: {error.problem}") from None
+    except RecursionError:
+        raise WideberthError(f"{place} is nested too deeply") from None
     except yaml.YAMLError as error:
-        raise WideberthError(f"{place} is not YAML: {error}") from None
+        raise WideberthError(f"{place} is not YAML: {' '.join(str(error).split())}") from None
 
 
 def dump(config: dict[str, Any]) -> str:
