@@ -146,7 +146,7 @@ def test_shards_of_another_version_are_done_again_and_counted(
 ) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(runner, "_collect", None)
-        with pytest.raises(TypeError):
+        with pytest.raises(WideberthError, match=r"9 of 9 tasks are done and kept"):
             run(sweeps.coins(seeds=9), tmp_path / "r")
     found = sorted((tmp_path / "r" / "shards").glob("*[!s].json"))
     assert len(found) == 9
