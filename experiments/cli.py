@@ -115,7 +115,8 @@ def figures(
         raise WideberthError(f"{RESULTS}/ holds no result; name a config to run it first")
     for name in names:
         folder = result_folder(name)
-        if (folder / "table.csv").is_file() or Path(name).is_dir():
+        named = folder == Path(name).expanduser() and folder.is_dir()
+        if (folder / "table.csv").is_file() or named:
             for path in draw(folder):
                 typer.echo(path)
         else:
@@ -273,8 +274,9 @@ def main(arguments: list[str] | None = None) -> None:
         typer.secho(f"Error: {error}", fg="red", err=True)
         sys.exit(2)
     except OSError as error:  # of a folder that may not be looked into, say
-        where = f"{error.filename}: " if error.filename else ""
-        typer.secho(f"Error: {where}{error.strerror or error}", fg="red", err=True)
+        what = f"{error.filename}: {error.strerror}" if error.filename else str(error)
+        cure = "see that it exists and may be read and written"
+        typer.secho(f"Error: {what}; {cure}", fg="red", err=True)
         sys.exit(2)
     except SystemExit:
         if not pressed:

@@ -123,6 +123,13 @@ def _extent(episode: Episode, axes: list[int]) -> list[float]:
     return [float(low[0]), bottom, float(high[0]), top]
 
 
+def _unwrapped(headings: Array) -> Array:
+    """Headings without jumps of a full turn; NaN while somebody is absent."""
+    known, found = np.isfinite(headings), headings.copy()
+    found[known] = np.unwrap(headings[known])
+    return found
+
+
 def _agent(episode: Episode, log: AgentLog, times: Array, shown: Shown) -> dict[str, Any]:
     """Return one agent's frames and, for a robot, its decisions and plans."""
     index = np.maximum(np.searchsorted(episode.times, times + 1e-9) - 1, 0)
@@ -132,7 +139,7 @@ def _agent(episode: Episode, log: AgentLog, times: Array, shown: Shown) -> dict[
         "radius": log.radius,
         "parts": _parts(log),
         "positions": _columns(episode.at(log, np.minimum(times, episode.duration))),
-        "headings": series(np.unwrap(log.headings[index])),
+        "headings": series(_unwrapped(log.headings[index])),
     }
     if log.kind != "robot":
         return known

@@ -19,11 +19,13 @@ from wideberth.framework.plan import Plan
 from wideberth.framework.region import Polygonal, Region
 from wideberth.simulation.log import AgentLog, Episode
 
+from .showing import told
+
 COUNT = 60
 """Points of an outline."""
-_OUTLINES = 16_000  # in a page: about 1 MB
+_OUTLINES = 4_000  # in a page: some seconds of work and 0.3 MB
 _APART = (1, 2, 3, 5, 8, 12)  # kept steps from one outline to the next
-_DOUBLINGS, _HALVINGS = 12, 16
+_DOUBLINGS, _HALVINGS = 12, 13  # within a mm
 _AT_ONCE = 500  # outlines whose points are tested in one call
 
 
@@ -53,8 +55,9 @@ def episode_planner(path: Path) -> Planner | None:
     controller.
     """
     try:
-        experiment, _ = reopen(path.resolve().parent.parent)
-        task = next((one for one in experiment.tasks() if log_name(one) == path.name), None)
+        with told():
+            experiment, _ = reopen(path.resolve().parent.parent)
+            task = next((one for one in experiment.tasks() if log_name(one) == path.name), None)
     except WideberthError:
         return None
     if task is None:

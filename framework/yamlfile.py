@@ -54,7 +54,7 @@ def parse(text: str, place: str) -> Any:
         where = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
         raise WideberthError(f"{place}{where} is not YAML: {error.problem}") from None
     except RecursionError:
-        raise WideberthError(f"{place} is nested too deeply") from None
+        raise WideberthError(f"{place} is nested too deeply; is a bracket left open?") from None
     except yaml.YAMLError as error:
         raise WideberthError(f"{place} is not YAML: {' '.join(str(error).split())}") from None
 

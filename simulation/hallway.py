@@ -59,7 +59,8 @@ class Hallway(Scenario):
     Raises
     ------
     WideberthError : a number out of range; a door too narrow for those who have to go through
-        it; more people than find room between the walls.
+        it; more people than could find room between the walls, however they
+        stood.
 
     Notes
     -----
@@ -109,8 +110,8 @@ class Hallway(Scenario):
         if self.persons > most:
             raise WideberthError(
                 f"hallway.persons is {self.persons}; on its {floor:g} m^2 there is room for "
-                f"{most} of radius {self.person_radius:g} m: take fewer people, smaller ones, "
-                "or a larger hallway"
+                f"{most} at most of radius {self.person_radius:g} m: take fewer people, smaller "
+                "ones, or a larger hallway"
             )
 
     @property
