@@ -2,7 +2,8 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import product
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from wideberth.simulation.summary import summarise, time_rows
 
 from .base import Outcome, Row, Task
 from .showing import told
+
+T = TypeVar("T")
 
 
 def play(
@@ -57,6 +60,16 @@ def check_starts(
         for name, controller in controllers.items():
             with told(f"{place}: no episode of {name} can begin: "):
                 _begun(cast, robot, controller, Settings(history=0.0), seed)
+
+
+def inputs_of(scenarios: Iterable[Scenario]) -> list[Path]:
+    """Return the files that scenarios read."""
+    return [file for scenario in scenarios for file in scenario.inputs()]
+
+
+def first_of(named: Mapping[str, T], count: int = 1) -> dict[str, T]:
+    """Return the first entries of those that a config names, for a quick setting."""
+    return dict(list(named.items())[:count])
 
 
 def _begun(cast: Cast, robot: Robot, controller: Controller, settings: Settings, seed: int) -> Run:

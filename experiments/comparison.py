@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar, Self, TypeVar, final
+from typing import Any, ClassVar, Self, final
 
 from wideberth.framework.arrays import probability, whole
 from wideberth.framework.controller import Controller
@@ -14,7 +14,7 @@ from wideberth.simulation.scenario import Scenario
 from wideberth.simulation.settings import Settings
 
 from .base import Experiment, Outcome, Result, Row, Task
-from .closed_loop import check_starts, grid, group, outcome, play
+from .closed_loop import check_starts, first_of, grid, group, inputs_of, outcome, play
 from .comparison_summary import against, condensed
 
 AXES = {
@@ -24,8 +24,11 @@ AXES = {
     "controller": "controllers",
 }
 """Column of the table -> field of the experiment."""
-
-T = TypeVar("T")
+SOURCES = (
+    "clopper1934use,mcnemar1947note,efron1993introduction,perezhigueras2023hunavsim,"
+    "biswas2022socnavbench,balasubramanian2015analysis"
+)
+"""Keys of what the columns of `measured`, `condensed` and `against` are taken from."""
 
 
 @final
@@ -58,10 +61,7 @@ class Comparison(Experiment):
         "In the same situations: which controller arrives without touching anybody, how fast, "
         "how near to others, and is the difference more than chance?"
     )
-    reference: ClassVar[str] = (
-        "clopper1934use,mcnemar1947note,efron1993introduction,perezhigueras2023hunavsim,"
-        "biswas2022socnavbench,balasubramanian2015analysis"
-    )
+    reference: ClassVar[str] = SOURCES
 
     scenarios: dict[str, Scenario]
     robots: dict[str, Robot]
@@ -92,26 +92,11 @@ class Comparison(Experiment):
             raise WideberthError(
                 f"show is {list(self.show)}; wanted seeds in [{self.first_seed}, {end})"
             )
-        self._check_robots()
-
-    def _check_robots(self) -> None:
-        for place, scenario in self.scenarios.items():
-            room = getattr(scenario, "robot_radius", float("inf"))
-            for name, robot in self.robots.items():
-                if robot.radius > room + 1e-9:
-                    raise WideberthError(
-                        f"scenarios.{place} has room for a robot of radius {room:g} m, and "
-                        f"robots.{name} has {robot.radius:g} m: set the scenario's robot_radius"
-                    )
-        for name, controller in self.controllers.items():
-            own = getattr(controller, "robot", None)
-            if own is not None and own not in self.robots.values():
-                raise WideberthError(
-                    f"controllers.{name} drives {own}; robots has none like it, only "
-                    f"{', '.join(self.robots)}: write the robot once with a YAML anchor"
-                )
-            for robot in self.robots.values():
-                driving(controller, robot)
+        check_robots(
+            {f"scenarios.{name}": one for name, one in self.scenarios.items()},
+            {f"robots.{name}": one for name, one in self.robots.items()},
+            {f"controllers.{name}": one for name, one in self.controllers.items()},
+        )
 
     def tasks(self) -> list[Task]:
         """One per scenario, robot, settings, controller and seed."""
@@ -120,7 +105,7 @@ class Comparison(Experiment):
 
     def inputs(self) -> list[Path]:
         """Return the files that the scenarios read."""
-        return [file for scenario in self.scenarios.values() for file in scenario.inputs()]
+        return inputs_of(self.scenarios.values())
 
     def check(self) -> None:
         """Begin an episode of the first seed in every scenario with every robot and controller."""
@@ -173,9 +158,9 @@ class Comparison(Experiment):
         """
         return replace(
             self,
-            scenarios=_first(self.scenarios),
-            robots=_first(self.robots),
-            settings=_first(self.settings),
+            scenarios=first_of(self.scenarios),
+            robots=first_of(self.robots),
+            settings=first_of(self.settings),
             seeds=1,
             show=tuple(seed for seed in self.show if seed == self.first_seed),
         )
@@ -202,6 +187,41 @@ def measured(
     return made
 
 
+def check_robots(
+    scenarios: Mapping[str, Scenario],
+    robots: Mapping[str, Robot],
+    controllers: Mapping[str, Controller],
+) -> None:
+    """Refuse robots for which scenarios have no room, and controllers made for other robots.
+
+    Parameters
+    ----------
+    scenarios, robots, controllers : by where they stand in the config ("robots.unicycle").
+
+    Raises
+    ------
+    WideberthError : a robot larger than a scenario's ``robot_radius``; a controller whose own
+        robot is none of these, or that refuses one of them.
+    """
+    for place, scenario in scenarios.items():
+        room = getattr(scenario, "robot_radius", float("inf"))
+        for name, robot in robots.items():
+            if robot.radius > room + 1e-9:
+                raise WideberthError(
+                    f"{place} has room for a robot of radius {room:g} m, and {name} has "
+                    f"{robot.radius:g} m: set the scenario's robot_radius"
+                )
+    for name, controller in controllers.items():
+        own = getattr(controller, "robot", None)
+        if own is not None and own not in robots.values():
+            raise WideberthError(
+                f"{name} drives {own}, unlike {' and '.join(robots)}: write the robot once with a "
+                "YAML anchor"
+            )
+        for robot in robots.values():
+            driving(controller, robot)
+
+
 def driving(controller: Controller, robot: Robot) -> Controller:
     """Return the controller with the robot that it is to drive, where it asks for one."""
     made: Any = controller
@@ -210,7 +230,3 @@ def driving(controller: Controller, robot: Robot) -> Controller:
         return controller
     changed: Controller = replace(made, robot=robot)
     return changed
-
-
-def _first(named: Mapping[str, T]) -> dict[str, T]:
-    return dict(list(named.items())[:1])

@@ -18,7 +18,17 @@ from wideberth.simulation.scenario import Scenario
 from wideberth.simulation.settings import Settings
 
 from .base import Experiment, Outcome, Result, Row, Task
-from .closed_loop import check_starts, column, condense, group, outcome, pick, play
+from .closed_loop import (
+    check_starts,
+    column,
+    condense,
+    first_of,
+    group,
+    inputs_of,
+    outcome,
+    pick,
+    play,
+)
 from .variants import by_region_and_predictor, planner_of
 
 ORACLE = "oracle"
@@ -100,6 +110,10 @@ class Conservativeness(Experiment):
             for seed in range(self.seeds)
         ]
 
+    def inputs(self) -> list[Path]:
+        """Return the files that the scenarios read."""
+        return inputs_of(self.scenarios.values())
+
     def check(self) -> None:
         """Begin an episode with every region and covariance rule in every scenario."""
         variants = by_region_and_predictor(self.planner, self.regions, self.predictors)
@@ -180,8 +194,8 @@ class Conservativeness(Experiment):
         rules = [*[name for name in self.predictors if name != ORACLE][-1:], ORACLE]
         return replace(
             self,
-            scenarios=dict(list(self.scenarios.items())[:1]),
-            regions=dict(list(self.regions.items())[:2]),
+            scenarios=first_of(self.scenarios),
+            regions=first_of(self.regions, 2),
             predictors={name: self.predictors[name] for name in rules},
             seeds=1,
         )

@@ -18,7 +18,17 @@ from wideberth.simulation.settings import Settings
 from wideberth.simulation.summary import robot_rows, summarise
 
 from .base import Experiment, Outcome, Result, Row, Task
-from .closed_loop import check_starts, column, condense, grid, group, pick, play
+from .closed_loop import (
+    check_starts,
+    column,
+    condense,
+    first_of,
+    grid,
+    group,
+    inputs_of,
+    pick,
+    play,
+)
 from .dynamic_matters import strip
 from .stopwatch import Stopwatch
 from .variants import planner_of
@@ -82,6 +92,10 @@ class CostComparison(Experiment):
         """One per scenario and seed, for all costs."""
         return grid({"scenario": self.scenarios}, range(self.seeds))
 
+    def inputs(self) -> list[Path]:
+        """Return the files that the scenarios read."""
+        return inputs_of(self.scenarios.values())
+
     def check(self) -> None:
         """Begin an episode with every cost in every scenario."""
         planner = planner_of(self.planner)
@@ -137,7 +151,7 @@ class CostComparison(Experiment):
 
     def quick(self) -> Self:
         """One seed of the first scenario."""
-        return replace(self, scenarios=dict([*self.scenarios.items()][:1]), seeds=1)
+        return replace(self, scenarios=first_of(self.scenarios), seeds=1)
 
 
 def solve_times(times: list[Row]) -> list[Row]:

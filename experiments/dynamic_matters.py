@@ -13,7 +13,17 @@ from wideberth.simulation.scenario import Scenario
 from wideberth.simulation.settings import Settings
 
 from .base import Experiment, Outcome, Result, Row, Task
-from .closed_loop import check_starts, column, condense, grid, group, outcome, pick, play
+from .closed_loop import (
+    check_starts,
+    column,
+    condense,
+    grid,
+    group,
+    inputs_of,
+    outcome,
+    pick,
+    play,
+)
 from .variants import by_predictor, planner_of
 
 COLUMNS = (
@@ -71,6 +81,10 @@ class DynamicMatters(Experiment):
     def tasks(self) -> list[Task]:
         """One per scenario, predictor and seed."""
         return grid({"scenario": self.scenarios, "planner": self.predictors}, range(self.seeds))
+
+    def inputs(self) -> list[Path]:
+        """Return the files that the scenarios read."""
+        return inputs_of(self.scenarios.values())
 
     def check(self) -> None:
         """Begin an episode with every predictor in every scenario."""

@@ -14,7 +14,7 @@ from wideberth.simulation.scenario import Scenario
 from wideberth.simulation.settings import Settings
 
 from .base import Experiment, Outcome, Result, Row, Task
-from .closed_loop import check_starts, condense, grid, group, outcome, play
+from .closed_loop import check_starts, condense, grid, group, inputs_of, outcome, play
 
 
 @final
@@ -61,6 +61,10 @@ class Encounter(Experiment):
     def tasks(self) -> list[Task]:
         """One per planner and seed."""
         return grid({"scenario": ["run"], "planner": self.planners}, range(self.seeds))
+
+    def inputs(self) -> list[Path]:
+        """Return the files that the scenario reads."""
+        return inputs_of([self.scenario])
 
     def check(self) -> None:
         """Begin an episode with every planner."""

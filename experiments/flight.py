@@ -20,7 +20,17 @@ from wideberth.simulation.scenario import Scenario
 from wideberth.simulation.settings import Settings
 
 from .base import Experiment, Outcome, Result, Row, Task
-from .closed_loop import check_starts, column, condense, group, outcome, pick, play
+from .closed_loop import (
+    check_starts,
+    column,
+    condense,
+    first_of,
+    group,
+    inputs_of,
+    outcome,
+    pick,
+    play,
+)
 from .dynamic_matters import strip
 from .variants import by_region_and_predictor, planner_of
 
@@ -105,6 +115,10 @@ class Flight(Experiment):
             for seed in range(self.seeds)
         ]
 
+    def inputs(self) -> list[Path]:
+        """Return the files that the scenario reads."""
+        return inputs_of([self.scenario])
+
     def check(self) -> None:
         """Begin an episode with every region and predictor."""
         variants = by_region_and_predictor(self.planner, self.regions, self.predictors)
@@ -162,7 +176,7 @@ class Flight(Experiment):
         """One seed, two regions, the last predictor."""
         return replace(
             self,
-            regions=dict(list(self.regions.items())[:2]),
+            regions=first_of(self.regions, 2),
             predictors=dict(list(self.predictors.items())[-1:]),
             seeds=1,
             show=0,

@@ -12,8 +12,10 @@ from wideberth.experiments.closed_loop import (
     check_starts,
     column,
     condense,
+    first_of,
     grid,
     group,
+    inputs_of,
     outcome,
     pick,
     play,
@@ -98,6 +100,10 @@ class LevelPolicies(Experiment):
             range(self.seeds),
         )
 
+    def inputs(self) -> list[Path]:
+        """Return the files that the scenarios read."""
+        return inputs_of(self.scenarios.values())
+
     def check(self) -> None:
         """Begin an episode in every scenario."""
         check_starts(self.scenarios, self.robot, {"planner": self.planner})
@@ -146,13 +152,12 @@ class LevelPolicies(Experiment):
             return save(draw_prices(result.rows), folder, "level_policies")
 
     def quick(self) -> Self:
-        """Play the first 20 s of one seed, in the last scenario with the first forecast."""
+        """Play one seed to its end, in the last scenario with the first forecast."""
         name, scenario = list(self.scenarios.items())[-1]
         return replace(
             self,
             scenarios={name: scenario},
-            predictors=dict(list(self.predictors.items())[:1]),
-            settings=replace(self.settings, time_limit=min(self.settings.time_limit, 20.0)),
+            predictors=first_of(self.predictors),
             seeds=1,
         )
 

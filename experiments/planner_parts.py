@@ -1,8 +1,8 @@
-"""Every predictor with every region in one planner: what each pair does in closed loop."""
+"""Predictors and regions, each with each in one planner: what the pairs do in closed loop."""
 
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar, Self, TypeVar, final
+from typing import Any, ClassVar, Self, final
 
 from wideberth.framework.arrays import probability, whole
 from wideberth.framework.controller import Controller
@@ -14,11 +14,9 @@ from wideberth.simulation.scenario import Scenario
 from wideberth.simulation.settings import Settings
 
 from .base import Experiment, Outcome, Result, Row, Task
-from .closed_loop import check_starts, grid, group
-from .comparison import driving, measured
+from .closed_loop import check_starts, first_of, grid, group, inputs_of
+from .comparison import SOURCES, check_robots, driving, measured
 from .comparison_summary import against, condensed
-
-T = TypeVar("T")
 
 
 @final
@@ -43,6 +41,7 @@ class PlannerParts(Experiment):
     claim: ClassVar[str] = (
         "Which predictor and which region does a planner need, and does one make up for the other?"
     )
+    reference: ClassVar[str] = SOURCES
 
     scenario: Scenario
     robot: Robot
@@ -68,6 +67,7 @@ class PlannerParts(Experiment):
                 f"planner is {type(self.planner).__name__}, without {' and '.join(missing)}; "
                 "wanted one that takes both, such as mpc"
             )
+        check_robots({"scenario": self.scenario}, {"robot": self.robot}, {"planner": self.planner})
 
     def pair(self, predictor: str, region: str) -> Controller:
         """Return the planner with a predictor and a region."""
@@ -82,14 +82,24 @@ class PlannerParts(Experiment):
         seeds = range(self.first_seed, self.first_seed + self.seeds)
         return grid({"predictor": self.predictors, "region": self.regions}, seeds)
 
-    def inputs(self) -> tuple[Path, ...]:
+    def inputs(self) -> list[Path]:
         """Return the files that the scenario reads."""
-        return self.scenario.inputs()
+        return inputs_of([self.scenario])
 
     def check(self) -> None:
-        """Begin an episode with every pair."""
-        pairs = {f"{p} and {r}": self.pair(p, r) for p in self.predictors for r in self.regions}
-        check_starts({"": self.scenario}, self.robot, pairs, self.first_seed)
+        """Make every pair, and begin an episode with those that have a part of the first one.
+
+        So each predictor begins with the first region, and each region with the first
+        predictor: to begin with all pairs takes as long as some episodes.
+        """
+        pairs = {(p, r): self.pair(p, r) for p in self.predictors for r in self.regions}
+        predictor, region = next(iter(pairs))
+        begun = {
+            f"{p} and {r}": planner
+            for (p, r), planner in pairs.items()
+            if p == predictor or r == region
+        }
+        check_starts({"": self.scenario}, self.robot, begun, self.first_seed)
 
     def measure(self, task: Task) -> Outcome:
         """Play one episode."""
@@ -115,8 +125,5 @@ class PlannerParts(Experiment):
 
     def quick(self) -> Self:
         """Play one seed with the first two predictors and regions."""
-        return replace(self, predictors=_two(self.predictors), regions=_two(self.regions), seeds=1)
-
-
-def _two(named: dict[str, T]) -> dict[str, T]:
-    return dict(list(named.items())[:2])
+        predictors, regions = first_of(self.predictors, 2), first_of(self.regions, 2)
+        return replace(self, predictors=predictors, regions=regions, seeds=1)

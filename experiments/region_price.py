@@ -6,7 +6,16 @@ from pathlib import Path
 from typing import Any, ClassVar, Self, cast, final
 
 from wideberth.experiments.base import Experiment, Outcome, Result, Row, Task
-from wideberth.experiments.closed_loop import check_starts, column, condense, group, pick, play
+from wideberth.experiments.closed_loop import (
+    check_starts,
+    column,
+    condense,
+    first_of,
+    group,
+    inputs_of,
+    pick,
+    play,
+)
 from wideberth.experiments.price_figure import draw_prices
 from wideberth.experiments.prices import (
     ELLIPSE,
@@ -116,6 +125,10 @@ class RegionPrice(Experiment):
             for seed in range(self.seeds)
         ]
 
+    def inputs(self) -> list[Path]:
+        """Return the files that the scenario reads."""
+        return inputs_of([self.scenario])
+
     def check(self) -> None:
         """Begin an episode of the first seed."""
         check_starts({"": self.scenario}, self.robot, {"planner": self.planner})
@@ -191,7 +204,7 @@ class RegionPrice(Experiment):
         others = [name for name in self.regions if name != ELLIPSE]
         return replace(
             self,
-            predictors=dict(list(self.predictors.items())[:1]),
+            predictors=first_of(self.predictors),
             regions={name: self.regions[name] for name in (ELLIPSE, *others[:2])},
             registered=False,
             at_risk=(),

@@ -49,7 +49,8 @@ def read_experiment(text: str, overrides: list[str]) -> tuple[Experiment, list[s
     """Return the experiment that a config describes, and the plug-in modules it lists."""
     path = config_path(text)
     config = read_config(path, overrides)
-    plugins = config.pop("plugins", None) or []
+    plugins = config.pop("plugins", None)
+    plugins = [] if plugins is None else plugins
     import_plugins(plugins)
     _check_names(config.get("type"), path, overrides)
     experiment: Experiment = build("experiments", config)
@@ -61,11 +62,12 @@ def _check_names(kind: object, path: Path, overrides: list[str]) -> None:
 
     Raises
     ------
-    WideberthError : ``settings.nominl.time_limit=5`` where ``settings`` holds only ``nominal``.
+    WideberthError : ``settings.nominl.time_limit=5`` where ``settings`` holds only ``nominal``;
+        ``factors.level.tail.0=0.1``, whose name, ``level.tail``, cannot be told from a way down.
     """
     try:
         hints = get_type_hints(load("experiments", str(kind)))
-    except (WideberthError, NameError):  # `build` says what is wrong
+    except (WideberthError, NameError, TypeError, AttributeError):  # `build` says what is wrong
         return
     config = read_config(path)
     for override in overrides:
@@ -73,8 +75,10 @@ def _check_names(kind: object, path: Path, overrides: list[str]) -> None:
         held = config.get(first)
         named = held if get_origin(hints.get(first)) is dict else None
         if isinstance(named, Mapping) and len(rest) > 1 and rest[0] not in named:
+            cure = f"to add one, give it whole: {first}.{rest[0]}={{...}}"
+            if any("." in name for name in named):
+                cure = f"names with dots are changed in a file or all at once: {first}={{...}}"
             raise WideberthError(
-                f"--set {override!r}: {first}: {unknown('name', rest[0], named)}; to add one, "
-                f"give it whole: {first}.{rest[0]}={{...}}"
+                f"--set {override!r}: {first}: {unknown('name', rest[0], named)}; {cure}"
             )
         apply(config, override)

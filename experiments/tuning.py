@@ -18,8 +18,8 @@ from wideberth.simulation.scenario import Scenario
 from wideberth.simulation.settings import Settings
 
 from .base import Experiment, Outcome, Result, Row, Task
-from .closed_loop import check_starts, group
-from .comparison import driving, measured
+from .closed_loop import check_starts, group, inputs_of
+from .comparison import SOURCES, check_robots, driving, measured
 from .comparison_summary import against, condensed
 from .showing import shown
 
@@ -51,6 +51,7 @@ class Tuning(Experiment):
     claim: ClassVar[str] = (
         "Which settings of the planner buy clearance with time, and which buy it for nothing?"
     )
+    reference: ClassVar[str] = SOURCES
 
     scenario: Scenario
     robot: Robot
@@ -68,6 +69,7 @@ class Tuning(Experiment):
         if not all(self.factors.values()):
             empty = sorted(key for key, values in self.factors.items() if not values)
             raise WideberthError(f"factors {empty} have no values")
+        check_robots({"scenario": self.scenario}, {"robot": self.robot}, {"planner": self.planner})
         for key in self.variants():
             self.variant(*key)
 
@@ -98,9 +100,9 @@ class Tuning(Experiment):
             for seed in range(self.seeds)
         ]
 
-    def inputs(self) -> tuple[Path, ...]:
+    def inputs(self) -> list[Path]:
         """Return the files that the scenario reads."""
-        return self.scenario.inputs()
+        return inputs_of([self.scenario])
 
     def check(self) -> None:
         """Begin an episode with every setting of the planner."""

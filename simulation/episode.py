@@ -100,7 +100,7 @@ class Run:
         self.queue: list[tuple[float, int, int, Any]] = []
         self.order = count()
         self.detecting = Detecting(settings.channel, self.seed, self.drivers, self.others)
-        self.respawning = Respawning(self.drivers, self.others)
+        self.respawning = Respawning(self.drivers, self.others, self.polygons)
         by_name = {driver.name: driver for driver in self.drivers}
         for change in changes:
             self._push(change.time, _CHANGE, (by_name[change.agent], change.path))

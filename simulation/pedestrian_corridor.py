@@ -7,13 +7,14 @@ from typing import ClassVar, Literal, TypeAlias, final
 import numpy as np
 
 from ..framework.arrays import Array, positive, whole
+from ..framework.errors import WideberthError
 from ..framework.path import Path
 from ..framework.polygon import Polygon
 from .agents import RobotAgent
 from .crowd_mix import CrowdMix, mix_of
 from .placing import apart, checked_choice, corridor_walls, draw_place
 from .scenario import Placement, Range, Scenario, checked_range, draw
-from .swaying import swaying
+from .swaying import made_to_sway
 
 Flow: TypeAlias = Literal["random", "both_ways", "16_random", "8_gaussian"]
 Way: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
@@ -95,9 +96,10 @@ class PedestrianCorridor(Scenario):
     Parameters
     ----------
     layout : "random", "16_random", "both_ways" or "8_gaussian".
-    pedestrians : number of people of the random layouts; by default 8 in ``random`` (there 0, 4,
-        8 or 12) and 16 in ``16_random``.
-    pedestrian_speed : m/s, range, of the random layouts; by default [1.14, 1.66] and [0.7, 1.3].
+    pedestrians : number of people, of the random layouts alone; by default 8 in ``random``
+        (there 0, 4, 8 or 12) and 16 in ``16_random``.
+    pedestrian_speed : m/s, range, of the random layouts alone; by default [1.14, 1.66] and
+        [0.7, 1.3].
     pedestrian_radius : m.
     robot_radius : m, of the robot that there is room for.
     length : m, of the robot's way from the origin.
@@ -112,7 +114,8 @@ class PedestrianCorridor(Scenario):
 
     Raises
     ------
-    WideberthError : a number out of range; when drawing, too many people.
+    WideberthError : a number out of range; of a fixed layout, a number or speed of people, or
+        people who would touch somebody at their starts; when drawing, too many people.
 
     Notes
     -----
@@ -158,6 +161,25 @@ class PedestrianCorridor(Scenario):
         if self.pedestrian_speed is not None:
             checked_range("pedestrian_corridor.pedestrian_speed", self.pedestrian_speed, 1e-3)
         checked_range("pedestrian_corridor.phase", self.phase, 0.0, 1.0 - 1e-9)
+        if self.layout in FIXED:
+            self._check_fixed(FIXED[self.layout])
+
+    def _check_fixed(self, layout: Fixed) -> None:
+        """Refuse what the random layouts alone have, and people who would touch at the start."""
+        for name in ("pedestrians", "pedestrian_speed"):
+            if getattr(self, name) is not None:
+                raise WideberthError(
+                    f"pedestrian_corridor.{name} is {getattr(self, name)}, and {self.layout} "
+                    f"lists its people; leave it out, or take {' or '.join(CROWDS)}"
+                )
+        taken = [(np.zeros(2), self.robot_radius)]
+        for k, (start, _) in enumerate(layout.ways, start=1):
+            if not apart(np.array(start), self.pedestrian_radius, taken, 0.0):
+                raise WideberthError(
+                    f"pedestrian_corridor: person {k} of {self.layout} would touch somebody at "
+                    "the start; take a smaller pedestrian_radius or robot_radius"
+                )
+            taken.append((np.array(start), self.pedestrian_radius))
 
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Draw the phase; the way is the same for every seed."""
@@ -177,7 +199,9 @@ class PedestrianCorridor(Scenario):
         if self.process_noise:
             seeds = [int(seed) for seed in rng.integers(2**31, size=len(found))]
             noise = self.process_noise
-            found = [swaying(one, noise, seed) for one, seed in zip(found, seeds, strict=True)]
+            found = [
+                made_to_sway(one, noise, seed) for one, seed in zip(found, seeds, strict=True)
+            ]
         return tuple(found)
 
     def polygons(self, rng: np.random.Generator) -> tuple[Polygon, ...]:

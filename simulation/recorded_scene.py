@@ -70,8 +70,8 @@ class RecordedScene(Scenario):
 
     Raises
     ------
-    WideberthError : neither a scene nor a start, goal and rows; a file that cannot be read, or is
-        not in the folder; a row that the recording does not have.
+    WideberthError : neither a scene nor a start, goal and rows; a scene of a synthetic recording;
+        a file that cannot be read, or is not there; a row that the recording does not have.
 
     Notes
     -----
@@ -118,6 +118,11 @@ class RecordedScene(Scenario):
                 f"recorded_scene: no scene is named, and {' and '.join(missing)} missing; name "
                 f"one of {', '.join(sorted(SCENES))}, or state start, goal and rows"
             )
+        if self.scene is not None and self.tracks.startswith(SHIPPED):
+            raise WideberthError(
+                f"recorded_scene.scene is {self.scene!r}, and tracks is the synthetic "
+                f"{self.tracks}; state tracks, the file or folder of your recordings"
+            )
 
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Place the robot; the same for every seed."""
@@ -147,9 +152,10 @@ class RecordedScene(Scenario):
     def people_from(self, row: int) -> tuple[ReplayAgent, ...]:
         """Return everybody who is there at some time, on a clock that is 0 at a row."""
         recording = _read(self._file(), self.dt)
-        if row >= len(recording.times):
+        last = max(row, *self._stated()[2])  # of all seeds: the first one finds it
+        if last >= len(recording.times):
             raise WideberthError(
-                f"recorded_scene.rows holds {row}, and {self.tracks} has rows 0 to "
+                f"recorded_scene.rows holds {last}, and {self.tracks} has rows 0 to "
                 f"{len(recording.times) - 1}; state earlier ones"
             )
         radius = self.person_radius
@@ -172,8 +178,13 @@ class RecordedScene(Scenario):
             name = self.tracks.removeprefix(SHIPPED)
             return str(files("wideberth").joinpath("experiments", "data", name))
         path = File(self.tracks).expanduser()
-        if not path.is_dir():
+        if path.is_file():
             return str(path)
+        if not path.is_dir():
+            raise WideberthError(
+                f"recorded_scene.tracks: {path} is no file; give the recording, or the folder "
+                "that holds it"
+            )
         if self.scene is None:
             raise WideberthError(
                 f"recorded_scene.tracks: {path} is a folder; name a file, or a scene of "

@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import count
 from math import ceil
 
 import numpy as np
 
 from ..framework.arrays import Array
+from ..framework.polygon import Polygon
 from .agents import Bystander
 from .driver import Driver
 
@@ -23,7 +25,8 @@ class Respawning:
     Who comes anew is somebody else: another name, a log of its own, nothing remembered. So
     nobody sees anybody jump: for the others one person is no longer detected and another one
     comes into sight, and in the log each is absent (NaN) while it is not there. "person 3" is
-    followed by "person 3 (2)", on the same path and with the same body, speed and controller.
+    followed by "person 3 (2)", on the same path and with the same body, speed and controller; a
+    number that makes the name of another one is left out.
 
     Where the start is taken (a robot within `ROBOT_ROOM`, or a body that would be touched) they
     stand at the goal until it is free. So there are always as many people as at first.
@@ -32,10 +35,16 @@ class Respawning:
     ----------
     drivers : who decides; those who come anew have to be added to it.
     others : who else moves.
+    polygons : what stands there.
     """
 
-    def __init__(self, drivers: Sequence[Driver], others: Sequence[Bystander]) -> None:
-        self._drivers, self._others = drivers, others
+    def __init__(
+        self,
+        drivers: Sequence[Driver],
+        others: Sequence[Bystander],
+        polygons: Sequence[Polygon],
+    ) -> None:
+        self._drivers, self._others, self._polygons = drivers, others, polygons
         self._names = {one.name: (one.name, 1) for one in drivers if one.agent.respawn}
 
     def newcomers(self, now: float) -> list[tuple[Driver, int]]:
@@ -54,13 +63,20 @@ class Respawning:
         for one in arrived:
             if not self._free(one, now, [driver for driver, _ in found]):
                 continue
-            first, count = self._names[one.name]
-            agent = replace(one.agent, name=f"{first} ({count + 1})")
-            self._names[agent.name] = first, count + 1
+            agent = replace(one.agent, name=self._next(one.name, [d.name for d, _ in found]))
             one.leave()
             driver = Driver(agent, now, len(one.states) - 1)
             period = agent.controller.period
             found.append((driver, ceil((now - agent.phase) / period - _SAME)))
+        return found
+
+    def _next(self, name: str, coming: Sequence[str]) -> str:
+        """Name of who comes after this one, such as nobody has or had."""
+        first, last = self._names[name]
+        taken = {one.name for one in (*self._drivers, *self._others, *self._polygons)} | {*coming}
+        number = next(n for n in count(last + 1) if f"{first} ({n})" not in taken)
+        found = f"{first} ({number})"
+        self._names[found] = first, number
         return found
 
     def _free(self, one: Driver, now: float, coming: Sequence[Driver]) -> bool:

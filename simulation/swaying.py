@@ -13,7 +13,10 @@ from ..framework.plan import Plan
 from .agents import RobotAgent
 
 HEAD_ROOM = 5.0
-"""Standard deviations by which a body that sways may be faster than without."""
+"""Standard deviations by which a body that sways may be faster than without.
+
+The plant clips what is faster: of two axes, at most exp(-5^2 / 2), four draws in a million.
+"""
 
 
 @final
@@ -84,8 +87,13 @@ class Swaying(Controller):
         """The plan of the controller, which knows nothing of the noise."""
         return self.controller.plan
 
+    @property
+    def static_region(self) -> Any:
+        """The controller's; True for one without this setting, which needs none for walls."""
+        return getattr(self.controller, "static_region", True)
 
-def swaying(person: RobotAgent, process_noise: float, seed: int) -> RobotAgent:
+
+def made_to_sway(person: RobotAgent, process_noise: float, seed: int) -> RobotAgent:
     """Return a person who sways, and whose body has the speed for it; see `Swaying`."""
     made = Swaying(person.controller, process_noise, seed)
     body = cast(Any, person.robot)

@@ -11,6 +11,7 @@ import pytest
 from wideberth.experiments import cli
 from wideberth.experiments.base import Experiment, Outcome, Result, Row, Task
 from wideberth.experiments.comparison import Comparison
+from wideberth.experiments.level_policies import LevelPolicies
 from wideberth.experiments.runner import draw, run
 from wideberth.experiments.shipped import read_experiment, shipped
 from wideberth.experiments.tuning import Tuning
@@ -27,7 +28,11 @@ CROWD = "{type: crowdnav, humans: 60}"
     [
         ("crowdnav", f"scenarios={{x: {CROWD}}}", f"scenarios.x, seed 0: {NO_ROOM}"),
         ("crossing", f"scenario={CROWD}", f"scenario, seed 0: {NO_ROOM}"),
-        ("tuning", "scenario={type: doorway}", "no episode of base can begin: .*static_region"),
+        (
+            "tuning",
+            "scenario={type: doorway, robot_radius: 0.75}",
+            "of base can begin: .*static_region",
+        ),
         ("corridor", "controllers.ours.static_region=null", "episode of ours .*static_region"),
         ("dynamic_matters", f"scenarios={{x: {CROWD}}}", NO_ROOM),
         ("conservativeness", f"scenarios={{x: {CROWD}}}", NO_ROOM),
@@ -35,6 +40,16 @@ CROWD = "{type: crowdnav, humans: 60}"
         ("level_policies", f"scenarios={{x: {CROWD}}}", NO_ROOM),
         ("region_price", f"scenario={CROWD}", NO_ROOM),
         ("flight", "scenario={type: crossing}", "has 2 coordinates; its robot moves in 3"),
+        (
+            "recorded_scene",
+            "scenarios={x: {type: recorded_scene, scene: eth, tracks: nowhere.txt}}",
+            "^recorded_scene.tracks: nowhere.txt is no file; give the recording, or the folder",
+        ),
+        (
+            "recorded_scene",
+            "scenarios.recorded.rows=[10, 5000]",
+            "scenarios.recorded, seed 0: .*rows holds 5000, and shipped:plaza.txt has rows 0 to",
+        ),
     ],
 )
 def test_an_episode_that_cannot_begin(
@@ -74,8 +89,9 @@ def test_quick_settings_are_not_cut_short(name: str) -> None:
     if isinstance(experiment, Comparison) and isinstance(small, Comparison):
         (label, settings), *_ = experiment.settings.items()
         assert small.settings == {label: settings}
-    if isinstance(experiment, Tuning) and isinstance(small, Tuning):
-        assert small.settings == experiment.settings
+    for kind in (Tuning, LevelPolicies):
+        if isinstance(experiment, kind) and isinstance(small, kind):
+            assert small.settings == experiment.settings
 
 
 def test_a_quick_comparison_shows_arrivals(tmp_path: Path) -> None:
@@ -182,9 +198,15 @@ def test_a_plug_in_that_cannot_be_made() -> None:
             lambda path: ["run", "crossing", "--set", "settngs.a=1", "--set", "plugins=3"],
             "plugins is 3; wanted a list",
         ),
+        (lambda path: ["run", "crossing", "--set", "plugins=0"], "plugins is 0; wanted a list"),
+        (lambda path: ["run", "crossing", "--set", "plugins={}"], "plugins is {}; wanted a list"),
         (
             lambda path: ["run", "crowdnav", "--set", "settings.crowdnvav.time_limit=5"],
             "did you mean 'crowdnav'.*to add one, give it whole: settings.crowdnvav=",
+        ),
+        (
+            lambda path: ["run", "tuning", "--set", "factors.level.weight.0=1"],
+            "unknown name 'level'.*names with dots are changed in a file or all at once: factors=",
         ),
     ],
 )

@@ -185,7 +185,9 @@ def test_a_controller_gets_the_robot_that_it_drives(gate: Comparison) -> None:
 
 
 def test_what_makes_no_comparison_is_refused(gate: Comparison) -> None:
-    with pytest.raises(WideberthError, match=r"controllers.slow drives .*none like it, only uni"):
+    with pytest.raises(
+        WideberthError, match=r"controllers.slow drives .*, unlike robots.unicycle: "
+    ):
         replace(gate, robots={"unicycle": Unicycle()})
     for name in ("scenarios", "robots", "controllers", "settings"):
         with pytest.raises(WideberthError, match=f"{name} is empty"):

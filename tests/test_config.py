@@ -179,7 +179,7 @@ def test_every_built_in_survives_describe(room: str, name: str) -> None:
     elif room == "controllers":
         value = {"type": name, "robot": "unicycle"}
     elif name == "recorded_scene":
-        value = {"type": name, "scene": "zara1"}
+        value = {"type": name, "scene": "zara1", "tracks": "."}
     else:
         value = name
     made = build(room, value)

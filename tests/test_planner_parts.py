@@ -5,9 +5,12 @@ from pathlib import Path
 
 import pytest
 
+from wideberth.experiments import planner_parts
+from wideberth.experiments.comparison import Comparison
 from wideberth.experiments.planner_parts import PlannerParts
 from wideberth.experiments.runner import draw, run
 from wideberth.experiments.shipped import read_experiment
+from wideberth.experiments.tuning import Tuning
 from wideberth.experiments.variants import planner_of
 from wideberth.framework.config import build
 from wideberth.framework.errors import WideberthError
@@ -59,6 +62,37 @@ def test_the_first_pair_is_ours_of_the_comparison(shipped: PlannerParts, tmp_pat
     assert len(lines) == 4 and lines[0]["p_value"] == 1.0
     names = {path.name for path in draw(tmp_path)}
     assert names == {"planner_parts.png", "planner_parts.pdf"}
+
+
+def test_every_part_begins_once_before_the_work(
+    shipped: PlannerParts, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun: list[str] = []
+
+    def note(scenarios: object, robot: object, controllers: dict[str, object], seed: int) -> None:
+        begun.extend(controllers)
+
+    monkeypatch.setattr(planner_parts, "check_starts", note)
+    shipped.check()
+    first, region = "constant_velocity", "mahalanobis_ellipse"
+    expected = {f"{name} and {region}" for name in shipped.predictors}
+    expected |= {f"{first} and {name}" for name in shipped.regions}
+    assert set(begun) == expected and len(begun) == len(expected)
+
+
+def test_a_robot_that_does_not_fit_is_refused(shipped: PlannerParts) -> None:
+    wide = replace(shipped.robot, radius=0.6)  # type: ignore[type-var]
+    with pytest.raises(
+        WideberthError, match=r"^scenario has room for .* 0\.3 m, and robot has 0\.6"
+    ):
+        replace(shipped, robot=wide)
+    slow = replace(shipped.robot, max_speed=0.5)  # type: ignore[type-var]
+    with pytest.raises(WideberthError, match=r"^planner drives Holonomic.*, unlike robot: write"):
+        replace(shipped, robot=slow)
+
+
+def test_the_columns_have_one_list_of_sources() -> None:
+    assert PlannerParts.reference == Tuning.reference == Comparison.reference
 
 
 def test_a_controller_without_a_region_is_refused(shipped: PlannerParts) -> None:

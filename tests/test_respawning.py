@@ -16,6 +16,7 @@ from wideberth.simulation.channel import Channel
 from wideberth.simulation.episode import run_episode
 from wideberth.simulation.log import Episode
 from wideberth.simulation.measures import measures
+from wideberth.simulation.placing import box
 from wideberth.simulation.settings import Settings
 from wideberth.simulation.summary import clearances, summarise
 
@@ -108,6 +109,19 @@ def test_the_number_of_people_never_falls():
     people = [log for log in episode.agents if log.kind == "person"]
     assert len(people) > 9
     assert (np.sum([there(log) for log in people], axis=0) == 3).all()
+
+
+def test_a_name_that_is_taken_is_left_out():
+    crowd = [walker(), agent("p (2)", (0, 9), (3, 9), person=True, respawn=True)]
+    others = [ReplayAgent("p (3)", np.array([0.0, 99.0]), np.full((2, 2), -40.0), 0.2)]
+    block = box((50.0, 50.0), (51.0, 51.0), "p (4)")
+    episode = played(aside(), *crowd, others=others, polygons=(block,))
+    moving = [log.name for log in episode.agents if log.kind == "person"]
+    assert moving == [
+        *("p", "p (2)", "p (5)", "p (2) (2)", "p (6)", "p (2) (3)", "p (7)", "p (2) (4)"),
+        *("p (8)", "p (2) (5)"),
+    ]
+    assert len(clearances(episode)) == len(moving) + 2
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.01])

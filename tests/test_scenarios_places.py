@@ -1,5 +1,8 @@
 """Scenarios with walls and crowds: what is drawn lies where the docstrings say."""
 
+from itertools import combinations
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -136,6 +139,18 @@ def test_both_ways_is_fixed() -> None:
     assert PedestrianCorridor(pedestrians=0).cast(0).people == ()
 
 
+@pytest.mark.parametrize("layout", FIXED)
+def test_the_people_of_a_fixed_layout_do_not_touch(layout) -> None:
+    starts = [start for start, _ in FIXED[layout].ways]
+    nearest = min(np.hypot(a[0] - b[0], a[1] - b[1]) for a, b in combinations(starts, 2))
+    room = min(0.5 * nearest, min(np.hypot(*start) for start in starts) - 0.325)
+    assert PedestrianCorridor(layout=layout, pedestrian_radius=room - 1e-6).cast(0).people
+    bads: list[Any] = [{"pedestrian_radius": room + 1e-6}, {"robot_radius": 5.0}]
+    for bad in bads:
+        with pytest.raises(WideberthError, match=f"person . of {layout} would touch somebody at"):
+            PedestrianCorridor(layout=layout, **bad)
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -154,6 +169,14 @@ def test_both_ways_is_fixed() -> None:
         (lambda: PedestrianCorridor(pedestrian_speed=(2.0, 1.0)), "pedestrian_speed"),
         (lambda: PedestrianCorridor(process_noise=-0.3), "process_noise"),
         (lambda: PedestrianCorridor(layout="8_random"), "16_random"),
+        (
+            lambda: PedestrianCorridor(layout="both_ways", pedestrians=3),
+            "pedestrians is 3, and both_ways lists its people; leave it out, or take random or 16",
+        ),
+        (
+            lambda: PedestrianCorridor(layout="8_gaussian", pedestrian_speed=(1.0, 2.0)),
+            r"pedestrian_speed is \(1.0, 2.0\), and 8_gaussian lists its people",
+        ),
     ],
 )
 def test_what_cannot_be_placed_says_what_to_change(make, message) -> None:

@@ -135,8 +135,17 @@ def test_with_nothing_stated_the_robot_crosses_the_plaza() -> None:
     [
         (lambda file: RecordedScene(file), "no scene is named, and start and goal and rows"),
         (lambda file: RecordedScene(file, start=(0, 0, 0), rows=(1,)), "goal missing"),
-        (lambda file: RecordedScene(file, scene="eth").cast(0), "holds 100, and .* rows 0 to 2"),
-        (lambda file: RecordedScene("nowhere.txt", scene="eth").cast(0), "cannot be read"),
+        (lambda file: RecordedScene(file, scene="eth").cast(0), "holds 300, and .* rows 0 to 2"),
+        (lambda file: RecordedScene("nowhere.txt", scene="eth").cast(0), "nowhere.txt is no file"),
+        (lambda file: RecordedScene("nowhere.txt", scene="eth").inputs(), "the folder that holds"),
+        (
+            lambda file: RecordedScene(scene="zara1"),
+            "scene is 'zara1', and tracks is the synthetic shipped:plaza.txt; state tracks",
+        ),
+        (
+            lambda file: RecordedScene(file, "eth", rows=(0, 2, 7, 1)).cast(0),
+            r"rows holds 7, and .* has rows 0 to 2; state earlier ones",
+        ),
         (lambda file: RecordedScene(file, scene="eth", person_radius=0.0), "person_radius"),
         (
             lambda file: RecordedScene(str(File(file).parent), scene="univ").cast(0),
@@ -218,7 +227,7 @@ def test_people_head_for_the_door_first() -> None:
         (lambda: Hallway(layout="bottleneck", door=0.5), "does not fit through it"),
         (lambda: Hallway(layout="squeeze", width=1.1), "does not fit through it"),
         (lambda: Hallway(width=0.5), "hallway.width"),
-        (lambda: Hallway(persons=31), "there is room for 30 of radius 0.3 m"),
+        (lambda: Hallway(persons=31), "there is room for 30 at most of radius 0.3 m"),
         (lambda: build("scenarios", {"type": "hallway", "layout": "funnel"}), "layout"),
     ],
 )

@@ -1,23 +1,27 @@
 """Noise on the motion of people: as large as stated, repeatable, and theirs alone."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from wideberth.controllers.constant_velocity import ConstantVelocity
+from wideberth.framework.config import build
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.motion import Observation
 from wideberth.framework.path import Path
 from wideberth.framework.testing import check_controller
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.simulation.agents import RobotAgent
+from wideberth.simulation.cast import check_cast
 from wideberth.simulation.channel import Channel
 from wideberth.simulation.episode import run_episode
 from wideberth.simulation.pedestrian_corridor import FIXED, PedestrianCorridor
+from wideberth.simulation.placing import corridor_walls
 from wideberth.simulation.settings import Settings
-from wideberth.simulation.swaying import Swaying, swaying
+from wideberth.simulation.swaying import Swaying, made_to_sway
 
 BODY = HolonomicVelocity(radius=0.4, max_speed=0.7)
 FAR = Path(np.array([[0.0, 0.0], [1e6, 0.0]]))
@@ -60,7 +64,7 @@ def test_the_body_has_the_speed_for_it():
     settings = Settings(time_limit=2.0, plant_step=0.1, history=0.0, channel=Channel(noise=0.0))
     robot = RobotAgent("robot", BODY, straight(), FAR, 0.7)
     crowd = [
-        swaying(RobotAgent(f"p {k}", BODY, straight(), FAR, 0.7, person=True), 0.8, k)
+        made_to_sway(RobotAgent(f"p {k}", BODY, straight(), FAR, 0.7, person=True), 0.8, k)
         for k in range(60)
     ]
     episode = run_episode([robot, *crowd], settings)
@@ -86,9 +90,8 @@ def test_it_changes_nothing_else_of_a_cast():
 @pytest.mark.parametrize("layout", ["random", "16_random", *FIXED])
 def test_people_come_anew_in_every_layout(layout):
     """The number of people stays, and someone comes anew."""
-    scene = PedestrianCorridor(
-        layout=layout, respawn=True, process_noise=0.3, pedestrian_speed=(4.0, 5.0)
-    )
+    hurry: Any = {} if layout in FIXED else {"pedestrian_speed": (4.0, 5.0)}
+    scene = PedestrianCorridor(layout=layout, respawn=True, process_noise=0.3, **hurry)
     cast = scene.cast(1)
     assert all(one.respawn for one in cast.people)
     way = Path(np.array([[-30.0, -50.0], [-30.0, 50.0]]))
@@ -102,6 +105,32 @@ def test_people_come_anew_in_every_layout(layout):
     people = [log for log in episode.agents if log.kind == "person"]
     present = np.sum([np.isfinite(log.positions[:, 0]) for log in people], axis=0)
     assert (present == len(cast.people)).all() and len(people) > len(cast.people)
+
+
+@pytest.mark.parametrize("region", [None, "separating_line"])
+def test_walls_need_the_static_region_of_who_sways(region):
+    """Noise hides neither that a planner has no static region nor that a rival needs none."""
+    parts: Any = {
+        "region": "half_plane",
+        "predictor": "static",
+        "level": "fixed",
+        "solver": "riccati",
+    }
+    planner = build(
+        "controllers", {"type": "mpc", "robot": BODY, "static_region": region, **parts}
+    )
+    swayed, rival = (
+        made_to_sway(RobotAgent(name, BODY, controller, FAR, 0.7, person=True), 0.3, 1)
+        for name, controller in (("p", planner), ("q", straight()))
+    )
+    robot = RobotAgent("robot", BODY, straight(), FAR, 0.7)
+    walls = corridor_walls(7.0, 0.0, 10.0)
+    check_cast([robot, rival], (), (), walls)
+    if region is None:
+        with pytest.raises(WideberthError, match=r"planner of \['p'\] has no static_region"):
+            check_cast([robot, swayed], (), (), walls)
+    else:
+        check_cast([robot, swayed], (), (), walls)
 
 
 @pytest.mark.parametrize("bad", [{"process_noise": -0.1}, {"seed": -1}, {"update": 0.0}])

@@ -12,6 +12,7 @@ from wideberth.experiments.shipped import read_experiment
 from wideberth.experiments.tuning import Tuning, pareto, worded
 from wideberth.experiments.variants import planner_of
 from wideberth.framework.errors import WideberthError
+from wideberth.simulation.recorded_scene import RecordedScene
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +59,14 @@ def test_factors_that_make_no_planner_are_refused(shipped: Tuning) -> None:
         replace(shipped, factors={"horizon.x": (1,)})
     with pytest.raises(WideberthError, match=r"factors.level.tail.*\(0, 1\)"):
         replace(shipped, factors={"level.tail": (2.0,)})
+
+
+def test_a_robot_that_does_not_fit_is_refused(shipped: Tuning) -> None:
+    with pytest.raises(WideberthError, match=r"scenario has room for .* 0\.4 m, and robot has"):
+        replace(shipped, scenario=RecordedScene())
+    slow = replace(planner_of(shipped.planner).robot, max_speed=0.5)  # type: ignore[type-var]
+    with pytest.raises(WideberthError, match=r"^planner drives Unicycle.*, unlike robot: write"):
+        replace(shipped, robot=slow)
 
 
 def test_pareto_against_brute_force() -> None:
