@@ -123,7 +123,7 @@ def _construct(found: type, settings: Mapping[str, Any], path: str) -> Any:
             raise WideberthError(f"{_at(_join(path, str(key)))}{unknown('key', key, fields)}")
     try:
         hints = get_type_hints(found, include_extras=True)
-    except NameError as error:
+    except (NameError, TypeError, AttributeError) as error:
         raise WideberthError(f"{_at(path)}{found.__qualname__}: {error}") from None
     arguments = {}
     for name, field in fields.items():

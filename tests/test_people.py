@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.closed_loop import play
-from wideberth.framework.controller import Controller
 from wideberth.framework.errors import WideberthError
-from wideberth.framework.motion import Command
 from wideberth.framework.path import Path
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.simulation.agents import RobotAgent
@@ -18,37 +16,10 @@ from wideberth.simulation.log import Episode
 from wideberth.simulation.scenario import Placement, Scenario
 from wideberth.simulation.settings import Settings
 from wideberth.simulation.summary import clearances, summarise
+from wideberth.tests.straight import Straight
 
 BODY = HolonomicVelocity(radius=0.3, max_speed=1.0)
 QUIET = Settings(time_limit=20.0, plant_step=0.25, history=0.0, channel=Channel(noise=0.0))
-
-
-@dataclass(eq=False)
-class Straight(Controller):
-    """Goes to its goal and notes whom it sees."""
-
-    speed: float = 1.0
-    period: float = 0.25
-
-    def reset(self):
-        self.seen = []
-
-    def set_path(self, path):
-        self.goal = path.goal
-
-    def remember(self, observation):
-        pass
-
-    @property
-    def plan(self):
-        return None
-
-    def command(self, observation):
-        self.seen.append(tuple(sorted(one.ident for one in observation.detections)))
-        way = self.goal - observation.state[:2]
-        far = np.linalg.norm(way)
-        scale = min(self.speed, far / self.period) / max(far, 1e-9)
-        return Command((float(scale * way[0]), float(scale * way[1])))
 
 
 def agent(name, start, end, controller=None, **more):
@@ -76,9 +47,9 @@ def test_invisible_robots_are_seen_by_robots_alone():
     robots = [agent("a", (0, 0), (2, 0), visible=False), agent("b", (0, 2), (2, 2))]
     person = agent("p", (0, 4), (2, 4), person=True)
     run_episode([*robots, person], QUIET)
-    assert robots[0].controller.seen[0] == ("b", "p")
-    assert robots[1].controller.seen[0] == ("a", "p")
-    assert person.controller.seen[0] == ("b",)
+    assert robots[0].controller.first_seen == ("b", "p")
+    assert robots[1].controller.first_seen == ("a", "p")
+    assert person.controller.first_seen == ("b",)
 
 
 def test_people_may_touch_each_other_unnoticed():

@@ -1,14 +1,11 @@
 """People who come anew: where and when, who sees them, and what the log says of it."""
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from wideberth.framework.controller import Controller
 from wideberth.framework.errors import WideberthError
-from wideberth.framework.motion import Command
 from wideberth.framework.path import Path
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.simulation.agents import PathChange, ReplayAgent, RobotAgent
@@ -19,37 +16,10 @@ from wideberth.simulation.measures import measures
 from wideberth.simulation.placing import box
 from wideberth.simulation.settings import Settings
 from wideberth.simulation.summary import clearances, summarise
+from wideberth.tests.straight import Straight
 
 BODY = HolonomicVelocity(radius=0.3, max_speed=1.0)
 STEP = 0.1
-
-
-@dataclass(eq=False)
-class Straight(Controller):
-    """Goes straight to its goal and keeps all that it is shown."""
-
-    speed: float = 1.0
-    period: float = 0.25
-
-    def reset(self):
-        self.seen = []
-
-    def set_path(self, path):
-        self.goal = path.goal
-
-    def remember(self, observation):
-        pass
-
-    @property
-    def plan(self):
-        return None
-
-    def command(self, observation):
-        self.seen.append(observation)
-        way = self.goal - observation.state[:2]
-        far = np.linalg.norm(way)
-        scale = min(self.speed, far / self.period) / max(far, 1e-9)
-        return Command((float(scale * way[0]), float(scale * way[1])))
 
 
 def agent(name, start, end, speed=1.0, **more):
