@@ -64,12 +64,13 @@ class Hallway(Scenario):
 
     Notes
     -----
-    Departures: people go on from the head start with a new controller, at the speed that they
-    had towards their goal, and from an earlier instant where somebody would begin in contact;
-    walls have a thickness, of 0.02 m where they are doors; nobody is stopped by a wall (there
-    an action that would enter one is shortened), people keep clear of it by their forces. As
-    there, with walls at the back a person for whom there is no room inside is placed, or
-    heads, beyond them.
+    Departures: everybody wants to walk at ``person_speed`` (there, by default, at a speed drawn
+    from 0.5 to 1.5 m/s, which changes the draws that follow); people go on from the head start
+    with a new controller, at the speed that they had towards their goal, and from an earlier
+    instant where somebody would begin in contact; walls have a thickness, of 0.02 m where they
+    are doors; nobody is stopped by a wall (there an action that would enter one is shortened),
+    people keep clear of it by their forces. As there, with walls at the back a person for whom
+    there is no room inside is placed, or heads, beyond them.
     """
 
     reference: ClassVar[str] = "samavi2024sicnav"
@@ -163,8 +164,9 @@ class Hallway(Scenario):
         """Draw start and goal of one person as CrowdSimPlus does, (2,) each, m.
 
         Each failed attempt draws everything again, from a range of y that is `STRETCH` times as
-        high, until it is free: of the others at the start and of what they head for, and of the
-        walls.
+        high. A start keeps clear of the other starts; a goal keeps clear of the robot's goal and
+        of what the people before head for, which is the door's middle for those who pass it
+        (`_route`; the robot heads for its goal). Both keep clear of the walls.
 
         Raises
         ------
@@ -172,7 +174,8 @@ class Hallway(Scenario):
         """
         size = 2.0 * self.person_radius
         lines = self.hall.lines()
-        heads = [self._route(a, b).points[1] for a, b in zip(starts, goals, strict=True)]
+        people = zip(starts[1:], goals[1:], strict=True)
+        heads = goals[:1] + [self._route(start, goal).points[1] for start, goal in people]
         radii = np.array([self.robot_radius] + [self.person_radius] * (len(starts) - 1))
         apart = self.person_radius + radii
         around = np.concatenate([apart[:1] + DISCOMFORT, apart[1:]])

@@ -9,6 +9,7 @@ from types import ModuleType
 import pytest
 
 GOLDEN = Path(__file__).with_name("golden_regions.json")
+DENSE = Path(__file__).parent / "data" / "dense"
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 
 
@@ -18,6 +19,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         metavar="FILE",
         default=str(GOLDEN),
         help="golden values of the regions to check against (default: the copy in tests/)",
+    )
+    parser.addoption(
+        "--dense",
+        metavar="FOLDER",
+        default=str(DENSE),
+        help="golden cases of the dense benchmarks (default: the copy in tests/data/dense)",
     )
 
 
@@ -41,6 +48,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 @pytest.fixture(scope="session")
 def golden_path(request: pytest.FixtureRequest) -> Path:
     return Path(str(request.config.getoption("--golden")))
+
+
+@pytest.fixture(scope="session")
+def dense_folder(request: pytest.FixtureRequest) -> Path:
+    return Path(str(request.config.getoption("--dense")))
 
 
 @pytest.fixture(scope="session")

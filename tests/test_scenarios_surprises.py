@@ -10,8 +10,6 @@ from wideberth.framework.config import build
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.metrics import approach
 from wideberth.simulation.agents import ReplayAgent
-from wideberth.simulation.hallway import Hallway
-from wideberth.simulation.placing import wall_distance
 from wideberth.simulation.recorded_scene import FILES, SCENES, RecordedScene
 from wideberth.simulation.sudden_change import SuddenChange
 
@@ -162,75 +160,3 @@ def test_with_nothing_stated_the_robot_crosses_the_plaza() -> None:
 def test_recordings_that_do_not_fit(tracks, make, message) -> None:
     with pytest.raises(WideberthError, match=message):
         make(tracks)
-
-
-def drawn_again(case: int, persons: int) -> list[list[float]]:
-    """Starts and goals of the open hallway, written down anew from its description."""
-    rng = np.random.default_rng(1000 + case)
-    placed = [(0.0, -1.5, 0.0, 1.5, 0.25)]
-    for _ in range(persons):
-        height, found = 4.0, None
-        while found is None:
-            down = rng.random() < 0.15
-            likely = 0.8 if down else 0.2
-            x_side = -1 if rng.random() < likely else 1
-            crossing = 0.7 if rng.random() < likely else 0.3
-            goal_side = -x_side if rng.random() < crossing else x_side
-            x = rng.random() * 0.5 * x_side * (2.0 - 0.6)
-            y = rng.random() * 0.25 * (1 if down else -1) * 1.5 * (height - 0.6)
-            height *= 1.1
-            least = [0.3 + r + (0.2 if i == 0 else 0.0) for i, (*_, r) in enumerate(placed)]
-            near = [np.hypot(x - p[0], y - p[1]) for p in placed]
-            if any(a < b for a, b in zip(near, least, strict=True)) or 1.0 - abs(x) < 0.31:
-                continue
-            gx = rng.random() * 0.5 * goal_side * (2.0 - 0.6)
-            gy = rng.random() * 0.5 * (-1 if down else 1) * 1.5 * (height / 1.1 - 0.6)
-            if all(np.hypot(gx - p[2], gy - p[3]) >= 0.3 + p[4] for p in placed):
-                found = (x, y, gx, gy, 0.3)
-        placed.append(found)
-    return [list(one[:4]) for one in placed[1:]]
-
-
-@pytest.mark.parametrize("case", range(8))
-def test_hallway_cases_are_those_of_the_original(case: int) -> None:
-    people = Hallway(head_start=0.0).cast(case).people
-    ways = [one.path.points.ravel().tolist() for one in people]
-    assert ways == [pytest.approx(way) for way in drawn_again(case, 3)]
-
-
-@pytest.mark.parametrize(
-    ("layout", "gap", "above"),
-    [("open", 1.0, 1.0), ("static", 0.5, 0.5), ("bottleneck", 0.5, 1.0), ("squeeze", 0.5, 0.6)],
-)
-def test_hallway_walls_by_hand(layout, gap, above) -> None:
-    walls = Hallway(layout=layout).hall.polygons()
-    if layout == "squeeze":  # an edge at (0.5, 0), a wall from there to (1, 3.75)
-        above = abs(3.75 * (0.0 - 0.5) - 0.5 * 0.2) / np.hypot(0.5, 3.75)
-    elif layout == "bottleneck":
-        above = np.hypot(0.5, 0.2 - 0.01)  # the jamb's end is 0.02 m thick
-    assert wall_distance(np.zeros(2), walls) == pytest.approx(gap)
-    assert wall_distance(np.array([0.0, 0.2]), walls) == pytest.approx(above)
-
-
-def test_people_head_for_the_door_first() -> None:
-    scene = Hallway(layout="bottleneck")
-    below, above = np.array([0.5, -1.0]), np.array([0.3, 1.2])
-    assert scene._route(below, above).points.tolist() == [[0.5, -1.0], [0.0, 0.0], [0.3, 1.2]]
-    assert len(scene._route(np.array([0.2, -0.3]), above).points) == 2  # in the door already
-    assert len(scene._route(np.array([0.5, 0.5]), above).points) == 2
-    assert len(Hallway()._route(below, above).points) == 2
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: Hallway(layout="bottleneck", door=0.5), "does not fit through it"),
-        (lambda: Hallway(layout="squeeze", width=1.1), "does not fit through it"),
-        (lambda: Hallway(width=0.5), "hallway.width"),
-        (lambda: Hallway(persons=31), "there is room for 30 at most of radius 0.3 m"),
-        (lambda: build("scenarios", {"type": "hallway", "layout": "funnel"}), "layout"),
-    ],
-)
-def test_hallways_that_cannot_be(make, message) -> None:
-    with pytest.raises(WideberthError, match=message):
-        make()
