@@ -17,11 +17,8 @@ from wideberth.experiments.prediction_data import (
     usual_speed,
 )
 from wideberth.experiments.prediction_scores import (
-    LEVELS,
     Effort,
-    calibration,
     run_along,
-    table_rows,
 )
 from wideberth.experiments.prediction_summary import (
     AS_GIVEN,
@@ -31,6 +28,7 @@ from wideberth.experiments.prediction_summary import (
     primary_rows,
     summary,
 )
+from wideberth.experiments.prediction_table import LEVELS, calibration, table_rows
 from wideberth.experiments.prediction_windows import Protocol, shown_windows, window_places
 from wideberth.experiments.region_family import rounded
 from wideberth.framework.config import build
@@ -61,9 +59,10 @@ class PredictionBenchmark(Experiment):
     fell back, and why, without numbers in the reasons. ``median_m`` is the median of the
     windows' errors, where ``error_m`` is their mean. ``all_95`` is the share of windows that
     stay in the regions of content 0.95 at all steps, ``joint_95`` that of trajectories in the
-    region of content 0.95 of the joint covariance, where the forecast has one. Areas are
-    medians of the regions of content 0.95. Lines of slice "stops" are of those who walk at
-    the forecast and stand at its end.
+    region of content 0.95 of the joint covariance, where the forecast has one. Areas are those
+    of the regions of content 0.95: their median, their 90th percentile and their mean. Lines
+    of slice "stops" are of those who walk at the forecast and stand at its end; the other
+    slices are classes of speed (see `Protocol`), with a line per step.
 
     Parameters
     ----------
@@ -197,7 +196,7 @@ class PredictionBenchmark(Experiment):
             "speed_mps": rounded(usual_speed(recordings)),
             "fitted": fitted,
         }
-        rows = [head | how | row for row in table_rows(scores, dt)]
+        rows = [head | how | row for row in table_rows(scores, dt, self.protocol.speeds)]
         kept = {"levels": LEVELS, "coverage": calibration(scores), "samples": samples}
         files = {f"{place}/{name}.json": json.dumps(kept).encode()}
         return Outcome(rows, [{**head, "fit_s": seconds, **_times(effort)}], files)

@@ -15,8 +15,10 @@ from wideberth.framework.statistics import known_mean
 from .base import Row
 from .closed_loop import column, group
 from .pieces import outlines
-from .plotting import COLOURS, PAGE, save
-from .prediction_scores import CONTENTS, TAIL
+from .plotting import COLOURS, LINES, PAGE, save
+from .prediction_scores import TAIL
+from .prediction_summary import speed_classes, stepwise
+from .prediction_table import CONTENTS
 from .region_family import title
 
 if TYPE_CHECKING:
@@ -34,6 +36,10 @@ EVERY = 3
 """Steps between two drawn ellipses."""
 NEAR, SIGHT, FAR = 2.0, 0.65, 1.5
 """Half of the width shown: at least (m), at least and at most (in widths of the true way)."""
+AREA_LABELS = (("area_m2", "median"), ("area_90_m2", "90th percentile"), ("area_mean_m2", "mean"))
+"""Column and name of the areas."""
+SMALL = 1e-4
+"""m²; smaller areas are drawn as this, so that a certain forecast has a line on the log scale."""
 STYLES = ((0.5, COLOURS[1], "--"), (0.9, COLOURS[2], "-."), (0.95, COLOURS[0], "-"))
 """Content, colour and line of the coverages."""
 
@@ -48,12 +54,15 @@ def draw_all(
     rows : of the table, of the scenes to show.
     files : what each task left, by predictor and scene.
     """
-    steps = [row for row in rows if row["step"] != "all"]
+    steps, classes = stepwise(rows), speed_classes(rows)
     names = list(dict.fromkeys(str(row["predictor"]) for row in rows))
     scene = next(key[1] for key in files)
     written = save(_calibration(names, files), folder, "calibration")
     written += save(_coverage(names, steps), folder, "coverage")
     written += save(_error(names, steps), folder, "error")
+    written += save(_area(names, steps), folder, "area")
+    if classes:
+        written += save(_speeds(names, rows, classes), folder, "coverage_by_speed")
     samples = {name: files[name, scene]["samples"] for name in names}
     for number, kind in enumerate(("usual", "surprising")):
         if all(number < len(some) for some in samples.values()):
@@ -111,8 +120,6 @@ def _calibration(names: list[str], files: Mapping[tuple[str, str], dict[str, Any
 
 def _coverage(names: list[str], rows: list[Row]) -> "Figure":
     """Draw the coverage of three contents against the time ahead, on a logit scale."""
-    from matplotlib.ticker import FixedLocator, NullLocator
-
     figure, panels = _panels(names, ("time ahead (s)", "truths inside"))
     for name, panel in zip(names, panels, strict=True):
         for content in CONTENTS:
@@ -128,11 +135,48 @@ def _coverage(names: list[str], rows: list[Row]) -> "Figure":
             times, middle = _mean(rows, name, f"cover_{round(100 * content)}")
             label = f"{content:g}, mean of scenes" if len(scenes) > 1 else f"{content:g}"
             panel.plot(times, _seen(middle), style, color=colour, label=label)
-        panel.set_yscale("logit")
-        panel.set_ylim(*BEYOND)
-        panel.yaxis.set_major_locator(FixedLocator((0.1, *CONTENTS, 0.99)))
-        panel.yaxis.set_major_formatter("{x:g}")
-        panel.yaxis.set_minor_locator(NullLocator())
+        _logit(panel, (0.1, *CONTENTS, 0.99))
+    return _finished(figure, panels)
+
+
+def _speeds(names: list[str], rows: list[Row], classes: Mapping[str, str]) -> "Figure":
+    """Draw the coverage of the content 0.95 against the time ahead, a line per class of speed."""
+    figure, panels = _panels(names, ("time ahead (s)", "truths inside"))
+    for name, panel in zip(names, panels, strict=True):
+        panel.axhline(1 - TAIL, color="0.4", linestyle=":", linewidth=0.8, label="promised")
+        for number, (which, text) in enumerate(classes.items()):
+            some = stepwise(rows, which)
+            if any(row["predictor"] == name for row in some):
+                times, middle = _mean(some, name, "cover_95")
+                panel.plot(
+                    times, _seen(middle), linestyle=LINES[number % len(LINES)],
+                    color=COLOURS[number % len(COLOURS)], label=f"{which}, {text}",
+                )  # fmt: skip
+        _logit(panel, (0.1, 0.5, 0.8, 0.9, 0.95, 0.99))
+    return _finished(figure, panels)
+
+
+def _logit(panel: Any, ticks: Sequence[float]) -> None:
+    """Show coverages on a logit scale."""
+    from matplotlib.ticker import FixedLocator, NullLocator
+
+    panel.set_yscale("logit")
+    panel.set_ylim(*BEYOND)
+    panel.yaxis.set_major_locator(FixedLocator(list(ticks)))
+    panel.yaxis.set_major_formatter("{x:g}")
+    panel.yaxis.set_minor_locator(NullLocator())
+
+
+def _area(names: list[str], rows: list[Row]) -> "Figure":
+    """Draw the area of the region of content 0.95 against the time ahead, on a log scale."""
+    figure, panels = _panels(names, ("time ahead (s)", "area (m²)"))
+    several = ", mean of scenes" if len(group(rows, "scene")) > 1 else ""
+    for name, panel in zip(names, panels, strict=True):
+        for (quantity, label), colour, style in zip(AREA_LABELS, COLOURS, LINES, strict=False):
+            times, values = _mean(rows, name, quantity)
+            shown = np.maximum(values, SMALL)
+            panel.plot(times, shown, linestyle=style, color=colour, label=f"{label}{several}")
+        panel.set_yscale("log")
     return _finished(figure, panels)
 
 

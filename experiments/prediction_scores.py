@@ -1,6 +1,5 @@
-"""One predictor run along recordings: every window's scores, and the lines of a table."""
+"""One predictor run along recordings, and the scores of every window."""
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from time import perf_counter
@@ -13,29 +12,19 @@ from wideberth.framework.forecast import Forecast
 from wideberth.framework.predictor import Adaptive, Predictor
 from wideberth.framework.recordings import Recording
 from wideberth.framework.scoring import (
-    covered,
     displacement,
     energy_score,
-    inside_throughout,
     joint_tail,
-    last_known,
     negative_log_likelihood,
     reached_tail,
-    reason_kind,
     region_area,
     trajectory_energy_score,
 )
-from wideberth.framework.statistics import known_mean
 
-from .base import Row
 from .prediction_data import STOOD, PredictionData
-from .prediction_windows import Moment, Protocol, moments
+from .prediction_windows import SPAN, Moment, Protocol, moments
 from .region_family import rounded
 
-CONTENTS = (0.5, 0.9, 0.95)
-"""Of the regions whose coverage has a column."""
-LEVELS = (*(round(0.05 * i, 2) for i in range(1, 20)), 0.99)
-"""Contents of the calibration curves."""
 TAIL = 0.05
 """1 - content of the regions whose area has a column."""
 WALKED = 0.5
@@ -54,6 +43,7 @@ class Scores:
     trajectory, joint : (W,), energy score and tail of the whole trajectory; ``joint`` is NaN
         where the forecast has no joint covariance.
     stops : (W,), 1 where the obstacle stops in the window, else 0.
+    speed : (W,), m/s, as in `Protocol`.
     fallback : reasons, None where the named method was used.
     """
 
@@ -65,6 +55,7 @@ class Scores:
     trajectory: Array
     joint: Array
     stops: Array
+    speed: Array
     fallback: tuple[str | None, ...]
 
     def __len__(self) -> int:
@@ -166,6 +157,7 @@ def _score(forecast: Forecast, moment: Moment, how: Protocol, rng: np.random.Gen
         trajectory_energy_score(draws, truth),
         whole,
         _stops(moment),
+        _speeds(moment),
         forecast.fallback,
     )
 
@@ -176,6 +168,14 @@ def _stops(moment: Moment) -> Array:
     before = np.linalg.norm(positions[:, -1] - positions[:, -2], axis=1) / dt
     after = np.linalg.norm(moment.truth[:, -1] - moment.truth[:, -2], axis=1) / dt
     return np.asarray((before > WALKED) & (after < STOOD), dtype=np.float64)
+
+
+def _speeds(moment: Moment) -> Array:
+    """Speed of each scored obstacle before the forecast, (K,), m/s; see `Protocol`."""
+    positions, dt = moment.tracks.positions[moment.scored], moment.tracks.dt
+    back = min(max(int(SPAN / dt + 1e-9), 1), positions.shape[1] - 1)
+    way = positions[:, -1] - positions[:, -1 - back]
+    return np.asarray(np.linalg.norm(way, axis=1) / (back * dt))
 
 
 def _together(parts: Sequence[Scores]) -> Scores:
@@ -198,82 +198,3 @@ def _sample(forecast: Forecast, moment: Moment, ident: str) -> dict[str, Any]:
     }
     numbers = {name: np.round(array, 12).tolist() for name, array in kept.items()}
     return {"id": ident, "time_s": rounded(moment.row * moment.tracks.dt), **numbers}
-
-
-def table_rows(scores: Scores, dt: float) -> list[Row]:
-    """Return one line per step, one for all steps, and one for the windows with a stop."""
-    steps = scores.error.shape[1]
-    rows: list[Row] = []
-    for step in range(steps):
-        known = np.isfinite(scores.error[:, step])
-        rows.append({
-            "slice": "all", "step": step + 1, "time_s": rounded((step + 1) * dt),
-            "windows": int(known.sum()), **_columns(scores, slice(step, step + 1)),
-        })  # fmt: skip
-    rows.append(_whole(scores, "all"))
-    stops = scores.chosen(scores.stops > 0)
-    if len(stops):
-        rows.append(_whole(stops, "stops"))
-    return rows
-
-
-def _columns(scores: Scores, steps: slice) -> Row:
-    """Means over windows of the means over some steps, and the median error and area."""
-
-    def mean(values: Array) -> float:
-        return rounded(known_mean(_row_means(values[:, steps])))
-
-    errors, areas = _row_means(scores.error[:, steps]), scores.area[:, steps]
-    return {
-        "error_m": mean(scores.error),
-        "median_m": _median(errors),
-        "nll": mean(scores.nll),
-        "energy_m": mean(scores.energy),
-        **{
-            f"cover_{round(100 * content)}": mean(covered(scores.tail, 1.0 - content))
-            for content in CONTENTS
-        },
-        "area_m2": _median(areas),
-    }
-
-
-def _row_means(values: Array) -> Array:
-    """Mean of what is known in each row; NaN where nothing is."""
-    known = np.isfinite(values)
-    number = known.sum(axis=1)
-    share = np.where(known, values, 0.0).sum(axis=1) / np.maximum(number, 1)
-    return np.where(number > 0, share, np.nan)
-
-
-def _median(values: Array) -> float:
-    """Median of what is known; NaN where nothing is."""
-    known = values[np.isfinite(values)]
-    return rounded(float(np.median(known))) if known.size else float("nan")
-
-
-def _whole(scores: Scores, name: str) -> Row:
-    """Return the line of all steps together."""
-    throughout = inside_throughout(scores.tail, TAIL)
-    reasons = Counter(reason_kind(one) for one in scores.fallback if one is not None)
-    count = len(scores)
-    return {
-        "slice": name,
-        "step": "all",
-        "windows": count,
-        **_columns(scores, slice(None)),
-        "final_m": rounded(known_mean(last_known(scores.error))),
-        "trajectory_energy_m": rounded(known_mean(scores.trajectory)),
-        "all_95": rounded(known_mean(throughout)),
-        "joint_95": rounded(known_mean(covered(scores.joint, TAIL))),
-        "fell_back": rounded(sum(reasons.values()) / count),
-        "reasons": "; ".join(
-            f"{number / count:.1%}: {reason}" for reason, number in reasons.most_common()
-        ),
-    }
-
-
-def calibration(scores: Scores) -> list[list[float]]:
-    """Coverage at every content of `LEVELS`, one list per step."""
-    steps = scores.tail.shape[1]
-    at = [covered(scores.tail, 1.0 - content) for content in LEVELS]
-    return [[rounded(known_mean(held[:, step])) for held in at] for step in range(steps)]

@@ -1,5 +1,7 @@
 """The lines of the prediction benchmark's table, condensed: means over scenes, then each scene."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from wideberth.framework.statistics import known_mean
@@ -22,6 +24,8 @@ MEANS = {
     "fell_back": "fell_back",
 }
 """Columns of the summary that are means over the scenes -> columns of the table."""
+AREAS = ("area_m2", "area_90_m2", "area_mean_m2")
+"""Columns of the table whose mean over the scenes, at the last step, is in the summary."""
 AS_GIVEN, NOTHING, FITTED, UNFITTED = "as given", "nothing to fit", "fitted to", "not fitted"
 """What the table's texts on fitting are or begin with."""
 
@@ -31,17 +35,19 @@ def summary(rows: list[Row]) -> list[Row]:
 
     The means are left out where there is but one primary scene. ``cover_95_steps`` are the
     extremes over the steps: of the mean over the scenes in the first lines, of the scene in
-    the others. ``area_m2`` is that of the last step. ``fitted`` is "yes", "no", in how many of the
-    scenes, "as given", or empty where there is nothing to fit. What holds for several lines
-    stands in the notes once: the protocol where it changes, how fast those who move are and
-    how many recordings were fitted to once per scene. In the table it stands in every line.
+    the others. ``cover_95_NAME`` is the coverage of a class of speed, over all steps and the
+    scenes that have it. The areas are those of the last step. ``fitted`` is "yes", "no", in
+    how many of the scenes, "as given", or empty where there is nothing to fit. What holds for
+    several lines stands in the notes once: the protocol where it changes, how fast those who
+    move are and how many recordings were fitted to once per scene. In the table it stands in
+    every line.
     """
-    primary = primary_rows(rows)
+    primary, classes = primary_rows(rows), speed_classes(rows)
     count = len(group(primary, "scene"))
     together = group(primary, "predictor").values() if count > 1 else ()
-    lines = [_line(some, f"mean of {count}") for some in together]
+    lines = [_line(some, f"mean of {count}", classes) for some in together]
     apart = group(rows, "predictor", "scene").items()
-    lines += [_line(some, str(scene)) for (_, scene), some in apart]
+    lines += [_line(some, str(scene), classes) for (_, scene), some in apart]
     protocol = ""
     for some in group(lines, "scene").values():
         said = {protocol}
@@ -59,10 +65,32 @@ def primary_rows(rows: list[Row]) -> list[Row]:
     return [row for row in rows if row["role"] == "primary"] or rows
 
 
-def _line(rows: list[Row], scene: str) -> Row:
+def stepwise(rows: list[Row], name: str = "all") -> list[Row]:
+    """Lines of single steps of a slice."""
+    return [row for row in rows if row["step"] != "all" and row["slice"] == name]
+
+
+def speed_classes(rows: list[Row]) -> dict[str, str]:
+    """Return the names of the classes of speed, slowest first, and their bounds in words."""
+    bounds = {
+        str(row["slice"]): (float(row["from_mps"]), row["below_mps"])
+        for row in rows
+        if row.get("from_mps") is not None
+    }
+    slowest_first = sorted(bounds, key=lambda name: bounds[name][0])
+    return {name: _bounds(*bounds[name]) for name in slowest_first}
+
+
+def _bounds(least: float, below: float | None) -> str:
+    if below is None:
+        return f"from {least:g} m/s on"
+    return f"{least:g} to {below:g} m/s" if least else f"below {below:g} m/s"
+
+
+def _line(rows: list[Row], scene: str, classes: Mapping[str, str]) -> Row:
     """Condense the lines of one predictor, in one or several scenes."""
     whole = [row for row in rows if row["step"] == "all" and row["slice"] == "all"]
-    steps = list(group([row for row in rows if row["step"] != "all"], "step").values())
+    steps = list(group(stepwise(rows), "step").values())
     cover = [known_mean(column(some, "cover_95")) for some in steps]
     return {
         "predictor": whole[0]["predictor"],
@@ -70,12 +98,24 @@ def _line(rows: list[Row], scene: str) -> Row:
         "windows": int(column(whole, "windows").sum()),
         **{name: rounded(known_mean(column(whole, of))) for name, of in MEANS.items()},
         "cover_95_steps": f"{np.min(cover):.3f} to {np.max(cover):.3f}",
-        "area_m2": rounded(known_mean(column(steps[-1], "area_m2"))),
+        **{f"cover_95_{name}": _covered(rows, name) for name in classes},
+        **{name: rounded(known_mean(column(steps[-1], name))) for name in AREAS},
         "fitted": _fitted(whole),
         "protocol": "; ".join(_texts(whole, "protocol")),
-        "stated": [*_speeds(whole), *_fits(whole, FITTED)],
+        "stated": [*_classes(classes), *_speeds(whole), *_fits(whole, FITTED)],
         "remarks": _remarks(whole),
     }
+
+
+def _covered(rows: list[Row], name: str) -> float | None:
+    """Coverage of a class over all steps, mean of the scenes that have it; None without any."""
+    some = [row for row in rows if row["step"] == "all" and row["slice"] == name]
+    return rounded(known_mean(column(some, "cover_95"))) if some else None
+
+
+def _classes(classes: Mapping[str, str]) -> list[str]:
+    """Say what the classes of speed are."""
+    return [", ".join(f"{name} {text}" for name, text in classes.items())] if classes else []
 
 
 def _speeds(rows: list[Row]) -> list[str]:

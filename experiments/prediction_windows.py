@@ -1,12 +1,14 @@
 """Windows of recordings: what a predictor is given at a row, and what then happened."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Literal, final
 
 import numpy as np
 
 from wideberth.framework.arrays import Array, positive, whole
+from wideberth.framework.errors import WideberthError
 from wideberth.framework.recordings import Recording
 from wideberth.framework.tracks import Tracks
 from wideberth.framework.windows import IntArray, cut_windows
@@ -15,6 +17,11 @@ from .prediction_data import PredictionData
 
 SHORTEST = 2
 """Predicted steps of the shortest window in Schoeller's protocol."""
+SPAN = 3.0
+"""s of the past, at most, over which a window's speed is measured: noise of 10 cm then makes an
+error of 0.05 m/s."""
+SLICES = ("all", "stops")
+"""Names of the table's slices that no class of speed may have."""
 WAY = 1.0
 """m from the forecast to the end of what was predicted; who goes less far is hardly drawn."""
 
@@ -32,6 +39,9 @@ class Protocol:
 
     Windows overlap and follow one another by ``stride`` rows.
 
+    A window's speed is the distance from the position 3 s before the forecast (from the first
+    observed one where fewer were observed) to the newest, over the time between.
+
     Parameters
     ----------
     observed : rows that a predictor is given, with everybody who is seen at the newest one.
@@ -42,6 +52,8 @@ class Protocol:
         coverage), but not in coverage and area: those are of the forecast as it stands.
     draws : of each forecast, for the energy score and the regions of mixtures.
     seed : of the draws, which are the same for every predictor.
+    speeds : m/s, least speed of each class of windows that is also scored by itself; the first
+        is 0.
 
     Raises
     ------
@@ -55,6 +67,9 @@ class Protocol:
     floor: float = 0.01
     draws: int = 99
     seed: int = 0
+    speeds: dict[str, float] = field(
+        default_factory=lambda: {"standing": 0.0, "slow": 0.1, "walking": 0.5, "fast": 1.5}
+    )
 
     def __post_init__(self) -> None:
         whole("protocol.observed", self.observed, least=2)
@@ -63,6 +78,22 @@ class Protocol:
         whole("protocol.draws", self.draws, least=2)
         whole("protocol.seed", self.seed, least=0)
         positive("protocol.floor", self.floor)
+        self._check_speeds()
+
+    def _check_speeds(self) -> None:
+        for name in SLICES:
+            if name in self.speeds:
+                raise WideberthError(
+                    f"protocol.speeds has a class {name!r}, which is another part of the table; "
+                    "name it otherwise"
+                )
+        least = list(self.speeds.values())
+        increase = all(first < second for first, second in pairwise(least))
+        if least and not (least[0] == 0.0 and increase and np.isfinite(least[-1])):
+            raise WideberthError(
+                f"protocol.speeds is {self.speeds}; wanted the least speed of each class, m/s: "
+                "0 for the first, and more from each to the next"
+            )
 
     @property
     def least(self) -> int:
