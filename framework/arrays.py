@@ -53,28 +53,39 @@ def checked(
     return array
 
 
-def checked_covariance(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Array:
+def checked_covariance(name: str, value: ArrayLike, shape: tuple[int | None, ...] | int) -> Array:
     """Return ``value`` as covariances (..., D, D): finite, symmetric, PSD.
 
-    Rounding is forgiven: asymmetry and negative eigenvalues up to 1e-9 of the largest
-    entry of the matrix are removed by symmetrising; the rest is refused.
+    Rounding is forgiven: an asymmetry of at most 1e-9 of the largest entry of the matrix is
+    averaged out, and a negative eigenvalue of at most as much is let pass; the rest is refused.
+
+    Parameters
+    ----------
+    name, value : as in `checked`.
+    shape : as in `checked`; a number D for any batch of D x D matrices.
 
     Raises
     ------
     WideberthError : as `checked`, or not symmetric, or an eigenvalue below zero.
     """
-    array = checked(name, value, shape)
+    if isinstance(shape, int):
+        array = checked(name, value, None)
+        if array.shape[-2:] != (shape, shape):
+            raise WideberthError(f"{name} has shape {array.shape}; wanted (..., {shape}, {shape})")
+    else:
+        array = checked(name, value, shape)
     if _equals_transpose(array):
         symmetric = array
     else:
         transposed = np.swapaxes(array, -1, -2)
-        uneven = _largest(array - transposed) > 1e-9 * _largest(array)
+        with np.errstate(over="ignore"):  # an infinite difference is refused as well
+            uneven = _largest(array - transposed) > 1e-9 * _largest(array)
         if uneven.any():
             where = [int(i) for i in np.argwhere(uneven)[0]]
             raise WideberthError(
                 f"{name}{where} is not symmetric; a covariance must equal its transpose"
             )
-        symmetric = np.asarray(0.5 * (array + transposed))
+        symmetric = np.asarray(0.5 * array + 0.5 * transposed)
         symmetric.setflags(write=False)
     _refuse_negative(name, symmetric)
     return symmetric
@@ -130,7 +141,8 @@ def _surely_definite(symmetric: Array) -> BoolArray:
         return np.asarray(first >= 0)
     second, cross = symmetric[..., 1, 1], symmetric[..., 0, 1]
     diagonal = (first >= 0) & (second >= 0) & (cross == 0)
-    return np.asarray(diagonal | ((first > 0) & (first * second > cross**2)))
+    with np.errstate(over="ignore"):  # what overflows is not sure
+        return np.asarray(diagonal | ((first > 0) & (first * second > cross**2)))
 
 
 def stacked(places: Sequence[tuple[Scalar, ...]]) -> Array:

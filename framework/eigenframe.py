@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import Array
+from .arrays import Array, checked_covariance
 from .errors import WideberthError
 
 _SPLIT = 2.0**27 + 1.0
@@ -38,23 +38,39 @@ def checked_pairs(
 ) -> tuple[Array, Array, Array]:
     """Return the three as arrays.
 
+    Covariances are checked by `arrays.checked_covariance`, which forgives rounding: an asymmetry
+    and a negative eigenvalue of at most 1e-9 of the largest entry.
+
     Raises
     ------
-    WideberthError : shapes that do not fit, a negative radius, or a number that is not finite.
+    WideberthError : shapes that do not fit, a negative radius, a number that is not finite, or a
+        matrix that is no covariance.
     """
-    d = np.asarray(difference, dtype=np.float64)
-    sigma = np.asarray(covariance, dtype=np.float64)
-    size = np.asarray(radius, dtype=np.float64)
+    try:
+        d, sigma, size = (
+            np.asarray(value, dtype=np.float64) for value in (difference, covariance, radius)
+        )
+    except (TypeError, ValueError) as error:
+        raise WideberthError(
+            f"difference, covariance and radius must be arrays of numbers: {error}"
+        ) from None
     if d.ndim < 1 or d.shape[-1] not in (2, 3) or sigma.shape[-2:] != (d.shape[-1],) * 2:
         raise WideberthError(
             f"difference has shape {d.shape} and covariance {sigma.shape}; wanted (..., D) and "
             "(..., D, D) with D = 2 or 3"
         )
+    try:
+        np.broadcast_shapes(d.shape[:-1], sigma.shape[:-2], size.shape)
+    except ValueError:
+        raise WideberthError(
+            f"difference has shape {d.shape}, covariance {sigma.shape} and radius {size.shape}; "
+            "their leading axes must be those of one batch"
+        ) from None
     if not (np.isfinite(d).all() and np.isfinite(sigma).all() and np.isfinite(size).all()):
         raise WideberthError("difference, covariance and radius must be finite numbers")
     if (size < 0).any():
         raise WideberthError(f"radius is {size.min():g}; wanted at least 0 m")
-    return d, sigma, size
+    return d, checked_covariance("covariance", sigma, d.shape[-1]), size
 
 
 def principal_axes(covariance: Array) -> tuple[Array, Array]:

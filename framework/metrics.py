@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from .arrays import Array, BoolArray, probability
+from .arrays import Array, BoolArray, checked_covariance, probability
 from .path import Path
 
 
@@ -193,8 +193,14 @@ def squared_mahalanobis(mean: Array, covariance: Array, points: Array) -> Array:
     """Squared Mahalanobis distance (x - mu)^T Sigma^-1 (x - mu), (..., D) -> (...).
 
     Eigenvalues of the covariance below `SMALLEST` count as that much.
+
+    Raises
+    ------
+    WideberthError : what is no covariance, see `arrays.checked_covariance`.
     """
-    values, vectors = np.linalg.eigh(covariance)
+    values, vectors = np.linalg.eigh(
+        checked_covariance("covariance", covariance, np.shape(mean)[-1])
+    )
     turned = np.einsum("...ji,...j->...i", vectors, points - mean)
     return np.asarray(np.sum(turned**2 / np.maximum(values, SMALLEST), axis=-1))
 
@@ -218,7 +224,7 @@ def inside_content(mean: Array, covariance: Array, truth: Array, tail: float) ->
 
     Raises
     ------
-    WideberthError : tail outside (0, 1).
+    WideberthError : tail outside (0, 1), or what is no covariance.
     """
     square = squared_mahalanobis(mean, covariance, truth)
     return np.asarray(square <= content_bound(mean.shape[-1], tail), dtype=np.bool_)

@@ -9,7 +9,7 @@ from math import gamma, pi
 
 import numpy as np
 
-from .arrays import Array, BoolArray
+from .arrays import Array, BoolArray, checked_covariance
 from .metrics import content_bound, squared_mahalanobis
 from .risk import collision_probability
 
@@ -46,8 +46,13 @@ def content_area(covariance: Array, tail: float) -> Array:
         pi^(D / 2) / Gamma(D / 2 + 1) q^(D / 2) sqrt(det Sigma),    Pr(chi^2_D > q) = tail
 
     How sharp a forecast is; before anything is enlarged by radii.
+
+    Raises
+    ------
+    WideberthError : what is no covariance, see `arrays.checked_covariance`.
     """
     size = covariance.shape[-1]
+    covariance = checked_covariance("covariance", covariance, size)
     ball = pi ** (size / 2) / gamma(size / 2 + 1)
     scale = ball * content_bound(size, tail) ** (size / 2)
     return np.asarray(scale * np.sqrt(np.maximum(np.linalg.det(covariance), 0.0)))
@@ -66,7 +71,12 @@ def plan_risk(
     positions : (N, D), m, planned.
     mean, covariance, weight : of the forecast.
     radii : (O,), m, robot and obstacle together.
+
+    Raises
+    ------
+    WideberthError : what is no covariance, see `arrays.checked_covariance`.
     """
+    covariance = checked_covariance("covariance", covariance, mean.shape[-1])
     difference = mean - positions
     size = np.broadcast_to(radii[:, None, None], difference.shape[:-1])
     spread = np.sqrt(np.trace(covariance, axis1=-2, axis2=-1))

@@ -41,7 +41,8 @@ def collision_probability(
 
     Raises
     ------
-    WideberthError : shapes that do not fit, a negative radius, or a number that is not finite.
+    WideberthError : shapes that do not fit, a negative radius, a number that is not finite, or a
+        matrix that is no covariance; see `eigenframe.checked_pairs`.
 
     Examples
     --------

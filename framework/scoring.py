@@ -15,7 +15,7 @@ import re
 
 import numpy as np
 
-from .arrays import Array, positive, probability
+from .arrays import Array, checked_covariance, positive, probability
 from .metrics import SMALLEST, content_bound, squared_mahalanobis
 
 
@@ -63,8 +63,13 @@ def negative_log_likelihood(
 
 
 def log_density(mean: Array, covariance: Array, weight: Array, points: Array) -> Array:
-    """Log density of the mixtures at points (..., K, N, D) -> (..., K, N), of 1/m^D."""
-    values, vectors = np.linalg.eigh(covariance)
+    """Log density of the mixtures at points (..., K, N, D) -> (..., K, N), of 1/m^D.
+
+    Raises
+    ------
+    WideberthError : what is no covariance, see `arrays.checked_covariance`.
+    """
+    values, vectors = np.linalg.eigh(checked_covariance("covariance", covariance, mean.shape[-1]))
     values = np.maximum(values, SMALLEST)
     turned = np.einsum("kmnji,...kmnj->...kmni", vectors, points[..., None, :, :] - mean)
     square = np.sum(turned**2 / values, axis=-1)
@@ -175,8 +180,9 @@ def region_area(mean: Array, covariance: Array, weight: Array, draws: Array, tai
         density = log_density(mean, covariance, weight, draws)
         least = np.quantile(density, tail, axis=0, method="higher")
         return np.asarray(np.where(density >= least, np.exp(-density), 0.0).mean(axis=0))
-    size = covariance.shape[-1]
-    values = np.maximum(np.linalg.eigvalsh(covariance[:, 0]), SMALLEST)
+    size = mean.shape[-1]
+    only = checked_covariance("covariance", covariance[:, 0], size)
+    values = np.maximum(np.linalg.eigvalsh(only), SMALLEST)
     quantile = content_bound(size, tail)
     ball = np.pi ** (0.5 * size) / float(gamma(0.5 * size + 1))
     return np.asarray(ball * quantile ** (0.5 * size) * np.sqrt(np.prod(values, axis=-1)))

@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from scipy import special
 
-from ..framework.arrays import Array, Scalar, probability
+from ..framework.arrays import Array, Scalar, checked_covariance, probability
 from ..framework.errors import WideberthError
 from ..framework.symbolic import ca
 from . import gaussian
@@ -122,9 +122,17 @@ def box_content(half: Array, covariance: Array, nodes: int = 200) -> float:
 
     The integral of the marginal density over one axis times the conditional probability of the
     other, by Gauss-Legendre; for correlations up to about 0.99.
+
+    Raises
+    ------
+    WideberthError : what is no covariance of two coordinates, or a variance of zero.
     """
+    covariance = checked_covariance("covariance", covariance, (2, 2))
     points, weights = np.polynomial.legendre.leggauss(nodes)
-    first, second = np.sqrt(np.diagonal(covariance))
+    variances = np.diagonal(covariance)
+    if not (variances > 0.0).all():
+        raise WideberthError("a variance is zero, so that there is no density to integrate")
+    first, second = np.sqrt(variances)
     correlation = covariance[0, 1] / (first * second)
     u = half[0] / first * points
     spread = np.sqrt(1.0 - correlation**2)

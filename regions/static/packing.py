@@ -40,7 +40,7 @@ def pack(parts: Array, margin: Array, spread: Array) -> Array:
             f"parts or margin ({margin}) are not finite, or margin is negative; wanted lengths in "
             "m, the margin at least 0"
         )
-    spread = checked_covariance("spread", spread, (*[None] * (spread.ndim - 2), 2, 2))
+    spread = checked_covariance("spread", spread, 2)
     batch = np.broadcast_shapes(parts.shape[:-2], margin.shape, spread.shape[:-2])
     apart = parts[..., :, None, :] - parts[..., None, :, :]
     radius = 0.5 * np.hypot(apart[..., 0], apart[..., 1]).max(axis=(-2, -1))
