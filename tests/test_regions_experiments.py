@@ -108,6 +108,23 @@ def test_forecast_regions_against_the_table() -> None:
         assert row["ellipse_frequency"] == pytest.approx(0.9, abs=three)
 
 
+def test_forecast_regions_compares_the_enlarged_areas_with_both_ellipses() -> None:
+    """The paper's ellipse is the one with longer axes; the exact sum stands beside it."""
+    experiment = ForecastRegions(
+        draws=1, contents=(0.9,), correlations=(0.0, 0.8), deviations=(1.0, 0.1)
+    )
+    rows = {row["correlation"]: row for row in measured(experiment)}
+    lines = {line["correlation"]: line for line in experiment.summary(list(rows.values()))}
+    s = math.sqrt(-2 * math.log(0.1))
+    ellipse = math.pi * (s + 1.5) * (0.1 * s + 1.5)
+    assert rows[0.0]["ellipse_enlarged_m2"] == pytest.approx(ellipse, rel=1e-12)
+    assert lines[0.0]["sum_ratio"] == pytest.approx(0.9974, abs=6e-5)
+    for rho, row in rows.items():
+        assert row["enlarged_ratio"] == row["rectangle_enlarged_m2"] / row["ellipse_enlarged_m2"]
+        assert row["sum_ratio"] == row["rectangle_enlarged_m2"] / row["sum_enlarged_m2"]
+        assert lines[rho]["enlarged_ratio"] > max(1.0, lines[rho]["sum_ratio"])
+
+
 def test_ellipse_construction_risks() -> None:
     experiment = EllipseConstruction()
     rows = {row["curve"]: row for row in experiment.summary(measured(experiment))}

@@ -1,9 +1,12 @@
 """Levels of regions against tables and their own equation; content by Monte Carlo and exactly."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from wideberth.framework.region import Region
 from wideberth.regions import gaussian
@@ -97,11 +100,49 @@ def test_rectangle_is_larger_than_the_ellipse(rho: float, ratio: float) -> None:
     assert areas[0] / areas[1] == pytest.approx(ratio, abs=6e-5)
 
 
-def test_after_the_enlargement_the_rectangle_can_be_the_smaller_one() -> None:
-    covariance = np.diag([1.0, 0.01])
-    box, exact = LuetkepohlRectangle(), MinkowskiSum()
-    areas = [
-        float(one.area(packed(one, covariance, 1.5), np.asarray(one.level(0.1))))
-        for one in (box, exact)
-    ]
-    assert areas[0] / areas[1] == pytest.approx(0.9974, abs=6e-5)
+def enlarged(region: Region, covariance: np.ndarray, margin: float, tail: float) -> float:
+    """Area of a region of content 1 - tail, enlarged by the margin."""
+    return float(region.area(packed(region, covariance, margin), np.asarray(region.level(tail))))
+
+
+@given(
+    logs=st.tuples(*[st.floats(-3.0, 3.0)] * 2),
+    rho=st.floats(-0.999, 0.999),
+    margin=st.floats(0.0, 1e3),
+    tail=st.floats(1e-6, 0.9),
+    correction=st.sampled_from(["bonferroni", "sidak"]),
+)
+@settings(max_examples=200, deadline=None)
+def test_enlarged_rectangle_is_larger_than_the_papers_enlarged_ellipse(
+    logs: tuple[float, float], rho: float, margin: float, tail: float, correction: Any
+) -> None:
+    """Every term of its area is; of the exact sum it has more than z / s, where z < s."""
+    deviation = 10.0 ** np.array(logs)
+    covariance = np.outer(deviation, deviation) * np.array([[1.0, rho], [rho, 1.0]])
+    box, exact = LuetkepohlRectangle(correction=correction), MinkowskiSum()
+    area = enlarged(box, covariance, margin, tail)
+    assert area > enlarged(MahalanobisEllipse(), covariance, margin, tail)
+    share = min(1.0, box.level(tail) / exact.level(tail))
+    assert area > share * enlarged(exact, covariance, margin, tail)
+
+
+def test_rectangle_holds_more_than_the_ellipse_at_every_level() -> None:
+    """4 z^2 > pi s^2, the only step of the proof that depends on the level."""
+    tails = np.geomspace(1e-12, 0.999, 400)
+    box, ellipse = LuetkepohlRectangle(), MahalanobisEllipse()
+    z = np.array([box.level(tail) for tail in tails])
+    s = np.array([ellipse.level(tail) for tail in tails])
+    assert (4.0 * z**2 > 1.0619 * np.pi * s**2).all()
+    assert (z / s).min() == pytest.approx(0.9133, abs=5e-5)
+
+
+@pytest.mark.parametrize(
+    ("second", "margin", "ratio"), [(0.1, 1.5, 0.9974), (1e-3, 0.2, 0.9212), (1e-6, 1e-3, 0.9136)]
+)
+def test_enlarged_rectangle_can_be_smaller_than_the_exact_sum(
+    second: float, margin: float, ratio: float
+) -> None:
+    covariance = np.diag([1.0, second**2])
+    area = enlarged(LuetkepohlRectangle(), covariance, margin, 0.1)
+    exact = enlarged(MinkowskiSum(), covariance, margin, 0.1)
+    assert area / exact == pytest.approx(ratio, abs=6e-5)
