@@ -13,6 +13,8 @@ from .plan import Plan
 class Controller(ABC):
     """Turns observations into velocity commands at a fixed rate.
 
+    The paper's planner is a controller plug-in of Nav2 in ROS 2; this one is plain Python.
+
     Laws, checked by `wideberth.framework.testing.check_controller`: `command` never raises
     and always returns finite numbers; after `reset` it behaves as new.
     """

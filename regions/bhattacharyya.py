@@ -30,8 +30,10 @@ class Bhattacharyya(Region):
         D_B = 1/8 d^T S^-1 d + tau_0,    tau_0 = 1/2 ln(det S / sqrt(det Sigma det(v I))),
 
     so D_B < tau is the ellipse of S with squared level 8 (tau - tau_0), empty for tau <= tau_0.
-    The method itself knows no rigid bodies; here their disc is added as in `MinkowskiSum`,
-    whose geometry, constraint and auxiliary are used. Where the ellipse is empty, the disc stays.
+    Bhatt et al. constrain the overlap of the two Gaussians in an MPC by D_B >= -ln eps; their
+    formula was not compared. Their method has no rigid bodies; here the disc is added as in
+    `MinkowskiSum`, whose geometry, constraint and auxiliary are used. Where the ellipse is empty,
+    the disc stays. Their robot has a covariance of its own at every step, here it is one number.
 
     ``level`` is tau and ``tail`` is exp(-tau), the Bhattacharyya coefficient, which bounds the
     error of telling the two Gaussians apart. It is no collision risk: Guarantee NONE. Relation
@@ -46,6 +48,8 @@ class Bhattacharyya(Region):
     ----------
     A. Bhattacharyya, On a measure of divergence between two statistical populations defined by
     their probability distributions, Bulletin of the Calcutta Mathematical Society 35 (1943).
+    D. Bhatt, A. Garg, B. Gopalakrishnan and K. M. Krishna, Probabilistic Obstacle Avoidance and
+    Object Following: An Overlap of Gaussians Approach, IEEE RO-MAN 2019, for its use in an MPC.
     """
 
     robot_deviation: float = 0.3
@@ -54,7 +58,7 @@ class Bhattacharyya(Region):
     guarantee: ClassVar[Guarantee] = Guarantee.NONE
     dimensions: ClassVar[tuple[int, ...]] = (2, 3)
     singular_covariances: ClassVar[bool] = False
-    reference: ClassVar[str] = "bhattacharyya1943"
+    reference: ClassVar[str] = "bhattacharyya1943,bhatt2019probabilistic"
 
     def __post_init__(self) -> None:
         positive("robot_deviation", self.robot_deviation)

@@ -22,11 +22,11 @@ class MahalanobisEllipse(Signed, Convex):
     2-D and from the chi-square distribution with three degrees of freedom in 3-D.
 
     The constraint is 0.5 log(q) >= 0 with q the sum above, its curvature kept finite at the
-    centre (`gaussian.log_gauge`). The paper writes q >= 1; the sets
-    are the same. The logarithm of the gauge grows evenly in all directions and has length
-    about 1 / axis near the boundary, where the gradient of q fades towards the centre and grows
-    far outside. Projecting one point onto the boundary takes IPOPT the same number of iterations
-    with either (median 7).
+    centre (`gaussian.log_gauge`). The paper writes q >= 1. The sets are the same; the program
+    that the solver gets is not, in the settings called ``paper`` either. The logarithm of the
+    gauge grows evenly in all directions and has length about 1 / axis near the boundary, where
+    the gradient of q fades towards the centre and grows far outside. Projecting one point onto
+    the boundary takes IPOPT the same number of iterations with either (median 7).
 
     Relation INNER: the region lies inside the exact sum of content ellipse and disc and
     touches it on the axes alone. With a, b the largest and smallest semi-axis s sigma_i,

@@ -46,7 +46,7 @@ class MinimumArea(OuterEllipse):
     sum of ellipsoids, CDC (2018), for beta in D dimensions.
     """
 
-    reference: ClassVar[str] = ""
+    reference: ClassVar[str] = "kurzhanski1997ellipsoidal,halder2018parameterized"
 
     def parameters(self, obstacle: GaussianObstacle, margin: Array) -> Array:
         """Mean, eigenvectors, deviations, margin: (...,) -> (..., P); see `regions.gaussian`."""

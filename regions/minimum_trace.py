@@ -31,7 +31,7 @@ class MinimumTrace(OuterEllipse):
     A. B. Kurzhanski and I. Valyi, Ellipsoidal Calculus for Estimation and Control (1997).
     """
 
-    reference: ClassVar[str] = ""
+    reference: ClassVar[str] = "kurzhanski1997ellipsoidal"
 
     def parameters(self, obstacle: GaussianObstacle, margin: Array) -> Array:
         """Mean, eigenvectors, deviations, margin: (...,) -> (..., P); see `regions.gaussian`."""

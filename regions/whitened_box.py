@@ -52,7 +52,8 @@ class WhitenedBox(Polygonal):
     References
     ----------
     J. Hardy and M. Campbell, Contingency Planning Over Probabilistic Obstacle Predictions for
-    Autonomous Road Vehicles, IEEE Transactions on Robotics 29(4), 2013, for the idea.
+    Autonomous Road Vehicles, IEEE Transactions on Robotics 29(4), 2013, pp. 913-929, for the
+    idea.
     """
 
     relation: ClassVar[Relation] = Relation.NONE

@@ -47,7 +47,7 @@ class Bicycle(Robot):
 
     References
     ----------
-    Rajamani, Vehicle Dynamics and Control, section 2.2, with the reference point on the
+    R. Rajamani, Vehicle Dynamics and Control (2012), section 2.2, with the reference point on the
     rear axle (slip angle zero).
     """
 
@@ -62,6 +62,7 @@ class Bicycle(Robot):
         Quantity("a", "m/s^2"),
         Quantity("steering_rate", "rad/s"),
     )
+    reference: ClassVar[str] = "rajamani2012vehicle"
 
     radius: float = 0.75
     wheelbase: float = 1.0

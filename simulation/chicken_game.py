@@ -39,7 +39,8 @@ class ChickenGame(Scenario):
     Notes
     -----
     The paper (section V) shows such an encounter without its start positions; these ranges
-    are ours. Its reference speed is 0.5 m/s.
+    are ours. Its reference speed is 0.5 m/s. Its paths come from NavFn, Nav2's path planner on a
+    grid; these are straight lines.
     """
 
     distance: Range = (12.0, 20.0)

@@ -40,7 +40,8 @@ class Crossing(Scenario):
     Notes
     -----
     The paper (section V) shows a crossing without its start positions; the right angle and
-    these ranges are ours. Its reference speed is 0.5 m/s.
+    these ranges are ours. Its reference speed is 0.5 m/s. Its paths come from NavFn, Nav2's path
+    planner on a grid; these are straight lines.
     """
 
     distance: Range = (12.0, 20.0)

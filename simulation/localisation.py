@@ -17,8 +17,10 @@ from ..framework.robot import Robot
 class Localisation:
     """Noise of a robot's own pose and speed, independent from one decision to the next.
 
-    The paper's robots know their state exactly, the default. With noise, observations also
-    carry its covariance, which the planner adds to that of the obstacles.
+    The paper's robots estimate their state by an extended Kalman filter on wheel encoders, IMU
+    and LiDAR; its planner takes the estimate as exact. Here there are neither sensors nor
+    filter: a robot knows its state exactly (the default) or with this noise. With noise,
+    observations also carry its covariance, which the planner adds to that of the obstacles.
 
     Parameters
     ----------

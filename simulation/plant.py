@@ -15,7 +15,8 @@ class Plant:
     Each step the velocity smoother says which twist the robot should have at the end of the
     step, `Robot.drive` turns that into an input, the input is clipped to its bounds and the
     dynamics are integrated (Runge-Kutta, order four). The plant is the planner's own model
-    at a finer step: what it adds is the ramp and the limits, not a modelling error.
+    at a finer step: what it adds is the ramp and the limits, not a modelling error. The paper
+    simulates skid-steered robots in Gazebo, which slip when they turn.
 
     Parameters
     ----------

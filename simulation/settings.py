@@ -24,6 +24,7 @@ class Settings:
         or as much later as the call took ("measured", which no second run repeats). A
         controller that is busy lets its ticks pass; meanwhile the robot follows its last
         plan and stops at the plan's end (without a plan it keeps to the command before).
+        The paper's robots drive on while they compute, as with "measured".
     channel : what the robots learn of each other.
     localisation : how well they know where they are themselves.
     still : m/s; a robot below it stands.

@@ -9,11 +9,10 @@ from pathlib import Path
 import pytest
 
 from wideberth.experiments import cli
-from wideberth.experiments.citing import PAPER, bibliography
 from wideberth.experiments.shipped import DEMO, config_path, read_experiment, shipped
 from wideberth.framework.config import build, describe
 from wideberth.framework.errors import WideberthError
-from wideberth.framework.registry import ROOMS, load, names
+from wideberth.framework.registry import ROOMS, names
 from wideberth.framework.yamlfile import dump, parse
 
 HERE = Path(__file__).parent
@@ -96,15 +95,6 @@ def test_cite(shell) -> None:  # type: ignore[no-untyped-def]
     code, out, error = shell("cite", "c.yaml")
     assert code == 0, error
     assert out.count("@") == 3 and "Obstacle Avoidance" in out and "Time Series" in out
-
-
-@pytest.mark.parametrize("room", ["predictors", "regions", "robots", "experiments"])
-def test_every_source_has_an_entry(room: str) -> None:
-    known = bibliography()
-    assert PAPER in known
-    for name in names(room):
-        for key in load(room, name).reference.split(","):
-            assert not key.strip() or key.strip() in known, f"{name}: {key}"
 
 
 @pytest.mark.parametrize("name", shipped())

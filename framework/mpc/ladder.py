@@ -9,6 +9,9 @@ Rungs, best first:
    less than any way to stop;
 5. ``brake``: the way to stop within the limits, straight on or after getting out of the way, that
    enters regions least.
+
+The paper has no such ladder: it leaves late and failed solves to Nav2. Every setting has it here,
+those called ``paper`` too.
 """
 
 from collections.abc import Sequence

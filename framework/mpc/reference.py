@@ -33,9 +33,10 @@ class Reference:
 def lay_reference(path: Path, start: float, speed: float, steps: int, dt: float) -> Reference:
     """Lay the reference along the path from arc length ``start`` at a constant speed.
 
-    The paper gives "an ordered sequence of points" and a constant speed. Position i is the
-    path at start + i * speed * dt; at the end of the path it stays at the goal and the
-    reference speed drops to what is left to go, so that the robot stops there.
+    Position i is the path at start + i * speed * dt; at the end of the path it stays at the goal
+    and the reference speed drops to what is left to go, so that the robot stops there. The paper
+    gives "an ordered sequence of points" and a constant speed to the end; it does not say how
+    the points are chosen at each call. We lay them anew from the path point nearest to the robot.
     """
     arcs = np.minimum(start + speed * dt * np.arange(steps + 1), path.length)
     speeds = np.diff(arcs) / dt

@@ -78,7 +78,8 @@ class Situation:
 def within_limits(robot: Robot, state: Array) -> Array:
     """Take a state slightly beyond its limits (noise, a push) as on them.
 
-    Otherwise no plan would be feasible, and the robot would stop for it.
+    Otherwise no plan would be feasible, and the robot would stop for it. The paper starts at the
+    state as it is.
     """
     bounds = robot.state_bounds()
     return np.asarray(np.clip(state, np.asarray(bounds.lower), np.asarray(bounds.upper)))

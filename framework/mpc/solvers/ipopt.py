@@ -32,7 +32,8 @@ class Ipopt(Solver):
     Parameters
     ----------
     graph : ``sx``, or ``mx`` as in the paper.
-    iterations : limit; a count, unlike a time, is reproducible.
+    iterations : limit; a count, unlike a time, is reproducible. The paper names none; IPOPT's own
+        is 3000.
     tolerance : IPOPT's ``tol``.
     """
 
