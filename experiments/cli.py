@@ -182,16 +182,15 @@ def fit(
     set_: SetPlugin = None,
 ) -> None:
     """Fit a predictor to recordings and save it; `{saved: FILE}` names it in a config."""
-    from wideberth.framework.saved import save_plugin
+    from wideberth.framework.saved import check_place, save_plugin
 
     from . import fitting
 
+    out = out.expanduser()
+    check_place(out)
     unfitted = fitting.read_predictor(predictor, set_ or [])
     found = fitting.read_files(recordings, dt)
     scenes = fitting.scenes(found, noise)
-    out = out.expanduser()
-    if not out.absolute().parent.is_dir():
-        raise WideberthError(f"{out} cannot be written: its folder does not exist")
     for name, recording in found.items():
         typer.echo(f"{name}: {fitting.told(recording)}")
     typer.echo(f"noise of a position, told to the predictor: {noise:g} m")

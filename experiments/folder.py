@@ -1,4 +1,8 @@
-"""The folder of a result: made whole, checked before it is used again, one run at a time."""
+"""The folder of a result: made whole, checked before it is used again, one run at a time.
+
+A folder is written into if it is new or empty, or if its manifest says that it holds the same
+result, begun before; see `wideberth.experiments.manifest`.
+"""
 
 import os
 import shutil
@@ -13,54 +17,148 @@ from wideberth.framework.errors import WideberthError
 from wideberth.framework.io import read_json, write_json, write_text
 from wideberth.framework.yamlfile import dump, read_config
 
+from . import manifest
+from .progress import say
+
+_BEGUN = ("config.yaml", "provenance.json")
+_LONGEST = 200
+"""Bytes of a folder's name; most file systems take 255, and a half-made one has a longer name."""
+
+
+def check_folder(out: Path) -> None:
+    """Refuse a folder that no result can be written into; nothing is made or changed.
+
+    Raises
+    ------
+    WideberthError : a symbolic link, a file, a name that is too long, a folder with a damaged
+        manifest, or one that holds files and no manifest.
+    """
+    try:
+        _check_folder(out)
+    except (OSError, ValueError) as error:
+        if isinstance(error, WideberthError):
+            raise
+        raise _unwritable(out, error) from None
+
+
+def _unwritable(out: Path, error: Exception) -> WideberthError:
+    reason = getattr(error, "strerror", None) or error
+    return WideberthError(
+        f"the result cannot be written to {out} ({reason}); give another folder with --out"
+    )
+
+
+def _check_folder(out: Path) -> None:
+    if len(os.fsencode(out.name)) > _LONGEST or "\0" in str(out):
+        raise ValueError(f"wanted a name of at most {_LONGEST} bytes, none of them zero")
+    if out.is_symlink():
+        raise WideberthError(
+            f"{out} is a symbolic link; give the folder that it leads to, or another one, "
+            "with --out"
+        )
+    if not out.exists():
+        above = next(parent for parent in out.absolute().parents if parent.exists())
+        if not above.is_dir():
+            raise NotADirectoryError(20, f"{above} is no folder")
+        if not os.access(above, os.W_OK | os.X_OK):
+            raise PermissionError(13, f"{above} may not be written")
+        return
+    if not out.is_dir():
+        raise WideberthError(f"{out} is a file; give another folder with --out")
+    if manifest.listed(out) is not None or not any(out.iterdir()):
+        return
+    if (out / "config.yaml").exists() and (out / "provenance.json").exists():
+        raise WideberthError(
+            f"{out} has no {manifest.NAME}, so it is not known which files an older version wrote "
+            "there, and none is removed; delete the folder by hand, or give another one with --out"
+        )
+    raise WideberthError(f"{out} exists and holds no result; give another folder with --out")
+
 
 def prepare(
     out: Path, config: Mapping[str, Any], origin: Mapping[str, Any], fresh: bool = False
 ) -> None:
-    """Make the folder with config and provenance in it, or check those that stand there."""
+    """Make the folder with manifest, provenance and config in it, or check those that it holds.
+
+    With ``fresh`` the files of an earlier result are removed first, and no others: see
+    `wideberth.experiments.manifest.remove`.
+    """
+    check_folder(out)
     try:
-        if fresh and (out / "config.yaml").exists():
+        if not out.exists():
+            _make(out, config, origin)
+        elif manifest.listed(out) is None:
+            (out / manifest.SHARDS).mkdir()  # fails if another run was quicker
+            _fill(out, config, origin)
+        elif fresh:
+            manifest.owned(out)  # refuses links before anything changes
+            (out / manifest.SHARDS).mkdir(exist_ok=True)
             with claimed(out):
-                shutil.rmtree(out)
-        if out.exists() and (not out.is_dir() or any(out.iterdir())):
+                kept = manifest.remove(out)
+                if kept:
+                    names = ", ".join(path.name for path in kept)
+                    say(f"kept in {out}, since no run wrote it: {names}")
+                _fill(out, config, origin)
+        else:
             _check_same(out, config, origin["source"])
-            return
-        out.parent.mkdir(parents=True, exist_ok=True)
-        begun = Path(tempfile.mkdtemp(".part", f".{out.name}.", out.parent))
+    except FileExistsError:
+        raise _taken(out) from None
     except OSError as error:
-        raise WideberthError(
-            f"the result cannot be written to {out} ({error.strerror or error}); "
-            "give another folder with --out"
-        ) from None
+        raise _unwritable(out, error) from None
+
+
+def _make(out: Path, config: Mapping[str, Any], origin: Mapping[str, Any]) -> None:
+    """Make a new folder, which appears with all its files or not at all."""
+    out.parent.mkdir(parents=True, exist_ok=True)
+    begun = Path(tempfile.mkdtemp(".part", f".{out.name}.", out.parent))
     try:
         begun.chmod(0o755)
-        (begun / "shards").mkdir()
-        write_json(begun / "provenance.json", "provenance", 1, origin)
-        write_text(begun / "config.yaml", dump(dict(config)))
+        (begun / manifest.SHARDS).mkdir()
+        _fill(begun, config, origin)
     except BaseException:  # a full disk
         shutil.rmtree(begun)
         raise
     try:
-        os.replace(begun, out)  # the folder is there with both files or not at all
+        os.rename(begun, out)
     except OSError:
         shutil.rmtree(begun)
-        raise WideberthError(
-            f"{out} was begun by another run at the same moment; let that one finish, or give "
-            "another folder with --out"
-        ) from None
+        raise _taken(out) from None
+
+
+def _taken(out: Path) -> WideberthError:
+    return WideberthError(
+        f"{out} was begun by another run at the same moment; let that one finish, or give "
+        "another folder with --out"
+    )
+
+
+def _fill(out: Path, config: Mapping[str, Any], origin: Mapping[str, Any]) -> None:
+    """Write what a run begins with: the manifest first, the config last."""
+    for name in (manifest.NAME, *_BEGUN):
+        if os.path.lexists(out / name):
+            raise WideberthError(
+                f"{out / name} is no file of ours; give another folder with --out"
+            )
+    manifest.begin(out, _BEGUN)
+    write_json(out / "provenance.json", "provenance", 1, origin)
+    write_text(out / "config.yaml", dump(dict(config)))
 
 
 def _check_same(out: Path, config: Mapping[str, Any], source: str) -> None:
     cure = "give another folder with --out, or throw the old result away with --fresh"
-    if not (out / "config.yaml").is_file():
-        raise WideberthError(f"{out} exists and holds no result; give another folder with --out")
+    manifest.claim(out, ())
+    for name in _BEGUN:
+        if not (out / name).is_file():
+            raise WideberthError(f"{out} holds a result without its {name}; {cure}")
     try:
         found = read_config(out / "config.yaml")
         stored = read_json(out / "provenance.json", "provenance", 1)
     except WideberthError as error:
         raise WideberthError(f"{error}; {cure}") from None
     if found != config:
-        differing = sorted(key for key in {*found, *config} if found.get(key) != config.get(key))
+        differing = sorted(
+            str(key) for key in {*found, *config} if found.get(key) != config.get(key)
+        )
         raise WideberthError(
             f"{out} holds the result of another config (it differs in {', '.join(differing)}); "
             f"{cure}"
@@ -68,7 +166,7 @@ def _check_same(out: Path, config: Mapping[str, Any], source: str) -> None:
     if stored.get("source") != source:
         raise WideberthError(f"{out} was measured by other source code or data; {cure}")
     if not (out / "table.csv").exists():
-        (out / "shards").mkdir(exist_ok=True)
+        (out / manifest.SHARDS).mkdir(exist_ok=True)
 
 
 @contextmanager
@@ -98,9 +196,3 @@ def claimed(out: Path) -> Iterator[None]:
         yield
     finally:
         os.close(handle)
-
-
-def sweep_out(out: Path) -> None:
-    """Remove what a run that was killed had half-written. Nobody else may be at work there."""
-    for path in out.rglob(".*.part"):
-        path.unlink(missing_ok=True)

@@ -16,7 +16,7 @@ SetPlugin = Annotated[
 Out = Annotated[Path | None, typer.Option(help="Folder of the result; results/NAME by default.")]
 Workers = Annotated[int, typer.Option(help="Processes; the result does not depend on it.")]
 Quick = Annotated[bool, typer.Option("--quick", help="A reduced version, in seconds.")]
-Fresh = Annotated[bool, typer.Option("--fresh", help="Throw an older result away first.")]
+Fresh = Annotated[bool, typer.Option("--fresh", help="Remove the files of an older result first.")]
 Scheduler = Annotated[
     str | None,
     typer.Option(help="tcp://HOST:PORT or tls://HOST:PORT of a Dask cluster that does the work."),

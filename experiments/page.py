@@ -12,6 +12,10 @@ PLAYER = ("player.js", "player_view.js", "player_page.js")
 """Scripts of the player, in the order in which they need each other."""
 
 
+MARK = '<meta name="generator" content="wideberth">'
+"""Stands near the beginning of every page: one that holds it may be replaced by another."""
+
+
 def page(title: str, body: str, scripts: Sequence[str] = ()) -> str:
     """Return a whole HTML page.
 
@@ -37,6 +41,7 @@ def page(title: str, body: str, scripts: Sequence[str] = ()) -> str:
         '<html lang="en">',
         "<head>",
         '<meta charset="utf-8">',
+        MARK,
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
         '<link rel="icon" href="data:,">',

@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from html import escape
 from pathlib import Path
 
-from wideberth.experiments.page import PLAYER, page, template
+from wideberth.experiments.page import MARK, PLAYER, page, template
 from wideberth.experiments.player_data import packed
 from wideberth.experiments.player_regions import episode_planner
 from wideberth.framework.errors import WideberthError
-from wideberth.framework.io import write_text
+from wideberth.framework.io import check_target, write_text
 from wideberth.framework.yamlfile import read_config
 from wideberth.simulation.log import Episode
 
@@ -29,8 +29,9 @@ def play(path: Path, out: Path, tail: float | None = None) -> Path:
     Raises
     ------
     WideberthError : no episode there; one without a robot; a tail outside (0, 1); a file that
-        cannot be written.
+        cannot be written, or an existing one that is no page of this package.
     """
+    check_target(out, MARK)
     episode = read_episode(path)
     chosen = result_tail(path.parent.parent) if tail is None else tail
     text = packed(episode, chosen, episode_planner(path))

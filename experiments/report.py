@@ -4,10 +4,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from wideberth.experiments.markdown import markdown_table, plain
+from wideberth.experiments.page import MARK
 from wideberth.experiments.report_contents import Report, gather, origin
 from wideberth.experiments.report_page import report_page
 from wideberth.framework.errors import WideberthError
-from wideberth.framework.io import write_text
+from wideberth.framework.io import check_target, write_text
+
+TABLES = "<!-- tables of a report by wideberth -->"
+"""First line of the Markdown: a file that holds it may be replaced."""
 
 
 def report(folders: Sequence[Path], out: Path) -> tuple[Path, Path]:
@@ -23,10 +27,13 @@ def report(folders: Sequence[Path], out: Path) -> tuple[Path, Path]:
     Raises
     ------
     WideberthError : no folder, one without a result or with an unfinished one, a file of
-        another ending than .html, one that cannot be written.
+        another ending than .html, one that cannot be written; a file of either name that is no
+        report, before any work.
     """
     if out.suffix != ".html":
         raise WideberthError(f"{out} must end in .html; the Markdown is written beside it")
+    check_target(out, MARK)
+    check_target(out.with_suffix(".md"), TABLES)
     found = [gather(folder) for folder in folders]
     tables = write_text(out.with_suffix(".md"), markdown(found))
     return write_text(out, report_page(found)), tables
@@ -34,7 +41,7 @@ def report(folders: Sequence[Path], out: Path) -> tuple[Path, Path]:
 
 def markdown(reports: Sequence[Report]) -> str:
     """Return claims, summaries, times and origins of results as Markdown."""
-    blocks = []
+    blocks = [TABLES]
     for one in reports:
         blocks += [f"## {plain(one.name)}", plain(one.claim), markdown_table(one.summary)]
         if one.times:

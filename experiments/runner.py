@@ -1,12 +1,13 @@
 """Runs an experiment: tasks in, one folder out, resumable, the same bytes on any machine count.
 
-The folder holds config.yaml (resolved), provenance.json, table.csv (one line per row measured),
-times.csv (measured times, which alone differ from run to run), summary.csv, summary.md and
-files/. While the work goes on, shards/ holds one file per finished task; table.csv is written
-last and says that the run is complete.
+The folder holds manifest.json (the names of all files that the package wrote there), config.yaml
+(resolved), provenance.json, table.csv (one line per row measured), times.csv (measured times,
+which alone differ from run to run), summary.csv, summary.md and files/. While the work goes on,
+shards/ holds one file per finished task; table.csv is written last and says that the run is
+complete.
 """
 
-import shutil
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
@@ -14,11 +15,12 @@ from typing import TYPE_CHECKING, Any
 
 from wideberth.framework.config import build, describe, import_plugins
 from wideberth.framework.errors import WideberthError
-from wideberth.framework.io import read_table, write_bytes, write_table, write_text
+from wideberth.framework.io import read_rows, table_text, write_bytes, write_table, write_text
 from wideberth.framework.yamlfile import read_config
 
+from . import manifest
 from .base import Experiment, Result, Row, Task
-from .folder import claimed, prepare, sweep_out
+from .folder import check_folder, claimed, prepare
 from .markdown import markdown_table
 from .progress import Progress, say
 from .provenance import foreign_sources, provenance
@@ -49,7 +51,8 @@ def run(
     workers : processes; the result does not depend on their number.
     quick : run the experiment's reduced copy.
     plugins : modules that every worker imports first.
-    fresh : throw away what an earlier run of any config left in the folder.
+    fresh : remove the files that an earlier run of any config wrote into the folder; others that
+        lie beside them stay.
     scheduler : of a Dask cluster, whose workers do the tasks instead.
 
     Raises
@@ -66,6 +69,7 @@ def run(
         raise WideberthError(
             f"workers is {workers}, and a scheduler has its own; give one of them"
         )
+    check_folder(out)
     with told():
         if quick:
             experiment = experiment.quick()
@@ -83,7 +87,8 @@ def run(
         prepare(out, config, origin, fresh)
         if not (out / "table.csv").exists():
             with claimed(out):
-                sweep_out(out)
+                for path in manifest.half_written(out):
+                    path.unlink(missing_ok=True)
                 _work(experiment, keys, out, origin["source"], pool)
                 try:
                     _collect(experiment, list(keys), out, origin["source"])
@@ -176,20 +181,28 @@ def _collect(experiment: Experiment, keys: Sequence[str], out: Path, source: str
             raise WideberthError(f"{out}/shards/{key}.json vanished")
         rows += outcome.rows
         times += outcome.times
-        for name, data in outcome.files.items():
+        for name in outcome.files:
             if owner.setdefault(name, key) != key:
                 raise WideberthError(f"two tasks wrote the file {name!r}; names must differ")
-            path = out / "files" / PurePosixPath(name)
+    files = {name: PurePosixPath("files") / name for name in owner}
+    tables = ["table.csv", "summary.csv", "summary.md", *(["times.csv"] if times else [])]
+    manifest.claim(out, [*tables, *map(str, files.values())])
+    for key in dict.fromkeys(owner.values()):
+        outcome = read_shard(out / "shards", key, source)  # not all are held in memory at once
+        for name, data in outcome.files.items() if outcome else ():
+            path = out / files[name]
             path.parent.mkdir(parents=True, exist_ok=True)
             write_bytes(path, data)
     if times:
         write_table(out / "times.csv", times)
-    partial = write_table(out / ".table.part", rows)
-    summary = experiment.summary(read_table(partial))
+    table = table_text(rows)
+    summary = experiment.summary(read_rows(table, "the table"))
     write_table(out / "summary.csv", summary)
     write_text(out / "summary.md", f"{experiment.claim}\n\n{markdown_table(summary)}\n")
-    partial.replace(out / "table.csv")
-    shutil.rmtree(out / "shards")
+    write_text(out / "table.csv", table)
+    for path in manifest.shards(out):
+        path.unlink()
+    manifest.remove_empty(out / manifest.SHARDS)
 
 
 def reopen(folder: Path) -> tuple[Experiment, Result]:
@@ -214,13 +227,21 @@ def draw(folder: Path) -> list[Path]:
 
     Raises
     ------
-    WideberthError : no finished run, or the figures cannot be drawn; the result stays as it is.
+    WideberthError : no finished run, the figures cannot be drawn, or one would overwrite a file
+        that the manifest does not name; the result stays as it is.
     """
     experiment, result = reopen(folder)
-    target = folder / "figures"
-    with told(f"the result in {folder} is complete, its figures cannot be drawn: "):
-        target.mkdir(exist_ok=True)
-        return experiment.figures(result, target)
+    head = f"the result in {folder} is complete, its figures cannot be drawn: "
+    with told(head), tempfile.TemporaryDirectory() as name:
+        drawn = Path(name)
+        returned = experiment.figures(result, drawn)
+        made = {path: folder / "figures" / path.relative_to(drawn) for path in written(drawn)}
+        manifest.claim(folder, [path.relative_to(folder).as_posix() for path in made.values()])
+        (folder / "figures").mkdir(exist_ok=True)
+        for path, target in made.items():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            write_bytes(target, path.read_bytes())
+        return [made.get(path, path) for path in returned]
 
 
 def written(folder: Path) -> Iterator[Path]:

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.io import read_json, read_table, write_bytes
 
+from . import manifest
+
 if TYPE_CHECKING:
     import pyarrow
 
@@ -51,6 +53,7 @@ def write_parquet(folder: Path) -> Path:
     table = pyarrow.Table.from_arrays(columns, names=names).replace_schema_metadata(metadata)
     buffer = io.BytesIO()
     parquet.write_table(table, buffer, compression="zstd")
+    manifest.claim(folder, ["table.parquet"])
     return write_bytes(folder / "table.parquet", buffer.getvalue())
 
 

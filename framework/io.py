@@ -47,6 +47,37 @@ def write_bytes(path: Path, data: bytes, synced: bool = True) -> Path:
     return path
 
 
+def check_target(path: Path, mark: str) -> None:
+    """Refuse a place where a file cannot be written, or where one of somebody else stands.
+
+    Parameters
+    ----------
+    path : of the file that is to be written later.
+    mark : text that stands in the first kilobyte of every file that may be replaced.
+
+    Raises
+    ------
+    WideberthError : the folder does not exist, or the place holds a folder, a symbolic link, or
+        a file without the mark.
+    """
+    cure = "give another name with --out"
+    try:
+        if path.is_symlink():
+            raise WideberthError(f"{path} is a symbolic link, which is not replaced; {cure}")
+        if path.is_dir():
+            raise WideberthError(f"{path} is a folder; wanted a file: {cure}")
+        if not path.absolute().parent.is_dir():
+            raise WideberthError(f"{path} cannot be written: its folder does not exist")
+        if not path.exists():
+            return
+        with path.open("rb") as file:
+            ours = mark.encode() in file.read(1024)
+    except OSError as error:
+        raise WideberthError(f"{path} cannot be written: {error.strerror or error}") from None
+    if not ours:
+        raise WideberthError(f"{path} is another file, which is not replaced; {cure}")
+
+
 def write_text(path: Path, text: str) -> Path:
     """Write ``text`` as UTF-8 with line feeds; see `write_bytes`."""
     return write_bytes(path, text.encode("utf-8"))
@@ -105,6 +136,16 @@ def read_table(path: Path) -> list[dict[str, Any]]:
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise WideberthError(f"{path} cannot be read as a table: {error}") from None
+    return read_rows(text, str(path))
+
+
+def read_rows(text: str, place: str) -> list[dict[str, Any]]:
+    """Return the rows of a table's text; ``place`` begins the error message.
+
+    Raises
+    ------
+    WideberthError : a line with another number of cells than the header.
+    """
     lines = list(csv.reader(io.StringIO(text)))
     if not lines:
         return []
@@ -112,7 +153,8 @@ def read_table(path: Path) -> list[dict[str, Any]]:
     for number, line in enumerate(lines[1:], start=2):
         if len(line) != len(header):
             raise WideberthError(
-                f"{path}, line {number}: {len(line)} cells; wanted {len(header)}, as in the header"
+                f"{place}, line {number}: {len(line)} cells; wanted {len(header)}, as in the "
+                "header"
             )
     return [
         {name: _value(cell) for name, cell in zip(header, line, strict=True)} for line in lines[1:]

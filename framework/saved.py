@@ -10,7 +10,7 @@ from typing import Any
 
 from .config import build, describe
 from .errors import WideberthError
-from .io import read_json, write_json
+from .io import check_target, read_json, write_json
 from .registry import room_name
 
 KIND = "plugin"
@@ -22,14 +22,14 @@ def save_plugin(path: str | Path, room: str, plugin: Any) -> Path:
 
     Parameters
     ----------
-    path : of the file; an older one is replaced.
+    path : of the file; another one of a saved plug-in is replaced.
     room : as in `wideberth.framework.registry.ROOMS`, in the plural or the singular.
     plugin : of that room.
 
     Raises
     ------
     WideberthError : a plug-in of another room, one that its own config does not rebuild, or
-        a folder that cannot be written.
+        a place that `check_place` refuses.
 
     Examples
     --------
@@ -42,10 +42,22 @@ def save_plugin(path: str | Path, room: str, plugin: Any) -> Path:
     0.3
     """
     room = room_name(room)
+    check_place(path)
     rebuilt(room, plugin)
     return write_json(
         Path(path).expanduser(), KIND, VERSION, {"room": room, "plugin": describe(plugin)}
     )
+
+
+def check_place(path: str | Path) -> None:
+    """Refuse a place that no plug-in can be saved at.
+
+    Raises
+    ------
+    WideberthError : a folder that does not exist, a symbolic link, or a file that holds no saved
+        plug-in and is therefore not replaced.
+    """
+    check_target(Path(path).expanduser(), f'"format": "wideberth/{KIND}"')
 
 
 def rebuilt(room: str, plugin: Any) -> Any:

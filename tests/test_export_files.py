@@ -89,6 +89,10 @@ def test_an_older_export_is_replaced_only_by_force(written: Path, tmp_path: Path
         export("crossing", SHORT, out, force=True)
     assert (out / "mine.txt").read_text() == "mine"
     (out / "manifest.json").write_bytes((written / "manifest.json").read_bytes())
+    with pytest.raises(WideberthError, match=r"holds mine\.txt, which no export wrote"):
+        export("crossing", SHORT, out, force=True)
+    assert (out / "mine.txt").read_text() == "mine"
+    (out / "mine.txt").rename(out / "example.o")  # as `make` leaves it
     files = {"manifest.json": (written / "manifest.json").read_text(), "new": "1\n"}
     bundles.write_folder(out, files, force=True)
     assert sorted(contents(out)) == ["manifest.json", "new"]

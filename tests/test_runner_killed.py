@@ -77,7 +77,8 @@ def test_only_what_is_missing_is_done_again(tmp_path: Path, sweeps: ModuleType) 
     killed = subprocess.run(command, env=sweeps.ENVIRONMENT, capture_output=True)
     assert killed.returncode == -signal.SIGKILL  # one worker is the driver itself
     assert len(finished(tmp_path / "r")) == 17
-    (tmp_path / "r" / ".table.csv.abc.part").write_text("half")
+    (tmp_path / "r" / ".config.yaml.abc12_de.part").write_text("half")
+    (tmp_path / "r" / "shards" / f".{24 * '0'}.times.json.abc12_de.part").write_text("half")
     measured: list[int] = []
     original = type(experiment).measure
 

@@ -42,6 +42,9 @@ clean:
 
 .PHONY: check clean
 """
+_BUILT = ("example", "example.o", "wideberth.o", "stage_functions.o", "wideberth_nlp.o",
+          "nlp_functions.o")  # fmt: skip
+"""What ``make`` leaves in the folder of an export."""
 
 
 def bundle(subject: Subject) -> dict[str, str]:
@@ -85,18 +88,35 @@ def check_target(out: Path, *, force: bool) -> None:
 
     Raises
     ------
-    WideberthError : ``out`` exists (with ``force``: and is no export), or its parent does not.
+    WideberthError : ``out`` exists (with ``force``: and is no export, or holds something that is
+        not of one), or its parent does not.
     """
     if not out.absolute().parent.is_dir():
         raise WideberthError(f"{out} cannot be written: its folder does not exist")
-    if not out.exists() and not out.is_symlink():
+    if out.is_symlink():
+        raise WideberthError(f"{out} is a symbolic link; give the folder that it leads to")
+    if not out.exists():
         return
     if not force:
         raise WideberthError(f"{out} exists; give another folder, or replace it with --force")
+    known = _known(out)
+    strange = [path.name for path in sorted(out.iterdir())
+               if path.name not in known or path.is_symlink() or not path.is_file()]  # fmt: skip
+    if strange:
+        raise WideberthError(
+            f"{out} holds {', '.join(strange)}, which no export wrote, and is not replaced; move "
+            "that away or give another folder"
+        )
+
+
+def _known(out: Path) -> set[str]:
+    """Names in the folder of an export that may be removed."""
     try:
-        read_json(out / MANIFEST, KIND, VERSION)
+        files = read_json(out / MANIFEST, KIND, VERSION).get("files")
     except WideberthError as error:
         raise WideberthError(f"{out} is no export and is not replaced: {error}") from None
+    names = files if isinstance(files, list) else []
+    return {MANIFEST, *_BUILT, *(name for name in names if isinstance(name, str))}
 
 
 def write_folder(out: Path, files: Mapping[str, str], *, force: bool) -> None:
@@ -128,6 +148,7 @@ def _exchange(made: Path, out: Path) -> None:
     if not out.exists():
         os.rename(made, out)
         return
+    known = _known(out)
     aside = made.with_suffix(".old")
     os.rename(out, aside)
     try:
@@ -136,4 +157,7 @@ def _exchange(made: Path, out: Path) -> None:
         with suppress(OSError):
             os.rename(aside, out)
         raise
-    shutil.rmtree(aside, ignore_errors=True)
+    with suppress(OSError):  # something that came since stays, in the folder aside
+        for name in known:
+            (aside / name).unlink(missing_ok=True)
+        aside.rmdir()
