@@ -64,7 +64,9 @@ def _check_folder(out: Path) -> None:
             raise PermissionError(13, f"{above} may not be written")
         return
     if not out.is_dir():
-        raise WideberthError(f"{out} is a file; give another folder with --out")
+        raise WideberthError(
+            f"{out} is a file and holds no result; give another folder with --out"
+        )
     if manifest.listed(out) is not None or not any(out.iterdir()):
         return
     if (out / "config.yaml").exists() and (out / "provenance.json").exists():

@@ -163,7 +163,7 @@ def test_shards_of_another_version_are_done_again_and_counted(
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-@pytest.mark.parametrize("place", ["shards", "files", "..table.part"])
+@pytest.mark.parametrize("place", ["shards", "files", ".table.csv."])
 def test_a_full_disk_is_one_message_and_nothing_done_is_lost(
     tmp_path: Path, sweeps: ModuleType, workers: int, place: str
 ) -> None:
