@@ -1,7 +1,7 @@
 """The closed-loop experiments: what they count, and that their quick settings run."""
 
-from dataclasses import replace
-from pathlib import Path
+from dataclasses import dataclass, fields, replace
+from pathlib import Path as File
 
 import numpy as np
 import pytest
@@ -13,11 +13,43 @@ from wideberth.experiments.encounter import Encounter
 from wideberth.experiments.runner import draw, run
 from wideberth.experiments.shipped import read_experiment
 from wideberth.experiments.timing import condense_times
-from wideberth.framework.controller import fresh
+from wideberth.framework.arrays import Array
+from wideberth.framework.controller import Controller, fresh
 from wideberth.framework.errors import WideberthError
+from wideberth.framework.motion import Command, Observation
 from wideberth.framework.mpc.planner import Planner
+from wideberth.framework.path import Path
 from wideberth.framework.testing import check_controller
 from wideberth.simulation.log import Episode
+
+MADE: list["Asked"] = []
+"""All that were given a path."""
+
+
+@dataclass(eq=False)
+class Asked(Controller):
+    """Goes ahead slowly and keeps the states at which it was asked."""
+
+    speed: float = 0.25
+    period: float = 0.5
+
+    def reset(self) -> None:
+        self.states: list[Array] = []
+
+    def set_path(self, path: Path) -> None:
+        self.states, self.goal = [], path.goal.tolist()
+        MADE.append(self)
+
+    def remember(self, observation: Observation) -> None:
+        pass
+
+    def command(self, observation: Observation) -> Command:
+        self.states.append(observation.state)
+        return Command((self.speed, 0.0))
+
+    @property
+    def plan(self) -> None:
+        return None
 
 
 def shipped(name: str, *overrides: str) -> object:
@@ -39,17 +71,31 @@ def episode(encounter: Encounter) -> Episode:
 
 def test_shipped_planners_keep_the_laws_of_a_controller(encounter: Encounter) -> None:
     for name, planner in encounter.planners.items():
-        check_controller(fresh(planner)), name
+        assert isinstance(planner, Planner), name
+        check_controller(fresh(planner))
 
 
 def test_every_robot_gets_a_controller_of_its_own(encounter: Encounter) -> None:
+    """With the same settings; what one of them is asked, the others do not answer."""
+    asked = Asked()
+    MADE.clear()
+    played = play(encounter.scenario, encounter.robot, asked, encounter.settings, 3)
+    assert len(played.robots) == 2
+    assert not hasattr(asked, "states")  # the one that was handed in decides for nobody
+    paths = [log.paths[0][1].goal.tolist() for log in played.robots]
+    assert len(MADE) == 2 and sorted(one.goal for one in MADE) == sorted(paths)
+    for one in MADE:
+        log = played.robots[paths.index(one.goal)]
+        assert one.speed == 0.25 and len(one.states) == len(log.commands)
+        np.testing.assert_allclose(one.states[0][:2], log.positions[0], atol=0.2)
     planner = encounter.planners["paper"]
     other = fresh(planner)
-    assert isinstance(planner, Planner)
-    assert isinstance(other, Planner)
-    assert other is not planner
-    assert other.predictor == planner.predictor
-    assert other.level == planner.level
+    assert isinstance(planner, Planner) and isinstance(other, Planner)
+    mine, its = vars(planner), vars(other)
+    settings = {entry.name for entry in fields(Planner)}
+    assert all(its[name] == mine[name] for name in settings)
+    state = set(mine) - settings
+    assert all(its[name] is not mine[name] or mine[name] is None for name in state - {"_crowded"})
 
 
 def test_planners_meet_the_same_situation(encounter: Encounter) -> None:
@@ -63,6 +109,15 @@ def test_planners_meet_the_same_situation(encounter: Encounter) -> None:
 
 def test_an_episode_reaches_its_goals_without_collision(episode: Episode) -> None:
     assert episode.ended == "goals"
+    first, second = episode.robots
+    assert first.reached <= episode.duration and second.reached <= episode.duration
+    for log in episode.robots:
+        left = np.linalg.norm(log.positions[-1] - log.paths[0][1].goal)
+        assert left <= episode.goal_tolerance
+    apart = np.linalg.norm(first.positions - second.positions, axis=1)
+    moves = np.linalg.norm(np.diff(first.positions - second.positions, axis=0), axis=1)
+    # Nor between two instants, by which they can come closer at most half of how they move.
+    assert (np.minimum(apart[:-1], apart[1:]) - 0.5 * moves).min() > first.radius + second.radius
     assert 0.0 < promised(episode) < 1.0
     assert 0.9 < kept(episode) <= 1.0
 
@@ -81,7 +136,7 @@ def test_kept_counts_planned_positions_against_the_truth(episode: Episode) -> No
 
 
 @pytest.mark.parametrize("name", ["dynamic_matters", "conservativeness"])
-def test_quick_settings_run_and_draw(name: str, tmp_path: Path) -> None:
+def test_quick_settings_run_and_draw(name: str, tmp_path: File) -> None:
     experiment = shipped(name)
     assert isinstance(experiment, DynamicMatters | Conservativeness)
     result = run(experiment, tmp_path / name, quick=True)
@@ -92,7 +147,7 @@ def test_quick_settings_run_and_draw(name: str, tmp_path: Path) -> None:
     assert {path.suffix for path in files} == {".png", ".pdf"}
 
 
-def test_encounters_count_who_yields(encounter: Encounter, tmp_path: Path) -> None:
+def test_encounters_count_who_yields(encounter: Encounter, tmp_path: File) -> None:
     result = run(encounter, tmp_path / "crossing", quick=True)
     line, paper = encounter.summary(result.rows)
     assert (line["planner"], paper["planner"]) == ("default", "paper")

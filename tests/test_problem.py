@@ -86,7 +86,6 @@ def test_weights_mean_the_same_for_every_robot() -> None:
     totals = []
     for robot in (Unicycle(), DifferentialDrive(), Bicycle(), Holonomic()):
         problem, parameters, _ = set_up(robot, MahalanobisEllipse(), Fixed(), 1)
-        states, inputs = steer(robot, parameters.initial, Twist((0.6, 0.0)), STEPS, 2.0)
         states, inputs = steer(robot, parameters.initial, Twist((0.45, 0.0)), STEPS, DT)
         heads = parameters.stages()[:, : problem.head_width]
         cost = 0.0
