@@ -6,10 +6,11 @@ from typing import ClassVar, final
 import numpy as np
 
 from ..framework.arrays import Array, BoolArray, whole
+from ..framework.command_limits import attained
 from ..framework.motion import Command, Observation, Twist
 from .arcs import free_way
 from .reactive import Reactive
-from .steering import FAST, SLOWING, attained, top_speed, yaw_acceleration
+from .steering import FAST, SLOWING, top_speed, yaw_acceleration
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..framework.arrays import Array
 from ..framework.history import told_apart
-from ..framework.motion import Detection, Observation
+from ..framework.motion import Detection, Observation, sound
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,15 +41,17 @@ class Neighbours:
         self._sights: dict[str, _Sight] = {}
 
     def take(self, observation: Observation) -> None:
-        """Take note of who is seen; detections that are not in the plane are left out.
+        """Take note of who is seen, but for what is of no use, see `sound`.
 
         A measurement no newer than the last one of that identity changes nothing but the
         radius. A clock that goes back starts anew.
         """
+        if not np.isfinite(observation.stamp):
+            return
         if observation.stamp < self._stamp:
             self.reset()
         self._stamp = observation.stamp
-        plane = tuple(one for one in observation.detections if len(one.position) == 2)
+        plane, _ = sound(observation, 2)
         for name, detection in told_apart(plane):
             self._sights[name] = self._updated(self._sights.get(name), detection)
         self._sights = {

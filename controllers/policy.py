@@ -8,9 +8,10 @@ from typing import Any, final
 from numpy.typing import ArrayLike
 
 from ..framework.arrays import positive
-from ..framework.controller import Controller
+from ..framework.command_limits import within_reach
+from ..framework.controller import Controller, checked_ready, checked_use
 from ..framework.errors import WideberthError
-from ..framework.motion import Command, Observation
+from ..framework.motion import Command, Observation, checked_numbers
 from ..framework.mpc.settings import checked_path
 from ..framework.path import Path
 from ..framework.plan import Plan
@@ -26,8 +27,9 @@ class Policy(Controller):
     The arrays are those that the Gymnasium environment shows (here in double precision), and the
     action is its action, so that what was learnt there is compared with any other controller.
     The function must not keep anything from one call to the next: an episode may be played
-    again. What goes wrong (no path, another robot's state, an exception, an action of
-    another size or not finite) becomes the command to stand still, and `reason` says why.
+    again. What goes wrong (an exception, an action of another size or not finite) becomes the
+    command to stand still, and `reason` says why. A velocity that the robot cannot have, such as
+    one of too large a norm, becomes the nearest that it can.
 
     Parameters
     ----------
@@ -64,14 +66,23 @@ class Policy(Controller):
 
     def remember(self, observation: Observation) -> None:
         """Take note of who is seen."""
-        self._view.take(observation)
+        self._view.take(checked_use(self.robot, observation))
 
     def command(self, observation: Observation) -> Command:
-        """Ask the policy; never raises, see `reason`."""
+        """Ask the policy; raises for wrong use alone, see `reason` for all else.
+
+        Raises
+        ------
+        WideberthError : no path is set, or something else than an observation of this robot.
+        """
+        checked_ready(self._view.goal)
+        checked_use(self.robot, observation)
         self._reason = ""
         try:
             self.remember(observation)
+            checked_numbers(observation)
             command = self._view.box.command(self._decide(self._view.show(observation)))
+            command = within_reach(self.robot, command)
         except Exception as error:  # a policy may fail in any way
             self._reason = f"{type(error).__name__}: {error}"
             command = Command((0.0,) * self.robot.dimension)

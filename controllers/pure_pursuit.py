@@ -6,12 +6,12 @@ from typing import ClassVar, final
 import numpy as np
 
 from ..framework.arrays import Array
+from ..framework.command_limits import attained
 from ..framework.motion import Command, Observation, Twist
 from .arcs import free_way
 from .reactive import Reactive
 from .steering import (
     SLOWING,
-    attained,
     limited,
     steer,
     turns_on_the_spot,

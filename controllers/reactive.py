@@ -7,10 +7,11 @@ from typing import ClassVar
 import numpy as np
 
 from ..framework.arrays import Array, positive
-from ..framework.controller import Controller
+from ..framework.command_limits import within_reach
+from ..framework.controller import Controller, checked_ready, checked_use
 from ..framework.errors import WideberthError
-from ..framework.motion import Command, Observation
-from ..framework.mpc.settings import checked_path, checked_state
+from ..framework.motion import Command, Observation, checked_numbers
+from ..framework.mpc.settings import checked_path
 from ..framework.path import Path
 from ..framework.plan import Plan
 from ..framework.robot import Robot
@@ -23,8 +24,8 @@ class Reactive(Controller):
     """A controller in the plane that decides from what it sees now, without a plan.
 
     A subclass gives `decide` and, where it remembers more than neighbours and progress,
-    `forget_more`. What goes wrong there (no path, another robot's state) becomes the command to
-    stand still, and `reason` says why.
+    `forget_more`. What goes wrong there becomes the command to stand still, and `reason` says
+    why.
 
     Parameters
     ----------
@@ -88,20 +89,26 @@ class Reactive(Controller):
 
     def remember(self, observation: Observation) -> None:
         """Take note of who is seen."""
-        self._neighbours.take(observation)
+        self._neighbours.take(checked_use(self.robot, observation))
 
     def command(self, observation: Observation) -> Command:
-        """Decide; never raises, see `reason`."""
+        """Decide; raises for wrong use alone, see `reason` for all else.
+
+        Raises
+        ------
+        WideberthError : no path is set, or something else than an observation of this robot.
+        """
+        checked_ready(self._guide.path)
+        checked_use(self.robot, observation)
         self._reason = ""
         try:
             self.remember(observation)
-            checked_state(self.robot, observation.state)
+            checked_numbers(observation)
             place = self.robot.pose(tuple(observation.state)).points()
-            if self._guide.ahead(place, self.look_ahead) is None:
-                raise WideberthError("no path is set: call set_path before command")
             command = self.decide(observation, place)
             if not np.isfinite((*command.linear, command.omega, command.ramp)).all():
                 raise WideberthError(f"the decision is {command}, which is not finite")
+            command = within_reach(self.robot, command)
         except Exception as error:
             self._reason = f"{type(error).__name__}: {error}"
             return Command((0.0, 0.0))

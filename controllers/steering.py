@@ -1,10 +1,9 @@
 """From a wanted velocity to a command that a robot can follow, and where to want to go."""
 
-from collections.abc import Iterable
-
 import numpy as np
 
 from ..framework.arrays import Array
+from ..framework.command_limits import attained
 from ..framework.motion import Command, Twist
 from ..framework.mpc.reference import Progress
 from ..framework.path import Path
@@ -13,43 +12,10 @@ from ..framework.robot import Robot
 SLOWING = 1.0
 """s; nearer to the goal than this at the present speed, a controller slows down in proportion to
 the distance. CrowdNav does the same: its wanted velocity is the way to the goal, at most 1 m/s."""
-FOREVER = 1024.0
-"""s, long enough for every robot to have any twist that it can have; a power of two, so that
-dividing by it and multiplying with it changes no digit."""
 FAST = 1e3
 """m/s and rad/s, asked of `Robot.drive`, which stays within the limits."""
 CRAWL = 0.3
 """Share of the wanted speed that a robot keeps which cannot turn on the spot."""
-
-
-def attained(
-    robot: Robot, state: Array, twists: Iterable[Twist], duration: float = FOREVER
-) -> Array:
-    """Twists that the robot has ``duration`` s after it was asked for these, (S, D + 1).
-
-    Asked of the robot itself: x + duration f(x, u) with u = ``robot.drive(x, twist, duration)``.
-    That is exact for the velocities of a robot whose inputs are their rates, or the velocities
-    themselves; positions are not looked at.
-
-    Parameters
-    ----------
-    robot : its `drive` keeps every limit.
-    state : (n,), now.
-    twists : S of them.
-    duration : s; without one, the nearest that the robot can ever have.
-
-    Returns
-    -------
-    twists : (S, D + 1), linear components, m/s, and yaw rate, rad/s.
-    """
-    now = tuple(float(value) for value in state)
-    inputs = np.array([robot.drive(now, twist, duration) for twist in twists], dtype=np.float64)
-    control = tuple(inputs.T)
-    rates = robot.derivative(now, control)
-    later = tuple(x + duration * rate for x, rate in zip(now, rates, strict=True))
-    twist = robot.twist(later, control)
-    columns = np.broadcast_arrays(*twist.linear, twist.angular, np.zeros(len(inputs)))
-    return np.stack(columns[:-1], axis=-1).astype(np.float64)
 
 
 def top_speed(robot: Robot, state: Array) -> float:
@@ -157,6 +123,11 @@ class Guide:
 
     def __init__(self) -> None:
         self._progress: Progress | None = None
+
+    @property
+    def path(self) -> Path | None:
+        """Return what is followed; None before `follow`."""
+        return None if self._progress is None else self._progress.path
 
     def follow(self, path: Path) -> None:
         """Take this path from now on."""

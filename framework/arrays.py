@@ -33,8 +33,13 @@ def checked(
     WideberthError : not numeric, another shape, or not finite.
     """
     try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+        array = np.array(value)
+        if array.dtype.kind == "O":  # such as a list that holds None, or text beside numbers
+            array = np.array([_number(entry) for entry in array.ravel()]).reshape(array.shape)
+        elif array.dtype.kind not in "biuf":  # NumPy would read numbers out of text
+            raise TypeError(f"it holds {array.dtype}")
+        array = array.astype(np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
         raise WideberthError(f"{name} is not an array of numbers: {error}") from None
     if shape is None:
         shape = (None,) * max(array.ndim, 1)
@@ -152,24 +157,41 @@ def stacked(places: Sequence[tuple[Scalar, ...]]) -> Array:
     return together.reshape(*together.shape[:-1], len(places), len(places[0]))
 
 
+def _number(value: Any) -> float:
+    """Convert to a float; text is no number, whatever it says."""
+    if isinstance(value, str | bytes | bytearray):
+        raise TypeError(f"{value!r} is text")
+    return float(value)
+
+
+def number(name: str, value: float) -> float:
+    """Return ``value`` as a float, which may be infinite or NaN.
+
+    Raises
+    ------
+    WideberthError : no number.
+    """
+    try:
+        return _number(value)
+    except (TypeError, ValueError, OverflowError):
+        raise WideberthError(f"{name} is {value!r}; wanted a number") from None
+
+
 def positive(name: str, value: float, *, zero: bool = False) -> float:
     """Return ``value`` if it is finite and above zero (or zero, where ``zero`` allows)."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise WideberthError(f"{name} is {value!r}; wanted a number") from None
-    if not np.isfinite(number) or number < 0 or (number == 0 and not zero):
+    found = number(name, value)
+    if not np.isfinite(found) or found < 0 or (found == 0 and not zero):
         bound = "at least 0" if zero else "above 0"
-        raise WideberthError(f"{name} is {number:g}; wanted a finite number {bound}")
-    return number
+        raise WideberthError(f"{name} is {found:g}; wanted a finite number {bound}")
+    return found
 
 
 def probability(name: str, value: float) -> float:
     """Return ``value`` if it lies strictly between 0 and 1."""
-    number = positive(name, value, zero=True)
-    if not 0.0 < number < 1.0:
-        raise WideberthError(f"{name} is {number:g}; a probability must lie strictly in (0, 1)")
-    return number
+    found = positive(name, value, zero=True)
+    if not 0.0 < found < 1.0:
+        raise WideberthError(f"{name} is {found:g}; a probability must lie strictly in (0, 1)")
+    return found
 
 
 def whole(name: str, value: int, *, least: int = 1) -> int:

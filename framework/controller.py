@@ -8,6 +8,7 @@ from .errors import WideberthError
 from .motion import Command, Observation
 from .path import Path
 from .plan import Plan
+from .robot import Robot
 
 
 class Controller(ABC):
@@ -15,8 +16,21 @@ class Controller(ABC):
 
     The paper's planner is a controller plug-in of Nav2 in ROS 2; this one is plain Python.
 
-    Laws, checked by `wideberth.framework.testing.check_controller`: `command` never raises
-    and always returns finite numbers; after `reset` it behaves as new.
+    Laws, checked by `wideberth.framework.testing.check_controller`:
+
+    - Wrong use raises a `WideberthError` at once: `command` before `set_path`, an argument of the
+      wrong type, a state of another length than the robot's. No measured value causes it, so that
+      a program which has run once cannot meet it on the road.
+    - Nothing else raises, whatever values the observation holds: NaN and infinite numbers, wild
+      ones, states beyond the limits, covariances that are none, a clock that jumps, obstacles
+      that come, go and have another dimension. Nor does anything that a plug-in throws. The
+      command is then a safe one, and a status or reason says why; it is also logged, see
+      `wideberth.framework.notices`.
+    - Every command is one that the robot can follow: finite, of D linear components, and a
+      velocity within the robot's limits, see `wideberth.framework.command_limits.broken_limit`.
+      That holds from a state beyond the limits, too: the command is then within them, and the
+      low-level controller brakes towards it as hard as the robot can.
+    - After `reset` it behaves as new.
     """
 
     period: float
@@ -36,12 +50,47 @@ class Controller(ABC):
 
     @abstractmethod
     def command(self, observation: Observation) -> Command:
-        """Decide. Whatever a plug-in throws becomes a status, and the command a safe one."""
+        """Decide. Whatever a plug-in throws becomes a status, and the command a safe one.
+
+        Raises
+        ------
+        WideberthError : wrong use, see the class; nothing else.
+        """
 
     @property
     @abstractmethod
     def plan(self) -> Plan | None:
         """The plan behind the last command; None before the first, or without a horizon."""
+
+
+def checked_use(robot: Robot, observation: Observation) -> Observation:
+    """Return an observation if it is one of this robot.
+
+    Raises
+    ------
+    WideberthError : something else, or a state of another length.
+    """
+    if not isinstance(observation, Observation):
+        raise WideberthError(
+            f"a controller takes an Observation; this is a {type(observation).__name__}"
+        )
+    if len(observation.state) != len(robot.states):
+        raise WideberthError(
+            f"the state has {len(observation.state)} entries; this robot has "
+            f"{[quantity.name for quantity in robot.states]}"
+        )
+    return observation
+
+
+def checked_ready(path: object) -> None:
+    """Refuse to decide without a path.
+
+    Raises
+    ------
+    WideberthError : ``path``, or what follows it, is None.
+    """
+    if path is None:
+        raise WideberthError("no path is set: call set_path before command")
 
 
 def fresh(controller: Controller) -> Controller:

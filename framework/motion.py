@@ -1,12 +1,16 @@
 """Pose, twist, command and what a controller observes."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 
-from .arrays import Array, Scalar, checked, checked_covariance, positive, stacked
+from .arrays import Array, Scalar, checked, checked_covariance, number, stacked
+from .errors import WideberthError
 from .polygon import Polygon
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +98,10 @@ class Command:
 class Detection:
     """One obstacle as a sensor or tracker reports it.
 
+    Values that are no measurement (NaN, a negative radius or age, a covariance that is none) are
+    accepted here, since a sensor may report them at any time; `flaw` names them, and controllers
+    leave such a detection out and say so.
+
     Attributes
     ----------
     ident : stable identity of the obstacle.
@@ -101,6 +109,11 @@ class Detection:
     covariance : (D, D), m^2, of the measured position.
     radius : m, of the disc that encloses the obstacle.
     age : s, how long ago the position was measured.
+    flaw : what makes it useless; "" where nothing does.
+
+    Raises
+    ------
+    WideberthError : a wrong type or shape.
     """
 
     ident: str
@@ -108,15 +121,23 @@ class Detection:
     covariance: Array
     radius: float
     age: float = 0.0
+    flaw: str = field(default="", init=False, repr=False)
 
     def __post_init__(self) -> None:
-        position = checked("detection.position", self.position, (None,))
-        size = len(position)
-        covariance = checked_covariance("detection.covariance", self.covariance, (size, size))
+        if not isinstance(self.ident, str):
+            raise WideberthError(f"detection.ident is {self.ident!r}; wanted a str")
+        position = checked("detection.position", self.position, (None,), finite=False)
+        covariance, flaw = _covariance("covariance", self.covariance, len(position))
         object.__setattr__(self, "position", position)
         object.__setattr__(self, "covariance", covariance)
-        positive("detection.radius", self.radius, zero=True)
-        positive("detection.age", self.age, zero=True)
+        for name in ("radius", "age"):
+            value = number(f"detection.{name}", getattr(self, name))
+            object.__setattr__(self, name, value)
+            if not 0.0 <= value < np.inf:
+                flaw = flaw or f"{name} is {value:g}"
+        if not np.isfinite(position).all():
+            flaw = f"position is {position.tolist()}"
+        object.__setattr__(self, "flaw", flaw)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,6 +158,10 @@ class Truth:
 class Observation:
     """All that a controller is told at one instant.
 
+    Numbers that are none (NaN, infinite ones, a covariance that is none) are accepted here, since
+    a robot may meet them at any time; controllers answer with a safe command, see
+    `checked_numbers`.
+
     Attributes
     ----------
     stamp : s.
@@ -145,6 +170,11 @@ class Observation:
     polygons : what stands still and where, all of it (a map), or what is known of it.
     detections : obstacles seen now; a missing one was not seen.
     truth : the future, where a simulation grants it (the oracle predictor alone reads it).
+    flaw : what makes its own numbers useless; "" where nothing does.
+
+    Raises
+    ------
+    WideberthError : a wrong type or shape.
     """
 
     stamp: float
@@ -153,14 +183,71 @@ class Observation:
     covariance: Array | None = None
     polygons: tuple[Polygon, ...] = ()
     truth: Truth | None = field(default=None, repr=False)
+    flaw: str = field(default="", init=False, repr=False)
 
     def __post_init__(self) -> None:
-        checked("observation.stamp", self.stamp, ())
-        state = checked("observation.state", self.state, (None,))
+        stamp = number("observation.stamp", self.stamp)
+        state = checked("observation.state", self.state, (None,), finite=False)
+        object.__setattr__(self, "stamp", stamp)
         object.__setattr__(self, "state", state)
+        flaw = ""
         if self.covariance is not None:
-            size = len(state)
-            covariance = checked_covariance(
-                "observation.covariance", self.covariance, (size, size)
-            )
+            covariance, flaw = _covariance("covariance", self.covariance, len(state))
             object.__setattr__(self, "covariance", covariance)
+        if not np.isfinite(state).all():
+            flaw = f"state is {state.tolist()}"
+        if not np.isfinite(stamp):
+            flaw = f"stamp is {stamp}"
+        object.__setattr__(self, "flaw", flaw)
+        detections = _all("detections", self.detections, Detection)
+        object.__setattr__(self, "detections", detections)
+        object.__setattr__(self, "polygons", _all("polygons", self.polygons, Polygon))
+        if not isinstance(self.truth, Truth | None):
+            raise WideberthError(f"observation.truth is {self.truth!r}; wanted a Truth or None")
+
+
+def checked_numbers(observation: Observation) -> None:
+    """Refuse to decide from numbers that are none; a controller makes a status of it.
+
+    Raises
+    ------
+    WideberthError : stamp, state or covariance of the robot itself are of no use.
+    """
+    if observation.flaw:
+        raise WideberthError(f"the observation's {observation.flaw}")
+
+
+def sound(observation: Observation, dimension: int) -> tuple[tuple[Detection, ...], list[str]]:
+    """Return the detections that are of use to a robot in D dimensions, and why others are not."""
+    kept, notes = [], []
+    for one in observation.detections:
+        size = len(one.position)
+        wrong = one.flaw or (f"it has {size} coordinates" if size != dimension else "")
+        if wrong:
+            notes.append(f"detection {one.ident!r} refused: {wrong}")
+        else:
+            kept.append(one)
+    return tuple(kept), notes
+
+
+def _covariance(name: str, value: Array, size: int) -> tuple[Array, str]:
+    """Return a matrix of that size, and why it is no covariance, if so."""
+    array = checked(name, value, (size, size), finite=False)
+    try:
+        return checked_covariance(name, array, (size, size)), ""
+    except WideberthError as error:
+        return array, str(error)
+
+
+def _all(name: str, values: Iterable[T], kind: type[T]) -> tuple[T, ...]:
+    """Return values as a tuple if all are of that kind."""
+    try:
+        found = tuple(values)
+    except TypeError:
+        raise WideberthError(f"observation.{name} is {values!r}; wanted a tuple") from None
+    for one in found:
+        if not isinstance(one, kind):
+            raise WideberthError(
+                f"observation.{name} holds a {type(one).__name__}; wanted {kind.__name__}"
+            )
+    return found

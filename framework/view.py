@@ -6,9 +6,10 @@ from typing import TypeAlias, final
 import numpy as np
 
 from .arrays import Array, positive, whole
+from .controller import checked_use
 from .errors import WideberthError
 from .history import History
-from .motion import Command, Observation
+from .motion import Command, Observation, sound
 from .mpc.perception import Perception
 from .mpc.situation import scene
 from .path import Path
@@ -96,7 +97,7 @@ class View:
     def __init__(self, robot: Robot, period: float, sight: Sight) -> None:
         self._robot, self._period, self._sight = robot, period, sight
         self.box = VelocityBox.of(robot)
-        self._goal: Array | None = None
+        self.goal: Array | None = None
         self.reset()
 
     def reset(self) -> None:
@@ -114,16 +115,17 @@ class View:
 
     def follow(self, path: Path) -> None:
         """Take the end of this path as the goal."""
-        self._goal = path.goal
+        self.goal = path.goal
 
     def take(self, observation: Observation) -> None:
         """Take note of who is seen; a clock that goes back starts anew."""
+        if not np.isfinite(observation.stamp):
+            return
         if observation.stamp < self._stamp:
             self.reset()
         self._stamp = observation.stamp
-        size = self._robot.dimension
-        fitting = tuple(d for d in observation.detections if len(d.position) == size)
-        self._sights.add(observation.stamp, fitting)
+        detections, _ = sound(observation, self._robot.dimension)
+        self._sights.add(observation.stamp, detections)
         if self._perception is not None:
             self._perception.take(observation)
 
@@ -136,20 +138,15 @@ class View:
 
         Raises
         ------
-        WideberthError : no path was followed, a state of the wrong length, or what the
-            predictor throws.
+        WideberthError : no path was followed, or what the predictor throws.
         """
-        if self._goal is None:
+        if self.goal is None:
             raise WideberthError("no path is set: call follow before show")
-        if len(observation.state) != len(self._robot.states):
-            raise WideberthError(
-                f"the state has {len(observation.state)} entries; "
-                f"{type(self._robot).__name__} has {len(self._robot.states)}"
-            )
+        checked_use(self._robot, observation)
         state = tuple(float(value) for value in observation.state)
         pose = self._robot.pose(state)
         here = pose.points()
-        shown: Shown = {"goal": self._shortened(self._goal - here)}
+        shown: Shown = {"goal": self._shortened(self.goal - here)}
         if pose.heading is not None:
             shown["heading"] = np.array([np.cos(pose.heading), np.sin(pose.heading)])
         control = self._robot.drive(state, self._last.twist, self._period)

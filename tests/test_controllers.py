@@ -8,7 +8,8 @@ import pytest
 from wideberth.controllers.neighbours import Neighbours
 from wideberth.controllers.preset import Preset
 from wideberth.controllers.reactive import Reactive
-from wideberth.controllers.steering import Guide, attained, steer, top_speed, velocity_of
+from wideberth.controllers.steering import Guide, steer, top_speed, velocity_of
+from wideberth.framework.command_limits import attained
 from wideberth.framework.config import build, describe
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.motion import Detection, Observation, Pose, Twist
@@ -77,14 +78,16 @@ def test_commands_stay_within_the_limits(name, robot):
 
 
 @pytest.mark.parametrize("name", REACTIVE)
-def test_bad_input_stands_still_and_says_why(name):
+def test_wrong_use_raises_and_bad_numbers_stand_still(name):
     controller = build("controllers", {"type": name, "robot": "unicycle"})
     seen = Observation(0.0, state_of(Unicycle()))
-    assert controller.command(seen).linear == (0.0, 0.0)
-    assert "call set_path" in controller.reason
+    with pytest.raises(WideberthError, match="call set_path before command"):
+        controller.command(seen)
     controller.set_path(Path(np.array([[0.0, 0.0], [5.0, 0.0]])))
-    assert controller.command(Observation(0.1, np.zeros(3))).linear == (0.0, 0.0)
-    assert "this robot has" in controller.reason
+    with pytest.raises(WideberthError, match="this robot has"):
+        controller.command(Observation(0.1, np.zeros(3)))
+    assert controller.command(Observation(0.1, np.full(5, np.nan))).linear == (0.0, 0.0)
+    assert "the observation's state is" in controller.reason
     controller.command(Observation(0.2, state_of(Unicycle())))
     assert controller.reason == "" and controller.plan is None
     with pytest.raises(WideberthError, match="3 columns; the robot moves in 2 dimensions"):

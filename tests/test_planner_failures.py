@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from wideberth.framework.command_limits import broken_limit
+from wideberth.framework.errors import WideberthError
 from wideberth.framework.forecast import Forecast, Scene
 from wideberth.framework.integration import step
 from wideberth.framework.motion import Detection, Observation
@@ -67,12 +69,44 @@ def test_a_forecast_that_was_not_asked_for_is_named(how: str) -> None:
     assert np.isnan(made.plan.violation)
 
 
-def test_a_state_of_the_wrong_length_stops_the_robot() -> None:
+def test_wrong_use_raises_at_once() -> None:
     made = planner()
-    command = made.command(Observation(0.0, np.zeros(3)))
-    assert made.plan is not None
-    assert "the state has 3 entries" in made.plan.reason
-    assert command.linear == (0.0, 0.0)
+    for use in (made.command, made.remember):
+        with pytest.raises(WideberthError, match=r"the state has 3 entries; .*'omega'"):
+            use(Observation(0.0, np.zeros(3)))
+        with pytest.raises(WideberthError, match="takes an Observation; this is a dict"):
+            use({})  # type: ignore[arg-type]
+
+
+def test_numbers_that_are_none_stop_the_robot_with_a_reason() -> None:
+    made = planner()
+    made.command(at(0.0, 0.0))
+    for state in (np.full(5, np.nan), np.array([0.0, 0.0, 0.0, np.inf, 0.0])):
+        command = made.command(Observation(0.5, state))
+        assert made.plan is not None and "the observation's state is [" in made.plan.reason
+        assert command.linear == (0.0, 0.0) and command.omega == 0.0
+    seen = at(0.5, 0.0)
+    made.command(replace(seen, stamp=np.nan))
+    assert made.plan.rung is Rung.BRAKE and "stamp is nan" in made.plan.reason
+    made.command(replace(seen, covariance=-np.eye(5)))
+    assert made.plan.rung is Rung.BRAKE and "eigenvalue -1" in made.plan.reason
+    flawed = Detection("ghost", np.array([np.nan, 1.0]), np.eye(2), 0.3)
+    made.command(replace(at(1.0, 0.0, ("other", 9.0, 3.0)), detections=(flawed,)))
+    assert made.plan.rung is Rung.OPTIMAL
+    assert "detection 'ghost' refused: position is [nan, 1.0]" in made.plan.reason
+
+
+@pytest.mark.parametrize("speed", [0.75, 5.0, -30.0, 1e200])
+def test_an_emergency_brake_from_beyond_the_limits_commands_within_them(speed: float) -> None:
+    """The plant brakes towards it as hard as it can; a speed of its own is no excuse."""
+    made = planner(predictor=Odd("nothing"))
+    made.latency = 0.1
+    for k in range(3):
+        seen = at(0.5 * k, 0.0, ("other", 4.0, 0.0), v=speed)
+        command = made.command(seen)
+        assert made.plan is not None and made.plan.rung is Rung.BRAKE
+        assert abs(command.linear[0]) <= made.robot.max_speed  # type: ignore[attr-defined]
+        assert broken_limit(made.robot, command) == ""
 
 
 @pytest.mark.parametrize("status", [Status.INFEASIBLE, Status.DEADLINE, Status.FAILED])

@@ -85,7 +85,7 @@ def test_nothing_is_lost_of_what_is_seen() -> None:
     assert made.plan.ids == ("b", "b#2")
     flying = Detection("bird", np.array([1.0, 2.0, 3.0]), np.eye(3), 0.1)
     made.command(replace(at(0.5, 0.2, ("b", 9.0, 3.0)), detections=(flying, *twice.detections)))
-    assert "'bird' has 3 coordinates" in made.plan.reason
+    assert "detection 'bird' refused: it has 3 coordinates" in made.plan.reason
     assert made.plan.rung is Rung.OPTIMAL
     late = planner()
     old = Detection("late", np.array([6.0, 0.5]), 1e-4 * np.eye(2), 0.5, age=5.0)

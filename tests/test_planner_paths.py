@@ -16,12 +16,12 @@ from wideberth.robots.unicycle import Unicycle
 from wideberth.tests.planning import approach, at, planner
 
 
-def test_no_path_is_a_reason_not_a_crash() -> None:
+def test_a_command_without_a_path_raises() -> None:
     made = Planner(Unicycle(), MahalanobisEllipse(), Kalman(), Relaxed(), Fatrop())
-    command = made.command(at(0.0, 0.0))
-    assert made.plan is not None
-    assert "set_path" in made.plan.reason
-    assert abs(command.linear[0]) < 0.5
+    made.remember(at(0.0, 0.0))
+    with pytest.raises(WideberthError, match="no path is set: call set_path before command"):
+        made.command(at(0.0, 0.0))
+    assert made.plan is None
 
 
 def test_the_path_may_change_without_losing_history() -> None:

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from wideberth.framework.command_limits import within_reach
+from wideberth.framework.controller import checked_ready, checked_use
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.motion import Command
 from wideberth.framework.testing import check_controller
@@ -10,20 +12,40 @@ from wideberth.robots.unicycle import Unicycle
 from wideberth.tests.pursuit import Pursuit
 
 
+class Careful(Pursuit):
+    """The stub with what the contract asks beyond it."""
+
+    def command(self, observation):
+        checked_ready(self.path)
+        checked_use(self.robot, observation)
+        if observation.flaw:
+            return Command((0.0, 0.0))
+        with np.errstate(all="ignore"):  # positions of 1e200 m
+            return within_reach(self.robot, super().command(observation))
+
+
 def test_stub_keeps_the_controller_contract():
-    check_controller(Pursuit(Unicycle()), cycles=3)
+    check_controller(Careful(Unicycle(), planning=False), cycles=3)
     with pytest.raises(WideberthError, match="needs the robot"):
         check_controller(Pursuit(None))
 
 
 def test_check_controller_finds_what_is_broken(monkeypatch):
+    with pytest.raises(AssertionError, match="command accepts wrong use without a word"):
+        check_controller(Pursuit(Unicycle(), speed=0.1, planning=False))
     monkeypatch.setattr(Pursuit, "command", lambda self, seen: Command((np.nan, 0.0)))
     with pytest.raises(AssertionError, match="finite"):
         check_controller(Pursuit(Unicycle()))
     monkeypatch.setattr(Pursuit, "command", lambda self, seen: 1 / 0)
     with pytest.raises(AssertionError, match="ZeroDivisionError"):
         check_controller(Pursuit(Unicycle()))
-    drawn = iter(range(1000))
-    monkeypatch.setattr(Pursuit, "command", lambda self, seen: Command((next(drawn), 0.0)))
+    drawn = iter(np.linspace(0.0, 0.1, 1000))
+    good = Careful.command
+
+    def drifting(self, seen):
+        good(self, seen)
+        return Command((float(next(drawn)), 0.0))
+
+    monkeypatch.setattr(Careful, "command", drifting)
     with pytest.raises(AssertionError, match="after reset"):
-        check_controller(Pursuit(Unicycle()))
+        check_controller(Careful(Unicycle(), planning=False))

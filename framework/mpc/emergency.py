@@ -2,11 +2,13 @@
 
 import numpy as np
 
-from ..arrays import Array
+from ..arrays import Array, checked
+from ..command_limits import within_reach
 from ..motion import Command, Observation
 from ..plan import Plan, Rung, Status
 from ..robot import Robot
 from .rollout import brake
+from .situation import within_limits
 
 
 def aim(robot: Robot, plan: Plan, step: int = 0) -> Command:
@@ -28,12 +30,17 @@ def aim(robot: Robot, plan: Plan, step: int = 0) -> Command:
 def emergency(
     robot: Robot, observation: Observation, reason: str, horizon: int, dt: float
 ) -> tuple[Plan, Command]:
-    """Brake without looking; where even that fails, command zero velocity at once."""
+    """Brake without looking; where even that fails, command zero velocity at once.
+
+    A state beyond the limits is taken as on them, as in every plan: the command is then within
+    them, and the low-level controller brakes as hard as it can to get there.
+    """
     try:
-        states, inputs = brake(robot, observation.state, horizon, dt)
+        checked("the observed state", observation.state, (None,))
+        states, inputs = brake(robot, within_limits(robot, observation.state), horizon, dt)
         positions = np.stack(robot.pose(tuple(states.T)).position, axis=-1)
         plan = _unchecked(observation, reason, states, inputs, positions, dt)
-        return plan, aim(robot, plan)
+        return plan, within_reach(robot, aim(robot, plan))
     except Exception as error:
         reason = f"{reason}; braking: {type(error).__name__}: {error}"
         states = np.zeros((horizon + 1, len(robot.states)))

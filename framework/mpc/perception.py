@@ -6,7 +6,7 @@ from ..arrays import Array
 from ..errors import WideberthError
 from ..forecast import Forecast, Scene, resample
 from ..history import History
-from ..motion import Observation
+from ..motion import Observation, sound
 from ..predictor import Adaptive, Predictor
 from ..tracks import Tracks
 
@@ -47,17 +47,15 @@ class Perception:
         A clock that goes back starts the history anew: measurements from the future would
         neither be forgotten nor replaced.
         """
+        if not np.isfinite(observation.stamp):
+            return
         if observation.stamp < self._stamp:
             self._notes.append(f"clock went back by {self._stamp - observation.stamp:.3g} s")
             self._history = History(*self._sizes)
         self._stamp = observation.stamp
-        fitting = [d for d in observation.detections if len(d.position) == self._dimension]
-        for detection in observation.detections:
-            if len(detection.position) != self._dimension:
-                self._notes.append(
-                    f"{detection.ident!r} has {len(detection.position)} coordinates"
-                )
-        self._history.add(observation.stamp, tuple(fitting))
+        detections, refused = sound(observation, self._dimension)
+        self._notes += refused
+        self._history.add(observation.stamp, detections)
 
     def drain(self) -> list[str]:
         """Return what had to be dropped since the last call."""

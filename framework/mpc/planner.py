@@ -6,10 +6,11 @@ from typing import final
 import numpy as np
 
 from ..arrays import Array
-from ..controller import Controller
+from ..command_limits import broken_limit, within_reach
+from ..controller import Controller, checked_ready, checked_use
 from ..errors import WideberthError
 from ..forecast import Forecast
-from ..motion import Command, Observation
+from ..motion import Command, Observation, checked_numbers
 from ..path import Path
 from ..plan import Plan
 from ..predictor import Predictor
@@ -34,7 +35,7 @@ from .problems import Problems, Size
 from .record import Record
 from .reference import Progress
 from .rollout import carry
-from .settings import check_settings, checked_path, checked_state
+from .settings import check_settings, checked_path
 from .situation import Situation, nearness, reach_of_bodies, scene, within_limits
 from .solvers.base import Solver
 from .starts import Starts
@@ -152,28 +153,44 @@ class Planner(Controller):
 
     def remember(self, observation: Observation) -> None:
         """Take note of what is seen without planning."""
-        self._perception.take(observation)
+        self._perception.take(checked_use(self.robot, observation))
 
     def command(self, observation: Observation) -> Command:
-        """Plan from this observation; never raises.
+        """Plan from this observation; raises nothing but what wrong use deserves.
 
         Whatever a plug-in throws ends in a braking plan whose reason names it, and where
         even braking cannot be planned, in the command to stand still.
+
+        Raises
+        ------
+        WideberthError : no path is set, or something else than an observation of this robot.
         """
+        checked_ready(self._progress)
+        checked_use(self.robot, observation)
         budget, self._decision = Budget.start(self.deadline), None
         try:
             self.remember(observation)
+            checked_numbers(observation)
             self._plan = self._decide(observation, budget)
-            command = aim(self.robot, self._plan)
+            command, note = self._limited(aim(self.robot, self._plan))
+            self._smooth(command, observation.stamp + self.latency)
         except Exception as error:
-            reason = f"{type(error).__name__}: {error}"
-            self._plan, command = emergency(self.robot, observation, reason, self.horizon, self.dt)
-        reasons = (self._plan.reason, *self._perception.drain())
+            note, self._smoother = f"{type(error).__name__}: {error}", None
+            self._plan, command = emergency(self.robot, observation, note, self.horizon, self.dt)
+            note = ""
+        reasons = (self._plan.reason, note, *self._perception.drain())
         self._plan = replace(self._plan, reason="; ".join(filter(None, reasons)))
-        since = observation.stamp + self.latency
+        return command
+
+    def _limited(self, command: Command) -> tuple[Command, str]:
+        """Return the command as the robot can follow it, and what was wrong with it."""
+        wrong = broken_limit(self.robot, command)
+        return (within_reach(self.robot, command), f"command: {wrong}") if wrong else (command, "")
+
+    def _smooth(self, command: Command, since: float) -> None:
+        """Follow what the smoother puts out: the latency is driven with it."""
         before = self._smoother or VelocitySmoother.at_rest(command.twist, since)
         self._smoother = before.aim(command, since)
-        return command
 
     def explain(self) -> Solve:
         """Return what the last call solved: to be read, saved, and solved again.
@@ -208,8 +225,7 @@ class Planner(Controller):
         self, observation: Observation
     ) -> tuple[Ladder, Case, Guess, Size, Forecast | None]:
         """Forecast, lay the reference, and fill the problem with all that is there."""
-        if self._progress is None:
-            raise WideberthError("no path is set: call set_path before command")
+        assert self._progress is not None  # seen to by `command`
         ladder = self._ladder(observation)
         here = self._place(ladder.start)
         arc = self._progress.update(here)
@@ -249,7 +265,6 @@ class Planner(Controller):
 
     def _ladder(self, observation: Observation) -> Ladder:
         """Where the plan starts, and what is left of the last one."""
-        checked_state(self.robot, observation.state)
         start = within_limits(self.robot, self._start(observation.state, observation.stamp))
         stamp = observation.stamp + self.latency
         ladder = Ladder(

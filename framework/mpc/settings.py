@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from ..arrays import Array, positive, whole
+from ..arrays import positive, whole
 from ..errors import WideberthError
 from ..path import Path
 from ..robot import Robot
@@ -46,20 +46,6 @@ def check_settings(planner: "Planner") -> None:
             f"planner.static_region is {type(planner.static_region).__name__}, and the robot "
             f"moves in {planner.robot.dimension} dimensions; polygons lie in the plane: leave it "
             "out"
-        )
-
-
-def checked_state(robot: Robot, state: Array) -> None:
-    """Refuse the state of another robot.
-
-    Raises
-    ------
-    WideberthError : it has another number of entries.
-    """
-    if len(state) != len(robot.states):
-        raise WideberthError(
-            f"the state has {len(state)} entries; this robot has "
-            f"{[quantity.name for quantity in robot.states]}"
         )
 
 

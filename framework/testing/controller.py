@@ -1,13 +1,15 @@
 """The laws of `Controller` as a check that any controller can run on itself."""
 
 from collections.abc import Iterator
+from dataclasses import is_dataclass, replace
 
 import numpy as np
 
 from ..arrays import Array
-from ..controller import Controller
+from ..command_limits import broken_limit
+from ..controller import Controller, fresh
 from ..errors import WideberthError
-from ..motion import Command, Detection, Observation, Pose, Twist
+from ..motion import Detection, Observation, Pose, Twist
 from ..path import Path
 from ..robot import Robot
 
@@ -21,10 +23,12 @@ def check_controller(
 ) -> None:
     """Check every law of `wideberth.framework.controller.Controller`.
 
-    `command` never raises and always returns finite numbers: before there is a path, with
-    nobody around, with obstacles that come, go, stand in the way or on the robot itself,
-    with far too many of them, after the clock has jumped ahead or back, with one identity
-    seen twice, with a state of the wrong length, and when the path is replaced.
+    `command` raises a `WideberthError` before there is a path, of what is no observation, and
+    of a state of the wrong length. It raises nothing else, and its commands keep the limits of
+    the robot (`command_limits.broken_limit`): with nobody around, with obstacles that come, go,
+    stand in the way or on the robot itself, with far too many of them, after the clock has
+    jumped ahead or back, with one identity seen twice, from states beyond every limit, with
+    numbers that are none, and when the path is replaced.
     `remember` leaves the plan alone. After `reset` the same observations give the same
     commands again.
 
@@ -44,6 +48,7 @@ def check_controller(
     if not isinstance(model, Robot):
         raise WideberthError("check_controller needs the robot that the controller drives")
     assert controller.period > 0, f"period is {controller.period}; wanted above 0"
+    _check_unready(controller, model)
     seed = np.random.default_rng(0) if rng is None else rng
     ordinary = list(_meeting(controller, model, cycles, seed))
     first = _run(controller, model, ordinary)
@@ -70,7 +75,6 @@ def _check_strange(controller: Controller, robot: Robot) -> None:
     """Feed what a simulation does not, but a bad day does."""
     controller.reset()
     origin = np.zeros(robot.dimension)
-    _asked(controller, robot, _seen(robot, 0.0, []))
     controller.set_path(_line(robot, 10.0))
     here = [_detection("here", origin, 0.01)]
     near = [_detection("near", origin + 0.8 * robot.radius, 0.5)]
@@ -84,9 +88,61 @@ def _check_strange(controller: Controller, robot: Robot) -> None:
     _asked(controller, robot, _seen(robot, stamp + 1000.0, near))
     _asked(controller, robot, _seen(robot, stamp, near))
     _asked(controller, robot, _seen(robot, stamp, [*near, *here, *near]))
-    _asked(controller, robot, Observation(stamp, np.zeros(len(robot.states) + 1)))
+    _check_numbers(controller, robot, stamp + controller.period, near)
     controller.set_path(_line(robot, -10.0))
     _asked(controller, robot, _seen(robot, stamp + 1000.0 + controller.period, near))
+    _check_refused(controller, Observation(stamp, np.zeros(len(robot.states) + 1)))
+    _check_refused(controller, {"stamp": 0.0})
+
+
+def _check_unready(controller: Controller, robot: Robot) -> None:
+    """Ask a controller that nobody gave a path."""
+    if is_dataclass(controller):
+        _check_refused(fresh(controller), _seen(robot, 0.0, []))
+
+
+def _check_refused(controller: Controller, observation: object) -> None:
+    """Use a controller wrongly."""
+    try:
+        controller.command(observation)  # type: ignore[arg-type]
+    except WideberthError:
+        return
+    except Exception as error:
+        raise AssertionError(
+            f"wrong use raised {type(error).__name__}: {error}; wanted a WideberthError"
+        ) from error
+    raise AssertionError("command accepts wrong use without a word; wanted a WideberthError")
+
+
+def _check_numbers(
+    controller: Controller, robot: Robot, stamp: float, around: list[Detection]
+) -> None:
+    """Feed states beyond every limit, and numbers that are none, of the robot and of others."""
+    rest = _seen(robot, stamp, []).state
+    beyond = [rest + sign * size for sign in (-1.0, 1.0) for size in (1.0, 30.0, 1e9, 1e200)]
+    beyond += [np.full_like(rest, np.nan), np.full_like(rest, np.inf)]
+    for state in beyond:
+        _asked(controller, robot, Observation(stamp, state, tuple(around)))
+        stamp += controller.period
+    one, size = around[0], robot.dimension
+    unknown = np.full((size, size), np.nan)
+    wild = [
+        replace(one, position=np.full(size, np.nan)),
+        replace(one, covariance=unknown),
+        replace(one, covariance=-np.eye(size)),
+        replace(one, covariance=1e30 * np.eye(size)),
+        replace(one, radius=np.nan),
+        replace(one, age=-1.0),
+        replace(one, position=np.full(size, 1e200)),
+        replace(one, position=np.zeros(size + 1), covariance=np.eye(size + 1)),
+    ]
+    for detection in wild:
+        _asked(controller, robot, _seen(robot, stamp, [detection]))
+        stamp += controller.period
+    _asked(controller, robot, replace(_seen(robot, stamp, around), stamp=np.nan))
+    spread = np.full((len(rest), len(rest)), np.nan)
+    _asked(controller, robot, replace(_seen(robot, stamp, around), covariance=spread))
+    _asked(controller, robot, _seen(robot, stamp, around))
 
 
 def _asked(controller: Controller, robot: Robot, observation: Observation) -> Array:
@@ -96,13 +152,9 @@ def _asked(controller: Controller, robot: Robot, observation: Observation) -> Ar
         raise AssertionError(
             f"command raised {type(error).__name__}: {error}; it must turn that into a status"
         ) from error
-    assert isinstance(command, Command), f"command returned {type(command).__name__}"
-    numbers = np.array([*command.linear, command.omega, command.ramp], dtype=np.float64)
-    assert len(command.linear) == robot.dimension, (
-        f"command has {len(command.linear)} linear components; wanted {robot.dimension}"
-    )
-    assert np.isfinite(numbers).all(), f"command returned {command}; wanted finite numbers"
-    return numbers
+    wrong = broken_limit(robot, command)
+    assert not wrong, f"the command breaks the contract: {wrong}; state {observation.state}"
+    return np.array([*command.linear, command.omega, command.ramp], dtype=np.float64)
 
 
 def _meeting(
