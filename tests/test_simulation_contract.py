@@ -38,12 +38,12 @@ def test_check_controller_finds_what_is_broken(monkeypatch):
     with pytest.raises(AssertionError, match="ZeroDivisionError"):
         check_controller(Pursuit(Unicycle()))
     drawn = iter(np.linspace(0.0, 0.1, 1000))
-    good = Careful.command
 
-    def drifting(self, seen):
-        good(self, seen)
-        return Command((float(next(drawn)), 0.0))
+    class Drifting(Careful):
+        def command(self, observation):
+            checked_ready(self.path)
+            checked_use(self.robot, observation)
+            return Command((float(next(drawn)), 0.0))
 
-    monkeypatch.setattr(Careful, "command", drifting)
     with pytest.raises(AssertionError, match="after reset"):
-        check_controller(Careful(Unicycle(), planning=False))
+        check_controller(Drifting(Unicycle(), planning=False))
