@@ -177,8 +177,9 @@ def fit(
     dt: Annotated[float, typer.Option(help="Seconds between rows of the tracks.")],
     out: Annotated[Path, typer.Option(help="JSON file of the fitted predictor.")],
     noise: Annotated[
-        float, typer.Option(help="Metres, deviation of a position, told to the predictor.")
-    ] = 0.01,
+        float | None,
+        typer.Option(help="Metres, deviation of a measured position; estimated if not stated."),
+    ] = None,
     set_: SetPlugin = None,
 ) -> None:
     """Fit a predictor to recordings and save it; `{saved: FILE}` names it in a config."""
@@ -192,8 +193,7 @@ def fit(
     found = fitting.read_files(recordings, dt)
     scenes = fitting.scenes(found, noise)
     for name, recording in found.items():
-        typer.echo(f"{name}: {fitting.told(recording)}")
-    typer.echo(f"noise of a position, told to the predictor: {noise:g} m")
+        typer.echo(f"{name}: {fitting.told(recording, noise)}")
     fitted, changes = fitting.fitted(unfitted, scenes)
     typer.echo("\n".join(f"learnt {change}" for change in changes))
     path = save_plugin(out, "predictors", fitted)

@@ -124,24 +124,34 @@ def _files(path: Path) -> list[str]:
     return found
 
 
-def told(recording: Recording) -> str:
-    """Say of a recording what can be used of it, and whether its speeds can be meant."""
+def told(recording: Recording, noise: float | None = None) -> str:
+    """Say of a recording what can be used of it, how noisy it is, and how fast people are."""
     speed = usual_speed([recording])
-    lines = [recording.report(), f"  median speed of those who move: {speed:.3g} m/s"]
+    stated = f"measurement noise stated as {noise:g} m" if noise is not None else None
+    lines = [
+        recording.report(),
+        f"  {stated or recording.noise.text}",
+        f"  median speed of those who move: {speed:.3g} m/s",
+    ]
     if speed > FAST:
         lines.append("  warning: that is fast; is dt right, are positions in metres?")
     return "\n".join(lines)
 
 
-def scenes(recordings: Mapping[str, Recording], noise: float) -> list[Tracks]:
+def scenes(recordings: Mapping[str, Recording], noise: float | None) -> list[Tracks]:
     """Return the recordings as `Fittable.fit` wants them.
+
+    Parameters
+    ----------
+    noise : m, deviation of a measured position; None takes each recording's own estimate.
 
     Raises
     ------
     WideberthError : a noise that is negative or above `LARGEST_NOISE`.
     """
-    positive("noise", noise, zero=True)
-    if noise > LARGEST_NOISE:
+    if noise is not None:
+        positive("noise", noise, zero=True)
+    if noise is not None and noise > LARGEST_NOISE:
         raise WideberthError(
             f"noise is {noise:g} m; wanted at most {LARGEST_NOISE:g}: it is the deviation of one "
             "measured position"

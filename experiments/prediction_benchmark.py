@@ -195,6 +195,7 @@ class PredictionBenchmark(Experiment):
             "protocol": self.protocol.text(dt, self.fit),
             "speed_mps": rounded(usual_speed(recordings)),
             "fitted": fitted,
+            "noise": self.data.noise_text(recordings),
         }
         rows = [head | how | row for row in table_rows(scores, dt, self.protocol.speeds)]
         kept = {"levels": LEVELS, "coverage": calibration(scores), "samples": samples}

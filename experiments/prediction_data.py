@@ -68,7 +68,8 @@ class PredictionData:
     dt : s between rows (which ``frame id x y`` does not tell); logs are resampled to it.
     kind : of all files, or "auto"; see `wideberth.experiments.crowd.TrackFile`.
     radius : m, of an obstacle.
-    noise : m, standard deviation of a recorded position, which the predictors are told.
+    noise : m, standard deviation of a recorded position; by default each recording's own,
+        estimated from all of it (`Recording.noise`).
 
     Raises
     ------
@@ -81,11 +82,13 @@ class PredictionData:
     dt: float = 0.4
     kind: Literal["auto", "tracks", "robot-log"] = "auto"
     radius: float = 0.3
-    noise: float = 0.01
+    noise: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("dt", "radius", "noise"):
+        for name in ("dt", "radius"):
             positive(f"data.{name}", getattr(self, name))
+        if self.noise is not None:
+            positive("data.noise", self.noise)
 
     @property
     def folder(self) -> Path:
@@ -162,6 +165,12 @@ class PredictionData:
             TrackFile(str(path), self.step(scene), None, self.kind, self.radius, 1).read()
             for path in self.paths(scene)
         ]
+
+    def noise_text(self, recordings: Sequence[Recording]) -> str:
+        """Say how noisy the positions of some recordings are taken to be."""
+        if self.noise is not None:
+            return f"measurement noise stated as {self.noise:g} m"
+        return "; ".join(recording.noise.text for recording in recordings)
 
     def whole(self, recording: Recording) -> Tracks:
         """Return a whole recording as tracks, NaN where unobserved."""

@@ -102,7 +102,7 @@ def _line(rows: list[Row], scene: str, classes: Mapping[str, str]) -> Row:
         **{name: rounded(known_mean(column(steps[-1], name))) for name in AREAS},
         "fitted": _fitted(whole),
         "protocol": "; ".join(_texts(whole, "protocol")),
-        "stated": [*_classes(classes), *_speeds(whole), *_fits(whole, FITTED)],
+        "stated": [*_classes(classes), *_speeds(whole), *_noises(whole), *_fits(whole, FITTED)],
         "remarks": _remarks(whole),
     }
 
@@ -129,6 +129,11 @@ def _speeds(rows: list[Row]) -> list[str]:
         elif len(rows) == 1 and np.isfinite(speed):
             notes.append(text)
     return notes
+
+
+def _noises(rows: list[Row]) -> list[str]:
+    """Say how noisy the recorded positions of one scene are."""
+    return [str(rows[0]["noise"])] if len(rows) == 1 else []
 
 
 def _remarks(rows: list[Row]) -> list[str]:

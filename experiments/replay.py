@@ -160,7 +160,7 @@ class Replay(Experiment):
         made = outcome(episode, task, self.tail, keep=task.seed == self.seed + self.show)
         made.rows[0].update(self._labels(recording, found, episode), **contacts(episode, found))
         if task.seed == self.seed and task.settings["planner"] == next(iter(self.planners)):
-            made.files["tracks.txt"] = f"{recording.report()}\n".encode()
+            made.files["tracks.txt"] = f"{recording.report()}\n{recording.noise.text}\n".encode()
         return made
 
     def _labels(self, recording: Recording, found: Situation, episode: Episode) -> Row:
@@ -177,6 +177,7 @@ class Replay(Experiment):
             "tracks_usable": usable,
             "tracks_unusable": len(recording.ids) - usable,
             "why_unusable": counted_reasons(recording),
+            "noise": recording.noise.text,
         }
 
     def summary(self, rows: list[Row]) -> list[Row]:
@@ -191,7 +192,7 @@ class Replay(Experiment):
                 **{key: value for key, value in line.items() if key in SHOWN},
                 "people": float(np.median(column(some, "people"))),
                 **{key: some[0][key] for key in ("tracks_usable", "tracks_unusable")},
-                "why_unusable": some[0]["why_unusable"],
+                **{key: some[0][key] for key in ("why_unusable", "noise")},
             })  # fmt: skip
         return lines
 

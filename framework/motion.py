@@ -106,9 +106,11 @@ class Detection:
     ----------
     ident : stable identity of the obstacle.
     position : (D,), m.
-    covariance : (D, D), m^2, of the measured position.
+    covariance : (D, D), m^2, of the measured position. None where the sensor does not state it:
+        a planner then estimates it from all that this sensor has reported (`NoiseEvidence`).
     radius : m, of the disc that encloses the obstacle.
     age : s, how long ago the position was measured.
+    sensor : name of the sensor. Detections of one sensor share their noise.
     flaw : what makes it useless; "" where nothing does.
 
     Raises
@@ -118,18 +120,23 @@ class Detection:
 
     ident: str
     position: Array
-    covariance: Array
+    covariance: Array | None
     radius: float
     age: float = 0.0
+    sensor: str = ""
     flaw: str = field(default="", init=False, repr=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.ident, str):
             raise WideberthError(f"detection.ident is {self.ident!r}; wanted a str")
         position = checked("detection.position", self.position, (None,), finite=False)
-        covariance, flaw = _covariance("covariance", self.covariance, len(position))
         object.__setattr__(self, "position", position)
-        object.__setattr__(self, "covariance", covariance)
+        flaw = ""
+        if self.covariance is not None:
+            covariance, flaw = _covariance("covariance", self.covariance, len(position))
+            object.__setattr__(self, "covariance", covariance)
+        if not isinstance(self.sensor, str):
+            raise WideberthError(f"detection.sensor is {self.sensor!r}; wanted a str")
         for name in ("radius", "age"):
             value = number(f"detection.{name}", getattr(self, name))
             object.__setattr__(self, name, value)

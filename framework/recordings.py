@@ -1,6 +1,7 @@
 """Readers of recorded tracks and robot logs in plain text."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 from .arrays import Array, checked, positive, whole
 from .errors import WideberthError
 from .motion import Truth
+from .noise import NoiseEstimate, estimated_noise
 from .resampling import LARGEST, interpolated
 from .text_rows import ROBOT, Samples, number, read_rows, read_samples
 from .tracks import Tracks
@@ -56,6 +58,11 @@ class Recording:
         pairs = zip(self.ids, self.unusable, strict=True)
         return tuple(ident for ident, reason in pairs if reason is None)
 
+    @cached_property
+    def noise(self) -> NoiseEstimate:
+        """How noisy the recorded positions are, estimated from all tracks together."""
+        return estimated_noise(np.asarray(self.positions))
+
     def report(self) -> str:
         """Say in a few lines how many tracks are usable, and why others are not."""
         count = len(self.ids)
@@ -67,7 +74,7 @@ class Recording:
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
 
     def tracks(
-        self, end_index: int, length: int, *, radius: float = 0.3, noise: float = 0.05
+        self, end_index: int, length: int, *, radius: float = 0.3, noise: float | None = None
     ) -> Tracks:
         """Cut out what had been seen at one row: the tracks observed there, and their past.
 
@@ -76,7 +83,7 @@ class Recording:
         end_index : newest row.
         length : rows of past, the newest included; NaN before the recording began.
         radius : m, given to every obstacle (0.3 m: a person).
-        noise : m per axis, standard deviation of a position.
+        noise : m per axis, standard deviation of a position; by default what `noise` estimates.
 
         Raises
         ------
@@ -97,19 +104,25 @@ class Recording:
             self.dt,
             tuple(self.ids[i] for i in here),
             np.full(len(here), radius),
-            np.tile(noise**2 * np.eye(size), (len(here), 1, 1)),
+            self._covariances(len(here), noise),
             float(self.times[end_index]),
         )
 
-    def scene(self, *, radius: float = 0.3, noise: float = 0.05) -> Tracks:
+    def scene(self, *, radius: float = 0.3, noise: float | None = None) -> Tracks:
         """Return the whole recording, for `Fittable.fit`; the arguments are as in `tracks`.
 
         Unusable tracks stand in it too: windows are cut where enough is observed.
         """
-        count, _, size = self.positions.shape
-        spread = np.tile(noise**2 * np.eye(size), (count, 1, 1))
+        count = len(self.ids)
+        spread = self._covariances(count, noise)
         radii = np.full(count, radius)
         return Tracks(self.positions, self.dt, self.ids, radii, spread, float(self.times[-1]))
+
+    def _covariances(self, count: int, noise: float | None) -> Array:
+        """Covariance of a position, stated or estimated, of each obstacle, (O, D, D), m^2."""
+        deviation = self.noise.deviation if noise is None else noise
+        size = self.positions.shape[2]
+        return np.tile(deviation**2 * np.eye(size), (count, 1, 1))
 
     def truth(self) -> Truth:
         """Return the whole recording as the future for the oracle; NaN where unobserved."""

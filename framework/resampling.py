@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from .arrays import Array, checked, positive, whole
 from .errors import WideberthError
+from .noise import estimated_noise
 from .tracks import Tracks
 
 LARGEST = 50_000_000
@@ -49,7 +50,7 @@ def resampled_tracks(
     bridge: float = 1.0,
     length: int | None = None,
     radius: float = 0.3,
-    noise: float = 0.05,
+    noise: float | None = None,
 ) -> Tracks:
     """Lay measurements that came at any times onto a uniform grid.
 
@@ -67,7 +68,8 @@ def resampled_tracks(
         inside longer ones are NaN.
     length : rows; by default as many as reach back to the oldest measurement.
     radius : m, given to every obstacle (0.3 m: a person).
-    noise : m per axis, standard deviation of a position.
+    noise : m per axis, standard deviation of a position; by default estimated from the tracks
+        that result.
 
     Raises
     ------
@@ -98,10 +100,11 @@ def resampled_tracks(
         interpolated(times - newest, positions, grid, bridge, slack)
         for times, positions in zip(clocks, places, strict=True)
     ]
-    count, size = len(clocks), places[0].shape[1]
-    spread = np.tile(noise**2 * np.eye(size), (count, 1, 1))
+    count, size, positions = len(clocks), places[0].shape[1], np.stack(sampled)
+    deviation = estimated_noise(positions).deviation if noise is None else noise
+    spread = np.tile(deviation**2 * np.eye(size), (count, 1, 1))
     return Tracks(
-        np.stack(sampled), dt, tuple(measurements), np.full(count, radius), spread, float(newest)
+        positions, dt, tuple(measurements), np.full(count, radius), spread, float(newest)
     )
 
 

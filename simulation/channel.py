@@ -26,6 +26,8 @@ class Channel:
     noise : m, standard deviation of each coordinate.
     dropout : probability that one robot does not get one position.
     delay : s between measurement and arrival.
+    stated : whether detections carry the covariance of this noise. If not, a planner estimates
+        how noisy what it sees is; of recorded people that includes the recording's own noise.
 
     Raises
     ------
@@ -35,6 +37,7 @@ class Channel:
     noise: float = 0.01
     dropout: float = 0.0
     delay: float = 0.0
+    stated: bool = True
 
     def __post_init__(self) -> None:
         positive("channel.noise", self.noise, zero=True)
@@ -68,7 +71,8 @@ class Channel:
                 if rng.random() < self.dropout:
                     continue
                 noisy = position + self.noise * rng.standard_normal(size)
-            seen.append(Detection(name, noisy, self.noise**2 * np.eye(size), radius, self.delay))
+            covariance = self.noise**2 * np.eye(size) if self.stated else None
+            seen.append(Detection(name, noisy, covariance, radius, self.delay))
         return tuple(seen)
 
 

@@ -1,5 +1,7 @@
 """From what is seen to a forecast on the plan's grid."""
 
+import logging
+
 import numpy as np
 
 from ..arrays import Array
@@ -7,8 +9,13 @@ from ..errors import WideberthError
 from ..forecast import Forecast, Scene, resample
 from ..history import History
 from ..motion import Observation, sound
+from ..noise import NoiseEstimate
 from ..predictor import Adaptive, Predictor
 from ..tracks import Tracks
+
+LOG = logging.getLogger("wideberth.perception")
+CHANGED = 1.2
+"""Factor between an estimated noise and the one logged last from which on it is logged again."""
 
 
 class Perception:
@@ -40,6 +47,12 @@ class Perception:
         self._history = History(*self._sizes)
         self._stamp = -np.inf
         self._notes: list[str] = []
+        self._logged: dict[str, float] = {}
+
+    @property
+    def noise(self) -> dict[str, NoiseEstimate]:
+        """The estimated noise of each sensor that does not state it."""
+        return self._history.noise
 
     def take(self, observation: Observation) -> None:
         """Take note of what is seen.
@@ -56,6 +69,16 @@ class Perception:
         detections, refused = sound(observation, self._dimension)
         self._notes += refused
         self._history.add(observation.stamp, detections)
+        self._log_noise()
+
+    def _log_noise(self) -> None:
+        """Log what the noise of a sensor is estimated as, at first and when it has changed."""
+        for sensor, estimate in self._history.noise.items():
+            before = self._logged.get(sensor)
+            ratio = estimate.deviation / before if before else np.inf
+            if estimate.samples and not 1 / CHANGED < ratio < CHANGED:
+                LOG.info("%s%s", f"sensor {sensor}: " if sensor else "", estimate.text)
+                self._logged[sensor] = estimate.deviation
 
     def drain(self) -> list[str]:
         """Return what had to be dropped since the last call."""
