@@ -212,17 +212,3 @@ def test_numba_switched_off(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("numba.core.config.DISABLE_JIT", 1)
     with pytest.raises(WideberthError, match="NUMBA_DISABLE_JIT"):
         load("tested", DOUBLE)
-
-
-def test_place(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.delenv("WIDEBERTH_CACHE")
-    monkeypatch.setattr(sys, "platform", "linux")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert folder.home() == tmp_path / "wideberth" / "jit"
-    monkeypatch.setenv("XDG_CACHE_HOME", "")
-    assert folder.home() == Path.home() / ".cache" / "wideberth" / "jit"
-    monkeypatch.setattr(sys, "platform", "darwin")
-    assert folder.home() == Path.home() / "Library" / "Caches" / "wideberth" / "jit"
-    monkeypatch.setattr(sys, "platform", "win32")
-    monkeypatch.setenv("LOCALAPPDATA", str(tmp_path))
-    assert folder.home() == tmp_path / "wideberth" / "jit"

@@ -2,11 +2,18 @@
 
 Every compiled module is a folder of its own. It is filled under another name, sealed with the
 hash of every file, and renamed when complete: a reader finds all of it or nothing.
+
+What is kept there is machine code, with an index that Numba unpickles: whoever can write it can
+run anything as this user. The seal lies beside the files and shows damage, no malice. So a folder
+or a file that another user owns or may write is not read, and what is made here is for its owner
+alone. Root is trusted, and so is the owner of a folder above, unless everybody may write there.
 """
 
 import json
 import os
+import re
 import shutil
+import stat
 import sys
 import tempfile
 import time
@@ -16,6 +23,10 @@ from hashlib import sha256
 from pathlib import Path
 
 _SEAL = "seal.json"
+_LARGEST_SEAL = 100_000
+"""Bytes; a seal names three files or so."""
+_MODULE = re.compile(r"wideberth_\w+_[0-9a-f]{20}")
+"""Names of compiled modules; nothing else is pruned."""
 _BUDGET = 200 * 2**20
 """Bytes that the folder may hold; the modules that were not used for the longest time go first."""
 _ABANDONED = 86400.0
@@ -26,21 +37,76 @@ _UNFINISHED = ".unfinished-"
 
 
 def home() -> Path:
-    """Return the folder: WIDEBERTH_CACHE, else the platform's place for caches."""
-    if chosen := os.environ.get("WIDEBERTH_CACHE"):
-        return Path(chosen).expanduser().absolute() / "jit"
-    if sys.platform == "win32":
-        base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
-    elif sys.platform == "darwin":
-        base = Path.home() / "Library" / "Caches"
-    else:
-        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(base) / "wideberth" / "jit"
+    """Return the folder: WIDEBERTH_CACHE, else the platform's place for caches.
+
+    A relative XDG_CACHE_HOME or LOCALAPPDATA is passed over, as the XDG specification wants it.
+
+    Raises
+    ------
+    OSError : the user has no home folder, or WIDEBERTH_CACHE names that of an unknown user.
+    """
+    try:
+        if chosen := os.environ.get("WIDEBERTH_CACHE"):
+            return Path(chosen).expanduser().absolute() / "jit"
+        if sys.platform == "win32":
+            base = _absolute("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
+        elif sys.platform == "darwin":
+            base = Path.home() / "Library" / "Caches"
+        else:
+            base = _absolute("XDG_CACHE_HOME") or Path.home() / ".cache"
+    except RuntimeError as error:  # Python found no home folder
+        raise OSError(f"no place for it: {error}; set WIDEBERTH_CACHE") from None
+    return base / "wideberth" / "jit"
+
+
+def _absolute(variable: str) -> Path | None:
+    value = Path(os.environ.get(variable, ""))
+    return value if value.is_absolute() else None
+
+
+def opened() -> Path:
+    """Return the folder, made if missing; see `home`.
+
+    Raises
+    ------
+    OSError : it cannot be made, or another user could have written what is in it.
+    """
+    root = home()
+    missing = [path for path in (root, *root.parents) if not os.path.lexists(path)]
+    for path in reversed(missing):
+        path.mkdir(0o700, exist_ok=True)
+    if sys.platform == "win32":  # where the folder's place in the user's profile protects it
+        return root
+    for path in (root, *root.parents):
+        if path.is_symlink() and path.lstat().st_uid not in _trusted():
+            raise PermissionError(f"{path} is a symbolic link that another user made")
+    root = root.resolve()
+    if not root.is_dir():
+        raise NotADirectoryError(f"{root} is no folder")
+    if _foreign(root.stat()):
+        raise PermissionError(
+            f"{root} belongs to another user, or others may write there: remove it, or "
+            f"`chmod 700 {root}` if all in it is yours, or set WIDEBERTH_CACHE"
+        )
+    for path in root.parents:
+        mode = path.stat().st_mode
+        if mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
+            raise PermissionError(f"everybody may write to {path} above it: set WIDEBERTH_CACHE")
+    return root
+
+
+def _trusted() -> tuple[int, int]:
+    """Users whose files are read: this one and root."""
+    return os.getuid(), 0
+
+
+def _foreign(found: os.stat_result) -> bool:
+    """Whether another user owns a file or a folder, or may write it."""
+    return found.st_uid not in _trusted() or bool(found.st_mode & (stat.S_IWGRP | stat.S_IWOTH))
 
 
 def begin(root: Path) -> Path:
     """Make an empty folder to fill; OSError where nothing can be written."""
-    root.mkdir(parents=True, exist_ok=True)
     return Path(tempfile.mkdtemp(prefix=_UNFINISHED, dir=root))
 
 
@@ -48,26 +114,41 @@ def complete(filled: Path, final: Path) -> None:
     """Seal a filled folder and give it its name, unless another process was quicker."""
     text = json.dumps(_hashes(filled))
     (filled / _SEAL).write_text(text, encoding="utf-8")
+    for path in filled.rglob("*"):  # whatever the umask is
+        path.chmod(0o700 if path.is_dir() else 0o600)
     with suppress(OSError):
         filled.rename(final)
     remove(filled)
 
 
 def sound(folder: Path) -> bool:
-    """Whether a folder holds exactly what it was sealed with; marks it as used."""
+    """Whether a folder holds exactly what it was sealed with, by this user; marks it as used."""
     try:
+        if not _own(folder) or (folder / _SEAL).stat().st_size > _LARGEST_SEAL:
+            return False
         seal = json.loads((folder / _SEAL).read_text(encoding="utf-8"))
         intact = bool(seal) and seal == _hashes(folder)
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return False
     with suppress(OSError):
         os.utime(folder / _SEAL)
     return intact
 
 
+def _own(folder: Path) -> bool:
+    """Whether all in a folder are plain files and folders that no other user owns or may write."""
+    for path in (folder, *folder.rglob("*")):
+        found = path.lstat()
+        if not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):
+            return False
+        if sys.platform != "win32" and _foreign(found):
+            return False
+    return True
+
+
 def remove(folder: Path) -> None:
     """Delete a folder, under another name first, so that nobody reads it half deleted."""
-    if not folder.exists():
+    if not os.path.lexists(folder):
         return
     with suppress(OSError):
         grave = Path(tempfile.mkdtemp(prefix=_UNFINISHED, dir=folder.parent))
@@ -83,7 +164,7 @@ def prune(root: Path, keep: Path, budget: int = _BUDGET) -> None:
             if folder.name.startswith(_UNFINISHED):
                 if time.time() - folder.stat().st_mtime > _ABANDONED:
                     remove(folder)
-            elif folder.is_dir() and folder != keep:
+            elif _MODULE.fullmatch(folder.name) and folder != keep:
                 used.append(((folder / _SEAL).stat().st_mtime, folder))
     room = budget - _size(keep)
     for _, folder in sorted(used, reverse=True):
@@ -103,7 +184,6 @@ def alone(root: Path, name: str) -> Iterator[None]:
     # One of 16 files for all names: they are never deleted, which could not be done safely.
     path = root / f".lock-{sha256(name.encode()).hexdigest()[0]}"
     try:
-        root.mkdir(parents=True, exist_ok=True)
         handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
     except OSError:
         yield

@@ -1,5 +1,6 @@
 """Generated modules, compiled once per machine and then loaded from the user's cache folder."""
 
+import os
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -25,8 +26,9 @@ def load(stem: str, source: str, announce: Callable[[str], None] | None = None) 
     imported; other signatures are refused afterwards, since they would be compiled outside the
     cache. A compiled module is kept under the hash of its source, of Python, Numba, llvmlite and
     of the processor, in WIDEBERTH_CACHE or the platform's place for caches (whatever
-    NUMBA_CACHE_DIR says), and checked against its hashes before it is loaded: a damaged one is
-    compiled again. Where nothing can be written it is compiled for this process alone.
+    NUMBA_CACHE_DIR says), and checked before it is loaded: one that is damaged, or that another
+    user owns or may write, is compiled again. Where nothing can be kept, or others could write, it
+    is compiled for this process alone.
 
     Parameters
     ----------
@@ -79,22 +81,33 @@ def _digest(source: str) -> str:
 
 def _stored(stem: str, name: str, source: str, say: Callable[[str], None]) -> ModuleType:
     """Take the module from the cache, or compile it into the cache, or compile it for now."""
-    root = folder.home()
+    try:
+        root = folder.opened()
+    except OSError as error:
+        return _for_now(stem, name, source, say, error)
     final = root / name
     if (module := _reused(final, name, source)) is not None:
         return module
     with folder.alone(root, name):
         if (module := _reused(final, name, source)) is not None:  # another process made it
             return module
-        damaged = final.exists()
+        damaged = os.path.lexists(final)
         folder.remove(final)
         try:
             place = folder.begin(root)
         except OSError as error:
-            say(f"compiling {stem} for this run only ({root} cannot be written: {error}) ...")
-            return _executed(name, source, None)
-        say(f"compiling {stem} {'again, the stored one is damaged' if damaged else '(once)'} ...")
+            return _for_now(stem, name, source, say, error)
+        why = "again, the stored one is damaged or not yours alone" if damaged else "(once)"
+        say(f"compiling {stem} {why} ...")
         return _built(place, final, name, source)
+
+
+def _for_now(
+    stem: str, name: str, source: str, say: Callable[[str], None], error: OSError
+) -> ModuleType:
+    """Compile for this process alone."""
+    say(f"compiling {stem} for this run only (it cannot be kept: {error}) ...")
+    return _executed(name, source, None)
 
 
 def _reused(final: Path, name: str, source: str) -> ModuleType | None:

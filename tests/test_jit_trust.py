@@ -1,0 +1,223 @@
+"""Compiled modules are loaded from where no other user could have put them, and nowhere else."""
+
+import json
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from wideberth.framework.jit import NUMBA_IMPORTS, folder, load, store
+
+DOUBLE = (
+    f"from numba import njit, types\n{NUMBA_IMPORTS}\n\n"
+    "@njit('f8(f8)', cache=True, nogil=True)\ndef double(x):\n    return 2.0 * x\n"
+)
+
+
+@pytest.fixture(autouse=True)
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty cache and a process that has loaded nothing."""
+    monkeypatch.setenv("WIDEBERTH_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(store, "_LOADED", {})
+    return tmp_path / "cache" / "jit"
+
+
+@pytest.fixture
+def again(monkeypatch: pytest.MonkeyPatch) -> Callable[[], list[str]]:
+    """Load once more as a new process would, and return what was announced."""
+
+    def loaded() -> list[str]:
+        monkeypatch.setattr(store, "_LOADED", {})
+        said: list[str] = []
+        assert load("tested", DOUBLE, said.append).double(4.0) == 8.0
+        return said
+
+    return loaded
+
+
+def entry(place: Path) -> Path:
+    (found,) = (path for path in place.iterdir() if not path.name.startswith("."))
+    return found
+
+
+@pytest.fixture
+def stranger(monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], None]:
+    """Let another user own a file or folder: the paths named, by what the system says of them."""
+    chosen: set[Path] = set()
+
+    def of_another(found: os.stat_result) -> os.stat_result:
+        values = list(found)
+        values[4] = 4711
+        return os.stat_result(values)
+
+    real_lstat, real_stat = Path.lstat, Path.stat
+
+    def lstat(path: Path) -> os.stat_result:
+        found = real_lstat(path)
+        return of_another(found) if path in chosen else found
+
+    def plain(path: Path, *, follow_symlinks: bool = True) -> os.stat_result:
+        found = real_stat(path, follow_symlinks=follow_symlinks)
+        return of_another(found) if path in chosen else found
+
+    monkeypatch.setattr(Path, "lstat", lstat)
+    monkeypatch.setattr(Path, "stat", plain)
+    return chosen.add
+
+
+def test_everything_is_for_its_owner_alone(
+    again: Callable[[], list[str]], place: Path, tmp_path: Path
+) -> None:
+    before = os.umask(0)
+    try:
+        again()
+    finally:
+        os.umask(before)
+    made = [place.parent, place, *place.rglob("*")]
+    assert len(made) >= 7
+    assert all(path.stat().st_mode & 0o077 == 0 for path in made)
+    assert again() == []
+
+
+def test_a_folder_of_another_user_is_not_used(
+    again: Callable[[], list[str]], place: Path, stranger: Callable[[Path], None]
+) -> None:
+    again()
+    (index,) = entry(place).rglob("*.nbi")
+    before = index.stat().st_mtime_ns
+    stranger(place)
+    (line,) = again()
+    assert "this run only" in line and "another user" in line
+    assert index.stat().st_mtime_ns == before
+
+
+@pytest.mark.parametrize("suffix", ["", ".nbi", ".nbc", ".json", "__pycache__"])
+def test_what_another_user_put_there_is_compiled_again(
+    suffix: str, again: Callable[[], list[str]], place: Path, stranger: Callable[[Path], None]
+) -> None:
+    again()
+    found = entry(place)
+    stranger(next(found.rglob(f"*{suffix}")) if suffix else found)
+    (line,) = again()
+    assert "not yours alone" in line
+
+
+@pytest.mark.parametrize("mode", [0o770, 0o777, 0o702, 0o1777])
+def test_a_folder_that_others_may_write_is_not_used(
+    mode: int, again: Callable[[], list[str]], place: Path
+) -> None:
+    again()
+    place.chmod(mode)
+    (line,) = again()
+    assert "this run only" in line and f"chmod 700 {place}" in line
+    place.chmod(0o700)
+    assert again() == []
+
+
+@pytest.mark.parametrize("suffix", [".nbi", ".nbc", ".json", "__pycache__"])
+def test_a_file_that_others_may_write_is_made_again(
+    suffix: str, again: Callable[[], list[str]], place: Path
+) -> None:
+    again()
+    path = next(entry(place).rglob(f"*{suffix}"))
+    path.chmod(path.stat().st_mode | 0o020)
+    assert len(again()) == 1 and again() == []
+
+
+def test_a_folder_above_that_everybody_may_write(
+    again: Callable[[], list[str]], place: Path
+) -> None:
+    again()
+    place.parent.chmod(0o777)
+    (line,) = again()
+    assert "this run only" in line and "everybody may write" in line
+    place.parent.chmod(0o1777)  # as /tmp: nobody can rename what others own there
+    assert again() == []
+
+
+def test_links(
+    again: Callable[[], list[str]], place: Path, tmp_path: Path, stranger: Callable[[Path], None]
+) -> None:
+    again()
+    (index,) = entry(place).rglob("*.nbi")
+    index.rename(tmp_path / "index")
+    index.symlink_to(tmp_path / "index")
+    assert len(again()) == 1 and again() == []
+    assert (tmp_path / "index").is_file()
+    place.rename(tmp_path / "elsewhere")
+    place.symlink_to(tmp_path / "elsewhere")
+    assert again() == []  # a link of this user's own
+    stranger(place)
+    (line,) = again()
+    assert "symbolic link that another user made" in line
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, "[[1]]", "[]", "1" * 5001, '"' + "x" * 10**6])
+def test_a_seal_that_is_none(text: str, again: Callable[[], list[str]], place: Path) -> None:
+    again()
+    (entry(place) / "seal.json").write_text(text)
+    assert len(again()) == 1 and again() == []
+
+
+def test_a_seal_that_is_a_pipe(again: Callable[[], list[str]], place: Path) -> None:
+    again()
+    (entry(place) / "seal.json").unlink()
+    os.mkfifo(entry(place) / "seal.json")
+    assert len(again()) == 1 and again() == []
+
+
+def test_no_place(again: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("WIDEBERTH_CACHE", "~nosuchuser/cache")
+    (line,) = again()
+    assert "this run only" in line and "set WIDEBERTH_CACHE" in line
+
+    def homeless() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("WIDEBERTH_CACHE")
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(Path, "home", homeless)
+    (line,) = again()
+    assert "this run only" in line
+
+
+def test_a_file_in_the_place_of_a_module(again: Callable[[], list[str]], place: Path) -> None:
+    again()
+    module = entry(place)
+    for path in sorted(module.rglob("*"), reverse=True):
+        path.rmdir() if path.is_dir() else path.unlink()
+    module.rmdir()
+    module.symlink_to("nowhere")
+    assert len(again()) == 1 and again() == []
+
+
+def test_other_folders_are_not_pruned(again: Callable[[], list[str]], place: Path) -> None:
+    again()
+    mine = place / "mine"
+    mine.mkdir()
+    (mine / "seal.json").write_text(json.dumps({"a": "b"}))
+    folder.prune(place, keep=entry_of_module(place), budget=0)
+    assert mine.is_dir()
+
+
+def entry_of_module(place: Path) -> Path:
+    return next(path for path in place.iterdir() if path.name.startswith("wideberth_"))
+
+
+def test_place(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delenv("WIDEBERTH_CACHE")
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert folder.home() == tmp_path / "wideberth" / "jit"
+    monkeypatch.setenv("XDG_CACHE_HOME", "")
+    assert folder.home() == Path.home() / ".cache" / "wideberth" / "jit"
+    monkeypatch.setattr(sys, "platform", "darwin")
+    assert folder.home() == Path.home() / "Library" / "Caches" / "wideberth" / "jit"
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setenv("LOCALAPPDATA", str(tmp_path))
+    assert folder.home() == tmp_path / "wideberth" / "jit"
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative/cache")
+    assert folder.home() == Path.home() / ".cache" / "wideberth" / "jit"
