@@ -2,8 +2,10 @@
 
 from abc import ABC, abstractmethod
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from threading import Lock
 from time import perf_counter
 from typing import Any, cast
 
@@ -44,7 +46,12 @@ class Solver(ABC):
     A solver never raises for what a problem holds: failure is the status of the solution. It
     takes every guess through `unwrapped` first.
     The same problem, parameters and guesses give the same solution unless a deadline cuts
-    it short.
+    it short. Without guesses a solver compiles the problem and returns no solution.
+
+    The planner calls a solver in a thread of its own, and leaves it behind where it does not
+    return (see `wideberth.framework.mpc.watch`): another call may begin while one still runs, so
+    that calls must not share memory. Native code has to release Python's lock, as CasADi and
+    Numba's ``nogil`` do; a thread that keeps it stops the whole process.
     """
 
     @abstractmethod
@@ -55,7 +62,28 @@ class Solver(ABC):
         guesses: Sequence[Guess],
         deadline: float | None = None,
     ) -> list[Solution]:
-        """Solve from each guess; ``deadline`` in s caps each single solve."""
+        """Solve from each guess; ``deadline``, s by the clock, caps each single solve.
+
+        A solution that took longer has `Status.DEADLINE`, however the solver ended.
+        """
+
+
+def on_time(solution: Solution, begin: float, deadline: float | None) -> Solution:
+    """Return a solution as it is, or with `Status.DEADLINE` where the deadline has passed.
+
+    Parameters
+    ----------
+    solution : just found.
+    begin : s, reading of ``perf_counter`` when its solve began, compilation included.
+    deadline : s after ``begin``, or None.
+    """
+    if deadline is None or solution.status is Status.DEADLINE:
+        return solution
+    taken = perf_counter() - begin
+    if taken <= deadline:
+        return solution
+    message = f"{solution.message}, after {taken:.3g} s, later than the deadline {deadline:.3g} s"
+    return replace(solution, status=Status.DEADLINE, message=message)
 
 
 def unwrapped(problem: Problem, parameters: Parameters, guess: Guess) -> Guess:
@@ -85,14 +113,19 @@ class Compiled:
     succeed the next one gets another buffer. Results therefore do not depend on what was
     solved before.
 
+    One thread uses it at a time, see `compiled`.
+
     Parameters
     ----------
     form : the transcribed problem.
     make : makes the CasADi function.
+    stop : ends a solve at a time, where the function was made with it.
     """
 
-    def __init__(self, form: Transcription, make: Callable[[], Any]) -> None:
-        self.form, self._make = form, make
+    def __init__(
+        self, form: Transcription, make: Callable[[], Any], stop: "Stop | None" = None
+    ) -> None:
+        self.form, self._make, self.stop = form, make, stop
         self._function, self._buffer = make(), None
         self._spoilt: list[Any] = []
 
@@ -134,10 +167,51 @@ class Compiled:
 _MOST_SPOILT = 8
 """Each holds some MiB; making the solver anew takes tenths of a second."""
 
-_CACHE: OrderedDict[tuple[str, str, str], Compiled] = OrderedDict()
+class Stop(ca.Callback):  # type: ignore[misc]
+    """Stops an iterative solver of CasADi after the iteration in which a time has passed.
+
+    CasADi calls it with every iterate; it reads the clock and changes nothing.
+
+    Parameters
+    ----------
+    program : the symbols and expressions of the NLP.
+
+    Attributes
+    ----------
+    until : s, reading of ``perf_counter`` after which the solver stops.
+    """
+
+    def __init__(self, program: dict[str, Any]) -> None:
+        ca.Callback.__init__(self)
+        self.until = np.inf
+        x, g, p = (program[name].numel() for name in ("x", "g", "p"))
+        self._sizes = {"x": x, "f": 1, "g": g, "lam_x": x, "lam_g": g, "lam_p": p}
+        self.construct("stop")
+
+    def get_n_in(self) -> int:
+        """Count the inputs: those of a solver's result."""
+        return int(ca.nlpsol_n_out())
+
+    def get_n_out(self) -> int:
+        """Count the outputs."""
+        return 1
+
+    def get_sparsity_in(self, i: int) -> Any:
+        """Return the shape of an input."""
+        return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)], 1)
+
+    def eval(self, _: Sequence[Any]) -> list[float]:
+        """Return 1 where the time has passed."""
+        return [float(perf_counter() > self.until)]
+
+
+_CACHE: OrderedDict[tuple[str, str, str], list[Compiled]] = OrderedDict()
+"""The programs of a problem that no thread uses at present."""
 _CACHE_SIZE = 64
+_LOCK = Lock()
 
 
+@contextmanager
 def compiled(
     name: str,
     problem: Problem,
@@ -145,25 +219,46 @@ def compiled(
     *,
     staged: bool,
     matrix: bool = False,
-) -> Compiled:
+    stoppable: bool = False,
+) -> Iterator[Compiled]:
     """Make the `casadi.nlpsol` of a problem, or take it from this process's cache.
 
-    The cache is keyed by the hash of the expressions, never of a config alone.
+    The cache is keyed by the hash of the expressions, never of a config alone. ``options`` are
+    those that stay the same from call to call; what changes, such as the time left, reaches a
+    program through its ``stop``. A program that is in use is not in the cache: a solve that was
+    left behind keeps its own, and the next one gets another.
     """
-    key = (problem.key, name, repr((sorted(options.items()), staged, matrix)))
-    if key in _CACHE:
+    key = (problem.key, name, repr((sorted(options.items()), staged, matrix, stoppable)))
+    with _LOCK:
+        unused = _CACHE.setdefault(key, [])
         _CACHE.move_to_end(key)
-        return _CACHE[key]
+        if len(_CACHE) > _CACHE_SIZE:
+            _CACHE.popitem(last=False)
+        program = unused.pop() if unused else None
+    if program is None:
+        program = _made(name, problem, options, staged, matrix, stoppable)
+    yield program  # one whose solve raises is not used again
+    unused.append(program)
+
+
+def _made(
+    name: str,
+    problem: Problem,
+    options: dict[str, Any],
+    staged: bool,
+    matrix: bool,
+    stoppable: bool,
+) -> Compiled:
     form = Transcription(problem, staged=staged, symbol=ca.MX if matrix else ca.SX)
     quiet = {"print_time": False, "error_on_fail": False, "show_eval_warnings": False}
     settings = {**quiet, "calc_lam_p": False, **options}
     if name == "fatrop":
         settings |= _structure(form)
     program = form.nlp()
-    _CACHE[key] = Compiled(form, lambda: ca.nlpsol("solver", name, program, settings))
-    if len(_CACHE) > _CACHE_SIZE:
-        _CACHE.popitem(last=False)
-    return _CACHE[key]
+    stop = Stop(program) if stoppable else None
+    if stop is not None:
+        settings["iteration_callback"] = stop
+    return Compiled(form, lambda: ca.nlpsol("solver", name, program, settings), stop)
 
 
 def _structure(form: Transcription) -> dict[str, Any]:

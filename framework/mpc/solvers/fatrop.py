@@ -1,7 +1,7 @@
 """fatrop: an interior-point method that exploits the stages of the problem."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from time import perf_counter
 from typing import Any, final
 
@@ -9,7 +9,7 @@ from ...arrays import positive, whole
 from ...plan import Status
 from ..problem import Parameters, Problem
 from ..transcription import Guess
-from .base import Solution, Solver, compiled, run
+from .base import Solution, Solver, compiled, on_time, run
 
 
 @final
@@ -45,25 +45,22 @@ class Fatrop(Solver):
     ) -> list[Solution]:
         """Solve from each guess.
 
-        fatrop offers no time limit; a solve that took longer than the deadline is reported
-        as late, with its result.
+        fatrop offers no time limit and no callback; a solve that took longer than the deadline
+        is reported as late, with its result.
         """
+        begin = perf_counter()
         options: dict[str, Any] = {
             "fatrop.print_level": 0,
             "fatrop.max_iter": self.iterations,
             "fatrop.tol": self.tolerance,
             "fatrop.mu_init": self.start_barrier,
         }
-        program = compiled("fatrop", problem, options, staged=True)
         solutions = []
-        for guess in guesses:
-            begin = perf_counter()
-            solution = run(program, parameters, guess, _status)
-            late = deadline is not None and perf_counter() - begin > deadline
-            if late:
-                message = "later than the deadline"
-                solution = replace(solution, status=Status.DEADLINE, message=message)
-            solutions.append(solution)
+        with compiled("fatrop", problem, options, staged=True) as program:
+            for guess in guesses:
+                found = run(program, parameters, guess, _status)
+                solutions.append(on_time(found, begin, deadline))
+                begin = perf_counter()
         return solutions
 
 

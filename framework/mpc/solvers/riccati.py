@@ -15,7 +15,7 @@ from ...errors import WideberthError
 from ...plan import Status
 from ..problem import Parameters, Problem
 from ..transcription import Guess
-from .base import Solution, Solver, unwrapped
+from .base import Solution, Solver, on_time, unwrapped
 from .fatrop import Fatrop
 
 if TYPE_CHECKING:
@@ -82,11 +82,12 @@ class Riccati(Solver):
             made, run = _compiled(problem)
         except WideberthError as error:
             why = f"by fatrop, since {error}"
-            found = Fatrop().solve(problem, parameters, guesses, deadline)
-            return [replace(one, message=f"{one.message} ({why})") for one in found]
+            others = Fatrop().solve(problem, parameters, guesses, deadline)
+            return [replace(one, message=f"{one.message} ({why})") for one in others]
         solutions = []
         for guess in guesses:
-            solutions.append(self._one(problem, parameters, guess, deadline, made, run, begin))
+            found = self._one(problem, parameters, guess, deadline, made, run, begin)
+            solutions.append(on_time(found, begin, deadline))
             begin = perf_counter()
         return solutions
 
