@@ -8,7 +8,7 @@ from typing import final
 import numpy as np
 
 from wideberth.framework.config import build
-from wideberth.framework.mpc.attempts import Attempts, Budget
+from wideberth.framework.mpc.attempts import Attempts, Budget, Watch
 from wideberth.framework.mpc.case import Case
 from wideberth.framework.mpc.contact import Surroundings
 from wideberth.framework.mpc.instance import Obstacles
@@ -56,7 +56,7 @@ class PlannerAnswer(Solver):
         around = Surroundings(robot, region, None, _obstacles(parameters, robot.radius), NONE, 0.0)
         first = ladder.suited(parameters, ladder.first())
         case = Case(problem, first.pull(parameters), around)
-        outcome = Attempts(self.solver, "auto", budget).run(ladder, case, first, False)
+        outcome = Attempts(Watch(self.solver), "auto", budget).run(ladder, case, first, False)
         plan, point = ladder.choose(case, outcome)
         status = Status.SOLVED if plan.rung is Rung.OPTIMAL else Status.FAILED
         spent = perf_counter() - budget.begin

@@ -91,10 +91,10 @@ def decided(predictor: Predictor, solver: Timed, **changes: Any) -> Plan:
 
 
 def test_the_first_start_gets_all_and_the_others_what_is_left(clock: Clock) -> None:
-    solver = Timed(clock, 0.1)
-    plan = decided(Slow(clock, 0.05), solver, deadline=0.5, starts="auto")
-    # 0.5 less a tenth in reserve less the forecast; the next ones while 0.1 s is left
-    assert solver.given == pytest.approx([0.4, 0.3, 0.2, 0.1], abs=1e-9)
+    solver = Timed(clock, 10.0)
+    plan = decided(Slow(clock, 5.0), solver, deadline=50.0, starts="auto")
+    # 50 less a tenth in reserve less the forecast; the next ones while 10 s are left
+    assert solver.given == pytest.approx([40.0, 30.0, 20.0, 10.0], abs=1e-7)
     assert plan.rung is Rung.OPTIMAL
 
 
@@ -105,23 +105,29 @@ def test_without_a_deadline_all_other_starts_are_one_call(clock: Clock) -> None:
 
 
 def test_a_slow_first_solve_leaves_no_time_for_others(clock: Clock) -> None:
-    solver = Timed(clock, 0.3)
-    plan = decided(Slow(clock, 0.0), solver, deadline=0.5, starts="auto")
-    assert solver.given == pytest.approx([0.45])
+    solver = Timed(clock, 30.0)
+    plan = decided(Slow(clock, 0.0), solver, deadline=50.0, starts="auto")
+    assert solver.given == pytest.approx([45.0])
     assert plan.rung is Rung.OPTIMAL
 
 
 def test_a_late_result_is_used_if_it_is_feasible(clock: Clock) -> None:
-    plan = decided(Slow(clock, 0.0), Timed(clock, 0.9, late=True), deadline=0.5)
+    plan = decided(Slow(clock, 0.0), Timed(clock, 90.0, late=True), deadline=50.0)
     assert plan.rung is Rung.FEASIBLE
     assert plan.status is Status.DEADLINE
     assert plan.reason == "solver: late"
     assert plan.violation <= 1e-4
 
 
+def test_a_plug_in_that_does_not_say_that_it_was_late(clock: Clock) -> None:
+    plan = decided(Slow(clock, 0.0), Timed(clock, 90.0), deadline=50.0)
+    assert (plan.rung, plan.status) == (Rung.FEASIBLE, Status.DEADLINE)
+    assert "later than the deadline" in plan.reason
+
+
 def test_a_forecast_that_took_all_the_time_ends_in_a_checked_stop(clock: Clock) -> None:
-    solver = Timed(clock, 0.1)
-    plan = decided(Slow(clock, 0.6), solver, deadline=0.5)
+    solver = Timed(clock, 10.0)
+    plan = decided(Slow(clock, 60.0), solver, deadline=50.0)
     assert solver.given == []
     assert (plan.rung, plan.status) == (Rung.BRAKE, Status.DEADLINE)
     assert plan.reason == "solver: no time was left to solve"

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from time import perf_counter
 
 import numpy as np
@@ -9,13 +10,21 @@ import numpy as np
 from ..plan import Rung, Status
 from .case import Candidate, Case, Outcome
 from .ladder import Ladder
-from .solvers.base import Solution, Solver
+from .solvers.base import Solution, Solver, on_time
 from .starts import OTHERS, Starts, along, other_starts
 from .transcription import Guess
 from .verify import violation
+from .watch import LeftBehind, Refused, watched
 
 RESERVE = 0.1
-"""Share of the deadline that is kept for checking the results and for falling back."""
+"""Share of the deadline that is kept for checking the results and for falling back. A solver that
+runs on is waited for during the first half of it."""
+
+PATIENCE = 60.0
+"""s that a solve may take where there is no deadline: far more than solvers need."""
+
+COMPILING = 10.0
+"""The first use of a problem, which compiles it, may take so many times the planner's patience."""
 
 STUCK = 0.1
 """Share of its way that a plan has to come along not to be stuck. Between two people who stand, a
@@ -50,6 +59,51 @@ class Budget:
             return np.inf
         return (1.0 - RESERVE) * self.deadline - self.spent()
 
+    def wait(self) -> float:
+        """Return how much longer a solver is waited for, s; infinite without a deadline."""
+        return self.left() + (0.0 if self.deadline is None else 0.5 * RESERVE * self.deadline)
+
+
+class Watch:
+    """Calls a planner's solver in a thread that is left behind where it does not return.
+
+    Parameters
+    ----------
+    solver : the plug-in.
+    patience : s that one solve may take where there is no deadline.
+    """
+
+    def __init__(self, solver: Solver, patience: float = PATIENCE) -> None:
+        self._solver, self._patience = solver, patience
+        self._used: set[str] = set()
+
+    @property
+    def name(self) -> str:
+        """What reasons call the solver."""
+        return type(self._solver).__name__
+
+    def solve(self, case: Case, guesses: Sequence[Guess], budget: Budget) -> list[Solution]:
+        """Solve from each guess.
+
+        With a deadline all of it, compilation included, may take what the budget has left.
+        Without one the planner's patience counts, and more of it at the first use of a problem.
+
+        Raises
+        ------
+        LeftBehind, Refused : there is no solution, see `watch.watched`.
+        """
+        given = case.problem, case.parameters
+        if budget.deadline is None:
+            limit = self._patience * len(guesses)
+            if case.problem.key not in self._used:
+                limit *= COMPILING
+                self._used.add(case.problem.key)
+            return watched(partial(self._solver.solve, *given, guesses, None), limit)
+        begin, left = budget.spent(), max(budget.left(), 1e-3)
+        call = partial(self._solver.solve, *given, guesses, left)
+        found = watched(call, max(budget.wait(), left))
+        return [on_time(one, budget.spent() - begin, left) for one in found]
+
 
 @dataclass(frozen=True, eq=False)
 class Attempts:
@@ -63,16 +117,17 @@ class Attempts:
     enough.
 
     The first solve may take all the time there is. The next one begins while as much is left as
-    the longest took so far, since not every solver can be stopped.
+    the longest took so far, since not every solver can be stopped. One that does not return in
+    time is left behind, and no other start is tried.
 
     Parameters
     ----------
-    solver : the plug-in.
+    watch : calls the solver.
     starts : names, or auto.
     budget : of the call.
     """
 
-    solver: Solver
+    watch: Watch
     starts: Starts
     budget: Budget
 
@@ -80,6 +135,9 @@ class Attempts:
         """Solve; ``crowded`` is what the last outcome said."""
         try:
             return self._run(ladder, case, first, crowded)
+        except (LeftBehind, Refused) as error:
+            message = f"{self.watch.name} {error}"
+            return Outcome((), (first,), crowded, crowded, Status.DEADLINE, message)
         except Exception as error:  # a plug-in's solver may fail in any way; the ladder goes on
             message = f"{type(error).__name__}: {error}"
             return Outcome((), (first,), crowded, crowded, Status.FAILED, message)
@@ -95,12 +153,13 @@ class Attempts:
         names = self._names(ladder, case, candidates[0], there, crowded)
         found = other_starts(ladder.robot, case.problem, case.parameters, first, names)
         others = [ladder.suited(case.parameters, guess) for guess in found]
-        solutions = self._others(case, others, solutions[0].seconds)
+        solutions, note = self._others(case, others, solutions[0].seconds)
         candidates += [ladder.assess(case, one) for one in solutions]
         guesses = (first, *others[: len(solutions)])
         solved = candidates[0].solution
         assert solved is not None
-        return Outcome(tuple(candidates), guesses, there, crowded, solved.status, solved.message)
+        status, message = solved.status, solved.message
+        return Outcome(tuple(candidates), guesses, there, crowded, status, message, note)
 
     def _names(
         self, ladder: Ladder, case: Case, first: Candidate, there: bool, crowded: bool
@@ -115,23 +174,25 @@ class Attempts:
         anew = ladder.inputs is None or not crowded
         return OTHERS if anew or _stuck(ladder, case, first) else ("along",)
 
-    def _others(self, case: Case, guesses: Sequence[Guess], longest: float) -> list[Solution]:
-        """Solve from other starts while there is time."""
-        if not guesses:
-            return []
-        if self.budget.deadline is None:
-            return self._solve(case, guesses)
+    def _others(
+        self, case: Case, guesses: Sequence[Guess], longest: float
+    ) -> tuple[list[Solution], str]:
+        """Solve from other starts while there is time; say where that was cut off."""
         solutions: list[Solution] = []
-        for guess in guesses:
-            if self.budget.left() < longest:
-                break
-            solutions += self._solve(case, [guess])
-            longest = max(longest, solutions[-1].seconds)
-        return solutions
+        try:
+            if self.budget.deadline is None:
+                return (self._solve(case, guesses) if guesses else []), ""
+            for guess in guesses:
+                if self.budget.left() < longest:
+                    break
+                solutions += self._solve(case, [guess])
+                longest = max(longest, solutions[-1].seconds)
+        except (LeftBehind, Refused) as error:
+            return solutions, f"from another start {self.watch.name} {error}"
+        return solutions, ""
 
     def _solve(self, case: Case, guesses: Sequence[Guess]) -> list[Solution]:
-        left = None if self.budget.deadline is None else max(self.budget.left(), 1e-3)
-        return self.solver.solve(case.problem, case.parameters, guesses, left)
+        return self.watch.solve(case, guesses, self.budget)
 
 
 def _stuck(ladder: Ladder, case: Case, solved: Candidate) -> bool:

@@ -70,6 +70,7 @@ class Outcome:
     crowded : whether something is in the way, see `attempts.Attempts`.
     before : whether that was so at the last call.
     status, message : of the first solve, or why there was none.
+    note : why the solver was not asked from all other starts, where it did not return.
     """
 
     candidates: tuple[Candidate, ...]
@@ -78,6 +79,7 @@ class Outcome:
     before: bool
     status: Status
     message: str
+    note: str = ""
 
 
 def contact(case: Case, one: Candidate, window: int) -> float:

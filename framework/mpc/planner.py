@@ -18,7 +18,7 @@ from ..region import Region
 from ..robot import Robot
 from ..smoother import VelocitySmoother
 from ..static_region import StaticRegion
-from .attempts import Attempts, Budget
+from .attempts import COMPILING, PATIENCE, Attempts, Budget, Watch
 from .case import Case
 from .contact import Surroundings
 from .costs.base import Cost
@@ -27,7 +27,7 @@ from .ego import Growth, OwnUncertainty, carried
 from .emergency import aim, emergency
 from .explain import Decision, Solve
 from .follower import carried_along, unmarked
-from .instance import Obstacles, choose_obstacles
+from .instance import CAPACITIES, Obstacles, choose_obstacles
 from .ladder import Ladder
 from .levels.base import LevelPolicy
 from .perception import Perception
@@ -64,8 +64,13 @@ class Planner(Controller):
     reference_speed : m/s along the path; the paper's 0.5.
     cost : of each stage of a plan; the paper's tracking of a timed reference by default.
     penalty : price of one unit of slack on soft regions; None for hard ones, the paper's.
-    deadline : s for one call, forecast and checks included; None leaves the limit to iteration
-        counts, which is reproducible. The paper's is 0.45.
+    deadline : s by the clock for one call, forecast and checks included; None leaves the limit to
+        iteration counts, which is reproducible. The paper has none for the call: its 0.45 s are
+        `Ipopt.max_cpu_time`.
+    patience : s that one solve may take where there is no deadline. A solver that has not
+        returned by then is left behind, and the plan comes from the next rung. The first use of
+        a problem, which compiles it, may take ten times as long. Far more than solvers need:
+        it changes nothing but what would hold the loop.
     latency : s between observation and the moment the command takes effect; the plan
         starts where the robot will be by then. 0 is the paper's.
     track_dt : s between the samples that the predictor sees.
@@ -101,6 +106,7 @@ class Planner(Controller):
     cost: Cost = field(default_factory=Tracking)
     penalty: float | None = None
     deadline: float | None = None
+    patience: float = PATIENCE
     latency: float = 0.0
     track_dt: float = 0.5
     history: int = 80
@@ -117,6 +123,7 @@ class Planner(Controller):
         check_settings(self)
         self._progress: Progress | None = None
         self._problems = Problems(self)
+        self._watch = Watch(self.solver, self.patience)
         reach = reach_of_bodies(self.robot, self.region, self.static_region)
         self._own = OwnUncertainty(self.robot, self.dt, self.own_uncertainty, reach)
         self.reset()
@@ -142,9 +149,12 @@ class Planner(Controller):
         """Follow this path from now on."""
         self._progress = Progress(checked_path(self.robot, path))
         if not self._problems:
-            twin = replace(self, record=None)  # shares the compiled problems
+            timed = None if self.deadline is None else COMPILING * self.patience
+            twin = replace(self, record=None, deadline=timed)  # shares the compiled problems
             twin._progress, twin._problems = Progress(path), self._problems
-            warm_up(twin, self.robot, path, self.reference_speed, self.history)
+            twin._watch = self._watch
+            crowds = [1] if timed is None else [n for n in CAPACITIES if n <= self.most_obstacles]
+            warm_up(twin, self.robot, path, self.reference_speed, self.history, crowds)
 
     @property
     def plan(self) -> Plan | None:
@@ -209,11 +219,12 @@ class Planner(Controller):
     def _decide(self, observation: Observation, budget: Budget) -> Plan:
         """Solve, choose a rung, and keep what is to be explained."""
         ladder, case, first, size, forecast = self._situate(observation)
-        attempts = Attempts(self.solver, self.starts, budget)
+        attempts = Attempts(self._watch, self.starts, budget)
         outcome = attempts.run(ladder, case, first, self._crowded)
         self._crowded = outcome.crowded
         plan, point = ladder.choose(case, outcome)
-        plan = replace(unmarked(self.robot, plan), forecast=forecast)
+        reason = "; ".join(filter(None, (plan.reason, outcome.note)))
+        plan = replace(unmarked(self.robot, plan), forecast=forecast, reason=reason)
         spent = budget.spent()
         self._decision = Decision(case, size, outcome.guesses, point, plan, spent)
         if self.record is not None and self.record.wants(self._decision):

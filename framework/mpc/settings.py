@@ -27,7 +27,7 @@ def check_settings(planner: "Planner") -> None:
         raise WideberthError(
             f"planner.most_obstacles is {planner.most_obstacles}; wanted at most {CAPACITIES[-1]}"
         )
-    for name in ("dt", "period", "reference_speed", "track_dt", "forget"):
+    for name in ("dt", "period", "reference_speed", "track_dt", "forget", "patience"):
         positive(f"planner.{name}", getattr(planner, name))
     for name in ("latency", "margin"):
         positive(f"planner.{name}", getattr(planner, name), zero=True)

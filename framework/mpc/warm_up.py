@@ -1,5 +1,6 @@
 """Import and compile before the first decision, which has to be quick."""
 
+from collections.abc import Sequence
 from contextlib import suppress
 
 import numpy as np
@@ -10,8 +11,10 @@ from ..path import Path
 from ..robot import Robot, start_state
 
 
-def warm_up(twin: Controller, robot: Robot, path: Path, speed: float, samples: int) -> None:
-    """Let a planner that nobody needs decide with one obstacle far behind it.
+def warm_up(
+    twin: Controller, robot: Robot, path: Path, speed: float, samples: int, crowds: Sequence[int]
+) -> None:
+    """Let a planner that nobody needs decide with obstacles far behind it.
 
     What goes wrong here goes wrong again in `command`, which turns it into a reason.
 
@@ -19,15 +22,19 @@ def warm_up(twin: Controller, robot: Robot, path: Path, speed: float, samples: i
     ----------
     twin : shares its compiled problems with the planner that is to be warm.
     robot, path, speed : where it would start.
-    samples : observations before the one decision: long enough for what fits a model.
+    samples : observations before the first decision: long enough for what fits a model.
+    crowds : numbers of obstacles to decide among, each of them twice.
     """
     with suppress(Exception):  # a plug-in that raises here is named by `command`
         direction = path.direction(np.zeros(1))[0]
         state = np.array(start_state(robot, path.points[0], direction, speed)[0], float)
         size, rng = robot.dimension, np.random.default_rng(0)
-        for tick in range(samples + 2):
-            away = 100.0 + 0.3 * twin.period * tick
-            place = path.points[0] - away * direction + 0.01 * rng.standard_normal(size)
-            far = Detection("warm-up", place, 1e-4 * np.eye(size), 0.5)
-            seen = Observation(twin.period * tick, state, (far,))
+        for tick in range(samples + 2 * len(crowds)):
+            count = 1 if tick < samples else crowds[(tick - samples) // 2]
+            far = []
+            for index in range(count):
+                away = 100.0 + 0.3 * twin.period * tick + 10.0 * index
+                place = path.points[0] - away * direction + 0.01 * rng.standard_normal(size)
+                far.append(Detection(f"warm-up {index}", place, 1e-4 * np.eye(size), 0.5))
+            seen = Observation(twin.period * tick, state, tuple(far))
             (twin.remember if tick < samples else twin.command)(seen)

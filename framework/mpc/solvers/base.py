@@ -46,7 +46,7 @@ class Solver(ABC):
     A solver never raises for what a problem holds: failure is the status of the solution. It
     takes every guess through `unwrapped` first.
     The same problem, parameters and guesses give the same solution unless a deadline cuts
-    it short. Without guesses a solver compiles the problem and returns no solution.
+    it short.
 
     The planner calls a solver in a thread of its own, and leaves it behind where it does not
     return (see `wideberth.framework.mpc.watch`): another call may begin while one still runs, so
@@ -68,19 +68,16 @@ class Solver(ABC):
         """
 
 
-def on_time(solution: Solution, begin: float, deadline: float | None) -> Solution:
+def on_time(solution: Solution, taken: float, deadline: float | None) -> Solution:
     """Return a solution as it is, or with `Status.DEADLINE` where the deadline has passed.
 
     Parameters
     ----------
     solution : just found.
-    begin : s, reading of ``perf_counter`` when its solve began, compilation included.
-    deadline : s after ``begin``, or None.
+    taken : s by the clock that its solve took, compilation included.
+    deadline : s, or None.
     """
-    if deadline is None or solution.status is Status.DEADLINE:
-        return solution
-    taken = perf_counter() - begin
-    if taken <= deadline:
+    if deadline is None or taken <= deadline or solution.status is Status.DEADLINE:
         return solution
     message = f"{solution.message}, after {taken:.3g} s, later than the deadline {deadline:.3g} s"
     return replace(solution, status=Status.DEADLINE, message=message)
@@ -166,6 +163,7 @@ class Compiled:
 
 _MOST_SPOILT = 8
 """Each holds some MiB; making the solver anew takes tenths of a second."""
+
 
 class Stop(ca.Callback):  # type: ignore[misc]
     """Stops an iterative solver of CasADi after the iteration in which a time has passed.

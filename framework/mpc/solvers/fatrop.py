@@ -59,7 +59,7 @@ class Fatrop(Solver):
         with compiled("fatrop", problem, options, staged=True) as program:
             for guess in guesses:
                 found = run(program, parameters, guess, _status)
-                solutions.append(on_time(found, begin, deadline))
+                solutions.append(on_time(found, perf_counter() - begin, deadline))
                 begin = perf_counter()
         return solutions
 

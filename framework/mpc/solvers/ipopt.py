@@ -59,7 +59,7 @@ class Ipopt(Solver):
         guesses: Sequence[Guess],
         deadline: float | None = None,
     ) -> list[Solution]:
-        """Solve from each guess; the deadline stops IPOPT after the iteration in which it passes."""
+        """Solve from each guess; IPOPT stops after the iteration in which the deadline passes."""
         begin = perf_counter()
         options: dict[str, Any] = {
             "ipopt.print_level": 0,
@@ -82,7 +82,7 @@ class Ipopt(Solver):
                 if program.stop is not None and deadline is not None:
                     program.stop.until = begin + deadline
                 found = run(program, parameters, guess, _status)
-                solutions.append(on_time(found, begin, deadline))
+                solutions.append(on_time(found, perf_counter() - begin, deadline))
                 begin = perf_counter()
         return solutions
 

@@ -87,7 +87,7 @@ class Riccati(Solver):
         solutions = []
         for guess in guesses:
             found = self._one(problem, parameters, guess, deadline, made, run, begin)
-            solutions.append(on_time(found, begin, deadline))
+            solutions.append(on_time(found, perf_counter() - begin, deadline))
             begin = perf_counter()
         return solutions
 
