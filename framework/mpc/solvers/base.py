@@ -165,7 +165,7 @@ _MOST_SPOILT = 8
 """Each holds some MiB; making the solver anew takes tenths of a second."""
 
 
-class Stop(ca.Callback):  # type: ignore[misc]
+class Stop(ca.Callback):
     """Stops an iterative solver of CasADi after the iteration in which a time has passed.
 
     CasADi calls it with every iterate; it reads the clock and changes nothing.
