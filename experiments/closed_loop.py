@@ -130,8 +130,9 @@ def condense(rows: Sequence[Row]) -> Row:
     twice its free time; ``time_ratio`` the median over episodes of the slowest robot's time
     over its free time, ``extra_time_s`` of what it took beyond that: NaN, all three, where a
     robot arrived whose reference speed is unknown. ``below_reference`` is the
-    share of plans that hold less content than the reference; ``coverage`` the share of later
-    positions inside the forecasts' regions.
+    share of plans that hold less content than the reference, ``least_content`` the least that any
+    holds, and ``gave_way`` says when and for whom; ``coverage`` is the share of later positions
+    inside the forecasts' regions.
     """
     ratio = column(rows, "time_ratio_worst")
     clearance = column(rows, "clearance")
@@ -147,12 +148,22 @@ def condense(rows: Sequence[Row]) -> Row:
         "extra_time_s": float(np.median(column(rows, "extra_time_worst"))),
         "length_ratio": float(np.median(column(rows, "length_ratio_worst"))),
         "below_reference": float(np.mean(column(rows, "below_reference"))),
+        **_given_way(rows),
         "fallback_plans": float(column(rows, "fallbacks").sum() / plans) if plans else 0.0,
         "deadline_misses": int(column(rows, "deadline_misses").sum()),
         "errors": next((str(row["errors"]) for row in rows if row["errors"]), ""),
         "named_forecasts": known_mean(column(rows, "named_forecasts")),
         "coverage": known_mean(column(rows, "coverage")),
     }
+
+
+def _given_way(rows: Sequence[Row]) -> Row:
+    """Least content of all episodes, and how that plan gave way."""
+    held = column(rows, "least_content")
+    if np.isnan(held).all():
+        return {"least_content": float("nan"), "gave_way": ""}
+    least = int(np.nanargmin(held))
+    return {"least_content": float(held[least]), "gave_way": rows[least]["gave_way"] or ""}
 
 
 def pick(row: Row, names: Sequence[str]) -> Row:

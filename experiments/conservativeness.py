@@ -41,6 +41,7 @@ COLUMNS = (
     "clearance_min_m",
     "clearance_median_m",
     "below_reference",
+    "least_content",
     "coverage",
 )
 

@@ -35,7 +35,8 @@ from .variants import planner_of
 
 COLUMNS = (
     "episodes", "collisions", "deadlocks", "goals_in_time", "clearance_min_m",
-    "clearance_median_m", "time_ratio", "length_ratio", "below_reference", "fallback_plans",
+    "clearance_median_m", "time_ratio", "length_ratio", "below_reference", "least_content",
+    "fallback_plans",
 )  # fmt: skip
 PANELS = {
     "clearance": "least clearance (m)",

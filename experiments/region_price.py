@@ -182,7 +182,7 @@ class RegionPrice(Experiment):
                     "extra_time": quartiles(time)[1],
                     "extra_path": quartiles(path)[1],
                     "paired": len(time),
-                    **pick(rest, ("below_reference", "fallback_plans")),
+                    **pick(rest, ("below_reference", "least_content", "fallback_plans")),
                     "iterations": known_mean(column(some, "iterations")),
                     "remark": rest["errors"],
                 }

@@ -40,7 +40,7 @@ SHOWN = (
         "time_ratio",
         "extra_time_s",
     ),
-    *("below_reference", "named_forecasts", "coverage"),
+    *("below_reference", "least_content", "gave_way", "named_forecasts", "coverage"),
 )
 """Columns of `condense` in the summary."""
 

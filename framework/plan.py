@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from math import floor, log10
 
 import numpy as np
 
@@ -66,6 +67,45 @@ class Breach:
         return f"motion limits broken by {self.amount:.2g} at step {self.step}"
 
 
+@dataclass(frozen=True)
+class GivenWay:
+    """A plan keeps a lower probability than was asked for: how low, from when on, for whom.
+
+    Attributes
+    ----------
+    asked, held : 1 - content, or collision risk, see ``promise``, that the level aimed at stands
+        for and that the plan keeps, where they differ most.
+    promise : "content" or "risk", what the level policy promises.
+    step : 1..N, first step at which the region that was asked for is entered.
+    name : of the obstacle whose region that is.
+    """
+
+    asked: float
+    held: float
+    promise: str
+    step: int
+    name: str
+
+    def __str__(self) -> str:
+        """Say it in one clause, with as many digits as tell both numbers apart."""
+        shown = [_percent(tail, self.promise, 2) for tail in (self.asked, self.held)]
+        for digits in range(3, 9):
+            if shown[0] != shown[1]:
+                break
+            shown = [_percent(tail, self.promise, digits) for tail in (self.asked, self.held)]
+        asked = f"asked {'a risk of at most ' if self.promise == 'risk' else ''}{shown[0]}"
+        return f"{asked}, holds {shown[1]} from step {self.step} on, because of {self.name!r}"
+
+
+def _percent(tail: float, promise: str, digits: int) -> str:
+    """Write a probability in %, with so many digits of its distance from 0 or 100 %."""
+    value = 100.0 * (tail if promise == "risk" else 1.0 - tail)
+    away = min(value, 100.0 - value)
+    decimals = min(max(digits - 1 - floor(log10(away)), 0), 15) if away > 0.0 else 0
+    text = f"{value:.{decimals}f}"
+    return (text.rstrip("0").rstrip(".") if "." in text else text) + " %"
+
+
 @dataclass(frozen=True, eq=False)
 class Plan:
     """States and inputs over the horizon with all that is known about them.
@@ -79,15 +119,17 @@ class Plan:
     positions : (N + 1, D), m, of the states.
     reference : (N, D), m, what the plan tracked.
     auxiliaries : (N, O, A) of the regions, for the warm start.
-    level : (N, O), the level that each constraint was held at.
+    level : (N, O), the level that each constraint is held at.
     target : (N, O), the level aimed at.
     content : (N, O), the content that those levels stand for.
     ids : identities of the O obstacles.
     status : how the solver ended.
     rung : which rung of the fallback ladder this is.
-    reason : why it is not the optimal plan; empty when it is.
+    reason : how it gave way, why it is not the optimal plan, and what was refused of the
+        observation; empty where there is nothing to say. Judge by ``rung`` and ``status``.
     breach : the constraint that it breaks most; None where it keeps all, or was held against
         none.
+    given_way : how far it keeps less than was asked for; None where it keeps that.
     iterations : of the solver.
     seconds : wall time of the solve.
     violation : largest violated constraint, re-checked in NumPy (unit-free, 0 if none; nan
@@ -122,6 +164,7 @@ class Plan:
     forecast: Forecast | None = field(default=None, repr=False)
     tracked: tuple[str, ...] = ()
     breach: Breach | None = None
+    given_way: GivenWay | None = None
 
     @property
     def fallbacks(self) -> tuple[str | None, ...]:

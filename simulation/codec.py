@@ -1,8 +1,8 @@
 """Episodes as bytes: one array of numbers, and a description of where what stands in it.
 
-Format "wideberth/episode", version 3 (still read are version 2, which did not know what a plan
-breaks, and version 1, which knew neither footprints nor polygons): a NumPy archive (npz,
-deflated) with two members.
+Format "wideberth/episode", version 4: a NumPy archive (npz, deflated) with two members. Still
+read are version 3, which did not know how a plan gives way, version 2, which did not know what a
+plan breaks, and version 1, which knew neither footprints nor polygons.
 ``numbers`` is a float64 vector with all arrays one after the other; ``meta`` is JSON in
 UTF-8, in which an array is written as {"at": offset, "shape": [...]}. One vector, since an
 archive member for each of thousands of small arrays is slow and large. Neither holds a
@@ -22,11 +22,11 @@ from ..framework.footprint import Discs, Footprint, Outline
 from ..framework.forecast import Forecast
 from ..framework.io import stamped, unstamped
 from ..framework.path import Path
-from ..framework.plan import Breach, Kind, Plan, Rung, Status
+from ..framework.plan import Breach, GivenWay, Kind, Plan, Rung, Status
 from ..framework.polygon import Polygon
 from .log import AgentLog, CommandLog, Episode
 
-VERSION = 3
+VERSION = 4
 _COMMANDS = ("stamp", "effect", "linear", "omega", "ramp")
 _SERIES = ("positions", "headings", "speeds", "yaw_rates")
 _PLAN_ARRAYS = (
@@ -176,6 +176,7 @@ def _pack_plan(pack: _Packer, plan: Plan) -> dict[str, Any]:
         "reason": plan.reason,
         "iterations": plan.iterations,
         "breach": _pack_breach(pack, plan.breach),
+        "given_way": _pack_given_way(pack, plan.given_way),
         "forecast": None
         if forecast is None
         else {
@@ -213,6 +214,7 @@ def _unpack_plan(unpack: _Unpacker, stored: dict[str, Any]) -> Plan:
         iterations=stored["iterations"],
         forecast=forecast,
         breach=_unpack_breach(unpack, stored.get("breach")),
+        given_way=_unpack_given_way(unpack, stored.get("given_way")),
     )
 
 
@@ -220,6 +222,20 @@ def _pack_breach(pack: _Packer, breach: Breach | None) -> list[Any] | None:
     if breach is None:
         return None
     return [str(breach.kind), breach.name, breach.step, pack.put(breach.amount)]
+
+
+def _pack_given_way(pack: _Packer, one: GivenWay | None) -> list[Any] | None:
+    if one is None:
+        return None
+    return [pack.put((one.asked, one.held)), one.promise, one.step, one.name]
+
+
+def _unpack_given_way(unpack: _Unpacker, stored: list[Any] | None) -> GivenWay | None:
+    if stored is None:
+        return None
+    tails, *rest = stored
+    asked, held = (float(tail) for tail in unpack.get(tails))
+    return GivenWay(asked, held, *rest)
 
 
 def _unpack_breach(unpack: _Unpacker, stored: list[Any] | None) -> Breach | None:

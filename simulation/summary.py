@@ -18,7 +18,9 @@ def summarise(episode: Episode, tail: float = 0.05) -> dict[str, Any]:
 
     Each column is defined in `wideberth.framework.metrics`. Pairs count when at least one
     of the two is a robot. ``below_reference`` is the share of plans that hold a constraint
-    below the level they aimed at, or enter a region (`Plan.below_reference`); ``coverage``
+    below the level they aimed at, or enter a region (`Plan.below_reference`);
+    ``least_content`` is the least that any plan holds of any region, and ``gave_way`` says it of
+    the plan that gave way most (`Plan.given_way`), "" where none did; ``coverage``
     is the share of later positions inside the forecasts' regions of content 1 - tail, at
     the first step, the last one, and over all; ``errors`` counts plans that something thrown
     by a plug-in turned into an emergency stop. ``deadlock`` is true also when the time limit ended
@@ -39,6 +41,8 @@ def summarise(episode: Episode, tail: float = 0.05) -> dict[str, Any]:
         "extra_time_worst": _latest(row["extra_time"] for row in rows),
         "length_ratio_worst": max(row["length_ratio"] for row in rows),
         "below_reference": _share_below(episode.robots),
+        "least_content": _least_content(episode.robots),
+        "gave_way": _gave_way(episode.robots),
         "plans": sum(row["plans"] for row in rows),
         "errors": _errors(episode.robots),
         "fallbacks": sum(row["fallbacks"] for row in rows),
@@ -84,6 +88,8 @@ def _robot_row(
         "clearance": min(others, default=float("inf")),
         "plans": len(log.plans),
         "below_reference": _share_below((log,)),
+        "least_content": _least_content((log,)),
+        "gave_way": _gave_way((log,)),
         "fallbacks": len(log.plans) - rungs.get(str(Rung.OPTIMAL), 0),
         **{f"rung_{rung.name.lower()}": rungs.get(str(rung), 0) for rung in Rung},
         "violation": _worst(plan.violation for plan in log.plans),
@@ -182,6 +188,18 @@ def _share_below(logs: tuple[AgentLog, ...]) -> float:
     """Share of plans below their reference level, among those that held a constraint."""
     found = [plan.below_reference for log in logs for plan in log.plans]
     return _mean([below for below in found if below is not None])
+
+
+def _least_content(logs: tuple[AgentLog, ...]) -> float:
+    """Least content that any plan holds; nan where none held a constraint."""
+    found = [plan.lowest_content for log in logs for plan in log.plans if plan.content.size]
+    return min(found, default=float("nan"))
+
+
+def _gave_way(logs: tuple[AgentLog, ...]) -> str:
+    """How the plan gave way that keeps least; the first of several."""
+    ways = [p.given_way for log in logs for p in log.plans if p.given_way is not None]
+    return str(max(ways, key=lambda way: way.held)) if ways else ""
 
 
 def _errors(logs: tuple[AgentLog, ...]) -> str:

@@ -127,7 +127,7 @@ def test_nothing_solved_is_nothing_to_explain() -> None:
         made.explain()
     made.command(ahead(made))
     assert made.explain().names == ()
-    made.command(Observation(0.5, np.zeros(2)))
+    made.command(Observation(0.5, np.full(5, np.nan)))
     with pytest.raises(WideberthError, match="reason says why"):
         made.explain()
 

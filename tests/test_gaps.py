@@ -16,7 +16,7 @@ from wideberth.framework.footprint import Discs, Footprint, Outline
 from wideberth.framework.motion import Command, Observation
 from wideberth.framework.mpc.emergency import emergency
 from wideberth.framework.path import Path
-from wideberth.framework.plan import Breach, Kind, Plan
+from wideberth.framework.plan import Breach, GivenWay, Kind, Plan
 from wideberth.framework.polygon import Polygon
 from wideberth.robots.holonomic_3d import Holonomic3D
 from wideberth.robots.unicycle import Unicycle
@@ -231,11 +231,13 @@ def older(data: bytes, version: int) -> bytes:
     """The same episode as an older version wrote it, without what that did not know."""
     with np.load(io.BytesIO(data)) as archive:
         numbers, meta = archive["numbers"], json.loads(archive["meta"].tobytes())
-    assert meta["version"] == 3
+    assert meta["version"] == 4
     meta["version"] = version
     for agent in meta["agents"]:
         for plan in agent["plans"]:
-            del plan["breach"]
+            del plan["given_way"]
+            if version < 3:
+                del plan["breach"]
     if version == 1:
         del meta["polygons"]
         for agent in meta["agents"]:
@@ -255,17 +257,24 @@ def test_version_1_is_still_read() -> None:
     assert read.to_bytes() == episode.to_bytes()
 
 
-def test_what_a_plan_breaks_is_kept_and_version_2_did_not_know_it() -> None:
+def test_what_a_plan_breaks_and_gives_up_is_kept_and_older_versions_did_not_know_it() -> None:
     seen = Observation(0.0, np.array([0.0, 0.0, 0.0, 0.5, 0.0]))
     plan, _ = emergency(Unicycle(), seen, "", 3, 0.5)
     breaches = (None, Breach(Kind.REGION, "walker", 2, 0.1 + 0.2), Breach(Kind.MOTION, "", 1, 3.0))
-    plans = tuple(replace(plan, breach=one) for one in breaches)
+    ways = (None, GivenWay(0.05, 1.0 - 7e-5, "content", 3, "walker"), None)
+    plans = tuple(
+        replace(plan, breach=one, given_way=way) for one, way in zip(breaches, ways, strict=True)
+    )
     episode = drive(DISCS, EL)
     robot, *others = episode.agents
     episode = replace(episode, agents=(replace(robot, plans=plans), *others))
     again = Episode.from_bytes(episode.to_bytes())
     assert tuple(one.breach for one in again.agent("robot").plans) == breaches
+    assert tuple(one.given_way for one in again.agent("robot").plans) == ways
     assert again.to_bytes() == episode.to_bytes()
+    read = Episode.from_bytes(older(episode.to_bytes(), 3))
+    assert tuple(one.breach for one in read.agent("robot").plans) == breaches
+    assert [one.given_way for one in read.agent("robot").plans] == [None, None, None]
     read = Episode.from_bytes(older(episode.to_bytes(), 2))
     assert [one.breach for one in read.agent("robot").plans] == [None, None, None]
     assert read.polygons == episode.polygons

@@ -141,7 +141,8 @@ def test_the_reason_names_every_rung_that_did_not_hold() -> None:
     assert (first.rung, first.reason, first.breach) == (Rung.OPTIMAL, "", None)
     plan = decided(made, ahead(made.robot, 0.5, (1.15, 0.05)))
     assert plan.rung is Rung.BRAKE
-    solver, its, shifted, taken = plan.reason.split("; ")
+    gave_way, solver, its, shifted, taken = plan.reason.split("; ")
+    assert gave_way == str(plan.given_way) and gave_way.startswith("asked 95 %, holds ")
     assert solver == "solver: gave up"
     assert its.startswith("its plan: region of 'o0' entered by")
     assert shifted.startswith("shifted last plan: region of 'o0' entered by")

@@ -21,7 +21,7 @@ def test_a_plan_reports_all_that_it_should() -> None:
     plan = approach(planner())
     assert plan.rung is Rung.OPTIMAL
     assert plan.status is Status.SOLVED
-    assert plan.reason == ""
+    assert plan.reason == str(plan.given_way)  # it gave way, and nothing else happened
     assert plan.violation < 1e-4
     assert plan.iterations > 0
     assert plan.ids == ("other",)

@@ -80,6 +80,7 @@ def test_coverage_and_forecast_share_come_from_the_log():
     assert row["coverage"] == row["coverage_first"] == row["coverage_last"] == 1.0
     assert row["named_forecasts"] == 1.0
     assert row["below_reference"] == 1.0 and row["fallbacks"] == 0
+    assert row["least_content"] == 0.9 and row["gave_way"] == ""
     fast = ScriptedAgent("s", Path(np.array([[-50.0, 9.0], [50.0, 9.0]])), 4.0, 0.3)
     row = summarise(run_episode([agent("a")], QUICK, others=[fast]))
     assert row["coverage_first"] == 1.0 and row["coverage_last"] == 0.0

@@ -33,6 +33,7 @@ class Verdict:
     stamp : s, time of the plan's first state.
     status, rung, reason, iterations, seconds, violation, cost : of the plan. Seconds are those of
         the whole call.
+    given_way : how the plan gave way, in words; empty where it did not.
     """
 
     stamp: float
@@ -43,6 +44,7 @@ class Verdict:
     seconds: float
     violation: float
     cost: float
+    given_way: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +102,9 @@ class Solve:
         found, config = self.verdict, self.planner
         used = int(self.parameters.active.sum())
         plugs = ", ".join(_name(config[key]) for key in ("robot", "region", "level", "solver"))
+        first = (found.rung, found.given_way, f"solver: {found.status}")
         lines = [
-            f"plan at {found.stamp:g} s: {found.rung}; solver: {found.status}",
+            f"plan at {found.stamp:g} s: {'; '.join(filter(None, first))}",
             f"why: {found.reason or 'nothing went wrong'}",
             f"{len(self.guesses)} starts, {found.iterations} iterations, "
             f"{1e3 * found.seconds:.1f} ms for the call; cost {found.cost:.6g}, "
@@ -122,7 +125,8 @@ class Solve:
         rows.append((float(found.motion[motion]), "motion limits", motion + 1))
         broken = sorted((row for row in rows if row[0] > TOLERANCE), reverse=True)
         if not broken:
-            return ["the plan taken keeps every constraint of the problem"]
+            level = ", at the level to which it gave way" if self.verdict.given_way else ""
+            return [f"the plan taken keeps every constraint of the problem{level}"]
         table = [f"  {what} by {amount:.3g} at step {step}" for amount, what, step in broken]
         return ["the plan taken breaks, each at its worst step:", *table[:_ROWS]]
 
@@ -166,6 +170,7 @@ class Decision:
             seconds=self.seconds,
             violation=plan.violation,
             cost=plan.cost,
+            given_way="" if plan.given_way is None else str(plan.given_way),
         )
         case = self.case
         return Solve(

@@ -26,6 +26,7 @@ from ..robot import Robot
 from ..static_region import StaticRegion
 from .bodies import with_auxiliaries
 from .case import TOLERANCE, Candidate, Case, Outcome, contact
+from .giving_way import held
 from .instance import Obstacles
 from .levels.base import LevelPolicy
 from .manoeuvres import stops
@@ -134,16 +135,21 @@ class Ladder:
                 words.append(f"its plan: {solved[0].found.where(names)}")
             best, refused = self._fall_back(case, solved, names)
             words += refused
-        plan = self._plan(best, case.parameters, obstacles)
+        level, given_way = held(self, case, best)
+        plan = self._plan(best, case.parameters, obstacles, level)
         breach = best.found.breach(names) if best.found.worst > TOLERANCE else None
         if breach is not None:
             words.append(f"{best} taken: {breach}")
+        words = [] if best.rung is Rung.OPTIMAL else words
+        if given_way is not None:
+            words.insert(0, str(given_way))
         own = best.solution or (solved[0].solution if solved else None)
         runs = [one.solution for one in solved if one.solution is not None]
         plan = replace(
             plan,
-            reason="" if best.rung is Rung.OPTIMAL else "; ".join(words),
+            reason="; ".join(words),
             breach=breach,
+            given_way=given_way,
             left_out=obstacles.left_out + walls.left_out,
             status=outcome.status if own is None else own.status,
             iterations=sum(one.iterations for one in runs),
@@ -230,12 +236,11 @@ class Ladder:
         point = self.suited(case.parameters, guess)
         return Candidate(point, rung, case.check(point))
 
-    def _plan(self, best: Candidate, parameters: Parameters, obstacles: Obstacles) -> Plan:
+    def _plan(
+        self, best: Candidate, parameters: Parameters, obstacles: Obstacles, level: Array
+    ) -> Plan:
         used = len(obstacles)
         point = best.point
-        level = parameters.level[:, :used]
-        if not np.isnan(point.level):  # one level for all
-            level = np.full_like(level, point.level)
         return Plan(
             stamp=self.stamp,
             dt=self.dt,

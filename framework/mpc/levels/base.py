@@ -7,7 +7,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...errors import WideberthError
-from ...region import Region
+from ...region import Region, RiskLevel
 
 Promise: TypeAlias = Literal["content", "risk"]
 """What a tail stands for: 1 - content of the un-enlarged region, as in the paper, or the collision
@@ -57,6 +57,15 @@ def level_of(region: Region, promise: Promise, tail: float, dimension: int) -> f
 
         return level_for_risk(region, tail, dimension)
     return region.level(tail, dimension)
+
+
+def tail_of(region: Region, promise: Promise, level: float, dimension: int) -> float:
+    """Return the tail that a level stands for, the inverse of `level_of`; 1 below level 0."""
+    if level < 0.0:
+        return 1.0
+    if promise == "risk" and isinstance(region, RiskLevel):
+        return float(region.risk(level))
+    return float(region.tail(level, dimension))
 
 
 def uniform(
