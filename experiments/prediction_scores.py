@@ -147,12 +147,12 @@ def _score(forecast: Forecast, moment: Moment, how: Protocol, rng: np.random.Gen
     if joint is not None:
         blurred = draws + floor * rng.standard_normal(draws.shape)
         whole = joint_tail(mean, joint, weight, truth, blurred, floor)
-    area = region_area(mean, spread, weight, draws, TAIL)
+    area = region_area(mean, spread, weight, TAIL)
     return Scores(
         displacement(mean, weight, truth),
         negative_log_likelihood(mean, spread, weight, truth, floor),
         energy_score(draws, truth),
-        reached_tail(mean, spread, weight, truth, draws),
+        reached_tail(mean, spread, weight, truth),
         np.where(np.isfinite(truth).all(axis=-1), area, np.nan),
         trajectory_energy_score(draws, truth),
         whole,

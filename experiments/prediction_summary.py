@@ -101,8 +101,8 @@ def _line(rows: list[Row], scene: str, classes: Mapping[str, str]) -> Row:
         **{f"cover_95_{name}": _covered(rows, name) for name in classes},
         **{name: rounded(known_mean(column(steps[-1], name))) for name in AREAS},
         "fitted": _fitted(whole),
-        "protocol": "; ".join(_texts(whole, "protocol")),
-        "stated": [*_classes(classes), *_speeds(whole), *_noises(whole), *_fits(whole, FITTED)],
+        "protocol": "; ".join([*_texts(whole, "protocol"), *_classes(classes)]),
+        "stated": [*_speeds(whole), *_noises(whole), *_fits(whole, FITTED)],
         "remarks": _remarks(whole),
     }
 

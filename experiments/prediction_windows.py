@@ -50,7 +50,7 @@ class Protocol:
     stride : every so many rows a forecast is scored. Predictors that adapt see every row.
     floor : m, standard deviation added in quadrature in the likelihoods (and in the joint
         coverage), but not in coverage and area: those are of the forecast as it stands.
-    draws : of each forecast, for the energy score and the regions of mixtures.
+    draws : of each forecast, for the energy scores and the joint regions of mixtures.
     seed : of the draws, which are the same for every predictor.
     speeds : m/s, least speed of each class of windows that is also scored by itself; the first
         is 0.

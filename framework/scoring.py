@@ -7,7 +7,7 @@ truth is unknown (NaN) scores NaN. ``draws`` (S, K, N, D) are of the forecasts, 
 the caller to say.
 
 The region of tail p (content 1 - p) is that of highest density: the smallest set that holds the
-content. Of one Gaussian it is the ellipse; of a mixture its level is estimated from draws. A
+content. Of one Gaussian it is the ellipse; of a mixture see `mixture_content`. A
 planner that keeps clear of the ellipses of all modes keeps clear of more.
 """
 
@@ -17,6 +17,7 @@ import numpy as np
 
 from .arrays import Array, checked_covariance, positive, probability
 from .metrics import SMALLEST, content_bound, squared_mahalanobis
+from .mixture_content import densest_area, mass_below
 
 
 def displacement(mean: Array, weight: Array, truth: Array) -> Array:
@@ -107,21 +108,19 @@ def trajectory_energy_score(draws: Array, truth: Array) -> Array:
     return energy_score(flat.reshape(len(draws), count, -1), aim.reshape(count, -1))
 
 
-def reached_tail(
-    mean: Array, covariance: Array, weight: Array, truth: Array, draws: Array
-) -> Array:
+def reached_tail(mean: Array, covariance: Array, weight: Array, truth: Array) -> Array:
     """Tail of the smallest region that holds the truth, (K, N).
 
     One Gaussian:   Q(D/2, d^2 / 2),   d^2 = (x - mu)^T Sigma^-1 (x - mu)
-    A mixture f:    #{s : f(X_s) < f(x)} / (S + 1),   X_s its S draws
+    A mixture f:    P(f(X) < f(x)),   X ~ f     (`mass_below`)
 
     with Q the upper regularised gamma function (the tail of chi^2). The truth lies in the
     region of any tail p if and only if this is at least p, so that one number per step gives
-    the coverage at every content. If the forecast is right it is uniform, of a mixture on
-    0, 1/(S + 1), ...: 99 draws make every whole percent exact.
+    the coverage at every content. If the forecast is right it is uniform.
     """
     if mean.shape[1] > 1:
-        return _rank(mean, covariance, weight, truth, draws)
+        density = log_density(mean, covariance, weight, truth)
+        return mass_below(mean, covariance, weight, density)
     return _chi_square_tail(mean[:, 0], covariance[:, 0], truth)
 
 
@@ -132,20 +131,23 @@ def joint_tail(
 
     As `reached_tail`, of the N D coordinates of a trajectory together, with the ``joint``
     covariance, (K, M, N D, N D), plus floor^2 I: of smooth trajectories it is nearly
-    singular, and a true one that is less smooth by a millimetre would be outside of all. (Of
-    a mixture the draws should hold such an error too.) NaN for a trajectory that is not known
-    in full.
+    singular, and a true one that is less smooth by a millimetre would be outside of all. NaN
+    for a trajectory that is not known in full.
+
+    Of a mixture f, in so many dimensions, it is a rank among draws, which should hold such an
+    error too:   #{s : f(X_s) < f(x)} / (S + 1).   Of a right forecast that is uniform on
+    0, 1/(S + 1), ...: 99 draws make every whole percent exact. The coverage of an overconfident
+    one comes out too high, by some 1/S.
     """
     positive("floor", floor)
     count, modes, steps, size = mean.shape
     flat = steps * size
-    return reached_tail(
-        mean.reshape(count, modes, 1, flat),
-        (joint + floor**2 * np.eye(flat))[:, :, None],
-        weight,
-        truth.reshape(count, 1, flat),
-        draws.reshape(len(draws), count, 1, flat),
-    )[:, 0]
+    means, truths = mean.reshape(count, modes, 1, flat), truth.reshape(count, 1, flat)
+    wide = (joint + floor**2 * np.eye(flat))[:, :, None]
+    if modes > 1:
+        points = draws.reshape(len(draws), count, 1, flat)
+        return _rank(means, wide, weight, truths, points)[:, 0]
+    return _chi_square_tail(means[:, 0], wide[:, 0], truths)[:, 0]
 
 
 def covered(tails: Array, tail: float) -> Array:
@@ -164,22 +166,17 @@ def inside_throughout(tails: Array, tail: float) -> Array:
     return np.asarray(covered(tails, tail).min(axis=1))  # the least of any NaN is NaN
 
 
-def region_area(mean: Array, covariance: Array, weight: Array, draws: Array, tail: float) -> Array:
+def region_area(mean: Array, covariance: Array, weight: Array, tail: float) -> Array:
     """Area of the forecast's region of one tail, (K, N), m^2 (in space its volume, m^3).
 
-    One Gaussian:   V_D q^(D/2) sqrt(det Sigma)
-    A mixture f:    1/S sum_s [f(X_s) >= t] / f(X_s)
-
-    with q the quantile of chi^2, V_D the unit ball's volume, and t the density that a share
-    ``tail`` of the draws stay below.
+    V_D q^(D/2) sqrt(det Sigma) of one Gaussian, with q the quantile of chi^2 and V_D the unit
+    ball's volume; `densest_area` of a mixture.
     """
     from scipy.special import gamma
 
     probability("tail", tail)
     if mean.shape[1] > 1:
-        density = log_density(mean, covariance, weight, draws)
-        least = np.quantile(density, tail, axis=0, method="higher")
-        return np.asarray(np.where(density >= least, np.exp(-density), 0.0).mean(axis=0))
+        return densest_area(mean, covariance, weight, tail)
     size = mean.shape[-1]
     only = checked_covariance("covariance", covariance[:, 0], size)
     values = np.maximum(np.linalg.eigvalsh(only), SMALLEST)
