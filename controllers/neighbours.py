@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..framework.arrays import Array
-from ..framework.history import told_apart
-from ..framework.motion import Detection, Observation, sound
+from ..framework.history import MOST, admitted, named_apart
+from ..framework.magnitudes import SHORTEST
+from ..framework.motion import Detection, Observation
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,25 +41,28 @@ class Neighbours:
         self._stamp = -np.inf
         self._sights: dict[str, _Sight] = {}
 
-    def take(self, observation: Observation) -> None:
-        """Take note of who is seen, but for what is of no use, see `sound`.
+    def take(self, observation: Observation, here: Array | None = None) -> None:
+        """Take note of who is seen from ``here``, (2,), m; see `admitted` for who is left out.
 
-        A measurement no newer than the last one of that identity changes nothing but the
-        radius. A clock that goes back starts anew.
+        A measurement less than a microsecond newer than the last one of that identity changes
+        nothing but the radius. A clock that goes back starts anew.
         """
         if not np.isfinite(observation.stamp):
             return
         if observation.stamp < self._stamp:
             self.reset()
         self._stamp = observation.stamp
-        plane, _ = sound(observation, 2)
-        for name, detection in told_apart(plane):
+        plane, _ = admitted(observation, 2, self._forget, here)
+        for name, detection in named_apart(plane):
             self._sights[name] = self._updated(self._sights.get(name), detection)
         self._sights = {
             name: sight
             for name, sight in self._sights.items()
             if self._stamp - sight.reported <= self._forget
         }
+        if len(self._sights) > MOST:
+            newest = sorted(self._sights, key=lambda name: self._sights[name].reported)[-MOST:]
+            self._sights = {name: self._sights[name] for name in self._sights if name in newest}
 
     def now(self) -> tuple[tuple[str, ...], Array, Array, Array]:
         """Return who is known and how they move at the newest stamp.
@@ -81,7 +85,7 @@ class Neighbours:
         measured = self._stamp - detection.age
         if before is None:
             known = measured, detection.position, np.zeros(2)
-        elif measured > before.measured:
+        elif measured - before.measured >= SHORTEST:
             moved = detection.position - before.position
             known = measured, detection.position, moved / (measured - before.measured)
         else:

@@ -10,6 +10,7 @@ from ..framework.arrays import Array, positive
 from ..framework.command_limits import within_reach
 from ..framework.controller import Controller, checked_ready, checked_use
 from ..framework.errors import WideberthError
+from ..framework.history import viewpoint
 from ..framework.motion import Command, Observation, checked_numbers
 from ..framework.mpc.settings import checked_path
 from ..framework.path import Path
@@ -89,7 +90,8 @@ class Reactive(Controller):
 
     def remember(self, observation: Observation) -> None:
         """Take note of who is seen."""
-        self._neighbours.take(checked_use(self.robot, observation))
+        checked_use(self.robot, observation)
+        self._neighbours.take(observation, viewpoint(self.robot, observation))
 
     def command(self, observation: Observation) -> Command:
         """Decide; raises for wrong use alone, see `reason` for all else.

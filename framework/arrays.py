@@ -83,8 +83,8 @@ def checked_covariance(name: str, value: ArrayLike, shape: tuple[int | None, ...
         symmetric = array
     else:
         transposed = np.swapaxes(array, -1, -2)
-        with np.errstate(over="ignore"):  # an infinite difference is refused as well
-            uneven = _largest(array - transposed) > 1e-9 * _largest(array)
+        # Halves: the difference of two numbers that a float holds may be none that it holds.
+        uneven = _largest(0.5 * array - 0.5 * transposed) > 0.5e-9 * _largest(array)
         if uneven.any():
             where = [int(i) for i in np.argwhere(uneven)[0]]
             raise WideberthError(
@@ -123,12 +123,16 @@ def _refuse_negative(name: str, symmetric: Array) -> None:
     doubtful = ~_surely_definite(symmetric)
     if not doubtful.any():
         return
-    lowest = np.linalg.eigvalsh(symmetric[doubtful])[..., 0]
-    negative = lowest < -1e-9 * _largest(symmetric[doubtful])
+    largest = _largest(symmetric[doubtful])
+    # Scaled to 1, for eigenvalues of any magnitude that a float holds.
+    scale = np.maximum(largest, np.finfo(np.float64).tiny)[..., None, None]
+    lowest = np.linalg.eigvalsh(symmetric[doubtful] / scale)[..., 0]
+    negative = lowest < -1e-9
     if negative.any():
         where = [int(i) for i in np.argwhere(doubtful)[negative][0]]
+        value = float(lowest[negative][0]) * float(largest[negative][0])
         raise WideberthError(
-            f"{name}{where} has eigenvalue {float(lowest[negative][0]):.3g}; covariances "
+            f"{name}{where} has eigenvalue {value:.3g}; covariances "
             "must be positive semi-definite: clip the eigenvalues at 0 first"
         )
 

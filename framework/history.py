@@ -1,13 +1,23 @@
 """History: gathers detections by identity and lays them onto a uniform time grid."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from .arrays import Array
-from .motion import Detection
+from .magnitudes import FARTHEST
+from .motion import Detection, Observation, sound
 from .noise import LENGTH, MEMORY, STRIDE, NoiseEstimate, NoiseEvidence, window_likelihoods
 from .resampling import ON_GRID, interpolated
+from .robot import Robot
 from .tracks import Tracks
 
+MOST = 200
+"""Obstacles that are remembered: twice as many as any plan has room for."""
+NAMED = 5
+"""Detections that are named one by one where they are refused; the others are counted."""
+DENSEST = 64
+"""Measurements kept per sample of the tracks, so that no clock makes a log grow without bound."""
 _ROOM = 64
 """Measurements for which a log has room at first."""
 
@@ -32,8 +42,13 @@ class _Log:
         """(T, D), m."""
         return self._positions[self._first : self._end]
 
-    def append(self, time: float, position: Array, oldest: float) -> None:
-        """Add a measurement and forget those from before ``oldest``."""
+    def append(self, time: float, position: Array, oldest: float, apart: float) -> None:
+        """Add a measurement and forget those from before ``oldest``.
+
+        One that comes less than ``apart`` s after the last but one takes the last one's place.
+        """
+        if self._end - self._first > 1 and time - self._times[self._end - 2] < apart:
+            self._end -= 1
         if self._end == len(self._times):
             kept, room = self._end - self._first, len(self._times)
             bigger = room if 2 * kept <= room else 2 * room
@@ -53,8 +68,8 @@ class History:
     ----------
     dt : s, spacing of the tracks it hands out.
     samples : T, their length.
-    forget : s after which an obstacle that is no longer reported is dropped; a report of
-        something measured long ago counts.
+    forget : s after which an obstacle that is no longer reported is dropped. A report of
+        something measured longer ago than that is refused.
     gap : s; between two measurements further apart the samples count as unobserved.
     """
 
@@ -69,17 +84,27 @@ class History:
         return {sensor: evidence.estimate for sensor, evidence in self._noise.items()}
 
     def add(self, stamp: float, detections: tuple[Detection, ...]) -> None:
-        """Take in what was seen at ``stamp``; measurements out of order are left out."""
+        """Take in what was seen at ``stamp``; see `admitted` for what may be.
+
+        Measurements out of order are left out. Of more than `MOST` obstacles those are kept that
+        were reported last.
+        """
         keep = self._samples * self._dt + self._gap
-        for ident, detection in told_apart(detections):
+        for ident, detection in named_apart(detections):
+            if detection.age > self._forget:
+                continue
             measured = stamp - detection.age
             log = self._logs.setdefault(ident, _Log(len(detection.position)))
             log.reported = stamp
             log.radius, log.covariance = detection.radius, detection.covariance
             log.sensor = detection.sensor
             if not len(log.times) or measured > log.times[-1]:
-                log.append(measured, detection.position, measured - keep)
+                apart = self._dt / DENSEST
+                log.append(measured, detection.position, measured - keep, apart)
         gone = [name for name, log in self._logs.items() if stamp - log.reported > self._forget]
+        if len(self._logs) - len(gone) > MOST:
+            oldest_first = sorted(self._logs, key=lambda name: self._logs[name].reported)
+            gone = oldest_first[: len(self._logs) - MOST]
         for name in gone:
             del self._logs[name]
         self._learn()
@@ -99,6 +124,8 @@ class History:
             new = sum(not log.looked for log in logs)
             before = self._noise.get(sensor, NoiseEvidence.none())
             self._noise[sensor] = before.joined(likelihood, samples, new, MEMORY)
+            if len(self._noise) > MOST:
+                del self._noise[next(name for name in self._noise if name not in found)]
             for log in logs:
                 log.fresh, log.looked = 0, True
 
@@ -133,11 +160,55 @@ class History:
         return interpolated(log.times, log.positions, grid, self._gap, ON_GRID * self._dt)
 
 
-def told_apart(detections: tuple[Detection, ...]) -> list[tuple[str, Detection]]:
+def named_apart(detections: Sequence[Detection]) -> list[tuple[str, Detection]]:
     """Give the second detection of one identity a name of its own, so that none is lost."""
+    taken = {detection.ident for detection in detections}
     seen: dict[str, int] = {}
     named = []
     for detection in detections:
-        count = seen[detection.ident] = seen.get(detection.ident, 0) + 1
-        named.append((detection.ident if count == 1 else f"{detection.ident}#{count}", detection))
+        name, count = detection.ident, seen.get(detection.ident, 0) + 1
+        while count > 1 and (name := f"{detection.ident}#{count}") in taken:
+            count += 1
+        seen[detection.ident] = count
+        taken.add(name)
+        named.append((name, detection))
     return named
+
+
+def admitted(
+    observation: Observation, dimension: int, forget: float, here: Array | None
+) -> tuple[tuple[Detection, ...], list[str]]:
+    """Return the detections that a controller can use, and why it cannot use the others.
+
+    Refused are those that are of no use (`sound`) or beyond `FARTHEST`, those measured more
+    than ``forget`` s ago, and of more than `MOST` those farthest from ``here`` (D,) m; without
+    a place to measure from the first ones are kept.
+    """
+    fitting: list[Detection] = []
+    detections, reasons = sound(observation, dimension)
+    for one in detections:
+        refused = f"detection {one.ident!r} refused:"
+        if one.age > forget:
+            reasons.append(f"{refused} it was measured {one.age:.3g} s ago, at most {forget:g} s")
+        elif (coordinate := np.abs(one.position).max()) > FARTHEST:
+            reasons.append(f"{refused} it is at {coordinate:.3g} m, at most {FARTHEST:g} m")
+        else:
+            fitting.append(one)
+    if len(fitting) > MOST:
+        reasons.append(f"{len(fitting) - MOST} of {len(fitting)} detections beyond the nearest")
+        if here is not None:
+            places = np.array([one.position for one in fitting])
+            away = np.linalg.norm(places - np.clip(here, -FARTHEST, FARTHEST), axis=1)
+            nearest = np.sort(np.argsort(away, kind="stable")[:MOST])
+            fitting = [fitting[int(index)] for index in nearest]
+        fitting = fitting[:MOST]
+    if len(reasons) > NAMED:
+        reasons = [*reasons[:NAMED], f"{len(reasons) - NAMED} more detections refused"]
+    return tuple(fitting), reasons
+
+
+def viewpoint(robot: Robot, observation: Observation) -> Array | None:
+    """Return where a robot is, (D,), m; None where its state is not finite."""
+    if not np.isfinite(observation.state).all():
+        return None
+    return robot.pose(tuple(observation.state)).points()

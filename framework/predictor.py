@@ -1,11 +1,45 @@
 """The Predictor interface: tracks in, forecast out."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from typing import ClassVar, Self
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import wraps
+from typing import Any, ClassVar, Self
 
 from .forecast import Forecast, Scene
+from .magnitudes import bounded
 from .tracks import Tracks
+
+
+def _predict_within(predict: Callable[..., Forecast]) -> Callable[..., Forecast]:
+    """Let a `predict` see numbers within the limits alone."""
+
+    @wraps(predict)
+    def limited(self: Any, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
+        known = bounded(tracks, scene)
+        if known is None:
+            return predict(self, tracks, steps, scene)
+        forecast = predict(self, known.tracks, steps, known.scene)
+        reasons = tuple(
+            "; ".join(filter(None, both)) or None
+            for both in zip(known.reasons, forecast.fallback, strict=True)
+        )
+        return replace(forecast, dt=tracks.dt, fallback=reasons)
+
+    return limited
+
+
+def _update_within(update: Callable[..., Any]) -> Callable[..., Any]:
+    """Let an `update` see numbers within the limits alone."""
+
+    @wraps(update)
+    def limited(self: Any, tracks: Tracks, scene: Scene | None = None) -> Any:
+        known = bounded(tracks, scene)
+        if known is None:
+            return update(self, tracks, scene)
+        return update(self, known.tracks, known.scene)
+
+    return limited
 
 
 class Predictor(ABC):
@@ -19,11 +53,26 @@ class Predictor(ABC):
       with PSD covariances, and the reason in ``fallback`` where the named method could not
       be used; it never raises;
     - turning or shifting the tracks turns or shifts the forecast with them;
-    - one call serves all obstacles, and what it says of one does not depend on their order.
+    - one call serves all obstacles, and what it says of one does not depend on their order;
+    - numbers of any magnitude that a float holds: those of one obstacle do not spoil the
+      forecast of another.
+
+    The last law is kept here for every subclass: its `predict` (and `Adaptive.update`) is
+    called with tracks and scene within the limits of `wideberth.framework.magnitudes`, and the
+    obstacles that were beyond them have that as their reason. Within these limits a method's own
+    arithmetic must neither overflow nor divide by zero.
     """
 
     reference: ClassVar[str] = ""
     """BibTeX key of the source, for ``wideberth cite``."""
+
+    def __init_subclass__(cls, **settings: Any) -> None:
+        """Put the limits before the methods of a subclass that are given tracks."""
+        super().__init_subclass__(**settings)
+        for name, within in (("predict", _predict_within), ("update", _update_within)):
+            method = cls.__dict__.get(name)
+            if callable(method) and not getattr(method, "__isabstractmethod__", False):
+                setattr(cls, name, within(method))
 
     @abstractmethod
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:

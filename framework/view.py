@@ -8,8 +8,8 @@ import numpy as np
 from .arrays import Array, positive, whole
 from .controller import checked_use
 from .errors import WideberthError
-from .history import History
-from .motion import Command, Observation, sound
+from .history import History, admitted, viewpoint
+from .motion import Command, Observation
 from .mpc.perception import Perception
 from .mpc.situation import scene
 from .path import Path
@@ -124,10 +124,11 @@ class View:
         if observation.stamp < self._stamp:
             self.reset()
         self._stamp = observation.stamp
-        detections, _ = sound(observation, self._robot.dimension)
+        here = viewpoint(self._robot, observation)
+        detections, _ = admitted(observation, self._robot.dimension, SEEN * self._period, here)
         self._sights.add(observation.stamp, detections)
         if self._perception is not None:
-            self._perception.take(observation)
+            self._perception.take(observation, here)
 
     def commanded(self, command: Command) -> None:
         """Take note of what the robot was told."""

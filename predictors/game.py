@@ -22,6 +22,10 @@ from .core.social_rollout import course_of
 
 STANDING = 0.05
 """m/s; who was slower than this on average is taken to stay."""
+FASTEST = 100.0
+"""m/s; who was faster than this on average is no planner's robot."""
+MOST_STEPS = 1000
+"""Steps of a forecast over the planner's horizon; of microseconds there would be millions."""
 NEAR = 0.5
 """m; a plan that ends nearer than this (a stop) does not tell where the robot wants to go."""
 
@@ -75,8 +79,9 @@ class Game(Predictor):
 
     Budget: (agents + 1) (iterations + 1) solves per forecast, without regard to a deadline.
     Left to ``planner.predictor``, with the reason: obstacles beyond the nearest ``agents``,
-    which the game does not see either; who stands (was slower than 0.05 m/s); whose inner
-    plan fails; and all where the robot's state is not given or tracks are not in the plane.
+    which the game does not see either; who stands (was slower than 0.05 m/s) or is no robot
+    (100 m/s); whose inner plan fails; and all where the robot's state is not given, tracks are
+    not in the plane, or more than 1000 of their steps make the planner's horizon.
 
     Parameters
     ----------
@@ -163,6 +168,8 @@ class Game(Predictor):
             return f"the robot's state has {len(scene.ego)} entries, needs {len(model.states)}"
         if not np.isfinite(scene.ego).all():
             return "the robot's state is not finite"
+        if (needed := self._responder.steps(tracks.dt)) > MOST_STEPS:
+            return f"the planner's horizon is {needed} steps, at most {MOST_STEPS}"
         pose = model.pose(tuple(scene.ego))
         course = course_of(scene, tracks.dt, tracks.stamp)
         way = np.zeros(2) if course is None else course.positions[-1] - pose.points()
@@ -193,6 +200,8 @@ class Game(Predictor):
                 reasons[row] = f"{past.samples[row]} samples, needs 2"
             elif mean_speed[row] < STANDING:
                 reasons[row] = f"stands ({mean_speed[row]:.2f} m/s)"
+            elif mean_speed[row] > FASTEST:
+                reasons[row] = f"too fast ({mean_speed[row]:.3g} m/s)"
             elif len(agents) == self.agents:
                 reasons[row] = f"not among the nearest {self.agents}"
             else:

@@ -88,7 +88,7 @@ def test_nothing_is_lost_of_what_is_seen() -> None:
     assert "detection 'bird' refused: it has 3 coordinates" in made.plan.reason
     assert made.plan.rung is Rung.OPTIMAL
     late = planner()
-    old = Detection("late", np.array([6.0, 0.5]), 1e-4 * np.eye(2), 0.5, age=5.0)
+    old = Detection("late", np.array([6.0, 0.5]), 1e-4 * np.eye(2), 0.5, age=2.9)
     late.command(Observation(0.0, np.array([0.0, 0.0, 0.0, 0.5, 0.0]), (old,)))
     assert late.plan is not None
     assert late.plan.ids == ("late",)

@@ -82,7 +82,7 @@ class Ladder:
 
         Beyond its end the plan goes on without input, or ``standing``: braked to a stop and kept.
         """
-        share = (self.stamp - plan.stamp) / plan.dt
+        share = min((self.stamp - plan.stamp) / plan.dt, len(plan.inputs))
         if share < 0.0:
             return self
         inputs = shift(plan.inputs, share)

@@ -10,6 +10,7 @@ from ..command_limits import broken_limit, within_reach
 from ..controller import Controller, checked_ready, checked_use
 from ..errors import WideberthError
 from ..forecast import Forecast
+from ..history import viewpoint
 from ..motion import Command, Observation, checked_numbers
 from ..path import Path
 from ..plan import Plan
@@ -163,7 +164,8 @@ class Planner(Controller):
 
     def remember(self, observation: Observation) -> None:
         """Take note of what is seen without planning."""
-        self._perception.take(checked_use(self.robot, observation))
+        checked_use(self.robot, observation)
+        self._perception.take(observation, viewpoint(self.robot, observation))
 
     def command(self, observation: Observation) -> Command:
         """Plan from this observation; raises nothing but what wrong use deserves.

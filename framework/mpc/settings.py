@@ -9,6 +9,9 @@ from ..robot import Robot
 from .instance import CAPACITIES
 from .starts import checked_starts
 
+MOST_STEPS, MOST_SAMPLES = 1000, 10_000
+"""Of a plan, and of a track or a forecast: more means that a unit is wrong."""
+
 if TYPE_CHECKING:
     from .planner import Planner
 
@@ -34,6 +37,7 @@ def check_settings(planner: "Planner") -> None:
     for name in ("deadline", "penalty"):
         if getattr(planner, name) is not None:
             positive(f"planner.{name}", getattr(planner, name))
+    _check_sizes(planner)
     checked_starts(planner.starts)
     if planner.robot.dimension not in planner.region.dimensions:
         raise WideberthError(
@@ -47,6 +51,28 @@ def check_settings(planner: "Planner") -> None:
             f"moves in {planner.robot.dimension} dimensions; polygons lie in the plane: leave it "
             "out"
         )
+
+
+def _check_sizes(planner: "Planner") -> None:
+    """Refuse settings that ask for tracks, forecasts or plans of absurd length.
+
+    Raises
+    ------
+    WideberthError : more steps than `MOST_STEPS`, or more samples than `MOST_SAMPLES`.
+    """
+    reach = 2 * planner.forget + planner.latency + planner.horizon * planner.dt
+    counts = {
+        "planner.horizon": (planner.horizon, MOST_STEPS),
+        "planner.latency / 0.05 s": (planner.latency / 0.05, MOST_SAMPLES),
+        "planner.history": (planner.history, MOST_SAMPLES),
+        "steps of the forecast, (2 forget + latency + horizon dt) / track_dt,": (
+            reach / planner.track_dt,
+            MOST_SAMPLES,
+        ),
+    }
+    for name, (count, most) in counts.items():
+        if count > most:
+            raise WideberthError(f"{name} is {count:.6g}; wanted at most {most}")
 
 
 def checked_path(robot: Robot, path: Path) -> Path:

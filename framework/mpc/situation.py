@@ -91,6 +91,8 @@ def scene(observation: Observation, plan: Plan | None, radius: float) -> Scene:
     if plan is not None:
         positions = plan.positions
         times = plan.stamp + plan.dt * np.arange(len(positions), dtype=np.float64)
+        if (np.diff(times) <= 0).any():  # a clock too large to tell the steps apart
+            positions, times = None, None
     return Scene(
         ego=observation.state,
         plan=positions,

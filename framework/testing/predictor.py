@@ -12,8 +12,10 @@ from ..predictor import Adaptive, Fittable, Predictor
 from ..saved import rebuilt
 from ..tracks import Tracks
 from .predictor_cases import (
+    ABSURD,
     NEVER,
     STEPS,
+    absurd_worlds,
     draw_recordings,
     draw_rotation,
     draw_run,
@@ -41,9 +43,11 @@ def check_predictor(
     for any history, step or noise; a reason for an obstacle never observed; equivariant to
     turning and shifting tracks and scene together (not for an obstacle never observed:
     nothing of it could turn); independent of the order of the obstacles; zero obstacles are
-    served. One that adapts keeps its laws while it is updated, and no copy changes another.
-    One that learns is fitted: `fit` leaves it as it was, returns its own kind, the same when
-    called again; the fitted copy keeps the same laws and survives `save_plugin`.
+    served; an obstacle with positions, noise or radius of any magnitude that a float holds
+    changes nothing for the others. One that adapts keeps its laws while it is updated, and no
+    copy changes another. One that learns is fitted: `fit` leaves it as it was, returns its own
+    kind, the same when called again; the fitted copy keeps the same laws and survives
+    `save_plugin`.
 
     Parameters
     ----------
@@ -76,6 +80,7 @@ def check_predictor(
             _check_motion(predictor, tracks, given, forecast, generator, where)
             _check_order(predictor, tracks, given, forecast, generator, where)
         _check_odd(predictor, tracks, f"D = {size}")
+        _check_magnitudes(predictor, tracks, generator, f"D = {size}")
         if isinstance(predictor, Adaptive):
             _check_updates(predictor, tracks, f"D = {size}")
     if isinstance(predictor, Fittable):
@@ -214,6 +219,30 @@ def _check_odd(predictor: Predictor, tracks: Tracks, where: str) -> None:
     for name, world in odd_worlds(tracks).items():
         note = f"{name}, {where}"
         _check_values(_predict(predictor, world, None, note), world, note)
+
+
+def _check_magnitudes(
+    predictor: Predictor, tracks: Tracks, rng: np.random.Generator, where: str
+) -> None:
+    """Check that numbers of any magnitude are served, and that no one else suffers from them."""
+    for name, world in absurd_worlds(tracks, rng).items():
+        note = f"{name}, {where}"
+        forecast = _predict(predictor, world, None, note)
+        _check_values(forecast, world, note)
+        if isinstance(predictor, Adaptive):
+            updated = _updated(predictor, world, note)
+            _check_values(_predict(updated, world, None, note), world, f"updated, {note}")
+        if ABSURD not in world.ids:
+            continue
+        rest = world.select(list(range(len(world) - 1)))
+        alone = _predict(predictor, rest, None, note)
+        for index, ident in enumerate(rest.ids):
+            place = f"an absurd obstacle is its own affair: track {ident!r}, {note}"
+            assert forecast.fallback[index] == alone.fallback[index], place
+            middles = (np.einsum("m,mnd->nd", said.weight[index], said.mean[index])
+                       for said in (forecast, alone))  # fmt: skip
+            gap = np.abs(np.subtract(*middles)).max()
+            assert gap <= TOLERANCE * (1.0 + np.abs(alone.mean[index]).max()), place
 
 
 def _check_updates(predictor: Adaptive, tracks: Tracks, where: str) -> None:

@@ -13,6 +13,7 @@ STEPS = 6
 SAMPLES = 30
 DT = 0.5
 NEVER = "never observed"
+ORDINARY = ("ordinary", "straight line", "stopped")
 
 
 def draw_tracks(size: int, rng: np.random.Generator) -> Tracks:
@@ -129,6 +130,52 @@ def odd_worlds(tracks: Tracks) -> dict[str, Tracks]:
         "dt = 1 ms": replace(tracks, dt=1e-3),
         "dt = 1000 s": replace(tracks, dt=1e3),
     }
+
+
+ABSURD = "absurd"
+
+
+def absurd_worlds(tracks: Tracks, rng: np.random.Generator) -> dict[str, Tracks]:
+    """Return worlds in which the obstacle `ABSURD` has numbers of an absurd magnitude.
+
+    It comes last, after ordinary ones, and 100 km from them.
+    """
+    size = tracks.dimension
+    some = tracks.select([tracks.ids.index(name) for name in ORDINARY])
+    ids = (*some.ids, ABSURD)
+    away = some.positions[0] + 1e5 * np.eye(size)[0]
+    basis = draw_rotation(size, rng)
+    flat = (basis * np.logspace(200, -200, size)) @ basis.T
+    single, leaping = away.copy(), away + 1e8 * (-1.0) ** np.arange(SAMPLES)[:, None]
+    single[SAMPLES // 2] = 1e300
+    places = {
+        "positions of 1e308 m": np.full_like(away, 1e308),
+        "positions of 1e-300 m": 1e-300 * some.positions[0],
+        "one position of 1e300 m": single,
+        "leaps of 1e8 m": leaping,
+    }
+    spreads = {f"noise of {spread:g} m^2": spread * np.eye(size)
+               for spread in (1e308, 1e200, 1e30, 1e12, 1e-30, 1e-300, 5e-324)}  # fmt: skip
+    spreads["noise from 1e-200 to 1e200 m^2"] = 0.5 * (flat + flat.T)
+    worlds = {}
+    for name in (*places, *spreads, "a radius of 1e308 m", "a tracker's 1e300"):
+        place, spread = places.get(name, away), spreads.get(name, some.noise[0])
+        radius = 1e308 if "radius" in name else 0.3
+        tracker = None
+        if "tracker" in name:
+            tracker = np.tile(1e-4 * np.eye(2 * size), (len(ids), 1, 1))
+            tracker[-1] = 1e300 * np.eye(2 * size)
+        worlds[name] = Tracks(
+            np.concatenate([some.positions, place[None]]),
+            DT,
+            ids,
+            np.append(some.radius, radius),
+            np.concatenate([some.noise, spread[None]]),
+            some.stamp,
+            tracker,
+        )
+    steps = {f"dt = {dt:g} s": replace(tracks, dt=dt) for dt in (1e-300, 1e-6, 1e4, 1e300)}
+    return worlds | steps
 
 
 def draw_run(tracks: Tracks) -> list[Tracks]:

@@ -14,6 +14,9 @@ LONGEST_GAP = 5
 """Missing samples in a row that are bridged by a straight line; what lies before a longer
 gap is dropped (at the paper's 2 Hz this is a gap of 3 s)."""
 
+ROUNDING = 1e-12
+"""Share of its largest eigenvalue below which another one of a covariance is rounding."""
+
 
 @dataclass(frozen=True, eq=False)
 class Histories:
@@ -149,7 +152,10 @@ def _filled(relative: Array, seen: BoolArray) -> Array:
 def measurement_noise(tracks: Tracks, floor: float) -> Array:
     """Covariance of one position measurement, never below ``floor``: (O, D, D), m^2.
 
-    R = tracks.noise + floor^2 I. Adding (rather than clipping eigenvalues) keeps it
-    smooth and turns with the world.
+    R = tracks.noise + max(floor^2, 1e-12 tr(tracks.noise)) I. Adding (rather than clipping
+    eigenvalues) keeps it smooth and turns with the world. The share of the trace is for noise
+    of kilometres, whose smallest eigenvalue would be rounding, and perhaps negative.
     """
-    return np.asarray(tracks.noise + floor**2 * np.eye(tracks.dimension))
+    share = ROUNDING * np.trace(tracks.noise, axis1=1, axis2=2)
+    least = np.maximum(floor**2, share)[:, None, None]
+    return np.asarray(tracks.noise + least * np.eye(tracks.dimension))

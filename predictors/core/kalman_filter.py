@@ -184,7 +184,8 @@ def scalar_update(
 
     K = P h / S,  S = h' P h + r,  P+ = (I - K h') P (I - K h')' + r K K'
 
-    (Joseph's form: it stays positive semi-definite whatever is rounded.)
+    (Joseph's form: it stays positive semi-definite but for rounding; after jumps of 1e9 m that
+    is larger than r, so that h' P h is cut at 0.)
 
     Parameters
     ----------
@@ -193,7 +194,7 @@ def scalar_update(
     variance : (...), r.
     """
     column = covariance[:, component]
-    total = column[component] + variance
+    total = np.maximum(column[component], 0.0) + variance
     gain = column / total
     kept = covariance - gain[:, None] * column
     joseph = kept - (kept[:, component] - variance * gain)[:, None] * gain

@@ -15,6 +15,9 @@ from .history import Histories, IntArray
 from .kalman_filter import measured_update
 from .propagation import cut_steps
 
+FAINTEST = -690.0
+"""Least logarithm of a model's probability over that of the likeliest one: 1e-300."""
+
 
 @dataclass(frozen=True, eq=False)
 class ModeBank:
@@ -108,7 +111,9 @@ def updated(beliefs: Beliefs, measured: Array, variance: Array) -> Beliefs:
         beliefs.state, beliefs.covariance, measured, variance
     )
     logarithm = np.log(beliefs.weight) + density
-    weight = np.exp(logarithm - logarithm.max(axis=0))
+    # No model becomes impossible: one that weighs nothing at all could never come back, and
+    # after steps much longer than the dwell time nothing would lead to the others.
+    weight = np.exp(np.maximum(logarithm - logarithm.max(axis=0), FAINTEST))
     return Beliefs(weight / weight.sum(axis=0), state, covariance)
 
 

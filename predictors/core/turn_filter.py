@@ -144,16 +144,19 @@ def floored_root(covariance: Array) -> Array:
     """Lower triangular L with L L' = P, (B, S, S), whatever rounding has done to P.
 
     Cholesky's recursion, with pivots of at least 1e-14 of the diagonal entry: one covariance
-    that is singular must not stop all others, as it would in `numpy.linalg.cholesky`.
+    that is singular must not stop all others, as it would in `numpy.linalg.cholesky`. Below a
+    pivot, entries obey L_ij^2 <= P_ii as those of every root do; divided by a pivot that rounding
+    has made too small they would grow from step to step.
     """
     states = covariance.shape[-1]
     covariance = _columns(covariance)
     root = np.zeros_like(covariance)
+    most = np.sqrt(np.maximum(np.einsum("bii->bi", covariance), np.finfo(np.float64).tiny))
     for j in range(states):
         rest = covariance[:, j:, j] - np.einsum("bik,bk->bi", root[:, j:, :j], root[:, j, :j])
         floor = np.maximum(1e-14 * covariance[:, j, j], np.finfo(np.float64).tiny)
         pivot = np.sqrt(np.maximum(rest[:, 0], floor))
-        root[:, j:, j] = rest / pivot[:, None]
+        root[:, j:, j] = np.clip(rest / pivot[:, None], -most[:, j:], most[:, j:])
         root[:, j, j] = pivot
     return root
 
@@ -178,10 +181,14 @@ def position_update(
 
 
 def _inverse(matrix: Array) -> Array:
-    """Inverse of positive definite matrices (B, 2, 2)."""
+    """Inverse of positive definite matrices (B, 2, 2), even where rounding made them singular.
+
+    As in `floored_root`, the determinant is at least 1e-14 of the product of the diagonal.
+    """
     first, cross, second = matrix[:, 0, 0], matrix[:, 0, 1], matrix[:, 1, 1]
     adjugate = np.stack([np.stack([second, -cross]), np.stack([-cross, first])])
-    return np.moveaxis(adjugate / (first * second - cross**2), 2, 0)
+    product = first * second
+    return np.moveaxis(adjugate / np.maximum(product - cross**2, 1e-14 * product), 2, 0)
 
 
 def filter_turns(

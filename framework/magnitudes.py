@@ -1,0 +1,164 @@
+"""Magnitudes: the limits within which predictors compute, and what becomes of numbers beyond."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from .arrays import Array, BoolArray
+from .forecast import Scene
+from .tracks import Tracks
+
+FARTHEST = 1e9
+"""m, largest coordinate of a position; the Earth's circumference is 4e7 m."""
+LEAP, FASTEST = 1e4, 1e3
+"""m and m/s: who goes farther than `LEAP` + `FASTEST` t in t seconds is somebody else."""
+VAGUEST = 1e6
+"""m, largest standard deviation of a measurement (and m/s, of a tracked velocity)."""
+FINEST = 1e-30
+"""m, below which a coordinate counts as 0; m^2 its square."""
+SHORTEST, LONGEST = 1e-6, 1e4
+"""s, between two samples."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bounded:
+    """Tracks and scene within the limits.
+
+    Attributes
+    ----------
+    tracks, scene : with everything beyond the limits replaced.
+    reasons : (O,), per obstacle what was beyond them, or None.
+    """
+
+    tracks: Tracks
+    scene: Scene | None
+    reasons: tuple[str | None, ...]
+
+
+def bounded(tracks: Tracks, scene: Scene | None) -> Bounded | None:
+    """Bring tracks and scene within the limits, or return None where they are.
+
+    Within them velocities are about `LEAP` / `SHORTEST` = 1e10 m/s at most, so that no method
+    leaves the range of a float by squares, fourth powers or inverses, nor do the rounding
+    errors of the largest number drown the smallest. Beyond them
+
+    - a sample farther than `FARTHEST` from the origin counts as not observed;
+    - so do those before a leap, see `LEAP`;
+    - an eigenvalue of a covariance above `VAGUEST`^2 counts as that much, so that the obstacle
+      is still forecast near the place where it was seen;
+    - a radius counts as `FARTHEST` at most;
+    - what is below `FINEST` counts as 0, without a reason: nothing is that exact;
+    - a time step counts as the nearest limit, for all obstacles;
+    - a goal of the scene counts as one in the same direction at the limit, its plan or state
+      of the robot as unknown.
+    """
+    positions, far = _places(tracks.positions)
+    positions, leapt = _after_leaps(positions, tracks.dt)
+    noise, vague = _spreads(tracks.noise)
+    tracker = tracks.state_covariance
+    if tracker is not None:
+        tracker, drifting = _spreads(tracker)
+        vague = vague | drifting
+    wide = np.asarray(tracks.radius > FARTHEST, dtype=np.bool_)
+    radius = np.minimum(tracks.radius, FARTHEST) if wide.any() else tracks.radius
+    dt = min(max(tracks.dt, SHORTEST), LONGEST)
+    near = None if scene is None else _scene(scene)
+    new = (positions, noise, tracker, radius, dt, near)
+    old = (
+        tracks.positions,
+        tracks.noise,
+        tracks.state_covariance,
+        tracks.radius,
+        tracks.dt,
+        scene,
+    )
+    if all(one is other for one, other in zip(new, old, strict=True)):
+        return None
+    causes = {
+        f"steps of {tracks.dt:.3g} s, taken as {dt:g} s": np.full(len(tracks), dt != tracks.dt),
+        f"samples beyond {FARTHEST:g} m, taken as not observed": far,
+        f"a leap of more than {LEAP:g} m, taken as a new beginning": leapt,
+        f"known to more than {VAGUEST:g} m, taken as that": vague,
+        f"a radius above {FARTHEST:g} m, taken as that": wide,
+    }
+    reasons = tuple(
+        "; ".join(cause for cause, where in causes.items() if where[index]) or None
+        for index in range(len(tracks))
+    )
+    within = replace(
+        tracks, positions=positions, noise=noise, state_covariance=tracker, radius=radius, dt=dt
+    )
+    return Bounded(within, near, reasons)
+
+
+def _places(positions: Array) -> tuple[Array, BoolArray]:
+    """Return samples within the limits, (O, T, D), and which obstacles had others, (O,)."""
+    size = np.abs(positions)
+    large, tiny = size > FARTHEST, (size < FINEST) & (size > 0)
+    if not large.any() and not tiny.any():
+        return positions, np.zeros(len(positions), dtype=np.bool_)
+    beyond = np.asarray(large.any(axis=2), dtype=np.bool_)
+    far = np.asarray(beyond.any(axis=1), dtype=np.bool_)
+    kept = np.where(beyond[:, :, None], np.nan, positions)
+    return np.where(tiny, 0.0, kept), far
+
+
+def _after_leaps(positions: Array, dt: float) -> tuple[Array, BoolArray]:
+    """Return the samples from the last leap on, (O, T, D), and which obstacles leapt, (O,)."""
+    nobody = np.zeros(len(positions), dtype=np.bool_)
+    if not (np.abs(positions) > 0.25 * LEAP).any():  # the usual case: no room for a leap
+        return positions, nobody
+    columns = np.arange(positions.shape[1])
+    seen = np.asarray(np.isfinite(positions).all(axis=2), dtype=np.bool_)
+    newest = np.maximum.accumulate(np.where(seen, columns, -1), axis=1)
+    before = np.concatenate([np.full((len(seen), 1), -1), newest[:, :-1]], axis=1)
+    way = positions - np.take_along_axis(positions, np.maximum(before, 0)[:, :, None], axis=1)
+    limit = LEAP + FASTEST * dt * (columns - before)
+    leap = seen & (before >= 0) & (np.linalg.norm(np.nan_to_num(way), axis=2) > limit)
+    leapt = np.asarray(leap.any(axis=1), dtype=np.bool_)
+    if not leapt.any():
+        return positions, nobody
+    first = np.where(leap, columns, 0).max(axis=1)
+    return np.where((columns < first[:, None])[:, :, None], np.nan, positions), leapt
+
+
+def _spreads(covariance: Array) -> tuple[Array, BoolArray]:
+    """Return covariances within the limits, (O, S, S), and which had larger values, (O,)."""
+    size = np.abs(covariance)
+    large, tiny = size > VAGUEST**2, (size < FINEST**2) & (size > 0)
+    if not large.any() and not tiny.any():
+        return covariance, np.zeros(len(covariance), dtype=np.bool_)
+    vague, largest = np.asarray(large.any(axis=(1, 2))), size.max(axis=(1, 2), initial=0.0)
+    kept = np.where(tiny, 0.0, covariance)
+    if vague.any():
+        scale = largest[vague, None, None]
+        values, vectors = np.linalg.eigh(kept[vague] / scale)
+        values = np.clip(values, 0.0, VAGUEST**2 / scale[..., 0]) * scale[..., 0]
+        capped = (vectors * values[:, None, :]) @ vectors.swapaxes(1, 2)
+        kept[vague] = 0.5 * (capped + capped.swapaxes(1, 2))
+    return kept, vague
+
+
+def _scene(scene: Scene) -> Scene:
+    """Return the scene within the limits; itself where it is."""
+    changes: dict[str, Any] = {}
+    if scene.ego is not None and _beyond(scene.ego, FARTHEST):
+        changes["ego"] = None
+    if scene.plan is not None:
+        times = scene.plan_times
+        hasty = times is not None and (
+            _beyond(times, FARTHEST**2) or bool((np.diff(times) < SHORTEST).any())
+        )
+        if hasty or _beyond(scene.plan, FARTHEST):
+            changes |= {"plan": None, "plan_times": None}
+    if scene.goals is not None and _beyond(scene.goals, FARTHEST):
+        reach = np.abs(scene.goals).max(axis=1, keepdims=True)
+        changes["goals"] = scene.goals * (FARTHEST / np.maximum(reach, FARTHEST))
+    if scene.radius > FARTHEST:
+        changes["radius"] = FARTHEST
+    return replace(scene, **changes) if changes else scene
+
+
+def _beyond(values: Array, limit: float) -> bool:
+    return bool((np.abs(values) > limit).any())
