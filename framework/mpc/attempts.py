@@ -26,6 +26,10 @@ PATIENCE = 60.0
 COMPILING = 10.0
 """The first use of a problem, which compiles it, may take so many times the planner's patience."""
 
+FARTHEST = 1e9
+"""m; farther from the origin than this nothing is solved: rounding there exceeds a tenth of a
+micrometre, which the tolerances of solvers ask for."""
+
 STUCK = 0.1
 """Share of its way that a plan has to come along not to be stuck. Between two people who stand, a
 plan that waits is optimal among those near it, and stays so for ever."""
@@ -146,6 +150,10 @@ class Attempts:
         if self.budget.left() <= 0.0:
             message = "no time was left to solve"
             return Outcome((), (first,), crowded, crowded, Status.DEADLINE, message)
+        where = np.concatenate([ladder.start, case.parameters.reference.ravel()])
+        if not np.abs(where).max() <= FARTHEST:
+            message = f"state or reference exceed {FARTHEST:g}: nothing was solved"
+            return Outcome((), (first,), crowded, crowded, Status.FAILED, message)
         reference = ladder.guess(*along(ladder.robot, case.parameters, ladder.dt))
         solutions = self._solve(case, [first])
         candidates = [ladder.assess(case, one) for one in solutions]

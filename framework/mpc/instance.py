@@ -15,6 +15,11 @@ CAPACITIES = (0, 1, 2, 5, 10, 20, 50, 100)
 """Slots that problems are compiled for: one obstacle in a problem made for 20 costs IPOPT
 twice and fatrop three times the time."""
 
+FAR, WIDE = 1e6, 1e4
+"""m; largest distance of a mean from the robot, and largest standard deviation and radius, that a
+solver is given. Squares of larger numbers drown all others, and a solver may then never end.
+Nothing is lost: what is farther off is out of reach, and what is wider is everywhere."""
+
 
 @dataclass(frozen=True, eq=False)
 class Obstacles:
@@ -89,6 +94,8 @@ def fill(
 ) -> Parameters:
     """Fill the parameters of a problem with room for ``capacity`` obstacles.
 
+    Numbers of any size become such that a solver can calculate with them, see `FAR`.
+
     ``radius``, m, is that of the robot's bodies and what is added to it. ``own`` (N, D, D), m^2,
     is the covariance of the robot's own position, which is added to every obstacle's.
     Auxiliaries are filled in later, see `bodies.with_auxiliaries`.
@@ -102,11 +109,14 @@ def fill(
     covariance = np.zeros((steps, capacity, size, size))
     covariance[:] = np.eye(size)
     margin = np.ones(capacity)
-    mean[:, :used] = obstacles.mean
+    here = reference.position[:1, None]
+    mean[:, :used] = within_reach(obstacles.mean, here)
     covariance[:, :used] = obstacles.covariance
     if own is not None:
-        covariance[:, :used] += own[:, None]
-    margin[:used] = obstacles.radius + radius
+        with np.errstate(over="ignore"):
+            covariance[:, :used] += own[:, None]
+    covariance = not_wider(covariance)
+    margin[:used] = np.minimum(obstacles.radius + radius, WIDE)
     spread = np.broadcast_to(margin, (steps, capacity))
     numbers = np.zeros((steps, 0, region.parameter_count(size)))
     if capacity:
@@ -125,6 +135,35 @@ def fill(
         static_auxiliaries=np.zeros((steps, 0, 0)),
         curve=reference.curve,
     )
+
+
+def within_reach(mean: Array, here: Array) -> Array:
+    """Return means no coordinate of which is farther than `FAR` from ``here``."""
+    return np.clip(mean, here - FAR, here + FAR)
+
+
+def not_wider(covariance: Array) -> Array:
+    """Return covariances no standard deviation of which exceeds `WIDE`, (..., D, D).
+
+    Those that are smaller are returned as they are. Others keep their axes; one whose numbers are
+    too large to be decomposed becomes round.
+    """
+    size = covariance.shape[-1]
+    wide = ~(np.abs(covariance).max(axis=(-2, -1), initial=0.0) <= WIDE**2 / size)
+    if not wide.any():
+        return covariance
+    bounded = covariance.copy()
+    for index in zip(*np.nonzero(wide), strict=True):
+        one = covariance[index]
+        largest = np.abs(one).max()
+        if not np.isfinite(largest):
+            bounded[index] = WIDE**2 * np.eye(size)
+            continue
+        values, vectors = np.linalg.eigh(one / largest)
+        values = np.minimum(np.clip(values, 0.0, None), WIDE**2 / largest) * largest
+        bounded[index] = (vectors * values) @ vectors.T
+        bounded[index] = 0.5 * (bounded[index] + bounded[index].T)
+    return bounded
 
 
 def _levels(policy: LevelPolicy, region: Region, obstacles: Obstacles, capacity: int) -> Array:
