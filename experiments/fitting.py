@@ -131,7 +131,7 @@ def told(recording: Recording, noise: float | None = None) -> str:
     lines = [
         recording.report(),
         f"  {stated or recording.noise.text}",
-        f"  median speed of those who move: {speed:.3g} m/s",
+        f"  median speed of those who move: {speed:.3g} m/s" if speed > 0 else "  nobody moves",
     ]
     if speed > FAST:
         lines.append("  warning: that is fast; is dt right, are positions in metres?")

@@ -192,7 +192,7 @@ class PredictionBenchmark(Experiment):
         dt = self.data.step(scene)
         head: Row = {"predictor": name, "scene": place, "role": scene.role}
         how: Row = {
-            "protocol": self.protocol.text(dt, self.fit),
+            "protocol": self.protocol.text(dt),
             "speed_mps": rounded(usual_speed(recordings)),
             "fitted": fitted,
             "noise": self.data.noise_text(recordings),
@@ -217,7 +217,8 @@ class PredictionBenchmark(Experiment):
         try:
             plural = "s" if len(training) > 1 else ""
             told = f"{FITTED} {len(training)} recording{plural}{lacking}"
-            return predictor.fit(training), told
+            after = predictor.fit(training)
+            return after, NOTHING if after == predictor else told
         except WideberthError as error:
             return predictor, f"{UNFITTED}: {error}{lacking}"
 

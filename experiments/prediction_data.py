@@ -16,6 +16,8 @@ from .crowd import DATA, SHIPPED, TrackFile
 
 STOOD = 0.1
 """m/s; who is slower stands."""
+SLOW = 0.2
+"""Share of the highest speeds below which somebody stands, where nobody reaches `STOOD` by far."""
 FAST = 4.0
 """m/s; people (who walk at about 1.3) are not faster in the median, unless dt or the unit is
 wrong."""
@@ -202,10 +204,18 @@ def longest_stretch(recording: Recording) -> int:
 
 
 def usual_speed(recordings: Sequence[Recording]) -> float:
-    """Median speed, m/s, of those who do not stand; NaN if everybody does."""
-    speeds = [
+    """Median speed, m/s, of those who do not stand; NaN if everybody always does.
+
+    Who is slower than `STOOD` stands, unless the recordings are of slow robots: then it is who is
+    slower than a fifth of the speed that one sample in a hundred exceeds.
+    """
+    parts = [
         np.linalg.norm(np.diff(one.positions, axis=1), axis=2).ravel() / one.dt
         for one in recordings
     ]
-    moving = np.concatenate([some[np.isfinite(some) & (some > STOOD)] for some in speeds])
+    speeds = np.concatenate(parts)
+    speeds = speeds[np.isfinite(speeds)]
+    if not speeds.size:
+        return float("nan")
+    moving = speeds[speeds > min(STOOD, SLOW * float(np.quantile(speeds, 0.99)))]
     return float(np.median(moving)) if moving.size else float("nan")

@@ -100,13 +100,12 @@ class Protocol:
         """Rows that must follow the newest observed one."""
         return self.predicted if self.windows == "full" else SHORTEST
 
-    def text(self, dt: float, fit: bool) -> str:
-        """Say in one line what a number of the table stands for."""
+    def text(self, dt: float) -> str:
+        """Say in one line which windows are scored and how; ``fitted`` says who learnt."""
         kind = "full windows" if self.windows == "full" else f"windows from {SHORTEST} on"
         apart = "" if self.stride == 1 else f", every {self.stride} rows"
-        learnt = "fit on other scenes" if fit else "no fit"
         return (
-            f"{self.observed} + {self.predicted} rows of {dt:g} s, {kind}{apart}, {learnt}, "
+            f"{self.observed} + {self.predicted} rows of {dt:g} s, {kind}{apart}, "
             f"floor {self.floor:g} m"
         )
 

@@ -9,6 +9,7 @@ import pytest
 
 from wideberth.experiments import runner
 from wideberth.experiments.base import Row
+from wideberth.experiments.fitting import told
 from wideberth.experiments.prediction_benchmark import PredictionBenchmark
 from wideberth.experiments.prediction_data import (
     PredictionData,
@@ -25,6 +26,7 @@ from wideberth.framework.predictor import Fittable, Predictor
 from wideberth.framework.recordings import Recording
 from wideberth.framework.saved import save_plugin
 from wideberth.framework.tracks import Tracks
+from wideberth.predictors.adaptive_conformal import AdaptiveConformal
 from wideberth.predictors.constant_velocity import ConstantVelocity
 from wideberth.predictors.kalman import Kalman
 
@@ -107,8 +109,8 @@ def test_what_is_given_fitted_is_not_fitted_anew(tmp_path: Path) -> None:
     given: dict[str, Predictor] = {"mine": Counter(5), "new": Counter(), **LAST}
     experiment = benchmark(data, predictors=given, as_given=("mine",))
     rows = rows_of(experiment)
-    told = {(row["predictor"], row["fitted"]) for row in rows}
-    assert told == {
+    said = {(row["predictor"], row["fitted"]) for row in rows}
+    assert said == {
         ("mine", "as given"),
         ("new", "fitted to 2 recordings"),
         ("last", "nothing to fit"),
@@ -210,6 +212,18 @@ def test_longest_stretch_and_usual_speed_of_made_tracks() -> None:
     assert usual_speed([both]) == pytest.approx(1.25, rel=1e-9)  # the standing do not count
     nobody = replace(both, positions=np.zeros((5, 40, 2)))
     assert np.isnan(usual_speed([nobody]))
+    slow = replace(both, positions=both.positions * 0.05)  # robots of 0.0625 m/s
+    assert usual_speed([slow]) == pytest.approx(0.0625, rel=1e-9)
+    assert "median speed of those who move: 0.0625 m/s" in told(slow)
+    assert "nobody moves" in told(nobody) and "nan" not in told(nobody)
+
+
+def test_no_line_says_fitted_where_nothing_learns(tmp_path: Path) -> None:
+    data = write(tmp_path, "a.txt", "b.txt")
+    given: dict[str, Predictor] = {"mine": AdaptiveConformal(base=ConstantVelocity()), **LAST}
+    rows = rows_of(benchmark(data, predictors=given))
+    assert {row["fitted"] for row in rows} == {"nothing to fit"}
+    assert not any("fit" in row["protocol"] for row in rows)
 
 
 def test_a_wrong_time_between_rows_is_told(tmp_path: Path) -> None:
@@ -222,8 +236,8 @@ def test_a_wrong_time_between_rows_is_told(tmp_path: Path) -> None:
     rows = rows_of(tenth)
     assert rows[0]["speed_mps"] == pytest.approx(12.5)
     notes = [line["notes"] for line in tenth.summary(rows)]
-    told = "a: median speed 12.5 m/s of those who move: is dt right?"
-    assert told in notes[0] and told in notes[1] and "b: median" in notes[0]
+    said = "a: median speed 12.5 m/s of those who move: is dt right?"
+    assert said in notes[0] and said in notes[1] and "b: median" in notes[0]
 
 
 def test_one_scene_has_each_line_once_and_its_figures_no_means(tmp_path: Path) -> None:
