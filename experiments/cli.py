@@ -42,6 +42,8 @@ def run(
     parquet: options.Parquet = False,
 ) -> None:
     """Run an experiment: measure, print the table, draw the figures."""
+    from wideberth.framework.io import expanded
+
     from . import tables
     from .cluster import reached
     from .shipped import config_path, read_experiment
@@ -52,6 +54,7 @@ def run(
     experiment, plugins = read_experiment(config, set_ or [])
     if out is None:
         out = RESULTS / (config_path(config).stem + ("-quick" if quick else ""))
+    out = expanded(out)
     _run(experiment, out, workers, quick, plugins, fresh, not no_figures, cluster, parquet)
 
 
@@ -107,6 +110,8 @@ def figures(
     workers: Workers = 1,
 ) -> None:
     """Redraw figures from results; a name without a result is run first."""
+    from wideberth.framework.io import expanded
+
     from .runner import draw
     from .shipped import read_experiment
 
@@ -115,7 +120,7 @@ def figures(
         raise WideberthError(f"{RESULTS}/ holds no result; name a config to run it first")
     for name in names:
         folder = result_folder(name)
-        named = folder == Path(name).expanduser() and folder.is_dir()
+        named = folder == expanded(name) and folder.is_dir()
         if (folder / "table.csv").is_file() or named:
             for path in draw(folder):
                 typer.echo(path)
@@ -183,11 +188,12 @@ def fit(
     set_: SetPlugin = None,
 ) -> None:
     """Fit a predictor to recordings and save it; `{saved: FILE}` names it in a config."""
+    from wideberth.framework.io import expanded
     from wideberth.framework.saved import check_place, save_plugin
 
     from . import fitting
 
-    out = out.expanduser()
+    out = expanded(out)
     check_place(out)
     unfitted = fitting.read_predictor(predictor, set_ or [])
     found = fitting.read_files(recordings, dt)

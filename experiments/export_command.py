@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from wideberth.framework.io import expanded
+
 from .options import Config, Set
 
 
@@ -28,7 +30,7 @@ def export(
     source = write(
         config,
         set_ or [],
-        out.expanduser(),
+        expanded(out),
         planner=planner,
         obstacles=obstacles,
         polygons=polygons,

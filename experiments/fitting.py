@@ -9,6 +9,7 @@ from typing import Any
 from wideberth.framework.arrays import positive
 from wideberth.framework.config import build, describe, import_plugins
 from wideberth.framework.errors import WideberthError
+from wideberth.framework.io import expanded
 from wideberth.framework.predictor import Fittable, Predictor
 from wideberth.framework.recordings import Recording
 from wideberth.framework.registry import class_path, load, name_of, names, room_of, unknown
@@ -56,7 +57,7 @@ def read_plugin(room: str, text: str, overrides: Sequence[str]) -> Any:
 
 def _config(kind: str, text: str) -> dict[str, Any]:
     """Return the mapping with ``type`` or ``saved``, and perhaps ``plugins``, that is meant."""
-    path = Path(text).expanduser()
+    path = expanded(text)
     if not path.is_file():
         if ":" not in text and (path.name != text or path.suffix):
             raise WideberthError(
@@ -109,7 +110,7 @@ def read_files(paths: Sequence[str], dt: float) -> dict[str, Recording]:
     """
     if not paths:
         raise WideberthError("no recording was given; wanted one text file at least")
-    files = [file for path in paths for file in _files(Path(path).expanduser())]
+    files = [file for path in paths for file in _files(expanded(path))]
     if len({Path(file).resolve() for file in files}) < len(files):
         raise WideberthError("a recording was given twice; it would count twice")
     return {file: TrackFile(file, dt, minimum_samples=FEWEST).read() for file in files}

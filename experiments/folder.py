@@ -153,7 +153,7 @@ def _check_same(out: Path, config: Mapping[str, Any], source: str) -> None:
         if not (out / name).is_file():
             raise WideberthError(f"{out} holds a result without its {name}; {cure}")
     try:
-        found = read_config(out / "config.yaml")
+        found = read_config(out / "config.yaml", stored=True)
         stored = read_json(out / "provenance.json", "provenance", 1)
     except WideberthError as error:
         raise WideberthError(f"{error}; {cure}") from None

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from wideberth.framework.io import expanded
+
 from .results import result_folder
 
 
@@ -28,9 +30,9 @@ def play(
     from .player import find_episode
     from .player import play as write
 
-    path = Path(episode).expanduser()
+    path = expanded(episode)
     found = find_episode(path if path.exists() else result_folder(episode))
-    page = write(found, out.expanduser() if out else Path(f"{found.stem}.html"), tail)
+    page = write(found, expanded(out) if out else Path(f"{found.stem}.html"), tail)
     typer.echo(f"written: {page} ({page.stat().st_size / 1e6:.1f} MB)")
     if open_ and not webbrowser.open(page.resolve().as_uri()):
         typer.echo("no browser was found to open it with; open the file yourself")

@@ -8,7 +8,7 @@ from wideberth.experiments.page import MARK, PLAYER, page, template
 from wideberth.experiments.player_data import packed
 from wideberth.experiments.player_regions import episode_planner
 from wideberth.framework.errors import WideberthError
-from wideberth.framework.io import check_target, write_text
+from wideberth.framework.io import check_target, read_bytes, write_text
 from wideberth.framework.yamlfile import read_config
 from wideberth.simulation.log import Episode
 
@@ -115,9 +115,7 @@ def read_episode(path: Path) -> Episode:
     WideberthError : unreadable, or something else.
     """
     try:
-        return Episode.from_bytes(path.read_bytes())
-    except OSError as error:
-        raise WideberthError(f"{path} cannot be read: {error.strerror or error}") from None
+        return Episode.from_bytes(read_bytes(path))
     except WideberthError as error:
         raise WideberthError(f"{path}: {error}") from None
 
@@ -125,5 +123,5 @@ def read_episode(path: Path) -> Episode:
 def result_tail(folder: Path) -> float:
     """Return the tail that a result's own figures are drawn with, else 0.05."""
     file = folder / "config.yaml"
-    stated = read_config(file).get("tail") if file.is_file() else None
+    stated = read_config(file, stored=True).get("tail") if file.is_file() else None
     return float(stated) if isinstance(stated, int | float) and 0 < stated < 1 else TAIL

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from wideberth.framework.io import expanded
+
 from .results import result_folder
 
 
@@ -20,5 +22,5 @@ def report(
     from .report import report as write
 
     folders = [Path(name) if Path(name).exists() else result_folder(name) for name in results]
-    for path in write(folders, out.expanduser()):
+    for path in write(folders, expanded(out)):
         typer.echo(f"written: {path} ({path.stat().st_size / 1e6:.1f} MB)")

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from wideberth.framework.io import expanded
+
 RESULTS = Path("results")
 """Folder of all results that no other is stated for."""
 
@@ -14,6 +16,6 @@ def result_folder(name: str) -> Path:
     >>> [result_folder(name).as_posix() for name in ("tuning", "mine/tuning.yaml", "old/tuning")]
     ['results/tuning', 'results/tuning', 'old/tuning']
     """
-    folder = Path(name).expanduser()
+    folder = expanded(name)
     own = len(folder.parts) > 1 and folder.suffix not in (".yaml", ".yml")
     return folder if own or (folder / "config.yaml").is_file() else RESULTS / folder.stem

@@ -216,7 +216,7 @@ def reopen(folder: Path) -> tuple[Experiment, Result]:
         raise WideberthError(f"{folder} holds no result; `wideberth run` makes one")
     if not (folder / "table.csv").is_file():
         raise WideberthError(f"the run in {folder} is not finished; run the same command again")
-    config = read_config(folder / "config.yaml")
+    config = read_config(folder / "config.yaml", stored=True)
     import_plugins(config.pop("plugins", []))
     experiment: Experiment = build("experiments", config)
     return experiment, Result(folder)

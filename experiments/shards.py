@@ -6,7 +6,6 @@ is never mixed into a result.
 """
 
 import base64
-import binascii
 import hashlib
 import json
 from collections import Counter
@@ -16,12 +15,23 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from wideberth.framework.errors import WideberthError
-from wideberth.framework.io import stamped, table_text, unstamped, write_bytes
+from wideberth.framework.io import (
+    parse_json,
+    read_text,
+    stamped,
+    table_text,
+    unstamped,
+    write_bytes,
+)
 
 from .base import Outcome, Row, Task
 
 VERSION = 2
 """Of the format. 1 did not name the source."""
+
+
+LARGEST_SHARD = 2**31
+"""Bytes; a shard holds the files of its task."""
 
 
 @dataclass(frozen=True)
@@ -143,18 +153,22 @@ def read_shard(folder: Path, key: str, source: str) -> Outcome | None:
     content = _read(path, "shard", source)
     try:
         times = _read(_times(folder, key), "times", source)["times"] if content["timed"] else []
+        for rows in (content["rows"], times):
+            table_text(rows)
         files = {
             name: base64.b64decode(text, validate=True) for name, text in content["files"].items()
         }
         return Outcome(content["rows"], times, files)
-    except (KeyError, AttributeError, TypeError, binascii.Error):
+    except UnusableShard:
+        raise
+    except (KeyError, AttributeError, TypeError, ValueError):
         raise UnusableShard(path, "damaged") from None
 
 
 def _read(path: Path, kind: str, source: str) -> dict[str, Any]:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        content = parse_json(read_text(path, "a shard", LARGEST_SHARD), str(path))
+    except WideberthError:
         raise UnusableShard(path, "damaged") from None
     try:
         content = unstamped(content, kind, VERSION, str(path))

@@ -8,10 +8,12 @@ from importlib import import_module
 from pathlib import PurePath
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
-from .errors import WideberthError
+from .errors import WideberthError, short
 from .registry import load, name_of, names, room_of, unknown
 from .yamlfile import read_config as read_config
 
+LONGEST_NAME = 48
+"""Bytes of a name in a config; up to five of them make the name of a file."""
 _SEQUENCES = (tuple, list, Sequence)
 _MAPPINGS = (dict, Mapping)
 
@@ -25,7 +27,7 @@ def import_plugins(modules: Sequence[str]) -> None:
     """
     listed = isinstance(modules, list | tuple)
     if not listed or not all(isinstance(name, str) for name in modules):
-        raise WideberthError(f"plugins is {modules!r}; wanted a list of module names")
+        raise WideberthError(f"plugins is {short(modules)}; wanted a list of module names")
     for name in modules:
         try:
             import_module(name)
@@ -162,9 +164,22 @@ def _convert(hint: Any, value: Any, path: str, default: Any = None) -> Any:
     if get_origin(hint) in _MAPPINGS:
         if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
             raise _wrong(path, value, "a mapping with names as keys")
+        for name in value:
+            _check_name(name, path)
         return {key: _convert(get_args(hint)[1], entry, _join(path, key))
                 for key, entry in value.items()}  # fmt: skip
     return _instance(hint, value, path, default)
+
+
+def _check_name(name: str, path: str) -> None:
+    """Refuse a name that cannot be part of a file's name: tasks and figures are named by it."""
+    size = len(name.encode("utf-8", "replace"))
+    wrong = not name.strip() or name.startswith(".") or not name.isprintable()
+    if wrong or any(sign in name for sign in "/\\:") or size > LONGEST_NAME:
+        raise WideberthError(
+            f"{_at(path)}{short(name, 60)} cannot be a name: files are named by it; wanted 1 to "
+            f"{LONGEST_NAME} characters, none of them / \\ or :, and no dot at the beginning"
+        )
 
 
 def _instance(hint: type, value: Any, path: str, default: Any) -> Any:
@@ -241,7 +256,9 @@ def _wanted(hint: Any, message: str) -> str:
 
 
 def _wrong(path: str, value: Any, wanted: str) -> WideberthError:
-    return WideberthError(f"{_at(path)}came {value!r} ({type(value).__name__}); wanted {wanted}")
+    return WideberthError(
+        f"{_at(path)}came {short(value)} ({type(value).__name__}); wanted {wanted}"
+    )
 
 
 def _join(path: str, name: str) -> str:

@@ -202,10 +202,16 @@ def read_robot_log(
     positive("bridge", bridge)
     rows = _log(Path(path))
     table = np.array([row for _, row in rows])
-    clock = table[:, 0] - table[0, 0]
+    with np.errstate(over="ignore"):
+        clock = table[:, 0] - table[0, 0]
+    with np.errstate(over="ignore"):
+        rows_needed = clock[-1] / dt + 1.0
+    if not rows_needed <= LARGEST:
+        raise WideberthError(
+            f"{path}: {clock[-1]:g} s in steps of {dt:g} s are {rows_needed:g} rows; wanted at "
+            f"most {LARGEST:g}: are the times in s?"
+        )
     count = int(np.floor(clock[-1] / dt + OFF_GRID)) + 1
-    if count > LARGEST:
-        raise WideberthError(f"{path}: {clock[-1]:g} s in steps of {dt:g} s are {count} rows")
     grid = np.minimum(dt * np.arange(count), clock[-1])
     positions = interpolated(clock, table[:, 1:3], grid, bridge, OFF_GRID)
     lost = int(np.isnan(positions[:, 0]).sum())

@@ -15,7 +15,7 @@ from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from typing import Any, TypeVar
 
-from .errors import WideberthError
+from .errors import WideberthError, short
 
 P = TypeVar("P")
 
@@ -79,9 +79,9 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> str:
     "unknown region 'elipse': did you mean 'ellipse'? Known: box, ellipse"
     """
     known = sorted(known)
-    near = get_close_matches(str(name), known, n=1)
+    near = get_close_matches(str(name)[:100], known, n=1)
     hint = f": did you mean {near[0]!r}?" if near else "."
-    return f"unknown {kind} {name!r}{hint} Known: {', '.join(known) or 'none yet'}"
+    return f"unknown {kind} {short(name)}{hint} Known: {', '.join(known) or 'none yet'}"
 
 
 def names(room: str) -> list[str]:

@@ -10,7 +10,7 @@ from typing import Any
 
 from .config import build, describe
 from .errors import WideberthError
-from .io import check_target, read_json, write_json
+from .io import check_target, expanded, read_json, write_json
 from .registry import room_name
 
 KIND = "plugin"
@@ -44,9 +44,7 @@ def save_plugin(path: str | Path, room: str, plugin: Any) -> Path:
     room = room_name(room)
     check_place(path)
     rebuilt(room, plugin)
-    return write_json(
-        Path(path).expanduser(), KIND, VERSION, {"room": room, "plugin": describe(plugin)}
-    )
+    return write_json(expanded(path), KIND, VERSION, {"room": room, "plugin": describe(plugin)})
 
 
 def check_place(path: str | Path) -> None:
@@ -57,7 +55,7 @@ def check_place(path: str | Path) -> None:
     WideberthError : a folder that does not exist, a symbolic link, or a file that holds no saved
         plug-in and is therefore not replaced.
     """
-    check_target(Path(path).expanduser(), f'"format": "wideberth/{KIND}"')
+    check_target(expanded(path), f'"format": "wideberth/{KIND}"')
 
 
 def rebuilt(room: str, plugin: Any) -> Any:
@@ -99,7 +97,7 @@ def load_plugin(path: str | Path, room: str) -> Any:
         or a config that does not build; the message names the file.
     """
     room = room_name(room)
-    content = read_json(Path(path).expanduser(), KIND, VERSION)
+    content = read_json(expanded(path), KIND, VERSION)
     stored = content.get("room")
     if stored != room:
         raise WideberthError(f"{path} holds a plug-in of {stored!r}; wanted one of {room!r}")

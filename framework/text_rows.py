@@ -6,12 +6,20 @@ from typing import TypeAlias
 
 import numpy as np
 
-from .errors import WideberthError
+from .errors import WideberthError, short
+from .io import read_bytes
 
 Sample: TypeAlias = tuple[int, float, float, int]
 """(frame, x in m, y in m, line in the file)."""
 Samples: TypeAlias = dict[str, list[Sample]]
 """Identity -> its samples, frames increasing."""
+
+LARGEST = 200 * 2**20
+"""Bytes of a recording."""
+LONGEST_IDENTITY = 100
+"""Characters."""
+FARTHEST = 1e8
+"""m; a coordinate beyond it is no position on the earth, in whatever frame."""
 
 TRACK = ("frame", "id", "x", "y")
 ROBOT = ("time", "x", "y", "theta")
@@ -20,10 +28,9 @@ ROBOT = ("time", "x", "y", "theta")
 def read_rows(path: Path, columns: tuple[str, ...]) -> Iterator[tuple[int, list[str]]]:
     """Yield (line number, words) of each row that is not a comment."""
     try:
-        raw = path.read_bytes()
-    except OSError as error:
-        why = error.strerror or str(error)
-        raise WideberthError(f"{path} cannot be read: {why}; check the path") from None
+        raw = read_bytes(path, LARGEST)
+    except WideberthError as error:
+        raise WideberthError(f"{error}; check the path") from None
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -52,11 +59,16 @@ def number(word: str, name: str, path: str | Path, line: int) -> float:
         value = float(word)
     except ValueError:
         raise WideberthError(
-            f"{path}, line {line}: {name} is {word!r}; wanted a number (put # before a header)"
+            f"{path}, line {line}: {name} is {short(word, 40)}; wanted a number (put # before "
+            "a header)"
         ) from None
     if not np.isfinite(value):
         raise WideberthError(
-            f"{path}, line {line}: {name} is {word}; leave a row out where nothing was seen"
+            f"{path}, line {line}: {name} is {word[:40]}; leave a row out where nothing was seen"
+        )
+    if name in ("x", "y") and abs(value) > FARTHEST:
+        raise WideberthError(
+            f"{path}, line {line}: {name} is {value:g} m; wanted at most {FARTHEST:g}"
         )
     return value
 
@@ -69,8 +81,8 @@ def read_samples(path: Path) -> Samples:
         frame = number(words[0], "frame", path, line)
         if frame != round(frame):
             raise WideberthError(
-                f"{path}, line {line}: frame is {words[0]}; wanted a whole number (a robot log "
-                "of `time x y theta` is read by read_robot_log)"
+                f"{path}, line {line}: frame is {words[0][:40]}; wanted a whole number (a robot "
+                "log of `time x y theta` is read by read_robot_log)"
             )
         ident = _identity(words[1], path, line)
         x, y = (number(words[i], TRACK[i], path, line) for i in (2, 3))
@@ -96,7 +108,12 @@ def _identity(word: str, path: Path, line: int) -> str:
     try:
         value = float(word)
     except ValueError:
+        if len(word) > LONGEST_IDENTITY:
+            raise WideberthError(
+                f"{path}, line {line}: id has {len(word)} characters; wanted at most "
+                f"{LONGEST_IDENTITY}"
+            ) from None
         return word
     if not np.isfinite(value):
-        raise WideberthError(f"{path}, line {line}: id is {word}; wanted a name or a number")
+        raise WideberthError(f"{path}, line {line}: id is {word[:40]}; wanted a name or a number")
     return str(round(value)) if value == round(value) else word

@@ -1,29 +1,46 @@
 """Reading YAML configs, with ``--set`` overrides, and writing them back."""
 
 import re
+from functools import cache
+from math import isinf
 from pathlib import Path
 from typing import Any
 
-from .errors import WideberthError
+from .errors import WideberthError, short
+from .io import read_text
+
+LARGEST = 2**20
+"""Characters of a config that somebody wrote."""
+MOST = 10_000
+"""Values and keys of such a config; what aliases repeat is counted each time."""
+STORED = 100
+"""Times as large may be the config that a run has stored: it holds what predictors have learnt."""
+DEEPEST = 30
+"""Lists and mappings inside each other, and parts of a dotted key."""
+_LONGEST_NUMBER = 100
+"""Characters."""
 
 
-def read_config(path: Path, overrides: list[str] | None = None) -> dict[str, Any]:
+def read_config(
+    path: Path, overrides: list[str] | None = None, stored: bool = False
+) -> dict[str, Any]:
     """Read a config file and apply overrides such as ``"region.tail=0.1"``.
 
     Unlike plain YAML, ``1e-3`` is a number and a key that stands twice is an error.
 
+    Parameters
+    ----------
+    path, overrides : see above.
+    stored : whether a run has written the file, which may then be `STORED` times as large.
+
     Raises
     ------
-    WideberthError : no such file, not YAML, not a mapping, an override that does not fit.
+    WideberthError : no such file, not YAML, not a mapping, too large or too deep, an override
+        that does not fit.
     """
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError:
-        raise WideberthError(f"{path} is not text; wanted a YAML file") from None
-    except OSError as error:
-        raise WideberthError(f"{path} cannot be read: {error.strerror or error}") from None
-    config = parse(text, str(path))
+    times = STORED if stored else 1
+    config = parse(read_text(path, "a YAML file", times * LARGEST), str(path), times)
     if not isinstance(config, dict):
         came = "empty" if config is None else f"a {type(config).__name__}"
         raise WideberthError(f"{path} is {came}; a config is a mapping of keys to values")
@@ -32,8 +49,15 @@ def read_config(path: Path, overrides: list[str] | None = None) -> dict[str, Any
     return config
 
 
-def parse(text: str, place: str) -> Any:
+def parse(text: str, place: str, times: int = 1) -> Any:
     r"""Return the value of a YAML text; ``place`` stands in the error message.
+
+    Text of more than ``times`` x `LARGEST` characters or ``times`` x `MOST` values, or nested
+    more than `DEEPEST` deep, is refused: a few aliases can stand for billions of values.
+
+    Raises
+    ------
+    WideberthError : too large, no YAML, or a number that no number type holds.
 
     Examples
     --------
@@ -47,14 +71,18 @@ def parse(text: str, place: str) -> Any:
     """
     import yaml
 
+    if len(text) > times * LARGEST:
+        raise WideberthError(
+            f"{place} has {len(text)} characters; wanted at most {times * LARGEST}"
+        )
     try:
-        return yaml.load(text, _loader())  # derives from SafeLoader
+        loader = _loader()(text)
+        loader.most = times * MOST
+        return loader.get_single_data()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         where = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
         raise WideberthError(f"{place}{where} is not YAML: {error.problem}") from None
-    except RecursionError:
-        raise WideberthError(f"{place} is nested too deeply; is a bracket left open?") from None
     except yaml.YAMLError as error:
         raise WideberthError(f"{place} is not YAML: {' '.join(str(error).split())}") from None
 
@@ -84,8 +112,8 @@ def apply(config: dict[str, Any], override: str) -> None:
     """
     key, equals, text = override.partition("=")
     if not equals or not all(key.strip().split(".")):
-        raise WideberthError(f"--set {override!r}: wanted KEY=VALUE, as in region.tail=0.1")
-    where = f"--set {override!r}"
+        raise WideberthError(f"--set {short(override)}: wanted KEY=VALUE, as in region.tail=0.1")
+    where = f"--set {short(override)}"
     assign(config, key.strip(), parse(text, where), where)
 
 
@@ -97,11 +125,13 @@ def assign(config: dict[str, Any], key: str, value: Any, where: str) -> None:
     WideberthError : a parent that holds no keys; ``where`` begins the message.
     """
     parts = key.split(".")
+    if len(parts) > DEEPEST:
+        raise WideberthError(f"{where}: the key has {len(parts)} parts; wanted at most {DEEPEST}")
     here: Any = config
     for index, part in enumerate(parts):
         last = index == len(parts) - 1
         if isinstance(here, list):
-            if not part.isdecimal() or int(part) >= len(here):
+            if not part.isdecimal() or len(part) > 9 or int(part) >= len(here):
                 raise WideberthError(
                     f"{where}: {'.'.join(parts[:index])} is a list of {len(here)}; "
                     f"{part!r} is no index of it"
@@ -111,7 +141,7 @@ def assign(config: dict[str, Any], key: str, value: Any, where: str) -> None:
             slot = part
         else:
             raise WideberthError(
-                f"{where}: {'.'.join(parts[:index])} is {here!r}, which has no keys"
+                f"{where}: {'.'.join(parts[:index])} is {short(here)}, which has no keys"
             )
         if last:
             here[slot] = value
@@ -127,24 +157,86 @@ def _entered(parent: Any, slot: Any) -> Any:
     return parent[slot]
 
 
+@cache
 def _loader() -> Any:
     import yaml
 
     class Loader(yaml.SafeLoader):
-        """YAML 1.2's floats, and no key twice."""
+        """YAML 1.2's floats, no key twice, and bounds on what is built."""
 
-        def construct_mapping(self, node: Any, deep: bool = False) -> Any:
-            merge = "tag:yaml.org,2002:merge"  # <<: takes over what it does not state itself
-            own = [entry for entry in node.value if entry[0].tag != merge]
-            keys = [self.construct_object(key, deep=True) for key, _ in own]
-            for index, key in enumerate(keys):
-                if key in keys[:index]:
-                    mark = own[index][0].start_mark
-                    raise yaml.MarkedYAMLError(
-                        problem=f"key {key!r} stands twice", problem_mark=mark
-                    )
-            return super().construct_mapping(node, deep=deep)
+        most = MOST
 
+        def __init__(self, text: str) -> None:
+            super().__init__(text)
+            self.nodes = 0
+            self.depth = 0
+            self.known: dict[int, tuple[int, int]] = {}  # what an alias stands for: nodes, depth
+
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            event: Any = self.peek_event()  # type: ignore[no-untyped-call]
+            if isinstance(event, yaml.AliasEvent):
+                node = super().compose_node(parent, index)
+                if id(node) not in self.known:
+                    self._refuse(event, f"*{event.anchor} stands within what it names")
+                nodes, depth = self.known[id(node)]
+                self._count(event, nodes, depth)
+                return node
+            before, deepest = self.nodes, 0
+            self._count(event, 1, 1)
+            self.depth += 1
+            node = super().compose_node(parent, index)
+            self.depth -= 1
+            inner = node.value if isinstance(node, yaml.CollectionNode) else ()
+            for entry in inner:
+                for one in entry if isinstance(entry, tuple) else (entry,):
+                    deepest = max(deepest, self.known[id(one)][1])
+            self.known[id(node)] = self.nodes - before, deepest + 1
+            return node
+
+        def compose_mapping_node(self, anchor: Any) -> Any:
+            node: Any = super().compose_mapping_node(anchor)
+            seen = set()
+            for key, _ in node.value:
+                if not isinstance(key, yaml.ScalarNode):
+                    self._refuse(key, "a key must be one word, no list or mapping")
+                if key.tag == "tag:yaml.org,2002:merge":  # <<: takes over what is not stated here
+                    continue
+                name = self.construct_object(key, deep=True)
+                if name in seen:
+                    self._refuse(key, f"key {short(name)} stands twice")
+                seen.add(name)
+            return node
+
+        def _count(self, event: Any, nodes: int, depth: int) -> None:
+            self.nodes += nodes
+            if self.nodes > self.most:
+                self._refuse(
+                    event,
+                    f"more than {self.most} values and keys (what aliases repeat is counted each "
+                    "time); what a predictor has learnt is named by {saved: FILE}",
+                )
+            if self.depth + depth > DEEPEST:
+                self._refuse(event, f"nested more than {DEEPEST} deep; is a bracket left open?")
+
+        def _refuse(self, where: Any, problem: str) -> None:
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=where.start_mark)
+
+        def number(self, node: Any) -> Any:
+            """Construct a number or a date, or say that it is none."""
+            text = str(node.value)
+            wrong = f"{short(text, 40)} is no number that can be held; quote it if it is text"
+            if len(text) > _LONGEST_NUMBER:
+                self._refuse(node, wrong)
+            try:
+                value = yaml.SafeLoader.yaml_constructors[node.tag](self, node)
+            except (ValueError, OverflowError, KeyError, AttributeError):
+                self._refuse(node, wrong)
+            if isinstance(value, float) and isinf(value) and "inf" not in text.lower():
+                self._refuse(node, f"{text} is too large for a number; infinity is written .inf")
+            return value
+
+    for name in ("int", "float", "timestamp", "bool"):
+        Loader.add_constructor(f"tag:yaml.org,2002:{name}", Loader.number)
     Loader.add_implicit_resolver(
         "tag:yaml.org,2002:float",
         re.compile(r"^[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"),

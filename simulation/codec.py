@@ -11,7 +11,6 @@ clock reading, so that the same episode gives the same bytes.
 
 import io
 import json
-import zipfile
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from ..framework.arrays import Array
 from ..framework.errors import WideberthError
 from ..framework.footprint import Discs, Footprint, Outline
 from ..framework.forecast import Forecast
-from ..framework.io import stamped, unstamped
+from ..framework.io import parse_json, read_arrays, stamped, unstamped
 from ..framework.path import Path
 from ..framework.plan import Breach, GivenWay, Kind, Plan, Rung, Status
 from ..framework.polygon import Polygon
@@ -86,17 +85,24 @@ def to_bytes(episode: Episode) -> bytes:
 
 def from_bytes(data: bytes) -> Episode:
     """Read an episode; see `Episode.from_bytes`."""
+    cure = "give a file that Episode.to_bytes wrote"
     try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            meta = json.loads(archive["meta"].tobytes().decode("utf-8"))
-            unpack = _Unpacker(archive["numbers"])
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, AttributeError) as error:
-        # what NumPy says of a file of another kind is how to load it unsafely
-        reason = "no npz archive" if "pickle" in str(error) else error
-        raise WideberthError(
-            f"this is not a saved episode ({reason}); give a file that Episode.to_bytes wrote"
-        ) from None
+        arrays = read_arrays(data, "it")
+        meta = parse_json(arrays["meta"].tobytes().decode("utf-8"), "its description")
+        unpack = _Unpacker(arrays["numbers"])
+    except (KeyError, ValueError) as error:
+        reason = f"it has no array {error}" if isinstance(error, KeyError) else error
+        raise WideberthError(f"this is not a saved episode ({reason}); {cure}") from None
     content = unstamped(meta, "episode", VERSION, "the episode")
+    try:
+        return _unpack_episode(unpack, content)
+    except (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError) as error:
+        raise WideberthError(
+            f"the episode is damaged ({type(error).__name__}: {error}); {cure}"
+        ) from None
+
+
+def _unpack_episode(unpack: _Unpacker, content: dict[str, Any]) -> Episode:
     return Episode(
         times=unpack.get(content["times"]),
         agents=tuple(_unpack_agent(unpack, agent) for agent in content["agents"]),

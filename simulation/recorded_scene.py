@@ -10,6 +10,7 @@ import numpy as np
 
 from ..framework.arrays import positive, whole
 from ..framework.errors import WideberthError
+from ..framework.io import expanded
 from ..framework.path import Path
 from ..framework.recordings import Recording, read_tracks
 from .agents import Bystander, ReplayAgent
@@ -177,7 +178,7 @@ class RecordedScene(Scenario):
         if self.tracks.startswith(SHIPPED):
             name = self.tracks.removeprefix(SHIPPED)
             return str(files("wideberth").joinpath("experiments", "data", name))
-        path = File(self.tracks).expanduser()
+        path = expanded(self.tracks)
         if path.is_file():
             return str(path)
         if not path.is_dir():

@@ -7,7 +7,6 @@ the names of its slots, and what the planner said; ``NAME.npz`` the numbers: ``p
 """
 
 import io
-import zipfile
 from dataclasses import asdict, dataclass, fields
 from hashlib import sha256
 from pathlib import Path
@@ -17,7 +16,7 @@ import numpy as np
 
 from ..arrays import Array, positive, whole
 from ..errors import WideberthError
-from ..io import read_json, write_bytes, write_json
+from ..io import expanded, read_arrays, read_bytes, read_json, write_bytes, write_json
 from ..plan import Rung
 from .explain import Decision, Solve, Verdict
 from .problem import Parameters
@@ -81,7 +80,7 @@ def write_solve(path: str | Path, solve: Solve) -> Path:
     ------
     WideberthError : a folder that cannot be written, or settings that are no plain values.
     """
-    path = Path(path).expanduser().with_suffix(".json")
+    path = expanded(path).with_suffix(".json")
     write_bytes(path.with_suffix(".npz"), _numbers(solve))
     content = {
         "planner": solve.planner,
@@ -106,12 +105,16 @@ def read_solve(path: str | Path) -> Solve:
     ------
     WideberthError : a file is missing or damaged, of another format, or of a newer version.
     """
-    path = Path(path).expanduser().with_suffix(".json")
+    path = expanded(path).with_suffix(".json")
     content = read_json(path, KIND, VERSION)
     numbers = path.with_suffix(".npz")
     try:
-        with np.load(io.BytesIO(numbers.read_bytes()), allow_pickle=False) as data:
-            arrays: dict[str, Array] = {name: data[name] for name in data.files}
+        arrays = read_arrays(read_bytes(numbers), str(numbers))
+    except WideberthError as error:
+        raise WideberthError(
+            f"{error}; a recorded solve is a pair of files, .json and .npz"
+        ) from None
+    try:
         return Solve(
             planner=dict(content["planner"]),
             size=Size(**content["size"]),
@@ -122,12 +125,7 @@ def read_solve(path: str | Path) -> Solve:
             point=_taken(Guess, "point", arrays),
             verdict=Verdict(**content["verdict"]),
         )
-    except OSError as error:
-        raise WideberthError(
-            f"{numbers} cannot be read: {error.strerror or error}; a recorded solve is a pair of "
-            "files, .json and .npz"
-        ) from None
-    except (KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
         raise WideberthError(
             f"{path} and {numbers.name} are damaged or no pair: {type(error).__name__}: {error}"
         ) from None

@@ -17,6 +17,7 @@ import numpy as np
 from ..arrays import Array
 from ..errors import WideberthError
 from ..forecast import GaussianObstacle
+from ..io import read_arrays, read_bytes
 from ..region import Region
 from .problem import Parameters
 from .transcription import Guess
@@ -64,11 +65,11 @@ def read_instances(path: Path, region: Region, speed: float = 0.5) -> Iterator[I
     ------
     WideberthError : the file lacks a field.
     """
-    with np.load(path, allow_pickle=False) as data:
-        missing = sorted(set(FIELDS) - set(data.files))
-        if missing:
-            raise WideberthError(f"{path.name} lacks {missing}; wanted the fields {FIELDS}")
-        arrays = {name: data[name] for name in FIELDS}
+    arrays = read_arrays(read_bytes(path), str(path))
+    missing = sorted(set(FIELDS) - set(arrays))
+    if missing:
+        raise WideberthError(f"{path.name} lacks {missing}; wanted the fields {FIELDS}")
+    arrays = {name: arrays[name] for name in FIELDS}
     for i, count in enumerate(arrays["count"]):
         row = {name: array[i] for name, array in arrays.items()}
         yield _instance(row, int(count), region, speed)
