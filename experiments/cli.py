@@ -42,7 +42,7 @@ def run(
     parquet: options.Parquet = False,
 ) -> None:
     """Run an experiment: measure, print the table, draw the figures."""
-    from wideberth.framework.io import expanded
+    from wideberth.framework.reading import expanded
 
     from . import tables
     from .cluster import reached
@@ -110,7 +110,7 @@ def figures(
     workers: Workers = 1,
 ) -> None:
     """Redraw figures from results; a name without a result is run first."""
-    from wideberth.framework.io import expanded
+    from wideberth.framework.reading import expanded
 
     from .runner import draw
     from .shipped import read_experiment
@@ -188,7 +188,7 @@ def fit(
     set_: SetPlugin = None,
 ) -> None:
     """Fit a predictor to recordings and save it; `{saved: FILE}` names it in a config."""
-    from wideberth.framework.io import expanded
+    from wideberth.framework.reading import expanded
     from wideberth.framework.saved import check_place, save_plugin
 
     from . import fitting

@@ -9,8 +9,8 @@ from typing import Any
 from wideberth.framework.arrays import positive
 from wideberth.framework.config import build, describe, import_plugins
 from wideberth.framework.errors import WideberthError
-from wideberth.framework.io import expanded
 from wideberth.framework.predictor import Fittable, Predictor
+from wideberth.framework.reading import expanded
 from wideberth.framework.recordings import Recording
 from wideberth.framework.registry import class_path, load, name_of, names, room_of, unknown
 from wideberth.framework.saved import load_plugin

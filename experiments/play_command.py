@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from wideberth.framework.io import expanded
+from wideberth.framework.reading import expanded
 
 from .results import result_folder
 

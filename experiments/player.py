@@ -8,7 +8,8 @@ from wideberth.experiments.page import MARK, PLAYER, page, template
 from wideberth.experiments.player_data import packed
 from wideberth.experiments.player_regions import episode_planner
 from wideberth.framework.errors import WideberthError
-from wideberth.framework.io import check_target, read_bytes, write_text
+from wideberth.framework.io import check_target, write_text
+from wideberth.framework.reading import read_bytes
 from wideberth.framework.yamlfile import read_config
 from wideberth.simulation.log import Episode
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from wideberth.framework.io import expanded
+from wideberth.framework.reading import expanded
 
 RESULTS = Path("results")
 """Folder of all results that no other is stated for."""

@@ -15,14 +15,8 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from wideberth.framework.errors import WideberthError
-from wideberth.framework.io import (
-    parse_json,
-    read_text,
-    stamped,
-    table_text,
-    unstamped,
-    write_bytes,
-)
+from wideberth.framework.io import stamped, table_text, unstamped, write_bytes
+from wideberth.framework.reading import parse_json, read_text
 
 from .base import Outcome, Row, Task
 

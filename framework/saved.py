@@ -10,7 +10,8 @@ from typing import Any
 
 from .config import build, describe
 from .errors import WideberthError
-from .io import check_target, expanded, read_json, write_json
+from .io import check_target, read_json, write_json
+from .reading import expanded
 from .registry import room_name
 
 KIND = "plugin"

@@ -7,7 +7,7 @@ from typing import TypeAlias
 import numpy as np
 
 from .errors import WideberthError, short
-from .io import read_bytes
+from .reading import read_bytes
 
 Sample: TypeAlias = tuple[int, float, float, int]
 """(frame, x in m, y in m, line in the file)."""

@@ -1,13 +1,10 @@
 """Reading YAML configs, with ``--set`` overrides, and writing them back."""
 
-import re
-from functools import cache
-from math import isinf
 from pathlib import Path
 from typing import Any
 
 from .errors import WideberthError, short
-from .io import read_text
+from .reading import read_text
 
 LARGEST = 2**20
 """Characters of a config that somebody wrote."""
@@ -17,8 +14,6 @@ STORED = 100
 """Times as large may be the config that a run has stored: it holds what predictors have learnt."""
 DEEPEST = 30
 """Lists and mappings inside each other, and parts of a dotted key."""
-_LONGEST_NUMBER = 100
-"""Characters."""
 
 
 def read_config(
@@ -71,13 +66,14 @@ def parse(text: str, place: str, times: int = 1) -> Any:
     """
     import yaml
 
+    from .yaml_loader import Loader
+
     if len(text) > times * LARGEST:
         raise WideberthError(
             f"{place} has {len(text)} characters; wanted at most {times * LARGEST}"
         )
     try:
-        loader = _loader()(text)
-        loader.most = times * MOST
+        loader = Loader(text, times * MOST)
         return loader.get_single_data()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
@@ -155,91 +151,3 @@ def _entered(parent: Any, slot: Any) -> Any:
         child = {"type": child}
     parent[slot] = {} if child is None else child
     return parent[slot]
-
-
-@cache
-def _loader() -> Any:
-    import yaml
-
-    class Loader(yaml.SafeLoader):
-        """YAML 1.2's floats, no key twice, and bounds on what is built."""
-
-        most = MOST
-
-        def __init__(self, text: str) -> None:
-            super().__init__(text)
-            self.nodes = 0
-            self.depth = 0
-            self.known: dict[int, tuple[int, int]] = {}  # what an alias stands for: nodes, depth
-
-        def compose_node(self, parent: Any, index: Any) -> Any:
-            event: Any = self.peek_event()  # type: ignore[no-untyped-call]
-            if isinstance(event, yaml.AliasEvent):
-                node = super().compose_node(parent, index)
-                if id(node) not in self.known:
-                    self._refuse(event, f"*{event.anchor} stands within what it names")
-                nodes, depth = self.known[id(node)]
-                self._count(event, nodes, depth)
-                return node
-            before, deepest = self.nodes, 0
-            self._count(event, 1, 1)
-            self.depth += 1
-            node = super().compose_node(parent, index)
-            self.depth -= 1
-            inner = node.value if isinstance(node, yaml.CollectionNode) else ()
-            for entry in inner:
-                for one in entry if isinstance(entry, tuple) else (entry,):
-                    deepest = max(deepest, self.known[id(one)][1])
-            self.known[id(node)] = self.nodes - before, deepest + 1
-            return node
-
-        def compose_mapping_node(self, anchor: Any) -> Any:
-            node: Any = super().compose_mapping_node(anchor)
-            seen = set()
-            for key, _ in node.value:
-                if not isinstance(key, yaml.ScalarNode):
-                    self._refuse(key, "a key must be one word, no list or mapping")
-                if key.tag == "tag:yaml.org,2002:merge":  # <<: takes over what is not stated here
-                    continue
-                name = self.construct_object(key, deep=True)
-                if name in seen:
-                    self._refuse(key, f"key {short(name)} stands twice")
-                seen.add(name)
-            return node
-
-        def _count(self, event: Any, nodes: int, depth: int) -> None:
-            self.nodes += nodes
-            if self.nodes > self.most:
-                self._refuse(
-                    event,
-                    f"more than {self.most} values and keys (what aliases repeat is counted each "
-                    "time); what a predictor has learnt is named by {saved: FILE}",
-                )
-            if self.depth + depth > DEEPEST:
-                self._refuse(event, f"nested more than {DEEPEST} deep; is a bracket left open?")
-
-        def _refuse(self, where: Any, problem: str) -> None:
-            raise yaml.MarkedYAMLError(problem=problem, problem_mark=where.start_mark)
-
-        def number(self, node: Any) -> Any:
-            """Construct a number or a date, or say that it is none."""
-            text = str(node.value)
-            wrong = f"{short(text, 40)} is no number that can be held; quote it if it is text"
-            if len(text) > _LONGEST_NUMBER:
-                self._refuse(node, wrong)
-            try:
-                value = yaml.SafeLoader.yaml_constructors[node.tag](self, node)
-            except (ValueError, OverflowError, KeyError, AttributeError):
-                self._refuse(node, wrong)
-            if isinstance(value, float) and isinf(value) and "inf" not in text.lower():
-                self._refuse(node, f"{text} is too large for a number; infinity is written .inf")
-            return value
-
-    for name in ("int", "float", "timestamp", "bool"):
-        Loader.add_constructor(f"tag:yaml.org,2002:{name}", Loader.number)
-    Loader.add_implicit_resolver(
-        "tag:yaml.org,2002:float",
-        re.compile(r"^[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"),
-        list("-+.0123456789"),
-    )
-    return Loader

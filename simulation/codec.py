@@ -19,10 +19,11 @@ from ..framework.arrays import Array
 from ..framework.errors import WideberthError
 from ..framework.footprint import Discs, Footprint, Outline
 from ..framework.forecast import Forecast
-from ..framework.io import parse_json, read_arrays, stamped, unstamped
+from ..framework.io import stamped, unstamped
 from ..framework.path import Path
 from ..framework.plan import Breach, GivenWay, Kind, Plan, Rung, Status
 from ..framework.polygon import Polygon
+from ..framework.reading import parse_json, read_arrays
 from .log import AgentLog, CommandLog, Episode
 
 VERSION = 4

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..framework.arrays import positive, whole
 from ..framework.errors import WideberthError
-from ..framework.io import expanded
 from ..framework.path import Path
+from ..framework.reading import expanded
 from ..framework.recordings import Recording, read_tracks
 from .agents import Bystander, ReplayAgent
 from .scenario import Cast, Placement, Scenario

@@ -15,8 +15,9 @@ from wideberth.experiments.shards import UnusableShard, read_shard
 from wideberth.experiments.shipped import read_experiment
 from wideberth.framework.config import build, describe
 from wideberth.framework.errors import WideberthError
-from wideberth.framework.io import expanded, read_json, read_table
+from wideberth.framework.io import read_json, read_table
 from wideberth.framework.mpc.record import read_solve
+from wideberth.framework.reading import expanded
 from wideberth.framework.recordings import read_robot_log, read_tracks
 from wideberth.framework.saved import load_plugin
 from wideberth.framework.yamlfile import apply, parse, read_config
@@ -203,7 +204,7 @@ def test_an_episode_without_its_arrays(data: bytes, words: str) -> None:
 
 
 def test_an_archive_that_unpacks_to_too_much(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("wideberth.framework.io.LARGEST_ARRAYS", 2**19)
+    monkeypatch.setattr("wideberth.framework.reading.LARGEST_ARRAYS", 2**19)
     with pytest.raises(WideberthError, match=r"holds arrays of 1048576 bytes; wanted at most"):
         Episode.from_bytes(bomb())
 

@@ -16,8 +16,9 @@ import numpy as np
 
 from ..arrays import Array, positive, whole
 from ..errors import WideberthError
-from ..io import expanded, read_arrays, read_bytes, read_json, write_bytes, write_json
+from ..io import read_json, write_bytes, write_json
 from ..plan import Rung
+from ..reading import expanded, read_arrays, read_bytes
 from .explain import Decision, Solve, Verdict
 from .problem import Parameters
 from .problems import Size

@@ -17,7 +17,7 @@ import numpy as np
 from ..arrays import Array
 from ..errors import WideberthError
 from ..forecast import GaussianObstacle
-from ..io import read_arrays, read_bytes
+from ..reading import read_arrays, read_bytes
 from ..region import Region
 from .problem import Parameters
 from .transcription import Guess
