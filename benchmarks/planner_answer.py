@@ -52,7 +52,16 @@ class PlannerAnswer(Solver):
         budget = Budget.start(deadline)
         robot, region = build("robots", "unicycle"), build("regions", "mahalanobis_ellipse")
         start, inputs = parameters.initial, guess.inputs
-        ladder = Ladder(robot, region, Relaxed(), 0.0, problem.dt, problem.horizon, start, inputs)
+        ladder = Ladder(
+            robot,
+            region,
+            Relaxed(weight=1.0, minimum=0.0),
+            0.0,
+            problem.dt,
+            problem.horizon,
+            start,
+            inputs,
+        )
         around = Surroundings(robot, region, None, _obstacles(parameters, robot.radius), NONE, 0.0)
         first = ladder.suited(parameters, ladder.first())
         case = Case(problem, first.pull(parameters), around)

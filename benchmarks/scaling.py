@@ -45,7 +45,7 @@ class Sizes:
 def measure(sizes: Sizes, rounds: int, tick: Tick) -> list[Row]:
     """Solve every instance of every size with every solver: one row per solve."""
     solvers = registered()
-    level = Relaxed()
+    level = Relaxed(weight=1.0, minimum=0.0)
     rows = []
     for axis, obstacles, steps in sizes.all_of():
         recipe = Recipe(unicycle(), build("regions", ELLIPSE), level, obstacles, steps)

@@ -13,7 +13,7 @@ from wideberth.framework import names
 from wideberth.framework.config import build
 from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.bodies import with_auxiliaries
-from wideberth.framework.mpc.levels.relaxed import Relaxed
+from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.problem import Parameters, Problem
 from wideberth.framework.mpc.recorded import LEVEL, Instance
 from wideberth.framework.mpc.solvers.base import Solution, Solver
@@ -118,7 +118,7 @@ def paper_problem(region: str, obstacles: int, steps: int = 15) -> Problem:
     return assemble(
         unicycle(),
         build("regions", region),
-        Relaxed(tail=float(np.exp(-0.5 * LEVEL**2))),
+        Paper(tail=float(np.exp(-0.5 * LEVEL**2))),
         horizon=steps,
         dt=DT,
         capacity=obstacles,

@@ -39,7 +39,7 @@ def _recommended() -> Planner:
             "robot": "unicycle",
             "region": "mahalanobis_ellipse",
             "predictor": {"type": "kalman", "acceleration_density": 0.01},
-            "level": {"type": "relaxed", "tail": 0.05, "weight": 1000.0, "minimum": 1.0},
+            "level": "relaxed",
             "solver": "fatrop",
             "penalty": 1e5,
             "margin": 0.1,

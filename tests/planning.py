@@ -27,7 +27,7 @@ def planner(**changes: Any) -> Planner:
         "robot": Unicycle(),
         "region": MahalanobisEllipse(),
         "predictor": Kalman(),
-        "level": Relaxed(weight=100.0),
+        "level": Relaxed(weight=100.0, minimum=0.0),
         "solver": Fatrop(),
         "penalty": 1e4,
         **changes,

@@ -15,7 +15,7 @@ from wideberth.framework.mpc.batch import BatchSolution, solve_batch
 from wideberth.framework.mpc.bodies import with_auxiliaries
 from wideberth.framework.mpc.instance import Obstacles, fill
 from wideberth.framework.mpc.levels.fixed import Fixed
-from wideberth.framework.mpc.levels.relaxed import Relaxed
+from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.problem import Parameters, Problem
 from wideberth.framework.mpc.recorded import Instance, read_instances, worst_violation
 from wideberth.framework.mpc.reference import lay_reference
@@ -46,7 +46,7 @@ def recorded() -> list[Instance]:
 
 @pytest.fixture(scope="module")
 def paper() -> Problem:
-    level = Relaxed(tail=float(np.exp(-5.991 / 2)))
+    level = Paper(tail=float(np.exp(-5.991 / 2)))
     return assemble(Unicycle(), MahalanobisEllipse(), level, horizon=15, dt=0.5, capacity=ONE)
 
 

@@ -44,7 +44,9 @@ def test_the_guess_is_feasible(region: str, instances: ModuleType) -> None:
 
 @pytest.mark.parametrize(("obstacles", "steps"), [(0, 15), (1, 60), (100, 15), (20, 30)])
 def test_any_size(obstacles: int, steps: int, instances: ModuleType) -> None:
-    recipe = instances.Recipe(Unicycle(), MahalanobisEllipse(), Relaxed(), obstacles, steps)
+    recipe = instances.Recipe(
+        Unicycle(), MahalanobisEllipse(), Relaxed(weight=1.0, minimum=0.0), obstacles, steps
+    )
     first, second = recipe.make(range(2))
     assert first.parameters.level.shape == (steps, obstacles)
     assert first.problem is second.problem
@@ -57,7 +59,9 @@ def test_any_size(obstacles: int, steps: int, instances: ModuleType) -> None:
 
 
 def test_a_seed_is_an_instance(instances: ModuleType) -> None:
-    recipe = instances.Recipe(Unicycle(), MahalanobisEllipse(), Relaxed(), 5, 15)
+    recipe = instances.Recipe(
+        Unicycle(), MahalanobisEllipse(), Relaxed(weight=1.0, minimum=0.0), 5, 15
+    )
     (once,), (again,) = recipe.make(range(3, 4)), recipe.make(range(3, 4))
     np.testing.assert_array_equal(once.parameters.stages(), again.parameters.stages())
     np.testing.assert_array_equal(once.guess.states, again.guess.states)

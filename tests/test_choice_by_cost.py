@@ -35,7 +35,7 @@ STEPS, DT = 15, 0.5
 
 
 @pytest.mark.parametrize("region", [MahalanobisEllipse(), MinkowskiSum()], ids=repr)
-@pytest.mark.parametrize("level", [Fixed(), Relaxed(weight=15.0)], ids=repr)
+@pytest.mark.parametrize("level", [Fixed(), Relaxed(weight=15.0, minimum=0.0)], ids=repr)
 @pytest.mark.parametrize("penalty", [None, 1e4])
 def test_the_price_is_the_objective_that_solvers_are_given(
     region: Region, level: LevelPolicy, penalty: float | None

@@ -180,6 +180,6 @@ def test_intervals_count_episodes_not_pairs():
 def test_settings_that_make_no_experiment_are_refused():
     experiment = shipped()
     with pytest.raises(WideberthError, match="fixed"):
-        replace(experiment, levels={"loose": Relaxed()})
+        replace(experiment, levels={"loose": Relaxed(weight=1.0, minimum=0.0)})
     with pytest.raises(WideberthError, match="at least one"):
         replace(experiment, crowds={})

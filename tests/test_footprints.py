@@ -207,7 +207,9 @@ def rows(problem: Problem, parameters: Parameters, point: Guess) -> tuple[np.nda
 
 
 @pytest.mark.parametrize("region", PLANAR, ids=lambda region: type(region).__name__)
-@pytest.mark.parametrize("level", [Fixed(0.2), Relaxed(0.2)], ids=["fixed", "shared"])
+@pytest.mark.parametrize(
+    "level", [Fixed(0.2), Relaxed(0.2, weight=1.0, minimum=0.0)], ids=["fixed", "shared"]
+)
 def test_every_disc_has_the_rows_of_its_region(region: Region, level: LevelPolicy) -> None:
     robot = Unicycle(radius=1.0, footprint=DISCS)
     s = region.level(0.1) if level.shared else np.nan  # the shared level counts, not the target

@@ -68,7 +68,9 @@ def test_an_optimal_plan_that_gives_way_says_so_first() -> None:
     assert rest[-1].endswith("every constraint of the problem, at the level to which it gave way")
 
 
-@pytest.mark.parametrize("level", [FREE, Relaxed(weight=1000.0), Fixed(), Discounted()], ids=repr)
+@pytest.mark.parametrize(
+    "level", [FREE, Relaxed(weight=1000.0, minimum=0.0), Fixed(), Discounted()], ids=repr
+)
 def test_a_plan_that_keeps_what_was_asked_says_nothing(level: LevelPolicy) -> None:
     made = planner(level=level)
     plan = decided(made, at(0.0, 0.0, ("far", 40.0, 20.0)))

@@ -19,7 +19,12 @@ from wideberth.simulation.settings import Settings
 
 def drive(solve_time: float, latency: float) -> Episode:
     planner = Planner(
-        Unicycle(), MahalanobisEllipse(), Kalman(), Relaxed(), Fatrop(), latency=latency
+        Unicycle(),
+        MahalanobisEllipse(),
+        Kalman(),
+        Relaxed(weight=1.0, minimum=0.0),
+        Fatrop(),
+        latency=latency,
     )
     path = Path(np.array([[0.0, 0.0], [6.0, 0.0]]))
     robot = RobotAgent("robot", Unicycle(), planner, path)

@@ -1,6 +1,7 @@
 """Level policies: their laws, their profiles, and what reaches the problem."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from pathlib import Path as Folder
 from typing import ClassVar, final
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from wideberth import experiments
 from wideberth.framework import names
 from wideberth.framework.arrays import Array
 from wideberth.framework.errors import WideberthError
@@ -16,6 +18,7 @@ from wideberth.framework.mpc.instance import Obstacles, fill
 from wideberth.framework.mpc.levels.base import LevelPolicy, Promise
 from wideberth.framework.mpc.levels.discounted import Discounted
 from wideberth.framework.mpc.levels.fixed import Fixed
+from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.levels.risk_allocation import RiskAllocation
 from wideberth.framework.mpc.reference import lay_reference
@@ -23,6 +26,7 @@ from wideberth.framework.path import Path
 from wideberth.framework.region import Region
 from wideberth.framework.registry import load
 from wideberth.framework.testing import check_level
+from wideberth.predictors import game
 from wideberth.regions.half_plane import HalfPlane
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
@@ -32,7 +36,7 @@ POLICIES = [
     *(load("levels", name)() for name in names("levels")),
     Fixed(0.3, promise="risk"),
     Relaxed(minimum=-np.inf, weight=0.0),
-    Relaxed(minimum=2.0),
+    Relaxed(minimum=2.0, weight=1.0),
     Discounted(tail=0.01, final_tail=0.9, full_steps=4, promise="risk"),
     Discounted(tail=0.3, final_tail=0.3),
     RiskAllocation(tail=0.5, growth=0.0),
@@ -44,6 +48,26 @@ TAILS = st.floats(1e-12, 0.999)
 @pytest.mark.parametrize("policy", POLICIES, ids=repr)
 def test_policies_keep_their_laws(policy: LevelPolicy) -> None:
     check_level(policy)
+
+
+def test_who_names_relaxed_gets_what_is_recommended_and_the_paper_by_its_name() -> None:
+    """The shipped experiments state no number that the defaults have."""
+    assert Relaxed() == Relaxed(tail=0.05, weight=1000.0, minimum=1.0)
+    paper, same = Paper(), Relaxed(0.050012, weight=1.0, minimum=0.0)
+    region = MahalanobisEllipse()
+    assert np.array_equal(paper.levels(region, 3, 2, 2), same.levels(region, 3, 2, 2))
+    for one in (paper, same):
+        assert (one.weight, one.minimum, one.promise, one.shared) == (1.0, 0.0, "content", True)
+    assert paper.levels(region, 1, 1, 2)[0, 0] == pytest.approx(np.sqrt(5.991), abs=1e-4)
+    with pytest.raises(WideberthError, match="wanted at most"):
+        Paper(minimum=3.0).levels(region, 1, 1, 2)
+    with pytest.raises(WideberthError, match=r"level\.weight"):
+        Paper(weight=-1.0)
+    stated = [*Folder(experiments.__file__).parent.glob("configs/*.yaml"), Folder(game.__file__)]
+    for file in stated:
+        text = file.read_text(encoding="utf-8")
+        for field in fields(Relaxed):
+            assert f"relaxed, {field.name}: {field.default}" not in text, file.name
 
 
 @final
@@ -189,7 +213,7 @@ def test_every_obstacle_gets_its_own_column() -> None:
 @pytest.mark.parametrize("weight", [1.0, 15.0])
 def test_both_readings_of_the_paper_s_price(weight: float) -> None:
     """Once in the cost, or inside the sum over i = 1..15, which is the weight 15."""
-    policy = Relaxed(weight=weight)
+    policy = Relaxed(weight=weight, minimum=0.0)
     problem = assemble(
         Unicycle(), MahalanobisEllipse(), policy, horizon=15, dt=0.5, capacity=1
     )  # fmt: skip

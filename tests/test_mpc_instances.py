@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from wideberth.framework.mpc.assembly import assemble
-from wideberth.framework.mpc.levels.relaxed import Relaxed
+from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.problem import Problem
 from wideberth.framework.mpc.recorded import Instance, read_instances, worst_violation
 from wideberth.framework.mpc.solvers.base import Solver
@@ -31,7 +31,7 @@ def problem_for(instance: Instance, penalty: float | None = None) -> Problem:
     return assemble(
         Unicycle(),
         MahalanobisEllipse(),
-        Relaxed(tail=PAPER_TAIL),
+        Paper(tail=PAPER_TAIL),
         horizon=15,
         dt=0.5,
         capacity=instance.obstacles,
@@ -89,7 +89,7 @@ def test_an_unbounded_level_is_the_paper_s_and_can_fall_below_zero(
         problem = assemble(
             Unicycle(),
             MahalanobisEllipse(),
-            Relaxed(tail=PAPER_TAIL, minimum=-np.inf),
+            Paper(tail=PAPER_TAIL, minimum=-np.inf),
             horizon=15,
             dt=0.5,
             capacity=instance.obstacles,

@@ -95,7 +95,9 @@ def test_nothing_is_lost_of_what_is_seen() -> None:
 
 
 def test_what_was_seen_before_the_first_path_is_kept() -> None:
-    made = Planner(Unicycle(), MahalanobisEllipse(), Kalman(), Relaxed(), Fatrop())
+    made = Planner(
+        Unicycle(), MahalanobisEllipse(), Kalman(), Relaxed(weight=1.0, minimum=0.0), Fatrop()
+    )
     for k in range(20):
         made.remember(at(0.5 * k, 0.0, ("other", 15 - 0.2 * k, 1.0)))
     made.set_path(STRAIGHT)

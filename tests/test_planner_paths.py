@@ -17,7 +17,9 @@ from wideberth.tests.planning import approach, at, planner
 
 
 def test_a_command_without_a_path_raises() -> None:
-    made = Planner(Unicycle(), MahalanobisEllipse(), Kalman(), Relaxed(), Fatrop())
+    made = Planner(
+        Unicycle(), MahalanobisEllipse(), Kalman(), Relaxed(weight=1.0, minimum=0.0), Fatrop()
+    )
     made.remember(at(0.0, 0.0))
     with pytest.raises(WideberthError, match="no path is set: call set_path before command"):
         made.command(at(0.0, 0.0))

@@ -118,7 +118,7 @@ def test_an_exact_region_and_a_fixed_level_work_in_the_loop() -> None:
 
 
 def test_a_plan_tells_when_it_is_below_its_reference() -> None:
-    free = approach(planner(level=Relaxed(weight=1.0)), gap=7.0)
+    free = approach(planner(level=Relaxed(weight=1.0, minimum=0.0)), gap=7.0)
     assert free.below_reference is True
     far = planner()
     far.command(at(0.0, 0.0, ("other", 50.0, 30.0)))
@@ -127,7 +127,7 @@ def test_a_plan_tells_when_it_is_below_its_reference() -> None:
     far.command(at(9.0, 0.0))
     assert far.plan.below_reference is None
     with pytest.raises(WideberthError, match=r"wanted at most 2\.448"):
-        planner(level=Relaxed(minimum=3.0))
+        planner(level=Relaxed(minimum=3.0, weight=1.0))
 
 
 @pytest.mark.parametrize(

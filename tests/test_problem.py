@@ -51,7 +51,9 @@ def test_any_robot_and_region_solve(robot: Robot, region: Region) -> None:
         assert not inside.any()
 
 
-@pytest.mark.parametrize("level", [Fixed(0.05), Relaxed(0.05, weight=100.0)], ids=repr)
+@pytest.mark.parametrize(
+    "level", [Fixed(0.05), Relaxed(0.05, weight=100.0, minimum=0.0)], ids=repr
+)
 def test_empty_slots_change_nothing(level: LevelPolicy) -> None:
     costs = []
     for capacity in (1, 2, 5):
@@ -66,7 +68,7 @@ def test_empty_slots_change_nothing(level: LevelPolicy) -> None:
 
 
 def test_no_obstacle_needs_no_slot() -> None:
-    level = Relaxed()
+    level = Relaxed(weight=1.0, minimum=0.0)
     robot, region = Unicycle(), MahalanobisEllipse()
     start = np.array([0.0, 0.3, 0.0, 0.5, 0.0])
     path = Path(np.array([[0.0, 0.0], [20.0, 0.0]]))

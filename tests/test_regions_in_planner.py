@@ -18,7 +18,9 @@ from wideberth.tests.problems import set_up
 from wideberth.tests.region_samples import BY_RISK, OUTER, RECTANGLES
 
 
-@pytest.mark.parametrize("level", [Fixed(0.05), Relaxed(0.05, weight=100.0)], ids=repr)
+@pytest.mark.parametrize(
+    "level", [Fixed(0.05), Relaxed(0.05, weight=100.0, minimum=0.0)], ids=repr
+)
 @pytest.mark.parametrize("region", [*OUTER, *RECTANGLES, SeparatingLine()], ids=repr)
 def test_the_planner_solves(region: Region, level: LevelPolicy) -> None:
     costs = []

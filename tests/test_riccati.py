@@ -14,6 +14,7 @@ from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.levels.base import LevelPolicy
 from wideberth.framework.mpc.levels.discounted import Discounted
 from wideberth.framework.mpc.levels.fixed import Fixed
+from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.problem import Parameters, Problem
 from wideberth.framework.mpc.recorded import Instance, read_instances, worst_violation
@@ -32,7 +33,7 @@ from wideberth.robots.holonomic_3d import Holonomic3D
 from wideberth.robots.unicycle import Unicycle
 
 SAMPLE = File(__file__).parent / "data" / "mpc_instances.npz"
-PAPER = Relaxed(tail=float(np.exp(-5.991 / 2)))
+PAPER = Paper(tail=float(np.exp(-5.991 / 2)))
 KEPT = 1e-6
 
 
@@ -114,7 +115,9 @@ def test_a_plan_names_the_level_that_nobody_may_change(level: LevelPolicy, name:
     assert planner.plan.level.min() > 0.0
 
 
-@pytest.mark.parametrize("level", [Fixed(), Discounted(), Relaxed(weight=50.0)], ids=repr)
+@pytest.mark.parametrize(
+    "level", [Fixed(), Discounted(), Relaxed(weight=50.0, minimum=0.0)], ids=repr
+)
 @pytest.mark.parametrize("steps", [3, 15, 60])
 @pytest.mark.parametrize("obstacles", [1, 20])
 def test_any_horizon_and_number_of_obstacles(
@@ -158,10 +161,12 @@ def test_without_obstacles(penalty: float | None, instances: ModuleType) -> None
 
 @pytest.mark.parametrize("region", [MahalanobisEllipse(), MinkowskiSum()], ids=repr)
 def test_empty_slots_change_nothing(region: Region, instances: ModuleType) -> None:
-    recipe = instances.Recipe(Unicycle(), region, Relaxed(weight=10.0), 2, 15)
+    recipe = instances.Recipe(Unicycle(), region, Relaxed(weight=10.0, minimum=0.0), 2, 15)
     (made,) = recipe.make(range(1))
     tight = solved(made.problem, made.parameters, made.guess)
-    roomy = assemble(Unicycle(), region, Relaxed(weight=10.0), horizon=15, dt=0.5, capacity=5)
+    roomy = assemble(
+        Unicycle(), region, Relaxed(weight=10.0, minimum=0.0), horizon=15, dt=0.5, capacity=5
+    )
     # the obstacles in slots 1 and 4; the others hold anything finite
     where, rng = [1, 4], np.random.default_rng(0)
 

@@ -149,7 +149,7 @@ def _check_node(problem: Problem, made: Kernels, x: Array, rng: np.random.Genera
 def test_regions(name: str, shared: bool) -> None:
     region = load("regions", name)()
     robot = Unicycle() if 2 in region.dimensions else load("robots", "holonomic_3d")()
-    level = Relaxed() if shared else Fixed()
+    level = Relaxed(weight=1.0, minimum=0.0) if shared else Fixed()
     problem = assemble(robot, region, level, horizon=3, dt=0.5, capacity=1)
     made, rng = build(problem), np.random.default_rng(1)
     for _ in range(3):

@@ -19,7 +19,7 @@ import pytest
 
 from wideberth.framework.arrays import Array
 from wideberth.framework.mpc.assembly import assemble
-from wideberth.framework.mpc.levels.relaxed import Relaxed
+from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.recorded import Instance, read_instances
 from wideberth.framework.mpc.solvers.riccati import Riccati
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
@@ -49,7 +49,7 @@ def recorded() -> list[Instance]:
 
 def digest(one: Instance) -> str:
     """Solve; hash of the solution."""
-    level = Relaxed(tail=float(np.exp(-5.991 / 2)))
+    level = Paper(tail=float(np.exp(-5.991 / 2)))
     sizes: Any = {"horizon": 15, "dt": 0.5, "capacity": one.obstacles}
     problem = assemble(Unicycle(), MahalanobisEllipse(), level, **sizes)
     (found,) = Riccati().solve(problem, one.parameters, [one.guess])

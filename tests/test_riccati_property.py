@@ -42,7 +42,7 @@ LARGE = {"risk_contour"}
 """Regions too large to be compiled: fatrop solves, see test_riccati.py."""
 TWO_DISCS = Discs(((0.2, 0.0), (-0.2, 0.0)), 0.3)
 LEVELS: tuple[LevelPolicy, ...] = (
-    Fixed(), Discounted(), Relaxed(weight=10.0), Relaxed(weight=300.0, minimum=1.0),
+    Fixed(), Discounted(), Relaxed(weight=10.0, minimum=0.0), Relaxed(weight=300.0, minimum=1.0),
 )  # fmt: skip
 KINDS = ("driven", "standing", "noisy")
 
@@ -251,7 +251,18 @@ def test_many_random_problems(instances: ModuleType) -> None:
 def one_of(pair: tuple[str, str], **changes: Any) -> Draw:
     """A problem that has a feasible point."""
     plain = Draw(
-        pair, Relaxed(weight=10.0), 3, 15, None, None, Tracking(), False, False, "driven", True, 1
+        pair,
+        Relaxed(weight=10.0, minimum=0.0),
+        3,
+        15,
+        None,
+        None,
+        Tracking(),
+        False,
+        False,
+        "driven",
+        True,
+        1,
     )
     return replace(plain, **changes)
 

@@ -16,7 +16,7 @@ import pytest
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.levels.fixed import Fixed
-from wideberth.framework.mpc.levels.relaxed import Relaxed
+from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.problem import Parameters, Problem
 from wideberth.framework.mpc.recorded import Instance, read_instances
 from wideberth.framework.mpc.solvers.base import Solution
@@ -57,7 +57,7 @@ def recorded() -> list[Instance]:
 
 
 def problem_for(instance: Instance, penalty: float | None = None, weight: float = 1.0) -> Problem:
-    level = Relaxed(tail=float(np.exp(-5.991 / 2)), weight=weight)
+    level = Paper(tail=float(np.exp(-5.991 / 2)), weight=weight)
     return assemble(
         Unicycle(), MahalanobisEllipse(), level, horizon=15, dt=0.5,
         capacity=instance.obstacles, penalty=penalty,

@@ -34,7 +34,7 @@ def instance() -> Instance:
 
 
 def problem_for(instance: Instance) -> Problem:
-    level = Relaxed(tail=float(np.exp(-5.991 / 2)), weight=1.0)
+    level = Relaxed(tail=float(np.exp(-5.991 / 2)), weight=1.0, minimum=0.0)
     return assemble(
         Unicycle(), MahalanobisEllipse(), level, horizon=15, dt=0.5, capacity=instance.obstacles
     )

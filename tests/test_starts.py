@@ -16,7 +16,7 @@ from wideberth.framework.mpc.bodies import with_auxiliaries
 from wideberth.framework.mpc.costs.contouring import Contouring
 from wideberth.framework.mpc.instance import Obstacles, fill
 from wideberth.framework.mpc.levels.fixed import Fixed
-from wideberth.framework.mpc.levels.relaxed import Relaxed
+from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.planner import Planner
 from wideberth.framework.mpc.problem import Parameters, Problem
 from wideberth.framework.mpc.recorded import read_instances, worst_violation
@@ -121,7 +121,7 @@ def test_a_heading_off_by_whole_turns_is_the_same_heading(solver: Solver) -> Non
 def test_more_starts_reach_the_best_cost_of_the_recorded_instances() -> None:
     """The stored best costs come from about forty set-ups."""
     robot, region, gaps = Unicycle(), MahalanobisEllipse(), []
-    level = Relaxed(tail=float(np.exp(-5.991 / 2)))
+    level = Paper(tail=float(np.exp(-5.991 / 2)))
     problems: dict[int, Problem] = {}
     for instance in read_instances(SAMPLE, region):
         count = instance.obstacles

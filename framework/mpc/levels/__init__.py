@@ -3,6 +3,7 @@
 BUILT_IN = {
     "fixed": "wideberth.framework.mpc.levels.fixed:Fixed",
     "relaxed": "wideberth.framework.mpc.levels.relaxed:Relaxed",
+    "paper": "wideberth.framework.mpc.levels.paper:Paper",
     "discounted": "wideberth.framework.mpc.levels.discounted:Discounted",
     "risk_allocation": "wideberth.framework.mpc.levels.risk_allocation:RiskAllocation",
 }
