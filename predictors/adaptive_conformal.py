@@ -9,10 +9,10 @@ import numpy as np
 
 from ..framework.arrays import Array, positive, probability, whole
 from ..framework.forecast import Forecast, Scene
-from ..framework.metrics import content_bound
 from ..framework.predictor import Adaptive, Fittable, Predictor
+from ..framework.scoring import reached_tail
 from ..framework.tracks import Tracks
-from .core.calibration import scaled, squared_distances
+from .core.calibration import scaled
 from .empirical import Empirical
 
 ON_GRID = 1e-6
@@ -72,7 +72,9 @@ class AdaptiveConformal(Adaptive, Fittable):
     Sigma_h -> exp(l_h) Sigma_h,   l_h <- l_h + rate * sum_i (miss_i - tail) / sqrt(n)
 
     Whenever truth arrives for step h of earlier forecasts of n obstacles, miss_i is 1 where it
-    lies outside of the region of content 1 - tail that was stated, scale included, else 0.
+    lies outside of the region of content 1 - tail that was stated, scale included, else 0. Of
+    several modes that is the region of highest density, as everywhere that forecasts are scored;
+    the union of the modes' ellipses, which a planner keeps clear of, is larger and holds more.
     Too many misses widen the step, too few narrow it. The n people of one moment are n looks
     at the same scale; the sum of their misses varies by sqrt(n), so that a step's scale moves
     alike in a crowd and alone.
@@ -86,8 +88,8 @@ class AdaptiveConformal(Adaptive, Fittable):
     `update` makes the forecasts that it will judge; those of obstacles seen at the newest
     sample for ``observed`` samples in a row are kept. Truth is looked up by identity at the
     time it falls due (linear between two samples where updates come off the grid) and lost if
-    the obstacle is not there. A clock that goes back or another dt starts from l = 0. Modes are
-    treated as in `Conformal`; on another time grid scales are interpolated.
+    the obstacle is not there. A clock that goes back or another dt starts from l = 0. On another
+    time grid scales are interpolated.
 
     Parameters
     ----------
@@ -199,14 +201,14 @@ class AdaptiveConformal(Adaptive, Fittable):
         truth = _position(tracks, one.stamp + (step + 1) * tracks.dt)[theirs]
         known = np.isfinite(truth).all(axis=1)
         rows = np.array(mine, dtype=np.int64)[known]
-        square = squared_distances(
-            one.mean[rows, :, step : step + 1],
-            one.covariance[rows, :, step : step + 1],
-            one.weight[rows],
-            truth[known, None],
-        )
-        limit = content_bound(tracks.dimension, self.tail)
-        return np.asarray(square[:, 0] > limit, dtype=np.float64)
+        with np.errstate(all="ignore"):  # a distance beyond all numbers is a miss
+            tails = reached_tail(
+                one.mean[rows, :, step : step + 1],
+                one.covariance[rows, :, step : step + 1],
+                one.weight[rows],
+                truth[known, None],
+            )
+        return np.asarray(tails[:, 0] < self.tail, dtype=np.float64)
 
 
 def _slack(tracks: Tracks) -> float:

@@ -68,7 +68,9 @@ class Conformal(Fittable):
     regions of other contents are not. With ``joint`` the largest distance over the steps
     takes the place of d^2_h: one scale for all steps, and all N ellipses together hold the
     future with probability 1 - tail. Forecasts with several modes are scored by the nearest
-    mode, which makes the guarantee one of the union of the modes' ellipses.
+    mode, which makes the guarantee one of the union of the modes' ellipses, that a planner keeps
+    clear of. Their region of highest density is smaller and holds less (`AdaptiveConformal`
+    calibrates that one; `single_gaussian` around the base makes the two the same).
 
     A base that can be fitted is fitted to every other track of the dataset (the first, the
     third, ..., counted through all scenes), and the rest serve to calibrate; a base that

@@ -137,6 +137,30 @@ def test_a_true_model_keeps_its_scale():
     assert np.abs(log).max() < np.sqrt(0.05)
 
 
+@final
+@dataclass(frozen=True)
+class Fork(Predictor):
+    """Two modes of unit variance, 2.4 m apart, left and right of where it is."""
+
+    def predict(self, tracks, steps, scene=None):
+        aside = np.array([[-1.2, 0.0], [1.2, 0.0]])[:, None]
+        mean = np.repeat(np.nan_to_num(tracks.positions[:, None, -1:]), 2, axis=1) + aside
+        mean = np.repeat(mean, steps, axis=2)
+        spread = np.broadcast_to(np.eye(2), (*mean.shape, 2))
+        weight = np.tile([0.8, 0.2], (len(tracks), 1))
+        return Forecast(mean, spread, weight, tracks.dt, (None,) * len(tracks))
+
+
+def test_a_true_mixture_keeps_its_scale():
+    """The region of highest density is calibrated: the union of both ellipses holds more."""
+    rng = np.random.default_rng(11)
+    aside = np.where(rng.random((40, 300)) < 0.8, -1.2, 1.2)
+    moves = rng.standard_normal((40, 300, 2)) + np.stack([aside, 0 * aside], axis=2)
+    scene = tracks_of(moves.cumsum(axis=1), stamp=DT * 299)
+    _, log = played(adaptive(Fork(), rate=0.05, steps=1), scene)
+    assert abs(log[100:].mean()) < 0.05
+
+
 def test_rows_to_come_change_nothing():
     rng = np.random.default_rng(4)
     scene = recording(rng)
