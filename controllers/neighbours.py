@@ -41,18 +41,18 @@ class Neighbours:
         self._stamp = -np.inf
         self._sights: dict[str, _Sight] = {}
 
-    def take(self, observation: Observation, here: Array | None = None) -> None:
-        """Take note of who is seen from ``here``, (2,), m; see `admitted` for who is left out.
+    def take(self, observation: Observation, here: Array | None = None) -> list[str]:
+        """Take note of who is seen from ``here``, (2,), m; return who is left out, and why.
 
         A measurement less than a microsecond newer than the last one of that identity changes
-        nothing but the radius. A clock that goes back starts anew.
+        nothing but the radius. A clock that goes back starts anew. See `admitted`.
         """
         if not np.isfinite(observation.stamp):
-            return
+            return []
         if observation.stamp < self._stamp:
             self.reset()
         self._stamp = observation.stamp
-        plane, _ = admitted(observation, 2, self._forget, here)
+        plane, refused = admitted(observation, 2, self._forget, here)
         for name, detection in named_apart(plane):
             self._sights[name] = self._updated(self._sights.get(name), detection)
         self._sights = {
@@ -63,6 +63,7 @@ class Neighbours:
         if len(self._sights) > MOST:
             newest = sorted(self._sights, key=lambda name: self._sights[name].reported)[-MOST:]
             self._sights = {name: self._sights[name] for name in self._sights if name in newest}
+        return refused
 
     def now(self) -> tuple[tuple[str, ...], Array, Array, Array]:
         """Return who is known and how they move at the newest stamp.

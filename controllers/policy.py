@@ -13,6 +13,7 @@ from ..framework.controller import Controller, checked_ready, checked_use
 from ..framework.errors import WideberthError
 from ..framework.motion import Command, Observation, checked_numbers
 from ..framework.mpc.settings import checked_path
+from ..framework.notices import NOTICES
 from ..framework.path import Path
 from ..framework.plan import Plan
 from ..framework.robot import Robot
@@ -66,7 +67,8 @@ class Policy(Controller):
 
     def remember(self, observation: Observation) -> None:
         """Take note of who is seen."""
-        self._view.take(checked_use(self.robot, observation))
+        for words in self._view.take(checked_use(self.robot, observation)):
+            NOTICES.warn(type(self).__name__, "detection", words)
 
     def command(self, observation: Observation) -> Command:
         """Ask the policy; raises for wrong use alone, see `reason` for all else.
@@ -85,6 +87,7 @@ class Policy(Controller):
             command = within_reach(self.robot, command)
         except Exception as error:  # a policy may fail in any way
             self._reason = f"{type(error).__name__}: {error}"
+            NOTICES.warn(type(self).__name__, "stands still", self._reason)
             command = Command((0.0,) * self.robot.dimension)
         self._view.commanded(command)
         return command

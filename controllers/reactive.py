@@ -13,6 +13,7 @@ from ..framework.errors import WideberthError
 from ..framework.history import viewpoint
 from ..framework.motion import Command, Observation, checked_numbers
 from ..framework.mpc.settings import checked_path
+from ..framework.notices import NOTICES
 from ..framework.path import Path
 from ..framework.plan import Plan
 from ..framework.robot import Robot
@@ -91,7 +92,8 @@ class Reactive(Controller):
     def remember(self, observation: Observation) -> None:
         """Take note of who is seen."""
         checked_use(self.robot, observation)
-        self._neighbours.take(observation, viewpoint(self.robot, observation))
+        for words in self._neighbours.take(observation, viewpoint(self.robot, observation)):
+            NOTICES.warn(type(self).__name__, "detection", words)
 
     def command(self, observation: Observation) -> Command:
         """Decide; raises for wrong use alone, see `reason` for all else.
@@ -113,6 +115,7 @@ class Reactive(Controller):
             command = within_reach(self.robot, command)
         except Exception as error:
             self._reason = f"{type(error).__name__}: {error}"
+            NOTICES.warn(type(self).__name__, "stands still", self._reason)
             return Command((0.0, 0.0))
         return command
 

@@ -23,6 +23,7 @@ from typing import Any, TypeAlias
 
 from wideberth.framework.config import import_plugins
 from wideberth.framework.errors import WideberthError
+from wideberth.framework.notices import quiet
 
 from . import threads
 from .base import Experiment, Task
@@ -194,13 +195,16 @@ def _place() -> str:
 def do_task(experiment: Experiment, task: Task, source: str) -> Packed:
     """Do one task and return its shard.
 
+    Controllers warn of nothing: what they did otherwise than asked stands in the result.
+
     Raises
     ------
     WideberthError : whatever the task raised, with its name.
     """
     with _Interrupt() as interrupt:
         try:
-            outcome = experiment.measure(task)
+            with quiet():
+                outcome = experiment.measure(task)
         except (Exception, SystemExit) as error:  # a plug-in may fail in any way; say where
             interrupt.check()
             raise WideberthError(f"task {task.name!r}: {fault(error)}") from error

@@ -117,18 +117,24 @@ class View:
         """Take the end of this path as the goal."""
         self.goal = path.goal
 
-    def take(self, observation: Observation) -> None:
-        """Take note of who is seen; a clock that goes back starts anew."""
+    def take(self, observation: Observation) -> list[str]:
+        """Take note of who is seen; return who is left out, and why.
+
+        A clock that goes back starts anew.
+        """
         if not np.isfinite(observation.stamp):
-            return
+            return []
         if observation.stamp < self._stamp:
             self.reset()
         self._stamp = observation.stamp
         here = viewpoint(self._robot, observation)
-        detections, _ = admitted(observation, self._robot.dimension, SEEN * self._period, here)
+        detections, refused = admitted(
+            observation, self._robot.dimension, SEEN * self._period, here
+        )
         self._sights.add(observation.stamp, detections)
         if self._perception is not None:
             self._perception.take(observation, here)
+        return refused
 
     def commanded(self, command: Command) -> None:
         """Take note of what the robot was told."""

@@ -1,5 +1,6 @@
 """The planner: predictor, region, robot and MPC behind the Controller interface."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import final
 
@@ -12,8 +13,9 @@ from ..errors import WideberthError
 from ..forecast import Forecast
 from ..history import viewpoint
 from ..motion import Command, Observation, checked_numbers
+from ..notices import NOTICES
 from ..path import Path
-from ..plan import Plan
+from ..plan import Plan, Rung
 from ..predictor import Predictor
 from ..region import Region
 from ..robot import Robot
@@ -123,6 +125,7 @@ class Planner(Controller):
     def __post_init__(self) -> None:
         check_settings(self)
         self._progress: Progress | None = None
+        self._warns = True
         self._problems = Problems(self)
         self._watch = Watch(self.solver, self.patience)
         reach = reach_of_bodies(self.robot, self.region, self.static_region)
@@ -153,7 +156,7 @@ class Planner(Controller):
             timed = None if self.deadline is None else COMPILING * self.patience
             twin = replace(self, record=None, deadline=timed)  # shares the compiled problems
             twin._progress, twin._problems = Progress(path), self._problems
-            twin._watch = self._watch
+            twin._watch, twin._warns = self._watch, False
             crowds = [1] if timed is None else [n for n in CAPACITIES if n <= self.most_obstacles]
             warm_up(twin, self.robot, path, self.reference_speed, self.history, crowds)
 
@@ -190,8 +193,11 @@ class Planner(Controller):
             note, self._smoother = f"{type(error).__name__}: {error}", None
             self._plan, command = emergency(self.robot, observation, note, self.horizon, self.dt)
             note = ""
-        reasons = (self._plan.reason, note, *self._perception.drain())
-        self._plan = replace(self._plan, reason="; ".join(filter(None, reasons)))
+        notes = [*filter(None, (note,)), *self._perception.drain()]
+        if self._warns:
+            _warn(type(self).__name__, self._plan, notes)
+        reasons = filter(None, (self._plan.reason, *notes))
+        self._plan = replace(self._plan, reason="; ".join(reasons))
         return command
 
     def _limited(self, command: Command) -> tuple[Command, str]:
@@ -316,3 +322,15 @@ class Planner(Controller):
         tracks, forecast = found
         most = self.most_obstacles
         return choose_obstacles(forecast, tracks.ids, tracks.radius, route, most), forecast
+
+
+def _warn(name: str, plan: Plan, notes: Sequence[str]) -> None:
+    """Warn of a plan that is not the one that was asked for, and of what was refused."""
+    if plan.rung is not Rung.OPTIMAL:
+        NOTICES.warn(name, str(plan.rung), plan.reason)
+    elif plan.given_way is not None:
+        NOTICES.warn(name, "gave way", str(plan.given_way))
+    if plan.left_out:
+        NOTICES.warn(name, "no room in the problem", ", ".join(plan.left_out))
+    for note in notes:
+        NOTICES.warn(name, note.split()[0].rstrip(":"), note)

@@ -1,0 +1,73 @@
+"""What controllers do otherwise than asked, through `logging`, and not too often.
+
+Who never reads a plan's reason still learns that the planner brakes, that plans give way or that
+detections are refused: each is a warning of the logger ``wideberth.controllers.NAME``, NAME the
+controller's class, which Python prints where nobody has configured logging.
+"""
+
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from time import monotonic
+
+ROOT = "wideberth.controllers"
+"""Name of the logger above all of them."""
+
+PAUSE = 10.0
+"""s between two warnings of one kind."""
+
+
+class Notices:
+    """Warns at once of what is new, and of repeats at most once in `PAUSE` seconds.
+
+    One for the process, whatever the number of controllers: the limit is for whoever reads. It
+    goes by the clock of the machine; stamps may stand still, jump, and run a hundred times faster
+    than it in a simulation.
+
+    Parameters
+    ----------
+    pause : s between two warnings of one kind from one class of controllers.
+    clock : s, monotonic.
+    """
+
+    def __init__(self, pause: float = PAUSE, clock: Callable[[], float] = monotonic) -> None:
+        self._pause, self._clock = pause, clock
+        self._last: dict[tuple[str, str], float] = {}
+        self._held: dict[tuple[str, str], int] = {}
+
+    def warn(self, name: str, kind: str, words: str) -> None:
+        """Warn, or count.
+
+        Parameters
+        ----------
+        name : of the controller's class.
+        kind : what may be left out where it was said already.
+        words : what happened.
+        """
+        logger = logging.getLogger(f"{ROOT}.{name}")
+        if not logger.isEnabledFor(logging.WARNING):
+            return
+        key, now = (name, kind), self._clock()
+        if key in self._last and now - self._last[key] < self._pause:
+            self._held[key] = self._held.get(key, 0) + 1
+            return
+        held, self._last[key] = self._held.pop(key, 0), now
+        more = f" (and {held} times since the last warning of this kind)" if held else ""
+        with suppress(Exception):  # a handler of the user's own may fail; the robot drives on
+            logger.warning("%s: %s%s", kind, words, more)
+
+
+NOTICES = Notices()
+"""Those of the process."""
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Let controllers warn of nothing: where all that they do is recorded."""
+    logger = logging.getLogger(ROOT)
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
