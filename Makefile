@@ -1,9 +1,10 @@
 PY  ?= python3
 BIN := .venv/bin
 ROOMS := framework predictors regions robots controllers simulation experiments
+WORKERS ?= 2
 FIGURES ?= ellipse_construction approximation_error forecast_regions chicken_game crossing
 
-.PHONY: help demo test lint bench figures lock
+.PHONY: help demo test lint bench fuzz figures lock
 .DEFAULT_GOAL := help
 
 help:                   ## list the targets
@@ -25,6 +26,9 @@ lint: .venv/ready       ## check style and types
 
 bench: .venv/ready      ## measure speed (see benchmarks/README.md)
 	$(BIN)/python benchmarks/run.py
+
+fuzz: .venv/ready       ## absurd input for planners, predictors and configs (half an hour or more)
+	$(BIN)/python benchmarks/fuzz.py --workers $(WORKERS)
 
 figures: .venv/ready    ## draw the figures of FIGURES="name ..." (run first where need be)
 	$(BIN)/wideberth figures $(FIGURES) --workers 2

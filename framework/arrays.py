@@ -14,6 +14,10 @@ BoolArray: TypeAlias = NDArray[np.bool_]
 Scalar: TypeAlias = Any
 """A float, a NumPy array or a CasADi expression: robots and regions accept all three."""
 
+FARTHEST = 1e9
+"""m, largest coordinate of a position that anything is computed with; the Earth's circumference
+is 4e7 m. Beyond it rounding exceeds a tenth of a micrometre."""
+
 
 def checked(
     name: str, value: ArrayLike, shape: tuple[int | None, ...] | None, *, finite: bool = True

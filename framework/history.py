@@ -4,8 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .arrays import Array
-from .magnitudes import FARTHEST
+from .arrays import FARTHEST, Array
 from .motion import Detection, Observation, sound
 from .noise import LENGTH, MEMORY, STRIDE, NoiseEstimate, NoiseEvidence, window_likelihoods
 from .resampling import ON_GRID, interpolated
@@ -180,7 +179,7 @@ def admitted(
 ) -> tuple[tuple[Detection, ...], list[str]]:
     """Return the detections that a controller can use, and why it cannot use the others.
 
-    Refused are those that are of no use (`sound`) or beyond `FARTHEST`, those measured more
+    Refused are those that are of no use (`sound`) or larger than `FARTHEST`, those measured more
     than ``forget`` s ago, and of more than `MOST` those farthest from ``here`` (D,) m; without
     a place to measure from the first ones are kept.
     """
@@ -192,6 +191,8 @@ def admitted(
             reasons.append(f"{refused} it was measured {one.age:.3g} s ago, at most {forget:g} s")
         elif (coordinate := np.abs(one.position).max()) > FARTHEST:
             reasons.append(f"{refused} it is at {coordinate:.3g} m, at most {FARTHEST:g} m")
+        elif one.radius > FARTHEST:
+            reasons.append(f"{refused} its radius is {one.radius:.3g} m, at most {FARTHEST:g} m")
         else:
             fitting.append(one)
     if len(fitting) > MOST:

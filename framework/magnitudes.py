@@ -5,12 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from .arrays import Array, BoolArray
+from .arrays import FARTHEST, Array, BoolArray
 from .forecast import Scene
 from .tracks import Tracks
 
-FARTHEST = 1e9
-"""m, largest coordinate of a position; the Earth's circumference is 4e7 m."""
 LEAP, FASTEST = 1e4, 1e3
 """m and m/s: who goes farther than `LEAP` + `FASTEST` t in t seconds is somebody else."""
 VAGUEST = 1e6

@@ -6,7 +6,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from .arrays import Array, Scalar, checked, checked_covariance, number, stacked
+from .arrays import FARTHEST, Array, Scalar, checked, checked_covariance, number, stacked
 from .errors import WideberthError
 from .polygon import Polygon
 
@@ -218,10 +218,17 @@ def checked_numbers(observation: Observation) -> None:
 
     Raises
     ------
-    WideberthError : stamp, state or covariance of the robot itself are of no use.
+    WideberthError : stamp, state or covariance of the robot itself are of no use, or larger than
+        `FARTHEST`.
     """
     if observation.flaw:
         raise WideberthError(f"the observation's {observation.flaw}")
+    for name, limit in (("state", FARTHEST), ("covariance", FARTHEST**2)):
+        value = getattr(observation, name)
+        if value is not None and (largest := np.abs(value).max(initial=0.0)) > limit:
+            raise WideberthError(
+                f"the observation's {name} holds {largest:.3g}; wanted at most {limit:g}"
+            )
 
 
 def sound(observation: Observation, dimension: int) -> tuple[tuple[Detection, ...], list[str]]:

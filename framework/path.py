@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .arrays import Array, checked
+from .arrays import FARTHEST, Array, checked
 from .errors import WideberthError
 
 
@@ -19,7 +19,7 @@ class Path:
 
     Raises
     ------
-    WideberthError : fewer than two points, repeated points, not finite.
+    WideberthError : fewer than two points, repeated points, not finite, beyond `FARTHEST`.
     """
 
     points: Array
@@ -33,6 +33,10 @@ class Path:
             )
         if points.shape[1] not in (2, 3):
             raise WideberthError(f"path.points has {points.shape[1]} columns; wanted 2 or 3")
+        if (largest := np.abs(points).max()) > FARTHEST:
+            raise WideberthError(
+                f"path.points reach {largest:.3g} m from the origin; wanted at most {FARTHEST:g} m"
+            )
         repeated = np.flatnonzero(np.linalg.norm(np.diff(points, axis=0), axis=1) == 0)
         if repeated.size:
             raise WideberthError(

@@ -6,7 +6,7 @@ from typing import final
 
 import numpy as np
 
-from .arrays import Array, checked, whole
+from .arrays import FARTHEST, Array, checked, whole
 from .errors import WideberthError
 
 MOST_CORNERS = 16
@@ -30,9 +30,9 @@ class Polygon:
 
     Raises
     ------
-    WideberthError : fewer than three vertices, not (V, 2) finite numbers, a vertex closer than
-        1e-6 m to the one before it, all of it thinner than 1e-6 m, an outline that crosses or
-        touches itself.
+    WideberthError : fewer than three vertices, not (V, 2) finite numbers, beyond `FARTHEST`, a
+        vertex closer than 1e-6 m to the one before it, all of it thinner than 1e-6 m, an outline
+        that crosses or touches itself.
 
     Examples
     --------
@@ -47,6 +47,8 @@ class Polygon:
     def __post_init__(self) -> None:
         label = f"polygon {self.name!r}.vertices" if self.name else "polygon.vertices"
         points = checked(label, self.vertices, (None, 2))
+        if np.abs(points).max(initial=0.0) > FARTHEST:
+            raise WideberthError(f"{label} reach beyond {FARTHEST:g} m from the origin")
         _check_simple(label, points)
         ahead = np.roll(points, -1, axis=0)
         base = points[0]  # an area about a far origin has no digits left

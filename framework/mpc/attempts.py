@@ -7,6 +7,7 @@ from time import perf_counter
 
 import numpy as np
 
+from ..arrays import FARTHEST
 from ..plan import Rung, Status
 from .case import Candidate, Case, Outcome
 from .ladder import Ladder
@@ -25,10 +26,6 @@ PATIENCE = 60.0
 
 COMPILING = 10.0
 """The first use of a problem, which compiles it, may take so many times the planner's patience."""
-
-FARTHEST = 1e9
-"""m; farther from the origin than this nothing is solved: rounding there exceeds a tenth of a
-micrometre, which the tolerances of solvers ask for."""
 
 STUCK = 0.1
 """Share of its way that a plan has to come along not to be stuck. Between two people who stand, a
