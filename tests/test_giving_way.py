@@ -5,6 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from wideberth.experiments.closed_loop import condense
+from wideberth.experiments.markdown import markdown_table
+from wideberth.experiments.player_data import content
 from wideberth.framework.arrays import Array
 from wideberth.framework.forecast import GaussianObstacle
 from wideberth.framework.motion import Observation
@@ -13,12 +16,18 @@ from wideberth.framework.mpc.levels.discounted import Discounted
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.planner import Planner
+from wideberth.framework.path import Path
 from wideberth.framework.plan import GivenWay, Plan, Rung
 from wideberth.framework.region import Region
 from wideberth.regions.half_plane import HalfPlane
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
-from wideberth.tests.planning import Failing, at, planner
+from wideberth.simulation.agents import RobotAgent, ScriptedAgent
+from wideberth.simulation.episode import run_episode
+from wideberth.simulation.log import Episode
+from wideberth.simulation.settings import Settings
+from wideberth.simulation.summary import summarise
+from wideberth.tests.planning import STRAIGHT, Failing, at, planner
 
 FREE = Relaxed(weight=1.0, minimum=0.0)
 """Gives way at the paper's price."""
@@ -95,6 +104,25 @@ def test_what_a_plan_holds_that_enters_regions_is_found(
     check_held(region, plan)
     assert plan.reason.startswith(f"{plan.given_way}; ")
     assert plan.lowest_content <= 1.0 - plan.given_way.held + 1e-9
+
+
+def test_log_player_tables_and_report_say_it_in_the_same_words() -> None:
+    made = planner(level=FREE)
+    walker = ScriptedAgent("walker", Path(np.array([[5.5, 0.3], [0.0, 0.3]])), 0.1, 0.75)
+    robot = RobotAgent("robot", made.robot, made, STRAIGHT)
+    episode = run_episode([robot], Settings(history=2.0, time_limit=2.0), others=[walker])
+    read = Episode.from_bytes(episode.to_bytes())
+    (log,) = read.robots
+    ways = [plan.given_way for plan in log.plans]
+    assert None not in ways and all(plan.rung is Rung.OPTIMAL for plan in log.plans)
+    shown = content(read, 0.05)["agents"][0]["plans"]
+    assert [one["reason"] for one in shown] == [str(way) for way in ways]
+    row = summarise(read)
+    assert row["gave_way"] in {str(way) for way in ways} and row["fallbacks"] == 0
+    assert row["least_content"] == min(1.0 - way.held for way in ways if way is not None)
+    line = condense([row, {**row, "least_content": 0.9, "gave_way": "less so"}])
+    assert line["gave_way"] == row["gave_way"] and line["below_reference"] == 1.0
+    assert row["gave_way"] in markdown_table([line])
 
 
 def test_a_stop_that_keeps_all_that_was_asked_did_not_give_way() -> None:
