@@ -126,6 +126,7 @@ def subject(planner: Planner, sizes: tuple[int, int, int], source: str) -> Subje
     moving, still, corners = sizes
     taker = _Taker()
     twin = replace(planner, solver=taker, most_obstacles=max(moving, still), deadline=None)
+    twin.warns = False  # the taker solves nothing
     size = planner.robot.dimension
     twin.set_path(Way(np.array([np.zeros(size), 100.0 * np.eye(size)[0]])))
     taker.taken.clear()  # what the planner does to be warm

@@ -11,8 +11,10 @@ from wideberth.controllers.pure_pursuit import PurePursuit
 from wideberth.experiments.base import Experiment, Outcome, Task
 from wideberth.experiments.work import do_task
 from wideberth.framework import notices
+from wideberth.framework.forecast import Forecast
 from wideberth.framework.motion import Detection, Observation
 from wideberth.framework.mpc.levels.paper import Paper
+from wideberth.framework.mpc.response import Agent, Responder
 from wideberth.framework.notices import Notices, quiet
 from wideberth.robots.unicycle import Unicycle
 from wideberth.tests.planning import STRAIGHT, Failing, at, planner
@@ -83,6 +85,17 @@ def test_a_planner_with_nothing_to_say_is_silent_and_so_is_its_warm_up(
     made.command(at(0.0, 0.0, ("far", 40.0, 20.0)))
     made.command(at(0.5, 0.25, ("far", 40.0, 20.0)))
     planner(solver=Failing(good=0))
+    assert caplog.messages == []
+
+
+def test_what_others_might_do_is_nothing_to_warn_of(caplog: pytest.LogCaptureFixture) -> None:
+    model = Responder(planner(level=Paper(), horizon=5))
+    state = at(0.0, 0.0).state
+    one = Agent(state, np.array([1.0, 0.0]), 0.5, 0.75)
+    ahead = Forecast.single(
+        np.full((1, 20, 2), (2.0, 0.1)), np.tile(0.04 * np.eye(2), (1, 20, 1, 1)), 0.5
+    )
+    assert not isinstance(model.respond(one, ahead, [0.75]), str)
     assert caplog.messages == []
 
 

@@ -125,7 +125,8 @@ class Planner(Controller):
     def __post_init__(self) -> None:
         check_settings(self)
         self._progress: Progress | None = None
-        self._warns = True
+        self.warns = True
+        """Whether it warns, see `wideberth.framework.notices`; not where it only imagines."""
         self._problems = Problems(self)
         self._watch = Watch(self.solver, self.patience)
         reach = reach_of_bodies(self.robot, self.region, self.static_region)
@@ -156,7 +157,7 @@ class Planner(Controller):
             timed = None if self.deadline is None else COMPILING * self.patience
             twin = replace(self, record=None, deadline=timed)  # shares the compiled problems
             twin._progress, twin._problems = Progress(path), self._problems
-            twin._watch, twin._warns = self._watch, False
+            twin._watch, twin.warns = self._watch, False
             crowds = [1] if timed is None else [n for n in CAPACITIES if n <= self.most_obstacles]
             warm_up(twin, self.robot, path, self.reference_speed, self.history, crowds)
 
@@ -194,7 +195,7 @@ class Planner(Controller):
             self._plan, command = emergency(self.robot, observation, note, self.horizon, self.dt)
             note = ""
         notes = [*filter(None, (note,)), *self._perception.drain()]
-        if self._warns:
+        if self.warns:
             _warn(type(self).__name__, self._plan, notes)
         reasons = filter(None, (self._plan.reason, *notes))
         self._plan = replace(self._plan, reason="; ".join(reasons))

@@ -69,6 +69,7 @@ class Responder:
         self._planner = replace(
             planner, predictor=self._told, history=2, latency=0.0, deadline=None, starts=()
         )
+        self._planner.warns = False  # what others might do is nothing to warn of
 
     def steps(self, dt: float) -> int:
         """How many steps of ``dt`` s forecasts have to reach."""
