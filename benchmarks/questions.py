@@ -67,6 +67,7 @@ class Extent:
     drives: endurance.Durations = field(
         default_factory=lambda: {"riccati": 3600.0, "fatrop": 300.0}
     )
+    decisions: int = 20_000
     sweep: tuple[int, int] = (200, 3)
 
 
@@ -84,6 +85,7 @@ QUICK = Extent(
     batches=(1, 2),
     accelerated=False,
     drives={"riccati": 3.0, "fatrop": 3.0},
+    decisions=60,
     sweep=(2, 1),
 )
 
@@ -104,7 +106,7 @@ class Question:
 
 BRIEF = ("startup", "solvers", "hard", "scaling", "plugins", "batches", "predictors", "risks")
 """Asked of every run."""
-NAMES = (*BRIEF, "sweeps", "endurance")
+NAMES = (*BRIEF, "sweeps", "endurance", "decisions")
 """All of them: what takes half an hour by itself is asked by name alone."""
 
 
@@ -134,6 +136,7 @@ def questions(instances: Instances, hard: Path | None, extent: Extent) -> dict[s
         "risks": Question(1, partial(_risks, extent)),
         "sweeps": Question(sweep_speed.ticks(extent.sweep[1]), partial(_sweeps, extent)),
         "endurance": Question(endurance.ticks(extent.drives), partial(_endurance, extent)),
+        "decisions": Question(endurance.ticks(_decided(extent)), partial(_decisions, extent)),
     }
     return {name: found[name] for name in NAMES}
 
@@ -212,6 +215,18 @@ def _sweeps(extent: Extent, tick: Tick) -> Tables:
             "A sweep with two workers and with one",
             sweep_speed.measure(*extent.sweep, tick),
         )
+    }
+
+
+def _decided(extent: Extent) -> endurance.Durations:
+    return dict.fromkeys(("riccati", "fatrop"), extent.decisions * endurance.PERIOD)
+
+
+def _decisions(extent: Extent, tick: Tick) -> Tables:
+    rows, ends = endurance.measure(_decided(extent), tick, endurance.PERIOD)
+    return {
+        "decisions": ("Decisions among ten walkers with a deadline of 50 ms", rows),
+        "decisions_ends": ("How its plans came about", ends),
     }
 
 

@@ -99,7 +99,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         nargs="+",
         choices=NAMES,
         default=BRIEF,
-        help="questions (default: all but endurance, which takes half an hour)",
+        help="questions (default: all but sweeps, endurance and decisions, which take long)",
     )
     parser.add_argument(
         "--rounds", type=_rounds, default=Extent.rounds, help="over the instances (default: 5)"

@@ -24,6 +24,16 @@ def endurance(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return import_module("endurance")
 
 
+def test_decisions_with_a_deadline(endurance: ModuleType, tmp_path: Path) -> None:
+    out = str(tmp_path / "new")
+    assert import_module("run").main(["--quick", "--only", "decisions", "--out", out]) == 0
+    rows = {row["solver"]: row for row in read_table(tmp_path / "new" / "decisions.csv")}
+    assert set(rows) == {"riccati", "fatrop"}
+    for row in rows.values():
+        assert (row["calls"], row["deadline"], row["exceptions"]) == (60, 0.05, 0)
+        assert 0.0 < row["cpu_median_ms"] <= row["cpu_p99_ms"] <= row["cpu_max_ms"]
+
+
 def test_dry_run_writes_a_row_for_each_solver(
     endurance: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -47,7 +57,8 @@ def test_dry_run_writes_a_row_for_each_solver(
 
 def test_it_is_asked_by_name_alone(endurance: ModuleType) -> None:
     questions = import_module("questions")
-    assert "endurance" in questions.NAMES and "endurance" not in questions.BRIEF
+    for name in ("endurance", "decisions"):
+        assert name in questions.NAMES and name not in questions.BRIEF
 
 
 def test_walkers_sway_as_they_should(endurance: ModuleType) -> None:
