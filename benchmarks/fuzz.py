@@ -8,6 +8,7 @@ See benchmarks/README.md for what is counted.
 """
 
 import argparse
+import logging
 import multiprocessing as mp
 import os
 import resource
@@ -82,6 +83,7 @@ def chunks(amounts: dict[str, int]) -> list[list[Case]]:
 def work(chunk: list[Case], pipe: Connection) -> None:
     """Do the cases of a chunk; before each call say which one it is."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    logging.getLogger("wideberth").setLevel(logging.CRITICAL)  # the same as the reasons
     for case in chunk:
         pipe.send(("begin", case))
         if case[0] in ("planner", "rival"):

@@ -43,11 +43,11 @@ def check_predictor(
     for any history, step or noise; a reason for an obstacle never observed; equivariant to
     turning and shifting tracks and scene together (not for an obstacle never observed:
     nothing of it could turn); independent of the order of the obstacles; zero obstacles are
-    served; an obstacle with positions, noise or radius of any magnitude that a float holds
-    changes nothing for the others. One that adapts keeps its laws while it is updated, and no
-    copy changes another. One that learns is fitted: `fit` leaves it as it was, returns its own
-    kind, the same when called again; the fitted copy keeps the same laws and survives
-    `save_plugin`.
+    served; so are positions, noise and radii of any magnitude that a float holds, and but for
+    the radius they change nothing for the other obstacles. One that adapts keeps its laws
+    while it is updated, and no copy changes another. One that learns is fitted: `fit` leaves it
+    as it was, returns its own kind, the same when called again; the fitted copy keeps the same
+    laws and survives `save_plugin`.
 
     Parameters
     ----------
@@ -232,7 +232,7 @@ def _check_magnitudes(
         if isinstance(predictor, Adaptive):
             updated = _updated(predictor, world, note)
             _check_values(_predict(updated, world, None, note), world, f"updated, {note}")
-        if ABSURD not in world.ids:
+        if ABSURD not in world.ids or world.radius[-1] > 1.0:  # a giant is in everybody's way
             continue
         rest = world.select(list(range(len(world) - 1)))
         alone = _predict(predictor, rest, None, note)
