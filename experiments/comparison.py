@@ -148,7 +148,7 @@ class Comparison(Experiment):
         kept = [task for task in self.tasks() if task.seed in self.show]
         return [
             *draw_summary(self.summary(result.rows), result.rows, self._baseline(), folder),
-            *draw_episodes(result, kept, self.tail, folder),
+            *draw_episodes(result, kept, self.controllers, self.tail, folder),
         ]
 
     def quick(self) -> Self:

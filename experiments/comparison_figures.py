@@ -1,20 +1,22 @@
 """Figures of a comparison: outcomes, times against clearances, differences in pairs, trends."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
 from typing import Any
 
 import numpy as np
 
+from wideberth.framework.controller import Controller
 from wideberth.framework.io import write_bytes, write_table
 from wideberth.simulation.log import Episode
 
 from .base import Result, Row, Task
 from .closed_loop import column, group, log_name
 from .comparison_summary import against, means, paired, promised, shares
-from .fronts import front_legend, front_looks, mark, say_empty
-from .plotting import PAGE, paper_style, save
+from .fronts import front_legend, front_looks, mark, say_empty, widen, widen_time
+from .kept_out import planner_behind
+from .plotting import ENOUGH, PAGE, few, paper_style, save
 
 PLACES = ("scenario", "robot", "settings")
 """Where controllers are compared; a panel each."""
@@ -61,7 +63,13 @@ def draw_summary(
     return [*files, write_table(folder / "promises.csv", kept)]
 
 
-def draw_episodes(result: Result, kept: Sequence[Task], tail: float, folder: Path) -> list[Path]:
+def draw_episodes(
+    result: Result,
+    kept: Sequence[Task],
+    controllers: Mapping[str, Controller],
+    tail: float,
+    folder: Path,
+) -> list[Path]:
     """Draw the run of every kept episode, and animate the first one of each scenario."""
     from .animation import animate
     from .drawing import draw_run
@@ -75,9 +83,9 @@ def draw_episodes(result: Result, kept: Sequence[Task], tail: float, folder: Pat
             files += save(draw_run(episode), folder, f"run_{name}")
         if task.settings["scenario"] not in animated:
             animated.add(task.settings["scenario"])
-            files.append(
-                write_bytes(folder / f"animation_{name}.gif", animate(episode, tail=tail))
-            )
+            planner = planner_behind(controllers[task.settings["controller"]])
+            film = animate(episode, tail=tail, planner=planner)
+            files.append(write_bytes(folder / f"animation_{name}.gif", film))
     return files
 
 
@@ -127,12 +135,20 @@ def _outcomes(rows: Sequence[Row]) -> Any:
     for panel in axes[-3:]:
         panel.set_xlabel("share of episodes")
     handles, names = axes[0].get_legend_handles_labels()
-    figure.legend(handles[: len(PARTS)], names[: len(PARTS)], loc="outside lower center", ncols=4)
+    played = [len(some) for found in bars.values() for some in found.values()]
+    figure.legend(
+        handles[: len(PARTS)], names[: len(PARTS)], loc="outside lower center", ncols=4,
+        title=few(played) or "whiskers: intervals of 95 %, above of success, below of collision",
+        title_fontsize=7,
+    )  # fmt: skip
     return figure
 
 
 def _bar(panel: Any, place: float, rows: Sequence[Row]) -> None:
-    """Draw outcomes from left to right; above and below the intervals of first and last."""
+    """Draw outcomes from left to right; above and below the intervals of first and last.
+
+    Fewer than `ENOUGH` episodes have no intervals.
+    """
     found = shares(rows)
     left = 0.0
     for name, look in PARTS.items():
@@ -140,6 +156,8 @@ def _bar(panel: Any, place: float, rows: Sequence[Row]) -> None:
             place, found[name], 0.7, left, edgecolor="black", linewidth=0.5, label=name, **look
         )
         left += found[name]
+    if len(rows) < ENOUGH:
+        return
     for name, aside in (("success", 0.17), ("collision", -0.17)):
         ends = np.array([found[f"{name}_low"], found[f"{name}_high"]])
         ends = ends if name == "success" else 1.0 - ends
@@ -151,9 +169,9 @@ def _bar(panel: Any, place: float, rows: Sequence[Row]) -> None:
 
 def _front(rows: Sequence[Row], names: Sequence[str]) -> Any:
     """Draw median clearance against median time, a panel per place."""
-    looks = front_looks(names)
+    looks, drawn = front_looks(names), set()
     panels = _panels(rows)
-    figure, axes = _grid(len(panels), 2.0)
+    figure, axes = _grid(len(panels), 2.2)
     for panel, (title, some) in zip(axes, panels.items(), strict=True):
         panel.set_title(title)
         places = {
@@ -168,49 +186,83 @@ def _front(rows: Sequence[Row], names: Sequence[str]) -> Any:
         else:
             panel.axhline(0.0, color="black", linewidth=0.8)
             panel.margins(y=0.14)
+            widen(panel)
+        drawn |= {name for name, place in places.items() if place is not None}
         panel.set_xlabel("\n".join(["time to the goals (s)", *missing]))
     for panel in axes[:: min(len(axes), 3)]:
         panel.set_ylabel("least clearance (m)")
-    front_legend(figure, looks)
+    known = {name: look for name, look in looks.items() if name in drawn}
+    front_legend(figure, known, [len(own) for own in group(rows, *PLACES, "controller").values()])
     return figure
 
 
 def _pairs(rows: Sequence[Row], names: Sequence[str], baseline: str) -> Any:
-    """Draw a dot per seed at which both arrived, the mean and its interval."""
+    """Draw a dot per seed at which both arrived, the mean and its interval.
+
+    Fewer than `ENOUGH` such seeds have no interval; where there is none, the figure says so.
+    """
     others = [name for name in names if name != baseline]
     panels = _panels(rows)
-    figure, axes = _grid(len(panels), 0.5 + 0.3 * len(others), sharey=True)
+    figure, axes = _grid(len(panels), 0.7 + 0.3 * len(others), sharey=True)
+    counts: list[int] = []
     for panel, (title, some) in zip(axes, panels.items(), strict=True):
         panel.set_title(title)
         played = {str(name): own for (name,), own in group(some, "controller").items()}
         for i, name in enumerate(others):
-            _difference(panel, -i, played[name], played[baseline])
-        if not any(np.isfinite(line.get_xdata(orig=False)).any() for line in panel.lines):
-            panel.set_xticks([0.0])  # nobody arrived whom to compare
+            counts.append(_difference(panel, -i, played[name], played[baseline]))
+        if any(counts[-len(others) :]):
+            panel.axvline(0.0, color="black", linewidth=0.8)
+            widen_time(panel)
+        else:
+            panel.set_xticks([])
+            panel.grid(visible=False)
         panel.set_yticks(-np.arange(len(others)), [name.replace("_", " ") for name in others])
         panel.set_ylim(0.5 - len(others), 0.55)
-        panel.axvline(0.0, color="black", linewidth=0.8)
         panel.set_xlabel(f"time beyond that of {baseline.replace('_', ' ')} (s)")
+    _pairs_legend(figure, [count for count in counts if count])
     return figure
 
 
-def _difference(panel: Any, place: float, own: Sequence[Row], base: Sequence[Row]) -> None:
+def _pairs_legend(figure: Any, counts: Sequence[int]) -> None:
+    """Say what is drawn, if there is anything."""
+    from matplotlib.lines import Line2D
+
+    entries = [
+        Line2D([], [], linestyle="", marker=".", color="0.6", markersize=4, label="one seed"),
+        Line2D([], [], linestyle="", marker="D", color="black", markersize=3, label="mean"),
+    ]
+    if any(count >= ENOUGH for count in counts):
+        entries.append(Line2D([], [], color="black", linewidth=1.2, label="its interval of 95 %"))
+    words = "seeds at which both arrived"
+    if not counts:
+        entries, words = [], "there is no seed at which both arrived: no times to compare"
+    elif min(counts) < ENOUGH:
+        words += f" (no interval of fewer than {ENOUGH})"
+    figure.legend(
+        handles=entries, loc="outside lower center", ncols=3, title=words, title_fontsize=7
+    )
+
+
+def _difference(panel: Any, place: float, own: Sequence[Row], base: Sequence[Row]) -> int:
+    """Draw one controller against the baseline; return at how many seeds both arrived."""
     gap = paired(own, base, "success_time") - paired(base, own, "success_time")
     known = gap[np.isfinite(gap)]
     found = against(own, base)
     spread = np.linspace(-0.14, 0.14, len(known)) if len(known) > 1 else np.zeros(len(known))
-    panel.plot(known, place - 0.25 + 0.7 * spread, ".", color="0.6", markersize=2.5)
     ends = [found["time_difference_low_s"], found["time_difference_high_s"]]
-    if len(known):
+    if len(known) >= ENOUGH:
         panel.plot(ends, [place] * 2, "-", color="black", linewidth=1.2)
+    if len(known):
+        panel.plot(known, place - 0.25 + 0.7 * spread, ".", color="0.6", markersize=2.5)
         panel.plot(found["time_difference_s"], place, "D", color="black", markersize=3)
     count = f"{found['only_this']} to {found['only_baseline']}"
-    alone = f"alone there: {count}, p = {found['p_value']:.2g}"
+    alone = f"both arrived: {len(known)}; one alone: {count}, p = {found['p_value']:.2g}"
     panel.annotate(
         alone, (1.0, place), xycoords=("axes fraction", "data"), xytext=(-2, 3),
         textcoords="offset points", ha="right", va="bottom", fontsize=5.5,
         bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5},
     )  # fmt: skip
+    return len(known)
 
 
 def _trends(rows: Sequence[Row], lines: Sequence[Row], names: Sequence[str]) -> Any:
@@ -225,7 +277,7 @@ def _trends(rows: Sequence[Row], lines: Sequence[Row], names: Sequence[str]) -> 
             at = np.arange(len(places)) + 0.06 * (i - 0.5 * (len(names) - 1))
             values = column(some, quantity)
             (drawn,) = panel.plot(at, values, marker=".", label=name.replace("_", " "))
-            if quantity == "success":
+            if quantity == "success" and min(column(some, "episodes")) >= ENOUGH:
                 low, high = column(some, "success_low"), column(some, "success_high")
                 panel.vlines(at, low, high, color=drawn.get_color(), linewidth=0.7)
         panel.set_xticks(range(len(places)), places, rotation=90)
@@ -233,5 +285,9 @@ def _trends(rows: Sequence[Row], lines: Sequence[Row], names: Sequence[str]) -> 
         panel.set_ylabel(text)
     axes[0].set_ylim(-0.03, 1.03)
     handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    words = few(int(line["episodes"]) for line in lines)
+    figure.legend(
+        handles, labels, loc="outside lower center", ncols=4, title_fontsize=7,
+        title=words or "bars: intervals of 95 % of the share",
+    )  # fmt: skip
     return figure

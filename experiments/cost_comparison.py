@@ -29,7 +29,6 @@ from .closed_loop import (
     pick,
     play,
 )
-from .dynamic_matters import strip
 from .stopwatch import Stopwatch
 from .variants import planner_of
 
@@ -134,6 +133,7 @@ class CostComparison(Experiment):
         import matplotlib.pyplot as plt
 
         from .plotting import paper_style, save
+        from .strips import strip, strip_legend
 
         groups = group(result.rows, "scenario")
         with paper_style():
@@ -147,6 +147,7 @@ class CostComparison(Experiment):
                     strip(panel, rows, name)
             for panel, text in zip(panels[:, 0], PANELS.values(), strict=True):
                 panel.set_ylabel(text)
+            strip_legend(figure)
             files = save(figure, folder, "cost_comparison")
         return [*files, write_table(folder / "solve_times.csv", solve_times(result.times))]
 

@@ -9,9 +9,12 @@ import numpy as np
 
 from wideberth.experiments import pieces
 from wideberth.experiments.closest import mark_closest
+from wideberth.experiments.kept_out import kept_out_of
 from wideberth.experiments.plotting import COLOURS, COLUMN, PAGE, paper_style
+from wideberth.experiments.time_labels import write_times
 from wideberth.framework.arrays import Array, positive, probability
 from wideberth.framework.errors import WideberthError
+from wideberth.framework.mpc.planner import Planner
 from wideberth.framework.plan import Plan, Rung
 from wideberth.simulation.log import AgentLog, Episode
 
@@ -22,30 +25,36 @@ BLACK, PLANNED, OTHER, REFERENCE, FORECAST = COLOURS[:5]
 """The paper's colours: green reference, blue plan, pink forecast."""
 
 _MARK = 5.0  # s between two time marks
+_EVERY = 3  # steps from one drawn region to the next
 _ORDER = (
-    *("reference path", "reference points", "planned positions", "forecast regions"),
-    *("robot and its trail", "obstacle and its trail", "static"),
+    *("reference path", "reference points", "planned positions", "kept out of"),
+    *("asked content", "robot and its trail", "obstacle and its trail", "static"),
 )
 
 
-def draw_views(episode: Episode, *, distance: float, tail: float) -> "Figure":
+def draw_views(
+    episode: Episode, *, distance: float, tail: float, planner: Planner | None = None
+) -> "Figure":
     """Draw both robots' views of an encounter, as in the paper's section on results.
 
     One panel per robot, at the stamp of the plan that it followed when the two centres first
     came within ``distance`` (or were closest, if they never did): its reference path and the
-    reference points over the horizon, the planned positions, and the forecast regions at
-    every step, before they are enlarged by the radii. Both panels have the same scale.
+    reference points over the horizon, the planned positions, and at every third step, in the
+    shade of the position of that step and with its time ahead, what the plan keeps the
+    centre out of: the planner's own region, enlarged by both radii and its margin, at the level
+    that the plan holds. Pale behind it stands the forecast's region of content 1 - tail at those
+    steps, before the enlargement: what was asked. Both panels have the same scale.
 
-    The paper does not say what content the regions in its figures have, while its plans
-    choose a level of their own. Ours have the content 1 - tail, and the title says what
-    content the plan itself holds (the smallest over steps and obstacles): a plan that cuts
-    through a drawn region is no error.
+    The paper's figures show the regions before the enlargement, of a content that it does not
+    give, while its plans choose a level of their own, so that plans cut through what is drawn.
+    The title says what content the plan holds (the smallest over steps and obstacles).
 
     Parameters
     ----------
     episode : of two robots; others may be there too.
     distance : m between the centres.
-    tail : 1 - content of the drawn regions.
+    tail : 1 - content of the pale regions.
+    planner : of both robots; None where it is not known, and only the asked content is drawn.
 
     Raises
     ------
@@ -69,15 +78,14 @@ def draw_views(episode: Episode, *, distance: float, tail: float) -> "Figure":
         figure = Figure()
         panels = figure.subplots(1, 2)
         boxes = [
-            _view(panel, episode, log, moment, tail)
+            _view(panel, episode, log, moment, tail, planner)
             for panel, log in zip(panels, episode.robots, strict=True)
         ]
         span = np.max([high - low for low, high in boxes], axis=0)
         for panel, (low, high) in zip(panels, boxes, strict=True):
             pieces.frame(panel, 0.5 * (low + high - span), 0.5 * (low + high + span))
         width = 0.5 * PAGE - 0.5
-        legend = 1.3 if episode.polygons else 1.15  # inch; walls take another line
-        figure.set_size_inches(PAGE, width * min(span[1] / span[0], 1.4) + legend)
+        figure.set_size_inches(PAGE, width * min(span[1] / span[0], 1.4) + 1.4)
         _legend(figure, panels)
     return figure
 
@@ -104,13 +112,18 @@ def draw_run(episode: Episode) -> "Figure":
         for log in episode.agents:
             _way(panel, episode, log, styles[log.name])
         taken = mark_closest(panel, episode)
-        _numbers(panel, episode, taken, float(span.max()))
+        write_times(panel, episode, taken, _MARK)
         figure.legend(loc="outside lower center", ncols=2)
     return figure
 
 
 def _view(
-    panel: Any, episode: Episode, ego: AgentLog, moment: float, tail: float
+    panel: Any,
+    episode: Episode,
+    ego: AgentLog,
+    moment: float,
+    tail: float,
+    planner: Planner | None,
 ) -> tuple[Array, Array]:
     """Draw one robot's view; return the corners of what has to be seen."""
     plan = pieces.plan_at(ego, moment)
@@ -120,21 +133,70 @@ def _view(
     pieces.walls(panel, episode)
     seen = [_world(panel, episode, ego, time)]
     if plan is not None:
-        seen += _intention(panel, plan, tail)
-    panel.set_title(_title(ego, plan, time))
+        kept = _kept_out(panel, episode, ego, plan, planner)
+        seen += [*kept, *_intention(panel, plan, tail)]
+    panel.set_title(_title(ego, plan, time, tail))
     points = np.concatenate(seen)
     return points.min(axis=0) - 0.3, points.max(axis=0) + 0.3
+
+
+def _steps(plan: Plan) -> list[int]:
+    """Return the steps whose regions are drawn, from 0: the last and every third before it."""
+    count = len(plan.inputs)
+    return list(range((count - 1) % _EVERY, count, _EVERY))
+
+
+def _shades(plan: Plan) -> list[tuple[float, float, float]]:
+    """One shade per drawn step, darker the later, so that grey print tells them apart too."""
+    count = len(_steps(plan))
+    pale, dark = np.array([0.86, 0.56, 0.72]), np.array([0.30, 0.03, 0.22])
+    shares = np.linspace(0.0, 1.0, count)[:, None]
+    return [tuple(one) for one in (1.0 - shares) * pale + shares * dark]
+
+
+def _kept_out(
+    panel: Any, episode: Episode, ego: AgentLog, plan: Plan, planner: Planner | None
+) -> list[Array]:
+    """Draw what the plan keeps out of, with the time ahead of each step; return all outlines."""
+    from matplotlib.collections import PolyCollection
+    from matplotlib.patheffects import withStroke
+
+    steps, shades = _steps(plan), _shades(plan)
+    found = {} if planner is None else kept_out_of(episode, ego, plan, planner, steps)
+    if not found:
+        return []
+    rims = np.stack(list(found.values()))
+    for i, (step, shade) in enumerate(zip(steps, shades, strict=True)):
+        panel.add_collection(
+            PolyCollection(
+                list(rims[:, i]), facecolor="none", edgecolor=shade, linewidth=1.1, zorder=1.8,
+                gid=f"kept out of at step {step + 1}",
+                label=None if i else "kept out of, in the shade of its step",
+            ),
+            autolim=False,
+        )  # fmt: skip
+        place = plan.positions[step + 1, :2]
+        panel.plot(
+            *place, "s", color=shade, markersize=5.0, markeredgecolor="black",
+            markeredgewidth=0.5, zorder=2.6,
+        )  # fmt: skip
+        panel.annotate(
+            f"{plan.dt * (step + 1):g} s", place, (4.0, 4.0), textcoords="offset points",
+            fontsize=6, color=shade, zorder=3.0,
+            path_effects=[withStroke(linewidth=1.5, foreground="white")],
+        )  # fmt: skip
+    return [rims.reshape(-1, 2)]
 
 
 def _intention(panel: Any, plan: Plan, tail: float) -> list[Array]:
     """Draw what the robot expects and means to do."""
     from matplotlib.collections import PolyCollection
 
-    regions = pieces.outlines(plan.forecast, tail)
+    regions = pieces.outlines(plan.forecast, tail, every=_EVERY)
     panel.add_collection(
         PolyCollection(
-            list(regions), facecolor=(FORECAST, 0.07), edgecolor=(FORECAST, 0.8),
-            linewidth=0.5, label=f"forecast regions, {100 * (1 - tail):g} %",
+            list(regions), facecolor=(FORECAST, 0.08), edgecolor=(FORECAST, 0.35),
+            linewidth=0.5, zorder=0.9, label=f"asked content {100 * (1 - tail):g} %, not enlarged",
         ),
         autolim=False,
     )  # fmt: skip
@@ -182,9 +244,14 @@ def _legend(figure: Any, panels: Any) -> None:
     entries: dict[str, Any] = {}
     for panel in panels:
         entries.update(zip(*panel.get_legend_handles_labels()[::-1], strict=True))
-    names = sorted(entries, key=lambda name: _ORDER.index(name.split(",")[0]))
+    names = sorted(entries, key=_rank)
     handles = [entries[name] for name in names]
     figure.legend(handles, names, loc="outside lower center", ncols=3)
+
+
+def _rank(label: str) -> int:
+    """Place of an entry in the legend."""
+    return next(i for i, start in enumerate(_ORDER) if label.startswith(start))
 
 
 def _once(panel: Any, label: str) -> str | None:
@@ -192,7 +259,7 @@ def _once(panel: Any, label: str) -> str | None:
     return None if label in panel.get_legend_handles_labels()[1] else label
 
 
-def _title(ego: AgentLog, plan: Plan | None, time: float) -> str:
+def _title(ego: AgentLog, plan: Plan | None, time: float, tail: float) -> str:
     head = f"{ego.name} robot's view, t = {time:.2f} s\n"
     if plan is None:
         return f"{head}no plan"
@@ -201,7 +268,7 @@ def _title(ego: AgentLog, plan: Plan | None, time: float) -> str:
     if not np.isfinite(content):
         return f"{head}{name} without obstacles"
     percent = f"{100 * content:.0f} %" if content >= 0.01 else "less than 1 %"
-    return f"{head}{name} holds {percent} content"
+    return f"{head}{name} holds {percent} content, {100 * (1 - tail):g} % asked"
 
 
 def _way(panel: Any, episode: Episode, log: AgentLog, look: pieces.Look) -> None:
@@ -209,41 +276,10 @@ def _way(panel: Any, episode: Episode, log: AgentLog, look: pieces.Look) -> None
     if log.kind == "robot":
         label: str | None = f"{log.name}, marks every {_MARK:g} s"
     else:
-        label = _once(panel, "recorded" if log.kind == "replay" else log.kind)
+        label = _once(panel, "replayed" if log.kind == "replay" else log.kind)
     marks = episode.at(log, np.arange(_MARK, episode.duration, _MARK))
     panel.plot(*log.positions[:, :2].T, color=look.color, linestyle=look.linestyle)
     panel.plot(*marks[:, :2].T, look.marker, color=look.color, markersize=3)
     panel.plot(
         [], [], look.marker, color=look.color, linestyle=look.linestyle, markersize=3, label=label
     )
-
-
-def _numbers(panel: Any, episode: Episode, taken: Array, span: float) -> None:
-    """Write the time at the robots' marks, where most room is."""
-    from matplotlib.patheffects import withStroke
-
-    styles = pieces.looks(episode)
-    taken = np.concatenate([taken, *(log.positions[::10, :2] for log in episode.robots)])
-    times = np.arange(_MARK, episode.duration, _MARK)
-    for log in episode.robots:
-        places = episode.at(log, times)[:, :2]
-        ahead = episode.at(log, np.minimum(times + 0.5, episode.duration))[:, :2] - places
-        last = log.positions[0, :2]
-        for time, place, move in zip(times, places, ahead, strict=True):
-            if np.linalg.norm(place - last) < 0.06 * span:  # the numbers would overlap
-                continue
-            last = place
-            normal = np.array([-move[1], move[0]]) / max(float(np.linalg.norm(move)), 1e-9)
-            angles = np.arctan2(normal[1], normal[0]) + np.radians([0, 180, 45, -45, 135, -135])
-            spots = place + 0.035 * span * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-            spots = np.concatenate([spots, place + 1.6 * (spots - place)])
-            # Numbers are wider than high. The first spot with room enough, else the best.
-            away = (taken - spots[:, None]) / (0.03 * span, 0.02 * span)
-            room = np.minimum(np.linalg.norm(away, axis=2).min(axis=1), 1.0)
-            chosen = spots[int(np.argmax(room))]
-            taken = np.concatenate([taken, chosen[None]])
-            panel.text(
-                *chosen, f"{time:g}", ha="center", va="center", fontsize=6,
-                color=styles[log.name].color, zorder=3,
-                path_effects=[withStroke(linewidth=1.5, foreground="white")],
-            )  # fmt: skip

@@ -159,7 +159,7 @@ def _encounter(panel: Any, episode: Episode, found: Closest, tail: float, lead: 
     if guess is not None:
         surface = ellipsoid(guess, tail)
         seen += [surface.min(axis=(0, 1)), surface.max(axis=(0, 1))]
-        label = f"forecast for that moment, {100 * (1 - tail):g} %"
+        label = f"asked content {100 * (1 - tail):g} % of the forecast for then, not enlarged"
         panel.plot_surface(*np.moveaxis(surface, -1, 0), color=FORECAST, alpha=0.25, shade=False)
         panel.plot_wireframe(
             *np.moveaxis(surface, -1, 0), color=FORECAST, linewidth=0.4, rcount=9, ccount=13

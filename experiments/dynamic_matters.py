@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar, Self, final
+from typing import ClassVar, Self, final
 
 from wideberth.framework.arrays import probability, whole
 from wideberth.framework.controller import Controller
@@ -15,7 +15,6 @@ from wideberth.simulation.settings import Settings
 from .base import Experiment, Outcome, Result, Row, Task
 from .closed_loop import (
     check_starts,
-    column,
     condense,
     grid,
     group,
@@ -111,6 +110,7 @@ class DynamicMatters(Experiment):
         import matplotlib.pyplot as plt
 
         from .plotting import paper_style, save
+        from .strips import strip, strip_legend
 
         groups = group(result.rows, "scenario")
         with paper_style():
@@ -122,7 +122,8 @@ class DynamicMatters(Experiment):
                 panels[0, i].set_title(scenario.replace("_", " "))
                 strip(panels[0, i], rows, "clearance")
                 strip(panels[1, i], rows, "time_ratio_worst")
-                panels[0, i].axhline(0.0, color="black", linewidth=0.8)
+                panels[0, i].axhline(0.0, color="0.5", linewidth=0.6)
+            strip_legend(figure, "bodies touch")
             panels[0, 0].set_ylabel("least clearance (m)")
             panels[1, 0].set_ylabel("slower robot's time\n/ free time")
             return save(figure, folder, "dynamic_matters")
@@ -130,21 +131,3 @@ class DynamicMatters(Experiment):
     def quick(self) -> Self:
         """One seed."""
         return replace(self, seeds=1)
-
-
-def strip(panel: Any, rows: list[Row], name: str) -> None:
-    """Draw one dot per episode in a column per planner, with the median as a bar."""
-    import numpy as np
-
-    from .plotting import name_columns
-
-    groups = group(rows, "planner")
-    for i, ((_planner,), some) in enumerate(groups.items()):
-        values = column(some, name)
-        values = values[np.isfinite(values)]
-        spread = np.linspace(-0.18, 0.18, len(values)) if len(values) > 1 else np.zeros(1)
-        panel.plot(i + spread[: len(values)], values, "o", markersize=2.5, color="0.35", alpha=0.8)
-        if len(values):
-            panel.hlines(np.median(values), i - 0.3, i + 0.3, color="black", linewidth=1.5)
-    name_columns(panel, [planner for (planner,) in groups])
-    panel.grid(axis="y", linewidth=0.4, alpha=0.6)

@@ -92,19 +92,23 @@ class Encounter(Experiment):
         """Both robots' views and the run of each planner, and an animation of the first."""
         from .animation import animate
         from .drawing import draw_run, draw_views
+        from .kept_out import planner_behind
         from .plotting import paper_style, save
 
         files: list[Path] = []
-        for i, name in enumerate(self.planners):
+        for i, (name, controller) in enumerate(self.planners.items()):
+            planner = planner_behind(controller)
             data = result.read(f"run-{name}-{self.show}.npz")
             episode = Episode.from_bytes(data)
             with paper_style():
-                views = draw_views(episode, distance=self.view_distance, tail=self.tail)
+                views = draw_views(
+                    episode, distance=self.view_distance, tail=self.tail, planner=planner
+                )
                 files += save(views, folder, f"views_{name}")
                 files += save(draw_run(episode), folder, f"run_{name}")
             if i == 0:
                 files.append(folder / f"animation_{name}.gif")
-                write_bytes(files[-1], animate(episode, tail=self.tail))
+                write_bytes(files[-1], animate(episode, tail=self.tail, planner=planner))
         return files
 
     def quick(self) -> Self:

@@ -31,7 +31,6 @@ from .closed_loop import (
     pick,
     play,
 )
-from .dynamic_matters import strip
 from .variants import by_region_and_predictor, planner_of
 
 if TYPE_CHECKING:
@@ -221,6 +220,7 @@ def compare(rows: list[Row]) -> "Figure":
     from matplotlib.figure import Figure
 
     from .plotting import PAGE
+    from .strips import strip, strip_legend
 
     groups = group(rows, "predictor")
     figure = Figure(figsize=(PAGE, 4.6))
@@ -232,7 +232,8 @@ def compare(rows: list[Row]) -> "Figure":
         for panel, name in zip(panels[:, i], PANELS, strict=True):
             strip(panel, by_region, name)
         panels[0, i].set_title(f"predictor: {rule}")
-        panels[0, i].axhline(0.0, color="black", linewidth=0.8)
+        panels[0, i].axhline(0.0, color="0.5", linewidth=0.6)
+    strip_legend(figure, "bodies touch")
     for panel, text in zip(panels[:, 0], PANELS.values(), strict=True):
         panel.set_ylabel(text)
     return figure

@@ -20,7 +20,7 @@ from wideberth.experiments.closed_loop import (
     pick,
     play,
 )
-from wideberth.experiments.fronts import front_legend, front_looks, mark
+from wideberth.experiments.fronts import front_legend, front_looks, mark, widen
 from wideberth.experiments.pieces import pairs
 from wideberth.experiments.replay import STILL
 from wideberth.experiments.variants import planner_of
@@ -201,7 +201,7 @@ def draw_prices(rows: list[Row]) -> Any:
     scenarios = list(dict.fromkeys(scenario for scenario, _ in panels))
     forecasts = list(dict.fromkeys(forecast for _, forecast in panels))
     names = list(dict.fromkeys(str(row["planner"]) for row in rows))
-    looks = front_looks(names)
+    looks, drawn = front_looks(names), set()
     figure, axes = pyplot.subplots(
         len(forecasts), len(scenarios), figsize=(PAGE, 0.6 + 2.1 * len(forecasts)), squeeze=False
     )  # fmt: skip
@@ -209,12 +209,16 @@ def draw_prices(rows: list[Row]) -> Any:
         panel = axes[forecasts.index(forecast), scenarios.index(scenario)]
         panel.set_title(f"{scenario}, {forecast}".replace("_", " "))
         for (name,), own in group(some, "planner").items():
-            mark(panel, own, "extra_time_worst", looks[str(name)])
+            if mark(panel, own, "extra_time_worst", looks[str(name)]) is not None:
+                drawn.add(str(name))
         panel.axhline(0.0, color="black", linewidth=0.8)
+        widen(panel)
         panel.set_xlabel("extra time (s)")
     for panel in axes[:, 0]:
         panel.set_ylabel("least clearance (m)")
-    front_legend(figure, looks)
+    known = {name: look for name, look in looks.items() if name in drawn}
+    counts = group(rows, "scenario", "forecast", "planner").values()
+    front_legend(figure, known, map(len, counts))
     return figure
 
 

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from wideberth.experiments import pieces
-from wideberth.experiments.player_regions import Shown, outlined, region_name, spacing
+from wideberth.experiments.kept_out import region_name
+from wideberth.experiments.player_regions import Shown, outlined, spacing
 from wideberth.experiments.plotting import COLOURS
 from wideberth.framework.arrays import Array, probability
 from wideberth.framework.errors import WideberthError

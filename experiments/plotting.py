@@ -1,6 +1,6 @@
 """How figures look: one style, readable in grey, and files without a time stamp."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +21,34 @@ COLOURS = ("#1b1b1b", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00")
 
 LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 2)))
 """Line styles, one per colour: in grey print the style alone tells lines apart."""
+
+
+ENOUGH = 10
+"""Episodes from which on figures draw intervals and quartiles; of fewer they say how many."""
+
+
+def few(counts: Iterable[int]) -> str:
+    """Say on a figure why a series has no interval; nothing where each has episodes enough.
+
+    Examples
+    --------
+    >>> few([40, 40]), few([2, 4])
+    ('', '2 to 4 episodes each: too few for intervals')
+    """
+    found = list(counts)
+    if not found or min(found) >= ENOUGH:
+        return ""
+    low, high = min(found), max(found)
+    number = f"{low}" if low == high else f"{low} to {high}"
+    noun = "episode" if high == 1 else "episodes"
+    return f"{number} {noun} each: too few for intervals"
+
+
+def note(text: str) -> Any:
+    """Return an entry of a legend that has words alone."""
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], linestyle="", label=text)
 
 
 @contextmanager

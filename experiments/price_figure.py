@@ -7,7 +7,7 @@ import numpy as np
 
 from wideberth.experiments.base import Row
 from wideberth.experiments.closed_loop import column, group
-from wideberth.experiments.plotting import COLOURS, PAGE
+from wideberth.experiments.plotting import COLOURS, PAGE, few, note
 from wideberth.experiments.prices import ELLIPSE, excess, quartiles
 from wideberth.experiments.region_family import title
 
@@ -19,11 +19,13 @@ def draw_prices(rows: list[Row], summary: list[Row], times: list[Row]) -> Any:
     """Clearance, extra time, extra way and solve-time ratio of each region, by its area.
 
     Dots are medians over the seeds. Bars reach from the least to the median clearance, and
-    between the quartiles of all else; left of zero clearance the discs overlap.
+    between the quartiles of all else, where there are at least `ENOUGH` seeds; left of zero
+    clearance the discs overlap.
     """
     from matplotlib import pyplot
 
     names = _by_area(summary)
+    words = few(len(some) for some in group(rows, "region", "forecast").values())
     forecasts = list(dict.fromkeys(str(line["forecast"]) for line in summary))
     figure, panels = pyplot.subplots(
         1, 5, figsize=(PAGE, 1.2 + 0.2 * len(names)), sharey=True,
@@ -34,9 +36,9 @@ def draw_prices(rows: list[Row], summary: list[Row], times: list[Row]) -> Any:
         for place, name in enumerate(names):
             values = _values(rows, summary, times, forecast, name)
             for panel, three in zip(panels, values, strict=True):
-                _mark(panel, three, place + offset, i)
+                _mark(panel, three, place + offset, i, bars=not words)
     _dress(panels, names)
-    _legend(figure, forecasts)
+    _legend(figure, forecasts, words)
     return figure
 
 
@@ -72,12 +74,13 @@ def _by_area(summary: list[Row]) -> list[str]:
     return sorted(sizes, key=lambda name: sizes[name])
 
 
-def _mark(panel: Any, three: Sequence[float], place: float, i: int) -> None:
+def _mark(panel: Any, three: Sequence[float], place: float, i: int, *, bars: bool) -> None:
     if not np.isfinite(three).all() or not len(three):
         return
     low, middle, high = three
     colour = COLOURS[(1 + i) % len(COLOURS)]
-    panel.plot([low, high], [place, place], "-", color=colour, linewidth=1.0)
+    if bars:
+        panel.plot([low, high], [place, place], "-", color=colour, linewidth=1.0)
     panel.plot(
         middle, place, MARKERS[i % len(MARKERS)], color=colour, markersize=3.4,
         markerfacecolor="white" if i else colour, markeredgewidth=0.8,
@@ -113,7 +116,7 @@ def _octaves(panel: Any) -> None:
     panel.xaxis.set_minor_locator(NullLocator())
 
 
-def _legend(figure: Any, forecasts: list[str]) -> None:
+def _legend(figure: Any, forecasts: list[str], words: str) -> None:
     from matplotlib.lines import Line2D
 
     entries = [
@@ -130,11 +133,6 @@ def _legend(figure: Any, forecasts: list[str]) -> None:
         )
         for i, forecast in enumerate(forecasts)
     ]
-    note = Line2D(
-        [],
-        [],
-        linestyle="",
-        label="dots: medians over the seeds; bars: quartiles\n"
-        "(clearance: from the least; grey: collision)",
-    )
-    figure.legend(handles=[*entries, note], loc="outside lower center", ncols=len(entries) + 1)
+    bars = words or "bars: quartiles\n(clearance: from the least; grey: collision)"
+    entries.append(note(f"dots: medians over the seeds; {bars}"))
+    figure.legend(handles=entries, loc="outside lower center", ncols=len(entries))

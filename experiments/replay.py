@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self, final
+from typing import TYPE_CHECKING, ClassVar, Self, final
 
 import numpy as np
 
-from wideberth.framework.arrays import Array, positive, probability, whole
+from wideberth.framework.arrays import positive, probability, whole
 from wideberth.framework.controller import Controller, fresh
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.io import write_bytes
@@ -200,18 +200,20 @@ class Replay(Experiment):
         """Compare the planners, draw one episode of each, and animate the first's."""
         from .animation import animate
         from .drawing import draw_run
+        from .kept_out import planner_behind
         from .plotting import paper_style, save
 
         with paper_style():
             files = save(compare(result.rows), folder, "comparison")
-        for i, name in enumerate(self.planners):
+        for i, (name, controller) in enumerate(self.planners.items()):
             data = result.read(f"replay-{name}-{self.seed + self.show}.npz")
             episode = Episode.from_bytes(data)
             with paper_style():
                 files += save(draw_run(episode), folder, f"run_{name}")
             if i == 0:
                 files.append(folder / f"animation_{name}.gif")
-                write_bytes(files[-1], animate(episode, tail=self.tail))
+                film = animate(episode, tail=self.tail, planner=planner_behind(controller))
+                write_bytes(files[-1], film)
         return files
 
     def quick(self) -> Self:
@@ -246,35 +248,18 @@ def compare(rows: list[Row]) -> "Figure":
     """
     from matplotlib.figure import Figure
 
-    from .plotting import PAGE, name_columns
+    from .plotting import PAGE
+    from .strips import strip, strip_legend
 
     groups = group(rows, "planner")
-    figure = Figure(figsize=(PAGE, 2.4 if len(groups) <= 6 else 3.2))
+    figure = Figure(figsize=(PAGE, 2.7 if len(groups) <= 6 else 3.5))
     titles = {
         "clearance": "least clearance (m)",
-        "time_ratio_worst": "time over free time (1)",
+        "time_ratio_worst": "time over free time",
     }
     for panel, (name, title) in zip(figure.subplots(1, 2), titles.items(), strict=True):
-        for place, some in enumerate(groups.values()):
-            _strip(panel, place, column(some, name))
+        strip(panel, rows, name)
         panel.axhline(0.0 if name == "clearance" else 1.0, color="0.5", linewidth=0.6)
-        name_columns(panel, [key for (key,) in groups])
         panel.set_ylabel(title)
+    strip_legend(figure, "bodies touch, free time")
     return figure
-
-
-def _strip(panel: Any, place: int, values: Array) -> None:
-    """Draw one column of points in the order of the episodes, and their median."""
-    from .plotting import COLOURS
-
-    across = place + (np.arange(len(values)) - 0.5 * (len(values) - 1)) * 0.5 / len(values)
-    known = np.isfinite(values)
-    panel.plot(across[known], values[known], "o", markersize=3.5, color=COLOURS[0])
-    if not known.all():
-        panel.plot(
-            across[~known], np.full((~known).sum(), 0.96), "^", markersize=4, color=COLOURS[2],
-            transform=panel.get_xaxis_transform(),
-        )  # fmt: skip
-    middle = float(np.median(values))
-    if np.isfinite(middle):
-        panel.plot([place - 0.35, place + 0.35], [middle, middle], "-", color=COLOURS[1])

@@ -7,7 +7,7 @@ import numpy as np
 
 from .base import Row
 from .closed_loop import group
-from .fronts import mark, say_empty
+from .fronts import bars_note, mark, say_empty, widen
 from .plotting import COLOURS, PAGE
 from .showing import shown
 
@@ -47,6 +47,8 @@ def draw_fronts(lines: Sequence[Row], rows: Sequence[Row]) -> Any:
         if place is not None:
             panel.plot(*place, "*", color=COLOURS[0], markersize=9, zorder=4)
         panel.margins(0.12)
+        if place is not None:
+            widen(panel)
         if i + wide >= len(factors):  # nothing below it
             panel.tick_params(labelbottom=True)
             panel.set_xlabel("time to the goals (s)")
@@ -55,7 +57,7 @@ def draw_fronts(lines: Sequence[Row], rows: Sequence[Row]) -> Any:
             say_empty(panel)
     for panel in axes[:, 0]:
         panel.set_ylabel("least clearance (m)")
-    _legend(figure)
+    _legend(figure, bars_note(map(len, played.values())))
     return figure
 
 
@@ -79,7 +81,7 @@ def _front(lines: Sequence[Row]) -> Any:
     return np.stack([best, corners], axis=1).reshape(-1, 2)
 
 
-def _legend(figure: Any) -> None:
+def _legend(figure: Any, words: str) -> None:
     from matplotlib.lines import Line2D
 
     entries = [
@@ -87,4 +89,7 @@ def _legend(figure: Any) -> None:
         Line2D([], [], linestyle="", marker="o", color=COLOURS[1], label="one setting changed"),
         Line2D([], [], color=BEST, linewidth=2.5, label="front of those that always arrive"),
     ]
-    figure.legend(handles=entries, loc="outside lower center", ncols=3)
+    figure.legend(
+        handles=entries, loc="outside lower center", ncols=3, title=f"medians; {words}",
+        title_fontsize=7,
+    )  # fmt: skip

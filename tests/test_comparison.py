@@ -217,7 +217,7 @@ def test_where_nobody_arrived_the_figures_say_so(gate: Comparison) -> None:
     figures = [_front(rows, names), _pairs(rows, names, names[0])]
     assert [text.get_text() for text in figures[0].axes[0].texts] == ["nobody arrived"]
     assert len(figures[0].axes[0].get_xticks()) == 0
-    assert list(figures[1].axes[0].get_xticks()) == [0.0]
+    assert len(figures[1].axes[0].get_xticks()) == 0
     for figure in figures:
         pyplot.close(figure)
 

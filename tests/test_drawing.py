@@ -172,8 +172,11 @@ def test_views_show_plan_reference_and_forecast():
         np.testing.assert_array_equal(line(panel, "planned positions"), seen.positions[1:])
         np.testing.assert_array_equal(line(panel, "reference points"), seen.reference)
         np.testing.assert_array_equal(line(panel, "reference path"), log.paths[0][1].points)
-        (regions,) = [c for c in panel.collections if str(c.get_label()).startswith("forecast")]
-        assert len(regions.get_paths()) == STEPS
+        (regions,) = [c for c in panel.collections if str(c.get_label()).startswith("asked")]
+        np.testing.assert_array_equal(
+            [path.vertices[:-1] for path in regions.get_paths()],
+            outlines(forecast(), TAIL, every=3),
+        )
         bodies = [c for c in panel.collections if c is not regions]
         assert [body.get_hatch() for body in bodies].count(None) == 1  # told apart without colour
         own = next(body for body in bodies if body.get_hatch() is None)
@@ -184,12 +187,14 @@ def test_views_show_plan_reference_and_forecast():
         assert panel.get_aspect() == 1.0
         assert panel.get_xlabel() == "x (m)"
         title = panel.get_title()
-        assert title == f"{log.name} robot's view, t = {seen.stamp:.2f} s\nplan holds 78 % content"
+        head, held = title.splitlines()
+        assert head == f"{log.name} robot's view, t = {seen.stamp:.2f} s"
+        assert held == "plan holds 78 % content, 95 % asked"
     spans = [(np.ptp(panel.get_xlim()), np.ptp(panel.get_ylim())) for panel in figure.axes]
     np.testing.assert_allclose(spans[0], spans[1])
     assert labels(figure) == [
-        "reference path", "reference points", "planned positions", "forecast regions, 95 %",
-        "robot and its trail", "obstacle and its trail",
+        "reference path", "reference points", "planned positions",
+        "asked content 95 %, not enlarged", "robot and its trail", "obstacle and its trail",
     ]  # fmt: skip
 
 
@@ -207,7 +212,7 @@ def test_views_of_other_plans():
     figure = draw_views(shown, distance=5.0, tail=TAIL)
     first, second = (panel.get_title().splitlines()[1] for panel in figure.axes)
     assert first == "plan without obstacles"
-    assert second == "shifted last plan holds less than 1 % content"
+    assert second == "shifted last plan holds less than 1 % content, 95 % asked"
     without = Episode(TIMES, (replace(left, plans=()), right), "goals", 0.25, 0)
     figure = draw_views(without, distance=5.0, tail=TAIL)
     assert figure.axes[0].get_title().endswith("no plan")
@@ -239,14 +244,14 @@ def test_run_shows_ways_marks_and_the_closest_approach():
     named = labels(figure)
     assert named == [
         "reference path", "start", "goal", "left, marks every 5 s", "right, marks every 5 s",
-        "upper, marks every 5 s", "recorded", named[-1],
+        "upper, marks every 5 s", "replayed", named[-1],
     ]  # fmt: skip
     found = closest(episode(upper, walker("a"), walker("b")))
     assert named[-1] == (
         f"least clearance between agents\n{found.clearance:.2f} m at {found.time:.1f} s"
     )
     times = [text.get_text() for text in panel.texts]
-    assert times == ["5", "10", "15"] * 3
+    assert times == ["5 s", "10 s", "15 s"] * 3
     assert panel.get_aspect() == 1.0
     ends = line(panel, named[-1])
     assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(abs(found.clearance))

@@ -9,8 +9,9 @@ import pytest
 
 from wideberth.experiments.closed_loop import log_name
 from wideberth.experiments.comparison import Comparison
+from wideberth.experiments.kept_out import COUNT, outlines
 from wideberth.experiments.player_data import packed
-from wideberth.experiments.player_regions import COUNT, episode_planner, outlines
+from wideberth.experiments.player_regions import episode_planner
 from wideberth.framework.config import build, describe
 from wideberth.framework.footprint import Outline
 from wideberth.framework.forecast import GaussianObstacle

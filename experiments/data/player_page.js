@@ -44,20 +44,23 @@ class Player {
 
   key() {
     const items = [
-      ["reference", "reference path and points"], ["region", "forecast means and regions"],
+      ["reference", "reference path and points"], ["region", "forecast means", "dotted"],
+      ["region", "regions of the forecast, not enlarged", "solid", "pale"],
     ];
     const robot = this.robots[this.part("robot").selectedIndex];
     const { region } = this.episode, flat = this.episode.axes.length === 1;
     const enlarged = flat && (region !== null || robot.room !== null);
-    const words = region === null ? "enlarged by r + r_d, as the paper's region is"
+    const words = region === null
+      ? "at the plan's level, enlarged by r + r_d, as the paper's region is"
       : `kept out of at the plan's level: ${region}`;
     this.part("enlarged").parentElement.hidden = !enlarged;
     this.part("each").parentElement.hidden = this.episode.every > 1;
-    if (enlarged) items.push(["region", words, "dashed"]);
+    if (enlarged) items.push(["region", words]);
     items.push([`robot-${robot.color}`, `${robot.name}, its plan and trail`]);
     items.push(["other", "others", "dotted"]);
-    const lines = items.map(([color, text, style]) => {
+    const lines = items.map(([color, text, style, pale]) => {
       const line = document.createElement("li"), mark = document.createElement("i");
+      mark.style.opacity = pale ? "0.4" : "1";
       mark.style.borderTopColor = `var(--${color})`;
       mark.style.borderTopStyle = style ?? "solid";
       line.append(mark, text);

@@ -166,24 +166,26 @@ class View {
     const { context: c, colors, axes: [a, b] } = this;
     for (const one of plan.forecast) {
       c.strokeStyle = c.fillStyle = colors.region;
-      c.lineWidth = 1;
       const shade = 0.35 + 0.65 * one.weight;
       const [long, short, angle] = one.ellipses[this.number];
       const room = state.robot.room === null ? null : state.robot.room + one.radius;
       for (let i = 0; i < long.length; i += 1) {
-        const scale = state.regions === "held" ? one.held[i] : 1;
+        const held = one.held[i], scale = state.regions === "held" ? held : 1;
         const skipped = !state.each && (long.length - 1 - i) % THIRD !== 0;
         if (state.enlarged && (!skipped || this.episode.apart > 1)) this.rim(one.sets[i], shade);
-        if (skipped || state.regions === "none" || !Number.isFinite(scale)) continue;
+        if (skipped) continue;
         const place = [this.toX(one.mean[a][i]), this.toY(one.mean[b][i])];
-        const axes = [scale * long[i], scale * short[i]];
-        this.ellipse(place, axes, angle[i], 0.06 * shade, 0.75 * shade);
+        const axes = (times, more) => [times * long[i] + more, times * short[i] + more];
+        c.lineWidth = 1;
+        if (state.regions !== "none" && Number.isFinite(scale)) {
+          this.ellipse(place, axes(scale, 0), angle[i], 0.06 * shade, 0.3 * shade);
+        }
         const known = this.episode.region !== null || this.episode.axes.length > 1;
-        if (!state.enlarged || room === null || known) continue;
-        c.setLineDash([4, 3]);
-        this.ellipse(place, axes.map((axis) => axis + room), angle[i], 0, 0.55 * shade);
-        c.setLineDash([]);
+        if (!state.enlarged || room === null || known || !Number.isFinite(held)) continue;
+        c.lineWidth = 1.4;
+        this.ellipse(place, axes(held, room), angle[i], 0, 0.9 * shade);
       }
+      c.lineWidth = 1;
       c.globalAlpha = shade;
       this.line(one.mean[a], one.mean[b]);
       c.stroke();
@@ -198,10 +200,9 @@ class View {
     const { context: c } = this;
     this.line(...points);
     c.closePath();
-    c.setLineDash([4, 3]);
-    c.globalAlpha = 0.75 * shade;
+    c.lineWidth = 1.4;
+    c.globalAlpha = 0.9 * shade;
     c.stroke();
-    c.setLineDash([]);
     c.globalAlpha = 1;
   }
 
