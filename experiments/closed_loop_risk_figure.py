@@ -7,7 +7,7 @@ import numpy as np
 
 from wideberth.experiments.base import Row
 from wideberth.experiments.closed_loop import column, group
-from wideberth.experiments.plotting import COLOURS, PAGE, paper_style, save
+from wideberth.experiments.plotting import COLOURS, ENOUGH, LINES, PAGE, few, paper_style, save
 
 MARKS = "osD^vP"
 LEAST = 1e-3
@@ -31,10 +31,14 @@ def draw(lines: list[Row], folder: Path) -> list[Path]:
                 _touched(lower, some, looks[name])
             _nominal(upper, own, "outside_nominal")
             _nominal(lower, own, "touched_nominal")
-            upper.set_title(f"{crowd}\n{str(level).replace('_', ' ')} %")
+            upper.set_title(f"{crowd}\n{str(level).replace('_', ', tail ')} %")
             lower.set_xlabel("step")
         marks = _legend(panels[0])
-        figure.legend(marks.values(), marks.keys(), loc="outside lower center", ncols=6)
+        words = few(int(line["episodes"]) for line in lines) or "bars: intervals of 95 %"
+        figure.legend(
+            marks.values(), marks.keys(), loc="outside lower center", ncols=6,
+            title=f"{words}; dotted: nominal", title_fontsize=7,
+        )  # fmt: skip
         panels[0, 0].set_ylabel("walker outside its region")
         panels[0, 0].set_ylim(0.0, 1.0)
         panels[1, 0].set_ylabel("touched, of near pairs\n(line: computed)")
@@ -54,23 +58,36 @@ def _legend(panels: Any) -> dict[str, Any]:
 
 def _outside(panel: Any, some: list[Row], k: int, name: str) -> None:
     steps, share = column(some, "step"), column(some, "outside")
-    bars = [share - column(some, "outside_low"), column(some, "outside_high") - share]
     panel.errorbar(
-        steps, share, np.maximum(bars, 0.0), fmt=MARKS[k], color=COLOURS[k], linestyle="none",
-        markersize=3, linewidth=0.8, label=name,
+        steps, share, _bars(some, "outside"), fmt=MARKS[k], color=COLOURS[k],
+        linestyle="none", markersize=3, linewidth=0.8, label=name,
     )  # fmt: skip
 
 
 def _touched(panel: Any, some: list[Row], k: int) -> None:
     steps, share = column(some, "step"), column(some, "near_touched")
-    bars = [share - column(some, "near_touched_low"), column(some, "near_touched_high") - share]
     shift = 0.12 * (k - 2)
     panel.errorbar(
-        steps + shift, share, np.maximum(bars, 0.0), fmt=MARKS[k], color=COLOURS[k],
+        steps + shift, share, _bars(some, "near_touched"), fmt=MARKS[k], color=COLOURS[k],
         linestyle="none", markersize=3, linewidth=0.8,
     )  # fmt: skip
-    panel.plot(steps + shift, column(some, "near_expected"), "-", color=COLOURS[k], linewidth=0.8)
+    panel.plot(
+        steps + shift,
+        column(some, "near_expected"),
+        linestyle=LINES[k],
+        color=COLOURS[k],
+        linewidth=0.8,
+    )
 
 
 def _nominal(panel: Any, own: list[Row], name: str) -> None:
     panel.axhline(own[0][name], color="black", linestyle=":", linewidth=0.9)
+
+
+def _bars(some: list[Row], name: str) -> Any:
+    """Lengths of bars below and above a share, (2, K); None of fewer than `ENOUGH` episodes."""
+    if min(column(some, "episodes")) < ENOUGH:
+        return None
+    share = column(some, name)
+    bars = [share - column(some, f"{name}_low"), column(some, f"{name}_high") - share]
+    return np.maximum(bars, 0.0)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from matplotlib import pyplot
 
+from wideberth.experiments import closed_loop_risk_figure
 from wideberth.experiments import comparison_figures as figures
 from wideberth.experiments.base import Row
 from wideberth.experiments.fronts import LEAST_CLEARANCE, LEAST_TIME
@@ -111,3 +112,13 @@ def test_few_counts_episodes() -> None:
     assert few([]) == few([10, 40]) == ""
     assert few([1, 1]) == "1 episode each: too few for intervals"
     assert few([9, 12]) == "9 to 12 episodes each: too few for intervals"
+
+
+@pytest.mark.parametrize("episodes", [4, 12])
+def test_shares_of_few_episodes_have_no_bars(episodes: int) -> None:
+    line = {"episodes": episodes, "outside": 0.2, "outside_low": 0.1, "outside_high": 0.5}
+    bars = closed_loop_risk_figure._bars([line], "outside")
+    if episodes < 10:
+        assert bars is None
+    else:
+        np.testing.assert_allclose(bars, [[0.1], [0.3]])
