@@ -14,6 +14,7 @@ from ..framework.tracks import Tracks
 from .core.assembly import refuse_adaptive, with_fallback
 from .core.history import Histories, gather
 from .core.least_squares import complete_rows, lagged, regress
+from .core.own_step import Says, at_own_step
 from .core.pattern_search import fit_numbers
 from .core.velocity_forecast import past_velocities, process_gaussians, served, start_covariance
 from .core.velocity_process import VelocityProcess, velocity_path
@@ -126,8 +127,8 @@ class BayesianVectorAutoregression(Fittable):
     with which forecasts of windows (8 samples seen, 12 predicted) give what then happened the
     highest mean log likelihood, and learns the process of the pooled mean.
 
-    Left to ``fallback``, with a reason: obstacles of fewer than p + 1 samples and, with a pooled
-    mean, tracks whose step differs by more than 1 % from the recordings'.
+    Left to ``fallback``, with a reason: obstacles of fewer than p + 1 samples. With a pooled mean,
+    tracks whose step differs from the recordings' are resampled to it (`at_own_step`).
 
     Parameters
     ----------
@@ -213,8 +214,17 @@ class BayesianVectorAutoregression(Fittable):
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
         """Forecast all obstacles; see `Predictor.predict`."""
+        own, missing = at_own_step(
+            self._says, tracks, steps,
+            dt=None if self.fitted is None else self.fitted.dt,
+            rows=self.history, noise_floor=self.noise_floor, who="bayesian_var",
+        )  # fmt: skip
+        return with_fallback(own, missing, self.fallback, tracks, scene)
+
+    def _says(self, tracks: Tracks, steps: int) -> Says:
+        """Forecast tracks at the step of the process."""
         past = gather(tracks, length=self.history)
-        missing = unable("bayesian_var", past, self.order, tracks.dt, self.fitted)
+        missing = unable("bayesian_var", past, self.order)
         past = served(past, missing)
         velocities, recent = past_velocities(past, tracks.dt, self.order)
         believed = posterior(self._prior(tracks.dt), velocities, past)
@@ -222,4 +232,4 @@ class BayesianVectorAutoregression(Fittable):
         path = velocity_path(process, recent, steps + int(past.late.max(initial=0)))
         start = start_covariance(tracks, self.noise_floor, self.order)
         own = process_gaussians(process, past, path, start, tracks.dt, steps, root=believed.root)
-        return with_fallback(own, missing, self.fallback, tracks, scene)
+        return own, missing

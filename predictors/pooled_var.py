@@ -14,14 +14,13 @@ from ..framework.tracks import Tracks
 from ..framework.windows import windows_of
 from .core.assembly import refuse_adaptive, with_fallback
 from .core.history import LONGEST_GAP, Histories, gather
+from .core.own_step import Says, at_own_step
 from .core.velocity_forecast import past_velocities, process_gaussians, served, start_covariance
 from .core.velocity_process import VelocityProcess, velocity_path
 from .kalman import Kalman
 
 FIT_WANTED = 100
 """Fewest rows of the regression."""
-SAME_STEP = 0.01
-"""Share by which the step of tracks may differ from that of the recordings."""
 
 
 @dataclass(frozen=True)
@@ -110,8 +109,9 @@ class PooledVectorAutoregression(Fittable):
 
     Unfitted it is a random walk of the velocity: a_1 = 1, a_2 = 0, s^2 = q dT.
 
-    Left to ``fallback``, with a reason: obstacles of fewer than p + 1 samples, and tracks
-    whose step differs by more than 1 % from the recordings'.
+    Left to ``fallback``, with a reason: obstacles of fewer than p + 1 samples. Tracks whose step
+    differs from the recordings' are resampled to it (`at_own_step`), so that p + 1 samples at
+    the recordings' step are needed.
 
     Parameters
     ----------
@@ -160,8 +160,17 @@ class PooledVectorAutoregression(Fittable):
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
         """Forecast all obstacles; see `Predictor.predict`."""
+        own, missing = at_own_step(
+            self._says, tracks, steps,
+            dt=None if self.fitted is None else self.fitted.dt,
+            rows=self.order + 1, noise_floor=self.noise_floor, who="pooled_var",
+        )  # fmt: skip
+        return with_fallback(own, missing, self.fallback, tracks, scene)
+
+    def _says(self, tracks: Tracks, steps: int) -> Says:
+        """Forecast tracks at the step of the process."""
         past = gather(tracks, length=self.order + 1 + LONGEST_GAP)
-        missing = unable("pooled_var", past, self.order, tracks.dt, self.fitted)
+        missing = unable("pooled_var", past, self.order)
         past = served(past, missing)
         density = self.acceleration_density
         law = self.fitted or IsotropicProcess.random_walk(self.order, density, tracks.dt)
@@ -169,13 +178,10 @@ class PooledVectorAutoregression(Fittable):
         _, recent = past_velocities(past, tracks.dt, self.order)
         path = velocity_path(process, recent, steps + int(past.late.max(initial=0)))
         start = start_covariance(tracks, self.noise_floor, self.order)
-        own = process_gaussians(process, past, path, start, tracks.dt, steps)
-        return with_fallback(own, missing, self.fallback, tracks, scene)
+        return process_gaussians(process, past, path, start, tracks.dt, steps), missing
 
 
-def unable(
-    who: str, past: Histories, order: int, dt: float, learnt: IsotropicProcess | None
-) -> list[str | None]:
+def unable(who: str, past: Histories, order: int) -> list[str | None]:
     """Why a process of this order cannot serve each obstacle, or None.
 
     Parameters
@@ -183,13 +189,7 @@ def unable(
     who : name of the predictor.
     past : histories; samples filled in count.
     order : p.
-    dt : s, of the tracks.
-    learnt : the process, if it is learnt; it belongs to its own step.
     """
-    if learnt is not None and abs(dt / learnt.dt - 1) > SAME_STEP:
-        return [f"{who}: fitted at steps of {learnt.dt:g} s, tracks have {dt:g} s"] * len(
-            past.late
-        )
     return [
         None
         if length > order

@@ -10,7 +10,7 @@ from wideberth.framework.config import build, describe
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.tracks import Tracks
-from wideberth.predictors.kalman import Kalman
+from wideberth.predictors.bayesian_var import BayesianVectorAutoregression
 from wideberth.predictors.pooled_var import IsotropicProcess, PooledVectorAutoregression
 
 DT = 0.5
@@ -137,11 +137,40 @@ def test_what_it_cannot_serve_is_left_to_the_fallback_with_a_reason():
         "pooled_var: 1 sample, needs 3",
         None,
     )
-    other = tracks_of(paths, dt=0.4)
-    forecast = PooledVectorAutoregression(fitted=TRUTH).predict(other, 4)
-    reason = "pooled_var: fitted at steps of 0.5 s, tracks have 0.4 s"
-    assert forecast.fallback == (reason,) * 3
-    np.testing.assert_allclose(forecast.mean, Kalman().predict(other, 4).mean)
+
+
+@pytest.mark.parametrize(
+    "predictor",
+    [
+        PooledVectorAutoregression(fitted=TRUTH),
+        BayesianVectorAutoregression(prior_mean="pooled", fitted=TRUTH),
+    ],
+)
+@pytest.mark.parametrize("finer", [5, 2])
+def test_another_step_is_resampled_to_that_of_the_recordings(predictor, finer):
+    """Tracks of 0.1 and 0.25 s: at every 0.5 s ahead the forecast is that of tracks of 0.5 s."""
+    paths = walks(TRUTH, 3, 12, np.random.default_rng(4))
+    clock = np.arange(0.0, 11.0 + 1e-9, 1 / finer)
+    fine = np.stack([
+        np.stack([np.interp(clock, np.arange(12.0), path[:, axis]) for axis in (0, 1)], axis=1)
+        for path in paths
+    ])  # fmt: skip
+    wanted = predictor.predict(tracks_of(paths), 4)
+    found = predictor.predict(tracks_of(fine, dt=DT / finer), 4 * finer)
+    assert found.fallback == (None,) * 3
+    every = slice(finer - 1, None, finer)
+    np.testing.assert_allclose(found.mean[:, :, every], wanted.mean, atol=1e-9)
+    np.testing.assert_allclose(found.covariance[:, :, every], wanted.covariance, atol=1e-9)
+    fine[0, -finer:] = np.nan  # last seen half a second ago: as if one step of 0.5 s were missing
+    paths[0, -1] = np.nan
+    late, early = predictor.predict(tracks_of(fine, dt=DT / finer), 2 * finer), tracks_of(paths)
+    np.testing.assert_allclose(
+        late.mean[0, :, every], predictor.predict(early, 2).mean[0], atol=1e-9
+    )
+    short = predictor.predict(tracks_of(fine[:, -finer - 1 :], dt=DT / finer), 4)
+    assert all("needs 3" in reason for reason in short.fallback)
+    coarse = predictor.predict(tracks_of(paths, dt=2 * DT), 3)  # straight lines between samples
+    assert coarse.fallback == (None,) * 3
 
 
 def test_laws_and_plain_config():
