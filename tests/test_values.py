@@ -76,10 +76,9 @@ def test_bad_tracks_and_observations() -> None:
         Tracks(fine + np.inf, 0.5, ("a",), np.ones(1), noise)
     with pytest.raises(WideberthError, match="dt"):
         Tracks(fine, 0.0, ("a",), np.ones(1), noise)
-    with pytest.raises(WideberthError, match="radius"):
-        Detection("a", np.zeros(2), np.eye(2), -0.5)
-    with pytest.raises(WideberthError, match="state"):
-        Observation(0.0, np.array([0.0, np.nan]))
+    # What a sensor may report at any time is no error, but named.
+    assert Detection("a", np.zeros(2), np.eye(2), -0.5).flaw == "radius is -0.5"
+    assert Observation(0.0, np.array([0.0, np.nan])).flaw == "state is [0.0, nan]"
 
 
 def test_bad_forecasts() -> None:
