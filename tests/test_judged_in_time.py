@@ -133,7 +133,9 @@ class Knowing(Predictor):
     wrong: tuple[float, ...] = field(default=(0.0,) * STEPS)
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
-        mean = runner(tracks.stamp + tracks.dt * np.arange(1, steps + 1))
+        ahead = tracks.stamp + tracks.dt * np.arange(steps + 1)
+        moved = runner(ahead[1:]) - runner(ahead[:1])
+        mean = tracks.positions[0, -1] + moved
         mean = mean + SPREAD * np.stack([self.wrong[:steps], np.zeros(steps)], axis=-1)
         wide = np.tile(SPREAD**2 * np.eye(2), (len(tracks), steps, 1, 1))
         return Forecast.single(np.tile(mean, (len(tracks), 1, 1)), wide, tracks.dt)
