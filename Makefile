@@ -4,7 +4,7 @@ ROOMS := framework predictors regions robots controllers simulation experiments
 WORKERS ?= 2
 FIGURES ?= ellipse_construction approximation_error forecast_regions chicken_game crossing
 
-.PHONY: help demo test lint bench fuzz figures lock
+.PHONY: help demo test lint bench fuzz mutants figures lock
 .DEFAULT_GOAL := help
 
 help:                   ## list the targets
@@ -29,6 +29,9 @@ bench: .venv/ready      ## measure speed (see benchmarks/README.md)
 
 fuzz: .venv/ready       ## absurd input for planners, predictors and configs (half an hour or more)
 	$(BIN)/python benchmarks/fuzz.py --workers $(WORKERS)
+
+mutants: .venv/ready    ## change the code for the worse and count what no test sees
+	$(BIN)/python -m wideberth.tests.mutation.study
 
 figures: .venv/ready    ## draw the figures of FIGURES="name ..." (run first where need be)
 	$(BIN)/wideberth figures $(FIGURES) --workers 2

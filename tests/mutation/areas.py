@@ -1,0 +1,161 @@
+"""Which modules are changed, which tests are tried, and which of them reach a change."""
+
+import ast
+import random
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from wideberth.tests.mutation.sites import Site, sites
+
+Found = dict[str, Any]
+
+ROOT = Path(__file__).resolve().parents[2]
+MPC, CORE = "framework/mpc", "predictors/core"
+AREAS: dict[str, list[str]] = {
+    "cycle": [
+        f"{MPC}/{name}.py"
+        for name in (
+            "attempts", "case", "emergency", "follower", "manoeuvres", "perception", "planner",
+            "reference", "rollout", "situation", "starts", "curve",
+        )
+    ],
+    "ladder": [f"{MPC}/{name}.py" for name in ("ladder", "verify", "contact", "explain")],
+    "filling": [
+        f"{MPC}/{name}.py"
+        for name in (
+            "instance", "walls", "bodies", "ego", "problem", "assembly", "transcription",
+            "levels/base", "levels/discounted", "levels/relaxed", "levels/risk_allocation",
+        )
+    ],
+    "regions": ["regions/*.py", "regions/static/*.py", "framework/geometry.py"],
+    "propagation": [
+        "framework/forecast.py",
+        *(
+            f"{CORE}/{name}.py"
+            for name in (
+                "kalman_filter", "mode_bank", "paper_recursion", "propagation", "small_matrices",
+                "turn_filter", "velocity_forecast", "velocity_process",
+            )
+        ),
+    ],
+    "calibration": [
+        f"{CORE}/calibration.py", f"{CORE}/error_table.py", "predictors/conformal.py",
+        "predictors/adaptive_conformal.py", "predictors/empirical.py", "framework/windows.py",
+    ],
+    "judging": [
+        f"simulation/{name}.py"
+        for name in ("crowdnav_verdict", "gaps", "log", "measures", "promises", "summary")
+    ],
+    "metrics": [
+        f"framework/{name}.py"
+        for name in (
+            "metrics", "metrics_comfort", "metrics_motion", "metrics_plan", "scoring",
+            "statistics", "risk", "eigenframe",
+        )
+    ],
+}  # fmt: skip
+TESTS = (
+    "alignment",
+    "attempts",
+    "judged_in_time",
+    "ladder",
+    "levels",
+    "measures",
+    "metrics",
+    "no_covariance",
+    "own_uncertainty",
+    "scoring",
+    "starts",
+    "statistics",
+    "windows",
+    "gaps",
+    "explain",
+    "contouring",
+    "costs",
+    "crowdnav_verdict",
+    "problem",
+    "propagation",
+    "walls.py",
+    "planner_",
+    "predictors_adaptive",
+    "predictors_conformal",
+    "predictors_empirical",
+    "predictors_history",
+    "predictors_imm",
+    "predictors_kalman",
+    "predictors_turn",
+    "predictors_var",
+    "predictors_degenerate",
+    "predictors.py",
+    "regions_",
+    "golden_regions",
+    "static_regions",
+    "risk.py",
+    "risk_axes",
+    "late_commands",
+    "simulation_log",
+    "footprints",
+    "terminal",
+    "emergency",
+    "deadline",
+    "values",
+    "extent",
+    "reference_speed",
+)
+"""Parts of the names of the test files that are tried; others test other modules, play whole
+episodes, draw, or start processes."""
+
+
+def paths(area: str) -> list[str]:
+    """Modules of an area."""
+    found = [str(one.relative_to(ROOT)) for name in AREAS[area] for one in sorted(ROOT.glob(name))]
+    return [one for one in found if not one.endswith("__init__.py")]
+
+
+def draw(modules: dict[str, str], seed: int, count: int) -> list[tuple[str, Site]]:
+    """Draw changes, as many from every area."""
+    rng = random.Random(seed)
+    drawn = []
+    for number, area in enumerate(AREAS):
+        every = [site for path in paths(area) for site in sites(path, modules[path])]
+        share = count // len(AREAS) + (number < count % len(AREAS))
+        chosen = sorted(rng.sample(range(len(every)), min(share, len(every))))
+        drawn += [(area, every[i]) for i in chosen]
+    return drawn
+
+
+def reaching(site: Site, source: str, reached: dict[str, Found]) -> list[str]:
+    """Tests that call the changed function, the quick and specific ones first.
+
+    Of what stands outside of functions: tests that call a function of the module that names it;
+    if there is none, tests that call any function of the class or module.
+    """
+    asked = {f"{site.path} {site.owner}"}
+    if site.names:
+        asked = {f"{site.path} {name}" for name in _naming(ast.parse(source), site.names)}
+    fitting = [test for test, found in reached.items() if asked & {*found["functions"]}]
+    if not fitting and site.names:
+        around = f"{site.path} {site.owner}"
+        fitting = [
+            test
+            for test, found in reached.items()
+            if any(one.startswith(around) for one in found["functions"])
+        ]
+
+    def dear(test: str) -> float:
+        return float((0.05 + reached[test]["seconds"]) * (5 + len(reached[test]["functions"])))
+
+    return sorted(fitting, key=dear)
+
+
+def _naming(node: ast.AST, names: tuple[str, ...], owner: str = "") -> Iterator[str]:
+    """Qualified names of the functions that name one of these."""
+    for child in ast.iter_child_nodes(node):
+        name = f"{owner}.{getattr(child, 'name', '')}".strip(".")
+        if isinstance(child, ast.ClassDef):
+            yield from _naming(child, names, name)
+        elif isinstance(child, ast.FunctionDef):
+            inside = (getattr(one, "id", getattr(one, "attr", "")) for one in ast.walk(child))
+            if any(one in names for one in inside):
+                yield name
