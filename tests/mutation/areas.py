@@ -3,6 +3,7 @@
 import ast
 import random
 from collections.abc import Iterator
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -114,15 +115,14 @@ def paths(area: str) -> list[str]:
 
 
 def draw(modules: dict[str, str], seed: int, count: int) -> list[tuple[str, Site]]:
-    """Draw changes, as many from every area."""
+    """Draw changes, as many from every area, one area after the other in turn."""
     rng = random.Random(seed)
-    drawn = []
+    columns = []
     for number, area in enumerate(AREAS):
         every = [site for path in paths(area) for site in sites(path, modules[path])]
         share = count // len(AREAS) + (number < count % len(AREAS))
-        chosen = sorted(rng.sample(range(len(every)), min(share, len(every))))
-        drawn += [(area, every[i]) for i in chosen]
-    return drawn
+        columns.append([(area, one) for one in rng.sample(every, min(share, len(every)))])
+    return [one for row in zip_longest(*columns) for one in row if one is not None]
 
 
 def reaching(site: Site, source: str, reached: dict[str, Found]) -> list[str]:

@@ -75,9 +75,7 @@ class _Study:
         reached = self._measured(modules)
         drawn = draw(modules, self._asked.seed, self._asked.count)
         results = self._results(modules, drawn, reached)
-        text = table(drawn, results)
-        (self._out / f"mutants-{self._asked.seed}.md").write_text(text)
-        print(text)
+        print(table(drawn, results))
         return True
 
     def _results(
@@ -95,6 +93,7 @@ class _Study:
             print(f"{verdict:9} {seconds:5.1f} s  {site.path}:{site.line} {site.text} [{words}]")
             sys.stdout.flush()
             kept.write_text(json.dumps(results, indent=1))
+            kept.with_suffix(".md").write_text(table(drawn, results))
 
         jobs = []
         for _, site in drawn:
@@ -181,29 +180,32 @@ class _Study:
 
 def table(drawn: list[tuple[str, Site]], results: dict[str, Found]) -> str:
     """Counts per area, and every change that survived, with the reason where one is known."""
-    reasons = survivors()
-    lines = ["| area | changes | killed | by an assertion | survived | of them equivalent |",
-             "| --- | --- | --- | --- | --- | --- |"]  # fmt: skip
-    total = [0] * 5
-    for area in [*AREAS, "all"]:
-        mine = [str(site) for own, site in drawn if area in (own, "all")]
-        killed = [one for one in mine if results[one]["verdict"] == "killed"]
-        alive = [one for one in mine if one not in killed]
-        told = sum(
-            "Error" not in results[k]["by"] or "AssertionError" in results[k]["by"] for k in killed
-        )
-        total = [len(mine), len(killed), told, len(alive), sum(one in reasons for one in alive)]
-        lines.append("| " + " | ".join([area, *map(str, total)]) + " |")
-    lines += ["", f"Killed: {total[1] / total[0]:.1%} of {total[0]}; of those that change "
-              f"something {total[1] / max(total[0] - total[4], 1):.1%}.", ""]  # fmt: skip
-    alive = [s for _, s in drawn if results[str(s)]["verdict"] != "killed"]
-    lines += [
-        f"- {one} ({results[str(one)]['by']}) **{reasons.get(str(one), 'no reason')}**"
-        for one in alive
-    ]
-    return "\n".join(
-        [*lines, *(f"- not in the list any more: {one}" for one in _stale(drawn, results))]
+    reasons, tried = (
+        survivors(),
+        [(area, str(site)) for area, site in drawn if str(site) in results],
     )
+    rows = [
+        ["area", "changes", "killed", "by an assertion", "survived", "equivalent"],
+        ["---"] * 6,
+    ]
+    for area in [*AREAS, "all"]:
+        mine = [results[name] | {"name": name} for own, name in tried if area in (own, "all")]
+        killed = [one for one in mine if one["verdict"] == "killed"]
+        asserted = [one for one in killed if one["by"].endswith("AssertionError")]
+        alike = [one for one in mine if one not in killed and one["name"] in reasons]
+        numbers = (len(mine), len(killed), len(asserted), len(mine) - len(killed), len(alike))
+        rows.append([area, *map(str, numbers)])
+    lines = [f"| {' | '.join(row)} |" for row in rows]
+    share = len(killed) / max(len(mine), 1)
+    differ = len(killed) / max(len(mine) - len(alike), 1)
+    lines += ["", f"{len(mine)} of {len(drawn)} changes tried, {share:.1%} killed; of those that "
+              f"change something {differ:.1%}.", ""]  # fmt: skip
+    lines += [
+        f"- {name} ({results[name]['by']}): {reasons.get(name, 'no reason known')}"
+        for _, name in tried
+        if results[name]["verdict"] != "killed"
+    ]
+    return "\n".join([*lines, *(f"- listed, but {one}" for one in _stale(results)), ""])
 
 
 def survivors() -> dict[str, str]:
@@ -212,7 +214,7 @@ def survivors() -> dict[str, str]:
     return dict(yaml.safe_load(file.read_text()) or {}) if file.exists() else {}
 
 
-def _stale(drawn: list[tuple[str, Site]], results: dict[str, Found]) -> Iterator[str]:
+def _stale(results: dict[str, Found]) -> Iterator[str]:
     """Entries that are no change of the code as it is, or that a test kills."""
     every = {
         str(site)
@@ -222,9 +224,9 @@ def _stale(drawn: list[tuple[str, Site]], results: dict[str, Found]) -> Iterator
     }
     for one in survivors():
         if one not in every:
-            yield f"{one} (no such change)"
+            yield f"no such change: {one}"
         elif results.get(one, {}).get("verdict") == "killed":
-            yield f"{one} (killed by {results[one]['by']})"
+            yield f"killed by {results[one]['by']}: {one}"
 
 
 def _digest(*texts: str) -> str:

@@ -1,0 +1,85 @@
+"""What plans are made from and fall back on, to the step: shapes, clocks, sides, directions."""
+
+import numpy as np
+import pytest
+
+from wideberth.framework.motion import Observation
+from wideberth.framework.mpc.emergency import emergency
+from wideberth.framework.mpc.follower import follower, marked
+from wideberth.framework.mpc.levels.fixed import Fixed
+from wideberth.framework.mpc.reference import Reference
+from wideberth.framework.mpc.rollout import sweep
+from wideberth.framework.mpc.situation import nearness
+from wideberth.framework.mpc.transcription import Guess
+from wideberth.robots.holonomic import Holonomic
+from wideberth.robots.holonomic_velocity import HolonomicVelocity
+from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.planning import at, planner
+
+
+@pytest.mark.parametrize("state", [[1.0, 2.0, 0.3, 0.4, 0.1], [np.nan] * 5, [1.0]], ids=str)
+def test_an_emergency_plan_has_the_shape_of_every_plan(state: list[float]) -> None:
+    """It stays where it begins: the reference of all N steps is its first position."""
+    seen = Observation(0.0, np.zeros(5))
+    object.__setattr__(seen, "state", np.array(state))
+    plan, command = emergency(Unicycle(), seen, "a test", 7, 0.5)
+    assert plan.states.shape == (8, 5) and plan.inputs.shape == (7, 2)
+    assert plan.positions.shape == (8, 2) and plan.reference.shape == (7, 2)
+    assert plan.auxiliaries.shape[:2] == (7, 0)
+    assert plan.level.shape == plan.target.shape == plan.content.shape == (7, 0)
+    np.testing.assert_array_equal(plan.reference, np.tile(plan.positions[0], (7, 1)))
+    assert np.isfinite(command.linear).all()
+
+
+def test_progress_is_along_the_direction_where_the_robot_is() -> None:
+    """Round a corner, theta grows by the whole way; a step aside does not count."""
+    robot = follower(HolonomicVelocity())
+    places = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [2.0, 1.0], [2.5, 2.0]])
+    direction = np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.0, 1.0]])
+    reference = Reference(places[1:], direction, np.full(4, 2.0), np.zeros((4, 0)))
+    inputs = np.diff(places, axis=0) / 0.5
+    found = marked(robot, Guess.bare(places, inputs, float("nan")), reference, 3.0, 0.5)
+    np.testing.assert_allclose(found.states[:, 2], 3.0 + np.arange(5.0))
+    np.testing.assert_allclose(found.inputs[:, 2], [2.0] * 4)
+    np.testing.assert_array_equal(found.states[:, :2], places)
+
+
+def test_a_command_on_its_way_counts_from_when_it_takes_effect() -> None:
+    """Asked for at 0.25 s, begun at 0.5 s, reached at 1 s: halfway there at 0.75 s."""
+    made = planner(latency=0.25, period=0.25)
+    before = made.command(at(0.0, 0.0, v=0.3)).linear[0]  # taken as reached
+    after = made.command(at(0.25, 0.075, v=0.3)).linear[0]
+    assert abs(after - before) > 0.01
+    made.command(at(0.5, 0.15, v=before))
+    plan = made.plan
+    assert plan is not None and plan.stamp == pytest.approx(0.75)
+    halfway = 0.5 * (before + after)
+    assert plan.states[0, 3] == pytest.approx(halfway, abs=1e-6)
+    assert plan.states[0, 0] == pytest.approx(0.15 + 0.25 * 0.5 * (before + halfway), abs=1e-3)
+
+
+def test_left_and_right_are_mirrored() -> None:
+    """Without a heading they lead aside by 45 degrees at the same speed; with one they turn."""
+    start = np.array([0.0, 0.0, 0.3, 0.4])
+    left, right = (np.array(sweep(Holonomic(), start, side, 1.0).linear) for side in _SIDES)
+    ahead, across = np.array([0.6, 0.8]), np.array([-0.8, 0.6])
+    np.testing.assert_allclose(left, 0.5 * (ahead + across) / np.sqrt(2.0))
+    np.testing.assert_allclose(right, 0.5 * (ahead - across) / np.sqrt(2.0))
+    back = [np.array(sweep(Holonomic(), start, f"back-{one}", 0.2).linear) for one in _SIDES]
+    np.testing.assert_allclose(back[0], 0.2 * (-ahead + across) / np.sqrt(2.0))
+    np.testing.assert_allclose(back[1], 0.2 * (-ahead - across) / np.sqrt(2.0))
+    turning = [sweep(Unicycle(), np.array([0.0, 0.0, 0.3, 0.4, 0.1]), one, 1.5) for one in _SIDES]
+    assert [one.angular for one in turning] == [1.5, -1.5]
+    assert [one.linear for one in turning] == [(0.4, 0.0)] * 2
+
+
+_SIDES = ("left", "right")
+
+
+def test_walls_are_looked_at_as_far_as_a_plan_may_turn_aside() -> None:
+    """Body, margin, half of the reference's 0.8 m/s * 5 s, and 2 deviations of 0.3 m."""
+    level = Fixed(0.02275013194817921)  # Phi(-2)
+    made = planner(reference_speed=0.8, horizon=10, margin=0.1, level=level)
+    exact, known = np.zeros((10, 2, 2)), np.tile(np.diag([0.09, 0.01]), (10, 1, 1))
+    assert nearness(made, exact) == pytest.approx(made.robot.radius + 0.1 + 2.0)
+    assert nearness(made, known) == pytest.approx(made.robot.radius + 0.1 + 2.0 + 0.6)
