@@ -182,9 +182,9 @@ class AdaptiveConformal(Adaptive, Fittable):
         balance, count = np.zeros(self.steps), np.zeros(self.steps)
         place = {ident: index for index, ident in enumerate(tracks.ids)}
         for one in state.pending:
-            first = int((state.stamp - one.stamp + slack) / state.dt)
-            last = int((tracks.stamp - one.stamp + slack) / state.dt)
-            for step in range(first, min(last, self.steps)):
+            first = self._due(state.stamp - one.stamp + slack, state.dt)
+            last = self._due(tracks.stamp - one.stamp + slack, state.dt)
+            for step in range(first, last):
                 missed = self._missed(one, step, tracks, place)
                 balance[step] += np.sum(missed - self.tail)
                 count[step] += len(missed)
@@ -193,6 +193,10 @@ class AdaptiveConformal(Adaptive, Fittable):
         horizon = tracks.stamp - self.steps * state.dt + slack
         waiting = tuple(one for one in state.pending if one.stamp > horizon)
         return Online(tracks.stamp, state.dt, tuple(bounded), waiting)
+
+    def _due(self, elapsed: float, dt: float) -> int:
+        """Return how many steps of a forecast have fallen due, whatever the clock has done."""
+        return int(min(max(elapsed / dt, 0.0), self.steps))
 
     def _missed(self, one: Pending, step: int, tracks: Tracks, place: dict[str, int]) -> Array:
         """Whether each obstacle known at the due time lay outside, as 1 or 0; ``place`` by id."""
@@ -220,6 +224,8 @@ def _position(tracks: Tracks, time: float) -> Array:
     """Where each obstacle was at a time up to the newest sample, (O, D); NaN if not known."""
     rows = tracks.positions.shape[1]
     place = min(rows - 1 - (tracks.stamp - time) / tracks.dt, rows - 1.0)
+    if not place > -1.0:  # also where a clock has made the difference infinite
+        return np.full((len(tracks), tracks.dimension), np.nan)
     nearest = round(place)
     if abs(place - nearest) * tracks.dt <= _slack(tracks):
         place = float(nearest)

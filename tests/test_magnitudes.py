@@ -16,9 +16,10 @@ from wideberth.framework.history import MOST, History, named_apart
 from wideberth.framework.magnitudes import FARTHEST, bounded
 from wideberth.framework.motion import Detection, Observation
 from wideberth.framework.plan import Plan, Rung
-from wideberth.framework.predictor import Predictor
+from wideberth.framework.predictor import Adaptive, Predictor
 from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.tracks import Tracks
+from wideberth.predictors.adaptive_conformal import AdaptiveConformal
 from wideberth.predictors.game import Game
 from wideberth.predictors.interacting_models import InteractingModels
 from wideberth.predictors.kalman import Kalman
@@ -115,6 +116,16 @@ def test_a_clock_that_leaps_costs_neither_time_nor_the_plan(jump: float) -> None
         plan = planned(made, stamp, seen("a", 5.0, 3.0))
         assert plan.rung is Rung.OPTIMAL, plan.reason
         assert plan.ids == ("a",)
+
+
+@pytest.mark.parametrize("jump", [1e9, 1e300, 1.7e308])
+def test_what_adapts_survives_a_clock_that_leaps(jump: float) -> None:
+    """Found by `make fuzz`: the number of steps that had fallen due was infinite."""
+    learning: Adaptive = AdaptiveConformal(Kalman(), observed=4)
+    for stamp in (-jump, -jump + 0.5, 0.0, 0.5, 1.0, jump, -jump, jump, jump + 0.5):
+        tracks = replace(around(walk()), stamp=stamp)
+        learning = learning.update(tracks)
+        assert np.isfinite(learning.predict(tracks, 5).covariance).all()
 
 
 def test_a_clock_too_large_for_its_steps_is_named() -> None:
