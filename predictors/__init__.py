@@ -11,6 +11,7 @@ BUILT_IN: dict[str, str] = {
     "constant_acceleration": "wideberth.predictors.constant_acceleration:ConstantAcceleration",
     "constant_velocity": "wideberth.predictors.constant_velocity:ConstantVelocity",
     "coordinated_turn": "wideberth.predictors.coordinated_turn:CoordinatedTurn",
+    "corrected": "wideberth.predictors.corrected:Corrected",
     "empirical": "wideberth.predictors.empirical:Empirical",
     "game": "wideberth.predictors.game:Game",
     "imm": "wideberth.predictors.interacting_models:InteractingModels",

@@ -7,18 +7,25 @@ from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from ..framework.arrays import Array, positive, probability, whole
+from ..framework.arrays import Array, checked, positive, probability, whole
+from ..framework.errors import WideberthError
 from ..framework.forecast import Forecast, Scene
+from ..framework.metrics import content_bound
 from ..framework.predictor import Adaptive, Fittable, Predictor
 from ..framework.scoring import reached_tail
 from ..framework.tracks import Tracks
-from .core.calibration import scaled
-from .empirical import Empirical
+from ..framework.windows import windows_of
+from .core.calibration import replayed, same_step, scaled, squared_distances
+from .core.history import IntArray, gather
+from .corrected import Corrected, thinned
+from .interacting_models import InteractingModels
 
 ON_GRID = 1e-6
 """Steps by which a time may miss another and still count as the same."""
 EARLY = 0.9
 """Steps after which the next forecast is stated: stamps that jitter must not skip every other."""
+FEWEST, CLASS = 100, 100
+"""Windows that a fit needs in all, and a class for scales of its own."""
 LIMIT = 12.0
 """Largest |log scale|: a factor of 400 in lengths. It stops the drift to 0 where a forecast
 never misses (everybody stands still), from which the scale would need long to come back."""
@@ -32,11 +39,13 @@ class Pending:
     ----------
     stamp : s, of the newest sample that it was made from.
     ids : of the obstacles.
+    kind : class of speed of each.
     mean, covariance, weight : as in `Forecast`, covariances as stated, scale and all.
     """
 
     stamp: float
     ids: tuple[str, ...]
+    kind: tuple[int, ...]
     mean: Any
     covariance: Any
     weight: Any
@@ -54,7 +63,7 @@ class Online:
     ----------
     stamp : s, of the newest sample used.
     dt : s, between the steps.
-    log_scale : (N,), of the covariance of each step.
+    log_scale : (C * N,), of the covariance of each step, the slowest class first.
     pending : oldest first; at most one per 0.9 steps of the horizon.
     """
 
@@ -69,37 +78,48 @@ class Online:
 class AdaptiveConformal(Adaptive, Fittable):
     """A base predictor whose covariances are scaled by what is seen to happen.
 
-    Sigma_h -> exp(l_h) Sigma_h,   l_h <- l_h + rate * sum_i (miss_i - tail) / sqrt(n)
+    Sigma_h -> exp(l_ch) Sigma_h,   l_ch <- l_ch + rate * sum_i (miss_i - tail) / sqrt(n)
 
-    Whenever truth arrives for step h of earlier forecasts of n obstacles, miss_i is 1 where it
-    lies outside of the region of content 1 - tail that was stated, scale included, else 0. Of
-    several modes that is the region of highest density, as everywhere that forecasts are scored;
-    the union of the modes' ellipses, which a planner keeps clear of, is larger and holds more.
-    Too many misses widen the step, too few narrow it. The n people of one moment are n looks
-    at the same scale; the sum of their misses varies by sqrt(n), so that a step's scale moves
-    alike in a crowd and alone.
+    Each class c of speed has its scales: whoever stands is not forecast as badly as whoever
+    walks, and a rate that holds for both together holds for neither. The speed is that of the
+    base's forecast over its first steps, in which measurement noise is filtered. Whenever truth
+    arrives for step h of earlier forecasts of n obstacles of a class, miss_i is 1 where it lies
+    outside of the region of content 1 - tail that was stated, scale included, else 0. Of several
+    modes that is the region of highest density, as everywhere that forecasts are scored; the
+    union of the modes' ellipses, which a planner keeps clear of, is larger and holds more. Too
+    many misses widen the step, too few narrow it. The n people of one moment are n looks at the
+    same scale; the sum of their misses varies by sqrt(n), so that a step's scale moves alike in
+    a crowd and alone.
 
-    Nothing is assumed of the base or of the world but that |l_h| stays below 12: as the sum
-    telescopes, over T updates the misses of one obstacle average to within (max l_h - min l_h
+    Nothing is assumed of the base or of the world but that |l_ch| stays below 12: as the sum
+    telescopes, over T updates the misses of one obstacle average to within (max l - min l
     + rate) / (rate T) of the tail, on any site and however it changes. (Of several, their sums
     over sqrt(n) do: a moment with four people weighs twice as much as one with one.) That is a
-    long-run rate per step; it says nothing of a single moment, nor of all steps together.
+    long-run rate per class and step; it says nothing of a single moment, nor of all steps
+    together.
 
     `update` makes the forecasts that it will judge; those of obstacles seen at the newest
     sample for ``observed`` samples in a row are kept. Truth is looked up by identity at the
     time it falls due (linear between two samples where updates come off the grid) and lost if
-    the obstacle is not there. A clock that goes back or another dt starts from l = 0. On another
-    time grid scales are interpolated.
+    the obstacle is not there. A clock that goes back or another dt starts anew. On another time
+    grid scales are interpolated.
+
+    Without a fit it starts from l = 0. `fit` fits the base and starts from where the recordings
+    would have l: the logarithm of the (1 - tail) quantile of the squared Mahalanobis distances
+    (of several modes from the nearest) of a class and step, over that of the chi-square distribution. Every recording counts alike;
+    a class with fewer than 100 windows starts where all classes together do.
 
     Parameters
     ----------
-    base : predictor to calibrate; its own calibration is where l = 0 starts.
+    base : predictor to calibrate.
     tail : of the region that is to hold.
     rate : of adaptation. One miss of a lone obstacle widens the variance by the factor
         exp(rate (1 - tail)), one hit narrows it by exp(-rate tail). Small follows slowly, large
         makes scales restless and their regions larger on average.
     observed : samples in a row that an obstacle must have been seen for its forecast to count.
     steps : ahead, each with a scale of its own; later ones share the last.
+    speeds : m/s, bounds between the classes, increasing; none for one class.
+    start : what `fit` has learnt, in the order of `Online.log_scale`, and its dt, s.
     state : what `update` has learnt; None before.
 
     Raises
@@ -113,11 +133,14 @@ class AdaptiveConformal(Adaptive, Fittable):
     (Angelopoulos, Candes, Tibshirani, "Conformal PID Control", NeurIPS 2023).
     """
 
-    base: Predictor = field(default_factory=Empirical)
+    base: Predictor = field(default_factory=lambda: Corrected(InteractingModels()))
     tail: float = 0.05
-    rate: float = 0.25
+    rate: float = 0.1
     observed: int = 8
     steps: int = 12
+    speeds: tuple[float, ...] = (0.1, 0.5, 1.5)
+    start: tuple[float, ...] | None = None
+    start_dt: float | None = None
     state: Online | None = None
 
     reference: ClassVar[str] = "gibbs2021adaptive"
@@ -127,18 +150,76 @@ class AdaptiveConformal(Adaptive, Fittable):
         positive("adaptive_conformal.rate", self.rate)
         for name in ("observed", "steps"):
             whole(f"adaptive_conformal.{name}", getattr(self, name))
+        bounds = (0.0, *self.speeds)
+        if not np.isfinite(bounds).all() or (np.diff(bounds) <= 0).any():
+            raise WideberthError(
+                f"adaptive_conformal.speeds is {self.speeds}; wanted increasing numbers above 0"
+            )
+        if (self.start is None) != (self.start_dt is None):
+            raise WideberthError("adaptive_conformal.start and start_dt belong together")
+        if self.start is not None:
+            checked("adaptive_conformal.start", self.start, (len(bounds) * self.steps,))
+            positive("adaptive_conformal.start_dt", self.start_dt or 0.0)
 
     def fit(self, dataset: Sequence[Tracks]) -> Self:
-        """Fit the base, where it can be fitted; the scales start anew."""
+        """Fit the base, where it can be fitted, and learn where the scales start.
+
+        Raises
+        ------
+        WideberthError : as the base's fit, scenes that differ in dt, or too few windows.
+        """
+        same_step(dataset, "adaptive_conformal")
+        found = windows_of(
+            dataset, self.observed, self.steps, wanted=FEWEST, who="adaptive_conformal"
+        )
         base = self.base.fit(dataset) if isinstance(self.base, Fittable) else self.base
-        return replace(self, base=base, state=None)
+        scores, kinds, weights = [], [], []
+        for scene, windows in zip(dataset, found, strict=True):
+            some = thinned(windows)
+            if len(some):
+                mean, covariance, weight = replayed(base, scene, some)
+                scores.append(squared_distances(mean, covariance, weight, some.future))
+                newest = some.tracks.positions[:, -1]
+                kinds.append(self._kinds(mean, weight, newest, scene.dt))
+                weights.append(np.full(len(some), 1.0 / len(some)))
+        limit = content_bound(dataset[0].dimension, self.tail)
+        start = _starts(
+            np.concatenate(scores) / limit,
+            np.concatenate(kinds),
+            np.concatenate(weights),
+            len(self.speeds) + 1,
+            1.0 - self.tail,
+        )
+        return replace(self, base=base, state=None, start=start, start_dt=dataset[0].dt)
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
         """Forecast all obstacles; see `Predictor.predict`."""
+        return self._stated(tracks, steps, scene)[0]
+
+    def _stated(
+        self, tracks: Tracks, steps: int, scene: Scene | None
+    ) -> tuple[Forecast, IntArray]:
+        """Return the scaled forecast and the class of speed of each obstacle."""
         forecast = self.base.predict(tracks, steps, scene)
-        if self.state is None:
-            return forecast
-        return scaled(forecast, np.exp(self.state.log_scale), self.state.dt, tracks)
+        newest = gather(tracks).origin
+        kinds = self._kinds(forecast.mean, forecast.weight, newest, tracks.dt)
+        if self.state is not None:
+            known, dt = self.state.log_scale, self.state.dt
+        elif self.start is not None and self.start_dt is not None:
+            known, dt = self.start, self.start_dt
+        else:
+            return forecast, kinds
+        table = np.exp(known).reshape(len(self.speeds) + 1, self.steps)
+        return scaled(forecast, table[kinds], dt, tracks), kinds
+
+    def _kinds(self, mean: Array, weight: Array, newest: Array, dt: float) -> IntArray:
+        """Class of speed of each obstacle, (O,), from its forecast."""
+        centre = np.einsum("om,omnd->ond", weight, mean[:, :, :2])
+        if centre.shape[1] == 1:
+            centre = np.stack([newest, centre[:, 0]], axis=1)
+        speed = np.linalg.norm(centre[:, -1] - centre[:, 0], axis=1) / dt
+        kinds = np.searchsorted(np.array(self.speeds), speed, side="right")
+        return np.asarray(kinds, dtype=np.int64)
 
     def update(self, tracks: Tracks, scene: Scene | None = None) -> Self:
         """Learn from what has fallen due, then forecast; see `Adaptive.update`."""
@@ -159,10 +240,11 @@ class AdaptiveConformal(Adaptive, Fittable):
         recent = tracks.positions[:, -self.observed :]
         seen = np.isfinite(recent).all(axis=(1, 2)) & (recent.shape[1] == self.observed)
         index = [int(i) for i in np.flatnonzero(seen)]
-        forecast = self.predict(tracks, self.steps, scene)
+        forecast, kinds = self._stated(tracks, self.steps, scene)
         return Pending(
             tracks.stamp,
             tuple(tracks.ids[i] for i in index),
+            tuple(kinds[index].tolist()),
             forecast.mean[index],
             forecast.covariance[index],
             forecast.weight[index],
@@ -176,19 +258,21 @@ class AdaptiveConformal(Adaptive, Fittable):
             state is None
             or abs(state.dt - tracks.dt) > slack
             or tracks.stamp < state.stamp - slack
-            or len(state.log_scale) != self.steps
+            or len(state.log_scale) != (len(self.speeds) + 1) * self.steps
         ):
-            return Online(tracks.stamp, tracks.dt, (0.0,) * self.steps)
-        balance, count = np.zeros(self.steps), np.zeros(self.steps)
+            return Online(tracks.stamp, tracks.dt, self._first(tracks.dt))
+        balance = np.zeros((len(self.speeds) + 1, self.steps))
+        count = np.zeros_like(balance)
         place = {ident: index for index, ident in enumerate(tracks.ids)}
         for one in state.pending:
             first = self._due(state.stamp - one.stamp + slack, state.dt)
             last = self._due(tracks.stamp - one.stamp + slack, state.dt)
             for step in range(first, last):
-                missed = self._missed(one, step, tracks, place)
-                balance[step] += np.sum(missed - self.tail)
-                count[step] += len(missed)
-        log_scale = state.log_scale + self.rate * balance / np.sqrt(np.maximum(count, 1.0))
+                kinds, missed = self._missed(one, step, tracks, place)
+                np.add.at(balance[:, step], kinds, missed - self.tail)
+                np.add.at(count[:, step], kinds, 1.0)
+        change = self.rate * balance / np.sqrt(np.maximum(count, 1.0))
+        log_scale = state.log_scale + change.ravel()
         bounded = np.clip(log_scale, -LIMIT, LIMIT).tolist()
         horizon = tracks.stamp - self.steps * state.dt + slack
         waiting = tuple(one for one in state.pending if one.stamp > horizon)
@@ -198,8 +282,20 @@ class AdaptiveConformal(Adaptive, Fittable):
         """Return how many steps of a forecast have fallen due, whatever the clock has done."""
         return int(min(max(elapsed / dt, 0.0), self.steps))
 
-    def _missed(self, one: Pending, step: int, tracks: Tracks, place: dict[str, int]) -> Array:
-        """Whether each obstacle known at the due time lay outside, as 1 or 0; ``place`` by id."""
+    def _first(self, dt: float) -> tuple[float, ...]:
+        """Log scales before anything was seen to happen."""
+        count = len(self.speeds) + 1
+        if self.start is None or self.start_dt is None:
+            return (0.0,) * (count * self.steps)
+        learnt = np.reshape(self.start, (count, self.steps))
+        grid = np.arange(1.0, self.steps + 1)
+        rows = [np.interp(dt * grid, self.start_dt * grid, row) for row in learnt]
+        return tuple(np.concatenate(rows).tolist())
+
+    def _missed(
+        self, one: Pending, step: int, tracks: Tracks, place: dict[str, int]
+    ) -> tuple[IntArray, Array]:
+        """Class of each obstacle known at the due time, and 1 where it lay outside, else 0."""
         mine = [i for i, ident in enumerate(one.ids) if ident in place]
         theirs = [place[one.ids[i]] for i in mine]
         truth = _position(tracks, one.stamp + (step + 1) * tracks.dt)[theirs]
@@ -212,7 +308,27 @@ class AdaptiveConformal(Adaptive, Fittable):
                 one.weight[rows],
                 truth[known, None],
             )
-        return np.asarray(tails[:, 0] < self.tail, dtype=np.float64)
+        kinds = np.array(one.kind, dtype=np.int64)[rows]
+        return kinds, np.asarray(tails[:, 0] < self.tail, dtype=np.float64)
+
+
+def _starts(
+    ratio: Array, kinds: IntArray, weights: Array, count: int, content: float
+) -> tuple[float, ...]:
+    """Log of the weighted quantile of (W, N) ratios by class, `Online.log_scale`'s order."""
+    rows = []
+    for kind in range(count):
+        own = kinds == kind
+        some = own if own.sum() >= CLASS else np.ones_like(own)
+        rows.append([_quantile(column, weights[some], content) for column in ratio[some].T])
+    return tuple(np.clip(np.log(np.maximum(rows, 1e-12)), -LIMIT, LIMIT).ravel().tolist())
+
+
+def _quantile(values: Array, weights: Array, share: float) -> float:
+    """Return the least value that this share of the weight does not exceed."""
+    order = np.argsort(values)
+    total = np.cumsum(weights[order])
+    return float(values[order][min(np.searchsorted(total, share * total[-1]), len(order) - 1)])
 
 
 def _slack(tracks: Tracks) -> float:

@@ -55,8 +55,10 @@ class InteractingModels(Fittable):
 
     A tracker's ``state_covariance`` is not used: it belongs to no one model.
 
-    The defaults suit walking people; slow robots (0.06 m/s) look to them as if they stood.
-    `fit` scales the two densities, ``standing``^2 and ``noise_floor``^2 alike (`fit_numbers`).
+    The defaults suit walking people whose measurement noise is known or estimated (`Recording`,
+    `NoiseEvidence`). ``standing`` is far below the speed of a slow robot: with 0.03 m/s, half of
+    0.06, such a robot was believed to be stopping and its error nearly doubled. `fit` scales the
+    two densities, ``standing``^2 and ``noise_floor``^2 alike (`fit_numbers`).
 
     Parameters
     ----------
@@ -80,14 +82,14 @@ class InteractingModels(Fittable):
     with Markovian Switching Coefficients", 1988.
     """
 
-    steady: float = 0.01
-    manoeuvring: float = 0.1
-    standing: float = 0.03
+    steady: float = 0.015
+    manoeuvring: float = 0.06
+    standing: float = 0.005
     braking: float = 0.5
     dwell: float = 10.0
     stopping: float = 0.1
     speed: float = 1.0
-    noise_floor: float = 0.03
+    noise_floor: float = 0.01
     history: int = 40
     modes: Literal["merged", "kept"] = "merged"
 

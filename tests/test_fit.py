@@ -167,8 +167,8 @@ def test_a_config_file_its_overrides_and_a_saved_one_are_taken(shell) -> None:  
         (("static", CROWD), "those that do: .*pacer"),
         (("cascade", CROWD, "--set", "stages=[{predictor: static}]"), "cascade learnt nothing"),
         (
-            ("adaptive_conformal", CROWD, "--set", "base={type: smoothed, base: kalman}"),
-            "adaptive_conformal learnt nothing: no part that its fit reaches",
+            ("single_gaussian", CROWD, "--set", "base={type: smoothed, base: kalman}"),
+            "single_gaussian learnt nothing: no part that its fit reaches",
         ),
         (("pacer", "none.txt"), r"none\.txt cannot be read"),
         (("pacer", "."), r"a folder without a file \*\.txt"),

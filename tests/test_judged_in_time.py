@@ -183,7 +183,9 @@ def test_conformal_scales_are_of_their_own_step() -> None:
 def test_adaptive_scales_learn_from_their_own_step() -> None:
     """Only step 3 misses: its scale grows with every truth, the others shrink."""
     whole = seen()
-    predictor = AdaptiveConformal(Knowing((0.0, 1.0, 9.0, 2.0)), observed=3, steps=STEPS)
+    predictor = AdaptiveConformal(
+        Knowing((0.0, 1.0, 9.0, 2.0)), rate=0.25, observed=3, steps=STEPS, speeds=()
+    )
     for rows in range(5, 16):
         past = replace(whole, positions=whole.positions[:, :rows], stamp=DT * (rows - 1))
         predictor = predictor.update(past)

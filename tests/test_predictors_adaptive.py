@@ -47,7 +47,8 @@ def tracks_of(positions, stamp=0.0, dt=DT, ids=None):
 
 
 def adaptive(base=None, **settings):
-    given = {"tail": TAIL, "rate": RATE, "observed": OBSERVED, "steps": STEPS, **settings}
+    given = {"tail": TAIL, "rate": RATE, "observed": OBSERVED, "steps": STEPS, "speeds": ()}
+    given |= settings
     return AdaptiveConformal(Stay() if base is None else base, **given)
 
 

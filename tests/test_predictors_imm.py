@@ -191,13 +191,23 @@ def test_an_obstacle_that_stops_is_soon_believed_to_stand(seed):
         count: predictor.filter(gather(seen), seen).weight[stopping, 0]
         for count, seen in tracks.items()
     }
-    assert weight[0] < 0.02 and weight[4] > 0.3 and weight[6] > 0.8
+    assert weight[0] < 0.02 and weight[4] > 0.1 and weight[6] > 0.8
     # While it walked, the forecast went 1.2 m/s * 4.8 s far.
     place = tracks[4].positions[0, -1]
     drift = predictor.predict(tracks[4], 12).mean[0, 0] - place
-    assert np.linalg.norm(drift, axis=1).max() < 0.15
+    assert np.linalg.norm(drift, axis=1).max() < 0.3
     kept = InteractingModels(modes="kept").predict(tracks[6], 12).mean[0, stopping]
     np.testing.assert_allclose(kept, np.tile(kept[0], (12, 1)), atol=0.03)
+
+
+def test_a_slow_robot_is_not_taken_for_one_that_stops():
+    """At 0.06 m/s, measured to 2 mm, it goes on: 0.45 m in 7.5 s, and not a third of that."""
+    rng = np.random.default_rng(0)
+    way = 0.06 * 0.5 * np.arange(20)
+    path = np.stack([way, 0 * way], axis=1) + 0.002 * rng.standard_normal((10, 20, 2))
+    tracks = tracks_of(path, 0.002, 0.5)
+    gone = InteractingModels().predict(tracks, 15).mean[:, 0, -1, 0] - tracks.positions[:, -1, 0]
+    assert 0.36 < gone.mean() < 0.5
 
 
 def test_settings():

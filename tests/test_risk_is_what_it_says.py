@@ -167,6 +167,7 @@ WITHOUT = {
     "bayesian_var": "its posterior is widened to first order only",
     "cascade": "hands on what its stages say",
     "conformal": "scales what another one says by recorded errors",
+    "corrected": "moves the mean of another one by recorded errors",
     "coordinated_turn": "its model is not linear: the covariance is that of a linearisation",
     "empirical": "states recorded errors, no process",
     "game": "a game's solution with a stated spread, no process",

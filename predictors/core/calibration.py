@@ -45,12 +45,18 @@ def scaled(forecast: Forecast, known: Array, known_dt: float, tracks: Tracks) ->
 
     Parameters
     ----------
-    known : (K,), above 0, for the times dt, 2 dt, ... of ``known_dt``, s.
+    known : (K,) or, of each obstacle its own, (O, K); above 0, for the times dt, 2 dt, ... of
+        ``known_dt``, s.
     tracks : what was forecast; of somebody who is late the steps gone by are dropped.
     """
     late = gather(tracks).late
     times = tracks.dt * (late[:, None] + np.arange(1.0, forecast.steps + 1))
-    scale = np.interp(times, known_dt * np.arange(1, len(known) + 1), known)
+    grid = known_dt * np.arange(1, known.shape[-1] + 1)
+    if known.ndim == 1:
+        scale = np.interp(times, grid, known)
+    else:
+        rows = [np.interp(time, grid, own) for time, own in zip(times, known, strict=True)]
+        scale = np.reshape(rows, times.shape)
     joint = forecast.joint_source is not None
     return Forecast(
         forecast.mean,
