@@ -20,6 +20,8 @@ BACK = 3
 """Steps before the newest one, whose mean velocity the newest is compared with."""
 SHRINKAGE = 30.0
 """Windows of no correction that each class counts beside its own."""
+USEFUL = 0.98
+"""Share of the error on recordings left out below which corrections are kept."""
 ROWS = 300
 """Rows of one recording whose windows are learnt from, evenly spaced."""
 STILL = 1e-6
@@ -45,6 +47,13 @@ class Corrections:
         positive("corrections.dt", self.dt)
         classes = int(np.prod([len(edge) + 1 for edge in self.edges]))
         checked("corrections.errors", self.errors, (classes, None, 2))
+
+    def shifts(self, moves: "Moves", times: Array) -> Array:
+        """Return how far the mean is moved at times ahead (O, N), s, (O, N, D), m."""
+        shift = self.at(_kinds(moves.features, self.edges), times)
+        return np.asarray(
+            shift[..., :1] * moves.heading[:, None] + shift[..., 1:] * moves.side[:, None]
+        )
 
     def at(self, kinds: IntArray, times: Array) -> Array:
         """Return the errors at times ahead (O, N), s, linear between steps, (O, N, 2), m."""
@@ -100,6 +109,11 @@ class Corrected(Fittable):
     that slow down stand; a model of constant velocity says neither. Covariances stay: the
     median moves the centre, not the spread.
 
+    Corrections must prove themselves: learnt from all recordings but one, they have to lower the
+    mean error of the one left out, on average by 2 %. Else, and from a single recording, none
+    is kept. Of robots of one kind they are; those of crowds with unlike measurement noise do
+    not carry over.
+
     Unfitted, for an obstacle for which the base gives a reason, and for one with fewer than 5
     samples, the base's own mean stands.
 
@@ -144,23 +158,18 @@ class Corrected(Fittable):
         found = windows_of(dataset, self.observed, self.steps, wanted=wanted, who="corrected")
         same_step(dataset, "corrected")
         base = self.base.fit(dataset) if isinstance(self.base, Fittable) else self.base
-        features, errors = [], []
+        moves, errors = [], []
         for scene, windows in zip(dataset, found, strict=True):
             some = thinned(windows)
             if len(some):
                 mean, _, weight = replayed(base, scene, some)
                 centre = np.einsum("om,omnd->ond", weight, mean)
                 past = gather(some.tracks)
-                moves = Moves.of(past, _first(centre, past), scene.dt)
-                error = some.future - centre
-                features.append(moves.features)
-                errors.append(np.stack(
-                    [np.einsum("wnd,wd->wn", error, axis) for axis in (moves.heading, moves.side)],
-                    axis=2,
-                ))  # fmt: skip
-        learnt = _learnt(
-            np.concatenate(features), np.concatenate(errors), self.classes, dataset[0].dt
-        )
+                moves.append(Moves.of(past, _first(centre, past), scene.dt))
+                errors.append(some.future - centre)
+        learnt = None
+        if _useful(moves, errors, self.classes):
+            learnt = _learnt(moves, errors, self.classes, dataset[0].dt)
         return replace(self, base=base, fitted=learnt)
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
@@ -174,9 +183,7 @@ class Corrected(Fittable):
         own = np.array([reason is None for reason in forecast.fallback], dtype=np.bool_)
         own &= (past.length >= BACK + 2) & (past.late == 0)
         times = tracks.dt * np.arange(1.0, steps + 1) * np.ones((len(tracks), 1))
-        shift = self.fitted.at(_kinds(moves.features, self.fitted.edges), times)
-        moved = shift[..., :1] * moves.heading[:, None] + shift[..., 1:] * moves.side[:, None]
-        moved = np.where(own[:, None, None], moved, 0.0)
+        moved = np.where(own[:, None, None], self.fitted.shifts(moves, times), 0.0)
         return replace(forecast, mean=forecast.mean + moved[:, None])
 
 
@@ -207,16 +214,38 @@ def _kinds(features: Array, edges: Sequence[Sequence[float]]) -> IntArray:
     return kinds
 
 
-def _learnt(features: Array, errors: Array, classes: int, dt: float) -> Corrections:
-    """Median errors, (W, N, 2), of each class of features, (W, 3)."""
+def _learnt(
+    moves: Sequence[Moves], errors: Sequence[Array], classes: int, dt: float
+) -> Corrections:
+    """Median errors of each class, from how obstacles move and errors (W, N, D) by recording."""
+    features = np.concatenate([one.features for one in moves])
     shares = np.arange(1, classes) / classes
     speeds, changes, turns = (tuple(np.quantile(column, shares).tolist()) for column in features.T)
     edges = (speeds, changes, turns)
     kinds = _kinds(features, edges)
-    table = np.zeros((classes**3, *errors.shape[1:]))
+    local = np.concatenate([
+        np.stack([np.einsum("wnd,wd->wn", error, axis) for axis in (one.heading, one.side)], 2)
+        for one, error in zip(moves, errors, strict=True)
+    ])  # fmt: skip
+    table = np.zeros((classes**3, *local.shape[1:]))
     for kind in range(len(table)):
         own = kinds == kind
         if own.any():
-            table[kind] = np.median(errors[own], axis=0) * own.sum() / (own.sum() + SHRINKAGE)
+            table[kind] = np.median(local[own], axis=0) * own.sum() / (own.sum() + SHRINKAGE)
     rows = tuple(tuple((float(a), float(b)) for a, b in row) for row in table)
     return Corrections(float(dt), edges, rows)
+
+
+def _useful(moves: Sequence[Moves], errors: Sequence[Array], classes: int) -> bool:
+    """Whether corrections learnt from the other recordings lower the errors of each on average."""
+    before, after = [], []
+    for place, error in enumerate(errors):
+        rest = [other for other in range(len(errors)) if other != place]
+        if not rest:
+            return False
+        learnt = _learnt([moves[i] for i in rest], [errors[i] for i in rest], classes, 1.0)
+        times = np.arange(1.0, error.shape[1] + 1) * np.ones((len(error), 1))
+        before.append(np.linalg.norm(error, axis=2).mean())
+        shifted = error - learnt.shifts(moves[place], times)
+        after.append(np.linalg.norm(shifted, axis=2).mean())
+    return bool(np.mean(after) < USEFUL * np.mean(before))

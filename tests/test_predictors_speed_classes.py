@@ -135,7 +135,9 @@ def turning(rng: np.random.Generator, count: int, rows: int) -> Array:
 def test_who_turns_is_learnt_to_turn() -> None:
     """The correction halves the error on other tracks, to either side, and turns with them."""
     rng = np.random.default_rng(2)
-    fitted = Corrected(Straight(), steps=STEPS).fit([tracks_of(turning(rng, 60, 40))])
+    scenes = [tracks_of(turning(rng, 30, 40)) for _ in range(2)]
+    fitted = Corrected(Straight(), steps=STEPS).fit(scenes)
+    assert Corrected(Straight(), steps=STEPS).fit(scenes[:1]).fitted is None, "nothing to prove it"
     windows = cut_windows(tracks_of(turning(rng, 60, 20)), 8, STEPS)
     means = [one.predict(windows.tracks, STEPS).mean[:, 0] for one in (Straight(), fitted)]
     errors = [np.linalg.norm(mean - windows.future, axis=2).mean() for mean in means]
@@ -144,6 +146,20 @@ def test_who_turns_is_learnt_to_turn() -> None:
     assert fitted.fitted is not None
     assert np.allclose(fitted.predict(windows.tracks, STEPS).covariance[:, 0],
                        Straight().predict(windows.tracks, STEPS).covariance[:, 0])  # fmt: skip
+
+
+def test_what_does_not_carry_over_is_not_kept() -> None:
+    """Who turns goes on turning in one recording and turns back in the other."""
+    rng = np.random.default_rng(3)
+    there = turning(rng, 40, 30)
+    ahead = there[:, 7:8] - there[:, 6:7]
+    side = np.stack([-ahead[..., 1], ahead[..., 0]], axis=2)
+    off = there[:, 8:12] - there[:, 7:8] - np.arange(1, 5)[:, None] * ahead
+    back = there[:, :12].copy()
+    square = np.sum(side**2, axis=2, keepdims=True)
+    back[:, 8:12] -= 2 * np.sum(off * side, axis=2, keepdims=True) * side / square
+    scenes = [tracks_of(np.tile(part, (7, 1, 1))) for part in (there[:, :12], back)]
+    assert Corrected(Straight(), steps=STEPS, observed=8).fit(scenes).fitted is None
 
 
 def test_corrections_on_another_grid_are_linear_in_time_and_stay_beyond() -> None:
@@ -158,5 +174,5 @@ def test_the_default_is_fitted_to_the_shipped_people() -> None:
     made = AdaptiveConformal(Corrected(InteractingModels(), classes=2))
     assert type(AdaptiveConformal().base) is type(made.base)
     fitted = made.fit(scenes)
-    assert isinstance(fitted.base, Corrected) and fitted.base.fitted is not None
+    assert isinstance(fitted.base, Corrected) and fitted.start is not None
     check_predictor(fitted)
