@@ -106,8 +106,9 @@ class AdaptiveConformal(Adaptive, Fittable):
 
     Without a fit it starts from l = 0. `fit` fits the base and starts from where the recordings
     would have l: the logarithm of the (1 - tail) quantile of the squared Mahalanobis distances
-    (of several modes from the nearest) of a class and step, over that of the chi-square distribution. Every recording counts alike;
-    a class with fewer than 100 windows starts where all classes together do.
+    of a class and step (of several modes from the nearest), over that of the chi-square
+    distribution. Every recording counts alike; a class with fewer than 100 windows starts where
+    all classes together do.
 
     Parameters
     ----------
