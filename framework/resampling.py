@@ -34,8 +34,8 @@ def interpolated(
     after = np.clip(np.searchsorted(times, grid - slack), 0, len(times) - 1)
     before = np.clip(after - 1, 0, None)
     width = times[after] - times[before]
-    share = np.where(width > 0, (grid - times[before]) / np.where(width > 0, width, 1.0), 1.0)
-    share = np.clip(share, 0.0, 1.0)[:, None]
+    since = np.clip(grid - times[before], 0.0, width)  # first: a width may be as small as 1e-300
+    share = np.where(width > 0, since / np.where(width > 0, width, 1.0), 1.0)[:, None]
     sampled = (1 - share) * positions[before] + share * positions[after]
     on_sample = np.abs(grid - times[after]) <= slack
     known = (grid >= times[0] - slack) & (grid <= times[-1] + slack)

@@ -169,6 +169,16 @@ def test_a_fast_clock_does_not_grow_a_log() -> None:
     assert np.diff(tracks.positions[0, :, 0]) == pytest.approx(0.5)
 
 
+def test_instants_of_almost_the_same_time_are_interpolated() -> None:
+    """Found by `make fuzz`: the share of the way between them overflowed."""
+    history = History(dt=0.5, samples=4, forget=3.0, gap=1.0)
+    for stamp in (0.0, 1e-300, 2e-300, 0.5):
+        history.add(stamp, (seen("a", 1.0 + stamp, 1.0),))
+    tracks = history.tracks()
+    assert tracks is not None
+    assert tracks.positions[0, -2:, 0].tolist() == [1.0, 1.5]
+
+
 def test_names_made_for_repeated_ones_are_taken_by_nobody() -> None:
     """The third was taken for a second measurement of the second, and lost."""
     names = [name for name, _ in named_apart([seen(n, 0, 0) for n in ("a", "a", "a#2", "a")])]
