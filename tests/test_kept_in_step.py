@@ -1,5 +1,7 @@
 """What plans are made from and fall back on, to the step: shapes, clocks, sides, directions."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,11 +12,14 @@ from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.reference import Reference
 from wideberth.framework.mpc.rollout import sweep
 from wideberth.framework.mpc.situation import nearness
+from wideberth.framework.mpc.starts import other_starts
 from wideberth.framework.mpc.transcription import Guess
+from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.holonomic import Holonomic
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.robots.unicycle import Unicycle
 from wideberth.tests.planning import at, planner
+from wideberth.tests.problems import set_up
 
 
 @pytest.mark.parametrize("state", [[1.0, 2.0, 0.3, 0.4, 0.1], [np.nan] * 5, [1.0]], ids=str)
@@ -34,8 +39,8 @@ def test_an_emergency_plan_has_the_shape_of_every_plan(state: list[float]) -> No
 def test_progress_is_along_the_direction_where_the_robot_is() -> None:
     """Round a corner, theta grows by the whole way; a step aside does not count."""
     robot = follower(HolonomicVelocity())
-    places = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [2.0, 1.0], [2.5, 2.0]])
-    direction = np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.0, 1.0]])
+    places = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [1.0, 2.0], [1.5, 3.0]])
+    direction = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 1.0], [0.0, 1.0]])
     reference = Reference(places[1:], direction, np.full(4, 2.0), np.zeros((4, 0)))
     inputs = np.diff(places, axis=0) / 0.5
     found = marked(robot, Guess.bare(places, inputs, float("nan")), reference, 3.0, 0.5)
@@ -83,3 +88,16 @@ def test_walls_are_looked_at_as_far_as_a_plan_may_turn_aside() -> None:
     exact, known = np.zeros((10, 2, 2)), np.tile(np.diag([0.09, 0.01]), (10, 1, 1))
     assert nearness(made, exact) == pytest.approx(made.robot.radius + 0.1 + 2.0)
     assert nearness(made, known) == pytest.approx(made.robot.radius + 0.1 + 2.0 + 0.6)
+
+
+def test_a_robot_that_stands_goes_aside_from_where_its_path_leads_now() -> None:
+    """Not from where it leads behind the next corner: left of east is north-east."""
+    robot = HolonomicVelocity()
+    problem, parameters, guess = set_up(robot, MahalanobisEllipse(), Fixed(0.05), 1)
+    direction = np.tile([0.0, 1.0], (len(parameters.speed), 1))
+    direction[0] = 1.0, 0.0
+    (left,) = other_starts(
+        robot, problem, replace(parameters, direction=direction), guess, ("left",)
+    )
+    moved = left.states[-1, :2] - left.states[0, :2]
+    np.testing.assert_allclose(moved / np.hypot(*moved), np.sqrt([0.5, 0.5]), atol=1e-6)

@@ -59,6 +59,7 @@ AREAS: dict[str, list[str]] = {
 TESTS = (
     "alignment",
     "attempts",
+    "kept_in_step",
     "judged_in_time",
     "ladder",
     "levels",
