@@ -1,7 +1,11 @@
-"""Every registered predictor on 1 to 1000 obstacles, beside statsmodels and filterpy."""
+"""Every registered predictor on 1 to 1000 obstacles, beside statsmodels and filterpy.
+
+A call is `predict`; of those that adapt while they run, `update` is another, which a planner makes
+before each forecast.
+"""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, TypeAlias
 
@@ -11,7 +15,7 @@ from measuring import Row, Tick, brief, rotated, timed
 from wideberth.framework import Predictor, Scene, Tracks, names
 from wideberth.framework.config import build
 from wideberth.framework.motion import Truth
-from wideberth.framework.predictor import Fittable
+from wideberth.framework.predictor import Adaptive, Fittable
 
 REFERENCE = "constant_velocity"
 SAMPLES, STEPS, DT = 20, 15, 0.5
@@ -26,8 +30,8 @@ BRIEF_TRAINING = {
     "single_gaussian": {"base": {"type": "mixture_density", "rounds": 1}},
 }
 """What learns is fitted first; how well a network is trained does not change its speed."""
-Work: TypeAlias = Callable[[Tracks, Scene], float]
-"""Forecasts and returns the share of obstacles that fell back."""
+Call: TypeAlias = Callable[[], float | None]
+"""What is timed; a forecast returns the share of obstacles that fell back."""
 
 
 @dataclass
@@ -38,13 +42,15 @@ class Candidate:
     ----------
     name : of the predictor.
     engine : "own", or the library whose plain loop over the obstacles it is.
-    work : one call.
+    prepare : returns the call for these obstacles; what it does itself is not timed.
+    call : "predict" or "update".
     history : (obstacles, best time in ms) at the numbers measured so far.
     """
 
     name: str
     engine: str
-    work: Work
+    prepare: Callable[[Tracks, Scene], Call]
+    call: str = "predict"
     history: list[tuple[int, float]] = field(default_factory=list)
 
     def expected(self, count: int) -> float:
@@ -100,10 +106,16 @@ def candidates() -> list[Candidate]:
         predictor: Predictor = build("predictors", {"type": name, **BRIEF_TRAINING.get(name, {})})
         if isinstance(predictor, Fittable):
             predictor = predictor.fit(recordings)
-        found.append(Candidate(name, "own", partial(_predict, predictor)))
-    found.append(Candidate("var", "statsmodels", _statsmodels))
-    found.append(Candidate("kalman", "filterpy", _filterpy))
+        found.append(Candidate(name, "own", partial(_predicting, predictor)))
+        if isinstance(predictor, Adaptive):
+            found.append(Candidate(name, "own", partial(_updating, predictor), "update"))
+    found.append(Candidate("var", "statsmodels", partial(_looping, _statsmodels)))
+    found.append(Candidate("kalman", "filterpy", partial(_looping, _filterpy)))
     return found
+
+
+def _predicting(predictor: Predictor, tracks: Tracks, scene: Scene) -> Call:
+    return partial(_predict, predictor, tracks, scene)
 
 
 def _predict(predictor: Predictor, tracks: Tracks, scene: Scene) -> float:
@@ -111,7 +123,26 @@ def _predict(predictor: Predictor, tracks: Tracks, scene: Scene) -> float:
     return float(np.mean([why is not None for why in forecast.fallback]))
 
 
-def _statsmodels(tracks: Tracks, scene: Scene) -> float:
+def _updating(predictor: Adaptive, tracks: Tracks, scene: Scene) -> Call:
+    """Return the update with the newest sample, after one with each sample before it.
+
+    By then forecasts of every age wait for their truth, as they do while a robot drives.
+    """
+    for count in range(1, SAMPLES):
+        seen = replace(tracks, positions=tracks.positions[:, :count], stamp=DT * (count - 1))
+        predictor = predictor.update(seen, scene)
+    return partial(_update, predictor, tracks, scene)
+
+
+def _update(predictor: Adaptive, tracks: Tracks, scene: Scene) -> None:
+    predictor.update(tracks, scene)
+
+
+def _looping(loop: Callable[[Tracks], None], tracks: Tracks, scene: Scene) -> Call:
+    return partial(loop, tracks)
+
+
+def _statsmodels(tracks: Tracks) -> None:
     """Fit VAR(2), forecast and say the covariance, one obstacle after the other."""
     from statsmodels.tsa.api import VAR
 
@@ -120,10 +151,9 @@ def _statsmodels(tracks: Tracks, scene: Scene) -> float:
         result = VAR(velocities).fit(maxlags=2, trend="n")
         result.forecast(velocities[-2:], STEPS)
         result.mse(STEPS)
-    return 0.0
 
 
-def _filterpy(tracks: Tracks, scene: Scene) -> float:
+def _filterpy(tracks: Tracks) -> None:
     """Filter at constant velocity and roll out, one obstacle after the other."""
     from filterpy.kalman import KalmanFilter
 
@@ -142,14 +172,13 @@ def _filterpy(tracks: Tracks, scene: Scene) -> float:
             engine.update(position)
         for _ in range(STEPS):
             engine.predict()
-    return 0.0
 
 
 def measure(counts: tuple[int, ...], rounds: int, tick: Tick) -> list[Row]:
     """Time one call for all obstacles together: one row per candidate and number."""
     found = candidates()
     for one in found:  # imports what it needs: no part of any time, whatever it costs
-        one.work(*walkers(1, seed=0))
+        one.prepare(*walkers(1, seed=0))()
     rows = []
     for count in counts:
         tick(f"predictors, {count} obstacles")
@@ -161,13 +190,14 @@ def _at(count: int, found: list[Candidate], rounds: int) -> list[Row]:
     """Time the candidates in turn, each until its budget is used up."""
     tracks, scene = walkers(count, seed=1)
     times: dict[str, list[float]] = {_key(one): [] for one in found}
-    fell_back: dict[str, float] = {}
+    fell_back: dict[str, float | None] = {}
     by_key = {_key(one): one for one in found}
+    calls = {key: one.prepare(tracks, scene) for key, one in by_key.items()}
     for turn in range(rounds + 1):
         for key in rotated(list(by_key), turn):
             if sum(times[key]) > BUDGET:
                 continue
-            time, fell_back[key] = timed(partial(by_key[key].work, tracks, scene))
+            time, fell_back[key] = timed(calls[key])
             # the first call imports what the predictor needs: it counts if that is little of it
             if turn or time > BUDGET:
                 times[key].append(time)
@@ -176,9 +206,9 @@ def _at(count: int, found: list[Candidate], rounds: int) -> list[Row]:
         best = min(times[key])
         one.history.append((count, best))
         row: dict[str, Any] = {"obstacles": count, "predictor": one.name, "engine": one.engine}
-        row |= brief(times[key], times[f"{REFERENCE}, own"])
+        row |= {"call": one.call} | brief(times[key], times[f"{REFERENCE}, own, predict"])
         for library in ("var, statsmodels", "kalman, filterpy"):
-            known = times.get(library)
+            known = times.get(f"{library}, predict")
             row[f"over_{library.split()[1]}"] = best / min(known) if known else None
         row["us_per_obstacle"] = 1e3 * row["median_ms"] / count
         rows.append(row | {"fell_back": fell_back[key]})
@@ -186,4 +216,4 @@ def _at(count: int, found: list[Candidate], rounds: int) -> list[Row]:
 
 
 def _key(one: Candidate) -> str:
-    return f"{one.name}, {one.engine}"
+    return f"{one.name}, {one.engine}, {one.call}"

@@ -13,6 +13,8 @@ import pytest
 
 from wideberth.framework import names
 from wideberth.framework.io import read_table
+from wideberth.framework.predictor import Adaptive
+from wideberth.framework.registry import load
 
 FOLDER = Path(__file__).resolve().parents[1] / "benchmarks"
 
@@ -67,6 +69,9 @@ def test_dry_run_writes_and_prints_every_table(tmp_path: Path) -> None:
         key = "solver" if name == "plugins" else "set-up"
         assert {row[key] for row in tables[name]} == set(names("solvers"))
     assert {row["predictor"] for row in tables["predictors"]} == set(names("predictors"))
+    updated = {row["predictor"] for row in tables["predictors"] if row["call"] == "update"}
+    adaptive = {n for n in names("predictors") if issubclass(load("predictors", n), Adaptive)}
+    assert updated == adaptive and "adaptive_conformal" in adaptive
     assert {row["target"] for row in tables["risks"]} == {None, 1e5}
     assert all(row["per_second_per_core"] > 0 for row in tables["risks"])
     assert "wideberth --help" in {row["command"] for row in tables["startup"]}
