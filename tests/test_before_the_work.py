@@ -191,7 +191,7 @@ def test_a_plug_in_that_cannot_be_made() -> None:
     ("make", "message"),
     [
         (lambda path: ["explain", str(path)], "is no recorded solve"),
-        (lambda path: ["play", str(path)], r"not a saved episode \(no npz archive\)"),
+        (lambda path: ["play", str(path)], r"not a saved episode \(it is no npz archive\)"),
         (lambda path: ["figures", str(path.parent)], "holds no result"),
         (lambda path: ["run", ""], "is a folder"),
         (
