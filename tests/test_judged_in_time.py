@@ -25,7 +25,7 @@ from wideberth.framework.predictor import Predictor
 from wideberth.framework.recordings import Recording
 from wideberth.framework.tracks import Tracks
 from wideberth.framework.windows import cut_windows
-from wideberth.predictors.adaptive_conformal import AdaptiveConformal
+from wideberth.predictors.adaptive_conformal import AdaptiveConformal, _position
 from wideberth.predictors.conformal import Conformal
 from wideberth.predictors.core.calibration import replayed, squared_distances
 from wideberth.simulation.agents import ReplayAgent
@@ -197,3 +197,22 @@ def test_adaptive_scales_learn_from_their_own_step() -> None:
     want[2] = predictor.state.log_scale[2]  # hits again once it has grown
     np.testing.assert_allclose(predictor.state.log_scale, want, rtol=1e-9)
     assert predictor.state.log_scale[2] > 1.0
+
+
+def test_truth_between_two_samples_is_on_the_line_between_them() -> None:
+    """On a sample, also when a clock misses it by rounding, the one beside it does not count."""
+    tracks = seen(6)
+    places, newest = tracks.positions[0], tracks.stamp
+    np.testing.assert_allclose(_position(tracks, newest)[0], places[5])
+    np.testing.assert_allclose(
+        _position(tracks, newest - 1.5 * DT)[0], 0.5 * (places[3] + places[4])
+    )
+    quarter = _position(tracks, newest - 2.25 * DT)[0]
+    np.testing.assert_allclose(quarter, 0.25 * places[2] + 0.75 * places[3])
+    gone = tracks.positions.copy()
+    gone[:, 4] = np.nan
+    broken = replace(tracks, positions=gone)
+    for miss in (-1e-15, 0.0, 1e-15):
+        np.testing.assert_array_equal(_position(broken, newest - 2.0 * DT + miss)[0], places[3])
+    assert np.isnan(_position(broken, newest - 1.5 * DT)).all()
+    assert np.isnan(_position(tracks, newest - 5.5 * DT)).all()
