@@ -18,7 +18,7 @@ from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.holonomic import Holonomic
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.robots.unicycle import Unicycle
-from wideberth.tests.planning import at, planner
+from wideberth.tests.planning import approach, at, planner
 from wideberth.tests.problems import set_up
 
 
@@ -101,3 +101,21 @@ def test_a_robot_that_stands_goes_aside_from_where_its_path_leads_now() -> None:
     )
     moved = left.states[-1, :2] - left.states[0, :2]
     np.testing.assert_allclose(moved / np.hypot(*moved), np.sqrt([0.5, 0.5]), atol=1e-6)
+
+
+def test_what_a_plan_breaks_is_listed_worst_first() -> None:
+    """Pushed aside from one step on it leaves its dynamics and, far enough, enters the region."""
+    made = planner()
+    approach(made)
+    solve = made.explain()
+    meets = int(np.abs(solve.point.states[1:, 0] - 4.0).argmin()) + 1
+    lines = []
+    for push in (0.5, 3.0):
+        states = solve.point.states.copy()
+        states[meets:, 1] += push
+        states[-1, 3] += 0.2
+        text = replace(solve, point=replace(solve.point, states=states)).text()
+        lines.append([line for line in text.splitlines() if " at step " in line])
+        amounts = [float(line.split(" by ")[1].split()[0]) for line in lines[-1]]
+        assert amounts == sorted(amounts, reverse=True), text
+    assert any(len(found) == 2 for found in lines), lines
