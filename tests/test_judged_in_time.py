@@ -15,6 +15,7 @@ from wideberth.experiments.prediction_data import PredictionData
 from wideberth.experiments.prediction_scores import run_along
 from wideberth.experiments.prediction_table import calibration
 from wideberth.experiments.prediction_windows import Protocol
+from wideberth.framework import metrics_comfort
 from wideberth.framework.arrays import Array
 from wideberth.framework.forecast import Forecast, Scene
 from wideberth.framework.metrics import content_bound
@@ -30,7 +31,7 @@ from wideberth.predictors.conformal import Conformal
 from wideberth.predictors.core.calibration import replayed, squared_distances
 from wideberth.simulation.agents import ReplayAgent
 from wideberth.simulation.log import AgentLog, CommandLog, Episode
-from wideberth.simulation.measures import Sampled
+from wideberth.simulation.measures import Sampled, measures
 from wideberth.simulation.promises import promises
 from wideberth.simulation.summary import forecast_coverage
 from wideberth.tests.planning import planner
@@ -216,3 +217,20 @@ def test_truth_between_two_samples_is_on_the_line_between_them() -> None:
         np.testing.assert_array_equal(_position(broken, newest - 2.0 * DT + miss)[0], places[3])
     assert np.isnan(_position(broken, newest - 1.5 * DT)).all()
     assert np.isnan(_position(tracks, newest - 5.5 * DT)).all()
+
+
+def test_one_plan_that_touches_is_enough_for_the_episode() -> None:
+    hits = AWAY.copy()
+    hits[1] = runner(clock(2.0))[0]
+    played = episode(plan(1.0, AWAY, runner(clock(1.0))), plan(2.0, hits, runner(clock(2.0))))
+    row = promises(played, played.robots[0], 0.05)
+    assert row["episode_touched"] == 1.0
+    assert row["step_touched"] == pytest.approx(1.0 / (2 * STEPS))
+
+
+def test_the_work_on_others_is_that_of_the_samples() -> None:
+    played = episode()
+    one = Sampled.of(played, played.robots[0])
+    want = metrics_comfort.social_work(one.positions, one.others, one.step)
+    assert measures(played, 0.05, 60.0)["social_work"] == pytest.approx(want)
+    assert np.isfinite(want)
