@@ -19,7 +19,9 @@ from wideberth.framework import metrics_comfort
 from wideberth.framework.arrays import Array
 from wideberth.framework.forecast import Forecast, Scene
 from wideberth.framework.metrics import content_bound
+from wideberth.framework.mpc.contact import Touch
 from wideberth.framework.mpc.levels.fixed import Fixed
+from wideberth.framework.mpc.verify import Violation
 from wideberth.framework.path import Path
 from wideberth.framework.plan import Plan, Rung, Status
 from wideberth.framework.predictor import Predictor
@@ -33,7 +35,7 @@ from wideberth.simulation.agents import ReplayAgent
 from wideberth.simulation.log import AgentLog, CommandLog, Episode
 from wideberth.simulation.measures import Sampled, measures
 from wideberth.simulation.promises import promises
-from wideberth.simulation.summary import forecast_coverage
+from wideberth.simulation.summary import forecast_coverage, robot_rows
 from wideberth.tests.planning import planner
 
 DT, STEPS, SPREAD = 0.5, 4, 1e-3
@@ -234,3 +236,23 @@ def test_the_work_on_others_is_that_of_the_samples() -> None:
     want = metrics_comfort.social_work(one.positions, one.others, one.step)
     assert measures(played, 0.05, 60.0)["social_work"] == pytest.approx(want)
     assert np.isfinite(want)
+
+
+def test_every_plan_that_is_not_the_best_is_a_fallback() -> None:
+    one = plan(1.0, AWAY, runner(clock(1.0)))
+    for rungs in ((Rung.FEASIBLE,) * 2, (Rung.FEASIBLE, Rung.OPTIMAL), (Rung.OPTIMAL,) * 2):
+        (row,) = robot_rows(episode(*(replace(one, rung=rung) for rung in rungs)))
+        assert row["fallbacks"] == sum(rung is not Rung.OPTIMAL for rung in rungs)
+
+
+@pytest.mark.parametrize("step", range(1, STEPS + 1))
+def test_a_touched_wall_is_named_with_its_step(step: int) -> None:
+    """Steps are counted from 1, those at which motion limits are broken as well."""
+    depth = np.where(np.arange(1, STEPS + 1) == step, 0.3, 0.0)
+    names = tuple(f"wall {i}" for i in range(1, STEPS + 1))
+    none = np.zeros(STEPS)
+    breach = Violation(none, none[:, None], Touch(depth, names)).breach(("a",))
+    assert breach is not None
+    assert (breach.name, breach.step, breach.amount) == (f"wall {step}", step, 0.3)
+    broken = Violation(depth, none[:, None]).breach(("a",))
+    assert broken is not None and broken.step == step
