@@ -9,8 +9,9 @@ from .arrays import FARTHEST, Array, BoolArray
 from .forecast import Scene
 from .tracks import Tracks
 
-LEAP, FASTEST = 1e4, 1e3
-"""m and m/s: who goes farther than `LEAP` + `FASTEST` t in t seconds is somebody else."""
+LEAP, FASTEST, LONGEST_LEAP = 1e4, 1e3, 1e6
+"""m, m/s and m: who goes farther than `LEAP` + `FASTEST` t in t seconds, or than `LONGEST_LEAP`
+between two samples, is somebody else."""
 VAGUEST = 1e6
 """m, largest standard deviation of a measurement (and m/s, of a tracked velocity)."""
 FINEST = 1e-30
@@ -112,7 +113,7 @@ def _after_leaps(positions: Array, dt: float) -> tuple[Array, BoolArray]:
     newest = np.maximum.accumulate(np.where(seen, columns, -1), axis=1)
     before = np.concatenate([np.full((len(seen), 1), -1), newest[:, :-1]], axis=1)
     way = positions - np.take_along_axis(positions, np.maximum(before, 0)[:, :, None], axis=1)
-    limit = LEAP + FASTEST * dt * (columns - before)
+    limit = np.minimum(LEAP + FASTEST * dt * (columns - before), LONGEST_LEAP)
     leap = seen & (before >= 0) & (np.linalg.norm(np.nan_to_num(way), axis=2) > limit)
     leapt = np.asarray(leap.any(axis=1), dtype=np.bool_)
     if not leapt.any():

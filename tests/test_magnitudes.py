@@ -23,6 +23,7 @@ from wideberth.predictors.adaptive_conformal import AdaptiveConformal
 from wideberth.predictors.game import Game
 from wideberth.predictors.interacting_models import InteractingModels
 from wideberth.predictors.kalman import Kalman
+from wideberth.predictors.social_force import SocialForce
 from wideberth.tests.planning import STRAIGHT, planner
 
 HERE = np.array([0.0, 0.0, 0.0, 0.5, 0.0])
@@ -200,6 +201,24 @@ def test_steps_of_a_thousand_seconds_leave_every_model_possible() -> None:
     for dt in (1e3, 1e4):
         forecast = InteractingModels(history=40).predict(around(path, dt), 5)
         assert forecast.fallback == (None, None, None)
+
+
+@pytest.mark.parametrize("dt", [1e4, 1e300])
+def test_leaps_over_long_gaps_do_not_drown_the_noise(dt: float) -> None:
+    """Found by `make fuzz`: in steps of 1e300 s no way was too long."""
+    path = 1e9 * np.random.default_rng(3).uniform(-1.0, 1.0, (4, 60, 2))
+    path[:, np.arange(60) % 3 > 0] = np.nan
+    forecast = InteractingModels().predict(around(path, dt), 15)
+    assert all("leap" in str(reason) for reason in forecast.fallback)
+
+
+def test_a_plan_from_another_age_pushes_nobody() -> None:
+    """Found by `make fuzz`: the clock could not tell the instants of the plan apart."""
+    tracks = replace(around(walk()), stamp=1e300)
+    plan = np.arange(8.0)[:, None] * np.ones(2)
+    scene = Scene(plan=plan, plan_times=np.arange(8.0))
+    forecast = SocialForce().predict(tracks, 5, scene)
+    assert np.array_equal(forecast.mean, SocialForce().predict(tracks, 5).mean)
 
 
 def test_within_the_limits_nothing_is_copied() -> None:
