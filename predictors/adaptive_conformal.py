@@ -347,7 +347,7 @@ def _position(tracks: Tracks, time: float) -> Array:
     if abs(place - nearest) * tracks.dt <= _slack(tracks):
         place = float(nearest)
     below = int(np.floor(place))
-    if below < 0 or rows == 0:
+    if below < 0:
         return np.full((len(tracks), tracks.dimension), np.nan)
     share = place - below
     if share == 0.0:

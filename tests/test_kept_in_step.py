@@ -8,7 +8,9 @@ import pytest
 from wideberth.framework.motion import Observation
 from wideberth.framework.mpc.emergency import emergency
 from wideberth.framework.mpc.follower import follower, marked
+from wideberth.framework.mpc.ladder import Ladder
 from wideberth.framework.mpc.levels.fixed import Fixed
+from wideberth.framework.mpc.manoeuvres import stops
 from wideberth.framework.mpc.reference import Reference
 from wideberth.framework.mpc.rollout import sweep
 from wideberth.framework.mpc.situation import nearness
@@ -119,3 +121,48 @@ def test_what_a_plan_breaks_is_listed_worst_first() -> None:
         amounts = [float(line.split(" by ")[1].split()[0]) for line in lines[-1]]
         assert amounts == sorted(amounts, reverse=True), text
     assert any(len(found) == 2 for found in lines), lines
+
+
+def test_the_last_plan_goes_on_from_where_time_has_come() -> None:
+    """Inputs 1, 2, 3 a step: half a step later 1.5, 2.5 and, beyond the end, 1.5."""
+    seen = Observation(0.0, np.zeros(4))
+    plan = replace(emergency(Holonomic(), seen, "a test", 3, 0.5)[0], stamp=1.0)
+    plan = replace(plan, inputs=0.1 * np.array([[1.0, 0.0], [2.0, 0.0], [3.0, 0.0]]))
+    start = np.array([0.0, 0.0, 0.3, 0.0])
+    ladder = Ladder(Holonomic(), MahalanobisEllipse(), Fixed(0.1), 1.25, 0.5, 3, start)
+    found = ladder.shifted(plan, standing=False).inputs
+    assert found is not None
+    np.testing.assert_allclose(found, 0.1 * np.array([[1.5, 0.0], [2.5, 0.0], [1.5, 0.0]]))
+    at_once = replace(ladder, stamp=1.0).shifted(plan, standing=False).inputs
+    np.testing.assert_array_equal(at_once, plan.inputs)
+    assert replace(ladder, stamp=0.9).shifted(plan, standing=False).inputs is None  # not yet begun
+
+
+def test_beyond_its_end_a_plan_coasts_or_stands() -> None:
+    """Two steps later, at 0.3 m/s without input: one goes on at that speed, the other brakes."""
+    seen = Observation(0.0, np.zeros(4))
+    plan, _ = emergency(Holonomic(), seen, "a test", 4, 0.5)
+    plan = replace(plan, inputs=np.zeros((4, 2)))
+    start = np.array([0.0, 0.0, 0.3, 0.0])
+    ladder = Ladder(Holonomic(), MahalanobisEllipse(), Fixed(0.1), 1.0, 0.5, 4, start)
+    speeds = [
+        ladder.shifted(plan, standing=standing).first().states[:, 2] for standing in (False, True)
+    ]
+    np.testing.assert_allclose(speeds[0], 0.3)
+    np.testing.assert_allclose(speeds[1][:3], 0.3)
+    np.testing.assert_allclose(speeds[1][3:], 0.0, atol=1e-9)
+
+
+def test_ways_out_of_a_body_without_a_heading_are_along_and_across_its_motion() -> None:
+    start = np.array([0.0, 0.0, 0.3, 0.4])
+    ahead, left = np.array([0.6, 0.8]), np.array([-0.8, 0.6])
+    wanted = {"ahead": ahead, "back": -ahead, "left": left, "right": -left}
+    found = {name: states for name, states, _ in stops(HolonomicVelocity(), start[:2], 6, 0.5)}
+    world = {"ahead": [1.0, 0.0], "back": [-1.0, 0.0], "left": [0.0, 1.0], "right": [0.0, -1.0]}
+    for name, way in world.items():  # without inputs it stands: the world's axes
+        moved = found[f"{name} for 1.5 s"][-1, :2]
+        np.testing.assert_allclose(moved / np.hypot(*moved), way, atol=1e-6)
+    found = {name: states for name, states, _ in stops(Holonomic(), start, 60, 0.5)}
+    for name, way in wanted.items():
+        speed = found[f"{name} for 5 s"][10, 2:]
+        np.testing.assert_allclose(speed / np.hypot(*speed), way, atol=1e-3)

@@ -50,6 +50,16 @@ def tilted(size=2, order=2):
     return VelocityProcess(lags[None], innovation[None], 0.1 * rng.random((1, size)))
 
 
+def test_one_number_that_is_not_finite_spoils_one_process():
+    whole = tilted()
+    parts = (whole.coefficients, whole.innovation, whole.intercept)
+    assert whole.finite().tolist() == [True]
+    for spoilt in range(3):
+        pair = [np.concatenate([part, part]) for part in parts]
+        pair[spoilt][1].flat[0] = np.inf
+        assert VelocityProcess(*pair).finite().tolist() == [True, False]
+
+
 def simulate(process, runs, steps, rng, burn=0, start=None):
     """Velocities, (runs, p + steps, D): p known ones, then the future."""
     order, size = process.coefficients.shape[1:3]

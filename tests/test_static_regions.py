@@ -181,6 +181,8 @@ def test_equalities_hold_at_flat_corners() -> None:
     [
         (WALL, -0.1, NONE, "margin"),
         (WALL, np.nan, NONE, "margin"),
+        (WALL, [0.1, np.nan], NONE, "margin"),
+        (np.stack([WALL, np.full_like(WALL, np.nan)]), 0.1, NONE, "not finite"),
         (WALL * np.nan, 0.1, NONE, "not finite"),
         (WALL[:2], 0.1, NONE, "at least 3 vertices"),
         (WALL[:, :1], 0.1, NONE, "wanted"),

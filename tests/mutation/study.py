@@ -34,9 +34,9 @@ from wideberth.tests.mutation.areas import AREAS, ROOT, TESTS, Found, draw, path
 from wideberth.tests.mutation.forked import OPTIONS, Job, Watch, anew, given, in_processes
 from wideberth.tests.mutation.sites import Site, changed, sites
 
-ENOUGH = 3.0
+ENOUGH = 15.0
 """CPU seconds of one test file, after which its other tests are left out."""
-PATIENCE = 10.0
+PATIENCE = 40.0
 """CPU seconds of tests, as measured, that are run against one change."""
 
 SURVIVED, KILLED, UNREACHED = 0, 1, 5
