@@ -49,6 +49,12 @@ def test_a_call_returns_what_it_returns_and_raises_what_it_raises() -> None:
     assert left_behind() == 0
 
 
+@pytest.mark.parametrize("limit", [1e11, 1e300, np.inf])
+def test_a_limit_of_any_length_is_waited_for(limit: float) -> None:
+    assert watched(lambda: 7, limit) == 7
+    assert left_behind() == 0
+
+
 def test_one_thread_serves_all_calls() -> None:
     idents = {watched(get_ident, 60.0) for _ in range(50)}
     assert len(idents) == 1 and get_ident() not in idents

@@ -11,7 +11,7 @@ sees the caller's context variables (NumPy's error state is one).
 import os
 from collections.abc import Callable
 from contextvars import copy_context
-from threading import Lock, Thread
+from threading import TIMEOUT_MAX, Lock, Thread
 from typing import Any, TypeVar
 
 MOST_LEFT = 3
@@ -40,7 +40,7 @@ def watched(call: Callable[[], T], limit: float) -> T:
     Parameters
     ----------
     call : runs in another thread.
-    limit : s by the clock.
+    limit : s by the clock; more than a thread can wait for, some centuries, counts as that.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def watched(call: Callable[[], T], limit: float) -> T:
     job = _Job(call)
     worker.begin(job)
     try:
-        job.done.acquire(timeout=max(limit, 0.0))
+        job.done.acquire(timeout=min(max(limit, 0.0), TIMEOUT_MAX))
     finally:  # also where the wait itself is interrupted
         over = _over(job, worker)
     if not over:
