@@ -1,8 +1,9 @@
 """Level policies: their laws, their profiles, and what reaches the problem."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path as Folder
-from typing import ClassVar, final
+from typing import Any, ClassVar, final
 
 import numpy as np
 import pytest
@@ -26,7 +27,8 @@ from wideberth.framework.path import Path
 from wideberth.framework.region import Region
 from wideberth.framework.registry import load
 from wideberth.framework.testing import check_level
-from wideberth.predictors import game
+from wideberth.framework.yamlfile import read_config
+from wideberth.predictors.game import Game
 from wideberth.regions.half_plane import HalfPlane
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
@@ -63,11 +65,20 @@ def test_who_names_relaxed_gets_what_is_recommended_and_the_paper_by_its_name() 
         Paper(minimum=3.0).levels(region, 1, 1, 2)
     with pytest.raises(WideberthError, match=r"level\.weight"):
         Paper(weight=-1.0)
-    stated = [*Folder(experiments.__file__).parent.glob("configs/*.yaml"), Folder(game.__file__)]
-    for file in stated:
-        text = file.read_text(encoding="utf-8")
-        for field in fields(Relaxed):
-            assert f"relaxed, {field.name}: {field.default}" not in text, file.name
+    for file in Folder(experiments.__file__).parent.glob("configs/*.yaml"):
+        for stated in relaxed_in(read_config(file)):
+            for field in fields(Relaxed):
+                assert stated.get(field.name) != field.default, (file.name, stated)
+    assert Game().planner.level == Relaxed()
+
+
+def relaxed_in(value: Any) -> Iterator[dict[str, Any]]:
+    """Yield every mapping of a config that names `Relaxed` and numbers of its own."""
+    if isinstance(value, dict) and value.get("type") == "relaxed":
+        yield value
+    inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    for one in inner:
+        yield from relaxed_in(one)
 
 
 @final
