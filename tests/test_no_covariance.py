@@ -1,4 +1,4 @@
-"""What is no covariance is refused with one message by all that take one as an array."""
+"""What is no covariance is refused with one message, or named where a sensor reports it."""
 
 from collections.abc import Callable
 
@@ -53,10 +53,14 @@ TAKERS: dict[str, Asked] = {
     "static_region": lambda s: pack(np.array(TRIANGLE), np.array(0.1), s),
     "obstacle": lambda s: GaussianObstacle(APART, s),
     "forecast": lambda s: Forecast(MODES, one(s), ONE, 0.5, (None,)),
-    "detection": lambda s: Detection("a", APART, s, 0.3),
-    "observation": lambda s: Observation(0.0, APART, covariance=s),
     "tracks": lambda s: Tracks(POINT, 0.5, ("a",), np.ones(1), np.asarray(s)[None]),
 }
+
+REPORTERS: dict[str, Callable[[np.ndarray], Detection | Observation]] = {
+    "detection": lambda s: Detection("a", APART, s, 0.3),
+    "observation": lambda s: Observation(0.0, APART, covariance=s),
+}
+"""What a sensor may report at any time: wrong numbers are named in it, wrong shapes refused."""
 
 NO_COVARIANCES = {
     "negative": -np.eye(2),
@@ -71,14 +75,33 @@ NO_COVARIANCES = {
 }
 
 
+def words_for(name: str) -> str:
+    """What the message says of a matrix."""
+    words = {"nan": "finite", "infinite": "finite", "shape": "shape"}
+    kind = "not symmetric" if name.startswith("asymmetric") else "positive semi-definite"
+    return words.get(name, kind)
+
+
 @pytest.mark.parametrize("name", NO_COVARIANCES)
 @pytest.mark.parametrize("taker", TAKERS)
 def test_what_is_no_covariance_is_refused(taker: str, name: str) -> None:
-    words = {"nan": "finite", "infinite": "finite", "shape": "shape"}.get(
-        name, "not symmetric" if name.startswith("asymmetric") else "positive semi-definite"
-    )
-    with pytest.raises(WideberthError, match=words):
+    with pytest.raises(WideberthError, match=words_for(name)):
         TAKERS[taker](NO_COVARIANCES[name])
+
+
+@pytest.mark.parametrize("name", NO_COVARIANCES)
+@pytest.mark.parametrize("reporter", REPORTERS)
+def test_what_a_sensor_reports_is_named(reporter: str, name: str) -> None:
+    if name == "shape":
+        with pytest.raises(WideberthError, match="shape"):
+            REPORTERS[reporter](NO_COVARIANCES[name])
+    else:
+        assert words_for(name) in REPORTERS[reporter](NO_COVARIANCES[name]).flaw
+
+
+@pytest.mark.parametrize("reporter", REPORTERS)
+def test_rounding_is_no_flaw(reporter: str) -> None:
+    assert REPORTERS[reporter](np.array([[1.0, 0.5], [0.5 + 1e-15, 0.4]])).flaw == ""
 
 
 @pytest.mark.parametrize("taker", TAKERS)
