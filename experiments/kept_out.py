@@ -49,8 +49,8 @@ def kept_out_of(
 
     Returns
     -------
-    (obstacle, mode) of the forecast -> (len(steps), COUNT, 2), m. Obstacles in no constraint are
-    not among them; nobody is in space, where there is no outline, or where the region is not
+    (obstacle, mode) of the forecast -> (len(steps), COUNT, 2), m, of the obstacles that a
+    constraint holds. Empty in space, where there is no outline, and where the region is not
     defined.
     """
     forecast, region = plan.forecast, planner.region

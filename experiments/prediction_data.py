@@ -17,7 +17,7 @@ from .crowd import DATA, SHIPPED, TrackFile
 STOOD = 0.1
 """m/s; who is slower stands."""
 SLOW = 0.2
-"""Share of the highest speeds below which somebody stands, where nobody reaches `STOOD` by far."""
+"""Share of the highest speeds below which a robot stands, in recordings of slow robots."""
 FAST = 4.0
 """m/s; people (who walk at about 1.3) are not faster in the median, unless dt or the unit is
 wrong."""
@@ -206,8 +206,8 @@ def longest_stretch(recording: Recording) -> int:
 def usual_speed(recordings: Sequence[Recording]) -> float:
     """Median speed, m/s, of those who do not stand; NaN if everybody always does.
 
-    Who is slower than `STOOD` stands, unless the recordings are of slow robots: then it is who is
-    slower than a fifth of the speed that one sample in a hundred exceeds.
+    To stand is to be slower than `STOOD`. In recordings of slow robots it is to be slower than a
+    fifth of the speed that one sample in a hundred exceeds.
     """
     parts = [
         np.linalg.norm(np.diff(one.positions, axis=1), axis=2).ravel() / one.dt

@@ -67,7 +67,7 @@ def broken_limit(robot: Robot, command: object) -> str:
     wanted = np.array([*command.linear, command.omega], dtype=np.float64)
     if not np.isfinite([*wanted, command.ramp]).all() or command.ramp < 0.0:
         return f"it is {command}; wanted finite numbers and a ramp of at least 0 s"
-    pose = robot.pose((0.0,) * len(robot.states))  # what is kept hangs on no place
+    pose = robot.pose((0.0,) * len(robot.states))  # limits do not depend on the place
     state = tuple(float(value) for value in robot.state_at(pose, command.twist))
     control = tuple(float(value) for value in robot.drive(state, command.twist, 1.0))
     found = robot.twist(state, control)

@@ -26,7 +26,8 @@ class _Log:
 
     def __init__(self, dimension: int) -> None:
         self.radius, self.reported, self.sensor = 0.0, 0.0, ""
-        self.fresh, self.looked = 0, False  # measurements new to the noise's estimate; any old
+        # Measurements not yet in the estimate of the noise, and whether others are.
+        self.fresh, self.looked = 0, False
         self.covariance: Array | None = None
         self._times, self._positions = np.empty(_ROOM), np.empty((_ROOM, dimension))
         self._first = self._end = 0

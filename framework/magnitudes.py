@@ -10,8 +10,8 @@ from .forecast import Scene
 from .tracks import Tracks
 
 LEAP, FASTEST, LONGEST_LEAP = 1e4, 1e3, 1e6
-"""m, m/s and m: who goes farther than `LEAP` + `FASTEST` t in t seconds, or than `LONGEST_LEAP`
-between two samples, is somebody else."""
+"""m, m/s and m: an obstacle that moves farther than `LEAP` + `FASTEST` t in t seconds, or than
+`LONGEST_LEAP` between two samples, counts as another one."""
 VAGUEST = 1e6
 """m, largest standard deviation of a measurement (and m/s, of a tracked velocity)."""
 FINEST = 1e-30

@@ -163,7 +163,7 @@ class Truth:
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """All that a controller is told at one instant.
+    """What a controller observes at one instant.
 
     Numbers that are none (NaN, infinite ones, a covariance that is none) are accepted here, since
     a robot may meet them at any time; controllers answer with a safe command, see

@@ -208,7 +208,7 @@ def window_likelihoods(windows: Sequence[tuple[Array, Array]]) -> Array:
 
 
 def _likelihoods(windows: Sequence[tuple[Array, Array]]) -> Array:
-    """Do what `window_likelihoods` says."""
+    """Return `window_likelihoods`, with NumPy's warnings."""
     found = np.full((len(windows), len(DEVIATIONS)), np.nan)
     for times, alike in _by_times(windows):
         positions = np.stack([windows[place][1] for place in alike])

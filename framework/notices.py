@@ -1,8 +1,8 @@
-"""What controllers do otherwise than asked, through `logging`, and not too often.
+"""Warnings of controllers through `logging`, limited in rate.
 
-Who never reads a plan's reason still learns that the planner brakes, that plans give way or that
-detections are refused: each is a warning of the logger ``wideberth.controllers.NAME``, NAME the
-controller's class, which Python prints where nobody has configured logging.
+A user who never reads a plan's reason still learns that the planner brakes, that plans give way
+or that detections are refused: each is a warning of the logger ``wideberth.controllers.NAME``,
+NAME the controller's class. Python prints it where logging is not configured.
 """
 
 import logging
@@ -20,9 +20,9 @@ PAUSE = 10.0
 class Notices:
     """Warns at once of what is new, and of repeats at most once in `PAUSE` seconds.
 
-    One for the process, whatever the number of controllers: the limit is for whoever reads. It
-    goes by the clock of the machine; stamps may stand still, jump, and run a hundred times faster
-    than it in a simulation.
+    One for the process, whatever the number of controllers: the limit is for the reader. It goes
+    by the clock of the machine; stamps may stand still, jump, and run a hundred times faster in a
+    simulation.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class Notices:
         Parameters
         ----------
         name : of the controller's class.
-        kind : what may be left out where it was said already.
+        kind : of the warning; its repeats are limited.
         words : what happened.
         """
         logger = logging.getLogger(f"{ROOT}.{name}")

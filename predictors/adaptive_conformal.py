@@ -80,16 +80,16 @@ class AdaptiveConformal(Adaptive, Fittable):
 
     Sigma_h -> exp(l_ch) Sigma_h,   l_ch <- l_ch + rate * sum_i (miss_i - tail) / sqrt(n)
 
-    Each class c of speed has its scales: whoever stands is not forecast as badly as whoever
-    walks, and a rate that holds for both together holds for neither. The speed is that of the
-    base's forecast over its first steps, in which measurement noise is filtered. Whenever truth
-    arrives for step h of earlier forecasts of n obstacles of a class, miss_i is 1 where it lies
-    outside of the region of content 1 - tail that was stated, scale included, else 0. Of several
-    modes that is the region of highest density, as everywhere that forecasts are scored; the
-    union of the modes' ellipses, which a planner keeps clear of, is larger and holds more. Too
-    many misses widen the step, too few narrow it. The n people of one moment are n looks at the
-    same scale; the sum of their misses varies by sqrt(n), so that a step's scale moves alike in
-    a crowd and alone.
+    Each class c of speed has its scales: forecasts of people who stand err less than those of
+    people who walk, and a rate that holds for both together holds for neither. The speed is that
+    of the base's forecast over its first steps, in which measurement noise is filtered. Whenever
+    truth arrives for step h of earlier forecasts of n obstacles of a class, miss_i is 1 where it
+    lies outside of the region of content 1 - tail that was stated, scale included, else 0. Of
+    several modes that is the region of highest density, as everywhere that forecasts are scored;
+    the union of the modes' ellipses, which a planner keeps clear of, is larger and holds more.
+    Too many misses widen the step, too few narrow it. The n people of one moment are n looks at
+    the same scale; the sum of their misses varies by sqrt(n), so that a step's scale moves alike
+    in a crowd and alone.
 
     Nothing is assumed of the base or of the world but that |l_ch| stays below 12: as the sum
     telescopes, over T updates the misses of one obstacle average to within (max l - min l

@@ -111,8 +111,8 @@ class Corrected(Fittable):
 
     Corrections must prove themselves: learnt from all recordings but one, they have to lower the
     mean error of the one left out, on average by 2 %. Else, and from a single recording, none
-    is kept. Of robots of one kind they are; those of crowds with unlike measurement noise do
-    not carry over.
+    is kept. Corrections of robots of one kind pass; those of crowds that were measured with
+    different noise do not.
 
     Unfitted, for an obstacle for which the base gives a reason, and for one with fewer than 5
     samples, the base's own mean stands.

@@ -3,10 +3,11 @@
 Every compiled module is a folder of its own. It is filled under another name, sealed with the
 hash of every file, and renamed when complete: a reader finds all of it or nothing.
 
-What is kept there is machine code, with an index that Numba unpickles: whoever can write it can
-run anything as this user. The seal lies beside the files and shows damage, no malice. So a folder
-or a file that another user owns or may write is not read, and what is made here is for its owner
-alone. Root is trusted, and so is the owner of a folder above, unless everybody may write there.
+What is kept there is machine code, with an index that Numba unpickles: a user who can write there
+can run any code as this one. The seal lies beside the files and shows damage, no malice. So a
+folder or a file that another user owns or may write is not read, and what is made here is for its
+owner alone. Root is trusted, and so is the owner of a folder above, unless everybody may write
+there.
 """
 
 import json

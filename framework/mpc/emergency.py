@@ -14,8 +14,8 @@ from .situation import within_limits
 def aim(robot: Robot, plan: Plan, step: int = 0) -> Command:
     """Aim at the twist of the step after ``step``, over one MPC step, for the paper's smoother.
 
-    A robot whose input is the velocity itself takes it at once. Beyond the plan's end the
-    robot is told to stop.
+    A robot whose input is the velocity itself takes it at once. Beyond the plan's end it
+    is the command to stop.
     """
     if step >= len(plan.inputs):
         return Command((0.0,) * robot.dimension, ramp=plan.dt)

@@ -1,4 +1,4 @@
-"""What a plan holds where that is less than was asked, in words that are the same everywhere."""
+"""How far a plan holds less than was asked for, from which step on, because of which obstacle."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING

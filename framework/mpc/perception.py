@@ -26,7 +26,7 @@ PACE = 1.0
 
 
 class Perception:
-    """Remembers detections and asks the predictor; `drain` tells what it had to drop.
+    """Remembers detections and asks the predictor; `drain` returns what was refused, and why.
 
     Parameters
     ----------

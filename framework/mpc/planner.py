@@ -126,7 +126,7 @@ class Planner(Controller):
         check_settings(self)
         self._progress: Progress | None = None
         self.warns = True
-        """Whether it warns, see `wideberth.framework.notices`; not where it only imagines."""
+        """Whether it warns, see `framework.notices`; False where nobody drives its plans."""
         self._problems = Problems(self)
         self._watch = Watch(self.solver, self.patience)
         reach = reach_of_bodies(self.robot, self.region, self.static_region)

@@ -14,7 +14,7 @@ from ..robot import Robot, start_state
 def warm_up(
     twin: Controller, robot: Robot, path: Path, speed: float, samples: int, crowds: Sequence[int]
 ) -> None:
-    """Let a planner that nobody needs decide with obstacles far behind it.
+    """Let a copy of the planner decide with obstacles far behind it.
 
     What goes wrong here goes wrong again in `command`, which turns it into a reason.
 

@@ -15,7 +15,7 @@ from .history import gather, measurement_noise
 SAME_STEP = 0.01
 """Share by which the step of tracks may differ from that of the recordings."""
 FARTHEST = 10.0
-"""Factor by which the steps may differ at most: the work grows with it, and the sense goes."""
+"""Largest factor between the two steps; beyond it forecasts mean little and cost much."""
 Says: TypeAlias = tuple[Gaussians, list[str | None]]
 """Gaussians of all obstacles, and why each of them cannot be used, or None."""
 

@@ -87,7 +87,7 @@ def unwrapped(problem: Problem, parameters: Parameters, guess: Guess) -> Guess:
     """Turn a guess by whole turns, so that its first heading is nearest that of x_0.
 
     A heading that is off by 2 pi is the same heading, and no solver finds its way back from
-    there. Every solver passes its guesses through this door.
+    there. Every solver takes its guesses through this function.
     """
     where = problem.heading
     if where is None:
