@@ -199,7 +199,7 @@ def fit(
     found = fitting.read_files(recordings, dt)
     scenes = fitting.scenes(found, noise)
     for name, recording in found.items():
-        typer.echo(f"{name}: {fitting.told(recording, noise)}")
+        typer.echo(f"{name}: {fitting.described(recording, noise)}")
     fitted, changes = fitting.fitted(unfitted, scenes)
     typer.echo("\n".join(f"learnt {change}" for change in changes))
     path = save_plugin(out, "predictors", fitted)

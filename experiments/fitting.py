@@ -125,7 +125,7 @@ def _files(path: Path) -> list[str]:
     return found
 
 
-def told(recording: Recording, noise: float | None = None) -> str:
+def described(recording: Recording, noise: float | None = None) -> str:
     """Say of a recording what can be used of it, how noisy it is, and how fast people are."""
     speed = usual_speed([recording])
     stated = f"measurement noise stated as {noise:g} m" if noise is not None else None

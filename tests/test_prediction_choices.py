@@ -9,7 +9,7 @@ import pytest
 
 from wideberth.experiments import runner
 from wideberth.experiments.base import Row
-from wideberth.experiments.fitting import told
+from wideberth.experiments.fitting import described
 from wideberth.experiments.prediction_benchmark import PredictionBenchmark
 from wideberth.experiments.prediction_data import (
     PredictionData,
@@ -26,9 +26,9 @@ from wideberth.framework.predictor import Fittable, Predictor
 from wideberth.framework.recordings import Recording
 from wideberth.framework.saved import save_plugin
 from wideberth.framework.tracks import Tracks
-from wideberth.predictors.adaptive_conformal import AdaptiveConformal
 from wideberth.predictors.constant_velocity import ConstantVelocity
 from wideberth.predictors.kalman import Kalman
+from wideberth.predictors.single_gaussian import SingleGaussian
 
 SMALL = Protocol(observed=3, predicted=4, draws=9)
 LAST: dict[str, Predictor] = {"last": ConstantVelocity(window=1)}
@@ -214,13 +214,13 @@ def test_longest_stretch_and_usual_speed_of_made_tracks() -> None:
     assert np.isnan(usual_speed([nobody]))
     slow = replace(both, positions=both.positions * 0.05)  # robots of 0.0625 m/s
     assert usual_speed([slow]) == pytest.approx(0.0625, rel=1e-9)
-    assert "median speed of those who move: 0.0625 m/s" in told(slow)
-    assert "nobody moves" in told(nobody) and "nan" not in told(nobody)
+    assert "median speed of those who move: 0.0625 m/s" in described(slow)
+    assert "nobody moves" in described(nobody) and "nan" not in described(nobody)
 
 
 def test_no_line_says_fitted_where_nothing_learns(tmp_path: Path) -> None:
     data = write(tmp_path, "a.txt", "b.txt")
-    given: dict[str, Predictor] = {"mine": AdaptiveConformal(base=ConstantVelocity()), **LAST}
+    given: dict[str, Predictor] = {"mine": SingleGaussian(base=ConstantVelocity()), **LAST}
     rows = rows_of(benchmark(data, predictors=given))
     assert {row["fitted"] for row in rows} == {"nothing to fit"}
     assert not any("fit" in row["protocol"] for row in rows)
