@@ -103,8 +103,9 @@ def standard_nodes(size: int) -> Array:
     """Return points that stand for a standard normal distribution, (P, D), D at most 3.
 
     Radii are the quantiles of chi at (j + 1/2) / P, j = 0, ..., P - 1, so that every shell holds
-    its share. Directions follow an additive recurrence: in the plane the angle grows by the golden
-    angle; in space the height on the sphere and the angle by 1/g and 1/g^2 turns, g^3 = g + 1.
+    its share. On a line the sign alternates. Else directions follow an additive recurrence: in the
+    plane the angle grows by the golden angle; in space the height on the sphere and the angle by
+    1/g and 1/g^2 turns, g^3 = g + 1.
 
     References
     ----------
@@ -116,7 +117,8 @@ def standard_nodes(size: int) -> Array:
     number = np.arange(NODES)
     radius = np.sqrt(2.0 * gammaincinv(0.5 * size, (number + 0.5) / NODES))
     ratio = 1.618033988749895 if size < 3 else 1.324717957244746
-    turn = 2.0 * np.pi * ((0.5 + number * ratio ** -(size - 1.0)) % 1.0)
+    share = ratio ** -(size - 1.0) if size > 1 else 0.5
+    turn = 2.0 * np.pi * ((0.5 + number * share) % 1.0)
     height = np.zeros(NODES) if size < 3 else 1.0 - 2.0 * ((0.5 + number / ratio) % 1.0)
     flat = np.sqrt(1.0 - height**2)
     places = np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=1)

@@ -10,6 +10,7 @@ from wideberth.framework.arrays import Array
 from wideberth.framework.errors import WideberthError
 from wideberth.framework.forecast import Forecast
 from wideberth.framework.metrics import inside_content
+from wideberth.framework.mixture_content import standard_nodes
 from wideberth.framework.scoring import (
     covered,
     displacement,
@@ -197,6 +198,13 @@ def test_area_of_an_ellipse(size: int, ball: float) -> None:
     radius = sqrt(stats.chi2(size).ppf(0.95))
     known = ball * radius**size * sqrt(np.linalg.det(covariance[0, 0, 0]))
     assert found[0, 0] == pytest.approx(known, rel=1e-9)
+
+
+@pytest.mark.parametrize("size", [1, 2, 3])
+def test_nodes_stand_for_a_standard_normal_distribution(size: int) -> None:
+    nodes = standard_nodes(size)
+    np.testing.assert_allclose(nodes.mean(axis=0), 0.0, atol=0.02)
+    np.testing.assert_allclose(nodes.T @ nodes / len(nodes), np.eye(size), atol=0.02)
 
 
 def test_area_of_a_mixture() -> None:
