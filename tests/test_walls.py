@@ -221,3 +221,23 @@ def test_states_that_are_no_numbers_are_left_to_the_re_check() -> None:
         Unicycle(), MahalanobisEllipse(), REGIONS[0], Obstacles.none(2, 2), walls, 0.0
     )
     assert not around.touched(np.full((3, 5), np.nan)).depth.any()
+
+
+@pytest.mark.parametrize("box", [False, True])
+@pytest.mark.parametrize("stride", [0.3, 0.5, 1.2])
+def test_only_the_corner_between_two_steps_may_be_cut(box: bool, stride: float) -> None:
+    """By h - sqrt(h^2 - L^2 / 4), h / 2 at most, by a body of half-width h that moves L."""
+    half = 0.3 if box else 0.5
+    cut = min(half - np.sqrt(max(half**2 - stride**2 / 4.0, 0.0)), half / 2.0)
+    outline = Outline(((-0.4, -0.3), (0.4, -0.3), (0.4, 0.3), (-0.4, 0.3))) if box else None
+    robot = Unicycle(radius=0.5, footprint=outline)
+    states = np.zeros((5, 5))
+    states[:, 0] = stride * np.arange(5)
+    for beyond in (-0.01, 0.01):
+        edge = half - cut - beyond
+        beam = Polygon(((-9.0, edge), (9.0, edge), (9.0, edge + 5.0), (-9.0, edge + 5.0)), "beam")
+        walls = choose_walls([beam], REGIONS[0], states[:, :2], 50.0, 9)
+        none = Obstacles.none(4, 2)
+        around = Surroundings(robot, MahalanobisEllipse(), REGIONS[0], none, walls, 0.0)
+        depth = around.touched(states).depth
+        np.testing.assert_allclose(depth, cut + beyond if beyond > 0.0 else 0.0, atol=1e-9)

@@ -101,6 +101,7 @@ TESTS = (
     "values",
     "extent",
     "reference_speed",
+    "notices",
 )
 """Parts of the names of the test files that are tried; others test other modules, play whole
 episodes, draw, or start processes."""
