@@ -102,6 +102,7 @@ TESTS = (
     "extent",
     "reference_speed",
     "notices",
+    "summary",
 )
 """Parts of the names of the test files that are tried; others test other modules, play whole
 episodes, draw, or start processes."""
