@@ -183,6 +183,8 @@ def admitted(
     Refused are those that are of no use (`sound`) or larger than `FARTHEST`, those measured more
     than ``forget`` s ago, and of more than `MOST` those farthest from ``here`` (D,) m; without
     a place to measure from the first ones are kept.
+
+    The first word of a reason says of what kind it is: warnings are limited by kind.
     """
     fitting: list[Detection] = []
     detections, reasons = sound(observation, dimension)
@@ -197,7 +199,9 @@ def admitted(
         else:
             fitting.append(one)
     if len(fitting) > MOST:
-        reasons.append(f"{len(fitting) - MOST} of {len(fitting)} detections beyond the nearest")
+        reasons.append(
+            f"detections refused: {len(fitting) - MOST} of {len(fitting)} beyond the nearest"
+        )
         if here is not None:
             places = np.array([one.position for one in fitting])
             away = np.linalg.norm(places - np.clip(here, -FARTHEST, FARTHEST), axis=1)
@@ -205,7 +209,7 @@ def admitted(
             fitting = [fitting[int(index)] for index in nearest]
         fitting = fitting[:MOST]
     if len(reasons) > NAMED:
-        reasons = [*reasons[:NAMED], f"{len(reasons) - NAMED} more detections refused"]
+        reasons = [*reasons[:NAMED], f"detections refused: {len(reasons) - NAMED} more"]
     return tuple(fitting), reasons
 
 

@@ -78,6 +78,19 @@ def test_a_planner_that_gives_way_brakes_or_refuses_says_so(
     assert any(one.startswith("detection: detection 'ghost' refused: ") for one in caplog.messages)
 
 
+@pytest.mark.parametrize("rival", [False, True])
+def test_refused_detections_are_limited_however_many_there_are(
+    rival: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Their number changes from call to call; that makes them no other kind of warning."""
+    made = PurePursuit(Unicycle()) if rival else planner()
+    made.set_path(STRAIGHT)
+    for k in range(6):
+        ghosts = [Detection(f"g{i}", np.zeros(2), np.eye(2), np.nan) for i in range(7 + k)]
+        made.command(Observation(0.5 * k, at(0.5 * k, 0.25 * k).state, tuple(ghosts)))
+    assert len(caplog.messages) == (1 if rival else 2)
+
+
 def test_a_planner_with_nothing_to_say_is_silent_and_so_is_its_warm_up(
     caplog: pytest.LogCaptureFixture,
 ) -> None:

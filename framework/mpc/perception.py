@@ -74,7 +74,7 @@ class Perception:
             self._history = History(*self._sizes)
         self._stamp = observation.stamp
         if (step := float(np.spacing(abs(observation.stamp)))) > FINE * self._dt:
-            self._notes.append(f"the clock counts in steps of {step:.3g} s at {self._stamp:.3g} s")
+            self._notes.append(f"clock counts in steps of {step:.3g} s at {self._stamp:.3g} s")
         detections, refused = admitted(observation, self._dimension, self._sizes[2], here)
         self._notes += refused
         self._history.add(observation.stamp, detections)

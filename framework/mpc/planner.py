@@ -334,4 +334,4 @@ def _warn(name: str, plan: Plan, notes: Sequence[str]) -> None:
     if plan.left_out:
         NOTICES.warn(name, "no room in the problem", ", ".join(plan.left_out))
     for note in notes:
-        NOTICES.warn(name, note.split()[0].rstrip(":"), note)
+        NOTICES.warn(name, note.split()[0].rstrip(":"), note)  # its first word is its kind
