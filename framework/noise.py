@@ -13,7 +13,7 @@ IntArray: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
 LENGTH, STRIDE, FEWEST = 8, 4, 6
 """Samples of a window, samples from one window to the next, and fewest that a window must hold."""
 DEVIATIONS = np.geomspace(1e-3, 1.0, 41)
-"""m, deviations that are compared."""
+"""m, deviations that are compared; the first and the last stand for all beyond."""
 STRENGTHS = np.geomspace(1e-9, 1e1, 19)
 """m^2, strengths of white acceleration, q dT^3, and of white jerk, q dT^5, in a window."""
 USUAL, SPREAD = 0.03, np.log(3.0)
@@ -66,9 +66,10 @@ class NoiseEstimate:
                 f"measurement noise not estimated: no track has {FEWEST} measured samples among "
                 f"{LENGTH} in a row; taken as {self.deviation:.2g} m"
             )
+        beyond = {DEVIATIONS[0]: "at most ", DEVIATIONS[-1]: "at least "}.get(self.deviation, "")
         return (
-            f"measurement noise estimated as {self.deviation:.2g} m from {self.samples} samples "
-            f"of {self.tracks} track{'s' if self.tracks > 1 else ''}"
+            f"measurement noise estimated as {beyond}{self.deviation:.2g} m from "
+            f"{self.samples} samples of {self.tracks} track{'s' if self.tracks > 1 else ''}"
         )
 
 

@@ -135,6 +135,14 @@ def test_too_little_says_so() -> None:
     assert 170 < some.samples <= 225
 
 
+def test_an_estimate_at_the_end_of_its_range_says_so() -> None:
+    rng = np.random.default_rng(0)
+    steady = np.cumsum(np.tile([0.5, 0.1], (20, 60, 1)), axis=1)
+    for noise, words in ((3.0, "as at least 1 m"), (1e-5, "as at most 0.001 m"), (0.1, "as 0.")):
+        found = estimated_noise(steady + noise * rng.standard_normal(steady.shape))
+        assert words in found.text
+
+
 def test_absurd_windows_are_left_out() -> None:
     times, places = np.arange(8.0), np.random.default_rng(0).standard_normal((8, 2))
     absurd = [(times, 1e200 * places), (0 * times, places), (times**9, places)]
