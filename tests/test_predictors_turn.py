@@ -150,6 +150,8 @@ def test_floored_root_is_choleskys_and_survives_singular_ones():
     np.testing.assert_allclose(
         root @ root.swapaxes(1, 2), np.concatenate([flat, 0 * flat]), atol=1e-13
     )
+    thin = np.array([[[1.0, 0.0], [1.0, 1e-6]]])  # a pivot of 1e-12, far above rounding
+    np.testing.assert_allclose(floored_root(thin @ thin.swapaxes(1, 2)), thin, rtol=1e-3)
 
 
 def test_sigma_points_give_mean_and_spread_of_a_turn_better_than_a_tangent():
