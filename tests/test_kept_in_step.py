@@ -5,17 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from wideberth.framework.forecast import Forecast
 from wideberth.framework.motion import Observation
 from wideberth.framework.mpc.emergency import emergency
 from wideberth.framework.mpc.follower import follower, marked
 from wideberth.framework.mpc.ladder import Ladder
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.manoeuvres import stops
+from wideberth.framework.mpc.perception import completed
 from wideberth.framework.mpc.reference import Reference
 from wideberth.framework.mpc.rollout import sweep
 from wideberth.framework.mpc.situation import nearness
 from wideberth.framework.mpc.starts import other_starts
 from wideberth.framework.mpc.transcription import Guess
+from wideberth.framework.tracks import Tracks
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.holonomic import Holonomic
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
@@ -166,3 +169,20 @@ def test_ways_out_of_a_body_without_a_heading_are_along_and_across_its_motion() 
     for name, way in wanted.items():
         speed = found[f"{name} for 5 s"][10, 2:]
         np.testing.assert_allclose(speed / np.hypot(*speed), way, atol=1e-3)
+
+
+def test_who_has_no_forecast_stays_where_he_was_seen() -> None:
+    """Sigma = R + (1 m/s * t)^2 I with t since he was seen, here two steps of 0.5 s ago."""
+    places = np.array(
+        [[[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]], [[5.0, 5.0], [np.nan] * 2, [np.nan] * 2]]
+    )
+    noise = np.stack([0.01 * np.eye(2), np.diag([0.04, 0.09])])
+    tracks = Tracks(places, 0.5, ("a", "b"), np.full(2, 0.3), noise)
+    known = Forecast.single(np.full((1, 3, 2), 7.0), np.tile(np.eye(2), (1, 3, 1, 1)), 0.5)
+    found = completed(known, [0], tracks, (None, "out of order"))
+    np.testing.assert_array_equal(found.mean[0], known.mean[0])
+    np.testing.assert_array_equal(found.covariance[0], known.covariance[0])
+    np.testing.assert_allclose(found.mean[1, 0], [[5.0, 5.0]] * 3)
+    wide = np.array([1.5, 2.0, 2.5])[:, None, None] ** 2 * np.eye(2)
+    np.testing.assert_allclose(found.covariance[1, 0], noise[1] + wide)
+    assert found.fallback == (None, "out of order") and found.weight.tolist() == [[1.0], [1.0]]

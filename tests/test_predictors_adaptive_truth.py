@@ -3,7 +3,8 @@
 import numpy as np
 
 from wideberth.framework.tracks import Tracks
-from wideberth.predictors.adaptive_conformal import _position
+from wideberth.predictors.adaptive_conformal import AdaptiveConformal, _position
+from wideberth.predictors.static import Static
 
 
 def tracks_of(positions: np.ndarray, stamp: float) -> Tracks:
@@ -28,3 +29,14 @@ def test_truth_is_looked_up_between_two_samples() -> None:
     np.testing.assert_array_equal(_position(alone, 10.0), [[6.0, 4.0]])
     assert np.isnan(_position(alone, 9.9)).all()
     assert np.isnan(_position(tracks_of(seen.positions[:, :0], stamp=10.0), 10.0)).all()
+
+
+def test_a_fit_takes_the_class_of_speed_from_the_newest_sample_on() -> None:
+    """Who stands in a forecast of one step is of the slowest class, however fast he came."""
+    rng = np.random.default_rng(12)
+    walks = 0.01 * rng.standard_normal((20, 20, 2)).cumsum(axis=1)
+    walks[10:, :, 0] += 0.5 * np.arange(20.0)
+    scene = tracks_of(walks, stamp=9.5)
+    both = AdaptiveConformal(Static(), observed=4, steps=1, speeds=(0.5,)).fit([scene])
+    whole = AdaptiveConformal(Static(), observed=4, steps=1, speeds=()).fit([scene])
+    assert whole.start is not None and both.start == whole.start * 2

@@ -9,6 +9,7 @@ from wideberth.framework.tracks import Tracks
 from wideberth.predictors.constant_velocity import ConstantVelocity
 from wideberth.predictors.core.history import gather
 from wideberth.predictors.core.propagation import joint_covariance, white_acceleration
+from wideberth.predictors.core.velocity_forecast import past_velocities
 
 NAN = np.nan
 
@@ -89,3 +90,10 @@ def test_constant_velocity_starts_from_the_trackers_covariance():
     start = tracked.state_covariance[0] + drift
     np.testing.assert_allclose(forecast.joint[0, 0], joint_covariance(*model, start, 2, 4))
     np.testing.assert_array_equal(forecast.mean, predictor.predict(tracks, 4).mean)
+
+
+def test_velocities_come_newest_first_and_are_zero_where_there_are_fewer():
+    past = gather(tracks_of([[[0.0, 1.0], [0.5, 1.0], [2.0, 0.0]]]))
+    every, newest = past_velocities(past, 0.5, 4)
+    np.testing.assert_allclose(every, [[[1.0, 0.0], [3.0, -2.0]]])
+    np.testing.assert_allclose(newest, [[[3.0, -2.0], [1.0, 0.0], [0.0, 0.0], [0.0, 0.0]]])

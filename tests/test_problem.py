@@ -18,12 +18,13 @@ from wideberth.framework.mpc.reference import lay_reference
 from wideberth.framework.mpc.rollout import steer
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.mpc.solvers.ipopt import Ipopt
-from wideberth.framework.mpc.transcription import Guess
+from wideberth.framework.mpc.transcription import Guess, Transcription
 from wideberth.framework.mpc.verify import violation
 from wideberth.framework.path import Path
 from wideberth.framework.plan import Status
 from wideberth.framework.region import Region
 from wideberth.framework.robot import Robot
+from wideberth.framework.symbolic import ca
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.robots.bicycle import Bicycle
@@ -145,3 +146,17 @@ def test_violation_names_obstacle_and_step() -> None:
     assert "motion limits" in violation(problem, parameters, broken).where(("a",))
     numb = replace(guess, states=guess.states * np.nan)
     assert violation(problem, parameters, numb).worst == np.inf
+
+
+@pytest.mark.parametrize("level", [Fixed(0.05), Relaxed(weight=1.0)], ids=repr)
+def test_every_row_constrains_something(level: LevelPolicy) -> None:
+    """One level for all steps needs no rows that hold it constant; levels of steps do."""
+    problem, _, _ = set_up(Unicycle(), MinkowskiSum(), level, 1, penalty=10.0)
+    rows = {}
+    for staged in (False, True):
+        program = Transcription(problem, staged=staged, symbol=ca.SX).nlp()
+        filled = ca.jacobian(program["g"], program["x"]).sparsity()
+        rows[staged] = filled.size1()
+        assert set(filled.row()) == set(range(rows[staged]))
+    held = STEPS if level.shared else 0
+    assert rows[True] - rows[False] == problem.states + held  # the first state is a variable

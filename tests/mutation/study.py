@@ -24,9 +24,11 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from hashlib import sha256
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
@@ -36,8 +38,9 @@ from wideberth.tests.mutation.sites import Site, changed, sites
 
 ENOUGH = 15.0
 """CPU seconds of one test file, after which its other tests are left out."""
-PATIENCE = 40.0
-"""CPU seconds of tests, as measured, that are run against one change."""
+PATIENCE = (0.0, 5.0, 40.0)
+"""CPU seconds of tests, as measured, that are run against one change: in a first round over all
+changes, and in a second one over those that have survived."""
 
 SURVIVED, KILLED, UNREACHED = 0, 1, 5
 
@@ -93,15 +96,16 @@ class _Study:
             print(f"{verdict:9} {seconds:5.1f} s  {site.path}:{site.line} {site.text} [{words}]")
             sys.stdout.flush()
             kept.write_text(json.dumps(results, indent=1))
-            kept.with_suffix(".md").write_text(table(drawn, results))
 
-        jobs = []
-        for _, site in drawn:
-            known = results.get(str(site), {})
-            same = known.get("source") == _digest(modules[site.path])
-            if known.get("verdict") != "killed" or not same:
-                jobs.append((site, self._killer(site, modules[site.path], reached)))
-        in_processes(jobs, self._asked.workers, self._out, finished)
+        for share in pairwise(PATIENCE):
+            jobs = []
+            for _, site in drawn:
+                known = results.get(str(site), {})
+                same = known.get("source") == _digest(modules[site.path])
+                if known.get("verdict") != "killed" or not same:
+                    jobs.append((site, self._killer(site, modules[site.path], reached, share)))
+            in_processes(jobs, self._asked.workers, self._out, finished)
+        kept.with_suffix(".md").write_text(table(drawn, results))  # seconds: every change there is
         return results
 
     def _measured(self, modules: dict[str, str]) -> dict[str, Found]:
@@ -138,24 +142,25 @@ class _Study:
 
         return run
 
-    def _killer(self, site: Site, source: str, reached: dict[str, Found]) -> Job:
+    def _killer(
+        self, site: Site, source: str, reached: dict[str, Found], share: tuple[float, float]
+    ) -> Job:
         def run() -> tuple[int, str]:
             tests = reaching(site, source, reached)
             if not tests:
                 return UNREACHED, "no test reaches it"
-            total, some = 0.0, []
-            for test in tests:
-                total += reached[test]["seconds"]
-                if total > PATIENCE and some:
-                    break
-                some.append(test)
-            limit = int(30 + 5 * total)
+            begin = np.cumsum([0.0, *(reached[test]["seconds"] for test in tests)])
+            first, last = np.searchsorted(begin, share)
+            some, done = tests[first:last], min(last, len(tests))
+            if not some:
+                return SURVIVED, f"{done} of {len(tests)} tests"
+            limit = int(30 + 5 * sum(reached[test]["seconds"] for test in some))
             resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
             signal.alarm(20 * limit)
             words = self._in_place(site, source, some)
             if words is None:
                 words = anew(site, source, some)
-            return (KILLED, words) if words else (SURVIVED, f"{len(some)} of {len(tests)} tests")
+            return (KILLED, words) if words else (SURVIVED, f"{done} of {len(tests)} tests")
 
         return run
 
