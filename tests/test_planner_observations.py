@@ -1,6 +1,9 @@
 """What the planner makes of what it sees: late, twice, too much, out of order, or the truth."""
 
+import logging
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -28,6 +31,20 @@ def test_what_does_not_fit_is_named() -> None:
     assert made.plan.tracked == tuple(name for name, _, _ in crowd)
     assert made.plan.forecast is not None
     assert len(made.plan.forecast.mean) == 8
+
+
+def test_a_noise_is_logged_at_first_and_where_it_has_changed_by_a_fifth(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    caplog.set_level(logging.INFO, "wideberth.perception")
+    perception = planner()._perception
+    for deviation in (0.0, 0.1, 0.115, 0.13, 0.15, 0.11, 0.1):
+        found = SimpleNamespace(
+            samples=int(100 * deviation), deviation=deviation, text=str(deviation)
+        )
+        perception._history = cast(Any, SimpleNamespace(noise={"lidar": found}))
+        perception._log_noise()
+    assert caplog.messages == [f"sensor lidar: {one}" for one in (0.1, 0.13, 0.1)]
 
 
 def test_latency_plans_from_where_the_robot_will_be() -> None:

@@ -139,17 +139,18 @@ def test_more_starts_reach_the_best_cost_of_the_recorded_instances() -> None:
     assert np.mean(np.array(gaps) < 1e-3) >= 0.98
 
 
-def test_theta_rides_along_on_other_starts() -> None:
+@pytest.mark.parametrize("arc", [0.0, 2.0])
+def test_theta_rides_along_on_other_starts(arc: float) -> None:
     made = planner(Fatrop(), cost=Contouring())
-    made.command(seen(0.0, ("a", 4.0, 0.0)))
+    made.command(seen(2.0 * arc, ("a", arc + 4.0, 0.0)))
     assert made.plan is not None
     assert made.plan.rung is Rung.OPTIMAL
     guesses = made.explain().guesses
     assert len(guesses) > 3
     for guess in guesses:
-        assert guess.states[0, -1] == pytest.approx(0.0)
+        assert guess.states[0, -1] == pytest.approx(arc)
         assert np.diff(guess.states[:, -1]) == pytest.approx(0.5 * guess.inputs[:, -1])
-    assert guesses[1].states[-1, -1] == pytest.approx(3.75)  # along the reference
+    assert guesses[1].states[-1, -1] == pytest.approx(arc + 3.75)  # along the reference
 
 
 @dataclass(frozen=True)
