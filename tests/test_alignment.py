@@ -129,6 +129,19 @@ def test_the_check_finds_the_step_at_which_they_meet() -> None:
     np.testing.assert_allclose(depth, [0.0, 0.0, 0.0, 1.15, 0.0, 0.0], atol=1e-9)
 
 
+def test_the_stop_is_asked_of_the_last_state_alone() -> None:
+    """Who brakes moves before; who coasts breaks it at the last step."""
+    robot, region, level = Unicycle(), MahalanobisEllipse(), Fixed(0.05)
+    none, reference = Obstacles.none(STEPS, 2), lay_reference(BENT, 0.0, 0.5, STEPS, DT)
+    parameters = fill(START, reference, none, region, level, 0.75, 0)
+    problem = assemble(robot, region, level, horizon=STEPS, dt=DT, capacity=0, stop_at_end=True)
+    for speed, broken in ((0.0, []), (0.5, [STEPS - 1])):
+        states, inputs = steer(robot, START, Twist((speed, 0.0)), STEPS, DT)
+        assert states[1, 3] > 0.1
+        found = violation(problem, parameters, Guess.bare(states, inputs, float("nan")))
+        assert np.flatnonzero(found.motion > 1e-6).tolist() == broken
+
+
 def test_auxiliaries_suit_the_pose_of_their_own_step() -> None:
     robot, region = Unicycle(), MinkowskiSum()
     parameters = filled(region)

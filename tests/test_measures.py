@@ -61,6 +61,8 @@ def test_one_robot_and_one_who_stands(episode: Episode) -> None:
     assert row["zone_personal"] == pytest.approx(np.mean((away >= 0.45) & (away < 1.2)))
     assert row["zone_intimate"] == row["intrusion_share"] == row["zone_public"] == 0.0
     assert row["time_to_collision_min"] == np.inf
+    standing = np.exp(-0.5 * ((away[:-1] + 1.0) / 0.5) ** 2)  # round, of 0.5 m
+    assert row["personal_space"] == pytest.approx(standing.mean())
     assert row["speed_mean"] == pytest.approx(1.0)
     assert row["speed_deviation"] == pytest.approx(0.0, abs=1e-9)
     assert row["cross_track_max"] == row["heading_change"] == row["not_moving"] == 0.0

@@ -160,3 +160,15 @@ def test_every_row_constrains_something(level: LevelPolicy) -> None:
         assert set(filled.row()) == set(range(rows[staged]))
     held = STEPS if level.shared else 0
     assert rows[True] - rows[False] == problem.states + held  # the first state is a variable
+
+
+def test_what_is_free_needs_no_slack() -> None:
+    """Where every region can be kept, a soft problem has the solution of the hard one."""
+    found = []
+    for penalty in (None, 1e4):
+        problem, parameters, guess = set_up(Unicycle(), MinkowskiSum(), Fixed(0.05), 1, penalty)
+        (solution,) = Fatrop().solve(problem, parameters, [guess])
+        assert solution.status is Status.SOLVED
+        found.append(solution)
+    assert found[1].point.slack.max() < 1e-6
+    assert found[1].cost == pytest.approx(found[0].cost, rel=1e-3)
