@@ -98,6 +98,13 @@ def test_the_first_start_gets_all_and_the_others_what_is_left(clock: Clock) -> N
     assert plan.rung is Rung.OPTIMAL
 
 
+def test_as_long_as_time_is_left_it_is_used(clock: Clock) -> None:
+    solver = Timed(clock, 0.1)
+    plan = decided(Slow(clock, 1.0), solver, deadline=2.0)
+    assert solver.given[0] == pytest.approx(0.8, abs=1e-7)
+    assert plan.rung is Rung.OPTIMAL
+
+
 def test_without_a_deadline_all_other_starts_are_one_call(clock: Clock) -> None:
     solver = Timed(clock, 10.0)
     decided(Slow(clock, 9.0), solver, starts="auto")

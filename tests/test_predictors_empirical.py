@@ -16,7 +16,7 @@ from wideberth.framework.tracks import Tracks
 from wideberth.framework.windows import cut_windows
 from wideberth.predictors.constant_velocity import ConstantVelocity
 from wideberth.predictors.core.calibration import replayed, squared_distances
-from wideberth.predictors.core.error_table import FLOOR
+from wideberth.predictors.core.error_table import FLOOR, Motion, learn_table
 from wideberth.predictors.empirical import Empirical
 from wideberth.predictors.static import Static
 
@@ -225,3 +225,17 @@ def test_bad_input():
     for change in ({"speeds": ()}, {"along": ((1.0,),)}, {"variances": (((-1.0, 1.0),) * 5,) * 2}):
         with pytest.raises(WideberthError, match="table"):
             replace(table, **change)
+
+
+def test_every_window_counts_alike_for_the_correlation():
+    """Errors of the slow are of 1 m and stay; those of the fast are of 3 m and change."""
+    rng = np.random.default_rng(14)
+    count = 4000
+    fast = np.arange(count) % 2
+    motion = Motion(0.5 + fast, np.tile([1.0, 0.0], (count, 1)), np.zeros(count))
+    fixed = np.repeat(rng.standard_normal((count, 1, 2)), 2, axis=1)
+    free = rng.standard_normal((count, 2, 2))
+    error = np.where(fast[:, None, None] == 1, 3.0 * free, fixed)
+    table = learn_table(motion, error, 0.5, 2, 1)
+    for found in (table.along, table.across):
+        assert found[0][1] == pytest.approx(0.5, abs=0.05)

@@ -172,3 +172,18 @@ def test_what_is_free_needs_no_slack() -> None:
         found.append(solution)
     assert found[1].point.slack.max() < 1e-6
     assert found[1].cost == pytest.approx(found[0].cost, rel=1e-3)
+
+
+def test_a_stop_is_one_row_more() -> None:
+    """At the end of the horizon alone."""
+    rows = [
+        Transcription(
+            assemble(
+                Unicycle(), MahalanobisEllipse(), Fixed(0.05), horizon=5, dt=DT, capacity=1,
+                stop_at_end=stop,
+            ),
+            staged=True, symbol=ca.SX,
+        ).nlp()["g"].numel()
+        for stop in (False, True)
+    ]  # fmt: skip
+    assert rows[1] - rows[0] == 1

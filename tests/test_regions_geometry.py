@@ -125,6 +125,8 @@ def test_support_and_distance_on_the_boundary(region: Any) -> None:
     reach = (edge @ normals.T).max(axis=0)
     got = region.support(normals, parameters, np.asarray(level))
     np.testing.assert_allclose(got, reach, atol=1e-5)
+    several = region.support(normals.reshape(1, 37, 1, 2), parameters, np.asarray(level))
+    np.testing.assert_array_equal(several, got.reshape(1, 37, 1))
     gap = region.signed_distance(edge, parameters, np.asarray(level))
     np.testing.assert_allclose(gap, 0.0, atol=1e-9)
 

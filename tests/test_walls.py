@@ -236,8 +236,13 @@ def test_only_the_corner_between_two_steps_may_be_cut(box: bool, stride: float) 
     for beyond in (-0.01, 0.01):
         edge = half - cut - beyond
         beam = Polygon(((-9.0, edge), (9.0, edge), (9.0, edge + 5.0), (-9.0, edge + 5.0)), "beam")
-        walls = choose_walls([beam], REGIONS[0], states[:, :2], 50.0, 9)
+        past = Polygon(
+            ((-9.0, -9.0), (9.0, -9.0), (9.0, -half - 0.1), (-9.0, -half - 0.1)), "past"
+        )
+        walls = choose_walls([past, beam], REGIONS[0], states[:, :2], 50.0, 9)
         none = Obstacles.none(4, 2)
         around = Surroundings(robot, MahalanobisEllipse(), REGIONS[0], none, walls, 0.0)
-        depth = around.touched(states).depth
+        touch = around.touched(states)
+        depth = touch.depth
+        assert set(touch.names) == {"beam" if beyond > 0.0 else ""}
         np.testing.assert_allclose(depth, cut + beyond if beyond > 0.0 else 0.0, atol=1e-9)
