@@ -74,8 +74,10 @@ class Swaying(Controller):
         self.controller.remember(observation)
 
     def command(self, observation: Observation) -> Command:
-        """Decide, and sway."""
+        """Decide, and sway; without noise where the observation is useless."""
         command = self.controller.command(observation)
+        if observation.flaw:
+            return command  # its stop
         rng = np.random.default_rng((self.seed, abs(round(1e6 * observation.stamp))))
         noise = self.deviation * rng.standard_normal(len(command.linear))
         return replace(

@@ -91,12 +91,12 @@ def test_one_question_alone(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--instances", "nowhere.npz"], "nowhere.npz: No such file"),
-        (["--instances", "text.npz"], "is no file of recorded instances"),
+        (["--instances", "nowhere.npz"], "nowhere.npz cannot be read: No such file"),
+        (["--instances", "text.npz"], "text.npz is no npz archive"),
         (["--instances", "other.npz"], "lacks"),
-        (["--instances", "array.npy"], "array.npy is no file of recorded instances"),
-        (["--hard", "nowhere.npz"], "nowhere.npz: No such file"),
-        (["--hard", "text.npz"], "text.npz is no file of recorded instances"),
+        (["--instances", "array.npy"], "array.npy is no npz archive"),
+        (["--hard", "nowhere.npz"], "nowhere.npz cannot be read: No such file"),
+        (["--hard", "text.npz"], "text.npz is no npz archive"),
         (["--out", "text.npz"], "File exists"),
         (["--rounds", "0"], "wanted a whole number of at least 1"),
     ],

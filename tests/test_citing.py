@@ -54,8 +54,8 @@ def test_departures_from_the_paper_are_written_where_the_code_does_them() -> Non
 @pytest.mark.parametrize(
     "word",
     ["ROS", "Nav2", "RViz", "Gazebo", "NavFn", "Kalman filter", "LiDAR", "0.5 log q",
-     "arc length", "the speed falls to 0", "ladder", "braking", "no deadline", "tail of exactly",
-     "s >= 0"],
+     "arc length", "the speed falls to 0", "ladder", "braking", "no limit of time",
+     "tail of exactly", "s >= 0"],
 )  # fmt: skip
 def test_departures_that_were_once_left_out_are_named(word: str) -> None:
     assert word in (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")

@@ -89,7 +89,8 @@ def given(site: Site, module: CodeType) -> bool:
         return False
     gc.unfreeze()
     for one in gc.get_objects():
-        if isinstance(one, FunctionType) and one.__code__.co_filename == path:
+        # Not isinstance: it asks a weak reference's proxy for its class, which may be gone.
+        if type(one) is FunctionType and one.__code__.co_filename == path:
             old = one.__code__
             if old.co_qualname == new.co_qualname and old.co_freevars == new.co_freevars:
                 # A property's getter and setter share the name, not the line.
