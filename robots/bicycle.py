@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from math import atan, copysign, pi
+from math import atan2, copysign, pi
 from typing import ClassVar, final
 
 import numpy as np
@@ -133,8 +133,8 @@ class Bicycle(Robot):
         this robot, and leaves the steering where it is when asked for standing still.
         """
         v, omega = within(twist.linear[0], self.max_speed), twist.angular
-        if v:
-            delta = atan(self.wheelbase * omega / v)
+        if v:  # atan(L omega / v), written so that a v next to 0 does not overflow
+            delta = atan2(self.wheelbase * omega * copysign(1.0, v), abs(v))
         elif omega:
             delta = copysign(self.max_steering, omega)
         else:

@@ -185,3 +185,12 @@ def test_example_runs(capsys):
     assert len(example.read_text().splitlines()) <= 30
     runpy.run_path(str(example), run_name="__main__")
     assert "keeps every law" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("speed", [5e-324, 1e-310, -1e-310])
+def test_a_bicycle_turns_its_wheels_at_any_speed(speed: float) -> None:
+    """A yaw rate that its curvature cannot give asks for all the steering there is."""
+    robot = Bicycle()
+    state = (0.0, 0.0, 0.0, 0.0, 0.0)
+    rate = robot.drive(state, Twist((np.float64(speed), 0.0), 0.5), 1e3)[1]
+    assert rate == pytest.approx(np.copysign(robot.max_steering, speed) / 1e3)
