@@ -140,6 +140,9 @@ def test_the_stop_is_asked_of_the_last_state_alone() -> None:
         assert states[1, 3] > 0.1
         found = violation(problem, parameters, Guess.bare(states, inputs, float("nan")))
         assert np.flatnonzero(found.motion > 1e-6).tolist() == broken
+    states[-1, 3:] = 0.0  # at rest at last, which breaks the dynamics by 0.5 m/s and no more
+    found = violation(problem, parameters, Guess.bare(states, inputs, float("nan")))
+    assert found.motion[-1] == pytest.approx(states[-2, 3], abs=1e-6)
 
 
 def test_auxiliaries_suit_the_pose_of_their_own_step() -> None:

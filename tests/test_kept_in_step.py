@@ -7,7 +7,7 @@ import pytest
 
 from wideberth.framework.forecast import Forecast
 from wideberth.framework.motion import Observation
-from wideberth.framework.mpc.emergency import emergency
+from wideberth.framework.mpc.emergency import aim, emergency
 from wideberth.framework.mpc.follower import follower, marked
 from wideberth.framework.mpc.ladder import Ladder
 from wideberth.framework.mpc.levels.fixed import Fixed
@@ -39,6 +39,18 @@ def test_an_emergency_plan_has_the_shape_of_every_plan(state: list[float]) -> No
     assert plan.level.shape == plan.target.shape == plan.content.shape == (7, 0)
     np.testing.assert_array_equal(plan.reference, np.tile(plan.positions[0], (7, 1)))
     assert np.isfinite(command.linear).all()
+
+
+def test_a_command_aims_at_the_twist_of_the_next_state() -> None:
+    """And at a stop beyond the plan's end."""
+    plan, _ = emergency(Unicycle(), Observation(0.0, np.zeros(5)), "a test", 4, 0.5)
+    states = plan.states.copy()
+    states[:, 3] = 0.1 * np.arange(5.0)
+    moving = replace(plan, states=states)
+    for step in range(4):
+        found = aim(Unicycle(), moving, step)
+        assert found.linear[0] == pytest.approx(0.1 * (step + 1)) and found.ramp == 0.5
+    assert aim(Unicycle(), moving, 4).linear == (0.0, 0.0)
 
 
 def test_progress_is_along_the_direction_where_the_robot_is() -> None:
