@@ -8,6 +8,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import argparse
+import logging
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -31,6 +32,7 @@ ROOT = Path(__file__).resolve().parents[1]
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, write, print; 2 where the input is of no use."""
     options = _options(arguments)
+    logging.getLogger("wideberth").setLevel(logging.CRITICAL)  # the tables count the same
     extent = QUICK if options.quick else replace(Extent(), rounds=options.rounds)
     file = options.instances
     try:
