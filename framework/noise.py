@@ -171,7 +171,7 @@ def estimated_noise(positions: Array) -> NoiseEstimate:
     track, start = windows.T
     rows = start[:, None] + np.arange(LENGTH)
     cut = positions[track[:, None], rows]
-    known = np.isfinite(cut).all(axis=2)
+    known = np.asarray(np.isfinite(cut).all(axis=2))
     found = window_likelihoods([
         (np.flatnonzero(seen).astype(np.float64), one[seen])
         for seen, one in zip(known, cut, strict=True)

@@ -69,7 +69,11 @@ class Predictor(ABC):
     def __init_subclass__(cls, **settings: Any) -> None:
         """Put the limits before the methods of a subclass that are given tracks."""
         super().__init_subclass__(**settings)
-        for name, within in (("predict", _predict_within), ("update", _update_within)):
+        limits: dict[str, Callable[[Any], Any]] = {
+            "predict": _predict_within,
+            "update": _update_within,
+        }
+        for name, within in limits.items():
             method = cls.__dict__.get(name)
             if callable(method) and not getattr(method, "__isabstractmethod__", False):
                 setattr(cls, name, within(method))

@@ -6,7 +6,7 @@ counted while they are composed; an alias counts as much as what it repeats.
 
 import re
 from math import isinf
-from typing import Any
+from typing import Any, NoReturn
 
 import yaml
 
@@ -81,7 +81,7 @@ class Loader(yaml.SafeLoader):
         if self.depth + depth > DEEPEST:
             self._refuse(event, f"nested more than {DEEPEST} deep; is a bracket left open?")
 
-    def _refuse(self, where: Any, problem: str) -> None:
+    def _refuse(self, where: Any, problem: str) -> NoReturn:
         raise yaml.MarkedYAMLError(problem=problem, problem_mark=where.start_mark)
 
     def number(self, node: Any) -> Any:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, Self, final
+from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
@@ -232,7 +232,8 @@ def _learnt(
         own = kinds == kind
         if own.any():
             table[kind] = np.median(local[own], axis=0) * own.sum() / (own.sum() + SHRINKAGE)
-    rows = tuple(tuple((float(a), float(b)) for a, b in row) for row in table)
+    learnt: Any = table.tolist()  # nested lists of floats
+    rows = tuple(tuple((a, b) for a, b in row) for row in learnt)
     return Corrections(float(dt), edges, rows)
 
 

@@ -159,12 +159,13 @@ def absurd_worlds(tracks: Tracks, rng: np.random.Generator) -> dict[str, Tracks]
     spreads["noise from 1e-200 to 1e200 m^2"] = 0.5 * (flat + flat.T)
     worlds = {}
     for name in (*places, *spreads, "a radius of 1e308 m", "a tracker's 1e300"):
-        place, spread = places.get(name, away), spreads.get(name, some.noise[0])
+        place = places[name] if name in places else away
+        spread = spreads[name] if name in spreads else some.noise[0]
         radius = 1e308 if "radius" in name else 0.3
         tracker = None
         if "tracker" in name:
-            tracker = np.tile(1e-4 * np.eye(2 * size), (len(ids), 1, 1))
-            tracker[-1] = 1e300 * np.eye(2 * size)
+            small = np.tile(1e-4 * np.eye(2 * size), (len(ids) - 1, 1, 1))
+            tracker = np.concatenate([small, 1e300 * np.eye(2 * size)[None]])
         worlds[name] = Tracks(
             np.concatenate([some.positions, place[None]]),
             DT,
