@@ -2,6 +2,7 @@
 
 import os
 import sys
+from collections.abc import Callable
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
@@ -64,3 +65,27 @@ def instances() -> ModuleType:
     sys.modules[spec.name] = module
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty cache of compiled modules, and a process that has loaded none."""
+    from wideberth.framework.jit import store
+
+    monkeypatch.setenv("WIDEBERTH_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(store, "_LOADED", {})
+    return tmp_path / "cache" / "jit"
+
+
+@pytest.fixture
+def again(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], list[str]]:
+    """Load a source of `double` as a new process would, and return what was announced."""
+    from wideberth.framework.jit import load, store
+
+    def loaded(source: str) -> list[str]:
+        monkeypatch.setattr(store, "_LOADED", {})
+        said: list[str] = []
+        assert load("tested", source, said.append).double(4.0) == 8.0
+        return said
+
+    return loaded

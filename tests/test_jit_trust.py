@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from wideberth.framework.jit import NUMBA_IMPORTS, folder, load, store
+from wideberth.framework.jit import NUMBA_IMPORTS, folder
 
 DOUBLE = (
     f"from numba import njit, types\n{NUMBA_IMPORTS}\n\n"
@@ -16,25 +16,8 @@ DOUBLE = (
 )
 
 
-@pytest.fixture(autouse=True)
-def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty cache and a process that has loaded nothing."""
-    monkeypatch.setenv("WIDEBERTH_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(store, "_LOADED", {})
-    return tmp_path / "cache" / "jit"
-
-
-@pytest.fixture
-def again(monkeypatch: pytest.MonkeyPatch) -> Callable[[], list[str]]:
-    """Load once more as a new process would, and return what was announced."""
-
-    def loaded() -> list[str]:
-        monkeypatch.setattr(store, "_LOADED", {})
-        said: list[str] = []
-        assert load("tested", DOUBLE, said.append).double(4.0) == 8.0
-        return said
-
-    return loaded
+Again = Callable[[str], list[str]]
+pytestmark = pytest.mark.usefixtures("place")
 
 
 def entry(place: Path) -> Path:
@@ -67,110 +50,107 @@ def stranger(monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], None]:
     return chosen.add
 
 
-def test_everything_is_for_its_owner_alone(
-    again: Callable[[], list[str]], place: Path, tmp_path: Path
-) -> None:
+def test_everything_is_for_its_owner_alone(again: Again, place: Path, tmp_path: Path) -> None:
     before = os.umask(0)
     try:
-        again()
+        again(DOUBLE)
     finally:
         os.umask(before)
     made = [place.parent, place, *place.rglob("*")]
     assert len(made) >= 7
     assert all(path.stat().st_mode & 0o077 == 0 for path in made)
-    assert again() == []
+    assert again(DOUBLE) == []
 
 
 def test_a_folder_of_another_user_is_not_used(
-    again: Callable[[], list[str]], place: Path, stranger: Callable[[Path], None]
+    again: Again, place: Path, stranger: Callable[[Path], None]
 ) -> None:
-    again()
+    again(DOUBLE)
     (index,) = entry(place).rglob("*.nbi")
     before = index.stat().st_mtime_ns
     stranger(place)
-    (line,) = again()
+    (line,) = again(DOUBLE)
     assert "this run only" in line and "another user" in line
     assert index.stat().st_mtime_ns == before
 
 
 @pytest.mark.parametrize("suffix", ["", ".nbi", ".nbc", ".json", "__pycache__"])
 def test_what_another_user_put_there_is_compiled_again(
-    suffix: str, again: Callable[[], list[str]], place: Path, stranger: Callable[[Path], None]
+    suffix: str, again: Again, place: Path, stranger: Callable[[Path], None]
 ) -> None:
-    again()
+    again(DOUBLE)
     found = entry(place)
     stranger(next(found.rglob(f"*{suffix}")) if suffix else found)
-    (line,) = again()
+    (line,) = again(DOUBLE)
     assert "not yours alone" in line
 
 
 @pytest.mark.parametrize("mode", [0o770, 0o777, 0o702, 0o1777])
-def test_a_folder_that_others_may_write_is_not_used(
-    mode: int, again: Callable[[], list[str]], place: Path
-) -> None:
-    again()
+def test_a_folder_that_others_may_write_is_not_used(mode: int, again: Again, place: Path) -> None:
+    again(DOUBLE)
     place.chmod(mode)
-    (line,) = again()
+    (line,) = again(DOUBLE)
     assert "this run only" in line and f"chmod 700 {place}" in line
     place.chmod(0o700)
-    assert again() == []
+    assert again(DOUBLE) == []
 
 
 @pytest.mark.parametrize("suffix", [".nbi", ".nbc", ".json", "__pycache__"])
 def test_a_file_that_others_may_write_is_made_again(
-    suffix: str, again: Callable[[], list[str]], place: Path
+    suffix: str, again: Again, place: Path
 ) -> None:
-    again()
+    again(DOUBLE)
     path = next(entry(place).rglob(f"*{suffix}"))
     path.chmod(path.stat().st_mode | 0o020)
-    assert len(again()) == 1 and again() == []
+    assert len(again(DOUBLE)) == 1 and again(DOUBLE) == []
 
 
-def test_a_folder_above_that_everybody_may_write(
-    again: Callable[[], list[str]], place: Path
-) -> None:
-    again()
+def test_a_folder_above_that_everybody_may_write(again: Again, place: Path) -> None:
+    again(DOUBLE)
     place.parent.chmod(0o777)
-    (line,) = again()
+    (line,) = again(DOUBLE)
     assert "this run only" in line and "everybody may write" in line
     place.parent.chmod(0o1777)  # as /tmp: nobody can rename what others own there
-    assert again() == []
+    assert again(DOUBLE) == []
 
 
 def test_links(
-    again: Callable[[], list[str]], place: Path, tmp_path: Path, stranger: Callable[[Path], None]
+    again: Again,
+    place: Path,
+    tmp_path: Path,
+    stranger: Callable[[Path], None],
 ) -> None:
-    again()
+    again(DOUBLE)
     (index,) = entry(place).rglob("*.nbi")
     index.rename(tmp_path / "index")
     index.symlink_to(tmp_path / "index")
-    assert len(again()) == 1 and again() == []
+    assert len(again(DOUBLE)) == 1 and again(DOUBLE) == []
     assert (tmp_path / "index").is_file()
     place.rename(tmp_path / "elsewhere")
     place.symlink_to(tmp_path / "elsewhere")
-    assert again() == []  # a link of this user's own
+    assert again(DOUBLE) == []  # a link of this user's own
     stranger(place)
-    (line,) = again()
+    (line,) = again(DOUBLE)
     assert "symbolic link that another user made" in line
 
 
 @pytest.mark.parametrize("text", ["[" * 100_000, "[[1]]", "[]", "1" * 5001, '"' + "x" * 10**6])
-def test_a_seal_that_is_none(text: str, again: Callable[[], list[str]], place: Path) -> None:
-    again()
+def test_a_seal_that_is_none(text: str, again: Again, place: Path) -> None:
+    again(DOUBLE)
     (entry(place) / "seal.json").write_text(text)
-    assert len(again()) == 1 and again() == []
+    assert len(again(DOUBLE)) == 1 and again(DOUBLE) == []
 
 
-def test_a_seal_that_is_a_pipe(again: Callable[[], list[str]], place: Path) -> None:
-    again()
+def test_a_seal_that_is_a_pipe(again: Again, place: Path) -> None:
+    again(DOUBLE)
     (entry(place) / "seal.json").unlink()
     os.mkfifo(entry(place) / "seal.json")
-    assert len(again()) == 1 and again() == []
+    assert len(again(DOUBLE)) == 1 and again(DOUBLE) == []
 
 
-def test_no_place(again: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_place(again: Again, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("WIDEBERTH_CACHE", "~nosuchuser/cache")
-    (line,) = again()
+    (line,) = again(DOUBLE)
     assert "this run only" in line and "set WIDEBERTH_CACHE" in line
 
     def homeless() -> Path:
@@ -179,22 +159,22 @@ def test_no_place(again: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatc
     monkeypatch.delenv("WIDEBERTH_CACHE")
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.setattr(Path, "home", homeless)
-    (line,) = again()
+    (line,) = again(DOUBLE)
     assert "this run only" in line
 
 
-def test_a_file_in_the_place_of_a_module(again: Callable[[], list[str]], place: Path) -> None:
-    again()
+def test_a_file_in_the_place_of_a_module(again: Again, place: Path) -> None:
+    again(DOUBLE)
     module = entry(place)
     for path in sorted(module.rglob("*"), reverse=True):
         path.rmdir() if path.is_dir() else path.unlink()
     module.rmdir()
     module.symlink_to("nowhere")
-    assert len(again()) == 1 and again() == []
+    assert len(again(DOUBLE)) == 1 and again(DOUBLE) == []
 
 
-def test_other_folders_are_not_pruned(again: Callable[[], list[str]], place: Path) -> None:
-    again()
+def test_other_folders_are_not_pruned(again: Again, place: Path) -> None:
+    again(DOUBLE)
     mine = place / "mine"
     mine.mkdir()
     (mine / "seal.json").write_text(json.dumps({"a": "b"}))

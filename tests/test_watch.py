@@ -94,7 +94,7 @@ def test_no_more_than_a_few_are_left_behind(end: Event) -> None:
 
 @dataclass(frozen=True)
 class Asleep(Solver):
-    """Solves until it is told to sleep, and then never returns."""
+    """Solves until it is put to sleep, and then never returns."""
 
     end: Event
     native: bool = False
