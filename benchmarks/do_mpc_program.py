@@ -28,10 +28,10 @@ from paper_program import (
     gauge,
 )
 
-from wideberth.framework.mpc.problem import Parameters, Problem
+from wideberth.framework.mpc.ocp.problem import Parameters, Problem
+from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.solvers.base import Solution, Solver
-from wideberth.framework.mpc.transcription import Guess
-from wideberth.framework.plan import Status
+from wideberth.framework.values.plan import Status
 
 HEAD = 4
 """Numbers of a step before its ellipses: reference place 2, reference speed, s_ref."""

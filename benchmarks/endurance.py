@@ -19,20 +19,20 @@ import numpy as np
 from measuring import Row, Tick, spread
 from walker_field import Field
 
-from wideberth.framework.arrays import Array
-from wideberth.framework.config import build
-from wideberth.framework.motion import Observation
-from wideberth.framework.mpc.planner import Planner
-from wideberth.framework.mpc.problem import Parameters, Problem
+from wideberth.framework.mpc.ocp.problem import Parameters, Problem
+from wideberth.framework.mpc.ocp.transcription import Guess
+from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.mpc.planner.starting_points import OTHERS
 from wideberth.framework.mpc.solvers.base import Solution, Solver
-from wideberth.framework.mpc.starts import OTHERS
-from wideberth.framework.mpc.transcription import Guess
-from wideberth.framework.path import Path
-from wideberth.framework.plan import Rung
+from wideberth.framework.plugins.config import build
 from wideberth.framework.robot import start_state
-from wideberth.simulation.channel import Channel, noise_of
-from wideberth.simulation.localisation import Localisation
-from wideberth.simulation.plant import Plant
+from wideberth.framework.values.arrays import Array
+from wideberth.framework.values.motion import Observation
+from wideberth.framework.values.path import Path
+from wideberth.framework.values.plan import Rung
+from wideberth.simulation.engine.plant import Plant
+from wideberth.simulation.sensing.channel import Channel, noise_of
+from wideberth.simulation.sensing.localisation import Localisation
 
 PERIOD = 0.05
 """s between two decisions, and the time that one may take."""

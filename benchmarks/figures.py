@@ -8,7 +8,7 @@ import numpy as np
 from measuring import Row, labels, repeats
 from set_ups import CAP, PAPER, PERIOD
 
-from wideberth.experiments.plotting import COLOURS, LINES, PAGE, paper_style, save
+from wideberth.experiments.drawing.plotting import COLOURS, LINES, PAGE, paper_style, save
 
 HATCHES = ("", "////", "....", "xxxx", "\\\\\\\\", "++++", "----")
 MARKERS = ("o", "s", "^", "v", "D", "x")

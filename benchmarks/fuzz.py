@@ -25,8 +25,8 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 from fuzz_cases import BATCH, TICKS, Call, cases, controller, rivals, setups  # noqa: E402
 
-from wideberth.framework.io import write_table  # noqa: E402
-from wideberth.framework.registry import names  # noqa: E402
+from wideberth.framework.plugins.io import write_table  # noqa: E402
+from wideberth.framework.plugins.registry import names  # noqa: E402
 
 HANGS = 120.0
 """s by the clock after which a call counts as hanging and its process is killed."""

@@ -15,20 +15,20 @@ from typing import Any
 
 import numpy as np
 
-from wideberth.experiments.shipped import CONFIGS, read_experiment, shipped
-from wideberth.framework.arrays import Array
-from wideberth.framework.command_limits import broken_limit
-from wideberth.framework.config import build
+from wideberth.experiments.engine.shipped import CONFIGS, read_experiment, shipped
+from wideberth.framework.control.command_limits import broken_limit
 from wideberth.framework.controller import Controller
-from wideberth.framework.errors import WideberthError
-from wideberth.framework.forecast import Scene
-from wideberth.framework.motion import Detection, Observation
-from wideberth.framework.path import Path
-from wideberth.framework.polygon import Polygon
+from wideberth.framework.plugins.config import build
+from wideberth.framework.plugins.registry import names
 from wideberth.framework.predictor import Adaptive
-from wideberth.framework.registry import names
 from wideberth.framework.robot import Robot
-from wideberth.framework.tracks import Tracks
+from wideberth.framework.values.arrays import Array
+from wideberth.framework.values.errors import WideberthError
+from wideberth.framework.values.forecast import Scene
+from wideberth.framework.values.motion import Detection, Observation
+from wideberth.framework.values.path import Path
+from wideberth.framework.values.polygon import Polygon
+from wideberth.framework.values.tracks import Tracks
 
 DEADLINE = 0.45
 """s for one call of a planner, the paper's."""

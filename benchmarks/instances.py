@@ -11,19 +11,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wideberth.framework import Path
-from wideberth.framework.arrays import Array
-from wideberth.framework.forecast import GaussianObstacle
-from wideberth.framework.integration import step
-from wideberth.framework.motion import Pose, Twist
 from wideberth.framework.mpc.assembly import assemble
-from wideberth.framework.mpc.bodies import with_auxiliaries
-from wideberth.framework.mpc.instance import Obstacles, fill
+from wideberth.framework.mpc.instance.obstacles import Obstacles, fill
 from wideberth.framework.mpc.levels.base import LevelPolicy
-from wideberth.framework.mpc.problem import Parameters, Problem
-from wideberth.framework.mpc.reference import lay_reference
-from wideberth.framework.mpc.transcription import Guess
+from wideberth.framework.mpc.ocp.bodies import with_auxiliaries
+from wideberth.framework.mpc.ocp.problem import Parameters, Problem
+from wideberth.framework.mpc.ocp.reference import lay_reference
+from wideberth.framework.mpc.ocp.transcription import Guess
+from wideberth.framework.numerics.integration import step
 from wideberth.framework.region import Region
 from wideberth.framework.robot import Robot, start_state
+from wideberth.framework.values.arrays import Array
+from wideberth.framework.values.forecast import GaussianObstacle
+from wideberth.framework.values.motion import Pose, Twist
 
 DT, PACE, WITNESS_PACE = 0.5, 0.5, 0.3
 """s; m/s of the reference; m/s of the known feasible trajectory."""

@@ -11,10 +11,10 @@ from judging import LOOSE, judged
 from measuring import Row, Tick, rotated, timed
 from set_ups import ELLIPSE, OWN, TOLERANCE, paper_problem, registered
 
-from wideberth.framework.mpc.problem import Problem
-from wideberth.framework.mpc.recorded import Instance
+from wideberth.framework.mpc.diagnosis.recorded_instances import Instance
+from wideberth.framework.mpc.ocp.problem import Problem
 from wideberth.framework.mpc.solvers.base import Solution, Solver
-from wideberth.framework.mpc.solvers.riccati import Riccati
+from wideberth.framework.mpc.solvers.riccati.solver import Riccati
 
 ROUNDS = 3
 Entry: TypeAlias = Callable[[Problem, Sequence[Instance], int], list[Solution]]
@@ -110,7 +110,7 @@ def _threads(
 
 
 def _jax(problem: Problem, batch: Sequence[Instance], cores: int) -> list[Solution]:
-    from wideberth.framework.mpc.batch import solve_batch
+    from wideberth.framework.mpc.solvers.batch import solve_batch
 
     parameters = [instance.parameters for instance in batch]
     guesses = [instance.guess for instance in batch]

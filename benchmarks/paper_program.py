@@ -14,10 +14,10 @@ from typing import Any, final
 import casadi as ca
 import numpy as np
 
-from wideberth.framework.mpc.problem import Parameters, Problem
+from wideberth.framework.mpc.ocp.problem import Parameters, Problem
+from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.solvers.base import Solution, Solver
-from wideberth.framework.mpc.transcription import Guess
-from wideberth.framework.plan import Status
+from wideberth.framework.values.plan import Status
 
 SLOT = 9
 """Numbers of one ellipse: mean 2, eigenvectors 4, deviations 2, margin 1."""

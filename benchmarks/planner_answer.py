@@ -7,18 +7,18 @@ from typing import final
 
 import numpy as np
 
-from wideberth.framework.config import build
-from wideberth.framework.mpc.attempts import Attempts, Budget, Watch
-from wideberth.framework.mpc.case import Case
-from wideberth.framework.mpc.contact import Surroundings
-from wideberth.framework.mpc.instance import Obstacles
-from wideberth.framework.mpc.ladder import Ladder
+from wideberth.framework.mpc.fallback.instance_check import Case
+from wideberth.framework.mpc.fallback.ladder import Ladder
+from wideberth.framework.mpc.instance.contact import Surroundings
+from wideberth.framework.mpc.instance.obstacles import Obstacles
+from wideberth.framework.mpc.instance.polygons import NONE
 from wideberth.framework.mpc.levels.relaxed import Relaxed
-from wideberth.framework.mpc.problem import Parameters, Problem
+from wideberth.framework.mpc.ocp.problem import Parameters, Problem
+from wideberth.framework.mpc.ocp.transcription import Guess
+from wideberth.framework.mpc.planner.multistart import Attempts, Budget, Watch
 from wideberth.framework.mpc.solvers.base import Solution, Solver
-from wideberth.framework.mpc.transcription import Guess
-from wideberth.framework.mpc.walls import NONE
-from wideberth.framework.plan import Rung, Status
+from wideberth.framework.plugins.config import build
+from wideberth.framework.values.plan import Rung, Status
 
 
 @final

@@ -11,9 +11,9 @@ from scaling import judged
 from set_ups import registered
 
 from wideberth.framework import names
-from wideberth.framework.config import build
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.solvers.base import Solver
+from wideberth.framework.plugins.config import build
 
 OBSTACLES, STEPS = 2, 15
 ORACLE = "ipopt"

@@ -13,9 +13,9 @@ import numpy as np
 from measuring import Row, Tick, brief, rotated, timed
 
 from wideberth.framework import Predictor, Scene, Tracks, names
-from wideberth.framework.config import build
-from wideberth.framework.motion import Truth
+from wideberth.framework.plugins.config import build
 from wideberth.framework.predictor import Adaptive, Fittable
+from wideberth.framework.values.motion import Truth
 
 REFERENCE = "constant_velocity"
 SAMPLES, STEPS, DT = 20, 15, 0.5

@@ -14,8 +14,8 @@ from rich.console import Console
 from rich.table import Table
 from set_ups import HONEST
 
-from wideberth.experiments.provenance import provenance
-from wideberth.framework.io import write_table, write_text
+from wideberth.experiments.engine.provenance import provenance
+from wideberth.framework.plugins.io import write_table, write_text
 
 
 def write(tables: Tables, head: str, out: Path) -> list[str]:

@@ -24,7 +24,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from set_ups import set_ups
 
 from wideberth.framework import WideberthError
-from wideberth.framework.io import write_text
+from wideberth.framework.plugins.io import write_text
 
 ROOT = Path(__file__).resolve().parents[1]
 

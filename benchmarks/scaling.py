@@ -10,11 +10,11 @@ from judging import LOOSE
 from measuring import Row, Tick, labels, repeats, rotated, slope, timed
 from set_ups import ELLIPSE, registered, unicycle
 
-from wideberth.framework.config import build
+from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.solvers.base import Solution, Solver
-from wideberth.framework.mpc.verify import violation
-from wideberth.framework.plan import Status
+from wideberth.framework.plugins.config import build
+from wideberth.framework.values.plan import Status
 
 
 @dataclass(frozen=True)

@@ -10,16 +10,16 @@ import numpy as np
 from paper_program import PaperProgram
 
 from wideberth.framework import names
-from wideberth.framework.config import build
 from wideberth.framework.mpc.assembly import assemble
-from wideberth.framework.mpc.bodies import with_auxiliaries
+from wideberth.framework.mpc.diagnosis.recorded_instances import LEVEL, Instance
 from wideberth.framework.mpc.levels.paper import Paper
-from wideberth.framework.mpc.problem import Parameters, Problem
-from wideberth.framework.mpc.recorded import LEVEL, Instance
+from wideberth.framework.mpc.ocp.bodies import with_auxiliaries
+from wideberth.framework.mpc.ocp.problem import Parameters, Problem
+from wideberth.framework.mpc.ocp.transcription import Guess
+from wideberth.framework.mpc.planner.starting_points import other_starts
 from wideberth.framework.mpc.solvers.base import Solution, Solver
-from wideberth.framework.mpc.starts import other_starts
-from wideberth.framework.mpc.transcription import Guess
-from wideberth.framework.plan import Status
+from wideberth.framework.plugins.config import build
+from wideberth.framework.values.plan import Status
 
 PAPER, HONEST = "paper_mx", "ipopt_sx"
 """The references: the paper's program on MX graphs, and the same on SX."""

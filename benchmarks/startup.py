@@ -18,12 +18,12 @@ def commands() -> Mapping[str, list[str]]:
     """Return what is started, by its label."""
     python = sys.executable
     script = Path(python).with_name("wideberth")
-    cli = [str(script)] if script.exists() else [python, "-m", "wideberth.experiments.cli"]
+    cli = [str(script)] if script.exists() else [python, "-m", "wideberth.experiments.cli.app"]
     return {
         REFERENCE: [python, "-c", "pass"],
         "wideberth --help": [*cli, "--help"],
         "import wideberth": [python, "-c", "import wideberth"],
-        "import the planner": [python, "-c", "import wideberth.framework.mpc.planner"],
+        "import the planner": [python, "-c", "import wideberth.framework.mpc.planner.planner"],
     }
 
 

@@ -17,14 +17,14 @@ from tempfile import TemporaryDirectory
 
 from measuring import Row, Tick, cell, rotated, timed
 
-from wideberth.experiments.comparison import Comparison
-from wideberth.experiments.shipped import read_experiment
-from wideberth.framework.config import describe
-from wideberth.framework.yamlfile import dump
+from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.studies.comparison import Comparison
+from wideberth.framework.plugins.config import describe
+from wideberth.framework.plugins.yamlfile import dump
 
 TARGET = 1.7
 """Times as fast with two workers as with one, in the best of three rounds."""
-_CLI = "from wideberth.experiments.cli import main; main()"
+_CLI = "from wideberth.experiments.cli.app import main; main()"
 _LOOP = "sum(k * k for k in range({}))"
 _STEPS = 30_000_000
 """Of the loop: seconds, like a sweep of some size."""

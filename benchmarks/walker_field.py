@@ -5,7 +5,7 @@ from math import pi
 
 import numpy as np
 
-from wideberth.framework.arrays import Array
+from wideberth.framework.values.arrays import Array
 
 
 @dataclass

@@ -6,7 +6,7 @@ BUILT_IN: dict[str, str] = {
     "linearized_chance": "wideberth.controllers.linearized_chance:LinearizedChance",
     "lmpcc": "wideberth.controllers.lmpcc:Lmpcc",
     "moussaid_force": "wideberth.controllers.moussaid_force:MoussaidForce",
-    "mpc": "wideberth.framework.mpc.planner:Planner",
+    "mpc": "wideberth.framework.mpc.planner.planner:Planner",
     "mpc_constant_velocity": "wideberth.controllers.mpc_constant_velocity:MpcConstantVelocity",
     "orca": "wideberth.controllers.orca:Orca",
     "policy": "wideberth.controllers.policy:Policy",

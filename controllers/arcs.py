@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..framework.arrays import Array
-from ..framework.polygon import Polygon, edge_normals
+from ..framework.values.arrays import Array
+from ..framework.values.polygon import Polygon, edge_normals
 from .forces import away_from_walls
 
 STRAIGHT = 1e-6

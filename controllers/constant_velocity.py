@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import ClassVar, final
 
-from ..framework.arrays import Array
-from ..framework.motion import Observation
+from ..framework.values.arrays import Array
+from ..framework.values.motion import Observation
 from .reactive import Steered
 
 

@@ -5,9 +5,9 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.arrays import Array, BoolArray, whole
-from ..framework.command_limits import attained
-from ..framework.motion import Command, Observation, Twist
+from ..framework.control.command_limits import attained
+from ..framework.values.arrays import Array, BoolArray, whole
+from ..framework.values.motion import Command, Observation, Twist
 from .arcs import free_way
 from .reactive import Reactive
 from .steering import FAST, SLOWING, top_speed, yaw_acceleration

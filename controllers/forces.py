@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..framework.arrays import Array
-from ..framework.motion import Observation
-from ..framework.mpc.walls import padded
-from ..framework.polygon import MOST_CORNERS, Polygon, separation
+from ..framework.mpc.instance.polygons import padded
+from ..framework.values.arrays import Array
+from ..framework.values.motion import Observation
+from ..framework.values.polygon import MOST_CORNERS, Polygon, separation
 from .reactive import Steered
 from .steering import top_speed, velocity_of
 

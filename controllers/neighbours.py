@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..framework.arrays import Array
-from ..framework.history import MOST, admitted, named_apart
-from ..framework.magnitudes import SHORTEST
-from ..framework.motion import Detection, Observation
+from ..framework.tracking.history import MOST, admitted, named_apart
+from ..framework.values.arrays import Array
+from ..framework.values.magnitudes import SHORTEST
+from ..framework.values.motion import Detection, Observation
 
 
 @dataclass(frozen=True, eq=False)

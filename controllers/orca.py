@@ -7,9 +7,9 @@ from typing import Any, ClassVar, final
 
 import numpy as np
 
-from ..framework.arrays import Array, whole
-from ..framework.errors import WideberthError
-from ..framework.motion import Command, Observation
+from ..framework.values.arrays import Array, whole
+from ..framework.values.errors import WideberthError
+from ..framework.values.motion import Command, Observation
 from .reactive import Reactive
 from .steering import steer, top_speed, velocity_of
 

@@ -7,17 +7,17 @@ from typing import Any, final
 
 from numpy.typing import ArrayLike
 
-from ..framework.arrays import positive
-from ..framework.command_limits import within_reach
+from ..framework.control.command_limits import within_reach
+from ..framework.control.notices import NOTICES
+from ..framework.control.policy_observer import Shown, Sight, View
 from ..framework.controller import Controller, checked_ready, checked_use
-from ..framework.errors import WideberthError
-from ..framework.motion import Command, Observation, checked_numbers
-from ..framework.mpc.settings import checked_path
-from ..framework.notices import NOTICES
-from ..framework.path import Path
-from ..framework.plan import Plan
+from ..framework.mpc.planner.settings import checked_path
 from ..framework.robot import Robot
-from ..framework.view import Shown, Sight, View
+from ..framework.values.arrays import positive
+from ..framework.values.errors import WideberthError
+from ..framework.values.motion import Command, Observation, checked_numbers
+from ..framework.values.path import Path
+from ..framework.values.plan import Plan
 
 
 @final

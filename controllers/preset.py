@@ -5,16 +5,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..framework.config import build
 from ..framework.controller import Controller
-from ..framework.motion import Command, Observation
-from ..framework.mpc.planner import Planner
+from ..framework.mpc.planner.planner import Planner
 from ..framework.mpc.solvers.base import Solver
 from ..framework.mpc.solvers.fatrop import Fatrop
-from ..framework.path import Path
-from ..framework.plan import Plan
+from ..framework.plugins.config import build
 from ..framework.robot import Robot
 from ..framework.static_region import StaticRegion
+from ..framework.values.motion import Command, Observation
+from ..framework.values.path import Path
+from ..framework.values.plan import Plan
 
 
 @dataclass(eq=False)

@@ -6,17 +6,17 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..framework.arrays import Array, positive
-from ..framework.command_limits import within_reach
+from ..framework.control.command_limits import within_reach
+from ..framework.control.notices import NOTICES
 from ..framework.controller import Controller, checked_ready, checked_use
-from ..framework.errors import WideberthError
-from ..framework.history import viewpoint
-from ..framework.motion import Command, Observation, checked_numbers
-from ..framework.mpc.settings import checked_path
-from ..framework.notices import NOTICES
-from ..framework.path import Path
-from ..framework.plan import Plan
+from ..framework.mpc.planner.settings import checked_path
 from ..framework.robot import Robot
+from ..framework.tracking.history import viewpoint
+from ..framework.values.arrays import Array, positive
+from ..framework.values.errors import WideberthError
+from ..framework.values.motion import Command, Observation, checked_numbers
+from ..framework.values.path import Path
+from ..framework.values.plan import Plan
 from .neighbours import Neighbours
 from .steering import Guide, steer
 

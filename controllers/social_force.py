@@ -5,8 +5,8 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.arrays import Array
-from ..framework.motion import Observation
+from ..framework.values.arrays import Array
+from ..framework.values.motion import Observation
 from .forces import ForceModel, away_from_walls, exponential
 
 

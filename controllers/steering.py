@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from ..framework.arrays import Array
-from ..framework.command_limits import attained
-from ..framework.motion import Command, Twist
-from ..framework.mpc.reference import Progress
-from ..framework.path import Path
+from ..framework.control.command_limits import attained
+from ..framework.mpc.ocp.reference import Progress
 from ..framework.robot import Robot
+from ..framework.values.arrays import Array
+from ..framework.values.motion import Command, Twist
+from ..framework.values.path import Path
 
 SLOWING = 1.0
 """s; nearer to the goal than this at the present speed, a controller slows down in proportion to

@@ -4,7 +4,7 @@
 import gymnasium
 import numpy as np
 
-import wideberth.simulation.gymnasium_environment as navigation
+import wideberth.simulation.gym.environment as navigation
 
 WEIGHTS = np.array([1.0, 0.0])  # of the pull to the goal and the push of whoever is near
 def policy(seen):

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wideberth.framework.motion import Pose, Twist
 from wideberth.framework.robot import Bounds, Quantity, Robot
 from wideberth.framework.testing import check_robot
+from wideberth.framework.values.motion import Pose, Twist
 
 
 @dataclass(frozen=True)

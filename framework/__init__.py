@@ -4,56 +4,61 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .config import build as build
-    from .config import describe as describe
-    from .config import read_config as read_config
     from .controller import Controller as Controller
-    from .errors import WideberthError as WideberthError
-    from .footprint import Discs as Discs
-    from .footprint import Outline as Outline
-    from .forecast import Forecast as Forecast
-    from .forecast import GaussianObstacle as GaussianObstacle
-    from .forecast import Scene as Scene
-    from .motion import Command as Command
-    from .motion import Detection as Detection
-    from .motion import Observation as Observation
-    from .motion import Pose as Pose
-    from .motion import Twist as Twist
-    from .path import Path as Path
-    from .plan import Plan as Plan
-    from .polygon import Polygon as Polygon
+    from .plugins.config import build as build
+    from .plugins.config import describe as describe
+    from .plugins.config import read_config as read_config
+    from .plugins.registry import load as load
+    from .plugins.registry import names as names
+    from .plugins.registry import register as register
+    from .plugins.saved import load_plugin as load_plugin
+    from .plugins.saved import save_plugin as save_plugin
     from .predictor import Adaptive as Adaptive
     from .predictor import Fittable as Fittable
     from .predictor import Predictor as Predictor
     from .region import Region as Region
-    from .registry import load as load
-    from .registry import names as names
-    from .registry import register as register
-    from .resampling import resampled_tracks as resampled_tracks
     from .robot import Robot as Robot
-    from .saved import load_plugin as load_plugin
-    from .saved import save_plugin as save_plugin
     from .static_region import StaticRegion as StaticRegion
-    from .tracks import Tracks as Tracks
-    from .windows import Windows as Windows
-    from .windows import cut_windows as cut_windows
+    from .tracking.resampling import resampled_tracks as resampled_tracks
+    from .tracking.windows import Windows as Windows
+    from .tracking.windows import cut_windows as cut_windows
+    from .values.errors import WideberthError as WideberthError
+    from .values.footprint import Discs as Discs
+    from .values.footprint import Outline as Outline
+    from .values.forecast import Forecast as Forecast
+    from .values.forecast import GaussianObstacle as GaussianObstacle
+    from .values.forecast import Scene as Scene
+    from .values.motion import Command as Command
+    from .values.motion import Detection as Detection
+    from .values.motion import Observation as Observation
+    from .values.motion import Pose as Pose
+    from .values.motion import Twist as Twist
+    from .values.path import Path as Path
+    from .values.plan import Plan as Plan
+    from .values.polygon import Polygon as Polygon
+    from .values.tracks import Tracks as Tracks
 
-_HOME = {
-    "build": "config", "describe": "config", "read_config": "config",
-    "Controller": "controller", "WideberthError": "errors",
-    "Discs": "footprint", "Outline": "footprint",
-    "Forecast": "forecast", "GaussianObstacle": "forecast", "Scene": "forecast",
-    "Command": "motion", "Detection": "motion", "Observation": "motion", "Pose": "motion",
-    "Twist": "motion",
-    "Path": "path", "Plan": "plan", "Polygon": "polygon",
-    "Adaptive": "predictor", "Fittable": "predictor", "Predictor": "predictor",
-    "Region": "region",
-    "load": "registry", "names": "registry", "register": "registry",
-    "resampled_tracks": "resampling", "Robot": "robot",
-    "load_plugin": "saved", "save_plugin": "saved",
-    "StaticRegion": "static_region", "Tracks": "tracks",
-    "Windows": "windows", "cut_windows": "windows",
-}  # fmt: skip
+_NAMES = {
+    "plugins.config": "build describe read_config",
+    "controller": "Controller",
+    "values.errors": "WideberthError",
+    "values.footprint": "Discs Outline",
+    "values.forecast": "Forecast GaussianObstacle Scene",
+    "values.motion": "Command Detection Observation Pose Twist",
+    "values.path": "Path",
+    "values.plan": "Plan",
+    "values.polygon": "Polygon",
+    "predictor": "Adaptive Fittable Predictor",
+    "region": "Region",
+    "plugins.registry": "load names register",
+    "tracking.resampling": "resampled_tracks",
+    "robot": "Robot",
+    "plugins.saved": "load_plugin save_plugin",
+    "static_region": "StaticRegion",
+    "values.tracks": "Tracks",
+    "tracking.windows": "Windows cut_windows",
+}
+_HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 
 def __getattr__(name: str) -> Any:

@@ -4,11 +4,11 @@ from abc import ABC, abstractmethod
 from dataclasses import fields, is_dataclass
 from typing import cast
 
-from .errors import WideberthError
-from .motion import Command, Observation
-from .path import Path
-from .plan import Plan
 from .robot import Robot
+from .values.errors import WideberthError
+from .values.motion import Command, Observation
+from .values.path import Path
+from .values.plan import Plan
 
 
 class Controller(ABC):
@@ -25,9 +25,10 @@ class Controller(ABC):
       ones, states beyond the limits, covariances that are none, a clock that jumps, obstacles
       that come, go and have another dimension. Nor does anything that a plug-in throws. The
       command is then a safe one, and a status or reason says why; it is also logged, see
-      `wideberth.framework.notices`.
+      `wideberth.framework.control.notices`.
     - Every command is one that the robot can follow: finite, of D linear components, and a
-      velocity within the robot's limits, see `wideberth.framework.command_limits.broken_limit`.
+      velocity within the robot's limits, see
+      `wideberth.framework.control.command_limits.broken_limit`.
       That holds from a state beyond the limits, too: the command is then within them, and the
       low-level controller brakes towards it as hard as the robot can.
     - After `reset` it behaves as new.

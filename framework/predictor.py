@@ -6,9 +6,9 @@ from dataclasses import replace
 from functools import wraps
 from typing import Any, ClassVar, Self
 
-from .forecast import Forecast, Scene
-from .magnitudes import bounded
-from .tracks import Tracks
+from .values.forecast import Forecast, Scene
+from .values.magnitudes import bounded
+from .values.tracks import Tracks
 
 
 def _predict_within(predict: Callable[..., Forecast]) -> Callable[..., Forecast]:
@@ -58,7 +58,8 @@ class Predictor(ABC):
       forecast of another.
 
     The last law is kept here for every subclass: its `predict` (and `Adaptive.update`) is
-    called with tracks and scene within the limits of `wideberth.framework.magnitudes`, and the
+    called with tracks and scene within the limits of
+    `wideberth.framework.values.magnitudes`, and the
     obstacles that were beyond them have that as their reason. Within these limits a method's own
     arithmetic must neither overflow nor divide by zero.
     """

@@ -7,9 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from .arrays import Array, BoolArray, Scalar
-from .forecast import GaussianObstacle
-from .motion import Pose
+from .values.arrays import Array, BoolArray, Scalar
+from .values.forecast import GaussianObstacle
+from .values.motion import Pose
 
 
 class Relation(StrEnum):

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from math import atan2
 from typing import ClassVar
 
-from .arrays import Scalar
-from .footprint import Footprint
-from .motion import Pose, Twist
+from .values.arrays import Scalar
+from .values.footprint import Footprint
+from .values.motion import Pose, Twist
 
 
 @dataclass(frozen=True)

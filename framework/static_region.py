@@ -3,9 +3,9 @@
 from abc import ABC, abstractmethod
 from typing import ClassVar
 
-from .arrays import Array, Scalar
-from .motion import Pose
 from .region import Auxiliary, Constraint
+from .values.arrays import Array, Scalar
+from .values.motion import Pose
 
 
 class StaticRegion(ABC):
@@ -20,7 +20,7 @@ class StaticRegion(ABC):
 
     Laws, checked by `wideberth.framework.testing.check_static_region`: with the auxiliaries of
     ``auxiliary_start`` the constraint holds exactly where body and polygon are at least the
-    margin apart (`wideberth.framework.polygon.best_direction`), equalities are met to 1e-9,
+    margin apart (`wideberth.framework.values.polygon.best_direction`), equalities are met to 1e-9,
     values and gradients are finite everywhere, and the gradient does not vanish at the
     boundary. Other auxiliaries that keep bounds and equalities may prove less, never more: what
     an optimiser calls clear is clear, whichever it found.

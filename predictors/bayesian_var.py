@@ -6,11 +6,11 @@ from typing import ClassVar, Literal, Self, final
 
 import numpy as np
 
-from ..framework.arrays import Array, positive, whole
-from ..framework.errors import WideberthError
-from ..framework.forecast import Forecast, Scene
 from ..framework.predictor import Fittable, Predictor
-from ..framework.tracks import Tracks
+from ..framework.values.arrays import Array, positive, whole
+from ..framework.values.errors import WideberthError
+from ..framework.values.forecast import Forecast, Scene
+from ..framework.values.tracks import Tracks
 from .core.assembly import refuse_adaptive, with_fallback
 from .core.history import Histories, gather
 from .core.least_squares import complete_rows, lagged, regress

@@ -6,12 +6,12 @@ from typing import Self, final
 
 import numpy as np
 
-from ..framework.arrays import Array, positive, whole
-from ..framework.errors import WideberthError
-from ..framework.forecast import Forecast, Scene
+from ..framework.plugins.registry import name_of
 from ..framework.predictor import Fittable, Predictor
-from ..framework.registry import name_of
-from ..framework.tracks import Tracks
+from ..framework.values.arrays import Array, positive, whole
+from ..framework.values.errors import WideberthError
+from ..framework.values.forecast import Forecast, Scene
+from ..framework.values.tracks import Tracks
 from .bayesian_var import BayesianVectorAutoregression
 from .core.assembly import refuse_adaptive, with_fallback
 from .core.history import Histories, gather

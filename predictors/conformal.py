@@ -7,20 +7,15 @@ from typing import ClassVar, Self, final
 
 import numpy as np
 
-from ..framework.arrays import Array, checked, positive, probability, whole
-from ..framework.errors import WideberthError
-from ..framework.forecast import Forecast, Scene
-from ..framework.metrics import SMALLEST, content_bound
+from ..framework.metrics.episode import SMALLEST, content_bound
 from ..framework.predictor import Fittable, Predictor
-from ..framework.tracks import Tracks
-from ..framework.windows import windows_of
+from ..framework.tracking.windows import windows_of
+from ..framework.values.arrays import Array, checked, positive, probability, whole
+from ..framework.values.errors import WideberthError
+from ..framework.values.forecast import Forecast, Scene
+from ..framework.values.tracks import Tracks
 from .core.assembly import refuse_adaptive
-from .core.calibration import (
-    replayed,
-    same_step,
-    scaled,
-    squared_distances,
-)
+from .core.calibration import replayed, same_step, scaled, squared_distances
 from .empirical import Empirical
 
 

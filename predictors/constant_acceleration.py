@@ -6,10 +6,10 @@ from typing import ClassVar, Self, final
 
 import numpy as np
 
-from ..framework.arrays import Array, positive, whole
-from ..framework.forecast import Forecast, Scene
 from ..framework.predictor import Fittable
-from ..framework.tracks import Tracks
+from ..framework.values.arrays import Array, positive, whole
+from ..framework.values.forecast import Forecast, Scene
+from ..framework.values.tracks import Tracks
 from .core.history import gather, measurement_noise
 from .core.kalman_filter import AxisModel, filter_axes, roll_out
 from .core.pattern_search import fit_numbers

@@ -6,11 +6,11 @@ from typing import ClassVar, Literal, final
 
 import numpy as np
 
-from ..framework.arrays import Array, positive, whole
-from ..framework.errors import WideberthError
-from ..framework.forecast import Forecast, Scene
 from ..framework.predictor import Predictor
-from ..framework.tracks import Tracks
+from ..framework.values.arrays import Array, positive, whole
+from ..framework.values.errors import WideberthError
+from ..framework.values.forecast import Forecast, Scene
+from ..framework.values.tracks import Tracks
 from .constant_acceleration import singer
 from .core.assembly import Gaussians, with_fallback
 from .core.history import Histories, IntArray, gather, measurement_noise

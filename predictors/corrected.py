@@ -6,11 +6,11 @@ from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from ..framework.arrays import Array, checked, positive, whole
-from ..framework.forecast import Forecast, Scene
 from ..framework.predictor import Fittable, Predictor
-from ..framework.tracks import Tracks
-from ..framework.windows import Windows, windows_of
+from ..framework.tracking.windows import Windows, windows_of
+from ..framework.values.arrays import Array, checked, positive, whole
+from ..framework.values.forecast import Forecast, Scene
+from ..framework.values.tracks import Tracks
 from .core.assembly import refuse_adaptive
 from .core.calibration import replayed, same_step
 from .core.history import Histories, IntArray, gather

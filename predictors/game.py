@@ -7,14 +7,14 @@ from typing import Any, ClassVar, final
 
 import numpy as np
 
-from ..framework.arrays import Array, positive, whole
-from ..framework.config import build, describe
-from ..framework.errors import WideberthError
-from ..framework.forecast import Forecast, Scene
-from ..framework.mpc.planner import Planner
-from ..framework.mpc.response import Agent, Responder, state_of
+from ..framework.mpc.planner.best_response import Agent, Responder, state_of
+from ..framework.mpc.planner.planner import Planner
+from ..framework.plugins.config import build, describe
 from ..framework.predictor import Predictor
-from ..framework.tracks import Tracks
+from ..framework.values.arrays import Array, positive, whole
+from ..framework.values.errors import WideberthError
+from ..framework.values.forecast import Forecast, Scene
+from ..framework.values.tracks import Tracks
 from .core.assembly import both_reasons, refuse_adaptive
 from .core.best_response import Table
 from .core.history import gather

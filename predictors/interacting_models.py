@@ -7,11 +7,11 @@ from typing import ClassVar, Literal, Self, final
 
 import numpy as np
 
-from ..framework.arrays import Array, positive, probability, whole
-from ..framework.errors import WideberthError
-from ..framework.forecast import Forecast, Scene
 from ..framework.predictor import Fittable
-from ..framework.tracks import Tracks
+from ..framework.values.arrays import Array, positive, probability, whole
+from ..framework.values.errors import WideberthError
+from ..framework.values.forecast import Forecast, Scene
+from ..framework.values.tracks import Tracks
 from .constant_acceleration import singer
 from .core.assembly import Gaussians, finish, with_fallback
 from .core.history import Histories, IntArray, gather, measurement_noise

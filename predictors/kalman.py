@@ -6,11 +6,11 @@ from typing import ClassVar, Literal, Self, final
 
 import numpy as np
 
-from ..framework.arrays import Array, positive, whole
-from ..framework.errors import WideberthError
-from ..framework.forecast import Forecast, Scene
 from ..framework.predictor import Fittable
-from ..framework.tracks import Tracks
+from ..framework.values.arrays import Array, positive, whole
+from ..framework.values.errors import WideberthError
+from ..framework.values.forecast import Forecast, Scene
+from ..framework.values.tracks import Tracks
 from .core.history import Histories, gather, measurement_noise
 from .core.kalman_filter import AxisModel, Filtered, filter_axes, on_all_axes, roll_out, started
 from .core.pattern_search import fit_numbers

@@ -7,12 +7,12 @@ from typing import ClassVar, Self, final
 
 import numpy as np
 
-from ..framework.arrays import Array, positive, whole
-from ..framework.errors import WideberthError
-from ..framework.forecast import Forecast, Scene
 from ..framework.predictor import Fittable, Predictor
-from ..framework.tracks import Tracks
-from ..framework.windows import windows_of
+from ..framework.tracking.windows import windows_of
+from ..framework.values.arrays import Array, positive, whole
+from ..framework.values.errors import WideberthError
+from ..framework.values.forecast import Forecast, Scene
+from ..framework.values.tracks import Tracks
 from .constant_velocity import ConstantVelocity
 from .core.assembly import Gaussians, refuse_adaptive, with_fallback
 from .core.calibration import same_step

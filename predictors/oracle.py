@@ -6,11 +6,11 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.arrays import Array, positive
-from ..framework.forecast import Forecast, Scene
-from ..framework.motion import Truth
 from ..framework.predictor import Predictor
-from ..framework.tracks import Tracks
+from ..framework.values.arrays import Array, positive
+from ..framework.values.forecast import Forecast, Scene
+from ..framework.values.motion import Truth
+from ..framework.values.tracks import Tracks
 from .core.assembly import Gaussians, refuse_adaptive, with_fallback
 from .kalman import Kalman
 

@@ -7,10 +7,10 @@ from typing import ClassVar, Self, final
 
 import numpy as np
 
-from ..framework.arrays import Array
-from ..framework.forecast import Forecast, Scene
 from ..framework.predictor import Fittable, Predictor
-from ..framework.tracks import Tracks
+from ..framework.values.arrays import Array
+from ..framework.values.forecast import Forecast, Scene
+from ..framework.values.tracks import Tracks
 from .core.assembly import refuse_adaptive
 from .mixture_density import MixtureDensity
 

@@ -5,11 +5,11 @@ from typing import ClassVar, Literal, final
 
 import numpy as np
 
-from ..framework.arrays import Array, positive
-from ..framework.errors import WideberthError
-from ..framework.forecast import Forecast, Scene
 from ..framework.predictor import Predictor
-from ..framework.tracks import Tracks
+from ..framework.values.arrays import Array, positive
+from ..framework.values.errors import WideberthError
+from ..framework.values.forecast import Forecast, Scene
+from ..framework.values.tracks import Tracks
 from .constant_velocity import ConstantVelocity
 from .core.assembly import refuse_adaptive
 from .core.history import Histories, gather, measurement_noise

@@ -6,10 +6,10 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.arrays import Array, positive
-from ..framework.forecast import Forecast, Scene
 from ..framework.predictor import Predictor
-from ..framework.tracks import Tracks
+from ..framework.values.arrays import Array, positive
+from ..framework.values.forecast import Forecast, Scene
+from ..framework.values.tracks import Tracks
 from .core.assembly import Gaussians, finish
 from .core.history import gather, measurement_noise
 

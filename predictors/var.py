@@ -6,11 +6,11 @@ from typing import ClassVar, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..framework.arrays import Array, BoolArray, positive, whole
-from ..framework.errors import WideberthError
-from ..framework.forecast import Forecast, Scene
 from ..framework.predictor import Predictor
-from ..framework.tracks import Tracks
+from ..framework.values.arrays import Array, BoolArray, positive, whole
+from ..framework.values.errors import WideberthError
+from ..framework.values.forecast import Forecast, Scene
+from ..framework.values.tracks import Tracks
 from .core.assembly import Gaussians, placed, refuse_adaptive, with_fallback
 from .core.history import Histories, gather
 from .core.least_squares import Fits, Trend, fit_velocities, fit_with_statsmodels

@@ -5,10 +5,10 @@ from typing import ClassVar, final
 
 from scipy import special
 
-from ..framework.arrays import Array, BoolArray, Scalar, probability
-from ..framework.forecast import GaussianObstacle
-from ..framework.motion import Pose
 from ..framework.region import Auxiliary, Constraint, Convex, Guarantee, Relation, Signed
+from ..framework.values.arrays import Array, BoolArray, Scalar, probability
+from ..framework.values.forecast import GaussianObstacle
+from ..framework.values.motion import Pose
 from .minkowski_sum import MinkowskiSum
 
 _SUM = MinkowskiSum()

@@ -10,9 +10,9 @@ from typing import Literal, TypeAlias
 import numpy as np
 from scipy import special
 
-from ..framework.arrays import Array, Scalar, checked_covariance, probability
-from ..framework.errors import WideberthError
-from ..framework.symbolic import ca
+from ..framework.numerics.symbolic import ca
+from ..framework.values.arrays import Array, Scalar, checked_covariance, probability
+from ..framework.values.errors import WideberthError
 from . import gaussian
 
 Correction: TypeAlias = Literal["bonferroni", "sidak"]

@@ -10,11 +10,11 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import special
 
-from ..framework.arrays import Array, Scalar, probability
-from ..framework.errors import WideberthError
-from ..framework.forecast import GaussianObstacle
-from ..framework.motion import Pose
-from ..framework.symbolic import ca
+from ..framework.numerics.symbolic import ca
+from ..framework.values.arrays import Array, Scalar, probability
+from ..framework.values.errors import WideberthError
+from ..framework.values.forecast import GaussianObstacle
+from ..framework.values.motion import Pose
 
 FLOOR = 1e-9
 """m. Added in quadrature to every axis, so that a point obstacle without margin gives finite

@@ -3,7 +3,7 @@
 The risk meter needs them too, and the framework imports none of the rooms.
 """
 
-from ..framework.geometry import (
+from ..framework.numerics.geometry import (
     UNIT_BALL,
     closest_point,
     concave_maximiser,

@@ -12,7 +12,7 @@ and is `largest_clearance_error`; the radial one is larger and can exceed the ma
 
 import numpy as np
 
-from ..framework.arrays import Array
+from ..framework.values.arrays import Array
 from .geometry import distance_to_ellipse, sum_gauge
 
 

@@ -5,10 +5,10 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.arrays import Array, BoolArray, Scalar
-from ..framework.forecast import GaussianObstacle
-from ..framework.motion import Pose
 from ..framework.region import Constraint, Convex, Guarantee, Relation, Signed
+from ..framework.values.arrays import Array, BoolArray, Scalar
+from ..framework.values.forecast import GaussianObstacle
+from ..framework.values.motion import Pose
 from . import gaussian
 from .geometry import UNIT_BALL, distance_to_ellipse
 

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, final
 
-from ..framework.arrays import Array, Scalar
-from ..framework.forecast import GaussianObstacle
+from ..framework.values.arrays import Array, Scalar
+from ..framework.values.forecast import GaussianObstacle
 from . import gaussian
 from .outer_ellipse import EMPTY, OuterEllipse
 

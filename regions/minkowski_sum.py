@@ -5,9 +5,7 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.arrays import Array, BoolArray, Scalar
-from ..framework.forecast import GaussianObstacle
-from ..framework.motion import Pose
+from ..framework.numerics.symbolic import ca
 from ..framework.region import (
     Auxiliary,
     Constraint,
@@ -17,7 +15,9 @@ from ..framework.region import (
     RiskLevel,
     Signed,
 )
-from ..framework.symbolic import ca
+from ..framework.values.arrays import Array, BoolArray, Scalar
+from ..framework.values.forecast import GaussianObstacle
+from ..framework.values.motion import Pose
 from . import gaussian
 from .geometry import concave_maximiser, distance_to_ellipse, sum_gauge, sum_volume
 

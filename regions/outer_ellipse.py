@@ -6,10 +6,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..framework.arrays import Array, BoolArray, Scalar
-from ..framework.motion import Pose
+from ..framework.numerics.symbolic import ca
 from ..framework.region import Constraint, Convex, Guarantee, Relation, RiskLevel, Signed
-from ..framework.symbolic import ca
+from ..framework.values.arrays import Array, BoolArray, Scalar
+from ..framework.values.motion import Pose
 from . import gaussian
 from .geometry import UNIT_BALL, distance_to_ellipse
 

@@ -5,11 +5,11 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.arrays import Array, BoolArray, Scalar
-from ..framework.forecast import GaussianObstacle
-from ..framework.motion import Pose
+from ..framework.numerics.symbolic import ca
 from ..framework.region import Auxiliary, Constraint, Guarantee, Region, Relation
-from ..framework.symbolic import ca
+from ..framework.values.arrays import Array, BoolArray, Scalar
+from ..framework.values.forecast import GaussianObstacle
+from ..framework.values.motion import Pose
 from . import density, gaussian
 from .minkowski_sum import MinkowskiSum
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..framework.arrays import Array, BoolArray
+from ..framework.values.arrays import Array, BoolArray
 
 
 def polygon_signed_distance(points: Array, vertices: Array) -> Array:

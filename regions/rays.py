@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..framework.arrays import Array
+from ..framework.values.arrays import Array
 from . import gaussian
 from .geometry import UNIT_BALL
 

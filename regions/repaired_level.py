@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, final
 
-from ..framework.arrays import Array, Scalar
-from ..framework.errors import WideberthError
-from ..framework.forecast import GaussianObstacle
+from ..framework.values.arrays import Array, Scalar
+from ..framework.values.errors import WideberthError
+from ..framework.values.forecast import GaussianObstacle
 from . import gaussian
 from .outer_ellipse import OuterEllipse, excess, means
 

@@ -5,14 +5,14 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.arrays import Array, BoolArray, Scalar
-from ..framework.forecast import GaussianObstacle
-from ..framework.inversion import log_probability
-from ..framework.motion import Pose
+from ..framework.numerics.symbolic import ca
 from ..framework.region import Constraint, Guarantee, Region, Relation
-from ..framework.symbolic import ca
+from ..framework.risk.inversion import log_probability
+from ..framework.values.arrays import Array, BoolArray, Scalar
+from ..framework.values.forecast import GaussianObstacle
+from ..framework.values.motion import Pose
 from . import gaussian, rays
-from .normal import deep_inside
+from .log_normal_probability import deep_inside
 
 _NODES, _FINE_NODES = 24, 40
 """Of the integral in the constraint and in the NumPy twin; see `framework.inversion.rule`."""

@@ -6,9 +6,7 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.arrays import Array, BoolArray, Scalar
-from ..framework.forecast import GaussianObstacle
-from ..framework.motion import Pose
+from ..framework.numerics.symbolic import ca
 from ..framework.region import (
     Auxiliary,
     Constraint,
@@ -19,7 +17,9 @@ from ..framework.region import (
     RiskLevel,
     Signed,
 )
-from ..framework.symbolic import ca
+from ..framework.values.arrays import Array, BoolArray, Scalar
+from ..framework.values.forecast import GaussianObstacle
+from ..framework.values.motion import Pose
 from . import gaussian
 from .geometry import closest_point
 from .minkowski_sum import MinkowskiSum

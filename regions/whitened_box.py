@@ -7,13 +7,13 @@ from typing import ClassVar, final
 import numpy as np
 from scipy import special
 
-from ..framework.arrays import Array, BoolArray, Scalar
-from ..framework.forecast import GaussianObstacle
-from ..framework.motion import Pose
+from ..framework.numerics.symbolic import ca
 from ..framework.region import Constraint, Guarantee, Polygonal, Relation
-from ..framework.symbolic import ca
+from ..framework.values.arrays import Array, BoolArray, Scalar
+from ..framework.values.forecast import GaussianObstacle
+from ..framework.values.motion import Pose
 from . import gaussian, rays
-from .normal import deep_inside, log_interval
+from .log_normal_probability import deep_inside, log_interval
 
 _TINY = 1e-12
 """Keeps the square root differentiable where the bound is 1; moves the level by 5e-13 / level."""

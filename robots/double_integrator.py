@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..framework.arrays import Scalar
-from ..framework.limits import within_norm
-from ..framework.motion import Pose, Twist
+from ..framework.numerics.clipping import within_norm
 from ..framework.robot import Bounds, Robot
+from ..framework.values.arrays import Scalar
+from ..framework.values.motion import Pose, Twist
 
 
 class DoubleIntegrator(Robot):

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import ClassVar, final
 
-from ..framework.arrays import Scalar, positive
-from ..framework.motion import Pose
 from ..framework.robot import Quantity
+from ..framework.values.arrays import Scalar, positive
+from ..framework.values.motion import Pose
 from .double_integrator import DoubleIntegrator
 
 

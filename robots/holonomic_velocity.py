@@ -6,10 +6,10 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.arrays import Scalar, positive
-from ..framework.limits import within_norm
-from ..framework.motion import Pose, Twist
+from ..framework.numerics.clipping import within_norm
 from ..framework.robot import Bounds, Quantity, Robot
+from ..framework.values.arrays import Scalar, positive
+from ..framework.values.motion import Pose, Twist
 
 
 @final

@@ -6,11 +6,11 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.arrays import Scalar, positive
-from ..framework.footprint import Footprint, checked_footprint
-from ..framework.limits import within
-from ..framework.motion import Pose, Twist
+from ..framework.numerics.clipping import within
 from ..framework.robot import Bounds, Quantity, Robot
+from ..framework.values.arrays import Scalar, positive
+from ..framework.values.footprint import Footprint, checked_footprint
+from ..framework.values.motion import Pose, Twist
 
 
 @final

@@ -9,8 +9,8 @@ pass over NaN, NaN counts as true, ``sign`` keeps NaN and signed zeros.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from ..errors import WideberthError
-from ..symbolic import ca
+from ..numerics.symbolic import ca
+from ..values.errors import WideberthError
 
 _PLAIN: Mapping[int, str] = {
     ca.OP_ASSIGN: "{0}",

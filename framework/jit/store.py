@@ -11,7 +11,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, cast
 
-from ..errors import WideberthError
+from ..values.errors import WideberthError
 from . import columns, folder
 
 _LOADED: dict[str, ModuleType] = {}

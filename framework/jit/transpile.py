@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from math import isinf, isnan
 from typing import Any
 
-from ..errors import WideberthError
-from ..symbolic import ca
+from ..numerics.symbolic import ca
+from ..values.errors import WideberthError
 from .operations import JAX, NUMBA, Dialect, supported
 
 NUMBA_IMPORTS = """import math
@@ -68,7 +68,7 @@ def numba_source(function: Any, name: str) -> str:
 
     Examples
     --------
-    >>> from wideberth.framework.symbolic import ca
+    >>> from wideberth.framework.numerics.symbolic import ca
     >>> v, p = ca.SX.sym("v", 2), ca.SX.sym("p")
     >>> print(numba_source(ca.Function("f", [v, p], [p * ca.sin(v[1])]), "pull"), end="")
     def pull(offset, count, v, p, out):
@@ -110,7 +110,7 @@ def recursion_source(function: Any, name: str, carried: int) -> str:
 
     Examples
     --------
-    >>> from wideberth.framework.symbolic import ca
+    >>> from wideberth.framework.numerics.symbolic import ca
     >>> v, p = ca.SX.sym("v", 2), ca.SX.sym("p")
     >>> print(recursion_source(ca.Function("f", [v, p], [p * v[0] + v[1]]), "sum", 1), end="")
     def sum(offset, count, v, p, out):

@@ -20,21 +20,21 @@ the paper's to the letter.
 
 from typing import Any
 
-from ..arrays import Scalar, positive, whole
-from ..errors import WideberthError
-from ..integration import step as integrate
-from ..motion import Pose, Twist
+from ..numerics.integration import step as integrate
+from ..numerics.symbolic import ca
 from ..region import Auxiliary, Constraint, Region
 from ..robot import Robot
 from ..static_region import StaticRegion
-from ..symbolic import ca
-from .bodies import bodies
+from ..values.arrays import Scalar, positive, whole
+from ..values.errors import WideberthError
+from ..values.motion import Pose, Twist
 from .costs.base import Cost, Moment
 from .costs.tracking import Tracking
-from .follower import follower
 from .levels.base import LevelPolicy
-from .problem import Problem, Slots
-from .stage import ReferenceSymbols, slots
+from .ocp.bodies import bodies
+from .ocp.problem import Problem, Slots
+from .ocp.stage import ReferenceSymbols, slots
+from .planner.progress_robot import follower
 
 REST = 1e-2
 """m/s and rad/s; a plan that ends slower than this is braked to a stop in the step after its end.

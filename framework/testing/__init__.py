@@ -17,7 +17,7 @@ CHECKS = {
     "check_level": ".level",
     "check_cost": ".cost",
     "check_controller": ".controller",
-    "check_scenario": "wideberth.simulation.checking",
+    "check_scenario": "wideberth.simulation.scenarios.checking",
 }
 
 

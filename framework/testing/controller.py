@@ -5,13 +5,13 @@ from dataclasses import is_dataclass, replace
 
 import numpy as np
 
-from ..arrays import Array
-from ..command_limits import broken_limit
+from ..control.command_limits import broken_limit
 from ..controller import Controller, fresh
-from ..errors import WideberthError
-from ..motion import Detection, Observation, Pose, Twist
-from ..path import Path
 from ..robot import Robot
+from ..values.arrays import Array
+from ..values.errors import WideberthError
+from ..values.motion import Detection, Observation, Pose, Twist
+from ..values.path import Path
 
 
 def check_controller(

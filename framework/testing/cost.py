@@ -4,15 +4,15 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Array
 from ..mpc.assembly import assemble
 from ..mpc.costs.base import Cost
 from ..mpc.levels.fixed import Fixed
-from ..mpc.problem import Problem
-from ..mpc.reference import Reference
-from ..path import Path
-from ..registry import load, names
+from ..mpc.ocp.problem import Problem
+from ..mpc.ocp.reference import Reference
+from ..plugins.registry import load, names
 from ..robot import Robot, start_state
+from ..values.arrays import Array
+from ..values.path import Path
 
 _STEPS, _DT, _SPEED = 6, 0.4, 0.6
 _NUDGE = 1e-6
@@ -95,7 +95,7 @@ def _check_prices(
 
 def _check_gradient(cost: Cost, price: Any, point: Array) -> None:
     """CasADi's gradient against central differences."""
-    from ..symbolic import ca
+    from ..numerics.symbolic import ca
 
     z = ca.SX.sym("z", len(point))
     slope = ca.Function("slope", [z], [ca.gradient(price(z), z)])

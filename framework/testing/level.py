@@ -5,11 +5,11 @@ from typing import Any, cast
 
 import numpy as np
 
-from ..arrays import Array
-from ..errors import WideberthError
 from ..mpc.levels.base import LevelPolicy
+from ..plugins.registry import load, names
 from ..region import Guarantee, Region
-from ..registry import load, names
+from ..values.arrays import Array
+from ..values.errors import WideberthError
 
 _SIZES = ((1, 1), (1, 4), (15, 1), (15, 3), (60, 20), (3, 0))
 """Steps and obstacles."""

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import WideberthError
-from ..forecast import Forecast, Scene
+from ..plugins.saved import rebuilt
 from ..predictor import Adaptive, Fittable, Predictor
-from ..saved import rebuilt
-from ..tracks import Tracks
+from ..values.errors import WideberthError
+from ..values.forecast import Forecast, Scene
+from ..values.tracks import Tracks
 from .predictor_cases import (
     ABSURD,
     NEVER,

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..arrays import Array
-from ..forecast import Scene
-from ..motion import Truth
-from ..tracks import Tracks
+from ..values.arrays import Array
+from ..values.forecast import Scene
+from ..values.motion import Truth
+from ..values.tracks import Tracks
 
 STEPS = 6
 SAMPLES = 30

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..arrays import Array, BoolArray
-from ..errors import WideberthError
 from ..region import Guarantee, Region, Relation
-from ..risk import collision_probability
+from ..risk.collision_probability import collision_probability
+from ..values.arrays import Array, BoolArray
+from ..values.errors import WideberthError
 from .region_cases import RegionCase, Sides, random_auxiliaries, sphere, turned
 from .twin import Twin, compile_twin
 

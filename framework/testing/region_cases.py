@@ -9,11 +9,11 @@ from typing import Literal, TypeAlias, get_args, get_origin, get_type_hints
 import numpy as np
 from scipy import special
 
-from ..arrays import Array, BoolArray
-from ..errors import WideberthError
-from ..forecast import GaussianObstacle
-from ..geometry import sum_gauge
+from ..numerics.geometry import sum_gauge
 from ..region import Region
+from ..values.arrays import Array, BoolArray
+from ..values.errors import WideberthError
+from ..values.forecast import GaussianObstacle
 
 _HALVINGS = 36
 """Of the bracket of a boundary point, from a factor of 2 down to 2e-11 of the radius."""

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Array
-from ..integration import runge_kutta
-from ..motion import Pose, Twist
+from ..numerics.integration import runge_kutta
 from ..robot import Bounds, Robot
+from ..values.arrays import Array
+from ..values.motion import Pose, Twist
 
 _SAMPLES = 40
 _REACH = 5.0
@@ -106,7 +106,7 @@ def _everything(robot: Robot, state: Sequence[Any], control: Sequence[Any]) -> l
 
 
 def _check_casadi(robot: Robot, pairs: list[tuple[tuple[float, ...], tuple[float, ...]]]) -> None:
-    from ..symbolic import ca
+    from ..numerics.symbolic import ca
 
     x, u = ca.SX.sym("x", len(robot.states)), ca.SX.sym("u", len(robot.inputs))
     values = _everything(robot, ca.vertsplit(x), ca.vertsplit(u))

@@ -6,10 +6,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..arrays import Array
-from ..motion import Pose
-from ..polygon import best_direction
 from ..static_region import StaticRegion
+from ..values.arrays import Array
+from ..values.motion import Pose
+from ..values.polygon import best_direction
 
 _NEAR = 1e-6
 """m. Bodies closer to touching than this may count as either."""
@@ -32,7 +32,7 @@ def check_static_region(region: StaticRegion, *, rng: np.random.Generator | None
     """Check the laws of a static region.
 
     Random convex polygons of 3 to 8 vertices, a point and bodies with corners at random
-    headings, with and without spread; the truth is `wideberth.framework.polygon`.
+    headings, with and without spread; the truth is `wideberth.framework.values.polygon`.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def check_static_region(region: StaticRegion, *, rng: np.random.Generator | None
 
 def _compiled(region: StaticRegion, outline: tuple[tuple[float, float], ...]) -> Function:
     """Compile the constraint of one pose: inequalities, equalities, slopes by the position."""
-    from ..symbolic import ca
+    from ..numerics.symbolic import ca
 
     place, heading = ca.SX.sym("place", 2), ca.SX.sym("heading")
     parameters = ca.SX.sym("parameters", region.parameter_count(_MOST))

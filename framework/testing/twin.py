@@ -4,10 +4,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..arrays import Array
-from ..motion import Pose
+from ..numerics.symbolic import ca
 from ..region import Region
-from ..symbolic import ca
+from ..values.arrays import Array
+from ..values.motion import Pose
 
 
 class Twin(Protocol):

@@ -6,11 +6,11 @@ from functools import partial
 
 import numpy as np
 
-from ...framework.arrays import Array, BoolArray
-from ...framework.errors import WideberthError
-from ...framework.forecast import Forecast, Scene
 from ...framework.predictor import Adaptive, Predictor
-from ...framework.tracks import Tracks
+from ...framework.values.arrays import Array, BoolArray
+from ...framework.values.errors import WideberthError
+from ...framework.values.forecast import Forecast, Scene
+from ...framework.values.tracks import Tracks
 from .history import Histories, IntArray
 
 NEVER_SEEN_SPREAD = 1000.0

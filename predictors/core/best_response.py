@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...framework.arrays import Array
-from ...framework.forecast import Forecast
-from ...framework.mpc.response import Agent, Responder
+from ...framework.mpc.planner.best_response import Agent, Responder
+from ...framework.values.arrays import Array
+from ...framework.values.forecast import Forecast
 from .social_rollout import Course
 
 

@@ -5,13 +5,13 @@ from functools import partial
 
 import numpy as np
 
-from ...framework.arrays import Array
-from ...framework.errors import WideberthError
-from ...framework.forecast import LIGHT, Forecast
-from ...framework.metrics import squared_mahalanobis
+from ...framework.metrics.episode import squared_mahalanobis
 from ...framework.predictor import Predictor
-from ...framework.tracks import Tracks
-from ...framework.windows import IntArray, Windows
+from ...framework.tracking.windows import IntArray, Windows
+from ...framework.values.arrays import Array
+from ...framework.values.errors import WideberthError
+from ...framework.values.forecast import LIGHT, Forecast
+from ...framework.values.tracks import Tracks
 from .assembly import more_modes
 from .history import gather
 

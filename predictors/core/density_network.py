@@ -11,8 +11,8 @@ from typing import Any, final
 
 import numpy as np
 
-from ...framework.arrays import Array, BoolArray, positive, whole
-from ...framework.errors import WideberthError
+from ...framework.values.arrays import Array, BoolArray, positive, whole
+from ...framework.values.errors import WideberthError
 
 MEMORY = 0.6
 """s, time constant of the weighted mean velocity d that gives the straight path and the heading.

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ...framework.arrays import Array, BoolArray
-from ...framework.windows import Windows
+from ...framework.tracking.windows import Windows
+from ...framework.values.arrays import Array, BoolArray
 from .density_network import (
     POWERS,
     STANDING,

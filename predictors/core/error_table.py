@@ -7,8 +7,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ...framework.arrays import Array, checked, positive
-from ...framework.errors import WideberthError
+from ...framework.values.arrays import Array, checked, positive
+from ...framework.values.errors import WideberthError
 from .history import Histories, IntArray
 
 Row: TypeAlias = tuple[float, ...]

@@ -5,8 +5,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ...framework.arrays import Array, BoolArray
-from ...framework.tracks import Tracks
+from ...framework.values.arrays import Array, BoolArray
+from ...framework.values.tracks import Tracks
 
 IntArray: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
 

@@ -13,9 +13,9 @@ from functools import partial
 
 import numpy as np
 
-from ...framework.arrays import Array, BoolArray
-from ...framework.forecast import Forecast
-from ...framework.tracks import Tracks
+from ...framework.values.arrays import Array, BoolArray
+from ...framework.values.forecast import Forecast
+from ...framework.values.tracks import Tracks
 from .assembly import Gaussians, finish
 from .history import Histories, IntArray
 from .propagation import after, readings, step_covariances, step_joint

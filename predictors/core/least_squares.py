@@ -11,7 +11,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from ...framework.arrays import Array, BoolArray
+from ...framework.values.arrays import Array, BoolArray
 from .history import IntArray
 from .velocity_process import VelocityProcess
 

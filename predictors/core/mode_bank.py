@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ...framework.arrays import Array, BoolArray
+from ...framework.values.arrays import Array, BoolArray
 from .history import Histories, IntArray
 from .kalman_filter import measured_update
 from .propagation import cut_steps

@@ -7,8 +7,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ...framework.arrays import Array
-from ...framework.tracks import Tracks
+from ...framework.values.arrays import Array
+from ...framework.values.tracks import Tracks
 from .assembly import Gaussians
 from .history import gather, measurement_noise
 

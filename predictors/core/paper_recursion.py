@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ...framework.arrays import Array
+from ...framework.values.arrays import Array
 from .small_matrices import lower_root
 from .velocity_process import Integration, VelocityProcess
 

@@ -6,12 +6,12 @@ from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
-from ...framework.arrays import Array
+from ...framework.metrics.scoring import negative_log_likelihood
+from ...framework.plugins.registry import name_of
 from ...framework.predictor import Predictor
-from ...framework.registry import name_of
-from ...framework.scoring import negative_log_likelihood
-from ...framework.tracks import Tracks
-from ...framework.windows import Windows, windows_of
+from ...framework.tracking.windows import Windows, windows_of
+from ...framework.values.arrays import Array
+from ...framework.values.tracks import Tracks
 
 OBSERVED, PREDICTED = 8, 12
 """Samples of the windows that are fitted to."""

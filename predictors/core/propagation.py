@@ -6,7 +6,7 @@ state, N the number of steps, O the number of obstacles.
 
 import numpy as np
 
-from ...framework.arrays import Array
+from ...framework.values.arrays import Array
 from .history import IntArray
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ...framework.arrays import Array, BoolArray
+from ...framework.values.arrays import Array, BoolArray
 
 LARGEST = 6
 """Rows up to which characteristic polynomials are trusted."""

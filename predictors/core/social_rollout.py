@@ -5,8 +5,8 @@ from typing import final
 
 import numpy as np
 
-from ...framework.arrays import Array, BoolArray, positive
-from ...framework.forecast import Scene
+from ...framework.values.arrays import Array, BoolArray, positive
+from ...framework.values.forecast import Scene
 from .history import IntArray
 
 STEP = 0.1

@@ -13,7 +13,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ...framework.arrays import Array
+from ...framework.values.arrays import Array
 from .history import Histories
 
 STATES = 5

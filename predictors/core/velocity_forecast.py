@@ -6,8 +6,8 @@ from functools import partial
 
 import numpy as np
 
-from ...framework.arrays import Array
-from ...framework.tracks import Tracks
+from ...framework.values.arrays import Array
+from ...framework.values.tracks import Tracks
 from .assembly import Gaussians
 from .history import Histories, IntArray, measurement_noise
 from .propagation import after, cut_steps

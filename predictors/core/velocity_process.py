@@ -15,7 +15,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from ...framework.arrays import Array, BoolArray
+from ...framework.values.arrays import Array, BoolArray
 from .small_matrices import lower_root, spectral_radius
 
 Integration: TypeAlias = Literal["trapezoid", "rectangle"]

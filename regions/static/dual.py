@@ -6,12 +6,12 @@ from typing import ClassVar, TypeAlias, final
 
 import numpy as np
 
-from ...framework.arrays import Array, Scalar
-from ...framework.errors import WideberthError
-from ...framework.motion import Pose
-from ...framework.polygon import edge_normals
 from ...framework.region import Auxiliary, Constraint
 from ...framework.static_region import StaticRegion
+from ...framework.values.arrays import Array, Scalar
+from ...framework.values.errors import WideberthError
+from ...framework.values.motion import Pose
+from ...framework.values.polygon import edge_normals
 from . import packing
 
 Row: TypeAlias = tuple[Scalar, Scalar]

@@ -6,11 +6,11 @@ root of the spread M^1/2 as (xx, xy, yy), margin, and the length that makes cons
 
 import numpy as np
 
-from ...framework.arrays import Array, Scalar, checked_covariance, stacked
-from ...framework.errors import WideberthError
-from ...framework.motion import Pose
-from ...framework.polygon import best_direction, symmetric_root
-from ...framework.symbolic import ca
+from ...framework.numerics.symbolic import ca
+from ...framework.values.arrays import Array, Scalar, checked_covariance, stacked
+from ...framework.values.errors import WideberthError
+from ...framework.values.motion import Pose
+from ...framework.values.polygon import best_direction, symmetric_root
 from ..gaussian import FLOOR
 
 _LENGTHS = (0.1, 1.0)

@@ -5,11 +5,11 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ...framework.arrays import Array, Scalar
-from ...framework.motion import Pose
+from ...framework.numerics.symbolic import ca
 from ...framework.region import Auxiliary, Constraint
 from ...framework.static_region import StaticRegion
-from ...framework.symbolic import ca
+from ...framework.values.arrays import Array, Scalar
+from ...framework.values.motion import Pose
 from . import packing
 
 
@@ -51,7 +51,7 @@ class SeparatingLine(StaticRegion):
         return Auxiliary((-np.inf,), (np.inf,), (0.0,), regularisation=1e-5)
 
     def auxiliary_start(self, pose: Pose, parameters: Array) -> Array:
-        """Return the angle of `wideberth.framework.polygon.best_direction`, (..., 1)."""
+        """Return the angle of `wideberth.framework.values.polygon.best_direction`, (..., 1)."""
         normal = packing.Packed(parameters, _corners(parameters.shape[-1])).best_normal(pose)
         return np.arctan2(normal[..., 1], normal[..., 0])[..., None]
 

@@ -15,23 +15,31 @@ ROOT = Path(__file__).resolve().parents[2]
 MPC, CORE = "framework/mpc", "predictors/core"
 AREAS: dict[str, list[str]] = {
     "cycle": [
-        f"{MPC}/{name}.py"
-        for name in (
-            "attempts", "case", "emergency", "follower", "manoeuvres", "perception", "planner",
-            "reference", "rollout", "situation", "starts", "curve",
-        )
+        "framework/tracking/perception.py",
+        f"{MPC}/ocp/reference.py",
+        f"{MPC}/costs/curve.py",
+        f"{MPC}/planner/*.py",
+        *(
+            f"{MPC}/fallback/{name}.py"
+            for name in ("emergency", "instance_check", "rollout", "stopping")
+        ),
     ],
-    "ladder": [f"{MPC}/{name}.py" for name in ("ladder", "verify", "contact", "explain")],
+    "ladder": [
+        f"{MPC}/fallback/ladder.py", f"{MPC}/fallback/verify.py", f"{MPC}/instance/contact.py",
+        f"{MPC}/diagnosis/explain.py",
+    ],
     "filling": [
-        f"{MPC}/{name}.py"
-        for name in (
-            "instance", "walls", "bodies", "ego", "problem", "assembly", "transcription",
-            "levels/base", "levels/discounted", "levels/relaxed", "levels/risk_allocation",
-        )
+        *(f"{MPC}/instance/{name}.py" for name in ("obstacles", "own_uncertainty", "polygons")),
+        *(f"{MPC}/ocp/{name}.py" for name in ("bodies", "problem", "transcription")),
+        f"{MPC}/assembly.py",
+        *(
+            f"{MPC}/levels/{name}.py"
+            for name in ("base", "discounted", "relaxed", "risk_allocation")
+        ),
     ],
-    "regions": ["regions/*.py", "regions/static/*.py", "framework/geometry.py"],
+    "regions": ["regions/*.py", "regions/static/*.py", "framework/numerics/geometry.py"],
     "propagation": [
-        "framework/forecast.py",
+        "framework/values/forecast.py",
         *(
             f"{CORE}/{name}.py"
             for name in (
@@ -42,23 +50,19 @@ AREAS: dict[str, list[str]] = {
     ],
     "calibration": [
         f"{CORE}/calibration.py", f"{CORE}/error_table.py", "predictors/conformal.py",
-        "predictors/adaptive_conformal.py", "predictors/empirical.py", "framework/windows.py",
+        "predictors/adaptive_conformal.py", "predictors/empirical.py",
+        "framework/tracking/windows.py",
     ],
-    "judging": [
-        f"simulation/{name}.py"
-        for name in ("crowdnav_verdict", "gaps", "log", "measures", "promises", "summary")
-    ],
+    "judging": ["simulation/measures/*.py", "simulation/log/episode_log.py"],
     "metrics": [
-        f"framework/{name}.py"
-        for name in (
-            "metrics", "metrics_comfort", "metrics_motion", "metrics_plan", "scoring",
-            "statistics", "risk", "eigenframe",
-        )
+        *(f"framework/metrics/{name}.py" for name in ("comfort", "episode", "motion", "plan")),
+        "framework/metrics/scoring.py", "framework/numerics/statistics.py",
+        "framework/numerics/eigenframe.py", "framework/risk/collision_probability.py",
     ],
 }  # fmt: skip
 TESTS = (
     "alignment",
-    "attempts",
+    "multistart",
     "kept_in_step",
     "judged_in_time",
     "ladder",

@@ -50,8 +50,8 @@ def main() -> int:
     asked = _arguments()
     os.chdir(ROOT)
     os.nice(10)
-    names = [one.name for one in sorted((ROOT / "tests").glob("test_*.py"))]
-    chosen = [f"tests/{one}" for one in names if any(f"test_{part}" in one for part in TESTS)]
+    found = [str(one.relative_to(ROOT)) for one in sorted((ROOT / "tests").rglob("test_*.py"))]
+    chosen = [one for one in found if any(f"test_{part}" in one for part in TESTS)]
     return int(pytest.main([*OPTIONS, *chosen], plugins=[_Study(asked)]))
 
 

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from ...arrays import positive
-from ...motion import Pose, Twist
-from ...path import Path
-from ...symbolic import ca
-from ..reference import Reference
-from ..stage import ReferenceSymbols
+from ...numerics.symbolic import ca
+from ...values.arrays import positive
+from ...values.motion import Pose, Twist
+from ...values.path import Path
+from ..ocp.reference import Reference
+from ..ocp.stage import ReferenceSymbols
 
 
 @dataclass(frozen=True)

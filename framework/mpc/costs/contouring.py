@@ -6,13 +6,13 @@ from typing import Any, ClassVar, final
 
 import numpy as np
 
-from ...arrays import positive, whole
-from ...path import Path
-from ...symbolic import ca
-from ..curve import curve_at, curve_width, lay_curve
-from ..reference import Reference, lay_reference
-from ..stage import ReferenceSymbols
+from ...numerics.symbolic import ca
+from ...values.arrays import positive, whole
+from ...values.path import Path
+from ..ocp.reference import Reference, lay_reference
+from ..ocp.stage import ReferenceSymbols
 from .base import Cost, Moment, Weights, effort, speed_error
+from .curve import curve_at, curve_width, lay_curve
 
 
 @final
@@ -35,7 +35,8 @@ class Contouring(Cost):
 
     The references reward progress linearly; a quadratic has its optimum at v_ref, so that no
     bound on the rate has to be active all the time. The curve rounds the corners of the path, see
-    `wideberth.framework.mpc.curve`: one curve for all starting points of a call and, of one path,
+    `wideberth.framework.mpc.costs.curve`: one curve for all starting points of a call and, of one
+    path,
     for all calls, where lines laid at the guess's theta would price each start differently and
     lead straight on past a corner at which the robot has waited. The point stops at
     the goal, and theta runs on at no price.

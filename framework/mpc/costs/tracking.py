@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, final
 
-from ...path import Path
-from ...symbolic import ca
-from ..reference import Reference, lay_reference
-from ..stage import ReferenceSymbols
+from ...numerics.symbolic import ca
+from ...values.path import Path
+from ..ocp.reference import Reference, lay_reference
+from ..ocp.stage import ReferenceSymbols
 from .base import Cost, Moment, Weights, effort, speed_error
 
 

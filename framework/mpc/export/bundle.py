@@ -9,9 +9,9 @@ from contextlib import suppress
 from pathlib import Path
 
 from .... import __version__
-from ...errors import WideberthError
-from ...io import read_json, stamped
-from ...symbolic import ca
+from ...numerics.symbolic import ca
+from ...plugins.io import read_json, stamped
+from ...values.errors import WideberthError
 from .example import data, example
 from .header import constants, flat_source, header, stage_source
 from .readme import readme

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Array
-from ...errors import WideberthError
-from ...symbolic import ca
-from ..problem import Parameters, Problem, Slots
-from ..transcription import Guess, Transcription
+from ...numerics.symbolic import ca
+from ...values.arrays import Array
+from ...values.errors import WideberthError
+from ..ocp.problem import Parameters, Problem, Slots
+from ..ocp.transcription import Guess, Transcription
 
 Define = tuple[str, Any, str]
 """Name after the prefix, value, and what it is."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...forecast import GaussianObstacle
+from ...values.forecast import GaussianObstacle
 from .routines import STAGE, Routine
 from .subject import Subject
 

@@ -5,10 +5,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ...errors import WideberthError
-from ...symbolic import ca
-from ..problem import Problem
-from ..transcription import Transcription
+from ...numerics.symbolic import ca
+from ...values.errors import WideberthError
+from ..ocp.problem import Problem
+from ..ocp.transcription import Transcription
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Array
 from ...region import Region
 from ...robot import Robot
 from ...static_region import StaticRegion
+from ...values.arrays import Array
 from ..costs.base import Cost
-from ..problem import Parameters, Problem
-from ..transcription import Guess
+from ..ocp.problem import Parameters, Problem
+from ..ocp.transcription import Guess
 from .layout import Layout
 from .routines import Routine, flat_routines, stage_routines
 

@@ -5,9 +5,9 @@ from typing import ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from ...arrays import Array
-from ...errors import WideberthError
 from ...region import Region, RiskLevel
+from ...values.arrays import Array
+from ...values.errors import WideberthError
 
 Promise: TypeAlias = Literal["content", "risk"]
 """What a tail stands for: 1 - content of the un-enlarged region, as in the paper, or the collision
@@ -53,7 +53,7 @@ def level_of(region: Region, promise: Promise, tail: float, dimension: int) -> f
     WideberthError : a collision risk is promised that the region guarantees at no level.
     """
     if promise == "risk":
-        from ...risk_meter import level_for_risk
+        from ...risk.risk_meter import level_for_risk
 
         return level_for_risk(region, tail, dimension)
     return region.level(tail, dimension)

@@ -5,9 +5,9 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ...arrays import Array, probability, whole
-from ...errors import WideberthError
 from ...region import Region
+from ...values.arrays import Array, probability, whole
+from ...values.errors import WideberthError
 from .base import LevelPolicy, Promise, checked_promise, spread
 
 

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 from typing import ClassVar, final
 
-from ...arrays import Array, probability
 from ...region import Region
+from ...values.arrays import Array, probability
 from .base import LevelPolicy, Promise, checked_promise, uniform
 
 

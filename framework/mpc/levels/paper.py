@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import ClassVar, final
 
-from ...arrays import Array
 from ...region import Region
+from ...values.arrays import Array
 from .base import LevelPolicy, Promise
 from .relaxed import Relaxed
 

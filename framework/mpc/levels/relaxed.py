@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from typing import ClassVar, final
 
-from ...arrays import Array, positive, probability
-from ...errors import WideberthError
 from ...region import Region
+from ...values.arrays import Array, positive, probability
+from ...values.errors import WideberthError
 from .base import LevelPolicy, Promise, checked_promise, uniform
 
 

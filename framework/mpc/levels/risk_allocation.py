@@ -5,8 +5,8 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ...arrays import Array, positive, probability
 from ...region import Region
+from ...values.arrays import Array, positive, probability
 from .base import LevelPolicy, Promise, checked_promise, spread
 
 

@@ -3,5 +3,5 @@
 BUILT_IN = {
     "ipopt": "wideberth.framework.mpc.solvers.ipopt:Ipopt",
     "fatrop": "wideberth.framework.mpc.solvers.fatrop:Fatrop",
-    "riccati": "wideberth.framework.mpc.solvers.riccati:Riccati",
+    "riccati": "wideberth.framework.mpc.solvers.riccati.solver:Riccati",
 }

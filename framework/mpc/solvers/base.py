@@ -11,11 +11,11 @@ from typing import Any, cast
 
 import numpy as np
 
-from ...arrays import Array
-from ...plan import Status
-from ...symbolic import ca
-from ..problem import Parameters, Problem
-from ..transcription import Guess, Transcription
+from ...numerics.symbolic import ca
+from ...values.arrays import Array
+from ...values.plan import Status
+from ..ocp.problem import Parameters, Problem
+from ..ocp.transcription import Guess, Transcription
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,8 @@ class Solver(ABC):
     it short.
 
     The planner calls a solver in a thread of its own, and leaves it behind where it does not
-    return (see `wideberth.framework.mpc.watch`): another call may begin while one still runs, so
+    return (see `wideberth.framework.mpc.solvers.watchdog`): another call may begin while one still
+    runs, so
     that calls must not share memory. Native code has to release Python's lock, as CasADi and
     Numba's ``nogil`` do; a thread that keeps it stops the whole process.
     """

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from time import perf_counter
 from typing import Any, final
 
-from ...arrays import positive, whole
-from ...plan import Status
-from ..problem import Parameters, Problem
-from ..transcription import Guess
+from ...values.arrays import positive, whole
+from ...values.plan import Status
+from ..ocp.problem import Parameters, Problem
+from ..ocp.transcription import Guess
 from .base import Solution, Solver, compiled, on_time, run
 
 

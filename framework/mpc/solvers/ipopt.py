@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from time import perf_counter
 from typing import Any, final
 
-from ...arrays import positive, whole
-from ...errors import WideberthError
-from ...plan import Status
-from ..problem import Parameters, Problem
-from ..transcription import Guess
+from ...values.arrays import positive, whole
+from ...values.errors import WideberthError
+from ...values.plan import Status
+from ..ocp.problem import Parameters, Problem
+from ..ocp.transcription import Guess
 from .base import Solution, Solver, compiled, on_time, run
 
 _STATUS = {

@@ -1,0 +1,168 @@
+"""Record what the studies, solvers and regions give, and compare two recordings byte by byte.
+
+    python benchmarks/same_numbers.py record results/before --workers 2
+    python benchmarks/same_numbers.py record results/after --workers 2
+    python benchmarks/same_numbers.py compare results/before results/after
+
+Record before code is moved, and again afterwards: a change that only moves code changes no byte.
+Measured times are left out. Numbers are those of one machine and one set of versions: record both
+sides there.
+"""
+
+import argparse
+import csv
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+from set_ups import OWN, SetUp, paper_problem, registered, suited
+
+from wideberth.framework import GaussianObstacle, build, names
+from wideberth.framework.mpc.diagnosis.recorded_instances import read_instances
+
+RUNS = {
+    "chicken_game": {"seeds": 20},
+    "crossing": {"seeds": 20},
+    "blind_corner": {"seeds": 4},
+    "flight": {"seeds": 4},
+    "crowdnav": {"seeds": 20},
+    "hallway": {"seeds": 4},
+    "doorway": {"seeds": 4},
+    "region_price": {"seeds": 2},
+    "prediction_benchmark": {},
+}
+"""Config -> settings that make it short enough."""
+KEPT = ("table.csv", "summary.csv")
+"""Files of a result folder that hold no measured time."""
+SAMPLE = Path(__file__).resolve().parents[1] / "tests" / "data" / "mpc_instances.npz"
+REGIONS, SOLVES = "regions.csv", "solves.csv"
+
+
+def main() -> int:
+    """Record, or compare and return 1 where anything differs."""
+    asked = _arguments()
+    if asked.action == "record":
+        record(asked.folder, asked.only or [*RUNS, REGIONS, SOLVES], asked.workers)
+        return 0
+    different = list(differences(asked.folder, asked.other))
+    print("\n".join(different or ["the same to the byte"]))
+    return int(bool(different))
+
+
+def record(folder: Path, wanted: list[str], workers: int) -> None:
+    """Write the tables of every study, and two of regions and recorded instances."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in wanted:
+        print(f"recording {name} ...", flush=True)
+        if name == REGIONS:
+            _write(folder / REGIONS, region_rows())
+        elif name == SOLVES:
+            _write(folder / SOLVES, solve_rows())
+        else:
+            _run(name, folder, workers)
+
+
+def differences(first: Path, second: Path) -> Iterator[str]:
+    """Yield a line for every table that differs or is missing on one side."""
+    every = sorted({path.name for one in (first, second) for path in one.glob("*.csv")})
+    if not every:
+        yield f"no tables in {first} and {second}"
+    for name in every:
+        texts = [
+            (one / name).read_text().splitlines() if (one / name).exists() else None
+            for one in (first, second)
+        ]
+        if None in texts:
+            yield f"{name}: only in {first if texts[1] is None else second}"
+        elif texts[0] != texts[1]:
+            yield f"{name}: {_first_difference(*texts)}"
+
+
+def _first_difference(before: list[str], after: list[str]) -> str:
+    pairs = zip(before, after, strict=False)
+    rows = [i for i, (one, other) in enumerate(pairs) if one != other]
+    if not rows:
+        return f"{len(before)} and {len(after)} lines"
+    row = rows[0]
+    return f"{len(rows)} lines differ, first line {row + 1}:\n  {before[row]}\n  {after[row]}"
+
+
+def region_rows() -> Iterator[list[object]]:
+    """Yield a row for every registered region, dimension and content: digests of its values."""
+    yield ["region", "dimension", "tail", "parameters", "level", "contains", "area"]
+    for name in names("regions"):
+        region = build("regions", name)
+        for size in region.dimensions:
+            rng = np.random.default_rng(1)
+            mean = rng.normal(scale=2.0, size=(40, size))
+            root = rng.normal(scale=0.5, size=(40, size, size))
+            covariance = root @ root.swapaxes(1, 2) + 0.01 * np.eye(size)
+            margin = rng.uniform(0.2, 1.5, 40)
+            numbers = region.parameters(GaussianObstacle(mean, covariance), margin)
+            points = mean[:, None] + rng.normal(scale=2.0, size=(40, 50, size))
+            for tail in (0.5, 0.05, 1e-6):
+                level = region.level(tail, size)
+                inside = [
+                    region.contains(*one, np.float64(level))
+                    for one in zip(points, numbers[:, None], strict=True)
+                ]
+                area = region.area(numbers, np.full(40, level))
+                digests = [_digest(np.asarray(one, dtype=np.float64)) for one in (inside, area)]
+                yield [name, size, tail, _digest(numbers), level.hex(), *digests]
+
+
+def solve_rows() -> Iterator[list[object]]:
+    """Yield a row for every solver and recorded instance of the sample: status, cost, plan."""
+    yield ["solver", "region", "instance", "status", "iterations", "cost", "plan"]
+    for solver_name, solver in registered().items():
+        for region in ("mahalanobis_ellipse", "minkowski_sum"):
+            if region == "minkowski_sum" and solver_name != OWN:
+                continue
+            for i, instance in enumerate(read_instances(SAMPLE, build("regions", region))):
+                one = suited(instance, region)
+                problem = paper_problem(region, instance.obstacles, len(one.parameters.reference))
+                found = SetUp(solver, region).solve(problem, one.parameters, one.guess)
+                plan = np.concatenate([found.point.states.ravel(), found.point.inputs.ravel()])
+                yield [solver_name, region, i, found.status.name, found.iterations,
+                       float(found.cost).hex(), _digest(plan)]  # fmt: skip
+
+
+def _run(name: str, folder: Path, workers: int) -> None:
+    settings = [f"--set={key}={value}" for key, value in RUNS[name].items()]
+    out = folder / "runs" / name
+    command = ["wideberth", "run", name, *settings, "--workers", str(workers), "--out", str(out)]
+    subprocess.run([Path(sys.executable).with_name("wideberth"), *command[1:]], check=True,
+                   stdout=subprocess.DEVNULL)  # fmt: skip
+    for file in KEPT:
+        if (out / file).exists():
+            shutil.copyfile(out / file, folder / f"{name}_{file}")
+
+
+def _write(path: Path, rows: Iterator[list[object]]) -> None:
+    with path.open("w", newline="") as file:
+        csv.writer(file).writerows(rows)
+
+
+def _digest(values: np.ndarray) -> str:
+    return sha256(np.ascontiguousarray(values).tobytes()).hexdigest()[:16]
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    actions = parser.add_subparsers(dest="action", required=True)
+    recording = actions.add_parser("record", help="write tables into a folder")
+    recording.add_argument("folder", type=Path)
+    recording.add_argument("--workers", type=int, default=2)
+    recording.add_argument("--only", nargs="+", choices=[*RUNS, REGIONS, SOLVES])
+    comparing = actions.add_parser("compare", help="compare two folders byte by byte")
+    comparing.add_argument("folder", type=Path)
+    comparing.add_argument("other", type=Path)
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,217 @@
+"""From a config to the planner's problem as C, with an instance that the planner itself made."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+
+import numpy as np
+
+from ...framework.mpc.export.bundle import bundle, check_target, write_folder
+from ...framework.mpc.export.subject import Subject
+from ...framework.mpc.instance.obstacles import CAPACITIES
+from ...framework.mpc.instance.polygons import CORNERS
+from ...framework.mpc.ocp.problem import Parameters, Problem
+from ...framework.mpc.ocp.transcription import Guess
+from ...framework.mpc.planner.planner import Planner
+from ...framework.mpc.planner.progress_robot import follower
+from ...framework.mpc.solvers.base import Solution, Solver
+from ...framework.plugins.config import describe
+from ...framework.plugins.registry import unknown
+from ...framework.robot import start_state
+from ...framework.values.arrays import Array
+from ...framework.values.errors import WideberthError
+from ...framework.values.motion import Detection, Observation
+from ...framework.values.path import Path as Way
+from ...framework.values.polygon import Polygon
+from ..engine.base import Experiment
+from ..engine.shipped import config_path, read_experiment
+
+RADIUS = 0.3
+"""m, of the example's obstacles and polygons."""
+POLYGONS = 5
+"""Slots for polygons where the planner keeps clear of any and no number is given."""
+
+
+class _Taken(Exception):
+    """The planner has handed its problem to the solver."""
+
+
+@dataclass(eq=False)
+class _Taker(Solver):
+    """Keeps what it is asked to solve and stops the planner there."""
+
+    taken: list[tuple[Problem, Parameters, Guess]] = field(default_factory=list)
+
+    def solve(
+        self,
+        problem: Problem,
+        parameters: Parameters,
+        guesses: Sequence[Guess],
+        deadline: float | None = None,
+    ) -> list[Solution]:
+        self.taken.append((problem, parameters, guesses[0]))
+        raise _Taken
+
+
+def export(
+    config: str,
+    overrides: list[str],
+    out: Path,
+    *,
+    planner: str | None = None,
+    obstacles: int = 5,
+    polygons: int | None = None,
+    corners: int = CORNERS[0],
+    force: bool = False,
+) -> str:
+    """Write the problem of a config's planner as C and return what it is the problem of.
+
+    Parameters
+    ----------
+    config, overrides : as `wideberth run` takes them.
+    out : folder, see `write_folder`.
+    planner : name of one of the config's planners; the first by default.
+    obstacles, polygons, corners : slots, and vertices of a polygon, at least; the planner's
+        problems have room for some sizes alone, of which the next is taken.
+    force : whether an older export is replaced.
+
+    Raises
+    ------
+    WideberthError : no planner, a plug-in that fails, a size out of range, an existing folder.
+    """
+    check_target(out, force=force)
+    experiment, _ = read_experiment(config, overrides)
+    known = planners(experiment)
+    name = next(iter(known), "") if planner is None else planner
+    if not known:
+        raise WideberthError(
+            f"{config} has no planner of `type: mpc`, so there is no problem to export; a config "
+            "with one is crossing"
+        )
+    if name not in known:
+        raise WideberthError(unknown("planner", name, known))
+    chosen = known[name]
+    if polygons is None:
+        polygons = 0 if chosen.static_region is None else POLYGONS
+    source = f"{config_path(config).stem}, {name}"
+    sizes = _slots("obstacles", obstacles), _slots("polygons", polygons), _room(corners)
+    write_folder(out, bundle(subject(chosen, sizes, source)), force=force)
+    return source
+
+
+def planners(experiment: Experiment) -> dict[str, Planner]:
+    """Return the planners of a config by name: the key in a mapping, else the field's name."""
+    found: dict[str, Planner] = {}
+    for entry in fields(experiment):  # type: ignore[arg-type]  # every plug-in is a dataclass
+        value = getattr(experiment, entry.name)
+        some = value if isinstance(value, Mapping) else {entry.name: value}
+        found |= {str(key): one for key, one in some.items() if isinstance(one, Planner)}
+    return found
+
+
+def subject(planner: Planner, sizes: tuple[int, int, int], source: str) -> Subject:
+    """Let the planner itself make an instance, in a small scene with slots for ``sizes``.
+
+    Parameters
+    ----------
+    planner : as configured.
+    sizes : slots for obstacles, slots for polygons, vertices of a polygon.
+    source : what the export is called.
+
+    Raises
+    ------
+    WideberthError : the planner does not get as far as its solver, and why.
+    """
+    moving, still, corners = sizes
+    taker = _Taker()
+    twin = replace(planner, solver=taker, most_obstacles=max(moving, still), deadline=None)
+    twin.warns = False  # the taker solves nothing
+    size = planner.robot.dimension
+    twin.set_path(Way(np.array([np.zeros(size), 100.0 * np.eye(size)[0]])))
+    taker.taken.clear()  # what the planner does to be warm
+    seen = scene(planner, moving, _walls(planner, still, corners))
+    for one in seen[:-1]:
+        twin.remember(one)
+    twin.command(seen[-1])
+    if not taker.taken:
+        reason = "" if twin.plan is None else twin.plan.reason
+        raise WideberthError(f"{source}: the planner makes no problem to export: {reason}")
+    problem, parameters, guess = taker.taken[0]
+    robot = follower(planner.robot) if planner.cost.follows else planner.robot
+    return Subject(
+        problem, parameters, guess, robot, planner.region, planner.static_region, planner.cost,
+        describe(planner), source,
+    )  # fmt: skip
+
+
+def scene(planner: Planner, slots: int, polygons: tuple[Polygon, ...]) -> list[Observation]:
+    """Obstacles cross the robot's straight way; one slot of three or more stays empty.
+
+    Returns
+    -------
+    Observations up to time 0, long enough for the predictor's history.
+    """
+    robot, size = planner.robot, planner.robot.dimension
+    along = np.eye(size)[0]
+    begin = 0.02 * np.arange(size)  # beside the way, so that no number is zero by chance
+    speed = 0.9 * planner.reference_speed
+    start, _ = start_state(robot, begin.tolist(), along.tolist(), speed)
+    bounds = robot.state_bounds()
+    state = np.clip(np.array(start) + 0.01, bounds.lower, bounds.upper)
+    count = slots - 1 if slots > 2 else slots
+    rng = np.random.default_rng(0)
+    ticks = int(np.ceil(planner.history * planner.track_dt / planner.period)) + 1
+    return [
+        Observation(
+            planner.period * tick,
+            state,
+            tuple(
+                Detection(
+                    f"obstacle {k}",
+                    _place(robot.radius, size, k, planner.period * tick)
+                    + 0.01 * rng.standard_normal(size),
+                    1e-4 * np.eye(size),
+                    RADIUS,
+                )
+                for k in range(count)
+            ),
+            polygons=polygons,
+        )
+        for tick in range(1 - ticks, 1)
+    ]
+
+
+def _place(radius: float, size: int, k: int, time: float) -> Array:
+    """Where obstacle k is: it comes from either side, slower the farther ahead it is."""
+    side = 1.0 if k % 2 else -1.0
+    place = np.zeros(size)
+    place[0] = radius + 1.5 + 0.7 * k
+    place[1] = side * (radius + 1.0 - 0.3 * time / (1.0 + 0.2 * k))
+    place[2:] = 0.1 * (k + 1)
+    return place
+
+
+def _walls(planner: Planner, count: int, corners: int) -> tuple[Polygon, ...]:
+    """Stand regular polygons beside the way, as near as the planner looks at them."""
+    used = count - 1 if count > 2 else count
+    angles = 2.0 * np.pi * (np.arange(corners) + 0.1) / corners
+    ring = RADIUS * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    aside = planner.robot.radius + planner.margin + RADIUS + 0.1
+    places = [(0.2 * k, aside if k % 2 else -aside) for k in range(used)]
+    return tuple(
+        Polygon(tuple((float(x), float(y)) for x, y in ring + place), f"polygon {k}")
+        for k, place in enumerate(np.array(places).reshape(-1, 2))
+    )
+
+
+def _slots(name: str, wanted: int) -> int:
+    """Return the next number of slots that the planner's problems have room for."""
+    if not 0 <= wanted <= CAPACITIES[-1]:
+        raise WideberthError(f"{name} is {wanted}; wanted 0 to {CAPACITIES[-1]}")
+    return next(size for size in CAPACITIES if size >= wanted)
+
+
+def _room(corners: int) -> int:
+    if not 3 <= corners <= CORNERS[-1]:
+        raise WideberthError(f"corners is {corners}; wanted 3 to {CORNERS[-1]}")
+    return next(size for size in CORNERS if size >= corners)

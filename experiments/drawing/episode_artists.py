@@ -1,0 +1,185 @@
+"""Pieces that pictures and films of an episode are made of.
+
+Positions of three coordinates are seen from above (x and y).
+"""
+
+from itertools import combinations
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...framework.metrics.episode import content_bound
+from ...framework.values.arrays import Array
+from ...framework.values.footprint import Discs, Outline
+from ...framework.values.forecast import Forecast
+from ...framework.values.motion import Pose
+from ...framework.values.plan import Plan
+from ...simulation.log.episode_log import AgentLog, Episode
+from ...simulation.measures.gaps import gaps, wall_gaps
+from .plotting import COLOURS, LINES
+
+_MARKERS = ("o", "s", "^", "D", "v")
+_CYCLE = (1, 2, 3, 5, 0)  # of COLOURS and LINES; pink is kept for forecasts
+
+_NEAR = 1.6  # m beside the robots' ways that are drawn of walls
+
+
+class Look(NamedTuple):
+    """How one agent is drawn."""
+
+    color: str
+    linestyle: Any
+    marker: str
+
+
+def looks(episode: Episode) -> dict[str, Look]:
+    """Colour, line and marker of each agent; bystanders share one grey."""
+    found = {log.name: Look("0.55", (0, (1, 1)), ".") for log in episode.agents}
+    for i, log in enumerate(episode.robots):
+        place = _CYCLE[i % len(_CYCLE)]
+        found[log.name] = Look(COLOURS[place], LINES[place], _MARKERS[i % len(_MARKERS)])
+    return found
+
+
+def pairs(episode: Episode) -> list[tuple[AgentLog, AgentLog]]:
+    """All pairs of agents of which at least one is a robot."""
+    return [p for p in combinations(episode.agents, 2) if "robot" in (p[0].kind, p[1].kind)]
+
+
+def plan_at(log: AgentLog, time: float) -> Plan | None:
+    """Return the plan that a robot followed at a time, s; its first one before that."""
+    stamps = [plan.stamp for plan in log.plans]
+    if not stamps:
+        return None
+    return log.plans[max(int(np.searchsorted(stamps, time + 1e-9)) - 1, 0)]
+
+
+def shapes(log: AgentLog, place: Array, heading: float, count: int = 60) -> list[Array]:
+    """Outlines (K, 2), m, of what an agent covers when it is at a place."""
+    angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    pose = Pose((place[0], place[1]), heading)
+    if isinstance(log.footprint, Discs):
+        centres = [np.array(pose.offset(centre)) for centre in log.footprint.centres]
+        return [centre + log.footprint.radius * circle for centre in centres]
+    if isinstance(log.footprint, Outline):
+        return [np.array([pose.offset(corner) for corner in log.footprint.vertices])]
+    return [place[:2] + log.radius * circle]
+
+
+def heading_at(episode: Episode, log: AgentLog, time: float) -> float:
+    """Heading of an agent at a time, rad; NaN for one without."""
+    return float(log.headings[max(int(np.searchsorted(episode.times, time + 1e-9)) - 1, 0)])
+
+
+def walls(panel: Any, episode: Episode) -> None:
+    """Draw what stands still."""
+    from matplotlib.patches import Polygon
+
+    for i, polygon in enumerate(episode.polygons):
+        panel.add_patch(
+            Polygon(
+                polygon.points, closed=True, facecolor="0.82", edgecolor="0.35", linewidth=0.7,
+                zorder=0.8, label=None if i else "static",
+            )
+        )  # fmt: skip
+
+
+def clearance_over_time(episode: Episode) -> Array:
+    """Smallest clearance of any robot at each logged instant, (T,), m; NaN if alone."""
+    found = [gaps(a, b) for a, b in pairs(episode)]
+    found += [wall_gaps(log, one) for log in episode.robots for one in episode.polygons]
+    least = np.full(len(episode.times) - 1, np.nan)
+    for gap in found:
+        least = np.fmin(least, gap)
+    return np.append(least[:1], least)
+
+
+def nose(episode: Episode, log: AgentLog, time: float) -> Array:
+    """Line from the centre to the rim along the heading, (2, 2), m; NaN without a heading."""
+    place = episode.at(log, np.array([time]))[0, :2]
+    heading = heading_at(episode, log, time)
+    return np.stack([place, place + log.radius * np.array([np.cos(heading), np.sin(heading)])])
+
+
+def outlines(forecast: Forecast | None, tail: float, count: int = 96, every: int = 1) -> Array:
+    """Outlines of the forecast's content regions, one per obstacle, mode and step.
+
+    With D coordinates, mean mu, covariance Sigma and content 1 - tail the region is::
+
+        (x - mu)^T Sigma^-1 (x - mu) <= q,    P(chi^2_D > q) = tail
+
+    and its outline from above is mu + sqrt(q) L (cos t, sin t), where L L^T is the block of
+    Sigma for x and y. Modes of weight 0 are left out.
+
+    Parameters
+    ----------
+    forecast : as in the plan; None gives no outlines.
+    tail : 1 - content, in (0, 1).
+    count : points of an outline.
+    every : draw every so manieth step only, the last one among them.
+
+    Returns
+    -------
+    (K, count, 2), m.
+    """
+    if forecast is None:
+        return np.zeros((0, count, 2))
+    kept = forecast.weight > 0
+    steps = slice((forecast.steps - 1) % every, None, every)
+    centre = forecast.mean[kept][:, steps, :2].reshape(-1, 2)
+    blocks = forecast.covariance[kept][:, steps, :2, :2].reshape(-1, 2, 2)
+    values, vectors = np.linalg.eigh(blocks)
+    quantile = content_bound(forecast.mean.shape[-1], tail)
+    root = vectors * np.sqrt(quantile * np.clip(values, 0.0, None))[:, None, :]
+    angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    circle = np.stack([np.cos(angle), np.sin(angle)])
+    return np.asarray(centre[:, None] + np.swapaxes(root @ circle, 1, 2))
+
+
+def extent(episode: Episode) -> tuple[Array, Array]:
+    """Corners of the part of the world in which the robots and their paths are, (2,) each, m."""
+    points = [log.positions[:, :2] for log in episode.robots]
+    points += [path.points[:, :2] for log in episode.robots for _, path in log.paths]
+    every, margin = np.concatenate(points), max(log.radius for log in episode.agents) + 0.6
+    low, high = np.nanmin(every, axis=0) - margin, np.nanmax(every, axis=0) + margin
+    for polygon in episode.polygons:  # of walls, what is near
+        near = np.clip(polygon.points, low - _NEAR, high + _NEAR)
+        low, high = np.fmin(low, near.min(axis=0)), np.fmax(high, near.max(axis=0))
+    middle, reach = 0.5 * (low + high), 0.4 * max(high - low)
+    ends = np.minimum(low, middle - reach), np.maximum(high, middle + reach)
+    for log in episode.agents:  # of others, who is beside, as far as the figure is then wide
+        places = np.clip(log.positions[:, :2], *ends)
+        low = np.fmin(low, np.fmin.reduce(places))
+        high = np.fmax(high, np.fmax.reduce(places))
+    span = np.maximum(high - low, 0.4 * max(high - low))
+    return 0.5 * (low + high - span), 0.5 * (low + high + span)
+
+
+def frame(panel: Any, low: Array, high: Array) -> None:
+    """Set limits, equal scale and grid on both axes, and their labels."""
+    from matplotlib.ticker import MultipleLocator
+
+    panel.set_xlim(low[0], high[0])
+    panel.set_ylim(low[1], high[1])
+    panel.set_aspect("equal")
+    steps = np.outer(10.0 ** np.arange(-3, 6), (1.0, 2.0, 5.0)).ravel()
+    step = steps[np.argmin(np.abs(np.log(steps * 8.0 / max(high - low))))]
+    for axis in (panel.xaxis, panel.yaxis):
+        axis.set_major_locator(MultipleLocator(step))
+    panel.set_xlabel("x (m)")
+    panel.set_ylabel("y (m)")
+
+
+def courses(panel: Any, episode: Episode) -> None:
+    """Draw the robots' reference paths, their starts and their goals."""
+    styles = looks(episode)
+    for log in episode.robots:
+        hollow = {"linestyle": "none", "markerfacecolor": "none", "color": styles[log.name].color}
+        for _, path in log.paths:
+            panel.plot(*path.points[:, :2].T, "-", color="0.75", linewidth=0.7)
+            panel.plot(*path.points[0, :2], marker="o", markersize=7, **hollow)
+            panel.plot(*path.goal[:2], marker="x", markersize=5, **hollow)
+    panel.plot([], [], "-", color="0.75", linewidth=0.7, label="reference path")
+    for label, marker in (("start", "o"), ("goal", "x")):
+        panel.plot([], [], marker, color="0.3", markerfacecolor="none", label=label)

@@ -1,0 +1,1 @@
+"""Runs tasks, keeps their results, and can be stopped at any time."""

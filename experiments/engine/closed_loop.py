@@ -1,0 +1,170 @@
+"""What the closed-loop experiments share: playing one episode, and condensing many."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import product
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ...controllers.reactive import Reactive
+from ...framework.controller import Controller, fresh
+from ...framework.numerics.statistics import known_mean
+from ...framework.robot import Robot
+from ...framework.values.arrays import Array
+from ...simulation.engine.episode import Run
+from ...simulation.engine.settings import Settings
+from ...simulation.log.episode_log import Episode
+from ...simulation.measures.summary import summarise, time_rows
+from ...simulation.scenarios.base import Cast, Scenario
+from .base import Outcome, Row, Task
+from .showing import told
+
+T = TypeVar("T")
+
+
+def play(
+    scenario: Scenario, robot: Robot, controller: Controller, settings: Settings, seed: int
+) -> Episode:
+    """Play one episode in which every robot that is examined has the same controller.
+
+    The seed draws the situation and all noise, so that planners compared at one seed meet
+    the same situation.
+    """
+    run = _begun(scenario.cast(seed), robot, controller, settings, seed)
+    run.advance()
+    return run.episode()
+
+
+def check_starts(
+    scenarios: Mapping[str, Scenario],
+    robot: Robot,
+    controllers: Mapping[str, Controller],
+    seed: int = 0,
+) -> None:
+    """Put every controller at the start of an episode in every scenario, and go no further.
+
+    Parameters
+    ----------
+    scenarios : by the names of the config; "" where it has one only.
+
+    Raises
+    ------
+    WideberthError : the scenario finds no room for all, or does not fit to robot or controller.
+    """
+    for label, scenario in scenarios.items():
+        place = f"{'scenarios.' if label else 'scenario'}{label}, seed {seed}"
+        with told(f"{place}: no situation can be drawn: "):
+            cast = scenario.cast(seed)
+        for name, controller in controllers.items():
+            with told(f"{place}: no episode of {name} can begin: "):
+                _begun(cast, robot, controller, Settings(history=0.0), seed)
+
+
+def inputs_of(scenarios: Iterable[Scenario]) -> list[Path]:
+    """Return the files that scenarios read."""
+    return [file for scenario in scenarios for file in scenario.inputs()]
+
+
+def first_of(named: Mapping[str, T], count: int = 1) -> dict[str, T]:
+    """Return the first entries of those that a config names, for a quick setting."""
+    return dict(list(named.items())[:count])
+
+
+def _begun(cast: Cast, robot: Robot, controller: Controller, settings: Settings, seed: int) -> Run:
+    """Return an episode at its start."""
+    truth = not isinstance(controller, Reactive)  # which could not use it
+    robots = [one.agent(robot, fresh(controller), truth) for one in cast.placements]
+    return Run([*robots, *cast.people], settings, seed, cast.bystanders, (), cast.polygons)
+
+
+def grid(axes: Mapping[str, Iterable[str]], seeds: Iterable[int]) -> list[Task]:
+    """One task per combination of the axes' names and seed; the last axis varies fastest."""
+    found = [dict(zip(axes, names, strict=True)) for names in product(*axes.values())]
+    return [
+        Task(" ".join([*labels.values(), str(seed)]), seed, labels)
+        for labels in found
+        for seed in seeds
+    ]
+
+
+KEPT_BY = ("scenario", "robot", "settings", "planner", "controller")
+"""What the names of kept episodes are made of, where a task has it."""
+
+
+def log_name(task: Task) -> str:
+    """Name of the file in which the episode of a task is kept."""
+    labels = [str(task.settings[name]) for name in KEPT_BY if name in task.settings]
+    return "-".join([*labels, str(task.seed)]) + ".npz"
+
+
+def outcome(episode: Episode, task: Task, tail: float, keep: bool) -> Outcome:
+    """Table row and measured times of an episode; the log itself where asked to keep it."""
+    labels = {**task.settings, "seed": task.seed}
+    return Outcome(
+        rows=[{**labels, **summarise(episode, tail)}],
+        times=[{**labels, **row} for row in time_rows(episode)],
+        files={log_name(task): episode.to_bytes()} if keep else {},
+    )
+
+
+def group(rows: Sequence[Row], *keys: str) -> dict[tuple[Any, ...], list[Row]]:
+    """Rows by the values of some columns, in the order in which they first appear."""
+    groups: dict[tuple[Any, ...], list[Row]] = {}
+    for row in rows:
+        groups.setdefault(tuple(row[key] for key in keys), []).append(row)
+    return groups
+
+
+def column(rows: Sequence[Row], name: str) -> Array:
+    """One column as numbers; empty cells are NaN."""
+    values = [np.nan if row[name] is None else row[name] for row in rows]
+    return np.array(values, dtype=np.float64)
+
+
+def condense(rows: Sequence[Row]) -> Row:
+    """Condense episodes into one line; definitions in `wideberth.framework.metrics.episode`.
+
+    ``goals_in_time`` is the share of episodes in which every robot reached its goal within
+    twice its free time; ``time_ratio`` the median over episodes of the slowest robot's time
+    over its free time, ``extra_time_s`` of what it took beyond that: NaN, all three, where a
+    robot arrived whose reference speed is unknown. ``below_reference`` is the
+    share of plans that hold less content than the reference, ``least_content`` the least that any
+    holds, and ``gave_way`` says when and for whom; ``coverage`` is the share of later positions
+    inside the forecasts' regions.
+    """
+    ratio = column(rows, "time_ratio_worst")
+    clearance = column(rows, "clearance")
+    plans = column(rows, "plans").sum()
+    return {
+        "episodes": len(rows),
+        "collisions": int(column(rows, "collision").sum()),
+        "deadlocks": int(column(rows, "deadlock").sum()),
+        "goals_in_time": float(np.where(np.isnan(ratio), np.nan, ratio <= 2.0).mean()),
+        "clearance_min_m": float(clearance.min()),
+        "clearance_median_m": float(np.median(clearance)),
+        "time_ratio": float(np.median(ratio)),
+        "extra_time_s": float(np.median(column(rows, "extra_time_worst"))),
+        "length_ratio": float(np.median(column(rows, "length_ratio_worst"))),
+        "below_reference": float(np.mean(column(rows, "below_reference"))),
+        **_given_way(rows),
+        "fallback_plans": float(column(rows, "fallbacks").sum() / plans) if plans else 0.0,
+        "deadline_misses": int(column(rows, "deadline_misses").sum()),
+        "errors": next((str(row["errors"]) for row in rows if row["errors"]), ""),
+        "named_forecasts": known_mean(column(rows, "named_forecasts")),
+        "coverage": known_mean(column(rows, "coverage")),
+    }
+
+
+def _given_way(rows: Sequence[Row]) -> Row:
+    """Least content of all episodes, and how that plan gave way."""
+    held = column(rows, "least_content")
+    if np.isnan(held).all():
+        return {"least_content": float("nan"), "gave_way": ""}
+    least = int(np.nanargmin(held))
+    return {"least_content": float(held[least]), "gave_way": rows[least]["gave_way"] or ""}
+
+
+def pick(row: Row, names: Sequence[str]) -> Row:
+    """Return some columns of a line, in this order."""
+    return {name: row[name] for name in names}

@@ -1,0 +1,95 @@
+"""Where a result comes from: versions, source, machine. No times, so that bytes repeat."""
+
+import hashlib
+import platform
+import subprocess
+import sys
+from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from .citing import parts
+
+PACKAGE = Path(__file__).resolve().parents[2]
+ROOMS = (
+    "framework", "predictors", "regions", "robots", "controllers", "simulation", "experiments",
+)  # fmt: skip
+LIBRARIES = (
+    "casadi", "cvxpy", "filterpy", "jax", "joblib", "matplotlib", "numba", "numpy", "pydantic",
+    "scipy", "shapely", "statsmodels", "wideberth",
+)  # fmt: skip
+
+
+def provenance(others: Sequence[Path] = ()) -> dict[str, Any]:
+    """Return versions, commit, source fingerprint, Python and processor.
+
+    ``others`` are files beside the package that the result depends on: the sources of
+    plug-ins, recordings.
+    """
+    return {
+        "source": fingerprint(others),
+        "commit": commit(),
+        "python": platform.python_version(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "cpu": processor(),
+        "versions": {name: _version(name) for name in LIBRARIES},
+    }
+
+
+def fingerprint(others: Sequence[Path] = ()) -> str:
+    """Return a hash of the package's source and of other files by their content.
+
+    Results of different code or data are never mixed.
+    """
+    digest = hashlib.sha256()
+    paths = [path for room in ROOMS for path in (PACKAGE / room).rglob("*.py")]
+    for path in sorted(paths):
+        digest.update(path.relative_to(PACKAGE).as_posix().encode() + b"\0")
+        digest.update(path.read_bytes() + b"\0")
+    for path in others:
+        digest.update(path.read_bytes() + b"\0")
+    return digest.hexdigest()[:16]
+
+
+def foreign_sources(experiment: Any, plugins: Sequence[str]) -> list[Path]:
+    """Return the files of all plug-ins in an experiment that do not come with the package."""
+    names = {type(part).__module__ for part in parts(experiment)} | set(plugins)
+    own = {name for name in names if name.partition(".")[0] == "wideberth"}
+    files = [getattr(sys.modules.get(name), "__file__", None) for name in sorted(names - own)]
+    return [Path(file) for file in files if file]
+
+
+def commit() -> str | None:
+    """Return the commit of the checkout, with "+" if files differ; None outside of one."""
+    if not (PACKAGE / ".git").exists():
+        return None
+    try:
+        found = _git("rev-parse", "HEAD")
+        return f"{found}+" if _git("status", "--porcelain") else found
+    except (OSError, subprocess.SubprocessError):
+        return None  # no git, or no commit yet
+
+
+def _git(*arguments: str) -> str:
+    command = ["git", "-C", str(PACKAGE), *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=10)
+    return done.stdout.strip()
+
+
+def processor() -> str:
+    """Return the name of the processor as the system gives it."""
+    try:
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass  # not Linux
+    return platform.processor() or platform.machine()
+
+
+def _version(name: str) -> str | None:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None

@@ -1,0 +1,83 @@
+"""Configs that come with the package, and what a config builds."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import get_origin, get_type_hints
+
+from ...framework.plugins.config import build, import_plugins
+from ...framework.plugins.registry import load, unknown
+from ...framework.plugins.yamlfile import apply, read_config
+from ...framework.values.errors import WideberthError
+from .base import Experiment
+
+CONFIGS = Path(__file__).resolve().parents[1] / "configs"
+
+DEMO = (
+    "ellipse_construction",
+    "approximation_error",
+    "forecast_regions",
+    "chicken_game",
+    "crossing",
+)
+"""What ``wideberth demo`` runs, in this order."""
+
+
+def shipped() -> list[str]:
+    """Return the names of the shipped configs, sorted."""
+    return sorted(path.stem for path in CONFIGS.glob("*.yaml"))
+
+
+def config_path(text: str) -> Path:
+    """Return the file that a path or the bare name of a shipped config means.
+
+    Raises
+    ------
+    WideberthError : neither a file nor a shipped name.
+    """
+    path = Path(text)
+    if path.is_file():
+        return path
+    if text in shipped():
+        return CONFIGS / f"{text}.yaml"
+    if path.is_dir():
+        raise WideberthError(f"{path} is a folder; wanted a YAML file or a shipped config")
+    raise WideberthError(f"no such file, and {unknown('config', text, shipped())}")
+
+
+def read_experiment(text: str, overrides: list[str]) -> tuple[Experiment, list[str]]:
+    """Return the experiment that a config describes, and the plug-in modules it lists."""
+    path = config_path(text)
+    config = read_config(path, overrides)
+    plugins = config.pop("plugins", None)
+    plugins = [] if plugins is None else plugins
+    import_plugins(plugins)
+    _check_names(config.get("type"), path, overrides)
+    experiment: Experiment = build("experiments", config)
+    return experiment, plugins
+
+
+def _check_names(kind: object, path: Path, overrides: list[str]) -> None:
+    """Refuse to set something of an entry that is not there: mistyped, it would be one more.
+
+    Raises
+    ------
+    WideberthError : ``settings.nominl.time_limit=5`` where ``settings`` holds only ``nominal``;
+        ``factors.level.tail.0=0.1``, whose name, ``level.tail``, cannot be told from a way down.
+    """
+    try:
+        hints = get_type_hints(load("experiments", str(kind)))
+    except (WideberthError, NameError, TypeError, AttributeError):  # `build` says what is wrong
+        return
+    config = read_config(path)
+    for override in overrides:
+        first, *rest = override.partition("=")[0].strip().split(".")
+        held = config.get(first)
+        named = held if get_origin(hints.get(first)) is dict else None
+        if isinstance(named, Mapping) and len(rest) > 1 and rest[0] not in named:
+            cure = f"to add one, give it whole: {first}.{rest[0]}={{...}}"
+            if any("." in name for name in named):
+                cure = f"names with dots are changed in a file or all at once: {first}={{...}}"
+            raise WideberthError(
+                f"--set {override!r}: {first}: {unknown('name', rest[0], named)}; {cure}"
+            )
+        apply(config, override)

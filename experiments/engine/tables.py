@@ -1,0 +1,69 @@
+"""A result's table for other programs: Parquet, with its origin in the file."""
+
+import io
+import json
+from collections.abc import Sequence
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ...framework.plugins.io import read_json, read_table, write_bytes
+from ...framework.values.errors import WideberthError
+from . import manifest
+
+if TYPE_CHECKING:
+    import pyarrow
+
+
+def need_parquet() -> None:
+    """Raise a `WideberthError` where the extra is missing, before any work."""
+    try:
+        import pyarrow  # noqa: F401
+    except ImportError:
+        raise WideberthError("Parquet needs PyArrow: pip install 'wideberth[parquet]'") from None
+
+
+def write_parquet(folder: Path) -> Path:
+    """Write table.parquet beside the table.csv of a finished run.
+
+    Columns hold int64, double, bool or text, and null where the CSV is empty; one that mixes
+    text with something else is text, as in the CSV. The schema's metadata carries ``config``
+    (YAML), ``config_hash`` (SHA-256 of it) and ``provenance`` (JSON: versions, commit, source).
+    The same table gives the same bytes with the same version of PyArrow.
+
+    Raises
+    ------
+    WideberthError : the extra is missing, or the file cannot be written.
+    """
+    need_parquet()
+    import pyarrow
+    from pyarrow import parquet
+
+    rows = read_table(folder / "table.csv")
+    config = (folder / "config.yaml").read_bytes()
+    origin = read_json(folder / "provenance.json", "provenance", 1)
+    names = list(rows[0]) if rows else []
+    columns = [_column([row[name] for row in rows]) for name in names]
+    metadata = {
+        "config": config,
+        "config_hash": sha256(config).hexdigest(),
+        "provenance": json.dumps(origin, sort_keys=True),
+    }
+    table = pyarrow.Table.from_arrays(columns, names=names).replace_schema_metadata(metadata)
+    buffer = io.BytesIO()
+    parquet.write_table(table, buffer, compression="zstd")
+    manifest.claim(folder, ["table.parquet"])
+    return write_bytes(folder / "table.parquet", buffer.getvalue())
+
+
+def _column(values: Sequence[Any]) -> "pyarrow.Array[Any]":
+    import pyarrow
+
+    kinds = {type(value) for value in values if value is not None}
+    if kinds <= {int, float} and float in kinds:
+        return pyarrow.array(values, pyarrow.float64())
+    if len(kinds) < 2 and not any(kind is int for kind in kinds):
+        return pyarrow.array(values)
+    if kinds == {int} and all(-(2**63) <= value < 2**63 for value in values if value is not None):
+        return pyarrow.array(values, pyarrow.int64())
+    return pyarrow.array([None if value is None else str(value) for value in values])

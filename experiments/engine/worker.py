@@ -1,0 +1,244 @@
+"""What a worker does, wherever it runs: check that it is the driver's twin, then do tasks.
+
+A `Job` travels to every worker with every chunk of tasks and is opened once per process. Tasks
+come back as packed shards, which only the driver writes: workers need no folder in common,
+and one that outlives its driver cannot touch a result.
+"""
+
+import hashlib
+import os
+import pickle
+import platform
+import signal
+import sys
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from ...framework.control.notices import quiet
+from ...framework.plugins.config import import_plugins
+from ...framework.values.errors import WideberthError
+from . import threads
+from .base import Experiment, Task
+from .provenance import LIBRARIES, fingerprint, foreign_sources
+from .shards import Packed, pack
+from .showing import fault
+
+Chunk: TypeAlias = Sequence[tuple[str, Task]]
+"""Tasks that go to a worker together, each with the name of its shard."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """What every task of a run has in common.
+
+    Attributes
+    ----------
+    experiment : pickled; opened after the plug-ins are imported.
+    plugins : modules to import first.
+    source : the driver's `fingerprint`, which every shard carries.
+    twin : what must be the same in a worker, by its name.
+    """
+
+    experiment: bytes
+    plugins: tuple[str, ...]
+    source: str
+    twin: Mapping[str, str | None]
+
+
+@dataclass(frozen=True)
+class Done:
+    """What a worker made of a chunk.
+
+    Attributes
+    ----------
+    packed : shards of the chunk's tasks in their order, up to the first that failed.
+    failed : why that one failed, or why the worker did none of them.
+    seconds : that the chunk took.
+    """
+
+    packed: list[Packed]
+    failed: str | None
+    seconds: float
+
+
+def pack_job(experiment: Experiment, plugins: Sequence[str], source: str) -> bytes:
+    """Return a `Job` as bytes; classes of a script travel by value, those of modules by name."""
+    from joblib.externals.loky.backend.reduction import dumps
+
+    opened = bytes(dumps(experiment))
+    job = Job(opened, tuple(plugins), source, twin(experiment, plugins))
+    return pickle.dumps(job)
+
+
+def twin(experiment: Experiment, plugins: Sequence[str]) -> dict[str, str | None]:
+    """Return what must agree between driver and worker for the same task to give the same bytes.
+
+    Source of modules is that of their first use in this process: a worker that goes on living
+    while a file is edited runs the old one.
+    """
+    found = {"Python": platform.python_version(), **_versions(), "wideberth's source": _own()}
+    main = getattr(sys.modules["__main__"], "__file__", None)
+    for path in foreign_sources(experiment, plugins):
+        if main is None or path != Path(main):  # a script's classes travel by value
+            found[f"module {path.name}"] = _module(path)
+    for path in experiment.inputs():
+        found[f"file {path}"] = _hash(path)
+    return found
+
+
+@cache
+def _versions() -> dict[str, str | None]:
+    return {name: _version(name) for name in LIBRARIES}
+
+
+def _version(name: str) -> str | None:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
+
+
+@cache
+def _own() -> str:
+    return fingerprint()
+
+
+@cache
+def _module(path: Path) -> str | None:
+    return _hash(path)
+
+
+def _hash(path: Path) -> str | None:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+    except OSError:
+        return None
+
+
+@lru_cache(maxsize=4)
+def open_job(packed: bytes) -> tuple[Job, Experiment]:
+    """Open a job in this process, or say why it cannot be done here.
+
+    Raises
+    ------
+    WideberthError : threads are not pinned, the experiment cannot be built, or the process
+        differs from the driver in what `twin` names.
+    """
+    threads.pin()
+    if "" not in sys.path:
+        sys.path.append("")  # modules in the folder where the worker was started
+    job: Job = pickle.loads(packed)
+    import_plugins(job.plugins)
+    try:
+        experiment: Experiment = pickle.loads(job.experiment)
+    except Exception as error:  # a plug-in's module may be missing or fail in any way
+        raise WideberthError(
+            f"the experiment cannot be opened ({type(error).__name__}: {error}); its plug-ins "
+            "must be importable there"
+        ) from error
+    here = twin(experiment, job.plugins)
+    differing = [name for name in {**job.twin, **here} if job.twin.get(name) != here.get(name)]
+    if differing:
+        told = ", ".join(
+            f"{name} ({here.get(name)} instead of {job.twin.get(name)})" for name in differing
+        )
+        raise WideberthError(
+            f"it differs from the driver in: {told}; install the same there and restart it"
+        )
+    return job, experiment
+
+
+def check(packed: bytes) -> str | None:
+    """Return why a job cannot be done in this process, if so."""
+    try:
+        open_job(packed)
+    except WideberthError as error:
+        return str(error)
+    return None
+
+
+def do_chunk(packed: bytes, chunk: Chunk) -> Done:
+    """Do tasks in their order until one fails; runs in a worker."""
+    try:
+        job, experiment = open_job(packed)
+    except WideberthError as error:
+        return Done([], f"the worker {_place()} cannot take part: {error}", 0.0)
+    started = time.perf_counter()
+    shards: list[Packed] = []
+    failed = None
+    try:
+        for _, task in chunk:
+            shards.append(do_task(experiment, task, job.source))
+    except WideberthError as error:
+        failed = str(error)
+    return Done(shards, failed, time.perf_counter() - started)
+
+
+def _place() -> str:
+    """Name this worker: its address in a cluster, or the number of the process."""
+    if "distributed.worker" in sys.modules:
+        from distributed import get_worker
+
+        with suppress(ValueError):  # no worker of a cluster
+            return str(get_worker().address)
+    return f"process {os.getpid()}"
+
+
+def do_task(experiment: Experiment, task: Task, source: str) -> Packed:
+    """Do one task and return its shard.
+
+    Controllers warn of nothing: what they did otherwise than asked stands in the result.
+
+    Raises
+    ------
+    WideberthError : whatever the task raised, with its name.
+    """
+    with _Interrupt() as interrupt:
+        try:
+            with quiet():
+                outcome = experiment.measure(task)
+        except (Exception, SystemExit) as error:  # a plug-in may fail in any way; say where
+            interrupt.check()
+            raise WideberthError(f"task {task.name!r}: {fault(error)}") from error
+        interrupt.check()
+    return pack(task, outcome, source)
+
+
+class _Interrupt:
+    """Remembers a Ctrl-C during a task.
+
+    IPOPT and fatrop may swallow the KeyboardInterrupt raised inside them and report a
+    failed solve; a result made from that must not be kept.
+    """
+
+    def __init__(self) -> None:
+        self._pressed = False
+        self._before: Any = None
+
+    def __enter__(self) -> "_Interrupt":
+        if threading.current_thread() is threading.main_thread():
+            before = signal.getsignal(signal.SIGINT)
+            if callable(before):  # a worker process ignores the signal
+                self._before = before
+                signal.signal(signal.SIGINT, self._press)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._before is not None:
+            signal.signal(signal.SIGINT, self._before)
+
+    def _press(self, number: int, frame: Any) -> None:
+        self._pressed = True
+        self._before(number, frame)
+
+    def check(self) -> None:
+        """Raise the KeyboardInterrupt that was swallowed, if one was."""
+        if self._pressed:
+            raise KeyboardInterrupt

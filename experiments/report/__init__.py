@@ -1,0 +1,1 @@
+"""Reports as one HTML page, and the player of an episode."""

@@ -1,0 +1,25 @@
+"""Studies: one file per question, with its figure."""
+
+_HERE = "wideberth.experiments.studies"
+
+BUILT_IN: dict[str, str] = {
+    "dynamic_matters": f"{_HERE}.dynamic_matters:DynamicMatters",
+    "comparison": f"{_HERE}.comparison:Comparison",
+    "closed_loop_risk": f"{_HERE}.closed_loop_risk:ClosedLoopRisk",
+    "conservativeness": f"{_HERE}.conservativeness:Conservativeness",
+    "encounter": f"{_HERE}.encounter:Encounter",
+    "flight": f"{_HERE}.flight:Flight",
+    "replay": f"{_HERE}.replay:Replay",
+    "approximation_error": f"{_HERE}.approximation_error:ApproximationError",
+    "boundary_risk": f"{_HERE}.boundary_risk:BoundaryRisk",
+    "ellipse_construction": f"{_HERE}.ellipse_construction:EllipseConstruction",
+    "forecast_regions": f"{_HERE}.forecast_regions:ForecastRegions",
+    "region_gallery": f"{_HERE}.region_gallery:RegionGallery",
+    "prediction_benchmark": f"{_HERE}.prediction_benchmark:PredictionBenchmark",
+    "planner_parts": f"{_HERE}.planner_parts:PlannerParts",
+    "region_price": f"{_HERE}.region_price:RegionPrice",
+    "tuning": f"{_HERE}.tuning:Tuning",
+    "cost_comparison": f"{_HERE}.cost_comparison:CostComparison",
+    "level_policies": f"{_HERE}.level_policies:LevelPolicies",
+}
+"""Name of a study -> where its class is."""

@@ -1,0 +1,171 @@
+"""How far the paper's enlarged ellipse falls short of the exact sum."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar, Self, final
+
+import numpy as np
+
+from ...framework.values.arrays import positive, whole
+from ...framework.values.errors import WideberthError
+from ...regions import inflation
+from ..drawing.plotting import COLOURS, LINES, paper_style, save
+from ..engine.base import Experiment, Outcome, Result, Row, Task
+from .approximation_map import SIZES, decades, draw_map, grid, map_rows, map_summary
+
+MARKERS = ("", "o", "s", "^", "D", "v")
+"""With the line styles, what tells the lines apart in grey print."""
+
+
+@final
+@dataclass(frozen=True)
+class ApproximationError(Experiment):
+    """Errors over the polar angle, and the largest one over condition number and size.
+
+    The paper's figure shows an error that vanishes on the axes of the ellipse and for round
+    covariances. It states neither the norm nor the axes, the margin or the condition numbers,
+    so its numbers cannot be reproduced; here the smallest semi-axis s sigma_2 is ``short_axis``
+    margins, the condition number is that of the covariance (axis ratio squared) and both errors
+    are divided by the margin.
+
+    The second figure leaves the choice of ``short_axis`` behind. With b = s sigma_2, a =
+    b sqrt(lambda_1 / lambda_2), A and H the arithmetic and harmonic mean of both, the largest
+    clearance error is 1 - sqrt((H + rho) / (A + rho)) of the margin rho: a function of the
+    condition number and b / rho alone. It is drawn for condition numbers from 1 to 1e4 and
+    b / rho from 0.01 to 100, and at each of them compared with a search along the boundary.
+
+    Attributes
+    ----------
+    conditions : lambda_1 / lambda_2 of the covariances, each at least 1.
+    short_axis : s sigma_2 as a multiple of the margin.
+    margin : m, r + r_d.
+    angles : number of polar angles from 0 to 90 degrees.
+    resolution : condition numbers and sizes of the map.
+    """
+
+    conditions: tuple[float, ...] = (1.0, 2.0, 4.0, 10.0, 25.0, 100.0)
+    short_axis: float = 1.0
+    margin: float = 1.5
+    angles: int = 361
+    resolution: int = 41
+
+    claim: ClassVar[str] = (
+        "The enlargement by r + r_d is exact on the axes and for round covariances; elsewhere it "
+        "falls short."
+    )
+    reference: ClassVar[str] = "schoeneberg2025trajectory"
+
+    def __post_init__(self) -> None:
+        positive("short_axis", self.short_axis)
+        positive("margin", self.margin)
+        whole("angles", self.angles, least=2)
+        whole("resolution", self.resolution, least=2)
+        if not self.conditions or min(self.conditions) < 1.0:
+            raise WideberthError(
+                f"conditions is {self.conditions}; wanted numbers of at least 1, the largest "
+                "eigenvalue over the smallest"
+            )
+
+    def tasks(self) -> Sequence[Task]:
+        """One task per condition number of the curves, and one per size of the map."""
+        curves = [
+            Task(f"condition {value:g}", settings={"condition": value})
+            for value in self.conditions
+        ]
+        sizes = grid(SIZES, self.resolution).tolist()
+        return [*curves, *(Task(f"size {size:g}", settings={"size": size}) for size in sizes)]
+
+    def measure(self, task: Task) -> Outcome:
+        """Both errors at every angle, over the margin, or one line of the map."""
+        if "size" in task.settings:
+            rows = map_rows(float(task.settings["size"]), self.margin, self.resolution)
+            return Outcome([{"part": "map", **row} for row in rows])
+        condition = float(task.settings["condition"])
+        b = np.asarray(self.short_axis * self.margin)
+        a = b * np.sqrt(condition)
+        degrees = np.linspace(0.0, 90.0, self.angles)
+        angle, margin = np.radians(degrees), np.asarray(self.margin)
+        radial = inflation.radial_error(a, b, margin, angle) / margin
+        clearance = inflation.clearance_error(a, b, margin, angle) / margin
+        closed = float(inflation.largest_clearance_error(a, b, margin) / margin)
+        rows = [
+            {
+                "part": "curve",
+                "condition": condition,
+                "polar_angle_deg": float(degrees[i]),
+                "radial_error_over_margin": _clean(radial[i]),
+                "clearance_error_over_margin": _clean(clearance[i]),
+                "largest_clearance_error_closed_form": closed,
+            }
+            for i in range(self.angles)
+        ]
+        return Outcome(rows)
+
+    def summary(self, rows: list[Row]) -> list[Row]:
+        """Largest errors and where they are, per condition number; then cuts of the map."""
+        curves, chart = _part(rows, "curve"), _part(rows, "map")
+        condensed: list[Row] = []
+        for condition in dict.fromkeys(row["condition"] for row in curves):
+            chosen = [row for row in curves if row["condition"] == condition]
+            line: Row = {"condition": condition, "short_axis_over_margin": self.short_axis}
+            for kind in ("radial", "clearance"):
+                worst = max(chosen, key=lambda row: float(row[f"{kind}_error_over_margin"]))
+                line[f"largest_{kind}_error"] = worst[f"{kind}_error_over_margin"]
+                line[f"at_deg_{kind}"] = worst["polar_angle_deg"]
+            line["closed_form"] = chosen[0]["largest_clearance_error_closed_form"]
+            condensed.append(line)
+        sizes = list(dict.fromkeys(row["short_axis_over_margin"] for row in chart))
+        return [*condensed, *(map_summary(chart, size) for size in decades(sizes))]
+
+    def figures(self, result: Result, folder: Path) -> list[Path]:
+        """Both errors over the polar angle; the map of the largest with cuts through it."""
+        with paper_style():
+            from matplotlib import pyplot
+
+            rows = result.rows
+            figure, panels = pyplot.subplots(2, 1, figsize=(3.5, 4.2), sharex=True)
+            kinds = ("radial", "clearance")
+            for panel, kind in zip(panels, kinds, strict=True):
+                _panel(panel, _part(rows, "curve"), kind)
+            panels[0].legend(title=r"$\lambda_1/\lambda_2$", ncols=2)
+            panels[1].set_xlabel("polar angle from the major axis (°)")
+            panels[0].set_title(
+                "enlarged ellipse against exact sum\n"
+                rf"smallest semi-axis $s\sigma_2 = {self.short_axis:g}\,\rho$, $\rho = r + r_d$"
+            )
+            files = save(figure, folder, "approximation_error")
+            chart = draw_map(_part(rows, "map"))
+            return [*files, *save(chart, folder, "approximation_error_map")]
+
+    def quick(self) -> Self:
+        """Fewer angles, and a coarse map."""
+        return replace(self, angles=min(self.angles, 91), resolution=min(self.resolution, 9))
+
+
+def _clean(value: float) -> float:
+    """Round: differences at the 1e-13 of the margin are noise and differ between processors."""
+    return round(float(value), 12) + 0.0
+
+
+def _part(rows: list[Row], name: str) -> list[Row]:
+    return [row for row in rows if row["part"] == name]
+
+
+def _panel(panel: Any, rows: list[Row], kind: str) -> None:
+    conditions = list(dict.fromkeys(row["condition"] for row in rows))
+    for i, condition in enumerate(conditions):
+        chosen = [row for row in rows if row["condition"] == condition]
+        panel.plot(
+            [row["polar_angle_deg"] for row in chosen],
+            [row[f"{kind}_error_over_margin"] for row in chosen],
+            color=COLOURS[i % len(COLOURS)],
+            linestyle=LINES[i % len(LINES)],
+            marker=MARKERS[i % len(MARKERS)],
+            markevery=(10 + 6 * i, max(len(chosen) // 7, 1)),
+            markersize=3.0,
+            label=f"{condition:g}",
+        )
+    panel.set_ylabel(rf"{kind} error / $\rho$")
+    panel.set_xlim(0.0, 90.0)
+    panel.set_xticks(range(0, 91, 15))

@@ -1,0 +1,247 @@
+"""Recorded tracks as an experiment states them, and situations drawn from them."""
+
+from dataclasses import dataclass
+from pathlib import Path as File
+from typing import Any, Literal, TypeAlias, final
+
+import numpy as np
+
+from ...framework.plugins.registry import unknown
+from ...framework.tracking.recordings import Recording, read_robot_log, read_tracks
+from ...framework.tracking.text_rows import TRACK, read_rows
+from ...framework.values.arrays import Array, positive, whole
+from ...framework.values.errors import WideberthError
+from ...framework.values.path import Path
+from ...simulation.engine.agents import ReplayAgent
+
+IntArray: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
+
+DATA = File(__file__).resolve().parents[1] / "data"
+SHIPPED = "shipped:"
+BRIDGE = 1.0
+"""s; a person unseen for at most this long is taken to have walked straight on."""
+ROOM = 1.0
+"""m from the robot's surface to the nearest person's, at the start and at the goal."""
+PREFIX = "recorded "
+"""Of the names of the recorded, which may otherwise be the robot's own."""
+DRAWS = 1000
+"""Tries to find a free start before the recording is said to have none."""
+
+
+@final
+@dataclass(frozen=True)
+class TrackFile:
+    """A text file of recorded positions, and what the file itself cannot tell.
+
+    Parameters
+    ----------
+    path : relative to the working folder; ``shipped:crowd.txt`` and ``shipped:robot.txt`` are
+        the synthetic recordings that come with the package.
+    dt : s. Of ``frame id x y`` the time between rows, which the file does not hold; a log of
+        ``time x y theta`` is resampled to it.
+    frames_per_row : frame numbers between rows; by default the smallest step within a track.
+    kind : "tracks" (``frame id x y``) or "robot-log" (``time x y theta``). Both have four
+        columns. "auto" takes a file for a robot log if a value of its first column has a
+        fraction; or if the first column increases from each row to the next and a value of
+        the second column has one. Frames and identities are whole numbers or names, and
+        several people share a frame. A log in whole seconds of a robot that stays at whole
+        metres is mistaken: state its kind.
+    radius : m, of a recorded body (0.3 m: a person).
+    minimum_samples : samples that a usable track has in a row.
+
+    Raises
+    ------
+    WideberthError : dt, radius or a number that is not above 0.
+    """
+
+    path: str = f"{SHIPPED}crowd.txt"
+    dt: float = 0.4
+    frames_per_row: int | None = None
+    kind: Literal["auto", "tracks", "robot-log"] = "auto"
+    radius: float = 0.3
+    minimum_samples: int = 8
+
+    def __post_init__(self) -> None:
+        positive("tracks.dt", self.dt)
+        positive("tracks.radius", self.radius)
+        whole("tracks.minimum_samples", self.minimum_samples)
+        if self.frames_per_row is not None:
+            whole("tracks.frames_per_row", self.frames_per_row)
+
+    @property
+    def name(self) -> str:
+        """The file's name without folder and ending."""
+        return File(self.path.removeprefix(SHIPPED)).stem
+
+    @property
+    def file(self) -> File:
+        """Where the file is."""
+        if not self.path.startswith(SHIPPED):
+            return File(self.path)
+        name = self.path.removeprefix(SHIPPED)
+        known = sorted(path.name for path in DATA.glob("*.txt"))
+        if name not in known:
+            raise WideberthError(f"tracks.path: {unknown('shipped recording', name, known)}")
+        return DATA / name
+
+    def read(self) -> Recording:
+        """Read the file.
+
+        Raises
+        ------
+        WideberthError : as the readers, and when no track is usable.
+        """
+        kind = guess_kind(self.file) if self.kind == "auto" else self.kind
+        few = self.minimum_samples
+        if kind == "robot-log":
+            recording = read_robot_log(self.file, self.dt, minimum_samples=few)
+        else:
+            recording = read_tracks(
+                self.file, dt=self.dt, frames_per_row=self.frames_per_row, minimum_samples=few
+            )
+        if not recording.usable:
+            raise WideberthError(f"{self.file} holds nobody to cross: {recording.report()}")
+        return recording
+
+
+def guess_kind(file: File) -> Literal["tracks", "robot-log"]:
+    """Tell the two formats apart by their numbers; see `TrackFile`."""
+    first, second = [], []
+    for _, words in read_rows(file, TRACK):
+        try:
+            first.append(float(words[0]))
+            second.append(float(words[1]))
+        except ValueError:  # a name, or something that the reader will refuse with its line
+            return "tracks"
+    clock, other = np.array(first), np.array(second)
+    rising = bool((np.diff(clock) > 0).all())
+    if _fraction(clock) or (rising and _fraction(other)):
+        return "robot-log"
+    return "tracks"
+
+
+def _fraction(values: Array) -> bool:
+    known = values[np.isfinite(values)]
+    return bool((known != np.round(known)).any())
+
+
+def counted_reasons(recording: Recording) -> str:
+    """Say how many tracks are unusable for which reason, in one line; empty if none is."""
+    reasons = [reason for reason in recording.unusable if reason is not None]
+    return "; ".join(f"{reasons.count(one)}: {one}" for one in sorted(set(reasons)))
+
+
+@dataclass(frozen=True, eq=False)
+class Situation:
+    """One crossing, on a clock on which the robot starts at 0.
+
+    Attributes
+    ----------
+    start : s, the robot's start on the recording's clock.
+    end : s, the end of the recording on the robot's clock.
+    path : the robot's way.
+    aimed : identity of the person whom it would meet half way.
+    people : everybody who is there while the robot looks or drives.
+    """
+
+    start: float
+    end: float
+    path: Path
+    aimed: str
+    people: tuple[ReplayAgent, ...]
+
+
+def draw_situation(
+    recording: Recording,
+    rng: np.random.Generator,
+    *,
+    reach: float,
+    speed: float,
+    radii: tuple[float, float],
+    span: tuple[float, float],
+) -> Situation:
+    """Draw a straight way on which an unhindered robot would meet a recorded person.
+
+    One sample of the usable tracks is drawn, so that crowded moments are drawn more often,
+    and a direction. The way leads ``reach`` m towards the sample's place and as far beyond
+    it; the robot starts at the recorded row at which it has to, to be there with the person
+    (to half a row). Drawn again until nobody is within `ROOM` of the robot at its start and,
+    at the time an unhindered robot would be there, at its goal.
+
+    Parameters
+    ----------
+    recording : whom to cross; unusable tracks are there as well.
+    reach : m. speed : m/s.
+    radii : m, of the robot and of a person.
+    span : s before the start and after it for which the people are cut out.
+
+    Raises
+    ------
+    WideberthError : the recording is too short, or crowded throughout.
+    """
+    lead = max(round(reach / speed / recording.dt), 1)
+    who, rows = _samples(recording, lead)
+    if not len(who):
+        length = recording.dt * (len(recording.times) - 1)
+        raise WideberthError(
+            f"the recording lasts {length:g} s and nobody usable is in it between "
+            f"{lead * recording.dt:g} s after its begin and before its end, which a crossing of "
+            f"2 x {reach:g} m at {speed:g} m/s needs; shorten reach or take a longer recording"
+        )
+    positions = bridged(recording)
+    clear = sum(radii) + ROOM
+    for _ in range(DRAWS):
+        pick = int(rng.integers(len(who)))
+        angle = rng.uniform(-np.pi, np.pi)
+        along = reach * np.array([np.cos(angle), np.sin(angle)])
+        row, aim = int(rows[pick]), recording.positions[who[pick], rows[pick]]
+        near = [
+            np.linalg.norm(positions[:, at] - place, axis=1) < clear
+            for at, place in ((row - lead, aim - along), (row + lead, aim + along))
+        ]
+        if not np.any(near):
+            way = Path(np.array([aim - along, aim + along]))
+            start, aimed = row - lead, recording.ids[who[pick]]
+            people = _cut(recording, positions, start, span, radii[1])
+            left = recording.dt * (len(recording.times) - 1 - start)
+            return Situation(float(recording.times[start]), left, way, aimed, people)
+    raise WideberthError(
+        f"in {DRAWS} draws no start and goal {reach:g} m from a person had {ROOM:g} m of room; "
+        "state another reach"
+    )
+
+
+def _samples(recording: Recording, lead: int) -> tuple[IntArray, IntArray]:
+    """Track and row of each usable sample with ``lead`` rows before and after it."""
+    seen = np.isfinite(recording.positions).all(axis=2)
+    seen &= np.array([reason is None for reason in recording.unusable])[:, None]
+    seen[:, :lead] = seen[:, max(seen.shape[1] - lead, 0) :] = False
+    who, rows = np.nonzero(seen)
+    return who, rows
+
+
+def bridged(recording: Recording) -> Array:
+    """Positions with gaps of up to `BRIDGE` s filled linearly, (O, T, 2), m."""
+    filled = recording.positions.copy()
+    for track in filled:
+        seen = np.flatnonzero(np.isfinite(track).all(axis=1))
+        gaps = np.diff(seen)
+        for k in np.flatnonzero((gaps > 1) & (gaps * recording.dt <= BRIDGE + 1e-9)):
+            share = np.arange(1, gaps[k])[:, None] / gaps[k]
+            ends = track[seen[k]], track[seen[k + 1]]
+            track[seen[k] + 1 : seen[k + 1]] = (1 - share) * ends[0] + share * ends[1]
+    return filled
+
+
+def _cut(
+    recording: Recording, positions: Array, start: int, span: tuple[float, float], radius: float
+) -> tuple[ReplayAgent, ...]:
+    """People of a stretch of the recording, on a clock that is 0 at the row ``start``."""
+    before, after = (int(np.ceil(part / recording.dt)) + 1 for part in span)
+    low, high = max(start - before, 0), min(start + after + 1, positions.shape[1])
+    clock = recording.dt * (np.arange(low, high, dtype=np.float64) - start)
+    return tuple(
+        ReplayAgent(f"{PREFIX}{ident}", clock, track, radius)
+        for ident, track in zip(recording.ids, positions[:, low:high], strict=True)
+        if np.isfinite(track).any()
+    )

@@ -1,0 +1,132 @@
+"""The paper's headline: treating obstacles as moving beats treating them as static."""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import ClassVar, Self, final
+
+from ...framework.controller import Controller
+from ...framework.predictor import Predictor
+from ...framework.robot import Robot
+from ...framework.values.arrays import probability, whole
+from ...framework.values.errors import WideberthError
+from ...simulation.engine.settings import Settings
+from ...simulation.scenarios.base import Scenario
+from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.closed_loop import (
+    check_starts,
+    condense,
+    grid,
+    group,
+    inputs_of,
+    outcome,
+    pick,
+    play,
+)
+from .variants import by_predictor, planner_of
+
+COLUMNS = (
+    "episodes",
+    "collisions",
+    "deadlocks",
+    "goals_in_time",
+    "clearance_min_m",
+    "clearance_median_m",
+    "time_ratio",
+    "extra_time_s",
+    "length_ratio",
+    "named_forecasts",
+    "coverage",
+)
+
+
+@final
+@dataclass(frozen=True)
+class DynamicMatters(Experiment):
+    """The same planner with predictors from "it stays there" to the other's own plan.
+
+    Parameters
+    ----------
+    scenarios : by name; each seed draws the same situation for every predictor.
+    robot : model of all plants.
+    planner : settings of the MPC; its predictor is exchanged.
+    predictors : by name.
+    settings : clock, noise and end of the episodes.
+    seeds : number of episodes per scenario and predictor.
+    tail : 1 - content that levels and coverage are measured against.
+    """
+
+    claim: ClassVar[str] = (
+        "Trajectory planning is significantly enhanced when obstacles are considered dynamic "
+        "(section I): static against moving predictions on the same seeds."
+    )
+    reference: ClassVar[str] = "schoeneberg2025trajectory"
+
+    scenarios: dict[str, Scenario]
+    robot: Robot
+    planner: Controller
+    predictors: dict[str, Predictor]
+    settings: Settings = field(default_factory=Settings)
+    seeds: int = 20
+    tail: float = 0.05
+
+    def __post_init__(self) -> None:
+        whole("seeds", self.seeds)
+        probability("tail", self.tail)
+        planner_of(self.planner)
+        if not self.predictors or not self.scenarios:
+            raise WideberthError("predictors and scenarios must each name at least one")
+
+    def tasks(self) -> list[Task]:
+        """One per scenario, predictor and seed."""
+        return grid({"scenario": self.scenarios, "planner": self.predictors}, range(self.seeds))
+
+    def inputs(self) -> list[Path]:
+        """Return the files that the scenarios read."""
+        return inputs_of(self.scenarios.values())
+
+    def check(self) -> None:
+        """Begin an episode with every predictor in every scenario."""
+        planners = by_predictor(self.planner, self.predictors)
+        check_starts(self.scenarios, self.robot, planners)
+
+    def measure(self, task: Task) -> Outcome:
+        """Play one episode."""
+        name = task.settings["planner"]
+        variant = by_predictor(self.planner, {name: self.predictors[name]})[name]
+        scenario = self.scenarios[task.settings["scenario"]]
+        episode = play(scenario, self.robot, variant, self.settings, task.seed)
+        return outcome(episode, task, self.tail, keep=False)
+
+    def summary(self, rows: list[Row]) -> list[Row]:
+        """One line per scenario and predictor."""
+        return [
+            {"scenario": scenario, "predictor": predictor, **pick(condense(some), COLUMNS)}
+            for (scenario, predictor), some in group(rows, "scenario", "planner").items()
+        ]
+
+    def figures(self, result: Result, folder: Path) -> list[Path]:
+        """Draw clearance and time of every episode by predictor, one column per scenario."""
+        import matplotlib.pyplot as plt
+
+        from ..drawing.plotting import paper_style, save
+        from ..drawing.strips import strip, strip_legend
+
+        groups = group(result.rows, "scenario")
+        with paper_style():
+            figure, panels = plt.subplots(
+                2, len(groups), figsize=(3.4 * len(groups), 4.4), squeeze=False, sharex=True,
+                sharey="row", layout="constrained",
+            )  # fmt: skip
+            for i, ((scenario,), rows) in enumerate(groups.items()):
+                panels[0, i].set_title(scenario.replace("_", " "))
+                strip(panels[0, i], rows, "clearance")
+                strip(panels[1, i], rows, "time_ratio_worst")
+                panels[0, i].axhline(0.0, color="0.5", linewidth=0.6)
+            strip_legend(figure, "bodies touch")
+            panels[0, 0].set_ylabel("least clearance (m)")
+            panels[1, 0].set_ylabel("slower robot's time\n/ free time")
+            return save(figure, folder, "dynamic_matters")
+
+    def quick(self) -> Self:
+        """One seed."""
+        return replace(self, seeds=1)

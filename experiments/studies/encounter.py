@@ -1,0 +1,116 @@
+"""The paper's two scenarios: who yields, who passes first, and at what distance."""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import ClassVar, Self, final
+
+from ...framework.controller import Controller
+from ...framework.plugins.io import write_bytes
+from ...framework.robot import Robot
+from ...framework.values.arrays import positive, probability, whole
+from ...framework.values.errors import WideberthError
+from ...simulation.engine.settings import Settings
+from ...simulation.log.episode_log import Episode
+from ...simulation.scenarios.base import Scenario
+from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.closed_loop import check_starts, condense, grid, group, inputs_of, outcome, play
+
+
+@final
+@dataclass(frozen=True)
+class Encounter(Experiment):
+    """Two robots meet, over seeds, under several settings of the planner.
+
+    Parameters
+    ----------
+    scenario : where they start and go; drawn from each seed.
+    robot : model of both plants.
+    planners : settings to compare by name, on the same seeds.
+    settings : clock, noise and end of the episodes.
+    seeds : number of episodes per planner, seeds 0 to seeds - 1.
+    tail : 1 - content that the plans' levels are compared with, and of the drawn regions.
+    show : seed whose views and run are drawn for every planner, and animated for the first.
+    view_distance : m between the robots at the moment whose plans are drawn.
+    """
+
+    claim: ClassVar[str] = (
+        "Robots that plan for each other's predicted motion avoid collisions without "
+        "communication (section V)."
+    )
+    reference: ClassVar[str] = "schoeneberg2025trajectory"
+
+    scenario: Scenario
+    robot: Robot
+    planners: dict[str, Controller]
+    settings: Settings = field(default_factory=Settings)
+    seeds: int = 20
+    tail: float = 0.05
+    show: int = 0
+    view_distance: float = 5.0
+
+    def __post_init__(self) -> None:
+        whole("seeds", self.seeds)
+        probability("tail", self.tail)
+        positive("view_distance", self.view_distance)
+        if not self.planners:
+            raise WideberthError("planners is empty; name at least one setting of the planner")
+        if not 0 <= self.show < self.seeds:
+            raise WideberthError(f"show is {self.show}; wanted a seed in [0, {self.seeds})")
+
+    def tasks(self) -> list[Task]:
+        """One per planner and seed."""
+        return grid({"scenario": ["run"], "planner": self.planners}, range(self.seeds))
+
+    def inputs(self) -> list[Path]:
+        """Return the files that the scenario reads."""
+        return inputs_of([self.scenario])
+
+    def check(self) -> None:
+        """Begin an episode with every planner."""
+        check_starts({"": self.scenario}, self.robot, self.planners)
+
+    def measure(self, task: Task) -> Outcome:
+        """Play one episode."""
+        controller = self.planners[task.settings["planner"]]
+        episode = play(self.scenario, self.robot, controller, self.settings, task.seed)
+        return outcome(episode, task, self.tail, keep=task.seed == self.show)
+
+    def summary(self, rows: list[Row]) -> list[Row]:
+        """One line per planner, with who went first and who gave way."""
+        lines = []
+        for (planner,), some in group(rows, "planner").items():
+            line = {"planner": planner, **condense(some)}
+            for word in ("first", "yields"):
+                names = [row[word] for row in some if row[word]]
+                counts = {name: names.count(name) for name in sorted(set(names))}
+                line[word] = ", ".join(f"{name} {count}" for name, count in counts.items())
+            lines.append(line)
+        return lines
+
+    def figures(self, result: Result, folder: Path) -> list[Path]:
+        """Both robots' views and the run of each planner, and an animation of the first."""
+        from ..drawing.animation import animate
+        from ..drawing.episodes import draw_run, draw_views
+        from ..drawing.kept_out import planner_behind
+        from ..drawing.plotting import paper_style, save
+
+        files: list[Path] = []
+        for i, (name, controller) in enumerate(self.planners.items()):
+            planner = planner_behind(controller)
+            data = result.read(f"run-{name}-{self.show}.npz")
+            episode = Episode.from_bytes(data)
+            with paper_style():
+                views = draw_views(
+                    episode, distance=self.view_distance, tail=self.tail, planner=planner
+                )
+                files += save(views, folder, f"views_{name}")
+                files += save(draw_run(episode), folder, f"run_{name}")
+            if i == 0:
+                files.append(folder / f"animation_{name}.gif")
+                write_bytes(files[-1], animate(episode, tail=self.tail, planner=planner))
+        return files
+
+    def quick(self) -> Self:
+        """Two seeds."""
+        seeds = min(self.seeds, 2)
+        return replace(self, seeds=seeds, show=min(self.show, seeds - 1))

@@ -1,0 +1,128 @@
+"""Predictors and regions, each with each in one planner: what the pairs do in closed loop."""
+
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar, Self, final
+
+from ...framework.controller import Controller
+from ...framework.predictor import Predictor
+from ...framework.region import Region
+from ...framework.robot import Robot
+from ...framework.values.arrays import probability, whole
+from ...framework.values.errors import WideberthError
+from ...simulation.engine.settings import Settings
+from ...simulation.scenarios.base import Scenario
+from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.closed_loop import check_starts, first_of, grid, group, inputs_of
+from .comparison import SOURCES, check_robots, driving, measured
+from .comparison_summary import against, condensed
+
+
+@final
+@dataclass(frozen=True)
+class PlannerParts(Experiment):
+    """One planner with each predictor and each region in place of its own, on the same seeds.
+
+    Each pair is held against the first one, seed by seed. Columns as of a `comparison`.
+
+    Parameters
+    ----------
+    scenario : drawn from each seed.
+    robot : model of the plant.
+    planner : all that stays the same; a controller with a predictor and a region.
+    predictors, regions : by name.
+    settings : clock, noise and end of the episodes.
+    seeds : number of episodes per pair.
+    first_seed : the seeds are first_seed to first_seed + seeds - 1.
+    tail : 1 - content that forecasts and regions are measured against.
+    """
+
+    claim: ClassVar[str] = (
+        "Which predictor and which region does a planner need, and does one make up for the other?"
+    )
+    reference: ClassVar[str] = SOURCES
+
+    scenario: Scenario
+    robot: Robot
+    planner: Controller
+    predictors: dict[str, Predictor]
+    regions: dict[str, Region]
+    settings: Settings = field(default_factory=Settings)
+    seeds: int = 20
+    first_seed: int = 0
+    tail: float = 0.05
+
+    def __post_init__(self) -> None:
+        whole("seeds", self.seeds)
+        whole("first_seed", self.first_seed, least=0)
+        probability("tail", self.tail)
+        for name in ("predictors", "regions"):
+            if not getattr(self, name):
+                raise WideberthError(f"{name} is empty; name at least one")
+        own: Any = fields(self.planner) if is_dataclass(self.planner) else ()
+        missing = sorted({"predictor", "region"} - {entry.name for entry in own if entry.init})
+        if missing:
+            raise WideberthError(
+                f"planner is {type(self.planner).__name__}, without {' and '.join(missing)}; "
+                "wanted one that takes both, such as mpc"
+            )
+        check_robots({"scenario": self.scenario}, {"robot": self.robot}, {"planner": self.planner})
+
+    def pair(self, predictor: str, region: str) -> Controller:
+        """Return the planner with a predictor and a region."""
+        made: Any = driving(self.planner, self.robot)
+        changed: Controller = replace(
+            made, predictor=self.predictors[predictor], region=self.regions[region]
+        )
+        return changed
+
+    def tasks(self) -> list[Task]:
+        """One per predictor, region and seed."""
+        seeds = range(self.first_seed, self.first_seed + self.seeds)
+        return grid({"predictor": self.predictors, "region": self.regions}, seeds)
+
+    def inputs(self) -> list[Path]:
+        """Return the files that the scenario reads."""
+        return inputs_of([self.scenario])
+
+    def check(self) -> None:
+        """Make every pair, and begin an episode with those that have a part of the first one.
+
+        So each predictor begins with the first region, and each region with the first
+        predictor: to begin with all pairs takes as long as some episodes.
+        """
+        pairs = {(p, r): self.pair(p, r) for p in self.predictors for r in self.regions}
+        predictor, region = next(iter(pairs))
+        begun = {
+            f"{p} and {r}": planner
+            for (p, r), planner in pairs.items()
+            if p == predictor or r == region
+        }
+        check_starts({"": self.scenario}, self.robot, begun, self.first_seed)
+
+    def measure(self, task: Task) -> Outcome:
+        """Play one episode."""
+        planner = self.pair(task.settings["predictor"], task.settings["region"])
+        return measured(self.scenario, self.robot, planner, self.settings, task, self.tail)
+
+    def summary(self, rows: list[Row]) -> list[Row]:
+        """One line per pair, compared with the first."""
+        played = group(rows, "predictor", "region")
+        first = next(iter(played.values()))
+        return [
+            {"predictor": predictor, "region": region, **condensed(own), **against(own, first)}
+            for (predictor, region), own in played.items()
+        ]
+
+    def figures(self, result: Result, folder: Path) -> list[Path]:
+        """Draw tables of success, time and nearness, predictors down and regions across."""
+        from ..drawing.plotting import paper_style, save
+        from .planner_parts_figure import draw_tables
+
+        with paper_style():
+            return save(draw_tables(self.summary(result.rows)), folder, "planner_parts")
+
+    def quick(self) -> Self:
+        """Play one seed with the first two predictors and regions."""
+        predictors, regions = first_of(self.predictors, 2), first_of(self.regions, 2)
+        return replace(self, predictors=predictors, regions=regions, seeds=1)

@@ -1,0 +1,247 @@
+"""Every predictor on every scene: errors, likelihoods, coverage, areas, fallbacks and times."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from time import perf_counter
+from typing import ClassVar, Self, final
+
+from ...framework.plugins.config import build
+from ...framework.plugins.registry import names, unknown
+from ...framework.predictor import Fittable, Predictor
+from ...framework.values.errors import WideberthError
+from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.closed_loop import group
+from .prediction_data import PredictionData, SceneFiles, longest_stretch, usual_speed
+from .prediction_scores import Effort, run_along
+from .prediction_summary import AS_GIVEN, FITTED, NOTHING, UNFITTED, primary_rows, summary
+from .prediction_table import LEVELS, calibration, table_rows
+from .prediction_windows import Protocol, shown_windows, window_places
+from .region_family import rounded
+
+SHOWN = (0.5, 0.95)
+"""Quantiles of the surprise of the two forecasts that are drawn."""
+
+
+@final
+@dataclass(frozen=True)
+class PredictionBenchmark(Experiment):
+    """Forecasts held against recordings of people or robots; one task per predictor and scene.
+
+    At each row of a recording a predictor is given everybody who is seen, as far back as
+    ``protocol.observed`` rows, and the windows that are complete there are scored (see
+    `Protocol`, and `wideberth.framework.metrics.scoring` for the definitions). What can be fitted
+    is
+    fitted to the recordings of all other scenes (leave one scene out); if these are too few,
+    or there are none, the predictor is scored with its defaults and ``fitted`` says why. A
+    predictor that was fitted before, as one given by ``{saved: FILE}``, is fitted anew unless
+    ``as_given`` names it; whether it had seen the scene that it is scored on, nobody checks.
+    What adapts starts anew with every recording.
+
+    The table has a line per predictor, scene and step; lines of step "all" average over the
+    steps (``error_m`` is then the ADE, ``final_m`` the FDE) and tell how often the predictor
+    fell back, and why, without numbers in the reasons. ``median_m`` is the median of the
+    windows' errors, where ``error_m`` is their mean. ``all_95`` is the share of windows that
+    stay in the regions of content 0.95 at all steps, ``joint_95`` that of trajectories in the
+    region of content 0.95 of the joint covariance, where the forecast has one. Areas are those
+    of the regions of content 0.95: their median, their 90th percentile and their mean. Lines
+    of slice "stops" are of those who walk at the forecast and stand at its end; the other
+    slices are classes of speed (see `Protocol`), with a line per step.
+
+    Parameters
+    ----------
+    predictors : by name, beside the registered ones; one named like a registered one stands
+        for it.
+    registered : score every registered predictor with its defaults too.
+    left_out : registered ones that are not scored. An oracle without the future is its
+        fallback; a predictor that solves a game at every row would need days.
+    data : the recordings.
+    protocol : which windows are scored.
+    chosen : names of the predictors to score, given or registered; if empty, all the given
+        ones, and the registered ones but for those left out.
+    fit : whether what can be fitted is.
+    as_given : names of predictors that are scored as they are all the same.
+    only : scenes to score; all if empty. Files of the others may then be missing.
+    """
+
+    claim: ClassVar[str] = (
+        "Forecasts cover what then happens: how far off is each predictor, and how honest?"
+    )
+    reference: ClassVar[str] = "gneiting2007strictly, schoeller2020constant"
+
+    predictors: dict[str, Predictor] = field(default_factory=dict)
+    registered: bool = True
+    left_out: tuple[str, ...] = ("oracle",)
+    data: PredictionData = field(default_factory=PredictionData)
+    protocol: Protocol = field(default_factory=Protocol)
+    chosen: tuple[str, ...] = ()
+    fit: bool = True
+    as_given: tuple[str, ...] = ()
+    only: tuple[str, ...] = ()
+
+    def family(self) -> list[str]:
+        """Names of the predictors: the chosen ones, or the given and then the registered ones.
+
+        Raises
+        ------
+        WideberthError : unknown names in ``chosen`` or ``as_given``.
+        """
+        known = {*self.predictors, *names("predictors")}
+        for field_name in ("chosen", "as_given"):
+            for name in getattr(self, field_name):
+                if name not in known:
+                    raise WideberthError(f"{field_name}: {unknown('predictor', name, known)}")
+        others = names("predictors") if self.registered else []
+        taken = {*self.predictors, *self.left_out}
+        usual = [*self.predictors, *(name for name in others if name not in taken)]
+        return list(self.chosen) or usual
+
+    def member(self, name: str) -> Predictor:
+        """Return the given predictor of this name, or the registered one with its defaults."""
+        given = self.predictors.get(name)
+        found: Predictor = build("predictors", name) if given is None else given
+        return found
+
+    def scored(self) -> dict[str, SceneFiles]:
+        """Return the scenes to score.
+
+        Raises
+        ------
+        WideberthError : as `PredictionData.found`, and unknown names in ``only``.
+        """
+        found = self.data.found(self.only)
+        scenes = {name: scene for name, scene in found.items() if scene.role != "training"}
+        for name in self.only:
+            if name not in scenes:
+                hint = (
+                    ""
+                    if name not in {*self.predictors, *names("predictors")}
+                    else (f" ({name!r} is a predictor: 'chosen' names predictors, 'only' scenes)")
+                )
+                raise WideberthError(f"only: {unknown('scene', name, scenes)}{hint}")
+        return {name: scenes[name] for name in (self.only or scenes)}
+
+    def tasks(self) -> Sequence[Task]:
+        """One per predictor and scene; every recording is read and every predictor built first.
+
+        Raises
+        ------
+        WideberthError : a file that cannot be used, or a scene without a single window.
+        """
+        for name in self.family():
+            self.member(name)
+        scored, short = self.scored(), {}
+        for name, scene in self.data.found(self.only).items():
+            recordings = self.data.read(scene)
+            if name in scored and not any(
+                len(window_places(self.data, one, self.protocol)) for one in recordings
+            ):
+                short[name] = max(map(longest_stretch, recordings))
+        if short:
+            raise WideberthError(self._no_window(scored, short))
+        return [
+            Task(f"{predictor} {scene}", settings={"predictor": predictor, "scene": scene})
+            for scene in scored
+            for predictor in self.family()
+        ]
+
+    def _no_window(self, scored: dict[str, SceneFiles], short: dict[str, int]) -> str:
+        """Say which scenes are too short, by how much, and how to go on."""
+        how, others = self.protocol, [name for name in scored if name not in short]
+        (name, rows), *more = short.items()
+        return (
+            f"scene {name} ({', '.join(scored[name].files)}) has no window of {how.observed} + "
+            f"{how.least} consecutive rows of {self.data.step(scored[name]):g} s: its longest "
+            f"track has {rows}"
+            + (f"; nor have {', '.join(one for one, _ in more)}" if more else "")
+            + "; state fewer under protocol, or (for logs of a robot) a smaller dt"
+            + (f", or score the others: --set 'only=[{', '.join(others)}]'" if others else "")
+        )
+
+    def inputs(self) -> Sequence[Path]:
+        """Return the recordings."""
+        found = self.data.found(self.only)
+        return [path for scene in found.values() for path in self.data.paths(scene)]
+
+    def measure(self, task: Task) -> Outcome:
+        """Fit the predictor to the other scenes, run it along this one, and score it."""
+        name, place = str(task.settings["predictor"]), str(task.settings["scene"])
+        scene = self.data.found(self.only)[place]
+        recordings = self.data.read(scene)
+        begin = perf_counter()
+        predictor, fitted = self._fitted(name, place)
+        seconds = perf_counter() - begin
+        shown = shown_windows(self.data, recordings[0], self.protocol, SHOWN)
+        scores, effort, samples = run_along(predictor, recordings, self.data, self.protocol, shown)
+        dt = self.data.step(scene)
+        head: Row = {"predictor": name, "scene": place, "role": scene.role}
+        how: Row = {
+            "protocol": self.protocol.text(dt),
+            "speed_mps": rounded(usual_speed(recordings)),
+            "fitted": fitted,
+            "noise": self.data.noise_text(recordings),
+        }
+        rows = [head | how | row for row in table_rows(scores, dt, self.protocol.speeds)]
+        kept = {"levels": LEVELS, "coverage": calibration(scores), "samples": samples}
+        files = {f"{place}/{name}.json": json.dumps(kept).encode()}
+        return Outcome(rows, [{**head, "fit_s": seconds, **_times(effort)}], files)
+
+    def _fitted(self, name: str, scene: str) -> tuple[Predictor, str]:
+        """Return the predictor as it is scored, and what it was fitted to."""
+        predictor = self.member(name)
+        if not isinstance(predictor, Fittable):
+            return predictor, NOTHING
+        if not self.fit or name in self.as_given:
+            return predictor, AS_GIVEN
+        training = self.data.training(scene, self.only)
+        missing = ", ".join(self.data.missing() or ())
+        lacking = f" ({missing} not there)" if missing else ""
+        if not training:
+            return predictor, f"{UNFITTED}: no other scene{lacking}"
+        try:
+            plural = "s" if len(training) > 1 else ""
+            told = f"{FITTED} {len(training)} recording{plural}{lacking}"
+            after = predictor.fit(training)
+            return after, NOTHING if after == predictor else told
+        except WideberthError as error:
+            return predictor, f"{UNFITTED}: {error}{lacking}"
+
+    def summary(self, rows: list[Row]) -> list[Row]:
+        """Condense; see `wideberth.experiments.studies.prediction_summary`."""
+        return summary(rows)
+
+    def figures(self, result: Result, folder: Path) -> list[Path]:
+        """Draw calibration, coverage and error per step, and two forecasts of everybody."""
+        from ..drawing.plotting import paper_style
+        from .prediction_figures import draw_all
+
+        rows = primary_rows(result.rows)
+        files = {
+            (str(predictor), str(scene)): json.loads(result.read(f"{scene}/{predictor}.json"))
+            for predictor, scene in group(rows, "predictor", "scene")
+        }
+        with paper_style():
+            return draw_all(rows, files, folder)
+
+    def quick(self) -> Self:
+        """Few rows of the smallest scene, and the chosen or the first three predictors."""
+        sizes = {
+            name: sum(path.stat().st_size for path in self.data.paths(scene))
+            for name, scene in self.scored().items()
+        }
+        small = min(sizes, key=lambda name: sizes[name])
+        chosen = self.chosen or tuple(self.family()[:3])
+        protocol = replace(self.protocol, stride=max(self.protocol.stride, 5))
+        return replace(self, chosen=chosen, only=(small,), protocol=protocol)
+
+
+def _times(effort: Effort) -> Row:
+    """Measured times of one task."""
+    return {
+        "calls": effort.calls,
+        "obstacles_per_call": effort.obstacles / effort.calls,
+        "predict_us_per_obstacle": 1e6 * effort.predict / effort.obstacles,
+        "predict_s": effort.predict,
+        "update_s": effort.update,
+    }

@@ -1,0 +1,220 @@
+"""Recordings that predictors are scored on: which files make a scene, and who learns from what."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, final
+
+import numpy as np
+
+from ...framework.tracking.recordings import Recording
+from ...framework.values.arrays import positive
+from ...framework.values.errors import WideberthError
+from ...framework.values.tracks import Tracks
+from .crowd import DATA, SHIPPED, TrackFile
+
+STOOD = 0.1
+"""m/s; who is slower stands."""
+SLOW = 0.2
+"""Share of the highest speeds below which a robot stands, in recordings of slow robots."""
+FAST = 4.0
+"""m/s; people (who walk at about 1.3) are not faster in the median, unless dt or the unit is
+wrong."""
+
+
+@final
+@dataclass(frozen=True)
+class SceneFiles:
+    """The recordings of one place.
+
+    Parameters
+    ----------
+    files : names in the folder of the data. Each is a recording of its own clock.
+    role : "primary" scenes are scored, and count in the mean over the scenes; "secondary"
+        ones are scored beside them and never trained on; "training" ones are only trained on.
+    site : scenes of one site are never trained on for each other; by default the scene's
+        name.
+    dt : s between rows, where it differs from the others'.
+
+    Raises
+    ------
+    WideberthError : no file, or a dt that is not above 0.
+    """
+
+    files: tuple[str, ...]
+    role: Literal["primary", "secondary", "training"] = "primary"
+    site: str | None = None
+    dt: float | None = None
+
+    def __post_init__(self) -> None:
+        if not self.files:
+            raise WideberthError("files is empty; name at least one file of the scene")
+        if self.dt is not None:
+            positive("dt", self.dt)
+
+
+@final
+@dataclass(frozen=True)
+class PredictionData:
+    """A folder of recordings: `frame id x y`, or logs of one robot, `time x y theta`.
+
+    Parameters
+    ----------
+    root : folder; ``shipped:`` stands for the package's own synthetic recordings: two crowds,
+        or, of kind "robot-log", a robot.
+    scenes : name -> its files. They are those of one dataset: in a folder that holds any of
+        the named files all must be there (see `found`); in a folder that holds none of them,
+        every file that fits ``pattern`` is a primary scene, named after the file.
+    pattern : of the names of files in a folder, as in a shell.
+    dt : s between rows (which ``frame id x y`` does not tell); logs are resampled to it.
+    kind : of all files, or "auto"; see `wideberth.experiments.studies.crowd.TrackFile`.
+    radius : m, of an obstacle.
+    noise : m, standard deviation of a recorded position; by default each recording's own,
+        estimated from all of it (`Recording.noise`).
+
+    Raises
+    ------
+    WideberthError : a number that is not above 0.
+    """
+
+    root: str = SHIPPED
+    scenes: dict[str, SceneFiles] = field(default_factory=dict)
+    pattern: str = "*.txt"
+    dt: float = 0.4
+    kind: Literal["auto", "tracks", "robot-log"] = "auto"
+    radius: float = 0.3
+    noise: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("dt", "radius"):
+            positive(f"data.{name}", getattr(self, name))
+        if self.noise is not None:
+            positive("data.noise", self.noise)
+
+    @property
+    def folder(self) -> Path:
+        """Where the files are."""
+        return DATA if self.root == SHIPPED else Path(self.root)
+
+    def missing(self) -> dict[str, list[str]] | None:
+        """Named files that are not there, by scene; None if none is there: another dataset."""
+        lacking = {
+            name: [file for file in scene.files if not (self.folder / file).is_file()]
+            for name, scene in self.scenes.items()
+        }
+        if all(len(lacking[name]) == len(scene.files) for name, scene in self.scenes.items()):
+            return None
+        return {name: files for name, files in lacking.items() if files}
+
+    def found(self, only: Sequence[str] = ()) -> dict[str, SceneFiles]:
+        """Return the scenes of this folder.
+
+        Parameters
+        ----------
+        only : named scenes that must be there, while others are left out if a file of theirs
+            is missing; by default all must be there.
+
+        Raises
+        ------
+        WideberthError : no such folder, no file in it that fits, or a named one missing.
+        """
+        if not self.folder.is_dir():
+            raise WideberthError(f"data.root: {self.folder} is no folder; check the path")
+        missing = self.missing()
+        if missing is None:
+            return {Path(file).stem: SceneFiles((file,)) for file in self._files()}
+        there = {name: scene for name, scene in self.scenes.items() if name not in missing}
+        for name in only or missing:
+            if name in missing:
+                some = ", ".join(n for n, scene in there.items() if scene.role != "training")
+                raise WideberthError(
+                    f"data.scenes.{name}: {self.folder} holds no file {missing[name][0]!r} (but "
+                    "others of data.scenes); add it, "
+                    + (f"score only what is there (--set 'only=[{some}]'), " if some else "")
+                    + "or take every file for a scene of its own (--set 'data.scenes={}')"
+                )
+        return there
+
+    def _files(self) -> list[str]:
+        """Names of the files that fit the pattern; of the package's, people or a robot."""
+        if self.root == SHIPPED:
+            return ["robot.txt"] if self.kind == "robot-log" else ["crowd.txt", "plaza.txt"]
+        files = sorted(path.name for path in self.folder.glob(self.pattern) if path.is_file())
+        if not files:
+            raise WideberthError(
+                f"data.root: {self.folder} holds no file {self.pattern!r}; wanted recordings of "
+                "rows `frame id x y` or `time x y theta`"
+            )
+        return files
+
+    def step(self, scene: SceneFiles) -> float:
+        """Seconds between the rows of a scene."""
+        return self.dt if scene.dt is None else scene.dt
+
+    def paths(self, scene: SceneFiles) -> list[Path]:
+        """Return the files of a scene."""
+        return [self.folder / file for file in scene.files]
+
+    def read(self, scene: SceneFiles) -> list[Recording]:
+        """Read the recordings of a scene.
+
+        Raises
+        ------
+        WideberthError : as the readers.
+        """
+        return [
+            TrackFile(str(path), self.step(scene), None, self.kind, self.radius, 1).read()
+            for path in self.paths(scene)
+        ]
+
+    def noise_text(self, recordings: Sequence[Recording]) -> str:
+        """Say how noisy the positions of some recordings are taken to be."""
+        if self.noise is not None:
+            return f"measurement noise stated as {self.noise:g} m"
+        return "; ".join(recording.noise.text for recording in recordings)
+
+    def whole(self, recording: Recording) -> Tracks:
+        """Return a whole recording as tracks, NaN where unobserved."""
+        return recording.scene(radius=self.radius, noise=self.noise)
+
+    def training(self, name: str, only: Sequence[str] = ()) -> list[Tracks]:
+        """Return every recording that a predictor scored on this scene may learn from.
+
+        ``only`` as in `found`.
+        """
+        scenes = self.found(only)
+        own = scenes[name].site or name
+        others = [
+            scene
+            for other, scene in scenes.items()
+            if scene.role != "secondary" and (scene.site or other) != own
+        ]
+        return [self.whole(one) for scene in others for one in self.read(scene)]
+
+
+def longest_stretch(recording: Recording) -> int:
+    """Count the rows of the longest stretch in which an obstacle is seen without a gap."""
+    run, longest = np.zeros(len(recording.ids), dtype=np.int64), 0
+    known = np.isfinite(recording.positions)
+    for row in range(known.shape[1]):
+        run = np.where(known[:, row].all(axis=1), run + 1, 0)
+        longest = max(longest, int(run.max(initial=0)))
+    return longest
+
+
+def usual_speed(recordings: Sequence[Recording]) -> float:
+    """Median speed, m/s, of those who do not stand; NaN if everybody always does.
+
+    To stand is to be slower than `STOOD`. In recordings of slow robots it is to be slower than a
+    fifth of the speed that one sample in a hundred exceeds.
+    """
+    parts = [
+        np.linalg.norm(np.diff(one.positions, axis=1), axis=2).ravel() / one.dt
+        for one in recordings
+    ]
+    speeds = np.concatenate(parts)
+    speeds = speeds[np.isfinite(speeds)]
+    if not speeds.size:
+        return float("nan")
+    moving = speeds[speeds > min(STOOD, SLOW * float(np.quantile(speeds, 0.99)))]
+    return float(np.median(moving)) if moving.size else float("nan")

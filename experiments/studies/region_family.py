@@ -1,0 +1,79 @@
+"""All regions side by side: which there are, what they are called, how their numbers are kept."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+
+from ...framework.plugins.config import build
+from ...framework.plugins.registry import load, names
+from ...framework.region import Region
+from ...framework.risk.risk_meter import measure
+from ...framework.values.forecast import GaussianObstacle
+from ..engine.base import Row
+
+FIELDS = (
+    "level", "promised_tail", "tail", "risk_min", "risk_max", "risk_mean", "area", "area_ratio",
+    "clearance_lost", "gap_min", "gap_max", "gap_mean", "effective_level", "relation",
+    "guarantee",
+)  # fmt: skip
+"""Columns of `reading`."""
+
+_LENGTHS = ("clearance_lost", "gap_min", "gap_max", "gap_mean")
+"""Differences of lengths in m, known to about 1e-12 m."""
+
+
+def family(given: Mapping[str, Region], registered: bool, dimension: int = 2) -> list[str]:
+    """Names of the regions to compare: the given ones, then the registered ones.
+
+    A registered region that a given one is named after stands for that one alone, and one of
+    other dimensions is left out.
+    """
+    found = list(given)
+    if registered:
+        others = [name for name in names("regions") if name not in found]
+        found += [name for name in others if dimension in load("regions", name).dimensions]
+    return found
+
+
+def member(given: Mapping[str, Region], name: str) -> Region:
+    """Return the given region of this name, or the registered one with its defaults.
+
+    Raises
+    ------
+    WideberthError : no such region, or one that cannot be built without settings.
+    """
+    region: Region = given[name] if name in given else build("regions", name)
+    return region
+
+
+def reading(region: Region, obstacle: GaussianObstacle, margin: float, level: float) -> Row:
+    """Read the risk meter into a line of a table, with what the region declares of itself.
+
+    Raises
+    ------
+    WideberthError : the region is not defined here; see `framework.risk_meter.measure`.
+    """
+    report = measure(region, obstacle, margin, level)
+    values = {key: rounded(value, key in _LENGTHS) for key, value in asdict(report).items()}
+    return {
+        **values,
+        "effective_level": rounded(report.effective_level),
+        "relation": str(region.relation),
+        "guarantee": str(region.guarantee),
+    }
+
+
+def exceeds(row: Row, tail: float) -> bool:
+    """Whether the risk exceeds the tail, but for rounding: a risk contour has it everywhere."""
+    return float(row["risk_max"]) > tail * (1 + 1e-6)
+
+
+def title(name: str) -> str:
+    """Return a name as figures print it."""
+    return name.replace("_", " ")
+
+
+def rounded(value: float, length: bool = False) -> float:
+    """Round what differs between processors: to nine digits, lengths to 1e-9 m."""
+    if length:
+        return round(value, 9) + 0.0
+    return 0.0 if abs(value) <= 1e-12 else float(f"{value:.9g}")  # NaN stays

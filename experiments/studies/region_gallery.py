@@ -1,0 +1,207 @@
+"""Every region around one Gaussian, side by side."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from textwrap import fill
+from typing import Any, ClassVar, Self, final
+
+import numpy as np
+
+from ...framework.region import Region
+from ...framework.values.arrays import Array, positive, probability
+from ...framework.values.errors import WideberthError
+from ...framework.values.forecast import GaussianObstacle
+from ...regions.minkowski_sum import MinkowskiSum
+from ..drawing.plotting import COLOURS, PAGE, paper_style, save
+from ..engine.base import Experiment, Outcome, Result, Row, Task
+from .region_family import FIELDS, exceeds, family, member, reading, title
+
+ACROSS = 5
+"""Panels in one line of the figure."""
+
+SHADES = ((3, "0.92"), (2, "0.84"), (1, "0.74"))
+"""Standard deviations and the grey of the ellipse up to there."""
+
+COLUMNS = (
+    "region", "area_ratio", "risk_min", "risk_max", "clearance_lost", "relation", "guarantee",
+    "remark",
+)  # fmt: skip
+
+
+@final
+@dataclass(frozen=True)
+class RegionGallery(Experiment):
+    """Every region at level(tail) around one Gaussian, with what the risk meter reads there.
+
+    Areas are those of the enlarged regions over the exact sum of content ellipse and disc of
+    the same tail; the risk is the true collision probability of a robot on the boundary. A
+    region that is not defined for this Gaussian is listed with the reason.
+
+    Attributes
+    ----------
+    regions : by name.
+    registered : show every other registered region of two coordinates too.
+    deviations : m, of the two coordinates.
+    correlation : of the two coordinates, within [-0.99, 0.99].
+    margin : m, r + r_d.
+    tail : 1 - content, or the asked risk where a region's level stands for a risk.
+    """
+
+    regions: Mapping[str, Region] = field(default_factory=dict)
+    registered: bool = True
+    deviations: tuple[float, float] = (1.0, 0.5)
+    correlation: float = 0.8
+    margin: float = 0.75
+    tail: float = 0.05
+
+    claim: ClassVar[str] = (
+        "How the regions of one content differ: their shape, their area, and the largest "
+        "collision probability on their boundary."
+    )
+    reference: ClassVar[str] = "schoeneberg2025trajectory"
+
+    def __post_init__(self) -> None:
+        probability("tail", self.tail)
+        positive("margin", self.margin, zero=True)
+        for deviation in self.deviations:
+            positive("deviations", deviation, zero=True)
+        if not abs(self.correlation) <= 0.99:
+            raise WideberthError(
+                f"correlation is {self.correlation}; wanted a number within [-0.99, 0.99]"
+            )
+        if not (self.regions or self.registered):
+            raise WideberthError("regions is empty; name one, or set registered to true")
+
+    def tasks(self) -> Sequence[Task]:
+        """One task per region."""
+        names = family(self.regions, self.registered)
+        return [Task(name, settings={"region": name}) for name in names]
+
+    def measure(self, task: Task) -> Outcome:
+        """Read the meter, and keep the outline beside the exact sum's."""
+        name = str(task.settings["region"])
+        obstacle = GaussianObstacle(np.zeros(2), self._covariance())
+        try:
+            region = member(self.regions, name)
+            level = region.level(self.tail)
+            row = {"region": name, **reading(region, obstacle, self.margin, level)}
+        except WideberthError as error:
+            empty = dict.fromkeys(FIELDS)
+            return Outcome([{"region": name, **empty, "remark": str(error)}])
+        exact = MinkowskiSum()
+        outlines = {
+            "region": _outline(region, obstacle, self.margin, level),
+            "exact": _outline(exact, obstacle, self.margin, exact.level(self.tail)),
+        }
+        files = {f"{name}.json": json.dumps(outlines).encode()}
+        return Outcome([row | {"remark": ""}], files=files)
+
+    def summary(self, rows: list[Row]) -> list[Row]:
+        """Area, risk, clearance and promise per region, from the smallest to the largest."""
+        return [{column: row[column] for column in COLUMNS} for row in _by_area(rows)]
+
+    def figures(self, result: Result, folder: Path) -> list[Path]:
+        """Draw one panel per region, on the same scale; what is not defined is listed below."""
+        rows = _by_area(result.rows)
+        shown = [row for row in rows if not row["remark"]]
+        curves = [json.loads(result.read(f"{row['region']}.json")) for row in shown]
+        lines = -(-max(len(shown), 1) // ACROSS)
+        missing = _missing([row for row in rows if row["remark"]])
+        with paper_style():
+            from matplotlib import pyplot
+
+            height = 0.5 + PAGE / (ACROSS + 0.5) * _flatness(curves)  # of one panel, title too
+            size = (PAGE, 0.7 + height * lines + 0.12 * (missing.count("\n") + bool(missing)))
+            figure, panels = pyplot.subplots(
+                lines, ACROSS, figsize=size, sharex=True, sharey=True, squeeze=False
+            )
+            for panel in panels.flat[len(shown) :]:
+                panel.set_axis_off()
+            for panel, row, curve in zip(panels.flat, shown, curves, strict=False):
+                _panel(panel, row, curve, self._covariance(), self.tail)
+            for panel in panels[:, 0]:
+                panel.set_ylabel("y (m)")
+            for panel in panels.flat[max(len(shown) - ACROSS, 0) : len(shown)]:
+                panel.set_xlabel("x (m)")
+                panel.tick_params(labelbottom=True)
+            _legend(figure, self.tail)
+            if missing:
+                figure.supxlabel(missing, fontsize=6, x=0.01, ha="left")
+            return save(figure, folder, "region_gallery")
+
+    def quick(self) -> Self:
+        """Keep three regions."""
+        chosen = dict(list(self.regions.items())[:3])
+        return replace(self, regions=chosen, registered=self.registered and not chosen)
+
+    def _covariance(self) -> Array:
+        first, second = self.deviations
+        cross = self.correlation * first * second
+        return np.array([[first**2, cross], [cross, second**2]])
+
+
+def _outline(
+    region: Region, obstacle: GaussianObstacle, margin: float, level: float
+) -> list[list[float]]:
+    parameters = region.parameters(obstacle, np.asarray(margin))
+    edge: list[list[float]] = region.boundary(parameters, level, 361).round(9).tolist()
+    return edge
+
+
+def _by_area(rows: list[Row]) -> list[Row]:
+    """From the smallest to the largest region; those not defined last."""
+    return sorted(rows, key=lambda row: np.inf if row["remark"] else float(row["area_ratio"]))
+
+
+def _missing(rows: list[Row]) -> str:
+    """Name the regions that are not defined here, each with the reason, in lines."""
+    notes = [f"Not defined here: {title(row['region'])} ({row['remark']})." for row in rows]
+    return "\n".join(fill(note, 135) for note in notes)
+
+
+def _flatness(curves: list[dict[str, Any]]) -> float:
+    """Height over width of the common frame of all outlines."""
+    points = np.concatenate([curve[name] for curve in curves for name in curve] or [np.eye(2)])
+    width, height = np.ptp(points, axis=0)
+    return float(np.clip(height / width, 0.3, 2.0)) if width else 2.0
+
+
+def _panel(panel: Any, row: Row, curves: dict[str, Any], covariance: Array, tail: float) -> None:
+    """Draw one region over the Gaussian and the exact sum."""
+    values, vectors = np.linalg.eigh(covariance)
+    around = np.linspace(0.0, 2.0 * np.pi, 181)
+    circle = np.stack([np.cos(around), np.sin(around)])
+    for count, shade in SHADES:
+        x, y = vectors @ (count * np.sqrt(np.maximum(values, 0.0))[:, None] * circle)
+        panel.fill(x, y, color=shade, linewidth=0.0)
+    above = exceeds(row, tail)
+    for name, colour, style, width in (
+        ("region", COLOURS[2] if above else COLOURS[1], "-", 1.6),
+        ("exact", "black", (0, (3, 2)), 0.8),
+    ):
+        closed = np.array([*curves[name], curves[name][0]])
+        panel.plot(closed[:, 0], closed[:, 1], color=colour, linestyle=style, linewidth=width)
+    panel.set_aspect("equal")
+    panel.grid(False)
+    sign = "> tail" if above else "≤ tail"
+    panel.set_title(title(row["region"]), fontsize=6.6, fontweight="bold", pad=18)
+    panel.text(
+        0.5, 1.04, f"area {float(row['area_ratio']):.2f}, risk {100 * float(row['risk_max']):.2g} "
+        f"% {sign}\nguarantee: {row['guarantee']}",
+        transform=panel.transAxes, ha="center", fontsize=5.6,
+    )  # fmt: skip
+
+
+def _legend(figure: Any, tail: float) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    entries = [
+        Line2D([], [], color=COLOURS[1], linestyle="-", label=f"region, risk at most {tail:g}"),
+        Line2D([], [], color=COLOURS[2], linestyle="-", label=f"region, risk above {tail:g}"),
+        Line2D([], [], color="black", linestyle=(0, (3, 2)), lw=0.8, label="exact sum"),
+        *(Patch(color=shade, label=rf"{count} $\sigma$") for count, shade in SHADES[::-1]),
+    ]
+    figure.legend(handles=entries, loc="outside upper center", ncols=len(entries))

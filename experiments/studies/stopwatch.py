@@ -1,0 +1,89 @@
+"""A planner that tells how much processor time its solver took."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from time import process_time
+from typing import final
+
+from ...framework.controller import Controller, fresh
+from ...framework.mpc.ocp.problem import Parameters, Problem
+from ...framework.mpc.ocp.transcription import Guess
+from ...framework.mpc.planner.planner import Planner
+from ...framework.mpc.solvers.base import Solution, Solver
+from ...framework.values.motion import Command, Observation
+from ...framework.values.path import Path
+from ...framework.values.plan import Plan
+from .variants import planner_of
+
+
+@final
+@dataclass(eq=False)
+class Stopwatch(Controller):
+    """Does what a fresh copy of the planner does, and notes the seconds of each solve.
+
+    An episode keeps the time of a whole call alone (forecast, reference and re-check
+    included), beside which what a region adds to the solve would seem smaller than it is.
+    Seconds are processor time of this process, not of the clock on the wall: what else the
+    machine does in between is not a solver's.
+
+    Parameters
+    ----------
+    planner : copied, so that every robot has its own.
+    seconds : one entry is appended per plan that a solver had a part in; robots may share it.
+    """
+
+    planner: Planner
+    seconds: list[float]
+
+    def __post_init__(self) -> None:
+        planner = planner_of(fresh(self.planner))
+        self._laps: list[float] = []
+        self.planner = replace(planner, solver=_Timed(planner.solver, self._laps))
+        self.period = planner.period
+
+    def reset(self) -> None:
+        """As the planner."""
+        self.planner.reset()
+
+    def set_path(self, path: Path) -> None:
+        """As the planner, which compiles and warms up here."""
+        self.planner.set_path(path)
+
+    def remember(self, observation: Observation) -> None:
+        """As the planner."""
+        self.planner.remember(observation)
+
+    def command(self, observation: Observation) -> Command:
+        """As the planner."""
+        self._laps.clear()
+        command = self.planner.command(observation)
+        if self._laps:
+            self.seconds.append(sum(self._laps))
+        return command
+
+    @property
+    def plan(self) -> Plan | None:
+        """The planner's."""
+        return self.planner.plan
+
+
+@final
+@dataclass(frozen=True)
+class _Timed(Solver):
+    """Another solver, whose calls are timed."""
+
+    solver: Solver
+    laps: list[float]
+
+    def solve(
+        self,
+        problem: Problem,
+        parameters: Parameters,
+        guesses: Sequence[Guess],
+        deadline: float | None = None,
+    ) -> list[Solution]:
+        """As the other solver."""
+        begin = process_time()
+        found = self.solver.solve(problem, parameters, guesses, deadline)
+        self.laps.append(process_time() - begin)
+        return found

@@ -1,0 +1,1 @@
+"""What every controller shares: command limits, velocity smoother, what a policy sees."""

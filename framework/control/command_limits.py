@@ -1,0 +1,104 @@
+"""Which commands a controller may give, and the nearest one that it may."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from ..robot import Bounds, Robot
+from ..values.arrays import Array
+from ..values.motion import Command, Twist
+
+ALLOWANCE = 1e-3
+"""By how much a command may be beyond a limit, in the limit's own unit: ten times the tolerance
+to which plans are checked."""
+
+FOREVER = 1024.0
+"""s, long enough for every robot to have any twist that it can have; a power of two, so that
+dividing by it and multiplying with it changes no digit."""
+
+
+def attained(
+    robot: Robot, state: Array, twists: Iterable[Twist], duration: float = FOREVER
+) -> Array:
+    """Twists that the robot has ``duration`` s after it was asked for these, (S, D + 1).
+
+    Asked of the robot itself: x + duration f(x, u) with u = ``robot.drive(x, twist, duration)``.
+    That is exact for the velocities of a robot whose inputs are their rates, or the velocities
+    themselves; positions are not looked at.
+
+    Parameters
+    ----------
+    robot : its `drive` keeps every limit.
+    state : (n,), now.
+    twists : S of them.
+    duration : s; without one, the nearest that the robot can ever have.
+
+    Returns
+    -------
+    twists : (S, D + 1), linear components, m/s, and yaw rate, rad/s.
+    """
+    now = tuple(float(value) for value in state)
+    inputs = np.array([robot.drive(now, twist, duration) for twist in twists], dtype=np.float64)
+    control = tuple(inputs.T)
+    rates = robot.derivative(now, control)
+    later = tuple(x + duration * rate for x, rate in zip(now, rates, strict=True))
+    twist = robot.twist(later, control)
+    columns = np.broadcast_arrays(*twist.linear, twist.angular, np.zeros(len(inputs)))
+    return np.stack(columns[:-1], axis=-1).astype(np.float64)
+
+
+def broken_limit(robot: Robot, command: object) -> str:
+    """Say which promise of `Controller` about commands this one breaks; "" where it keeps all.
+
+    A command is finite, has D linear components and a ramp of at least 0 s, and its velocity is
+    one that the robot can have: some state within the robot's bounds and constraints has it, and
+    an input within its limits keeps it, to within `ALLOWANCE`. That holds from every state, from
+    one beyond the limits too.
+
+    Parameters
+    ----------
+    robot : whom the command is for.
+    command : what a controller returned.
+    """
+    if not isinstance(command, Command):
+        return f"it is a {type(command).__name__}; wanted a Command"
+    if len(command.linear) != robot.dimension:
+        return f"it has {len(command.linear)} linear components; wanted {robot.dimension}"
+    wanted = np.array([*command.linear, command.omega], dtype=np.float64)
+    if not np.isfinite([*wanted, command.ramp]).all() or command.ramp < 0.0:
+        return f"it is {command}; wanted finite numbers and a ramp of at least 0 s"
+    pose = robot.pose((0.0,) * len(robot.states))  # limits do not depend on the place
+    state = tuple(float(value) for value in robot.state_at(pose, command.twist))
+    control = tuple(float(value) for value in robot.drive(state, command.twist, 1.0))
+    found = robot.twist(state, control)
+    apart = np.abs(np.array([*found.linear, found.angular], dtype=np.float64) - wanted).max()
+    beyond = [float(apart), _beyond(state, robot.state_bounds())]
+    beyond.append(_beyond(control, robot.input_bounds()))
+    beyond += [-float(value) for value in robot.constraints(state, control)]
+    if not max(beyond) <= ALLOWANCE:
+        return f"it is {command}, beyond what the robot can do by {max(beyond):.3g}"
+    return ""
+
+
+def within_reach(robot: Robot, command: Command) -> Command:
+    """Return a command as it is where it keeps the limits, else the nearest that keeps them.
+
+    Nearest as the robot's own ``drive`` sees it. What is not finite becomes standing still.
+    """
+    if not broken_limit(robot, command):
+        return command
+    still = Command((0.0,) * robot.dimension)
+    numbers = np.array([*command.linear, command.omega, command.ramp], dtype=np.float64)
+    if len(numbers) != robot.dimension + 2 or not np.isfinite(numbers).all():
+        return still
+    pose = robot.pose((0.0,) * len(robot.states))
+    rest = np.array(robot.state_at(pose, still.twist), dtype=np.float64)
+    *linear, omega = (float(value) for value in attained(robot, rest, [command.twist])[0])
+    nearest = Command(tuple(linear), omega, max(command.ramp, 0.0))
+    return still if broken_limit(robot, nearest) else nearest
+
+
+def _beyond(values: tuple[float, ...], bounds: Bounds) -> float:
+    over = np.array(values) - np.array(bounds.upper)
+    under = np.array(bounds.lower) - np.array(values)
+    return float(np.maximum(over, under).max(initial=0.0))

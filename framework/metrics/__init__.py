@@ -1,0 +1,1 @@
+"""Measures of forecasts, plans and episodes, each defined once."""

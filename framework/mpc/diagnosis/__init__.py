@@ -1,0 +1,1 @@
+"""What a planning cycle solved, to be read, kept and solved again."""

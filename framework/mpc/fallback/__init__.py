@@ -1,0 +1,1 @@
+"""The fallback ladder: verified plans, best first, and ways to stop."""

@@ -1,0 +1,132 @@
+"""Re-check a plan without the solver that made it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...numerics.symbolic import evaluated
+from ...values.arrays import Array
+from ...values.plan import Breach, Kind
+from ..instance.contact import Touch
+from ..ocp.problem import Parameters, Problem
+from ..ocp.transcription import Guess
+
+
+@dataclass(frozen=True, eq=False)
+class Violation:
+    """How far a plan breaks its constraints; 0 where it keeps them.
+
+    Attributes
+    ----------
+    motion : (N,), dynamics, bounds and robot limits, each in its own unit.
+    regions : (N, K + S), how far each region, then each static polygon, is entered at steps
+        1..N, unit-free.
+    touch : what is touched on the way to each step, where that was looked at.
+    """
+
+    motion: Array
+    regions: Array
+    touch: Touch | None = None
+
+    @property
+    def touched(self) -> Array:
+        """How deep the bodies are in polygons on the way to each step, (N,), m."""
+        return np.zeros(len(self.motion)) if self.touch is None else self.touch.depth
+
+    @property
+    def worst(self) -> float:
+        """The largest of all."""
+        found = (self.motion, self.regions, self.touched)
+        return float(max(values.max(initial=0.0) for values in found))
+
+    @property
+    def total(self) -> float:
+        """Sum over steps of the deepest entry into any region or polygon."""
+        return float((self.regions.max(axis=1, initial=0.0) + self.touched).sum())
+
+    def breach(self, names: tuple[str, ...]) -> Breach | None:
+        """Name what is broken most; ``names`` are those of all slots, (K + S)."""
+        deepest = self.regions.max(initial=0.0)
+        touched = self.touched.max(initial=0.0)
+        if self.touch is not None and touched > 0.0 and deepest == 0.0:
+            step = int(self.touched.argmax())
+            return Breach(Kind.POLYGON, self.touch.names[step], step + 1, float(touched))
+        broken = self.motion.max(initial=0.0)
+        if deepest > 0.0 and deepest >= broken:
+            step, slot = divmod(int(self.regions.argmax()), self.regions.shape[1])
+            name = names[slot] if slot < len(names) else "?"
+            return Breach(Kind.REGION, name, step + 1, float(deepest))
+        if broken > 0.0:
+            return Breach(Kind.MOTION, "", int(self.motion.argmax()) + 1, float(broken))
+        return None
+
+    def where(self, names: tuple[str, ...]) -> str:
+        """Name it in words."""
+        return str(self.breach(names) or "nothing is broken")
+
+
+def violation(problem: Problem, parameters: Parameters, point: Guess) -> Violation:
+    """Evaluate every constraint of the problem at a point, x_0 included.
+
+    A soft region counts as entered however much slack was paid for it.
+    """
+    gap, limits, outside, tied, clear, bound, _ = _evaluated(problem, parameters, point)
+    broken = [np.abs(gap), np.maximum(-limits, 0.0)]
+    state, control = problem.state_bounds, problem.input_bounds
+    broken += [_beyond(point.states[1:], state.lower, state.upper).T]
+    broken += [_beyond(point.inputs, control.lower, control.upper).T]
+    final = np.asarray(problem.terminal_constraints(point.states[-1])).ravel()
+    begin = np.abs(point.states[0] - parameters.initial).max(initial=0.0)
+    motion = np.concatenate(broken).max(axis=0)
+    motion[0] = max(motion[0], begin)
+    motion[-1] = max(motion[-1], (-final).max(initial=0.0))
+    entered = np.concatenate(
+        [_entered(outside, tied, problem.capacity), _entered(clear, bound, problem.statics.count)]
+    )
+    # What an empty slot holds its auxiliaries to says nothing of the plan.
+    entered *= np.concatenate([parameters.active, parameters.static_active])[:, None]
+    if not (np.isfinite(motion).all() and np.isfinite(entered).all()):
+        return Violation(np.full(problem.horizon, np.inf), np.zeros(entered.T.shape))
+    return Violation(motion, entered.T)
+
+
+def price(problem: Problem, parameters: Parameters, point: Guess) -> float:
+    """Objective at a point that keeps every region, and so needs no slack."""
+    total = float(_evaluated(problem, parameters, point)[-1].sum())
+    if problem.shared:
+        total += float(problem.level_cost(point.level, parameters.target))
+    return total
+
+
+def _evaluated(problem: Problem, parameters: Parameters, point: Guess) -> list[Array]:
+    """`Problem.residuals` at a point, each (rows, N)."""
+    horizon = problem.horizon
+    stages = (
+        point.states[:-1],
+        point.inputs,
+        point.states[1:],
+        point.auxiliaries.reshape(horizon, -1),
+        point.static_auxiliaries.reshape(horizon, -1),
+        np.full((horizon, int(problem.shared)), point.level),
+        parameters.stages(),
+    )
+    return [rows.T for rows in evaluated(problem.residuals, stages)]
+
+
+def _entered(outside: Array, tied: Array, slots: int) -> Array:
+    """How far each slot's constraints are broken, (slots, N)."""
+    entered = _per_slot(np.maximum(-outside, 0.0), slots)
+    return np.maximum(entered, _per_slot(np.abs(tied), slots))
+
+
+def _per_slot(values: Array, slots: int) -> Array:
+    """Largest of each slot's rows: (slots * rows, N) -> (slots, N)."""
+    horizon = values.shape[1]
+    if not values.size:
+        return np.zeros((slots, horizon))
+    return np.asarray(values.reshape(slots, -1, horizon).max(axis=1))
+
+
+def _beyond(values: Array, lower: tuple[float, ...], upper: tuple[float, ...]) -> Array:
+    over = np.maximum(values - np.asarray(upper), 0.0)
+    return np.asarray(np.maximum(over, np.asarray(lower) - values))

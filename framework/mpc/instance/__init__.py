@@ -1,0 +1,1 @@
+"""From obstacles and polygons to the numbers of one problem."""

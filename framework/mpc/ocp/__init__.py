@@ -1,0 +1,1 @@
+"""The optimal control problem of one plan, and its transcriptions."""

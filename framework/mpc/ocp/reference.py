@@ -1,0 +1,69 @@
+"""What the plan tracks: positions, directions and speeds laid along the path."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...values.arrays import Array
+from ...values.path import Path
+
+EARLY = 0.5
+"""m; on a new path the first stretch is taken that comes this close to the nearest point, and
+between two calls the search reaches at least as far."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """What the plan tracks, at steps 1..N.
+
+    Attributes
+    ----------
+    position : (N, D), m.
+    direction : (N, D), unit tangents.
+    speed : (N,), m/s.
+    curve : (N, C), numbers of the path that some costs need; C is 0 for the others.
+    """
+
+    position: Array
+    direction: Array
+    speed: Array
+    curve: Array
+
+
+def lay_reference(path: Path, start: float, speed: float, steps: int, dt: float) -> Reference:
+    """Lay the reference along the path from arc length ``start`` at a constant speed.
+
+    Position i is the path at start + i * speed * dt; at the end of the path it stays at the goal
+    and the reference speed drops to what is left to go, so that the robot stops there. The paper
+    gives "an ordered sequence of points" and a constant speed to the end; it does not say how
+    the points are chosen at each call. We lay them anew from the path point nearest to the robot.
+    """
+    arcs = np.minimum(start + speed * dt * np.arange(steps + 1), path.length)
+    speeds = np.diff(arcs) / dt
+    middle = 0.5 * (arcs[1:] + arcs[:-1])
+    return Reference(path.at(arcs[1:]), path.direction(middle), speeds, np.zeros((steps, 0)))
+
+
+class Progress:
+    """How far along its path the robot has come."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._last: tuple[float, Array] | None = None
+
+    def update(self, place: Array) -> float:
+        """Return the arc length of the path point nearest to the robot, m.
+
+        The search reaches as far as the robot may have come since the last call, so that a
+        path that crosses itself or comes back is not cut short. At first all of it is
+        searched, and its earliest stretch preferred.
+        """
+        if self._last is None:
+            arc = self.path.project(place, early=EARLY)
+        else:
+            before, where = self._last
+            reach = EARLY + 2.0 * float(np.linalg.norm(place - where))
+            low = max(before - reach, 0.0)
+            arc = self.path.project(place, start=low, window=before + reach - low)
+        self._last = arc, place
+        return arc

@@ -1,0 +1,251 @@
+"""Many instances of a problem at once, in JAX, on whatever device it finds."""
+
+from collections import OrderedDict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache, partial
+from time import perf_counter
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....values.arrays import Array, BoolArray, positive, whole
+from ....values.errors import WideberthError
+from ....values.plan import Status
+from ...ocp.problem import Parameters, Problem
+from ...ocp.transcription import Guess
+from .method import Code, Settings, advance, start
+from .packing import packed
+from .program import program
+from .report import report
+
+_STATUS = {
+    Code.RUNNING: Status.LIMIT,
+    Code.SOLVED: Status.SOLVED,
+    Code.LIMIT: Status.LIMIT,
+    Code.INFEASIBLE: Status.INFEASIBLE,
+    Code.FAILED: Status.FAILED,
+}
+
+
+LEAST = 8
+"""Smallest number of instances that is compiled for; a single one takes as long as these."""
+TURNS = 4
+"""Iterations between two looks at which have ended."""
+SHARE = 0.25
+"""Of the lanes; once so many have ended, others take their place."""
+WIDTHS = {"cpu": 64}
+"""Instances computed at once, by device. A processor's caches hold no more."""
+WIDE = 4096
+"""The same for all other devices."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class BatchSolution:
+    """What `solve_batch` returns; the first axis is the instance, B.
+
+    Attributes
+    ----------
+    states, inputs : (B, N + 1, n) and (B, N, m), the last iterates, whatever the status.
+    auxiliaries, static_auxiliaries : (B, N, K, A) and (B, N, S, A_s).
+    level : (B,), shared levels; nan where none is shared.
+    slack : (B, N).
+    status : how each ended.
+    cost : (B,), objective.
+    violation : (B,), largest violation of dynamics, limits and regions, slack not counted.
+    iterations : (B,).
+    seconds : wall time of all together.
+    """
+
+    states: Array
+    inputs: Array
+    auxiliaries: Array
+    static_auxiliaries: Array
+    level: Array
+    slack: Array
+    status: tuple[Status, ...]
+    cost: Array
+    violation: Array
+    iterations: Array
+    seconds: float
+
+    def __len__(self) -> int:
+        """Count the instances."""
+        return len(self.status)
+
+    def point(self, index: int) -> Guess:
+        """Return one solution as a starting point for other solves."""
+        return Guess(
+            self.states[index],
+            self.inputs[index],
+            self.auxiliaries[index],
+            float(self.level[index]),
+            self.slack[index],
+            self.static_auxiliaries[index],
+        )
+
+
+def solve_batch(
+    problem: Problem,
+    parameters: Sequence[Parameters],
+    guesses: Sequence[Guess],
+    *,
+    iterations: int = 150,
+    tolerance: float = 1e-6,
+    width: int | None = None,
+) -> BatchSolution:
+    """Solve many instances of one problem, each from its own starting point.
+
+    ``width`` of them advance in step on JAX's default device, in double precision whether or not
+    the caller has set JAX to it; where one has ended, another begins. Each ends as it would
+    alone, and its status says how. The first call for a problem and a width compiles.
+
+    Parameters
+    ----------
+    problem : of all.
+    parameters, guesses : one per instance, B of each.
+    iterations : limit.
+    tolerance : of the optimality conditions.
+    width : instances computed at once, rounded up to a power of two; None for what suits the
+        device. Fewer instances are computed at the power of two that holds them.
+
+    Raises
+    ------
+    WideberthError : B differs between the two or is 0, a setting out of range, or expressions too
+        long to be compiled.
+    """
+    if len(parameters) != len(guesses):
+        raise WideberthError(
+            f"got {len(parameters)} parameters and {len(guesses)} guesses; wanted one of each "
+            "per instance: repeat the parameters for several starts"
+        )
+    import jax
+
+    begin = perf_counter()
+    own = Settings(
+        iterations=whole("iterations", iterations), tolerance=positive("tolerance", tolerance)
+    )
+    if not parameters:
+        raise WideberthError("got no instance to solve; wanted one at least")
+    with jax.enable_x64(True):
+        given = WIDTHS.get(jax.default_backend(), WIDE) if width is None else whole("width", width)
+        size = min(_power(len(parameters)), _power(given))
+        found = _compiled(problem, own)(parameters, guesses, size)
+    status = tuple(_STATUS[Code(code)] for code in found.pop("code"))
+    return BatchSolution(**found, status=status, seconds=perf_counter() - begin)
+
+
+class _Method:
+    """The iteration compiled for a problem, once per number of instances.
+
+    Parameters
+    ----------
+    problem, settings : what is compiled.
+    """
+
+    def __init__(self, problem: Problem, settings: Settings) -> None:
+        import jax
+
+        made = program(problem)
+        self._program, self._settings = made, settings
+        compiled = partial(jax.jit, compiler_options=_options())
+        self._start = compiled(partial(start, made, own=settings))
+        self._advance = compiled(partial(advance, made, own=settings))
+        self._report = compiled(partial(report, made))
+        self._merge = compiled(_merged)
+
+    def __call__(
+        self, parameters: Sequence[Parameters], guesses: Sequence[Guess], size: int
+    ) -> dict[str, Array]:
+        """Solve instances on ``size`` lanes: fields of the solution and ``code``."""
+        count = len(guesses)
+        queue = packed(self._program, parameters, guesses, self._settings.push)
+        lanes = self._begin(queue, np.arange(size) % count, np.arange(size) < count)
+        owner, waiting = np.minimum(np.arange(size), count), min(size, count)
+        found: dict[str, Array] = {}
+        while True:
+            given, at = lanes
+            at = self._advance(given, at, TURNS)
+            lanes, busy = (given, at), owner < count
+            ended = busy & (np.asarray(at.code) != Code.RUNNING)
+            wanted = SHARE * size if waiting < count else busy.sum()
+            if ended.sum() < wanted:
+                continue
+            _write(found, owner, ended, self._report(given, at), count)
+            owner[ended] = count
+            if waiting == count and ended.sum() == busy.sum():
+                return found
+            fresh = np.flatnonzero(ended)[: count - waiting]
+            owner[fresh] = waiting + np.arange(len(fresh))
+            waiting += len(fresh)
+            chosen = np.isin(np.arange(size), fresh)
+            lanes = self._merge(chosen, self._begin(queue, owner % count, chosen), lanes)
+
+    def _begin(self, queue: Any, owner: Any, fresh: Any) -> Any:
+        """Take instances out of the queue and start those that are fresh."""
+        import jax
+
+        given, guess = jax.tree.map(lambda values: values[..., owner], queue)
+        return given, self._start(given, guess, ~fresh)
+
+
+def _merged(chosen: Any, new: Any, old: Any) -> Any:
+    """Take the chosen lanes from the one, the others from the other."""
+    import jax
+    import jax.numpy as jnp
+
+    return jax.tree.map(lambda one, other: jnp.where(chosen, one, other), new, old)
+
+
+def _write(
+    found: dict[str, Array], owner: NDArray[np.intp], ended: BoolArray, values: Any, count: int
+) -> None:
+    """Write what the lanes that ended hold to the instances that own them."""
+    for name, value in values.items():
+        rows = np.asarray(value)
+        if name not in found:
+            found[name] = np.empty((count, *rows.shape[1:]), dtype=rows.dtype)
+        found[name][owner[ended]] = rows[ended]
+
+
+def _power(count: int) -> int:
+    """Return the power of two that holds ``count``, `LEAST` at least."""
+    return max(LEAST, 1 << max(count - 1, 0).bit_length())
+
+
+@cache
+def _options() -> dict[str, bool | int]:
+    """Return settings of XLA for processors: half the time to compile, and faster code.
+
+    They are no promise of XLA, so that a trial says whether they are there.
+    """
+    import jax
+
+    options: dict[str, bool | int] = {
+        "xla_cpu_use_fusion_emitters": False,
+        "xla_backend_optimization_level": 1,
+    }
+    if jax.default_backend() != "cpu":
+        return {}
+    try:
+        jax.jit(lambda x: x + 1, compiler_options=options)(0)
+    except Exception:
+        return {}
+    return options
+
+
+_CACHE: OrderedDict[tuple[str, Settings], _Method] = OrderedDict()
+_CACHE_SIZE = 16
+
+
+def _compiled(problem: Problem, settings: Settings) -> _Method:
+    """Take a method from this process's cache, or make it."""
+    key = problem.key, settings
+    if key not in _CACHE:
+        _CACHE[key] = _Method(problem, settings)
+        if len(_CACHE) > _CACHE_SIZE:
+            _CACHE.popitem(last=False)
+    _CACHE.move_to_end(key)
+    return _CACHE[key]

@@ -1,0 +1,270 @@
+"""From YAML to plug-ins and back: a plug-in's dataclass signature is its config schema."""
+
+import dataclasses
+import types
+from collections.abc import Mapping, Sequence
+from enum import Enum
+from importlib import import_module
+from pathlib import PurePath
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+
+from ..values.errors import WideberthError, short
+from .registry import load, name_of, names, room_of, unknown
+from .yamlfile import read_config as read_config
+
+LONGEST_NAME = 48
+"""Bytes of a name in a config; up to five of them make the name of a file."""
+_SEQUENCES = (tuple, list, Sequence)
+_MAPPINGS = (dict, Mapping)
+
+
+def import_plugins(modules: Sequence[str]) -> None:
+    """Import the modules that a config lists under ``plugins``, so that they register.
+
+    Raises
+    ------
+    WideberthError : not a list of names, or a module that cannot be imported.
+    """
+    listed = isinstance(modules, list | tuple)
+    if not listed or not all(isinstance(name, str) for name in modules):
+        raise WideberthError(f"plugins is {short(modules)}; wanted a list of module names")
+    for name in modules:
+        try:
+            import_module(name)
+        except Exception as error:  # a plug-in's module may fail in any way
+            raise WideberthError(
+                f"plugins: module {name!r} cannot be imported ({type(error).__name__}: {error})"
+            ) from error
+
+
+def build(room: str, value: Any, path: str = "", default: Any = None) -> Any:
+    """Build a plug-in of a room from its config.
+
+    Parameters
+    ----------
+    room : as in `wideberth.framework.plugins.registry.ROOMS`.
+    value : a name; or a mapping with ``type`` and the constructor's arguments; or a plug-in;
+        or ``{saved: file}`` for what `wideberth.framework.plugins.saved.save_plugin` wrote, the
+        path
+        relative to the working folder.
+    path : where the value stands, for messages ("planner.region").
+    default : plug-in whose type and settings hold where a mapping names no ``type``.
+
+    Raises
+    ------
+    WideberthError : unknown name, unknown key, missing key, wrong type, or whatever the
+        constructor refuses; the message begins with the dotted path.
+    """
+    if room_of(type(value)) == room:
+        return value
+    if isinstance(value, str):
+        value = {"type": value}
+    if not isinstance(value, Mapping):
+        kind = room.removesuffix("s")
+        raise _wrong(path, value, f"the name of a {kind} or a mapping with 'type'")
+    if "saved" in value and "type" not in value:
+        return _saved(room, value, path)
+    if "type" not in value and default is not None:
+        value = {**describe(default), **value}
+    if not isinstance(value.get("type"), str):
+        known = ", ".join(names(room))
+        raise WideberthError(
+            f"{_at(path)}key 'type' is missing; wanted one of: {known}; or {{saved: FILE}}"
+        )
+    settings = {key: entry for key, entry in value.items() if key != "type"}
+    try:
+        found = load(room, value["type"])
+    except WideberthError as error:
+        raise WideberthError(f"{_at(_join(path, 'type'))}{error}") from None
+    return _construct(found, settings, path)
+
+
+def _saved(room: str, value: Mapping[str, Any], path: str) -> Any:
+    from .saved import load_plugin  # which builds what it has read
+
+    if set(value) != {"saved"} or not isinstance(value["saved"], str):
+        raise _wrong(path, dict(value), "{saved: FILE} with no other key")
+    try:
+        return load_plugin(value["saved"], room)
+    except WideberthError as error:
+        raise WideberthError(f"{_at(_join(path, 'saved'))}{error}") from error
+
+
+def describe(plugin: Any) -> dict[str, Any]:
+    """Return the resolved config of a plug-in: its type and every setting, defaults included.
+
+    `build` turns it back into an equal plug-in.
+    """
+    found = type(plugin)
+    room = room_of(found)
+    head = {} if room is None else {"type": name_of(room, found)}
+    fields = [field for field in dataclasses.fields(plugin) if field.init]
+    return {**head, **{field.name: _plain(getattr(plugin, field.name)) for field in fields}}
+
+
+def _plain(value: Any) -> Any:
+    if dataclasses.is_dataclass(value):
+        return describe(value)
+    if isinstance(value, Mapping):
+        return {key: _plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, PurePath):
+        return str(value)
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
+def _construct(found: type, settings: Mapping[str, Any], path: str) -> Any:
+    """Call a dataclass with the settings, each brought to the type of its field."""
+    if not dataclasses.is_dataclass(found):
+        raise WideberthError(f"{_at(path)}{found.__qualname__} is not a dataclass")
+    fields = {field.name: field for field in dataclasses.fields(found) if field.init}
+    for key in settings:
+        if key not in fields:
+            raise WideberthError(f"{_at(_join(path, str(key)))}{unknown('key', key, fields)}")
+    try:
+        hints = get_type_hints(found, include_extras=True)
+    except (NameError, TypeError, AttributeError) as error:
+        raise WideberthError(f"{_at(path)}{found.__qualname__}: {error}") from None
+    arguments = {}
+    for name, field in fields.items():
+        if name in settings:
+            place = _join(path, name)
+            arguments[name] = _convert(hints[name], settings[name], place, _default(field))
+        elif _default(field) is dataclasses.MISSING:
+            raise WideberthError(f"{_at(path)}key {name!r} is missing; it has no default")
+    try:
+        return found(**arguments)
+    except (ValueError, TypeError) as error:
+        raise WideberthError(f"{_at(path)}{error}") from error
+    except Exception as error:  # a plug-in may fail in any way
+        what = f"{found.__qualname__} cannot be made ({type(error).__name__}: {error})"
+        raise WideberthError(f"{_at(path)}{what}") from error
+
+
+def _default(field: "dataclasses.Field[Any]") -> Any:
+    if field.default_factory is not dataclasses.MISSING:
+        return field.default_factory()
+    return field.default
+
+
+def _convert(hint: Any, value: Any, path: str, default: Any = None) -> Any:
+    """Bring a value from YAML to the annotated type of its field."""
+    if get_origin(hint) is Annotated and _nested(hint):
+        hint = get_args(hint)[0]
+    if value is None and type(None) in get_args(hint):
+        return None
+    if not _nested(hint):
+        return _validated(hint, value, path)
+    if get_origin(hint) in (Union, types.UnionType):
+        return _one_of(get_args(hint), value, path, default)
+    if get_origin(hint) in _SEQUENCES:
+        return _sequence(hint, value, path)
+    if get_origin(hint) in _MAPPINGS:
+        if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
+            raise _wrong(path, value, "a mapping with names as keys")
+        for name in value:
+            _check_name(name, path)
+        return {key: _convert(get_args(hint)[1], entry, _join(path, key))
+                for key, entry in value.items()}  # fmt: skip
+    return _instance(hint, value, path, default)
+
+
+def _check_name(name: str, path: str) -> None:
+    """Refuse a name that cannot be part of a file's name: tasks and figures are named by it."""
+    size = len(name.encode("utf-8", "replace"))
+    wrong = not name.strip() or name.startswith(".") or not name.isprintable()
+    if wrong or any(sign in name for sign in "/\\:") or size > LONGEST_NAME:
+        raise WideberthError(
+            f"{_at(path)}{short(name, 60)} cannot be a name: files are named by it; wanted 1 to "
+            f"{LONGEST_NAME} characters, none of them / \\ or :, and no dot at the beginning"
+        )
+
+
+def _instance(hint: type, value: Any, path: str, default: Any) -> Any:
+    room = room_of(hint)
+    if room is not None:
+        usable = default if isinstance(default, hint) else None
+        plugin = build(room, value, path, usable)
+        if not isinstance(plugin, hint):
+            raise _wrong(path, value, f"a {hint.__name__}")
+        return plugin
+    if isinstance(value, hint):
+        return value
+    if not isinstance(value, Mapping):
+        raise _wrong(path, value, f"a mapping with the fields of {hint.__name__}")
+    return _construct(hint, value, path)
+
+
+def _one_of(arms: tuple[Any, ...], value: Any, path: str, default: Any) -> Any:
+    problems = []
+    for arm in arms:
+        if arm is type(None):
+            continue
+        try:
+            return _convert(arm, value, path, default)
+        except WideberthError as error:
+            problems.append(str(error))
+    raise WideberthError("; or ".join(problems))
+
+
+def _sequence(hint: Any, value: Any, path: str) -> Any:
+    if not isinstance(value, list | tuple):
+        raise _wrong(path, value, "a list")
+    inner = get_args(hint)
+    endless = get_origin(hint) is not tuple or inner[-1] is Ellipsis
+    if not endless and len(inner) != len(value):
+        raise _wrong(path, value, f"a list of {len(inner)}")
+    kinds = [inner[0]] * len(value) if endless else list(inner)
+    built = [
+        _convert(kind, entry, _join(path, str(index)))
+        for index, (kind, entry) in enumerate(zip(kinds, value, strict=True))
+    ]
+    return built if get_origin(hint) is list else tuple(built)
+
+
+def _nested(hint: Any) -> bool:
+    """Whether the annotation speaks of plug-ins or dataclasses anywhere inside."""
+    if isinstance(hint, type) and get_origin(hint) is None:
+        return room_of(hint) is not None or dataclasses.is_dataclass(hint)
+    return any(_nested(inner) for inner in get_args(hint))
+
+
+def _validated(hint: Any, value: Any, path: str) -> Any:
+    """Check a plain value; YAML's lists become tuples and whole numbers floats, no more."""
+    import json
+
+    from pydantic import PydanticUserError, TypeAdapter, ValidationError
+
+    try:
+        text = json.dumps(_plain(value))  # pydantic is strict on JSON where it should be
+        return TypeAdapter(hint).validate_json(text, strict=True)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = _join(path, ".".join(str(part) for part in first["loc"]))
+        raise _wrong(place.rstrip("."), first["input"], _wanted(hint, first["msg"])) from None
+    except TypeError:
+        raise _wrong(path, value, _wanted(hint, "quote it if it is meant as text")) from None
+    except PydanticUserError:
+        raise WideberthError(f"{_at(path)}a config cannot set {hint}; use Python") from None
+
+
+def _wanted(hint: Any, message: str) -> str:
+    kind = hint.__name__ if isinstance(hint, type) and get_origin(hint) is None else str(hint)
+    return f"{kind.replace('typing.', '')} ({message})"
+
+
+def _wrong(path: str, value: Any, wanted: str) -> WideberthError:
+    return WideberthError(
+        f"{_at(path)}came {short(value)} ({type(value).__name__}); wanted {wanted}"
+    )
+
+
+def _join(path: str, name: str) -> str:
+    return f"{path}.{name}" if path else name
+
+
+def _at(path: str) -> str:
+    return f"{path}: " if path else ""

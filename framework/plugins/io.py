@@ -1,0 +1,218 @@
+"""Files: written whole or not at all, and the same bytes for the same content."""
+
+import csv
+import io
+import json
+import os
+import re
+import tempfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from ..values.errors import WideberthError, short
+from .reading import parse_json, read_text
+
+_DIGITS = 4000
+"""Of a number in a table; Python reads whole numbers of 4300. Longer ones are text."""
+
+
+def write_bytes(path: Path, data: bytes, synced: bool = True) -> Path:
+    """Write ``data`` so that readers see the old file or the new one, never a part.
+
+    A temporary file in the same folder is flushed to the disk and renamed. Without ``synced``
+    the disk is not waited for: a power cut, and nothing less, may then leave a damaged file.
+
+    Raises
+    ------
+    WideberthError : the folder does not exist or cannot be written.
+    """
+    path = Path(path)
+    try:
+        handle, temporary = tempfile.mkstemp(
+            prefix=f".{path.name}.", suffix=".part", dir=path.parent
+        )
+    except OSError as error:
+        raise WideberthError(f"{path} cannot be written: {error.strerror or error}") from None
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            if synced:
+                file.flush()
+                os.fsync(file.fileno())
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException as error:
+        Path(temporary).unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            reason = error.strerror or error
+            raise WideberthError(f"{path} cannot be written: {reason}") from None
+        raise
+    return path
+
+
+def check_target(path: Path, mark: str) -> None:
+    """Refuse a place where a file cannot be written, or where one of somebody else stands.
+
+    Parameters
+    ----------
+    path : of the file that is to be written later.
+    mark : text that stands in the first kilobyte of every file that may be replaced.
+
+    Raises
+    ------
+    WideberthError : the folder does not exist, or the place holds a folder, a symbolic link, or
+        a file without the mark.
+    """
+    cure = "give another name with --out"
+    try:
+        if path.is_symlink():
+            raise WideberthError(f"{path} is a symbolic link, which is not replaced; {cure}")
+        if path.is_dir():
+            raise WideberthError(f"{path} is a folder; wanted a file: {cure}")
+        if not path.absolute().parent.is_dir():
+            raise WideberthError(f"{path} cannot be written: its folder does not exist")
+        if not path.exists():
+            return
+        with path.open("rb") as file:
+            ours = mark.encode() in file.read(1024)
+    except OSError as error:
+        raise WideberthError(f"{path} cannot be written: {error.strerror or error}") from None
+    if not ours:
+        raise WideberthError(f"{path} is another file, which is not replaced; {cure}")
+
+
+def write_text(path: Path, text: str) -> Path:
+    """Write ``text`` as UTF-8 with line feeds; see `write_bytes`."""
+    return write_bytes(path, text.encode("utf-8"))
+
+
+def write_table(path: Path, rows: Iterable[Mapping[str, Any]]) -> Path:
+    """Write rows as CSV; see `table_text` for the format and `write_bytes` for the writing."""
+    return write_text(path, table_text(rows))
+
+
+def table_text(rows: Iterable[Mapping[str, Any]]) -> str:
+    """Return rows as CSV text.
+
+    Columns stand in the order in which they first appear; a row that lacks one leaves it
+    empty. Floats are written by ``repr`` (the shortest text that reads back as the same
+    number); None is an empty cell. Cells hold numbers, text, booleans or None. Text that
+    looks like one of the others ("12", "True", "") reads back as that.
+
+    Raises
+    ------
+    WideberthError : a cell that is none of these.
+    """
+    rows = list(rows)
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(columns)
+    for row in rows:
+        writer.writerow([_cell(name, row.get(name)) for name in columns])
+    return buffer.getvalue()
+
+
+def _cell(column: str, value: Any) -> str:
+    if value is None:
+        return ""
+    if hasattr(value, "item") and getattr(value, "ndim", 1) == 0:
+        value = value.item()  # a NumPy scalar: its repr names its type
+    if isinstance(value, bool | int | float):
+        return repr(value)
+    if isinstance(value, str):
+        return value
+    raise WideberthError(
+        f"column {column!r} holds {type(value).__name__} {value!r}; a table holds numbers, "
+        "text, booleans and None: write anything else into a file of its own"
+    )
+
+
+def read_table(path: Path) -> list[dict[str, Any]]:
+    """Read what `write_table` wrote: numbers, True, False, None (empty) and text.
+
+    Raises
+    ------
+    WideberthError : no such file, not text, or a line with another number of cells.
+    """
+    try:
+        text = read_text(Path(path), "a CSV file")
+    except WideberthError as error:
+        raise WideberthError(f"{path} cannot be read as a table: {error}") from None
+    return read_rows(text, str(path))
+
+
+def read_rows(text: str, place: str) -> list[dict[str, Any]]:
+    """Return the rows of a table's text; ``place`` begins the error message.
+
+    Raises
+    ------
+    WideberthError : no CSV, or a line with another number of cells than the header.
+    """
+    try:
+        lines = list(csv.reader(io.StringIO(text)))
+    except csv.Error as error:
+        raise WideberthError(f"{place} cannot be read as a table: {error}") from None
+    if not lines:
+        return []
+    header = lines[0]
+    for number, line in enumerate(lines[1:], start=2):
+        if len(line) != len(header):
+            raise WideberthError(
+                f"{place}, line {number}: {len(line)} cells; wanted {len(header)}, as in the "
+                "header"
+            )
+    return [
+        {name: _value(cell) for name, cell in zip(header, line, strict=True)} for line in lines[1:]
+    ]
+
+
+def _value(cell: str) -> Any:
+    words = {"": None, "True": True, "False": False}
+    if cell in words:
+        return words[cell]
+    if len(cell) > _DIGITS:
+        return cell
+    if re.fullmatch(r"-?[0-9]+", cell):
+        return int(cell)
+    if re.fullmatch(r"-?([0-9]+(\.[0-9]+)?(e[-+]?[0-9]+)?|inf|nan)", cell):
+        return float(cell)
+    return cell
+
+
+def stamped(kind: str, version: int, content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return ``content`` with a header that says what it is: format and version."""
+    return {"format": f"wideberth/{kind}", "version": version, **content}
+
+
+def write_json(path: Path, kind: str, version: int, content: Mapping[str, Any]) -> Path:
+    """Write a stamped JSON file; floats survive exactly."""
+    return write_text(path, json.dumps(stamped(kind, version, content), indent=1) + "\n")
+
+
+def read_json(path: Path, kind: str, version: int) -> dict[str, Any]:
+    """Read a stamped JSON file.
+
+    Raises
+    ------
+    WideberthError : unreadable, not JSON, another format, or a version newer than this
+        package knows.
+    """
+    return unstamped(
+        parse_json(read_text(Path(path), "a JSON file"), str(path)), kind, version, str(path)
+    )
+
+
+def unstamped(content: Any, kind: str, version: int, place: str) -> dict[str, Any]:
+    """Check the header that `stamped` wrote and return the content without it."""
+    found = content.get("format") if isinstance(content, dict) else None
+    if found != f"wideberth/{kind}":
+        raise WideberthError(f"{place} has format {short(found)}; wanted 'wideberth/{kind}'")
+    stored = content.get("version")
+    if not isinstance(stored, int) or not 1 <= stored <= version:
+        raise WideberthError(
+            f"{place} has version {short(stored)}; this package reads 1 to {version}: "
+            "use the release that wrote it, or a newer one"
+        )
+    return {key: value for key, value in content.items() if key not in ("format", "version")}

@@ -1,0 +1,234 @@
+"""Rooms and the plug-ins in them: from a name to a class, importing nothing until it is used.
+
+A plug-in is found by its built-in name, by a name that a script registered, by the entry point
+of an installed package (groups ``wideberth.predictors`` and so on), or as ``"module:Class"``.
+"""
+
+import sys
+import warnings
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cache
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
+from typing import Any, TypeVar
+
+from ..values.errors import WideberthError, short
+
+P = TypeVar("P")
+
+
+@dataclass(frozen=True)
+class Room:
+    """Where the plug-ins of one kind are.
+
+    Attributes
+    ----------
+    module : holds the table ``BUILT_IN``, name -> "module:Class".
+    base : "module:Class" that every plug-in of the room derives from.
+    """
+
+    module: str
+    base: str
+
+
+_FRAMEWORK = "wideberth.framework"
+ROOMS = {
+    "predictors": Room("wideberth.predictors", f"{_FRAMEWORK}.predictor:Predictor"),
+    "regions": Room("wideberth.regions", f"{_FRAMEWORK}.region:Region"),
+    "static_regions": Room("wideberth.regions.static", f"{_FRAMEWORK}.static_region:StaticRegion"),
+    "robots": Room("wideberth.robots", f"{_FRAMEWORK}.robot:Robot"),
+    "controllers": Room("wideberth.controllers", f"{_FRAMEWORK}.controller:Controller"),
+    "solvers": Room(f"{_FRAMEWORK}.mpc.solvers", f"{_FRAMEWORK}.mpc.solvers.base:Solver"),
+    "levels": Room(f"{_FRAMEWORK}.mpc.levels", f"{_FRAMEWORK}.mpc.levels.base:LevelPolicy"),
+    "costs": Room(f"{_FRAMEWORK}.mpc.costs", f"{_FRAMEWORK}.mpc.costs.base:Cost"),
+    "scenarios": Room(
+        "wideberth.simulation.scenarios", "wideberth.simulation.scenarios.base:Scenario"
+    ),
+    "experiments": Room(
+        "wideberth.experiments.studies", "wideberth.experiments.engine.base:Experiment"
+    ),
+}
+"""The rooms stand here as text: the framework imports none of the others."""
+
+_registered: dict[str, dict[str, type]] = {room: {} for room in ROOMS}
+
+
+def room_name(text: str) -> str:
+    """Return the room that ``text`` names, in the plural or the singular.
+
+    Raises
+    ------
+    WideberthError : no such room.
+
+    Examples
+    --------
+    >>> room_name("region")
+    'regions'
+    """
+    for name in (text, f"{text}s"):
+        if name in ROOMS:
+            return name
+    raise WideberthError(unknown("room", text, ROOMS))
+
+
+def unknown(kind: str, name: str, known: Iterable[str]) -> str:
+    """Say that a name is unknown, what is nearest to it, and what there is.
+
+    Examples
+    --------
+    >>> unknown("region", "elipse", ["ellipse", "box"])
+    "unknown region 'elipse': did you mean 'ellipse'? Known: box, ellipse"
+    """
+    known = sorted(known)
+    near = get_close_matches(str(name)[:100], known, n=1)
+    hint = f": did you mean {near[0]!r}?" if near else "."
+    return f"unknown {kind} {short(name)}{hint} Known: {', '.join(known) or 'none yet'}"
+
+
+def names(room: str) -> list[str]:
+    """List the names in a room, sorted; none of the plug-ins is imported."""
+    room = room_name(room)
+    return sorted({*_built_in(room), *_registered[room], *_installed(room)})
+
+
+def load(room: str, target: str) -> type[Any]:
+    """Return the class that ``target`` names: a name in the room, or "module:Class".
+
+    Raises
+    ------
+    WideberthError : unknown name, a module that cannot be imported, a class that is no
+        plug-in of the room.
+    """
+    room = room_name(room)
+    if ":" in target:
+        found = _imported(target)
+    elif target in _registered[room]:
+        found = _registered[room][target]
+    elif target in _built_in(room):
+        found = _imported(_built_in(room)[target])
+    elif target in (installed := _installed(room)):
+        found = _entered(room, installed[target])
+    else:
+        advice = "; 'module:Class' names any other class"
+        raise WideberthError(unknown(room.removesuffix("s"), target, names(room)) + advice)
+    base = base_class(room)
+    if not (isinstance(found, type) and issubclass(found, base)):
+        raise WideberthError(
+            f"{target!r} is not a plug-in of {room}: it must be a class derived from "
+            f"{ROOMS[room].base.replace(':', '.')}"
+        )
+    return found
+
+
+def register(room: str, name: str) -> Callable[[type[P]], type[P]]:
+    """Register the decorated class under a name for the rest of the process.
+
+    The same class again is a no-op (a notebook cell may run twice).
+
+    Raises
+    ------
+    WideberthError : another class has the name.
+    """
+    room = room_name(room)
+
+    def decorate(found: type[P]) -> type[P]:
+        path = class_path(found)
+        taken = _registered[room].get(name)
+        holder = class_path(taken) if taken else _built_in(room).get(name)
+        if holder not in (None, path):
+            raise WideberthError(
+                f"{name!r} in {room} is {holder} already; register {path} under another name"
+            )
+        _registered[room][name] = found
+        return found
+
+    return decorate
+
+
+def class_path(found: type) -> str:
+    """Return "module:Class" of a class."""
+    return f"{found.__module__}:{found.__qualname__}"
+
+
+def name_of(room: str, found: type) -> str:
+    """Return the shortest target that loads this class: its name, or "module:Class"."""
+    path = class_path(found)
+    table = {name: class_path(other) for name, other in _registered[room].items()}
+    for name, where in {**table, **_built_in(room)}.items():
+        if where == path:
+            return name
+    return path
+
+
+def room_of(found: type) -> str | None:
+    """Return the room whose base the class derives from; None for any other class."""
+    for room, entry in ROOMS.items():
+        module, _, name = entry.base.partition(":")
+        base = getattr(sys.modules.get(module), name, None)  # not imported: no base of found
+        if base is not None and issubclass(found, base):
+            return room
+    return None
+
+
+def base_class(room: str) -> type:
+    """Return the abstract class that every plug-in of the room derives from."""
+    base: type = _imported(ROOMS[room].base)
+    return base
+
+
+def _built_in(room: str) -> dict[str, str]:
+    table: dict[str, str] = import_module(ROOMS[room].module).BUILT_IN
+    return table
+
+
+def _imported(target: str) -> Any:
+    module, _, name = target.partition(":")
+    try:
+        found: Any = import_module(module)
+    except Exception as error:  # a plug-in's module may fail in any way
+        raise WideberthError(
+            f"{target!r}: module {module!r} cannot be imported ({type(error).__name__}: {error})"
+        ) from error
+    for part in name.split("."):
+        if not hasattr(found, part):
+            raise WideberthError(f"{target!r}: module {module!r} has no {name!r}")
+        found = getattr(found, part)
+    return found
+
+
+@cache
+def _installed(room: str) -> dict[str, EntryPoint]:
+    """Return the entry points of installed packages, but for those that lead nowhere."""
+    found: dict[str, EntryPoint] = {}
+    for entry in sorted(entry_points(group=f"wideberth.{room}"), key=_distribution):
+        if entry.name in _built_in(room) or entry.name in found:
+            _complain(entry, f"the name {entry.name!r} in {room} is taken already")
+        elif find_spec(entry.value.partition(":")[0].partition(".")[0]) is None:
+            _complain(entry, f"{entry.value!r} names a module that is not installed")
+        else:
+            found[entry.name] = entry
+    return found
+
+
+def _entered(room: str, entry: EntryPoint) -> Any:
+    try:
+        return entry.load()
+    except Exception as error:  # a third party's package may fail in any way
+        reason = f"{entry.value!r} cannot be imported ({type(error).__name__}: {error})"
+        _complain(entry, reason)
+        raise WideberthError(
+            f"{entry.name!r} in {room} comes from the distribution {_distribution(entry)!r}, "
+            f"and {reason}; mend or uninstall it"
+        ) from error
+
+
+def _distribution(entry: EntryPoint) -> str:
+    return entry.dist.name if entry.dist is not None else "unknown"
+
+
+def _complain(entry: EntryPoint, reason: str) -> None:
+    message = f"plug-in {entry.name!r} of {_distribution(entry)!r} is left out: {reason}"
+    warnings.warn(message, stacklevel=4)

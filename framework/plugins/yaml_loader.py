@@ -1,0 +1,108 @@
+"""The YAML loader of configs: bounded while the text is read, before anything is built.
+
+Aliases and merges let a few lines stand for billions of values. So nodes and their depth are
+counted while they are composed; an alias counts as much as what it repeats.
+"""
+
+import re
+from math import isinf
+from typing import Any, NoReturn
+
+import yaml
+
+from ..values.errors import short
+from .yamlfile import DEEPEST
+
+_LONGEST_NUMBER = 100
+"""Characters."""
+
+
+class Loader(yaml.SafeLoader):
+    """PyYAML's safe loader with YAML 1.2's floats, no key twice, and bounds on what is built.
+
+    Parameters
+    ----------
+    text : YAML.
+    most : values and keys that it may hold, those that aliases repeat counted each time.
+    """
+
+    def __init__(self, text: str, most: int) -> None:
+        super().__init__(text)
+        self.most = most
+        self.nodes = 0
+        self.depth = 0
+        self.known: dict[int, tuple[int, int]] = {}  # what an alias stands for: nodes, depth
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """Compose one node as PyYAML does, and count it."""
+        event: Any = self.peek_event()  # type: ignore[no-untyped-call]
+        if isinstance(event, yaml.AliasEvent):
+            node = super().compose_node(parent, index)
+            if id(node) not in self.known:
+                self._refuse(event, f"*{event.anchor} stands within what it names")
+            nodes, depth = self.known[id(node)]
+            self._count(event, nodes, depth)
+            return node
+        before, deepest = self.nodes, 0
+        self._count(event, 1, 1)
+        self.depth += 1
+        node = super().compose_node(parent, index)
+        self.depth -= 1
+        inner = node.value if isinstance(node, yaml.CollectionNode) else ()
+        for entry in inner:
+            for one in entry if isinstance(entry, tuple) else (entry,):
+                deepest = max(deepest, self.known[id(one)][1])
+        self.known[id(node)] = self.nodes - before, deepest + 1
+        return node
+
+    def compose_mapping_node(self, anchor: Any) -> Any:
+        """Compose a mapping as PyYAML does, and refuse a key that stands twice."""
+        node: Any = super().compose_mapping_node(anchor)
+        seen = set()
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                self._refuse(key, "a key must be one word, no list or mapping")
+            if key.tag == "tag:yaml.org,2002:merge":  # <<: takes over what is not stated here
+                continue
+            name = self.construct_object(key, deep=True)
+            if name in seen:
+                self._refuse(key, f"key {short(name)} stands twice")
+            seen.add(name)
+        return node
+
+    def _count(self, event: Any, nodes: int, depth: int) -> None:
+        self.nodes += nodes
+        if self.nodes > self.most:
+            self._refuse(
+                event,
+                f"more than {self.most} values and keys (what aliases repeat is counted each "
+                "time); what a predictor has learnt is named by {saved: FILE}",
+            )
+        if self.depth + depth > DEEPEST:
+            self._refuse(event, f"nested more than {DEEPEST} deep; is a bracket left open?")
+
+    def _refuse(self, where: Any, problem: str) -> NoReturn:
+        raise yaml.MarkedYAMLError(problem=problem, problem_mark=where.start_mark)
+
+    def number(self, node: Any) -> Any:
+        """Construct a number or a date, or say that it is none."""
+        text = str(node.value)
+        wrong = f"{short(text, 40)} is no number that can be held; quote it if it is text"
+        if len(text) > _LONGEST_NUMBER:
+            self._refuse(node, wrong)
+        try:
+            value = yaml.SafeLoader.yaml_constructors[node.tag](self, node)
+        except (ValueError, OverflowError, KeyError, AttributeError):
+            self._refuse(node, wrong)
+        if isinstance(value, float) and isinf(value) and "inf" not in text.lower():
+            self._refuse(node, f"{text} is too large for a number; infinity is written .inf")
+        return value
+
+
+for name in ("int", "float", "timestamp", "bool"):
+    Loader.add_constructor(f"tag:yaml.org,2002:{name}", Loader.number)
+Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"^[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"),
+    list("-+.0123456789"),
+)

@@ -1,0 +1,153 @@
+"""Reading YAML configs, with ``--set`` overrides, and writing them back."""
+
+from pathlib import Path
+from typing import Any
+
+from ..values.errors import WideberthError, short
+from .reading import read_text
+
+LARGEST = 2**20
+"""Characters of a config that somebody wrote."""
+MOST = 10_000
+"""Values and keys of such a config; what aliases repeat is counted each time."""
+STORED = 100
+"""Times as large may be the config that a run has stored: it holds what predictors have learnt."""
+DEEPEST = 30
+"""Lists and mappings inside each other, and parts of a dotted key."""
+
+
+def read_config(
+    path: Path, overrides: list[str] | None = None, stored: bool = False
+) -> dict[str, Any]:
+    """Read a config file and apply overrides such as ``"region.tail=0.1"``.
+
+    Unlike plain YAML, ``1e-3`` is a number and a key that stands twice is an error.
+
+    Parameters
+    ----------
+    path, overrides : see above.
+    stored : whether a run has written the file, which may then be `STORED` times as large.
+
+    Raises
+    ------
+    WideberthError : no such file, not YAML, not a mapping, too large or too deep, an override
+        that does not fit.
+    """
+    path = Path(path)
+    times = STORED if stored else 1
+    config = parse(read_text(path, "a YAML file", times * LARGEST), str(path), times)
+    if not isinstance(config, dict):
+        came = "empty" if config is None else f"a {type(config).__name__}"
+        raise WideberthError(f"{path} is {came}; a config is a mapping of keys to values")
+    for override in overrides or []:
+        apply(config, override)
+    return config
+
+
+def parse(text: str, place: str, times: int = 1) -> Any:
+    r"""Return the value of a YAML text; ``place`` stands in the error message.
+
+    Text of more than ``times`` x `LARGEST` characters or ``times`` x `MOST` values, or nested
+    more than `DEEPEST` deep, is refused: a few aliases can stand for billions of values.
+
+    Raises
+    ------
+    WideberthError : too large, no YAML, or a number that no number type holds.
+
+    Examples
+    --------
+    >>> parse("tolerance: 1e-3", "example")
+    {'tolerance': 0.001}
+
+    What mappings share may stand once:
+
+    >>> parse("first: &first {weight: 1, tail: 0.1}\nsecond: {<<: *first, tail: 0.2}", "example")
+    {'first': {'weight': 1, 'tail': 0.1}, 'second': {'weight': 1, 'tail': 0.2}}
+    """
+    import yaml
+
+    from .yaml_loader import Loader
+
+    if len(text) > times * LARGEST:
+        raise WideberthError(
+            f"{place} has {len(text)} characters; wanted at most {times * LARGEST}"
+        )
+    try:
+        loader = Loader(text, times * MOST)
+        return loader.get_single_data()
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        where = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+        raise WideberthError(f"{place}{where} is not YAML: {error.problem}") from None
+    except yaml.YAMLError as error:
+        raise WideberthError(f"{place} is not YAML: {' '.join(str(error).split())}") from None
+
+
+def dump(config: dict[str, Any]) -> str:
+    """Return a config as YAML text, keys in the order given."""
+    import yaml
+
+    return str(yaml.safe_dump(config, sort_keys=False, allow_unicode=True))
+
+
+def apply(config: dict[str, Any], override: str) -> None:
+    """Set one value in place: ``"a.b=c"``, where ``c`` is YAML and ``a.0`` enters a list.
+
+    A plug-in that is given by name alone becomes a mapping with that ``type``.
+
+    Raises
+    ------
+    WideberthError : no ``=``, an empty key, or a parent that holds no keys.
+
+    Examples
+    --------
+    >>> config = {"region": "ellipse"}
+    >>> apply(config, "region.tail=0.1")
+    >>> config
+    {'region': {'type': 'ellipse', 'tail': 0.1}}
+    """
+    key, equals, text = override.partition("=")
+    if not equals or not all(key.strip().split(".")):
+        raise WideberthError(f"--set {short(override)}: wanted KEY=VALUE, as in region.tail=0.1")
+    where = f"--set {short(override)}"
+    assign(config, key.strip(), parse(text, where), where)
+
+
+def assign(config: dict[str, Any], key: str, value: Any, where: str) -> None:
+    """Set one value in place by its dotted key, as `apply` does.
+
+    Raises
+    ------
+    WideberthError : a parent that holds no keys; ``where`` begins the message.
+    """
+    parts = key.split(".")
+    if len(parts) > DEEPEST:
+        raise WideberthError(f"{where}: the key has {len(parts)} parts; wanted at most {DEEPEST}")
+    here: Any = config
+    for index, part in enumerate(parts):
+        last = index == len(parts) - 1
+        if isinstance(here, list):
+            if not part.isdecimal() or len(part) > 9 or int(part) >= len(here):
+                raise WideberthError(
+                    f"{where}: {'.'.join(parts[:index])} is a list of {len(here)}; "
+                    f"{part!r} is no index of it"
+                )
+            slot: Any = int(part)
+        elif isinstance(here, dict):
+            slot = part
+        else:
+            raise WideberthError(
+                f"{where}: {'.'.join(parts[:index])} is {short(here)}, which has no keys"
+            )
+        if last:
+            here[slot] = value
+        else:
+            here = _entered(here, slot)
+
+
+def _entered(parent: Any, slot: Any) -> Any:
+    child = parent.get(slot) if isinstance(parent, dict) else parent[slot]
+    if isinstance(child, str):
+        child = {"type": child}
+    parent[slot] = {} if child is None else child
+    return parent[slot]

@@ -1,0 +1,1 @@
+"""The probability of a collision, and levels that keep it below a bound."""

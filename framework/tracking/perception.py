@@ -1,0 +1,208 @@
+"""From what is seen to a forecast on the plan's grid."""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..predictor import Adaptive, Predictor
+from ..values.arrays import Array
+from ..values.errors import WideberthError
+from ..values.forecast import Forecast, Scene, resample
+from ..values.magnitudes import bounded
+from ..values.motion import Observation
+from ..values.tracks import Tracks
+from .history import History, admitted
+from .noise import NoiseEstimate
+
+LOG = logging.getLogger("wideberth.perception")
+CHANGED = 1.2
+"""Factor between an estimated noise and the one logged last from which on it is logged again."""
+FINE = 0.01
+"""Share of a track's step that the clock must resolve."""
+PACE = 1.0
+"""m/s per axis, standard deviation of the velocity of somebody who may or may not walk."""
+
+
+class Perception:
+    """Remembers detections and asks the predictor; `drain` returns what was refused, and why.
+
+    Parameters
+    ----------
+    predictor : as configured; the adapted copy is kept inside.
+    dimension : D of the robot; detections of another dimension are dropped.
+    dt : s between the samples of the tracks.
+    samples : their number.
+    period : s between observations.
+    forget : s after which an obstacle that is no longer reported is dropped.
+    """
+
+    def __init__(
+        self,
+        predictor: Predictor,
+        dimension: int,
+        dt: float,
+        samples: int,
+        period: float,
+        forget: float,
+    ) -> None:
+        self._predictor = predictor
+        self._dimension, self._dt = dimension, dt
+        gap = 2.5 * max(dt, period)
+        self._sizes = (dt, samples, forget, gap)
+        self._history = History(*self._sizes)
+        self._stamp = -np.inf
+        self._notes: list[str] = []
+        self._logged: dict[str, float] = {}
+
+    @property
+    def noise(self) -> dict[str, NoiseEstimate]:
+        """The estimated noise of each sensor that does not state it."""
+        return self._history.noise
+
+    def take(self, observation: Observation, here: Array | None = None) -> None:
+        """Take note of what is seen from ``here``, (D,), m; see `admitted` for what is refused.
+
+        A clock that goes back starts the history anew: measurements from the future would
+        neither be forgotten nor replaced.
+        """
+        if not np.isfinite(observation.stamp):
+            return
+        if observation.stamp < self._stamp:
+            self._notes.append(f"clock went back by {self._stamp - observation.stamp:.3g} s")
+            self._history = History(*self._sizes)
+        self._stamp = observation.stamp
+        if (step := float(np.spacing(abs(observation.stamp)))) > FINE * self._dt:
+            self._notes.append(f"clock counts in steps of {step:.3g} s at {self._stamp:.3g} s")
+        detections, refused = admitted(observation, self._dimension, self._sizes[2], here)
+        self._notes += refused
+        self._history.add(observation.stamp, detections)
+        self._log_noise()
+
+    def _log_noise(self) -> None:
+        """Log what the noise of a sensor is estimated as, at first and when it has changed."""
+        for sensor, estimate in self._history.noise.items():
+            before = self._logged.get(sensor)
+            ratio = estimate.deviation / before if before else np.inf
+            if estimate.samples and not 1 / CHANGED < ratio < CHANGED:
+                LOG.info("%s%s", f"sensor {sensor}: " if sensor else "", estimate.text)
+                self._logged[sensor] = estimate.deviation
+
+    def drain(self) -> list[str]:
+        """Return what had to be dropped since the last call."""
+        notes, self._notes = self._notes, []
+        return notes
+
+    def forecast(self, first: float, grid: Array, scene: Scene) -> tuple[Tracks, Forecast] | None:
+        """Forecast all obstacles, or return None when none is known.
+
+        Parameters
+        ----------
+        first : s, time of the plan's first state.
+        grid : (N,), s after ``first`` of the plan's steps.
+        scene : what else the predictor may look at.
+
+        Raises
+        ------
+        WideberthError : the predictor returned something else than was asked for.
+        """
+        tracks = self._history.tracks()
+        if tracks is None:
+            return None
+        self._adapt(tracks, scene)
+        times = first - tracks.stamp + grid
+        steps = max(int(np.ceil(times[-1] / self._dt - 1e-9)), 1)
+        forecast = self._ask(tracks, steps, scene)
+        newest = tracks.positions[:, -1]
+        newest = np.where(np.isnan(newest), forecast.mean[:, 0, 0], newest)
+        return tracks, resample(forecast, newest, tracks.noise, times)
+
+    def _adapt(self, tracks: Tracks, scene: Scene) -> None:
+        """Let a predictor that adapts learn; one that raises stays as it was."""
+        if not isinstance(self._predictor, Adaptive):
+            return
+        try:
+            self._predictor = self._predictor.update(tracks, scene)
+        except Exception as error:
+            self._notes.append(f"not adapted: {type(error).__name__}: {error}")
+
+    def _ask(self, tracks: Tracks, steps: int, scene: Scene) -> Forecast:
+        """Ask the predictor for all obstacles, or, if it raises, for those it does not raise for.
+
+        The others stay where they were seen (`standing`), with the error as the reason. If it
+        raises for each of them, it is the predictor that is broken, and the error is passed on.
+        """
+        try:
+            forecast = self._predictor.predict(tracks, steps, scene)
+        except Exception:
+            causes = [
+                self._cause(tracks.select([row]), steps, scene, row) for row in range(len(tracks))
+            ]
+            sound = [row for row, cause in enumerate(causes) if cause is None]
+            if not 0 < len(sound) < len(tracks):
+                raise
+            some = self._predictor.predict(tracks.select(sound), steps, narrowed(scene, sound))
+            self._check(some, tracks.select(sound), steps)
+            return completed(some, sound, tracks, causes)
+        self._check(forecast, tracks, steps)
+        return forecast
+
+    def _cause(self, track: Tracks, steps: int, scene: Scene, row: int) -> str | None:
+        """Return what the predictor raises for one obstacle, if it does."""
+        try:
+            self._predictor.predict(track, steps, narrowed(scene, [row]))
+        except Exception as error:
+            return f"{type(error).__name__}: {error}"
+        return None
+
+    def _check(self, forecast: Forecast, tracks: Tracks, steps: int) -> None:
+        name = type(self._predictor).__name__
+        if not isinstance(forecast, Forecast):
+            raise WideberthError(f"{name}.predict returned {type(forecast).__name__}")
+        shape = forecast.mean.shape
+        if (shape[0], *shape[2:]) != (len(tracks), steps, tracks.dimension):
+            raise WideberthError(
+                f"{name} forecast {shape[0]} obstacles, {shape[2]} steps, {shape[3]} coordinates; "
+                f"asked for {len(tracks)}, {steps}, {tracks.dimension}"
+            )
+        if abs(forecast.dt - tracks.dt) > 1e-9:
+            raise WideberthError(
+                f"{name} forecast steps of {forecast.dt} s; asked for {tracks.dt} s"
+            )
+
+
+def narrowed(scene: Scene, rows: list[int]) -> Scene:
+    """Return the scene for some of the obstacles."""
+    return scene if scene.goals is None else replace(scene, goals=scene.goals[rows])
+
+
+def completed(
+    some: Forecast, rows: list[int], tracks: Tracks, causes: Sequence[str | None]
+) -> Forecast:
+    """Add the obstacles without a forecast, standing where they were seen last.
+
+    mu_h = p,   Sigma_h = R + (v t_h)^2 I,   v = `PACE`, t_h the time since they were seen
+
+    Parameters
+    ----------
+    some : forecast of the obstacles in these ``rows``.
+    tracks : of all obstacles.
+    causes : (O,), why there is no forecast, or None.
+    """
+    known = bounded(tracks, None)
+    tracks = tracks if known is None else known.tracks
+    count, modes, size = len(tracks), some.mean.shape[1], tracks.dimension
+    seen = np.asarray(np.isfinite(tracks.positions).all(axis=2), dtype=np.bool_)
+    late = np.argmax(seen[:, ::-1], axis=1)
+    place = np.nan_to_num(tracks.positions[np.arange(count), -1 - late])
+    times = tracks.dt * (late[:, None] + np.arange(1.0, some.steps + 1))
+    wide = tracks.noise[:, None] + (PACE * times)[..., None, None] ** 2 * np.eye(size)
+    mean = np.repeat(np.repeat(place[:, None, None], modes, 1), some.steps, 2)
+    covariance = np.repeat(wide[:, None], modes, 1)
+    weight = np.eye(modes)[np.zeros(count, dtype=np.int64)]
+    mean[rows], covariance[rows], weight[rows] = some.mean, some.covariance, some.weight
+    reasons = list(causes)
+    for row, reason in zip(rows, some.fallback, strict=True):
+        reasons[row] = reason
+    return Forecast(mean, covariance, weight, some.dt, tuple(reasons))

@@ -1,0 +1,293 @@
+"""Readers of recorded tracks and robot logs in plain text."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from ..values.arrays import Array, checked, positive, whole
+from ..values.errors import WideberthError
+from ..values.motion import Truth
+from ..values.tracks import Tracks
+from .noise import NoiseEstimate, estimated_noise
+from .resampling import LARGEST, interpolated
+from .text_rows import ROBOT, Samples, number, read_rows, read_samples
+
+OFF_GRID = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Tracks of one file on a uniform time grid.
+
+    Attributes
+    ----------
+    dt : s between rows.
+    times : (T,), s, uniform.
+    ids : identity of each track.
+    positions : (O, T, D), m, NaN where unobserved.
+    unusable : per track None, or why it cannot serve as a track to predict. It still
+        stands in ``positions`` as far as it could be read.
+    notes : what was done to the data on the way, for the report.
+    """
+
+    dt: float
+    times: Array
+    ids: tuple[str, ...]
+    positions: Array
+    unusable: tuple[str | None, ...]
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        positive("recording.dt", self.dt)
+        times = checked("recording.times", self.times, (None,))
+        shape = (len(self.ids), len(times), None)
+        positions = checked("recording.positions", self.positions, shape, finite=False)
+        if len(self.unusable) != len(self.ids):
+            raise WideberthError(
+                f"recording.unusable has {len(self.unusable)} entries; wanted {len(self.ids)}"
+            )
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "positions", positions)
+
+    @property
+    def usable(self) -> tuple[str, ...]:
+        """Identities of the usable tracks."""
+        pairs = zip(self.ids, self.unusable, strict=True)
+        return tuple(ident for ident, reason in pairs if reason is None)
+
+    @cached_property
+    def noise(self) -> NoiseEstimate:
+        """How noisy the recorded positions are, estimated from all tracks together."""
+        return estimated_noise(np.asarray(self.positions))
+
+    def report(self) -> str:
+        """Say in a few lines how many tracks are usable, and why others are not."""
+        count = len(self.ids)
+        lines = [f"{len(self.usable)} of {count} tracks usable, {len(self.times)} rows"]
+        lines[0] += f" of {self.dt:g} s"
+        reasons = [reason for reason in self.unusable if reason is not None]
+        for reason in sorted(set(reasons)):
+            lines.append(f"  {reasons.count(reason)} unusable: {reason}")
+        return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
+
+    def tracks(
+        self, end_index: int, length: int, *, radius: float = 0.3, noise: float | None = None
+    ) -> Tracks:
+        """Cut out what had been seen at one row: the tracks observed there, and their past.
+
+        Parameters
+        ----------
+        end_index : newest row.
+        length : rows of past, the newest included; NaN before the recording began.
+        radius : m, given to every obstacle (0.3 m: a person).
+        noise : m per axis, standard deviation of a position; by default what `noise` estimates.
+
+        Raises
+        ------
+        WideberthError : a row outside the recording, or a length below 1.
+        """
+        whole("length", length)
+        if not 0 <= end_index < len(self.times):
+            raise WideberthError(
+                f"end_index is {end_index}; the recording has rows 0 to {len(self.times) - 1}"
+            )
+        size = self.positions.shape[2]
+        here = np.flatnonzero(np.isfinite(self.positions[:, end_index]).all(axis=1))
+        window = np.full((len(here), length, size), np.nan)
+        past = self.positions[here, max(0, end_index + 1 - length) : end_index + 1]
+        window[:, length - past.shape[1] :] = past
+        return Tracks(
+            window,
+            self.dt,
+            tuple(self.ids[i] for i in here),
+            np.full(len(here), radius),
+            self._covariances(len(here), noise),
+            float(self.times[end_index]),
+        )
+
+    def scene(self, *, radius: float = 0.3, noise: float | None = None) -> Tracks:
+        """Return the whole recording, for `Fittable.fit`; the arguments are as in `tracks`.
+
+        Unusable tracks stand in it too: windows are cut where enough is observed.
+        """
+        count = len(self.ids)
+        spread = self._covariances(count, noise)
+        radii = np.full(count, radius)
+        return Tracks(self.positions, self.dt, self.ids, radii, spread, float(self.times[-1]))
+
+    def _covariances(self, count: int, noise: float | None) -> Array:
+        """Covariance of a position, stated or estimated, of each obstacle, (O, D, D), m^2."""
+        deviation = self.noise.deviation if noise is None else noise
+        size = self.positions.shape[2]
+        return np.tile(deviation**2 * np.eye(size), (count, 1, 1))
+
+    def truth(self) -> Truth:
+        """Return the whole recording as the future for the oracle; NaN where unobserved."""
+        return Truth(self.times, dict(zip(self.ids, self.positions, strict=True)))
+
+
+def read_tracks(
+    path: str | Path,
+    *,
+    dt: float,
+    frames_per_row: int | None = None,
+    minimum_samples: int = 8,
+    longest_gap: float = 1.0,
+) -> Recording:
+    """Read rows ``frame id x y``, separated by white space or commas.
+
+    Parameters
+    ----------
+    path : text file; ``#`` starts a comment. Rows may be sorted by frame or by identity,
+        but frames must increase within each track.
+    dt : s between rows. It cannot be read from the file: the frame rate of the video is
+        not in it (one published copy of the ETH data is 0.667 s, not the usual 0.4 s).
+    frames_per_row : frame numbers between rows; by default the smallest step within a track.
+    minimum_samples : a track is usable if a stretch of it has this many samples; 8 is the
+        observed part of the usual benchmark.
+    longest_gap : s; a longer one ends a stretch.
+
+    A track whose frames are not whole steps from the others' is shifted to the nearest row
+    (at most half a step), which keeps its motion as it was; the notes tell. A sample that
+    is not a whole number of steps from its own track's start is left out.
+
+    Raises
+    ------
+    WideberthError : no such file, empty, binary, wrong columns, not numbers, NaN, frames
+        unsorted within a track or twice; it names file, line and cure.
+    """
+    positive("dt", dt)
+    whole("minimum_samples", minimum_samples)
+    positive("longest_gap", longest_gap)
+    if frames_per_row is not None:
+        whole("frames_per_row", frames_per_row)
+    samples = read_samples(Path(path))
+    step = frames_per_row or _frame_step(samples)
+    positions, notes = _on_grid(samples, step, dt, path)
+    reasons = tuple(_unusable(track, dt, minimum_samples, longest_gap) for track in positions)
+    times = np.asarray(dt * np.arange(positions.shape[1]), dtype=np.float64)
+    return Recording(dt, times, tuple(samples), positions, reasons, notes)
+
+
+def read_robot_log(
+    path: str | Path,
+    dt: float,
+    *,
+    ident: str | None = None,
+    bridge: float = 0.3,
+    minimum_samples: int = 8,
+    longest_gap: float = 1.0,
+) -> Recording:
+    """Read rows ``time x y theta`` of one robot and resample them to ``dt``.
+
+    Parameters
+    ----------
+    path : text file, as in `read_tracks`; time in s on any clock, strictly increasing.
+    dt : s, of the grid, which starts at the first sample; the clock is kept.
+    ident : identity of the one track; by default the file's name.
+    bridge : s; positions are interpolated linearly across gaps up to this long, grid times
+        inside longer ones are NaN.
+    minimum_samples, longest_gap : as in `read_tracks`.
+
+    The heading is checked and then left out: predictors see positions alone.
+
+    Raises
+    ------
+    WideberthError : as `read_tracks`, and times that do not increase.
+    """
+    positive("dt", dt)
+    positive("bridge", bridge)
+    rows = _log(Path(path))
+    table = np.array([row for _, row in rows])
+    with np.errstate(over="ignore"):
+        clock = table[:, 0] - table[0, 0]
+    with np.errstate(over="ignore"):
+        rows_needed = clock[-1] / dt + 1.0
+    if not rows_needed <= LARGEST:
+        raise WideberthError(
+            f"{path}: {clock[-1]:g} s in steps of {dt:g} s are {rows_needed:g} rows; wanted at "
+            f"most {LARGEST:g}: are the times in s?"
+        )
+    count = int(np.floor(clock[-1] / dt + OFF_GRID)) + 1
+    grid = np.minimum(dt * np.arange(count), clock[-1])
+    positions = interpolated(clock, table[:, 1:3], grid, bridge, OFF_GRID)
+    lost = int(np.isnan(positions[:, 0]).sum())
+    notes = (f"{lost} rows unobserved: in gaps longer than {bridge:g} s",) if lost else ()
+    reason = _unusable(positions, dt, minimum_samples, longest_gap)
+    name = Path(path).stem if ident is None else ident
+    times = table[0, 0] + dt * np.arange(count)
+    return Recording(dt, times, (name,), positions[None], (reason,), notes)
+
+
+def _log(path: Path) -> list[tuple[int, list[float]]]:
+    """Read (line, [time, x, y, theta]) of each row, times increasing."""
+    rows = [
+        (line, [number(word, name, path, line) for word, name in zip(words, ROBOT, strict=True)])
+        for line, words in read_rows(path, ROBOT)
+    ]
+    for (before, old), (line, new) in pairwise(rows):
+        if new[0] <= old[0]:
+            raise WideberthError(
+                f"{path}, line {line}: time {new[0]:.10g} does not come after {old[0]:.10g} "
+                f"(line {before}); sort the rows by time and remove repeated ones (a file of "
+                "`frame id x y` is read by read_tracks)"
+            )
+    return rows
+
+
+def _on_grid(
+    samples: Samples, step: int, dt: float, path: str | Path
+) -> tuple[Array, tuple[str, ...]]:
+    """Put samples into rows, (O, T, 2), and say what did not fit."""
+    first = min(rows[0][0] for rows in samples.values())
+    last = max(rows[-1][0] for rows in samples.values())
+    count = -((first - last) // step) + 1
+    if count * len(samples) > LARGEST:
+        raise WideberthError(
+            f"{path}: frames {first} to {last} in steps of {step} are {count} rows for "
+            f"{len(samples)} tracks; state frames_per_row"
+        )
+    positions = np.full((len(samples), count, 2), np.nan)
+    shifted, dropped, largest = 0, 0, 0.0
+    for track, rows in zip(positions, samples.values(), strict=True):
+        start = round((rows[0][0] - first) / step)
+        shift = abs((rows[0][0] - first) / step - start)
+        shifted += shift > OFF_GRID
+        largest = max(largest, shift * dt)
+        for frame, x, y, _ in rows:
+            steps, rest = divmod(frame - rows[0][0], step)
+            if rest:
+                dropped += 1
+            else:
+                track[start + steps] = x, y
+    notes = [f"frames per row: {step}"]
+    if shifted:
+        notes.append(f"{shifted} tracks shifted in time to the grid, by up to {largest:.3g} s")
+    if dropped:
+        notes.append(f"{dropped} samples left out: not a whole number of steps from their start")
+    return positions, tuple(notes)
+
+
+def _frame_step(samples: Samples) -> int:
+    """Return the smallest frame step within a track; across tracks if all have one sample."""
+    steps = [after[0] - before[0] for rows in samples.values() for before, after in pairwise(rows)]
+    if not steps:
+        frames = sorted({row[0] for rows in samples.values() for row in rows})
+        steps = [b - a for a, b in pairwise(frames)]
+    return min(steps, default=1)
+
+
+def _unusable(track: Array, dt: float, minimum: int, longest_gap: float) -> str | None:
+    """Return why no stretch of a gridded track, (T, D), is long enough; None if one is."""
+    seen = np.flatnonzero(np.isfinite(track).all(axis=1))
+    breaks = np.flatnonzero(np.diff(seen) * dt > longest_gap + OFF_GRID)
+    if not breaks.size:
+        few = len(seen) < minimum
+        return f"fewer than {minimum} samples" if few else None
+    ends = np.concatenate([[0], breaks + 1, [len(seen)]])
+    if np.diff(ends).max() >= minimum:
+        return None
+    return f"gaps longer than {longest_gap:g} s leave no stretch of {minimum} samples"

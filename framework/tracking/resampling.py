@@ -1,0 +1,130 @@
+"""From measurements at any times to tracks on a uniform grid."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..values.arrays import Array, checked, positive, whole
+from ..values.errors import WideberthError
+from ..values.tracks import Tracks
+from .noise import estimated_noise
+
+LARGEST = 50_000_000
+"""Most (track, row) cells of a grid; more means that its step is wrong."""
+ON_GRID = 1e-6
+"""Steps by which a measurement may miss a grid time and still count as taken at it."""
+
+
+def interpolated(
+    times: Array, positions: Array, grid: Array, bridge: float, slack: float
+) -> Array:
+    """Positions of one obstacle at grid times, (G, D), m; NaN where it was not observed.
+
+    p(t) lies on the straight line between the measurements before and after t.
+
+    Parameters
+    ----------
+    times : (T,), s, increasing. positions : (T, D), m.
+    grid : (G,), s.
+    bridge : s; grid times inside a longer gap are NaN, and those before the first
+        measurement or after the last.
+    slack : s; a grid time this close to a measurement takes part as if it were at it.
+    """
+    after = np.clip(np.searchsorted(times, grid - slack), 0, len(times) - 1)
+    before = np.clip(after - 1, 0, None)
+    width = times[after] - times[before]
+    since = np.clip(grid - times[before], 0.0, width)  # first: a width may be as small as 1e-300
+    share = np.where(width > 0, since / np.where(width > 0, width, 1.0), 1.0)[:, None]
+    sampled = (1 - share) * positions[before] + share * positions[after]
+    on_sample = np.abs(grid - times[after]) <= slack
+    known = (grid >= times[0] - slack) & (grid <= times[-1] + slack)
+    bridged = on_sample | (width <= bridge + slack)
+    return np.where((known & bridged)[:, None], sampled, np.nan)
+
+
+def resampled_tracks(
+    measurements: Mapping[str, tuple[ArrayLike, ArrayLike]],
+    dt: float,
+    *,
+    bridge: float = 1.0,
+    length: int | None = None,
+    radius: float = 0.3,
+    noise: float | None = None,
+) -> Tracks:
+    """Lay measurements that came at any times onto a uniform grid.
+
+    The grid ends at the newest measurement of all obstacles and is theirs in common; an
+    obstacle that was last measured before it has NaN at the end, one that came later NaN at
+    the start. Interpolation averages two measurements and so has less noise than one: at most
+    by half, which is not counted.
+
+    Parameters
+    ----------
+    measurements : per identity times, (n,), s, strictly increasing on one clock for all, and
+        positions, (n, D), m.
+    dt : s between rows.
+    bridge : s; positions are interpolated linearly across gaps up to this long, grid times
+        inside longer ones are NaN.
+    length : rows; by default as many as reach back to the oldest measurement.
+    radius : m, given to every obstacle (0.3 m: a person).
+    noise : m per axis, standard deviation of a position; by default estimated from the tracks
+        that result.
+
+    Raises
+    ------
+    WideberthError : nothing measured, times that do not increase, positions of another
+        number or dimension, not finite, or a grid of more than `LARGEST` cells.
+
+    Examples
+    --------
+    >>> tracks = resampled_tracks({"a": ([0.0, 0.7, 1.1], [[0, 0], [7, 0], [11, 0]])}, dt=0.5)
+    >>> tracks.positions[0, :, 0].round(6).tolist(), tracks.stamp
+    ([1.0, 6.0, 11.0], 1.1)
+    """
+    positive("dt", dt)
+    positive("bridge", bridge, zero=True)
+    clocks, places = _checked(measurements)
+    newest = max(times[-1] for times in clocks)
+    oldest = min(times[0] for times in clocks)
+    rows = np.floor((newest - oldest) / dt + ON_GRID) + 1 if length is None else length
+    if rows * len(clocks) > LARGEST:
+        raise WideberthError(
+            f"{newest - oldest:g} s in steps of {dt:g} s are {rows:.3g} rows for {len(clocks)} "
+            "obstacles; state a larger dt or a length"
+        )
+    grid = -dt * np.arange(whole("length", int(rows)) - 1.0, -1.0, -1.0, dtype=np.float64)
+    # a clock that counts from 1970 has lost the digits below 1e-7 s
+    slack = max(ON_GRID * dt, 4 * float(np.spacing(max(abs(newest), abs(oldest)))))
+    sampled = [
+        interpolated(times - newest, positions, grid, bridge, slack)
+        for times, positions in zip(clocks, places, strict=True)
+    ]
+    count, size, positions = len(clocks), places[0].shape[1], np.stack(sampled)
+    deviation = estimated_noise(positions).deviation if noise is None else noise
+    spread = np.tile(deviation**2 * np.eye(size), (count, 1, 1))
+    return Tracks(
+        positions, dt, tuple(measurements), np.full(count, radius), spread, float(newest)
+    )
+
+
+def _checked(
+    measurements: Mapping[str, tuple[ArrayLike, ArrayLike]],
+) -> tuple[list[Array], list[Array]]:
+    """Return times and positions of each obstacle, once they fit each other."""
+    clocks: list[Array] = []
+    places: list[Array] = []
+    for ident, (times, positions) in measurements.items():
+        name = f"measurements[{ident!r}]"
+        clock = checked(f"{name} times", times, (None,))
+        if not len(clock) or (np.diff(clock) <= 0).any():
+            raise WideberthError(
+                f"{name} times must hold one number at least and increase strictly; sort them "
+                "and leave repeated ones out"
+            )
+        size = places[0].shape[1] if places else None
+        clocks.append(clock)
+        places.append(checked(f"{name} positions", positions, (len(clock), size)))
+    if not clocks:
+        raise WideberthError("measurements is empty; wanted one obstacle at least")
+    return clocks, places

@@ -1,0 +1,1 @@
+"""Values that travel between the parts: frozen, validated once, in SI units."""

@@ -1,0 +1,291 @@
+"""Polygons that stand still, and how far apart convex bodies are, vectorised."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import final
+
+import numpy as np
+
+from .arrays import FARTHEST, Array, checked, whole
+from .errors import WideberthError
+
+MOST_CORNERS = 16
+"""Vertices of the largest convex part that the MPC has room for."""
+_THIN = 1e-6
+"""m. What is thinner has no sides that a normal could be computed of."""
+_ANGLES = 32
+"""Directions of either kind from which `best_direction` starts."""
+
+
+@final
+@dataclass(frozen=True)
+class Polygon:
+    """A simple polygon, convex or not: an obstacle without uncertainty.
+
+    Parameters
+    ----------
+    vertices : corners in the world frame, m, in either orientation, the first not repeated at
+        the end; kept counter-clockwise from the first one.
+    name : for messages and plans.
+
+    Raises
+    ------
+    WideberthError : fewer than three vertices, not (V, 2) finite numbers, beyond `FARTHEST`, a
+        vertex closer than 1e-6 m to the one before it, all of it thinner than 1e-6 m, an outline
+        that crosses or touches itself.
+
+    Examples
+    --------
+    >>> square = Polygon(((0, 0), (0, 2), (2, 2), (2, 0)))
+    >>> square.vertices
+    ((0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0))
+    """
+
+    vertices: tuple[tuple[float, float], ...]
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        label = f"polygon {self.name!r}.vertices" if self.name else "polygon.vertices"
+        points = checked(label, self.vertices, (None, 2))
+        if np.abs(points).max(initial=0.0) > FARTHEST:
+            raise WideberthError(f"{label} reach beyond {FARTHEST:g} m from the origin")
+        _check_simple(label, points)
+        ahead = np.roll(points, -1, axis=0)
+        base = points[0]  # an area about a far origin has no digits left
+        twice = _cross(points - base, ahead - base).sum()
+        if twice < 0.0:
+            points = np.roll(points[::-1], 1, axis=0)
+        object.__setattr__(self, "vertices", tuple((float(x), float(y)) for x, y in points))
+
+    @cached_property
+    def points(self) -> Array:
+        """The vertices as a read-only array, (V, 2), m, counter-clockwise."""
+        return checked("polygon.vertices", self.vertices, (None, 2))
+
+    @cached_property
+    def parts(self) -> tuple[Array, ...]:
+        """Convex parts of at most `MOST_CORNERS` vertices, cut once; see `convex_parts`."""
+        parts = self.convex_parts(MOST_CORNERS)
+        for part in parts:
+            part.setflags(write=False)
+        return parts
+
+    def convex_parts(self, corners: int) -> tuple[Array, ...]:
+        """Cut into convex parts that tile the polygon, each (V, 2), m, counter-clockwise.
+
+        A convex polygon is its own only part; see `wideberth.framework.values.convex_parts`.
+
+        Parameters
+        ----------
+        corners : most vertices that a part may have, at least 3.
+        """
+        from .convex_parts import convex_parts
+
+        return convex_parts(self.points, whole("corners", corners, least=3))
+
+
+def edge_normals(vertices: Array) -> Array:
+    """Outward unit normals of the edges v_j -> v_j+1: (..., V, 2) m -> (..., V, 2).
+
+    The vertices run counter-clockwise; the normal of an edge without length is zero.
+    """
+    edge = np.roll(vertices, -1, axis=-2) - vertices
+    return _unit(np.stack([edge[..., 1], -edge[..., 0]], axis=-1))
+
+
+def separation(first: Array, second: Array) -> tuple[Array, Array]:
+    """Signed distance of convex bodies, m, and the unit normal that attains it.
+
+        d = max over unit n of  min_i n . v_i - max_j n . w_j
+
+    is the gap where the bodies are apart and minus the penetration depth where they overlap.
+    The maximum lies at the normal of an edge of either body or, for a gap, along the line
+    between two vertices, so trying these is exact.
+
+    Parameters
+    ----------
+    first : vertices v_i, (..., W, 2), m, counter-clockwise; one alone is a point. Repeated
+        vertices do no harm.
+    second : vertices w_j, (..., V, 2), m, likewise.
+
+    Returns
+    -------
+    distance : (...), m.
+    normal : (..., 2), from the second body to the first.
+
+    References
+    ----------
+    S. Gottschalk, M. C. Lin and D. Manocha, OBBTree (SIGGRAPH 1996), for the separating axes.
+
+    Examples
+    --------
+    >>> square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    >>> distance, normal = separation(np.array([[4.0, 5.0]]), square)
+    >>> float(distance), normal.tolist()
+    (5.0, [0.6, 0.8])
+    """
+    first, second = _together(first, second)
+    lines = _unit(first[..., :, None, :] - second[..., None, :, :])
+    lines = lines.reshape(*lines.shape[:-3], -1, 2)
+    some = np.broadcast_to([1.0, 0.0], (*lines.shape[:-2], 1, 2))  # for points that coincide
+    tried = [-edge_normals(first), edge_normals(second), lines, some]
+    normals = np.concatenate(tried, axis=-2)
+    gaps = np.where(normals.any(axis=-1), _gap(first, second, normals), -np.inf)
+    best = gaps.argmax(axis=-1)[..., None]
+    distance = np.take_along_axis(gaps, best, axis=-1)[..., 0]
+    return distance, np.take_along_axis(normals, best[..., None], axis=-2)[..., 0, :]
+
+
+def best_direction(first: Array, second: Array, spread: Array) -> tuple[Array, Array]:
+    """Signed distance of convex bodies of which one is enlarged by an ellipse, m, and the normal.
+
+        d = max over unit n of  min_i n . v_i - max_j n . w_j - sqrt(n^T M n)
+
+    With one vertex w it is the distance of a polygon from the ellipse about w. Where M is zero
+    this is `separation`. Elsewhere there is no closed form: the maximum is bracketed among
+    directions in equal steps of the angle of n, in equal steps of the eccentric angle
+    (a thin ellipse has all its turning in a few normals), and the normals of the edges, where
+    the kinks are; then the sign of the slope is bisected down to 1e-12 rad. A gap has no
+    other local maximum; of several depths of an overlap the best bracket is taken.
+
+    Parameters
+    ----------
+    first, second : vertices v_i and w_j as in `separation`.
+    spread : M, (..., 2, 2), m^2, positive semi-definite.
+
+    Returns
+    -------
+    distance : (...), m, negative where the bodies overlap.
+    normal : (..., 2), unit, from the second body to the first.
+    """
+    spread = np.asarray(spread, dtype=np.float64)
+    first, second = _together(first, second, spread.shape[:-2])
+    spread = np.broadcast_to(spread, (*first.shape[:-2], 2, 2))
+    distance, normal = (np.array(one) for one in separation(first, second))
+    wide = spread.any(axis=(-2, -1))
+    if wide.any():
+        roots = symmetric_root(spread[wide])
+        distance[wide], normal[wide] = _search(first[wide], second[wide], roots, normal[wide])
+    return distance, normal
+
+
+def symmetric_root(spread: Array) -> Array:
+    """M^1/2 of positive semi-definite matrices, (..., 2, 2) m^2 -> (..., 2, 2) m.
+
+    sqrt(n^T M n) is |M^1/2 n|, which rounding cannot make the root of a negative number.
+    """
+    squares, vectors = np.linalg.eigh(spread)
+    axes = np.sqrt(np.maximum(squares, 0.0))
+    return np.asarray((vectors * axes[..., None, :]) @ vectors.swapaxes(-1, -2))
+
+
+def _search(first: Array, second: Array, root: Array, hint: Array) -> tuple[Array, Array]:
+    """`best_direction` for flat batches (B, ...) and the root of M, from a hint (B, 2)."""
+    normals = [-edge_normals(first), edge_normals(second), hint[:, None], _ellipse_normals(root)]
+    tried = np.concatenate(normals, axis=1)
+    angles = np.mod(np.arctan2(tried[..., 1], tried[..., 0]), 2.0 * np.pi)
+    even = np.linspace(0.0, 2.0 * np.pi, _ANGLES, endpoint=False)
+    angles = np.concatenate([angles, np.broadcast_to(even, (len(angles), _ANGLES))], axis=1)
+    values, _ = _enlarged_gap(first, second, root, angles)
+    best = values.argmax(axis=1)[:, None]
+    start = np.take_along_axis(angles, best, axis=1)
+    turn = angles - start
+    # Edges may be parallel: the neighbours are the nearest directions that differ.
+    turn = np.concatenate([turn, turn + 2.0 * np.pi, turn - 2.0 * np.pi], axis=1)
+    high = start + np.where(turn > 1e-12, turn, np.inf).min(axis=1, keepdims=True)
+    low = start + np.where(turn < -1e-12, turn, -np.inf).max(axis=1, keepdims=True)
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        _, slope = _enlarged_gap(first, second, root, middle)
+        low, high = np.where(slope > 0.0, middle, low), np.where(slope > 0.0, high, middle)
+    ends = np.concatenate([start, low, high], axis=1)  # at a kink either end may be the better
+    values, _ = _enlarged_gap(first, second, root, ends)
+    best = values.argmax(axis=1)[:, None]
+    angle = np.take_along_axis(ends, best, axis=1)[:, 0]
+    normal = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return np.take_along_axis(values, best, axis=1)[:, 0], normal
+
+
+def _enlarged_gap(first: Array, second: Array, root: Array, angles: Array) -> tuple[Array, Array]:
+    """Gap along the normals at angles (B, K), m, and its derivative by the angle, (B, K)."""
+    normal = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    aside = np.stack([-normal[..., 1], normal[..., 0]], axis=-1)
+    near, far = normal @ first.swapaxes(1, 2), normal @ second.swapaxes(1, 2)
+    ahead, behind = near.argmin(axis=-1), far.argmax(axis=-1)
+    rows = np.arange(len(angles))[:, None]
+    between = first[rows, ahead] - second[rows, behind]
+    pulled = normal @ root
+    size = np.hypot(pulled[..., 0], pulled[..., 1])
+    bend = (pulled * (aside @ root)).sum(axis=-1)
+    bend = np.divide(bend, size, out=np.zeros_like(size), where=size > 0.0)
+    return (between * normal).sum(axis=-1) - size, (between * aside).sum(axis=-1) - bend
+
+
+def _ellipse_normals(root: Array) -> Array:
+    """Return unit normals at equal steps of the eccentric angle: (B, 2, 2) -> (B, K, 2)."""
+    axes, vectors = np.linalg.eigh(root)
+    axes = np.maximum(axes, 1e-9 * axes[:, -1:])
+    angle = np.linspace(0.0, 2.0 * np.pi, _ANGLES, endpoint=False)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return np.asarray(_unit(circle / axes[:, None, :]) @ vectors.swapaxes(1, 2))
+
+
+def _gap(first: Array, second: Array, normals: Array) -> Array:
+    """Min_i n . v_i - max_j n . w_j for normals (..., K, 2) -> (..., K), m."""
+    near = (normals @ first.swapaxes(-1, -2)).min(axis=-1)
+    return np.asarray(near - (normals @ second.swapaxes(-1, -2)).max(axis=-1))
+
+
+def _together(first: Array, second: Array, more: tuple[int, ...] = ()) -> tuple[Array, Array]:
+    """Broadcast the batches of two lists of vertices and move both near the origin.
+
+    Far from it products with a normal would lose the digits of the distance.
+    """
+    first, second = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
+    base = second[..., :1, :]
+    first, second = first - base, second - base
+    batch = np.broadcast_shapes(first.shape[:-2], second.shape[:-2], more)
+    return (
+        np.broadcast_to(first, (*batch, *first.shape[-2:])),
+        np.broadcast_to(second, (*batch, *second.shape[-2:])),
+    )
+
+
+def _unit(vectors: Array) -> Array:
+    """Vectors (..., 2) at length 1; zero ones stay zero."""
+    length = np.hypot(vectors[..., 0], vectors[..., 1])[..., None]
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0.0)
+
+
+def _cross(first: Array, second: Array) -> Array:
+    return np.asarray(first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0])
+
+
+def _check_simple(label: str, points: Array) -> None:
+    """Refuse what is no simple polygon; raises as `Polygon`."""
+    import shapely
+
+    if len(points) < 3:
+        raise WideberthError(f"{label} holds {len(points)} points; wanted at least 3")
+    length = np.hypot(*(points - np.roll(points, 1, axis=0)).T)
+    if length.min() <= _THIN:
+        where = int(length.argmin())
+        raise WideberthError(
+            f"{label}[{where}] repeats the vertex before it ({points[where].tolist()}); name each "
+            "corner once, and the first not again at the end"
+        )
+    hull = shapely.get_coordinates(shapely.convex_hull(shapely.MultiPoint(points)))
+    middle = points.mean(axis=0)
+    normals = edge_normals(hull - middle)  # the last one, of the repeated vertex, is zero
+    across = normals[normals.any(axis=1)] @ (points - middle).T
+    width = float(np.ptp(across, axis=1).min())
+    if width <= _THIN:
+        raise WideberthError(
+            f"{label} are {width:.3g} m across: they lie on a line; wanted an area wider than "
+            f"{_THIN:g} m"
+        )
+    if not shapely.is_valid(outline := shapely.Polygon(points)):
+        raise WideberthError(
+            f"{label} cross or touch themselves ({shapely.is_valid_reason(outline)}); wanted a "
+            "simple polygon: reorder the vertices or give two polygons"
+        )

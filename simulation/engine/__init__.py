@@ -1,0 +1,1 @@
+"""Runs an episode: agents, plant, driver, clock."""

@@ -1,0 +1,224 @@
+"""One robot of a running episode: its plant, its controller and what it has done so far."""
+
+from bisect import bisect_right
+from dataclasses import replace
+from math import isfinite, nan
+
+import numpy as np
+
+from ...framework.mpc.fallback.emergency import aim
+from ...framework.robot import start_state
+from ...framework.values.arrays import Array
+from ...framework.values.errors import WideberthError
+from ...framework.values.motion import Command, Observation
+from ...framework.values.path import Path
+from ...framework.values.plan import Plan
+from ..log.episode_log import AgentLog, CommandLog
+from ..measures.gaps import Course
+from .agents import RobotAgent, along
+from .plant import Plant
+
+
+class Driver:
+    """Steps one robot and writes its log. Changes as the episode runs.
+
+    Parameters
+    ----------
+    agent : whom it drives, from the start of the path.
+    came : s, when it stands there.
+    absent : number of instants of the episode before that.
+
+    Attributes
+    ----------
+    present : False once it has left.
+    """
+
+    def __init__(self, agent: RobotAgent, came: float = 0.0, absent: int = 0) -> None:
+        self.agent = agent
+        self.present, self.absent = True, absent
+        self.paths: list[tuple[float, Path]] = [(came, agent.path)]
+        direction = agent.path.direction(np.zeros(1))[0]
+        start = agent.path.points[0]
+        state, twist = start_state(agent.robot, start, direction, agent.speed)
+        self.plant = Plant(agent.robot, state, twist)
+        self.states = [*absent * [_nowhere(self.plant.state)], self.plant.state]
+        self.controls = [*absent * [_nowhere(self.plant.control)], self.plant.control]
+        self.positions = [*absent * [_nowhere(self.plant.position)], self.plant.position]
+        self.reached = nan
+        self.skipped = 0
+        self.commands: list[tuple[float, float, Command]] = []
+        self.plans: list[Plan] = []
+        self.seconds: list[float] = []
+        agent.controller.reset()
+        agent.controller.set_path(agent.path)
+
+    @property
+    def name(self) -> str:
+        """Identity."""
+        return self.agent.name
+
+    @property
+    def radius(self) -> float:
+        """Radius of the disc, m."""
+        return self.agent.radius
+
+    def state_before(self, time: float) -> Array:
+        """State at a time up to 0, on the way to the start, (n,)."""
+        path, robot = self.agent.path, self.agent.robot
+        place = along(path, np.array([self.agent.speed * time]))[0]
+        direction = path.direction(np.zeros(1))[0]
+        return np.array(start_state(robot, place, direction, self.agent.speed)[0])
+
+    def position_at(self, time: float, clock: list[float]) -> Array:
+        """Where the robot was at a time up to now, (D,), m; NaN where it was absent."""
+        if time <= 0.0:
+            if self.absent:
+                return np.full(self.agent.robot.dimension, nan)
+            return np.asarray(along(self.agent.path, np.array([self.agent.speed * time]))[0])
+        index = min(bisect_right(clock, time), len(clock) - 1)
+        first, second = np.array(self.positions[index - 1]), np.array(self.positions[index])
+        share = (time - clock[index - 1]) / (clock[index] - clock[index - 1])
+        if share in (0.0, 1.0) and (self.absent or not self.present):
+            return second if share else first  # at an instant itself the other does not count
+        return np.asarray(first + min(share, 1.0) * (second - first))
+
+    def future(self, times: Array, now: float) -> Array:
+        """Where the robot means to be, (T,) -> (T, D), m.
+
+        Its current plan, straight on beyond the plan's end; before its first plan (or
+        without one) along its path at the reference speed, standing where that is unknown. NaN
+        once it has left.
+        """
+        if not self.present:
+            return np.full((len(times), self.agent.robot.dimension), nan)
+        plan = self.agent.controller.plan
+        here = np.array(self.positions[-1])
+        if plan is None:
+            path = self.paths[-1][1]
+            speed = np.nan_to_num(self.agent.reference)
+            return along(path, path.project(here) + speed * (times - now))
+        clock = plan.stamp + plan.dt * np.arange(len(plan.positions))
+        ahead = clock > now + 1e-9
+        clock = np.concatenate([[now], clock[ahead]])
+        places = np.concatenate([here[None], plan.positions[ahead]])
+        inside = np.stack([np.interp(times, clock, column) for column in places.T], axis=-1)
+        last = plan.positions[-1] - plan.positions[-2]
+        beyond = np.maximum(times - clock[-1], 0.0)[:, None] * last / plan.dt
+        return np.asarray(inside + beyond)
+
+    def take(self, time: float, path: Path) -> None:
+        """Follow another path from now on; a goal reached before does not count for it."""
+        self.paths.append((time, path))
+        self.reached = nan
+        self.agent.controller.set_path(path)
+
+    def leave(self) -> None:
+        """Be gone from the newest instant on."""
+        self.present = False
+        for series in (self.states, self.controls, self.positions):
+            series[-1] = _nowhere(series[-1])
+
+    def tick_time(self, tick: int) -> float:
+        """Time of a decision, s."""
+        return self.agent.phase + tick * self.agent.controller.period
+
+    def advance(self, time: float, duration: float, tolerance: float) -> None:
+        """Step the plant and note what it did."""
+        if not self.present:
+            for series in (self.states, self.controls, self.positions):
+                series.append(series[-1])
+            return
+        self.plant.advance(time, duration)
+        self.states.append(self.plant.state)
+        self.controls.append(self.plant.control)
+        self.positions.append(self.plant.position)
+        goal = self.paths[-1][1].goal
+        here = self.positions[-1]
+        away = sum((float(a) - b) ** 2 for a, b in zip(goal, here, strict=True)) ** 0.5
+        if self.reached != self.reached and away <= tolerance:
+            self.reached = time + duration
+
+    def decide(self, observation: Observation) -> Command:
+        """Ask the controller.
+
+        Raises
+        ------
+        WideberthError : the command is not finite or has another dimension.
+        """
+        command = self.agent.controller.command(observation)
+        size = self.agent.robot.dimension
+        numbers = (*command.linear, command.omega, command.ramp)
+        if len(command.linear) != size or not all(isfinite(v) for v in numbers):
+            raise WideberthError(
+                f"the controller of {self.name} returned {command} at {observation.stamp:g} s; "
+                f"wanted {size} finite linear components, omega and ramp"
+            )
+        return command
+
+    def meanwhile(self, time: float, plan: Plan | None) -> Command | None:
+        """Say what the robot does at a tick at which its controller is still busy.
+
+        It follows the last plan, shifted: a late solve finds the robot where that plan
+        wanted it, not straight on. None, to go on as commanded, where there is no plan.
+        """
+        if plan is None:
+            return None
+        return aim(self.agent.robot, plan, max(int((time - plan.stamp) / plan.dt + 1e-6), 0))
+
+    def note(self, stamp: float, effect: float, command: Command, seconds: float) -> None:
+        """Write down a decision."""
+        self.commands.append((stamp, effect, command))
+        self.seconds.append(seconds)
+        plan = self.agent.controller.plan
+        if plan is not None:
+            forecast = plan.forecast
+            if forecast is not None and forecast.joint_source is not None:
+                forecast = replace(forecast, joint_source=None)
+            self.plans.append(replace(plan, seconds=0.0, forecast=forecast))
+
+    def latest(self, steps: int = 1) -> Course:
+        """Return the way of the last ``steps`` intervals between two instants."""
+        last = self.states[-1 - steps :]
+        heading = [self.agent.robot.pose(state).heading for state in last]
+        headings = np.array([nan if value is None else value for value in heading], float)
+        where = np.array(self.positions[-1 - steps :])
+        return Course(self.radius, where, headings, self.agent.robot.footprint)
+
+    def log(self) -> AgentLog:
+        """Return all that was noted."""
+        robot = self.agent.robot
+        states = tuple(np.array(self.states).T)
+        controls = tuple(np.array(self.controls).T)
+        pose, twist = robot.pose(states), robot.twist(states, controls)
+        count = len(self.states)
+        linear = np.stack([np.broadcast_to(v, count) for v in twist.linear], axis=-1)
+        heading = nan if pose.heading is None else pose.heading
+        return AgentLog(
+            name=self.name,
+            kind="person" if self.agent.person else "robot",
+            radius=self.radius,
+            positions=np.stack(pose.position, axis=-1),
+            headings=np.broadcast_to(np.asarray(heading, dtype=np.float64), count).copy(),
+            speeds=np.linalg.norm(linear, axis=-1),
+            yaw_rates=np.broadcast_to(np.asarray(twist.angular, np.float64), count).copy(),
+            paths=tuple(self.paths),
+            speed=self.agent.reference,
+            period=self.agent.controller.period,
+            reached=self.reached,
+            skipped=self.skipped,
+            commands=self._command_log(),
+            plans=tuple(self.plans),
+            footprint=robot.footprint,
+        )
+
+    def _command_log(self) -> CommandLog:
+        size = self.agent.robot.dimension
+        rows = [(stamp, effect, *c.linear, c.omega, c.ramp) for stamp, effect, c in self.commands]
+        table = np.array(rows, dtype=np.float64).reshape(len(rows), 4 + size)
+        return CommandLog(
+            table[:, 0], table[:, 1], table[:, 2 : 2 + size], table[:, -2], table[:, -1]
+        )
+
+
+def _nowhere(values: tuple[float, ...]) -> tuple[float, ...]:
+    return (nan,) * len(values)

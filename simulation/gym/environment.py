@@ -1,0 +1,292 @@
+"""A Gymnasium environment around the simulation, for policies that are learnt.
+
+Needs the extra ``gym``. Importing this module registers the environment::
+
+    import gymnasium, wideberth.simulation.gym.environment
+    environment = gymnasium.make("wideberth/Navigation-v0", scenario="crossing_field")
+"""
+
+from collections.abc import Mapping
+from typing import Any, TypeAlias, final
+
+import numpy as np
+
+from ...framework.control.policy_observer import Sight, View
+from ...framework.controller import Controller, fresh
+from ...framework.plugins.config import build
+from ...framework.robot import Robot
+from ...framework.values.arrays import Array, positive
+from ...framework.values.errors import WideberthError
+from ...framework.values.motion import Command, Observation
+from ...framework.values.path import Path
+from ...framework.values.plan import Plan
+from ..engine.agents import RobotAgent
+from ..engine.driver import Driver
+from ..engine.episode import Run
+from ..engine.settings import Settings
+from ..log.episode_log import Episode
+from ..measures.gaps import Course, gaps, wall_gaps
+from ..scenarios.base import Cast, Scenario
+from .picture import picture
+from .reward import CrowdNavReward, Reward, Transition
+
+try:
+    import gymnasium
+    from gymnasium.spaces import Box, Dict
+except ImportError as error:
+    raise WideberthError(
+        "the environment needs Gymnasium, which is not installed: pip install 'wideberth[gym]'"
+    ) from error
+
+ID = "wideberth/Navigation-v0"
+"""Name under which `gymnasium.make` finds the environment once this module is imported."""
+
+Config: TypeAlias = str | Mapping[str, Any]
+"""Name of a plug-in, or a mapping with ``type`` and its settings."""
+
+
+@final
+class Navigation(gymnasium.Env[dict[str, Any], Array]):
+    """One robot of a scenario, driven by whoever calls `step`.
+
+    An action is a velocity of the robot, in the units of `VelocityBox`, held until the next
+    decision; an observation is what `Sight` describes, in single precision. The simulation
+    beneath is that of `run_episode`: the same commands give the same numbers. ``reset(seed=n)``
+    plays the situation that the scenario draws from n, as any experiment does with seed n;
+    without a seed the situation is drawn.
+
+    The episode is terminated at the goal, or when the robot touches anybody or anything, found
+    between the instants too; it is truncated at the time limit or a deadlock. ``info`` tells
+    ``seed``, ``time`` (s), ``clearance`` (m, of the last transition) and ``outcome``: empty,
+    "goal", "collision", "time limit" or "deadlock".
+
+    Parameters
+    ----------
+    scenario : who is there.
+    robot : who acts; other robots that the scenario places are of the same kind.
+    period : s between two decisions.
+    settings : how episodes are run.
+    sight : how much the robot sees.
+    reward : of each transition.
+    name : which of the scenario's robots acts; the first one by default.
+    companion : controller of the scenario's other robots; needed where there are any.
+    render_mode : None, or "rgb_array" for pictures.
+
+    Raises
+    ------
+    WideberthError : a plug-in that cannot be built, an unknown render mode; on `reset`, no
+        robot of that name, or other robots without a companion.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 4}  # noqa: RUF012
+
+    def __init__(
+        self,
+        scenario: Scenario | Config = "crossing_field",
+        robot: Robot | Config = "unicycle",
+        period: float = 0.25,
+        settings: Settings | None = None,
+        sight: Sight | None = None,
+        reward: Reward | None = None,
+        name: str = "",
+        companion: Controller | Config | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        self._scenario: Scenario = build("scenarios", scenario)
+        self._robot: Robot = build("robots", robot)
+        self._companion: Controller | None = None
+        if companion is not None:
+            self._companion = build("controllers", companion)
+        positive("period", period)
+        if render_mode not in (None, "rgb_array"):
+            raise WideberthError(f"render_mode is {render_mode!r}; wanted None or 'rgb_array'")
+        self._period, self._name = period, name
+        self._settings = settings or Settings()
+        self._sight = sight or Sight()
+        self._reward: Reward = reward or CrowdNavReward()
+        self.render_mode = render_mode
+        self._told = _Told(View(self._robot, period, self._sight), period)
+        high = self._told.view.box.high
+        self.action_space = Box(-high, high, dtype=np.float64)
+        self.observation_space = Dict(
+            {
+                key: Box((-bound).astype(np.float32), bound.astype(np.float32))
+                for key, bound in self._told.view.high().items()
+            }
+        )
+        self._run: Run | None = None
+        self._finished = True
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Begin an episode and return what the robot sees at its first decision."""
+        super().reset(seed=seed)
+        drawn = int(self.np_random.integers(2**31)) if seed is None else seed
+        cast = self._scenario.cast(drawn)
+        self._run = Run(
+            [*self._agents(cast), *cast.people],
+            self._settings,
+            drawn,
+            cast.bystanders,
+            (),
+            cast.polygons,
+        )
+        self._finished = False
+        seen = self._run.advance(self._acting)
+        return self._shown(seen), self._info(float("inf"), "")
+
+    def step(self, action: Array) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
+        """Command the velocity ``action`` until the next decision."""
+        run = self._running()
+        command = self._told.view.box.command(action)
+        self._told.aim(command)
+        before, driver = len(run.clock), self._driver
+        begin, away = run.clock[-1], self._away()
+        seen = run.advance(driver.name)
+        clearance, wall = self._clearances(len(run.clock) - before)
+        transition = Transition(
+            duration=run.clock[-1] - begin,
+            clearance=clearance,
+            wall_clearance=wall,
+            advance=away - self._away(),
+            reached=driver.reached == driver.reached,
+            collided=min(clearance, wall) < 0.0,
+        )
+        terminated = transition.collided or transition.reached
+        truncated = bool(run.ended) and not terminated
+        outcome = run.ended if truncated else ""
+        if terminated:
+            outcome = "collision" if transition.collided else "goal"
+        self._finished = terminated or truncated
+        info = self._info(clearance, outcome)
+        return self._shown(seen), float(self._reward(transition)), terminated, truncated, info
+
+    def render(self) -> Any:
+        """Draw the present instant, (height, width, 3), bytes; None without a render mode."""
+        if self.render_mode is None:
+            return None
+        return picture(self._present(), self._acting)
+
+    @property
+    def episode(self) -> Episode:
+        """The log up to now, as `run_episode` would return it.
+
+        Raises
+        ------
+        WideberthError : none has begun.
+        """
+        return self._present().episode()
+
+    def _agents(self, cast: Cast) -> list[RobotAgent]:
+        """Return the robots of a cast, the acting one told what to do."""
+        names = [one.name for one in cast.placements]
+        self._acting = self._name or names[0]
+        if self._acting not in names:
+            raise WideberthError(f"no robot is called {self._name!r}; the scenario has {names}")
+        agents = []
+        for one in cast.placements:
+            acts = one.name == self._acting
+            controller = self._told if acts else self._company(names)
+            truth = not acts or self._sight.predictor is not None
+            agents.append(one.agent(self._robot, controller, truth))
+        return agents
+
+    def _company(self, names: list[str]) -> Controller:
+        """Return a controller for another robot."""
+        if self._companion is None:
+            raise WideberthError(
+                f"the scenario places {names}; give a companion, the controller of all but "
+                f"{self._acting!r}"
+            )
+        return fresh(self._companion)
+
+    def _present(self) -> Run:
+        if self._run is None:
+            raise WideberthError("no episode has begun; call reset first")
+        return self._run
+
+    def _running(self) -> Run:
+        if self._finished:
+            raise WideberthError("no episode is going on; call reset before step")
+        return self._present()
+
+    @property
+    def _driver(self) -> Driver:
+        """The acting robot."""
+        return next(one for one in self._present().drivers if one.name == self._acting)
+
+    def _shown(self, seen: Observation | None) -> dict[str, Any]:
+        """Return what is seen; at the end of an episode nobody has to decide, but can look."""
+        observation = self._present().look(self._acting) if seen is None else seen
+        self._told.remember(observation)
+        shown = self._told.view.show(observation)
+        return {name: value.astype(np.float32) for name, value in shown.items()}
+
+    def _info(self, clearance: float, outcome: str) -> dict[str, Any]:
+        run = self._present()
+        return {
+            "seed": run.seed,
+            "time": run.clock[-1],
+            "clearance": clearance,
+            "outcome": outcome,
+        }
+
+    def _away(self) -> float:
+        """Straight distance to the goal, m."""
+        driver = self._driver
+        return float(np.linalg.norm(driver.paths[-1][1].goal - np.array(driver.positions[-1])))
+
+    def _clearances(self, steps: int) -> tuple[float, float]:
+        """Smallest clearance from those who move, and from what stands, in the last steps, m."""
+        run, own = self._present(), self._driver.latest(steps)
+        times = np.array(run.clock[-1 - steps :])
+        nowhere = np.full(len(times), np.nan)
+        others = [one.latest(steps) for one in run.drivers if one.name != self._acting]
+        others += [Course(one.radius, one.at(times), nowhere) for one in run.others]
+        moving = [float(np.nanmin(gap)) for other in others if _known(gap := gaps(own, other))]
+        standing = [float(wall_gaps(own, polygon).min()) for polygon in run.polygons]
+        return min(moving, default=float("inf")), min(standing, default=float("inf"))
+
+
+def _known(gap: Array) -> bool:
+    """Whether the two were there together."""
+    return bool(np.isfinite(gap).any())
+
+
+@final
+class _Told(Controller):
+    """Does as it is told, and keeps the view of the robot up to date."""
+
+    def __init__(self, view: View, period: float) -> None:
+        self.view, self.period = view, period
+
+    def reset(self) -> None:
+        """Forget what was seen."""
+        self.view.reset()
+
+    def set_path(self, path: Path) -> None:
+        """Take its end as the goal."""
+        self.view.follow(path)
+
+    def remember(self, observation: Observation) -> None:
+        """Take note of who is seen."""
+        self.view.take(observation)
+
+    def aim(self, command: Command) -> None:
+        """Tell what to do at the decision that is due."""
+        self._next = command
+        self.view.commanded(command)
+
+    def command(self, observation: Observation) -> Command:
+        """Do it."""
+        return self._next
+
+    @property
+    def plan(self) -> Plan | None:
+        """None: nobody knows what comes next."""
+        return None
+
+
+if ID not in gymnasium.registry:
+    gymnasium.register(ID, entry_point=f"{__name__}:Navigation")

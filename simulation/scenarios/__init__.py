@@ -1,0 +1,21 @@
+"""Scenarios: who is where, who wants to go where, and when it is over. One file each."""
+
+BUILT_IN: dict[str, str] = {
+    "antipodal_swap": "wideberth.simulation.scenarios.antipodal_swap:AntipodalSwap",
+    "blind_corner": "wideberth.simulation.scenarios.blind_corner:BlindCorner",
+    "chicken_game": "wideberth.simulation.scenarios.chicken_game:ChickenGame",
+    "corridor": "wideberth.simulation.scenarios.corridor:Corridor",
+    "crossing": "wideberth.simulation.scenarios.crossing:Crossing",
+    "crossing_3d": "wideberth.simulation.scenarios.crossing_3d:Crossing3D",
+    "crossing_field": "wideberth.simulation.scenarios.crossing_field:CrossingField",
+    "crowdnav": "wideberth.simulation.scenarios.crowdnav:CrowdNav",
+    "doorway": "wideberth.simulation.scenarios.doorway:Doorway",
+    "hallway": "wideberth.simulation.scenarios.hallway:Hallway",
+    "model_crowd": "wideberth.simulation.scenarios.model_crowd:ModelCrowd",
+    "overtaking": "wideberth.simulation.scenarios.overtaking:Overtaking",
+    "pedestrian_corridor": "wideberth.simulation.scenarios.pedestrian_corridor:PedestrianCorridor",
+    "random_crowd": "wideberth.simulation.scenarios.random_crowd:RandomCrowd",
+    "recorded_scene": "wideberth.simulation.scenarios.recorded_scene:RecordedScene",
+    "sudden_change": "wideberth.simulation.scenarios.sudden_change:SuddenChange",
+}
+"""Name -> where the class is."""

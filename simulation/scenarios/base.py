@@ -1,0 +1,151 @@
+"""The Scenario interface: who starts where, drawn from a seed."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from pathlib import Path as File
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from ...framework.controller import Controller
+from ...framework.robot import Robot
+from ...framework.values.errors import WideberthError
+from ...framework.values.path import Path
+from ...framework.values.polygon import Polygon
+from ..engine.agents import Bystander, RobotAgent
+from ..log.episode_log import Episode
+
+Range: TypeAlias = tuple[float, float]
+"""Lowest and highest value; a value is drawn uniformly between them. Equal ends fix it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """One robot of a scenario; an experiment adds the robot model and the controller.
+
+    Attributes
+    ----------
+    name : identity.
+    path : reference path; the robot stands at its start at time 0.
+    speed : m/s at time 0.
+    phase : s after time 0 of the first decision, as a share of the control period: in
+        [0, 1).
+    visible : whether people detect it; see `RobotAgent`.
+    reference_speed : m/s, of the free time; see `RobotAgent`.
+    """
+
+    name: str
+    path: Path
+    speed: float
+    phase: float = 0.0
+    visible: bool = True
+    reference_speed: float | None = None
+
+    def agent(self, robot: Robot, controller: Controller, truth: bool) -> RobotAgent:
+        """Return the robot of this place, complete; ``truth`` as of `RobotAgent`."""
+        return RobotAgent(
+            self.name,
+            robot,
+            controller,
+            self.path,
+            self.speed,
+            self.phase * controller.period,
+            truth=truth,
+            visible=self.visible,
+            reference_speed=self.reference_speed,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Cast:
+    """All who take part in one situation.
+
+    Attributes
+    ----------
+    placements : the robots whose controller is examined.
+    people : others who decide for themselves, complete with body and controller.
+    bystanders : others who move and decide nothing.
+    polygons : what stands still.
+    """
+
+    placements: tuple[Placement, ...]
+    people: tuple[RobotAgent, ...] = ()
+    bystanders: tuple[Bystander, ...] = ()
+    polygons: tuple[Polygon, ...] = ()
+
+
+class Scenario(ABC):
+    """A family of situations; a frozen dataclass whose fields are ranges.
+
+    Law: the same seed gives the same cast, and the same generator state the same parts of it.
+    """
+
+    def cast(self, seed: int) -> Cast:
+        """Draw the situation of a seed; the same for every controller that is compared.
+
+        Each part has a generator of its own, so that one more of a kind changes no other kind.
+        """
+        robots, people, bystanders, polygons = (
+            np.random.default_rng([seed, stream]) for stream in (7, 6, 8, 9)
+        )
+        placements = self.build(robots)
+        return Cast(
+            placements,
+            self.people(people, placements),
+            self.bystanders(bystanders, placements),
+            self.polygons(polygons),
+        )
+
+    @abstractmethod
+    def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
+        """Draw one situation."""
+
+    def people(
+        self, rng: np.random.Generator, placements: tuple[Placement, ...]
+    ) -> tuple[RobotAgent, ...]:
+        """Draw who else decides there; nobody unless a scenario says so."""
+        return ()
+
+    def bystanders(
+        self, rng: np.random.Generator, placements: tuple[Placement, ...]
+    ) -> tuple[Bystander, ...]:
+        """Draw who else moves there, deciding nothing; nobody unless a scenario says so."""
+        return ()
+
+    def polygons(self, rng: np.random.Generator) -> tuple[Polygon, ...]:
+        """Draw what stands there; nothing unless a scenario says so."""
+        return ()
+
+    def inputs(self) -> tuple[File, ...]:
+        """Files that the situations hang on; none unless a scenario reads some."""
+        return ()
+
+    def judge(self, episode: Episode) -> dict[str, Any]:
+        """Outcome by a benchmark's own rules, column -> value, beside ours; none by default."""
+        return {}
+
+
+def checked_range(name: str, value: Range, low: float, high: float = np.inf) -> Range:
+    """Return a range that is ordered and lies within [low, high].
+
+    Raises
+    ------
+    WideberthError : not two numbers, not ordered, or beyond the limits.
+    """
+    try:
+        first, last = (float(v) for v in value)
+    except (TypeError, ValueError):
+        raise WideberthError(
+            f"{name} is {value!r}; wanted two numbers, lowest and highest (equal to fix it)"
+        ) from None
+    if not low <= first <= last <= high:
+        raise WideberthError(
+            f"{name} is ({first:g}, {last:g}); wanted two numbers in order within "
+            f"[{low:g}, {high:g}]"
+        )
+    return first, last
+
+
+def draw(rng: np.random.Generator, bounds: Range) -> float:
+    """Draw one value; takes one draw also where the range is a point."""
+    return float(bounds[0] + (bounds[1] - bounds[0]) * rng.random())

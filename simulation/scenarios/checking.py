@@ -1,0 +1,149 @@
+"""The laws of `Scenario` as a check that any scenario can run on itself."""
+
+from collections.abc import Iterable
+from itertools import combinations, product
+from typing import Any
+
+import numpy as np
+
+from ...framework.plugins.config import describe
+from ...framework.values.arrays import Array
+from ..engine.agents import Bystander, ReplayAgent, RobotAgent
+from .base import Cast, Placement, Scenario
+from .placing import wall_distance
+
+CLOSE = 1e-9
+"""m by which bodies may overlap in rounding."""
+
+
+def check_scenario(
+    scenario: Scenario,
+    seeds: Iterable[int] = range(8),
+    *,
+    robot_radius: float | None = None,
+    varied: bool = True,
+) -> None:
+    """Check every law of `wideberth.simulation.scenarios.base.Scenario`.
+
+    The same seed gives the same cast, and the same generator state the same parts of it; other
+    seeds give other situations. Everything is finite, names are unique, everybody moves in the
+    same number of dimensions, phases lie in [0, 1), reference speeds are known. At time 0 nobody
+    overlaps anybody nor a polygon (only bystanders may overlap each other: recordings and random
+    processes do), and no robot's goal lies in a polygon.
+
+    Parameters
+    ----------
+    scenario : to be checked.
+    seeds : whose casts are drawn.
+    robot_radius : m, of the robots; the scenario's field of that name by default.
+    varied : whether seeds differ; False for one whose fields fix everything.
+
+    Raises
+    ------
+    AssertionError : a law does not hold; the message names it and the seed.
+    """
+    radius = getattr(scenario, "robot_radius", 0.0) if robot_radius is None else robot_radius
+    seen = []
+    for seed in seeds:
+        cast = scenario.cast(seed)
+        seen.append(fingerprint(cast))
+        assert seen[-1] == fingerprint(scenario.cast(seed)), f"seed {seed} gives two casts"
+        _check_parts(scenario, seed)
+        _check_values(cast, seed)
+        if _dimension(cast) == 2:
+            _check_room(cast, radius, seed)
+    if varied and len(seen) > 1:
+        assert len({repr(one) for one in seen}) > 1, (
+            "all seeds give the same situation; where the fields fix everything, check with "
+            "varied=False"
+        )
+
+
+def fingerprint(cast: Cast) -> list[Any]:
+    """Return all that a cast says, to the last digit, as something to compare."""
+
+    def who(person: RobotAgent) -> tuple[dict[str, Any], dict[str, Any]]:
+        return describe(person.robot), describe(person.controller)
+
+    def placed(one: Placement | RobotAgent) -> tuple[Any, ...]:
+        points = one.path.points.tolist()
+        return one.name, points, one.speed, one.phase, one.visible, one.reference_speed
+
+    return [
+        [placed(one) for one in cast.placements],
+        [(*placed(one), one.truth, one.respawn, who(one)) for one in cast.people],
+        [_moving(one) for one in cast.bystanders],
+        list(cast.polygons),
+    ]
+
+
+def _moving(one: Bystander) -> tuple[Any, ...]:
+    if isinstance(one, ReplayAgent):
+        return one.name, one.radius, one.times.tolist(), repr(one.positions.tolist())
+    return one.name, one.radius, one.path.points.tolist(), one.speed, one.start
+
+
+def _check_parts(scenario: Scenario, seed: int) -> None:
+    """Every part from the same state of its generator twice."""
+    first, second = (_parts(scenario, seed) for _ in range(2))
+    assert first == second, f"seed {seed}: a part hangs on more than its generator"
+
+
+def _parts(scenario: Scenario, seed: int) -> list[Any]:
+    def rng() -> np.random.Generator:
+        return np.random.default_rng([seed, 1])
+
+    robots = scenario.build(rng())
+    others = scenario.bystanders(rng(), robots)
+    return fingerprint(
+        Cast(robots, scenario.people(rng(), robots), others, scenario.polygons(rng()))
+    )
+
+
+def _check_values(cast: Cast, seed: int) -> None:
+    assert cast.placements, f"seed {seed} has no robot"
+    names = [one.name for one in (*cast.placements, *cast.people, *cast.bystanders)]
+    names += [one.name for one in cast.polygons if one.name]
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    assert not repeated, f"seed {seed}: {repeated} is the name of several"
+    sizes = {one.path.points.shape[1] for one in cast.placements}
+    sizes |= {one.path.points.shape[1] for one in cast.people}
+    sizes |= {len(_place(one)) for one in cast.bystanders}
+    assert len(sizes) == 1, f"seed {seed}: they move in {sorted(sizes)} dimensions"
+    for placement in cast.placements:
+        assert 0.0 <= placement.phase < 1.0, f"seed {seed}: phase {placement.phase}"
+        assert 0.0 <= placement.speed < np.inf, f"seed {seed}: speed {placement.speed}"
+        known = placement.speed if placement.reference_speed is None else placement.reference_speed
+        assert 0.0 < known < np.inf, (
+            f"seed {seed}: {placement.name} stands at time 0 and has no reference_speed"
+        )
+    held = [id(one.controller) for one in cast.people]
+    assert len(set(held)) == len(held), f"seed {seed}: two people share one controller"
+
+
+def _check_room(cast: Cast, radius: float, seed: int) -> None:
+    """Nobody overlaps at time 0; goals can be stood on."""
+    deciding = [
+        *((p.name, p.path.points[0], radius) for p in cast.placements),
+        *((p.name, p.path.points[0], p.radius) for p in cast.people),
+    ]
+    others = [(b.name, _place(b), b.radius) for b in cast.bystanders]
+    others = [one for one in others if np.isfinite(one[1]).all()]  # the rest come later
+    pairs = [*combinations(deciding, 2), *product(deciding, others)]
+    for (one, here, size), (other, there, more) in pairs:
+        gap = float(np.hypot(*(here - there))) - size - more
+        assert gap >= -CLOSE, f"seed {seed}: {one} and {other} overlap by {-gap:.3g} m at time 0"
+    for name, place, size in deciding + others:
+        gap = wall_distance(place, cast.polygons) - size
+        assert gap >= -CLOSE, f"seed {seed}: {name} is {-gap:.3g} m deep in a polygon at time 0"
+    for placement in cast.placements:
+        gap = wall_distance(placement.path.goal, cast.polygons) - radius
+        assert gap >= -CLOSE, f"seed {seed}: the goal of {placement.name} is in a polygon"
+
+
+def _place(one: Bystander) -> Array:
+    return np.asarray(one.at(np.zeros(1))[0])
+
+
+def _dimension(cast: Cast) -> int:
+    return int(cast.placements[0].path.points.shape[1])

@@ -1,0 +1,161 @@
+"""Two flying robots cross in a volume through which others pass."""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from ...framework.metrics.episode import approach
+from ...framework.values.arrays import Array, positive, whole
+from ...framework.values.errors import WideberthError
+from ...framework.values.path import Path
+from ..engine.agents import ScriptedAgent
+from .base import Placement, Range, Scenario, checked_range, draw
+
+ROOM = 0.5
+"""m between surfaces that a passer-by leaves to the other passers-by, and to the robots at first
+(all taken for as large as it is)."""
+CALM = 3.0
+"""s after time 0 during which it leaves that much to the robots."""
+DRAWS = 1000
+"""Tries to place a passer-by before the ranges are said to leave no room."""
+
+
+@final
+@dataclass(frozen=True)
+class Crossing3D(Scenario):
+    """Two straight paths in space that cross in the origin, and passers-by on wavy ways.
+
+    With reach e, lag l, speed v, azimuths psi_1 = 0 and psi_2 and climb angles gamma_k::
+
+        d_k = (cos gamma_k cos psi_k, cos gamma_k sin psi_k, sin gamma_k)
+        path k from -(e +- l v / 2) d_k to e d_k
+
+    so that undisturbed the first robot is in the origin l seconds before the second.
+
+    A passer-by is aimed at one robot, at a share of its path, and at a random direction
+    n. Undisturbed the robot would be at that place p at the time t, and so is the
+    passer-by, but for a sway of amplitude b and wavelength L about its straight way::
+
+        q(a) = p + a n + b (sin(2 pi a / L + phi_1) e_1 + sin(2 pi a / L + phi_2) e_2)
+
+    n, e_1, e_2 orthonormal. It keeps its speed and makes way for nobody; its accelerations,
+    about b (2 pi v / L)^2, are what no predictor with straight forecasts can know. One that
+    would come too near a start, or too near another passer-by, is drawn again.
+
+    Parameters
+    ----------
+    reach : m, range of e.
+    lag : s, range of l; negative where the second one is ahead.
+    azimuth : rad, range of psi_2.
+    climb : rad, range of both climb angles; negative downwards.
+    phase : range of the robots' phase offsets, as shares of the control period, in [0, 1).
+    speed : m/s, reference speed of the robots and speed at time 0.
+    passers : number of passers-by; they are aimed at the two robots in turn.
+    passer_speed : m/s, range.
+    passer_radius : m.
+    share : range of the share of the path at which a passer-by is met.
+    sway : m, amplitude b.
+    wavelength : m, L.
+
+    Raises
+    ------
+    WideberthError : a range that is not ordered or out of bounds; when drawing, no room.
+    """
+
+    reach: Range = (7.0, 9.0)
+    lag: Range = (-1.0, 1.0)
+    azimuth: Range = (0.8, 2.4)
+    climb: Range = (-0.35, 0.35)
+    phase: Range = (0.0, 0.99)
+    speed: float = 1.0
+    passers: int = 4
+    passer_speed: Range = (0.5, 1.0)
+    passer_radius: float = 0.35
+    share: Range = (0.3, 0.75)
+    sway: float = 0.2
+    wavelength: float = 8.0
+
+    def __post_init__(self) -> None:
+        for name in ("speed", "passer_radius", "wavelength"):
+            positive(f"crossing_3d.{name}", getattr(self, name))
+        positive("crossing_3d.sway", self.sway, zero=True)
+        whole("crossing_3d.passers", self.passers, least=0)
+        checked_range("crossing_3d.reach", self.reach, 0.1)
+        most = 1.98 * self.reach[0] / self.speed  # both starts lie before the crossing
+        checked_range("crossing_3d.lag", self.lag, -most, most)
+        checked_range("crossing_3d.azimuth", self.azimuth, -np.pi, np.pi)
+        checked_range("crossing_3d.climb", self.climb, -0.5 * np.pi, 0.5 * np.pi)
+        checked_range("crossing_3d.phase", self.phase, 0.0, 1.0 - 1e-9)
+        checked_range("crossing_3d.passer_speed", self.passer_speed, 1e-3)
+        checked_range("crossing_3d.share", self.share, 0.0, 1.0)
+
+    def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
+        """Draw reach, lag, azimuth, the two climb angles and the two phases."""
+        reach = draw(rng, self.reach)
+        half = 0.5 * self.speed * draw(rng, self.lag)
+        azimuths = (0.0, draw(rng, self.azimuth))
+        placements = []
+        for name, azimuth, before in zip(
+            ("first", "second"), azimuths, (-half, half), strict=True
+        ):
+            climb = draw(rng, self.climb)
+            flat = np.cos(climb) * np.array([np.cos(azimuth), np.sin(azimuth)])
+            along = np.array([*flat, np.sin(climb)])
+            path = Path(np.array([-(reach + before) * along, reach * along]))
+            placements.append(Placement(name, path, self.speed, draw(rng, self.phase)))
+        return tuple(placements)
+
+    def bystanders(
+        self, rng: np.random.Generator, placements: tuple[Placement, ...]
+    ) -> tuple[ScriptedAgent, ...]:
+        """Draw the passers-by.
+
+        Raises
+        ------
+        WideberthError : one of them finds no room in 1000 draws.
+        """
+        found: list[ScriptedAgent] = []
+        for number in range(self.passers):
+            target = placements[number % len(placements)]
+            tries = (self._passer(rng, target, f"passer {number + 1}") for _ in range(DRAWS))
+            fitting = (one for one in tries if self._has_room(one, placements, found))
+            passer = next(fitting, None)
+            if passer is None:
+                raise WideberthError(
+                    f"passer {number + 1} finds no room between the others in {DRAWS} draws; "
+                    "state fewer passers or a larger reach"
+                )
+            found.append(passer)
+        return tuple(found)
+
+    def _passer(self, rng: np.random.Generator, target: Placement, name: str) -> ScriptedAgent:
+        """Draw a way through the place where the robot would be at some time."""
+        arc = draw(rng, self.share) * target.path.length
+        speed = draw(rng, self.passer_speed)
+        frame, triangle = np.linalg.qr(rng.standard_normal((3, 3)))
+        along, *aside = (frame * np.sign(np.diag(triangle))).T  # uniform among all frames
+        turns = rng.uniform(0.0, 2.0 * np.pi, 2)
+        span = 2.0 * target.path.length  # to where it disturbs nobody when it stops there
+        arcs = np.arange(-span, span, 0.05 * self.wavelength)
+        waves = np.sin(2.0 * np.pi * arcs[:, None] / self.wavelength + turns)
+        points = (
+            target.path.at(np.array(arc)) + np.outer(arcs, along) + self.sway * (waves @ aside)
+        )
+        way = Path(points)
+        met = way.arc[int(np.argmin(np.abs(arcs)))]
+        start = arc / target.speed - met / speed
+        return ScriptedAgent(name, way, speed, self.passer_radius, start)
+
+    def _has_room(
+        self, passer: ScriptedAgent, placements: tuple[Placement, ...], others: list[ScriptedAgent]
+    ) -> bool:
+        """Whether it keeps clear of the robots at first, and of the other passers-by."""
+        last = max(one.path.length / one.speed for one in placements)
+        early, late = np.linspace(0.0, CALM, 31), np.linspace(0.0, 1.5 * last, 301)
+        wanted = ROOM + 2.0 * self.passer_radius
+        gaps: list[Array] = [
+            approach(passer.at(early), one.path.at(one.speed * early)) for one in placements
+        ]
+        gaps += [approach(passer.at(late), one.at(late)) for one in others]
+        return all(float(gap.min()) >= wanted for gap in gaps)

@@ -1,0 +1,132 @@
+"""One robot crosses a field of walkers whose motion is as uncertain as a Kalman filter assumes."""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from ...framework.metrics.episode import approach
+from ...framework.values.arrays import Array, positive, whole
+from ...framework.values.errors import WideberthError
+from ...framework.values.path import Path
+from ..engine.agents import ReplayAgent
+from .base import Placement, Range, Scenario, checked_range, draw
+
+ROOM = 0.3
+"""m between surfaces that walkers leave to each other, and to the robot at first."""
+CALM = 4.0
+"""s after time 0 during which they leave that much to the robot where it stood."""
+DRAWS = 200
+"""Tries to place a walker before the ranges are said to leave no room."""
+SPAN = (-60.0, 200.0)
+"""s, from when to when walkers are there."""
+STEP = 0.2
+"""s between the instants at which their ways are drawn; straight in between."""
+
+
+@final
+@dataclass(frozen=True)
+class CrossingField(Scenario):
+    """A robot drives from (-reach, 0) to (reach, 0); walkers cross its way and make none.
+
+    Each walker is aimed at a place of the robot's way, at the time at which an undisturbed robot
+    is there. Its velocity is a mean of random direction and speed, and about it white
+    acceleration of density q with a pull back to the mean (an Ornstein-Uhlenbeck process)::
+
+        dv = -(v - mean) / tau dt + sqrt(q) dW,     var(v) = q tau / 2 per axis
+
+    Over times short against tau that is the motion which the Kalman predictor with the
+    acceleration density q assumes, so that its forecasts are honest, and their regions grow
+    as they have to. One that comes too near to another, or to the robot where it stands at
+    first, is drawn again.
+
+    Parameters
+    ----------
+    walkers : number of them.
+    reach : m.
+    speed : m/s, of the robot at time 0, and its reference speed.
+    walker_speed : m/s, range of the mean speeds.
+    walker_radius : m.
+    share : range of the share of the way at which a walker is met.
+    aside : m, range of how far beside the robot it passes undisturbed.
+    acceleration_density : q, m^2/s^3 per axis.
+    time_constant : tau, s.
+    phase : range of the robot's phase offset, as a share of the control period, in [0, 1).
+
+    Raises
+    ------
+    WideberthError : a range that is not ordered or out of bounds; when drawing, no room.
+    """
+
+    walkers: int = 8
+    reach: float = 10.0
+    speed: float = 0.5
+    walker_speed: Range = (0.3, 0.7)
+    walker_radius: float = 0.4
+    share: Range = (0.25, 0.9)
+    aside: Range = (-1.5, 1.5)
+    acceleration_density: float = 0.01
+    time_constant: float = 5.0
+    phase: Range = (0.0, 0.99)
+
+    def __post_init__(self) -> None:
+        whole("crossing_field.walkers", self.walkers)
+        for name in ("reach", "speed", "walker_radius", "time_constant"):
+            positive(f"crossing_field.{name}", getattr(self, name))
+        positive("crossing_field.acceleration_density", self.acceleration_density, zero=True)
+        checked_range("crossing_field.walker_speed", self.walker_speed, 1e-3)
+        checked_range("crossing_field.share", self.share, 0.0, 1.0)
+        checked_range("crossing_field.aside", self.aside, -self.reach, self.reach)
+        checked_range("crossing_field.phase", self.phase, 0.0, 1.0 - 1e-9)
+
+    def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
+        """Draw the phase; the way is the same for every seed."""
+        way = Path(np.array([[-self.reach, 0.0], [self.reach, 0.0]]))
+        return (Placement("robot", way, self.speed, draw(rng, self.phase)),)
+
+    def bystanders(
+        self, rng: np.random.Generator, placements: tuple[Placement, ...]
+    ) -> tuple[ReplayAgent, ...]:
+        """Draw the walkers, one after the other, with room between them."""
+        times = np.arange(SPAN[0], SPAN[1] + STEP, STEP)
+        robot = placements[0].path.at(self.speed * np.clip(times, 0.0, CALM))
+        first = times <= CALM
+        room = 2.0 * self.walker_radius + ROOM
+        kept: list[Array] = []
+        for k in range(self.walkers):
+            for _ in range(DRAWS):
+                way = self._way(rng, times)
+                near = approach(way[first], robot[first]).min() < room + self.walker_radius
+                if not near and all(approach(way, other).min() >= room for other in kept):
+                    kept.append(way)
+                    break
+            else:
+                raise WideberthError(
+                    f"in {DRAWS} draws there was no room for walker {k + 1}; take fewer walkers "
+                    "or a longer reach"
+                )
+        return tuple(
+            ReplayAgent(f"walker {k + 1}", times, way, self.walker_radius)
+            for k, way in enumerate(kept)
+        )
+
+    def _way(self, rng: np.random.Generator, times: Array) -> Array:
+        """Draw the way of one walker, (T, 2), m."""
+        share, angle = draw(rng, self.share), draw(rng, (-np.pi, np.pi))
+        ahead = np.array([np.cos(angle), np.sin(angle)])
+        place = np.array([(2.0 * share - 1.0) * self.reach, 0.0])
+        place += draw(rng, self.aside) * np.array([-ahead[1], ahead[0]])
+        velocity = draw(rng, self.walker_speed) * ahead + self._sway(rng, len(times))
+        way = np.concatenate([np.zeros((1, 2)), np.cumsum(STEP * velocity[:-1], axis=0)])
+        met = int(np.searchsorted(times, 2.0 * share * self.reach / self.speed))
+        return np.asarray(way - way[met] + place)
+
+    def _sway(self, rng: np.random.Generator, count: int) -> Array:
+        """Draw the stationary process about the mean velocity, exact at the steps, (T, 2), m/s."""
+        keep = float(np.exp(-STEP / self.time_constant))
+        deviation = np.sqrt(0.5 * self.acceleration_density * self.time_constant)
+        sway: Array = deviation * rng.standard_normal((count, 2))
+        sway[1:] *= np.sqrt(1.0 - keep**2)
+        for i in range(1, count):
+            sway[i] += keep * sway[i - 1]
+        return sway

@@ -1,0 +1,132 @@
+"""A door that one body fits through, and somebody who comes the other way."""
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias, final
+
+import numpy as np
+
+from ...framework.values.arrays import Array, positive
+from ...framework.values.errors import WideberthError
+from ...framework.values.path import Path
+from ...framework.values.polygon import Polygon
+from ..engine.agents import Bystander, ScriptedAgent
+from .base import Placement, Range, Scenario, checked_range, draw
+from .placing import box, checked_choice
+
+Oncoming: TypeAlias = Literal["walker", "robot"]
+
+WALL = 6.0
+"""m of wall on either side of the door."""
+THICKNESS = 0.2
+"""m, of the wall."""
+GONE = 60.0
+"""m behind the door where a walker stops: nobody stands at the robot's goal."""
+
+
+@final
+@dataclass(frozen=True)
+class Doorway(Scenario):
+    """A wall along the y axis with a door in the origin, as wide as 1.2 robots.
+
+    ``robot`` drives from (-reach, y1) through the middle of the door to (reach, y2).
+    Somebody drives or walks through it the other way, so far away at time 0 that undisturbed it
+    is in the door l seconds after the robot: only one of them fits in.
+
+    Parameters
+    ----------
+    opening : width of the door over 2 r, above 1.
+    robot_radius : r, m, of the robot that there is room for.
+    reach : m, from the door to the robot's start and goal, along x.
+    aside : m, range of y1 and y2, and of the same numbers of the other one; each drawn.
+    lag : s, range of l; negative where the other one is first.
+    oncoming : "walker", who makes way for nobody, or "robot", which has the same controller.
+    walker_radius : m.
+    walker_speed : m/s, range.
+    phase : range of the phase offsets, as shares of the control period, in [0, 1).
+    speed : m/s, of robots at time 0, and their reference speed.
+
+    Raises
+    ------
+    WideberthError : a range that is not ordered or out of bounds; a door too narrow for those
+        who come through it.
+
+    Notes
+    -----
+    Opening and lag are the benchmark's; reach, speeds and the bends of the ways are ours.
+    """
+
+    opening: float = 1.2
+    robot_radius: float = 0.3
+    reach: float = 5.0
+    aside: Range = (-1.0, 1.0)
+    lag: Range = (-2.0, 2.0)
+    oncoming: Oncoming = "walker"
+    walker_radius: float = 0.3
+    walker_speed: Range = (0.4, 0.7)
+    phase: Range = (0.0, 0.99)
+    speed: float = 0.5
+
+    def __post_init__(self) -> None:
+        checked_choice("doorway.oncoming", self.oncoming, Oncoming)
+        for name in ("robot_radius", "walker_radius", "speed"):
+            positive(f"doorway.{name}", getattr(self, name))
+        checked_range("doorway.walker_speed", self.walker_speed, 1e-3)
+        checked_range("doorway.phase", self.phase, 0.0, 1.0 - 1e-9)
+        body = max(self.robot_radius, self.walker_radius)
+        if not 0.5 * self.width > body:
+            raise WideberthError(
+                f"doorway: the door is {self.width:g} m wide (opening {self.opening:g} times "
+                f"2 r), and a body of radius {body:g} m does not fit through it; take a wider "
+                "opening or a smaller body"
+            )
+        positive("doorway.reach", self.reach - THICKNESS - 2.0 * body)
+        most = WALL - body
+        checked_range("doorway.aside", self.aside, -most, most)
+        slowest = min(self.speed, self.walker_speed[0])  # the other one starts before the door
+        least = (THICKNESS + 2.0 * body) / slowest - self.reach / self.speed
+        checked_range("doorway.lag", self.lag, least)
+
+    @property
+    def width(self) -> float:
+        """Width of the door, m."""
+        return self.opening * 2.0 * self.robot_radius
+
+    def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
+        """Draw the way and the phase; of the other robot as well, where there is one."""
+        way, phase = self._way(rng, self.reach), draw(rng, self.phase)
+        robot = Placement("robot", Path(way), self.speed, phase)
+        if self.oncoming == "walker":
+            return (robot,)
+        other = self._oncoming(rng, robot.path, self.speed, self.reach)
+        return robot, Placement("oncoming", other, self.speed, draw(rng, self.phase))
+
+    def bystanders(
+        self, rng: np.random.Generator, placements: tuple[Placement, ...]
+    ) -> tuple[Bystander, ...]:
+        """Draw the walker, where the other one is none of the robots."""
+        if self.oncoming == "robot":
+            return ()
+        speed = draw(rng, self.walker_speed)
+        way = self._oncoming(rng, placements[0].path, speed, GONE)
+        return (ScriptedAgent("walker", way, speed, self.walker_radius),)
+
+    def polygons(self, rng: np.random.Generator) -> tuple[Polygon, ...]:
+        """Both parts of the wall; the same for every seed."""
+        x, y = 0.5 * THICKNESS, 0.5 * self.width
+        return (
+            box((-x, y), (x, y + WALL), "wall left"),
+            box((-x, -y - WALL), (x, -y), "wall right"),
+        )
+
+    def _oncoming(self, rng: np.random.Generator, path: Path, speed: float, end: float) -> Path:
+        """Way of the other one, which reaches the door l s after the robot."""
+        way = -self._way(rng, self.reach)
+        way[2] *= end / self.reach
+        arrival = path.arc[1] / self.speed + draw(rng, self.lag)
+        way[0] *= speed * arrival / np.hypot(*way[0])
+        return Path(way)
+
+    def _way(self, rng: np.random.Generator, reach: float) -> Array:
+        """Way through the door from the left, (3, 2), m."""
+        first, second = draw(rng, self.aside), draw(rng, self.aside)
+        return np.array([[-reach, first], [0.0, 0.0], [reach, second]])

@@ -1,0 +1,161 @@
+"""A robot among walkers that move exactly as a stated stochastic model says."""
+
+from dataclasses import dataclass, field
+from typing import TypeAlias, final
+
+import numpy as np
+
+from ...framework.values.arrays import Array, positive, whole
+from ...framework.values.errors import WideberthError
+from ...framework.values.path import Path
+from ..engine.agents import ReplayAgent
+from .base import Placement, Scenario
+from .placing import draw_place
+
+AFTER = 60.0
+"""s after time 0 for which walkers are there."""
+SETTLING = 200
+"""Steps after which an autoregression has forgotten that it began at rest."""
+
+
+@final
+@dataclass(frozen=True)
+class WhiteAcceleration:
+    """A velocity that drifts under white acceleration: the model of the Kalman predictor.
+
+    (p, v)_{k+1} = F (p, v)_k + w,   w ~ N(0, Q),   v_0 ~ N(0, speed^2 I)
+
+    with F and Q of one step exactly, Q = q [[dT^3/3, dT^2/2], [dT^2/2, dT]] per axis.
+
+    Parameters
+    ----------
+    acceleration_density : q, m^2/s^3.
+    speed : m/s per axis, standard deviation at the first instant.
+    """
+
+    acceleration_density: float = 0.02
+    speed: float = 0.4
+
+    def __post_init__(self) -> None:
+        positive("white_acceleration.acceleration_density", self.acceleration_density)
+        positive("white_acceleration.speed", self.speed)
+
+    def walk(self, rng: np.random.Generator, count: int, dt: float) -> Array:
+        """Draw positions at ``count`` instants, relative to the first one, (count, 2), m."""
+        square = np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+        root = np.linalg.cholesky(self.acceleration_density * square)
+        shocks = rng.standard_normal((count - 1, 2, 2)) @ root.T  # (step, axis, p or v)
+        start = self.speed * rng.standard_normal((1, 2))
+        velocity = start + np.concatenate([np.zeros((1, 2)), np.cumsum(shocks[..., 1], axis=0)])
+        moved = dt * velocity[:-1] + shocks[..., 0]
+        return np.concatenate([np.zeros((1, 2)), np.cumsum(moved, axis=0)])
+
+
+@final
+@dataclass(frozen=True)
+class Autoregression:
+    """A stationary vector autoregression of the velocity: the model of the paper's predictor.
+
+    v_h = a_1 v_{h-1} + ... + a_p v_{h-p} + u_h,   u_h ~ N(0, s^2 I),   p_h = p_{h-1} + dT v_h
+
+    Parameters
+    ----------
+    coefficients : the a_j.
+    innovation : s^2, (m/s)^2.
+
+    Raises
+    ------
+    WideberthError : no coefficients, or ones with which velocities grow without end.
+    """
+
+    coefficients: tuple[float, ...] = (1.0, -0.1)
+    innovation: float = 0.01
+
+    def __post_init__(self) -> None:
+        positive("autoregression.innovation", self.innovation)
+        roots = np.roots([1.0, *(-a for a in self.coefficients)])
+        if not len(roots) or np.abs(roots).max() >= 1.0:
+            raise WideberthError(
+                f"autoregression.coefficients is {self.coefficients}; wanted at least one, and "
+                "all roots of z^p - a_1 z^(p-1) - ... - a_p within the unit circle"
+            )
+
+    def walk(self, rng: np.random.Generator, count: int, dt: float) -> Array:
+        """Draw positions at ``count`` instants, relative to the first one, (count, 2), m."""
+        order = len(self.coefficients)
+        velocity = np.sqrt(self.innovation) * rng.standard_normal((SETTLING + count - 1, 2))
+        weights = np.array(self.coefficients[::-1])
+        for h in range(order, len(velocity)):
+            velocity[h] += weights @ velocity[h - order : h]
+        moved = dt * np.cumsum(velocity[SETTLING:], axis=0)
+        return np.concatenate([np.zeros((1, 2)), moved])
+
+
+Motion: TypeAlias = WhiteAcceleration | Autoregression
+
+
+@final
+@dataclass(frozen=True)
+class ModelCrowd(Scenario):
+    """A robot drives from (0, 0) to (reach, 0); walkers about its way follow one model exactly.
+
+    A walker's motion and its place at time 0 are drawn independently, the place uniformly over
+    [0, reach] x [-aside, aside] but for ``room`` about the robot's start. So where the robot is
+    tells nothing of how a walker moves, and a predictor that assumes the model knows all that
+    can be known: its forecasts are calibrated, given what was seen. (A walker aimed at the robot
+    would not do: its aim would say more than its past.) Walkers pass through each other, and
+    through the robot.
+
+    Parameters
+    ----------
+    motion : the model.
+    walkers : number of them.
+    reach, aside, room : m.
+    speed : m/s, of the robot at time 0, and its reference speed.
+    walker_radius : m.
+    dt : s, step of the model; between its instants walkers go straight.
+    before : s before time 0 at which the motion begins.
+
+    Raises
+    ------
+    WideberthError : a number out of range; when drawing, no place outside ``room``.
+    """
+
+    motion: Motion = field(default_factory=WhiteAcceleration)
+    walkers: int = 3
+    reach: float = 6.0
+    aside: float = 2.0
+    room: float = 1.2
+    speed: float = 0.6
+    walker_radius: float = 0.3
+    dt: float = 0.5
+    before: float = 10.0
+
+    def __post_init__(self) -> None:
+        whole("model_crowd.walkers", self.walkers)
+        for name in ("reach", "aside", "speed", "walker_radius", "dt", "before"):
+            positive(f"model_crowd.{name}", getattr(self, name))
+        positive("model_crowd.room", self.room, zero=True)
+
+    def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
+        """Return the robot; its way is the same for every seed."""
+        return (Placement("robot", Path(np.array([[0.0, 0.0], [self.reach, 0.0]])), self.speed),)
+
+    def bystanders(
+        self, rng: np.random.Generator, placements: tuple[Placement, ...]
+    ) -> tuple[ReplayAgent, ...]:
+        """Draw each walker's place at time 0 and its motion."""
+        begin = int(np.ceil(self.before / self.dt - 1e-9))
+        times = self.dt * np.arange(-begin, int(AFTER / self.dt) + 1, dtype=np.float64)
+        low, high = np.array([0.0, -self.aside]), np.array([self.reach, self.aside])
+        found = []
+        for k in range(self.walkers):
+            place = draw_place(
+                lambda: rng.uniform(low, high),
+                lambda at: float(np.hypot(*at)) >= self.room,
+                f"walker {k + 1}; take less room or a longer reach",
+            )
+            way = self.motion.walk(rng, len(times), self.dt)
+            way += place - way[begin]
+            found.append(ReplayAgent(f"walker {k + 1}", times, way, self.walker_radius))
+        return tuple(found)

@@ -1,0 +1,245 @@
+"""The corridor of mpc_planner: walls 7 m apart, and people both ways."""
+
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import ClassVar, Literal, TypeAlias, final
+
+import numpy as np
+
+from ...framework.values.arrays import Array, positive, whole
+from ...framework.values.errors import WideberthError
+from ...framework.values.path import Path
+from ...framework.values.polygon import Polygon
+from ..engine.agents import RobotAgent
+from .base import Placement, Range, Scenario, checked_range, draw
+from .crowd_mix import CrowdMix, mix_of
+from .placing import apart, checked_choice, corridor_walls, draw_place
+from .swaying import made_to_sway
+
+Flow: TypeAlias = Literal["random", "both_ways", "16_random", "8_gaussian"]
+Way: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
+
+HALF_WIDTH = 3.5
+ENDS = (-6.5, 39.5)
+"""m: y of the walls, and their ends along x."""
+WALLED = ("random", "both_ways")
+"""Layouts with walls."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """People who go the same way: ranges of x and y of their starts and way along x, m."""
+
+    x: Range
+    y: Range
+    onward: float
+
+
+@dataclass(frozen=True)
+class Crowd:
+    """A layout whose people are drawn: the groups (with the robot, against it), speeds, number."""
+
+    groups: tuple[Group, Group]
+    speed: Range
+    pedestrians: int
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """A layout whose people are listed: starts and goals, m, and the speed of all, m/s."""
+
+    ways: tuple[Way, ...]
+    speed: float
+
+
+CROWDS = {
+    "random": Crowd(
+        (Group((4.0, 12.0), (-3.0, 3.0), 30.0), Group((20.0, 35.0), (-3.0, 3.0), -30.0)),
+        (1.14, 1.66), 8,
+    ),
+    "16_random": Crowd(
+        (Group((2.0, 10.0), (-3.0, 1.0), 40.0), Group((38.0, 44.0), (-1.0, 3.0), -40.0)),
+        (0.7, 1.3), 16,
+    ),
+}  # fmt: skip
+FIXED = {
+    "both_ways": Fixed(
+        (
+            ((10.0, 2.8), (0.0, 2.8)), ((10.0, 1.5), (0.0, 1.5)), ((4.0, -1.5), (10.0, -0.5)),
+            ((4.0, 0.2), (10.0, 0.2)),
+        ),
+        1.3,
+    ),
+    "8_gaussian": Fixed(
+        (
+            ((2.5, -3.0), (12.0, -1.5)), ((2.35, 0.5), (15.0, -1.0)), ((10.0, -3.5), (0.0, -2.0)),
+            ((7.0, 3.0), (0.0, 0.0)), ((3.0, 0.0), (10.0, 0.5)), ((3.0, 1.0), (12.0, 4.0)),
+            ((3.5, -3.5), (7.5, 6.0)), ((5.0, -1.0), (9.0, 0.0)),
+        ),
+        0.7,
+    ),
+}  # fmt: skip
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PedestrianCorridor(Scenario):
+    """The robot drives along a corridor about the x axis; people walk with it and against it.
+
+    ``random``: each person is one of two groups with equal chances: from x in [4, 12] to 30 m
+    farther on, or from x in [20, 35] to 30 m back, y in [-3, 3], at a drawn speed; by social
+    forces. ``16_random``: likewise from x in [2, 10], y in [-3, 1] to 40 m farther on, or from
+    x in [38, 44], y in [-1, 3] to 40 m back, without walls. ``both_ways``: four people at
+    1.3 m/s on fixed ways, straight to their goals. ``8_gaussian``: eight at 0.7 m/s, without
+    walls.
+
+    Parameters
+    ----------
+    layout : "random", "16_random", "both_ways" or "8_gaussian".
+    pedestrians : number of people, of the random layouts alone; by default 8 in ``random``
+        (there 0, 4, 8 or 12) and 16 in ``16_random``.
+    pedestrian_speed : m/s, range, of the random layouts alone; by default [1.14, 1.66] and
+        [0.7, 1.3].
+    pedestrian_radius : m.
+    robot_radius : m, of the robot that there is room for.
+    length : m, of the robot's way from the origin.
+    crowd : who the people are of the random layouts.
+    blind : who they are of the fixed ones.
+    phase : range of the phase offset, as a share of the control period, in [0, 1).
+    speed : m/s, of the robot at time 0, and its reference speed.
+    respawn : whether who has arrived comes anew from the start, see `RobotAgent`.
+    process_noise : m/s per axis: at each of 20 updates a second everybody is moved by the noise
+        of this standard deviation as well, see `Swaying`. There 0, 0.3 ("Safe-Horizon") or 0.8
+        ("excessive").
+
+    Raises
+    ------
+    WideberthError : a number out of range; of a fixed layout, a number or speed of people, or
+        people who would touch somebody at their starts; when drawing, too many people.
+
+    Notes
+    -----
+    Groups, ways, speeds and radii are those of ``random_social/8_corridor``,
+    ``corridor/16_random``, ``corridor/4_both_ways`` and ``new_safe_horizon/8_gaussian`` of
+    mpc_planner's pedestrian simulator (the last one as its older ``crowded_gaussian`` has it,
+    with the same speed and first way), the reference speed of 2 m/s its planner's. Departures:
+    a goal lies straight ahead of its start, where there it is drawn as the start is and moved
+    on; who would stand on another one is drawn again, and one start of ``8_gaussian`` is at
+    x = 2.35 m for 2.5 m, where it would touch two others; the social force is the model that it
+    names (Moussaïd's) with the numbers of PySocialForce; the walls stand in ``both_ways`` as
+    well; blind people stop at their goals, where there they walk on; the length of the robot's
+    way is ours. There who arrives is no longer seen, and a start for somebody new is drawn until
+    it is 5 m from the robot; with ``respawn`` the same start is taken as soon as it is.
+
+    The noise is a velocity, not the length as which it is quoted: a position spreads as a random
+    walk by process_noise sqrt(0.05 s t), 0.07 m after 1 s of 0.3 m/s. (Its planner counts on
+    twice that, on noise that is held for its own steps of 0.2 s.)
+    """
+
+    reference: ClassVar[str] = "degroot2024topology"
+
+    layout: Flow = "random"
+    pedestrians: int | None = None
+    pedestrian_speed: Range | None = None
+    pedestrian_radius: float = 0.4
+    robot_radius: float = 0.325
+    length: float = 30.0
+    crowd: CrowdMix = field(default_factory=partial(mix_of, {"moussaid_force": {}}))
+    blind: CrowdMix = field(default_factory=partial(mix_of, {"constant_velocity": {}}))
+    phase: Range = (0.0, 0.99)
+    speed: float = 2.0
+    respawn: bool = False
+    process_noise: float = 0.0
+
+    def __post_init__(self) -> None:
+        checked_choice("pedestrian_corridor.layout", self.layout, Flow)
+        if self.pedestrians is not None:
+            whole("pedestrian_corridor.pedestrians", self.pedestrians, least=0)
+        for name in ("pedestrian_radius", "robot_radius", "length", "speed"):
+            positive(f"pedestrian_corridor.{name}", getattr(self, name))
+        positive("pedestrian_corridor.process_noise", self.process_noise, zero=True)
+        if self.pedestrian_speed is not None:
+            checked_range("pedestrian_corridor.pedestrian_speed", self.pedestrian_speed, 1e-3)
+        checked_range("pedestrian_corridor.phase", self.phase, 0.0, 1.0 - 1e-9)
+        if self.layout in FIXED:
+            self._check_fixed(FIXED[self.layout])
+
+    def _check_fixed(self, layout: Fixed) -> None:
+        """Refuse what the random layouts alone have, and people who would touch at the start."""
+        for name in ("pedestrians", "pedestrian_speed"):
+            if getattr(self, name) is not None:
+                raise WideberthError(
+                    f"pedestrian_corridor.{name} is {getattr(self, name)}, and {self.layout} "
+                    f"lists its people; leave it out, or take {' or '.join(CROWDS)}"
+                )
+        taken = [(np.zeros(2), self.robot_radius)]
+        for k, (start, _) in enumerate(layout.ways, start=1):
+            if not apart(np.array(start), self.pedestrian_radius, taken, 0.0):
+                raise WideberthError(
+                    f"pedestrian_corridor: person {k} of {self.layout} would touch somebody at "
+                    "the start; take a smaller pedestrian_radius or robot_radius"
+                )
+            taken.append((np.array(start), self.pedestrian_radius))
+
+    def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
+        """Draw the phase; the way is the same for every seed."""
+        way = Path(np.array([[0.0, 0.0], [self.length, 0.0]]))
+        return (Placement("robot", way, self.speed, draw(rng, self.phase)),)
+
+    def people(
+        self, rng: np.random.Generator, placements: tuple[Placement, ...]
+    ) -> tuple[RobotAgent, ...]:
+        """Draw the people, and then the seeds of their noise."""
+        if self.layout in FIXED:
+            found = self._listed(rng, FIXED[self.layout])
+        else:
+            found = self._drawn(rng, CROWDS[self.layout], placements[0].path.points[0])
+        if self.respawn:
+            found = [replace(one, respawn=True) for one in found]
+        if self.process_noise:
+            seeds = [int(seed) for seed in rng.integers(2**31, size=len(found))]
+            noise = self.process_noise
+            found = [
+                made_to_sway(one, noise, seed) for one, seed in zip(found, seeds, strict=True)
+            ]
+        return tuple(found)
+
+    def polygons(self, rng: np.random.Generator) -> tuple[Polygon, ...]:
+        """Both walls, where the layout has them; the same for every seed."""
+        return corridor_walls(2.0 * HALF_WIDTH, *ENDS) if self.layout in WALLED else ()
+
+    def _listed(self, rng: np.random.Generator, layout: Fixed) -> list[RobotAgent]:
+        return [
+            self.blind.person(
+                rng, f"person {k}", Path(np.array(way)), layout.speed, self.pedestrian_radius
+            )
+            for k, way in enumerate(layout.ways, start=1)
+        ]
+
+    def _drawn(self, rng: np.random.Generator, layout: Crowd, robot: Array) -> list[RobotAgent]:
+        count = layout.pedestrians if self.pedestrians is None else self.pedestrians
+        taken, found = [(robot, self.robot_radius)], []
+        for k in range(1, count + 1):
+            what = f"person {k} of {count}: take fewer, or smaller people"
+            way = self._draw_way(rng, layout, taken, what)
+            taken.append((way[0], self.pedestrian_radius))
+            speed = draw(rng, self.pedestrian_speed or layout.speed)
+            radius = self.pedestrian_radius
+            found.append(self.crowd.person(rng, f"person {k}", Path(way), speed, radius))
+        return found
+
+    def _draw_way(
+        self, rng: np.random.Generator, layout: Crowd, taken: list[tuple[Array, float]], what: str
+    ) -> Array:
+        """Start and goal of one person, (2, 2), m."""
+        ahead, against = layout.groups
+        group = ahead if rng.random() < 0.5 else against
+
+        def place() -> Array:
+            return np.array([draw(rng, group.x), draw(rng, group.y)])
+
+        def free(start: Array) -> bool:
+            return apart(start, self.pedestrian_radius, taken, 0.0)
+
+        start = draw_place(place, free, what)
+        return np.stack([start, start + np.array([group.onward, 0.0])])

@@ -1,0 +1,61 @@
+"""Sources: what a docstring names is in the bibliography, and `cite` prints it."""
+
+import inspect
+import re
+from pathlib import Path
+
+import pytest
+
+from wideberth.experiments.engine.citing import PAPER, bibliography, keys
+from wideberth.framework.plugins.registry import ROOMS, load, names
+from wideberth.regions.bhattacharyya import Bhattacharyya
+from wideberth.regions.whitened_box import WhitenedBox
+
+ROOT = Path(__file__).resolve().parents[2]
+PLUGINS = [(room, name) for room in ROOMS for name in names(room)]
+
+
+def sources(room: str, name: str) -> list[str]:
+    found = getattr(load(room, name), "reference", "")
+    return [key.strip() for key in found.split(",") if key.strip()]
+
+
+@pytest.mark.parametrize(("room", "name"), PLUGINS)
+def test_every_source_has_an_entry(room: str, name: str) -> None:
+    assert set(sources(room, name)) <= bibliography().keys()
+
+
+@pytest.mark.parametrize(("room", "name"), PLUGINS)
+def test_a_source_that_a_docstring_names_is_cited(room: str, name: str) -> None:
+    text = inspect.getdoc(load(room, name)) or ""
+    if "\nReferences\n" in text:
+        assert sources(room, name), f"{name} names a source and has no key"
+
+
+def test_methods_that_the_paper_compares_itself_with_are_cited() -> None:
+    """Bhatt et al. (2019) and Hardy and Campbell (2013), beside the paper itself."""
+    assert keys(Bhattacharyya()) == [PAPER, "bhattacharyya1943", "bhatt2019probabilistic"]
+    assert keys(WhitenedBox()) == [PAPER, "hardy2013contingency"]
+    entries = bibliography()
+    assert "Overlap of {Gaussians}" in entries["bhatt2019probabilistic"]
+    assert "913--929" in entries["hardy2013contingency"]
+
+
+def test_departures_from_the_paper_are_written_where_the_code_does_them() -> None:
+    """The files that docs/paper.md names in a row about the paper speak of it themselves."""
+    text = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8").split("Other methods")[0]
+    rows = [line.split("|")[1:-1] for line in text.splitlines() if line.startswith("| ")]
+    files = {name for row in rows for name in re.findall(r"`([a-z_/]+\.py)`", row[-1])}
+    assert len(files) > 20
+    for name in files:
+        assert "paper" in (ROOT / name).read_text(encoding="utf-8").lower(), name
+
+
+@pytest.mark.parametrize(
+    "word",
+    ["ROS", "Nav2", "RViz", "Gazebo", "NavFn", "Kalman filter", "LiDAR", "0.5 log q",
+     "arc length", "the speed falls to 0", "ladder", "braking", "no limit of time",
+     "tail of exactly", "s >= 0"],
+)  # fmt: skip
+def test_departures_that_were_once_left_out_are_named(word: str) -> None:
+    assert word in (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")

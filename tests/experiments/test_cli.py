@@ -1,0 +1,175 @@
+"""The shell's view: what is printed, where it goes, and how it ends."""
+
+import os
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import pytest
+
+from wideberth.experiments.cli import app as cli
+from wideberth.experiments.engine.shipped import DEMO, config_path, read_experiment, shipped
+from wideberth.framework.plugins.config import build, describe
+from wideberth.framework.plugins.registry import ROOMS, names
+from wideberth.framework.plugins.yamlfile import dump, parse
+from wideberth.framework.values.errors import WideberthError
+
+HERE = Path(__file__).parents[1] / "helpers"
+
+
+@pytest.fixture(autouse=True)
+def _place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(HERE)
+    monkeypatch.setattr(os, "environ", dict(os.environ))
+    Path("coins.yaml").write_text("type: sample_plugin:Coins\nthrows: 50\n")
+
+
+@pytest.fixture
+def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):  # type: ignore[no-untyped-def]
+    def call(*arguments: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["wideberth", *arguments])
+        monkeypatch.setattr(sys, "path", list(sys.path))
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        printed = capsys.readouterr()
+        code = end.value.code
+        return (code if isinstance(code, int) else 0), printed.out, printed.err
+
+    return call
+
+
+def test_run_show_figures(shell) -> None:  # type: ignore[no-untyped-def]
+    code, out, error = shell("run", "coins.yaml", "--set", "bias=0.25", "--set", "seeds=2")
+    assert code == 0, error
+    assert "A coin falls on either side equally often." in out and "share" in out
+    for name in ("table.csv", "config.yaml", "figures/share.png", "files/seed/0.bin"):
+        assert str(Path("results/coins", name)) in out
+    assert "bias: 0.25" in Path("results/coins/config.yaml").read_text()
+    assert shell("show", "results/coins") == (0, out, "")
+    Path("results/coins/figures/share.pdf").unlink()
+    code, out, _ = shell("figures", "coins")
+    assert code == 0 and "share.pdf" in out and Path("results/coins/figures/share.pdf").exists()
+    assert shell("figures")[1] == out
+
+
+def test_quick_and_no_figures(shell) -> None:  # type: ignore[no-untyped-def]
+    assert shell("run", "coins.yaml", "--quick", "--no-figures")[0] == 0
+    assert Path("results/coins-quick/table.csv").exists()
+    assert not Path("results/coins-quick/figures").exists()
+
+
+def test_figures_runs_what_has_no_result(shell) -> None:  # type: ignore[no-untyped-def]
+    assert shell("figures", "coins.yaml")[0] == 0
+    assert Path("results/coins/figures/share.png").exists()
+
+
+def test_list(shell) -> None:  # type: ignore[no-untyped-def]
+    code, out, _ = shell("list", "robots")
+    assert code == 0 and out.split() == names("robots") and "unicycle" in out
+
+
+def test_check(shell) -> None:  # type: ignore[no-untyped-def]
+    code, out, error = shell("check", "robot", "wideberth.robots.unicycle:Unicycle")
+    assert code == 0 and "keeps the laws of robots" in out, error
+    code, out, error = shell("check", "scenario", "crossing", "--set", "speed=0.7")
+    assert code == 0 and "keeps the laws of scenarios" in out, error
+    Path("odd.py").write_text(
+        "from dataclasses import dataclass\n"
+        "from wideberth.framework.values.forecast import Forecast\n"
+        "from wideberth.framework.predictor import Predictor\n"
+        "@dataclass(frozen=True)\n"
+        "class Odd(Predictor):\n"
+        "    power: int = 1\n"
+        "    def predict(self, tracks, steps, scene=None):\n"
+        "        raise RuntimeError('always')\n"
+    )
+    with warnings.catch_warnings():
+        code, _, error = shell("check", "predictor", "odd:Odd", "--set", "power=2")
+    assert code == 1 and "odd:Odd breaks a law of predictors" in error
+
+
+def test_cite(shell) -> None:  # type: ignore[no-untyped-def]
+    Path("c.yaml").write_text("type: sample_plugin:Coins\npredictor: var\nrivals: [kalman]\n")
+    code, out, error = shell("cite", "c.yaml")
+    assert code == 0, error
+    assert out.count("@") == 3 and "Obstacle Avoidance" in out and "Time Series" in out
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_every_shipped_config_builds(name: str) -> None:
+    experiment, _ = read_experiment(name, [])
+    assert experiment.claim and experiment.tasks()
+    assert experiment.quick().tasks()
+    config = describe(experiment)  # experiments may need keys: only a config builds them
+    assert describe(build("experiments", parse(dump(config), name))) == config
+
+
+def test_demo_names_shipped_configs() -> None:
+    assert set(DEMO) <= set(shipped())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "coin.yaml"], "no such file, and unknown config 'coin.yaml'"),
+        (["run", "."], "is a folder"),
+        (["run", "list.yaml"], "is a list; a config is a mapping"),
+        (["run", "empty.yaml"], "is empty"),
+        (["run", "binary.yaml"], "is not text"),
+        (["run", "coins.yaml", "--set", "baïs=1"], "unknown key 'baïs': did you mean 'bias'"),
+        (["run", "coins.yaml", "--set", "bias=high"], "bias: came 'high' (str); wanted float"),
+        (["run", "coins.yaml", "--set", "bias=-1"], "coins.bias is -1"),
+        (["run", "coins.yaml", "--set", "bias"], "wanted KEY=VALUE"),
+        (["run", "coins.yaml", "--set", "predictor=vat"], "did you mean 'var'"),
+        (["run", "coins.yaml", "--set", "type=coin"], "unknown experiment 'coin'"),
+        (["run", "coins.yaml", "--set", "plugins=[none]"], "module 'none' cannot be imported"),
+        (["run", "coins.yaml", "--set", "seeds=0"], "the experiment has no task"),
+        (["run", "coins.yaml", "--out", "coins.yaml"], "holds no result"),
+        (["run", "coins.yaml", "--out", "coins.yaml/x"], "cannot be written"),
+        (["run", "coins.yaml", "--workers", "0"], "workers is 0"),
+        (["figures"], "results/ holds no result"),
+        (["figures", "coinz"], "unknown config 'coinz'"),
+        (["list", "robotz"], "did you mean 'robots'"),
+        (["check", "robot", "unicicle"], "did you mean 'unicycle'"),
+        (["check", "solver", "fatrop"], "unknown contract check 'solver'"),
+        (["show", "results/none"], "holds no result"),
+        (["cite", "none"], "unknown config 'none'"),
+    ],
+)
+def test_bad_input_gives_one_message_and_code_2(  # type: ignore[no-untyped-def]
+    shell, arguments: list[str], message: str
+) -> None:
+    Path("list.yaml").write_text("- 1\n")
+    Path("empty.yaml").write_text("")
+    Path("binary.yaml").write_bytes(b"\x00\xff\xfe")
+    before = sorted(Path().rglob("*"))
+    code, out, error = shell(*arguments)
+    assert code == 2 and message in error and "Traceback" not in error
+    assert error.startswith("Error: ") and error.count("\n") == 1 and out == ""
+    assert sorted(Path().rglob("*")) == before
+
+
+def test_config_path(tmp_path: Path) -> None:
+    assert config_path("coins.yaml") == Path("coins.yaml")
+    with pytest.raises(WideberthError, match=r"no such file"):
+        config_path("nothing")
+
+
+def test_help_loads_nothing_heavy() -> None:
+    script = (
+        "import sys; sys.argv = ['wideberth', '--help']\n"
+        "from wideberth.experiments.cli.app import main\n"
+        "try: main()\n"
+        "except SystemExit: pass\n"
+        "heavy = {'numpy', 'casadi', 'pydantic', 'yaml', 'matplotlib', 'joblib', 'scipy'}\n"
+        "print(sorted(heavy & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.stdout.strip().endswith("[]"), done.stdout[-200:] + done.stderr
+
+
+def test_every_room_can_be_listed(shell) -> None:  # type: ignore[no-untyped-def]
+    for room in ROOMS:
+        assert shell("list", room)[0] == 0

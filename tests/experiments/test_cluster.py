@@ -1,0 +1,169 @@
+"""A Dask cluster gives the same bytes as one process, whatever becomes of its workers."""
+
+import shutil
+import subprocess
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from wideberth.experiments.engine import dask_pool as module
+from wideberth.experiments.engine.dask_pool import Scheduler, reached
+from wideberth.experiments.engine.runner import run
+from wideberth.framework.values.errors import WideberthError
+
+pytest.importorskip("distributed")
+
+SETTINGS = {"seeds": 60, "pause": 0.03}
+YAML = "type: sample_plugin:Coins\nseeds: 60\npause: 0.03\n"
+
+
+@pytest.fixture(autouse=True)
+def sweeps(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(Path(__file__).parents[1] / "helpers")
+    return import_module("sweeps")
+
+
+def test_same_tables_whatever_becomes_of_the_cluster(tmp_path: Path, sweeps: ModuleType) -> None:
+    """One worker, two, and a cluster that is late, loses a worker, and then its scheduler."""
+    run(sweeps.coins(**SETTINGS), tmp_path / "one")
+    run(sweeps.coins(**SETTINGS), tmp_path / "two", workers=2)
+    one = sweeps.contents(tmp_path / "one")
+    assert one == sweeps.contents(tmp_path / "two")
+    (tmp_path / "coins.yaml").write_text(YAML)
+
+    with sweeps.dask_cluster(tmp_path, workers=0) as cluster:
+
+        def begin(out: str) -> "subprocess.Popen[str]":
+            options = ("--out", out, "--no-figures", "--scheduler", cluster.address)
+            return sweeps.wideberth("run", "coins.yaml", *options, cwd=tmp_path)
+
+        def some(out: str) -> None:
+            shards = tmp_path / out / "shards"
+            sweeps.wait_until(lambda: len(list(shards.glob("[!.]*.json"))) >= 10, "shards")
+            assert not (tmp_path / out / "table.csv").exists()  # in the middle
+
+        made = begin("cluster")
+        sweeps.wait_until((tmp_path / "cluster" / "shards").is_dir, "the folder")
+        cluster.join(2)
+        some("cluster")
+        cluster.workers[0].kill()
+        _, error = made.communicate(timeout=60)
+        assert made.returncode == 0, error
+        assert error == f"no worker at {cluster.address}; the work waits for one\n"
+        assert sweeps.contents(tmp_path / "cluster") == one
+
+        made = begin("cut")
+        some("cut")
+        cluster.scheduler.kill()
+        _, error = made.communicate(timeout=60)
+    assert made.returncode == 2
+    assert f"Error: the scheduler {cluster.address} was lost; " in error
+    assert "of 60 tasks are done and kept in cut: once that is mended" in error
+    assert len(error.splitlines()) == 1, error
+    run(sweeps.coins(**SETTINGS), tmp_path / "cut")
+    assert sweeps.contents(tmp_path / "cut") == one
+
+
+def test_workers_that_are_no_twins_are_refused_before_any_work(
+    tmp_path: Path, sweeps: ModuleType
+) -> None:
+    other = tmp_path / "other"
+    other.mkdir()
+    text = (Path(__file__).parents[1] / "helpers" / "sample_plugin.py").read_text()
+    (other / "sample_plugin.py").write_text(text + "# edited\n")
+    with sweeps.dask_cluster(tmp_path, workers=0) as cluster:
+
+        def refusal() -> str:
+            with pytest.raises(WideberthError) as caught:
+                run(sweeps.coins(), tmp_path / "r", scheduler=Scheduler(cluster.address))
+            cluster.workers[-1].kill()
+            cluster.workers[-1].wait()
+            assert not (tmp_path / "r").exists()
+            return str(caught.value)
+
+        cluster.join(path=other)
+        told = refusal()
+        assert "the worker tcp://" in told and "differs" in told
+        assert "module sample_plugin.py" in told and "numpy" not in told
+        cluster.join(path=tmp_path)
+        assert "No module named 'sample_plugin'" in refusal()
+        cluster.join(1, "--nthreads", "2")
+        assert "does 2 tasks at once" in refusal()
+        cluster.join(OMP_NUM_THREADS="3")
+        assert "OMP_NUM_THREADS is 3" in refusal()
+
+
+def test_a_task_that_ends_its_workers_is_named(tmp_path: Path, sweeps: ModuleType) -> None:
+    with sweeps.dask_cluster(
+        tmp_path, DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES="0"
+    ) as cluster:
+        experiment = sweeps.deadly(tmp_path, deadly=0, lives=99)
+        with pytest.raises(WideberthError, match=r"'seed 0' ends every worker.*lost with it: 1"):
+            run(experiment, tmp_path / "r", scheduler=Scheduler(cluster.address))
+    assert len(list(tmp_path.glob("death-*"))) <= 2  # with others beside it, then alone
+
+
+def test_a_scheduler_that_does_not_answer_costs_nothing(
+    tmp_path: Path, sweeps: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_PATIENCE", 0.3)
+    silent = Scheduler("tcp://127.0.0.1:9")
+    with pytest.raises(
+        WideberthError, match=r"no scheduler answers at tcp://127.0.0.1:9 .*nothing"
+    ):
+        run(sweeps.coins(), tmp_path / "r", scheduler=silent)
+    assert not (tmp_path / "r").exists()
+    run(sweeps.coins(), tmp_path / "r")
+    with pytest.raises(WideberthError, match=r"no scheduler answers"):
+        run(sweeps.coins(bias=0.3), tmp_path / "r", fresh=True, scheduler=silent)
+    assert len(run(sweeps.coins(), tmp_path / "r", scheduler=silent).rows) == 3  # it is finished
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1:8786", "http://h:1", "tcp://h", "tcp://h:x", ""])
+def test_addresses(address: str) -> None:
+    with pytest.raises(WideberthError, match=r"wanted tcp://HOST:PORT or tls://HOST:PORT"):
+        Scheduler(address)
+
+
+def test_options_are_checked_before_anything_is_reached(
+    tmp_path: Path, sweeps: ModuleType
+) -> None:
+    file = tmp_path / "f.pem"
+    file.write_text("no certificate")
+    assert reached(None) is None
+    assert reached("tcp://h:1") == Scheduler("tcp://h:1")
+    with pytest.raises(WideberthError, match=r"with --scheduler"):
+        reached(None, ca=file)
+    with pytest.raises(WideberthError, match=r"use tls://"):
+        Scheduler("tcp://h:1", ca=file, cert=file)
+    with pytest.raises(WideberthError, match=r"wanted ca and cert"):
+        Scheduler("tls://h:1", ca=file)
+    with pytest.raises(WideberthError, match=r"tls key: there is no file"):
+        Scheduler("tls://h:1", ca=file, cert=file, key=tmp_path / "none.pem")
+    with pytest.raises(WideberthError, match=r"TLS files are of no use"):
+        Scheduler("tls://h:1", ca=file, cert=file).security()
+    with pytest.raises(WideberthError, match=r"wants certificates: name them with --tls-ca"):
+        Scheduler("tls://h:1").security()
+    with pytest.raises(WideberthError, match=r"workers is 2, and a scheduler has its own"):
+        run(sweeps.coins(), tmp_path / "r", workers=2, scheduler=Scheduler("tcp://h:1"))
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="makes certificates with openssl")
+def test_tls(tmp_path: Path, sweeps: ModuleType) -> None:
+    for command in (
+        "req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=ca -keyout ca.key -out ca.pem",
+        "req -newkey rsa:2048 -nodes -subj /CN=cluster -keyout own.key -out own.csr",
+        "x509 -req -in own.csr -CA ca.pem -CAkey ca.key -CAcreateserial -days 2 -out own.pem",
+    ):
+        subprocess.run(
+            ["openssl", *command.split()], cwd=tmp_path, check=True, capture_output=True
+        )
+    ca, cert, key = (tmp_path / name for name in ("ca.pem", "own.pem", "own.key"))
+    files = ("--tls-ca-file", str(ca), "--tls-cert", str(cert), "--tls-key", str(key))
+    with sweeps.dask_cluster(tmp_path, 1, ("--protocol", "tls", *files)) as cluster:
+        assert cluster.address.startswith("tls://")
+        run(sweeps.coins(), tmp_path / "r", scheduler=Scheduler(cluster.address, ca, cert, key))
+    run(sweeps.coins(), tmp_path / "one")
+    assert sweeps.contents(tmp_path / "r") == sweeps.contents(tmp_path / "one")

@@ -1,0 +1,242 @@
+"""Comparing controllers: pairs, shares, figures, and what is refused."""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path as File
+from typing import Any, final
+
+import numpy as np
+import pytest
+
+from wideberth.experiments.engine.base import Row
+from wideberth.experiments.engine.runner import draw, run
+from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.studies.comparison import Comparison, driving
+from wideberth.experiments.studies.comparison_figures import _front, _pairs
+from wideberth.experiments.studies.comparison_summary import against, condensed, means, promised
+from wideberth.framework.controller import Controller
+from wideberth.framework.robot import Robot
+from wideberth.framework.values.errors import WideberthError
+from wideberth.framework.values.motion import Command, Observation
+from wideberth.framework.values.path import Path
+from wideberth.framework.values.plan import Plan
+from wideberth.robots.holonomic_velocity import HolonomicVelocity
+from wideberth.robots.unicycle import Unicycle
+from wideberth.simulation.engine.agents import ScriptedAgent
+from wideberth.simulation.engine.settings import Settings
+from wideberth.simulation.log.episode_log import Episode
+from wideberth.simulation.scenarios.base import Placement, Scenario
+from wideberth.simulation.scenarios.doorway import Doorway
+
+SLOW, FAST = 0.5, 1.0
+
+
+@final
+@dataclass(eq=False)
+class Straight(Controller):
+    """Goes east at one speed, whatever is there."""
+
+    speed: float = SLOW
+    robot: Robot = field(default_factory=lambda: HolonomicVelocity(0.3, 1.0))
+    period: float = 0.25
+
+    def reset(self) -> None:
+        """Nothing is kept."""
+
+    def set_path(self, path: Path) -> None:
+        """Goes east all the same."""
+
+    def remember(self, observation: Observation) -> None:
+        """Nothing is kept."""
+
+    def command(self, observation: Observation) -> Command:
+        """Go east."""
+        return Command((self.speed, 0.0))
+
+    @property
+    def plan(self) -> Plan | None:
+        """None."""
+        return None
+
+
+@final
+@dataclass(frozen=True)
+class Gate(Scenario):
+    """5 m east; from the third seed on somebody stands in the way."""
+
+    def cast(self, seed: int) -> Any:
+        """Draw nothing."""
+        made = super().cast(seed)
+        return made if seed >= 2 else replace(made, bystanders=())
+
+    def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
+        """One robot."""
+        return (Placement("robot", Path(np.array([[0.0, 0.0], [5.0, 0.0]])), 0.5),)
+
+    def bystanders(
+        self, rng: np.random.Generator, placements: tuple[Placement, ...]
+    ) -> tuple[ScriptedAgent, ...]:
+        """One who stands."""
+        stands = Path(np.array([[2.5, 0.0], [2.5, 1.0]]))
+        return (ScriptedAgent("post", stands, 0.0, 0.2),)
+
+    def judge(self, episode: Episode) -> dict[str, Any]:
+        """By rules of its own."""
+        return {"late": episode.duration > 6.0, "word": episode.ended}
+
+
+@pytest.fixture(scope="module")
+def gate() -> Comparison:
+    return Comparison(
+        scenarios={"gate": Gate()},
+        robots={"disc": HolonomicVelocity(0.3, 1.0)},
+        controllers={"slow": Straight(SLOW), "fast": Straight(FAST)},
+        settings={"plain": Settings(time_limit=30.0, plant_step=0.25, goal_tolerance=0.3)},
+        seeds=4,
+    )
+
+
+@pytest.fixture(scope="module")
+def rows(gate: Comparison) -> list[Row]:
+    return [row for task in gate.tasks() for row in gate.measure(task).rows]
+
+
+def test_times_say_which_model_was_driven(gate: Comparison) -> None:
+    """The label ``robot`` is the model; who drove it is the ``agent``."""
+    task = gate.tasks()[0]
+    (row,) = gate.measure(task).times
+    assert (row["robot"], row["agent"]) == (task.settings["robot"], "robot")
+
+
+def test_what_was_played(gate: Comparison, rows: list[Row]) -> None:
+    assert len(rows) == len(gate.tasks()) == 8
+    assert [row["outcome"] for row in rows[:4]] == ["success"] * 2 + ["collision"] * 2
+    # 4.7 m at 0.5 and 1 m/s, seen at steps of 0.25 s.
+    assert rows[0]["success_time"] == 9.5 and rows[4]["success_time"] == 4.75
+    assert np.isnan(rows[2]["success_time"]) and rows[2]["penalised_time"] == 30.0
+    assert rows[0]["speed_mean"] == pytest.approx(0.5)
+    assert rows[0]["distance_min"] == np.inf and np.isnan(rows[0]["distance_mean"])
+    assert rows[0]["zone_public"] == 1.0 and rows[0]["social_work"] == 0.0
+    assert rows[2]["distance_min"] == pytest.approx(-0.5)
+    assert (rows[2]["contacts_by_robot"], rows[2]["contacts_by_other"]) == (1, 0)
+    assert rows[2]["time_to_collision_min"] == 0.0
+    # Nearer than 0.2 m along 2 (0.5 + 0.2) m of the way, at 0.25 s and 0.125 m a step: 11 of 39.
+    assert rows[2]["intrusion_share"] == pytest.approx(11 / 39)
+    assert rows[0]["jerk_rms"] == pytest.approx(0.0, abs=1e-9)
+    assert rows[0]["heading_change"] == 0.0 and not rows[0]["frozen"]
+    assert np.isnan(rows[0]["plan_change"]) and np.isnan(rows[0]["step_risk"])
+
+
+def test_lines_are_paired_with_the_baseline(gate: Comparison, rows: list[Row]) -> None:
+    slow, fast = gate.summary(rows)
+    assert list(slow)[:2] == ["controller", "episodes"]  # one scenario, robot and settings
+    for line in (slow, fast):
+        assert line["success"] == line["collision"] == 0.5
+        assert line["success_low"] == pytest.approx(0.0676, abs=1e-4)
+        assert line["p_value"] == 1.0 and line["only_this"] == line["only_baseline"] == 0
+    assert slow["time_difference_s"] == 0.0 and fast["time_difference_s"] == -4.75
+    assert fast["time_difference_low_s"] == fast["time_difference_high_s"] == -4.75
+    assert slow["time_mean_s"] == 9.5 and slow["time_penalised_s"] == 0.5 * (9.5 + 30.0)
+    assert slow["judged_late"] == 1.0 and fast["judged_late"] == 0.0
+    assert slow["judged_word"] == "goals 4"
+    other = replace(gate, baseline="fast", oracle="fast").summary(rows)
+    assert [line["time_difference_s"] for line in other] == [4.75, 0.0]
+    assert [line["price_of_uncertainty_s"] for line in other] == [4.75, 0.0]
+
+
+def test_pairs_are_of_one_seed() -> None:
+    """Shuffled rows, and a seed that only one of them played."""
+    first = [
+        {"seed": seed, "success": seed != 3, "success_time": 10.0 + seed} for seed in (4, 1, 3, 2)
+    ]
+    second = [{"seed": seed, "success": True, "success_time": 10.0} for seed in (1, 2, 3, 9)]
+    found = against(first, second)
+    assert (found["only_this"], found["only_baseline"]) == (0, 1)
+    assert found["time_difference_s"] == 2.0
+
+
+def test_promises_are_held_against_what_happened(rows: list[Row]) -> None:
+    made = [
+        {**rows[0], "tail_nominal": 0.1, "tail_observed": share, "episode_touched": float(i > 1)}
+        for i, share in enumerate((0.0, 0.1, 0.2, 0.1))
+    ]
+    line = promised(made)
+    assert line["tail_nominal"] == pytest.approx(0.1) == line["tail_observed"]
+    assert line["tail_observed_low"] < 0.1 < line["tail_observed_high"]
+    assert line["episode_touched"] == 0.5
+    assert line["episode_touched_low"] == pytest.approx(0.0676, abs=1e-4)
+    assert np.isnan(promised(rows)["step_risk"])
+
+
+def test_every_number_has_its_mean(rows: list[Row]) -> None:
+    found = means(rows[:2])
+    assert found["success_time"] == 9.5 and found["deadlock"] == 0.0
+    assert not {"seed", "outcome", "judged_word"} & set(found)
+    assert condensed(rows[:2])["success"] == 1.0
+
+
+def test_a_controller_gets_the_robot_that_it_drives(gate: Comparison) -> None:
+    own, other = HolonomicVelocity(0.3, 1.0), Unicycle()
+    controller = Straight(SLOW, own)
+    assert driving(controller, own) is controller
+    changed = driving(controller, other)
+    assert isinstance(changed, Straight) and changed.robot == other and changed.speed == SLOW
+    both = replace(gate, robots={"disc": own, "unicycle": other})
+    assert len(both.tasks()) == 16
+
+
+def test_what_makes_no_comparison_is_refused(gate: Comparison) -> None:
+    with pytest.raises(
+        WideberthError, match=r"controllers.slow drives .*, unlike robots.unicycle: "
+    ):
+        replace(gate, robots={"unicycle": Unicycle()})
+    for name in ("scenarios", "robots", "controllers", "settings"):
+        with pytest.raises(WideberthError, match=f"{name} is empty"):
+            replace(gate, **{name: {}})
+    with pytest.raises(WideberthError, match="baseline is 'quick'"):
+        replace(gate, baseline="quick")
+    with pytest.raises(WideberthError, match="oracle is"):
+        replace(gate, oracle="none")
+    with pytest.raises(WideberthError, match=r"show is \[4\]; wanted seeds in \[0, 4\)"):
+        replace(gate, show=(4,))
+    with pytest.raises(WideberthError, match="seeds"):
+        replace(gate, seeds=0)
+    own = next(iter(gate.robots.values()))
+    assert replace(gate, scenarios={"door": Doorway(robot_radius=own.radius)}).tasks()
+    with pytest.raises(WideberthError, match=r"door has room for .* 0.2 m.*robot_radius"):
+        replace(gate, scenarios={"door": Doorway(robot_radius=0.2, walker_radius=0.2)})
+
+
+def test_where_nobody_arrived_the_figures_say_so(gate: Comparison) -> None:
+    """No ticks that mean nothing: neither of the front nor of the pairs."""
+    from matplotlib import pyplot
+
+    short = {"nominal": Settings(time_limit=1.0)}
+    early = replace(gate, settings=short, seeds=1, show=())
+    rows = [row for task in early.tasks() for row in early.measure(task).rows]
+    names = list(gate.controllers)
+    figures = [_front(rows, names), _pairs(rows, names, names[0])]
+    assert [text.get_text() for text in figures[0].axes[0].texts] == ["nobody arrived"]
+    assert len(figures[0].axes[0].get_xticks()) == 0
+    assert len(figures[1].axes[0].get_xticks()) == 0
+    for figure in figures:
+        pyplot.close(figure)
+
+
+def test_seeds_begin_where_they_shall(gate: Comparison) -> None:
+    later = replace(gate, first_seed=1000, seeds=2, show=(1001,))
+    assert {task.seed for task in later.tasks()} == {1000, 1001}
+    assert later.quick().show == () and later.quick().seeds == 1
+
+
+def test_the_shipped_comparison_runs_and_draws(tmp_path: File) -> None:
+    shorter = ["scenarios.crossing_field.walkers=2", "settings.noise_1_cm.time_limit=5.0"]
+    shipped, _ = read_experiment("comparison", shorter)
+    assert isinstance(shipped, Comparison)
+    result = run(shipped, tmp_path / "out", quick=True)
+    (first, *_others) = result.rows
+    assert 0.0 <= first["step_risk"] < 1.0 and first["region_area"] > 0.0
+    assert first["plan_change"] > 0.0
+    names = {path.name for path in draw(tmp_path / "out")}
+    assert {"outcomes.png", "clearance_against_time.pdf", "paired_times.png", "means.csv"} <= names
+    assert sum(name.startswith("run_") and name.endswith(".png") for name in names) == 6
+    assert sum(name.endswith(".gif") for name in names) == 1

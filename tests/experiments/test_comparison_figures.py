@@ -1,0 +1,124 @@
+"""Figures of comparisons: what is drawn is named, and few episodes have no interval."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib import pyplot
+
+from wideberth.experiments.drawing.plotting import few, paper_style
+from wideberth.experiments.engine.base import Row
+from wideberth.experiments.studies import closed_loop_risk_figure
+from wideberth.experiments.studies import comparison_figures as figures
+from wideberth.experiments.studies.replay import compare
+from wideberth.experiments.studies.trade_off_markers import LEAST_CLEARANCE, LEAST_TIME
+
+NAMES = ["ours", "orca", "lost"]
+
+
+def played(seeds: int, lost: bool = True) -> list[Row]:
+    """Three controllers at some seeds; the last one, or all, never arrive."""
+    rows: list[Row] = []
+    for i, name in enumerate(NAMES):
+        for seed in range(seeds):
+            arrived = i < 2 and not lost
+            rows.append(
+                {
+                    "scenario": "field", "robot": "disc", "settings": "plain", "controller": name,
+                    "seed": seed, "success": arrived, "clearance": 0.3 + 0.001 * (i + seed),
+                    "success_time": 27.25 + 0.01 * i + 0.001 * seed if arrived else np.nan,
+                    "outcome": "success" if arrived else "timeout",
+                }
+            )  # fmt: skip
+    return rows
+
+
+@pytest.fixture(autouse=True)
+def closed() -> Any:
+    with paper_style():
+        yield
+    pyplot.close("all")
+
+
+def legend(figure: Any) -> tuple[list[str], str]:
+    """Entries and title of the legend below a figure."""
+    (found,) = figure.legends
+    return [text.get_text() for text in found.get_texts()], found.get_title().get_text()
+
+
+@pytest.mark.parametrize("seeds", [4, 12])
+def test_whiskers_of_outcomes_are_explained_or_left_out(seeds: int) -> None:
+    figure = figures._outcomes(played(seeds, lost=False))
+    whiskers = [line for line in figure.axes[0].lines if line.get_marker() == "|"]
+    _, words = legend(figure)
+    if seeds < 10:
+        assert not whiskers and words == "4 episodes each: too few for intervals"
+    else:
+        assert len(whiskers) == 2 * 2 * len(NAMES)  # each on a white one
+        assert words == "whiskers: intervals of 95 %, above of success, below of collision"
+
+
+@pytest.mark.parametrize("seeds", [4, 12])
+def test_front_names_what_it_shows_on_axes_that_can_be_read(seeds: int) -> None:
+    """An entry for each marker and no more; no axis from 27.23 to 27.27 s."""
+    figure = figures._front(played(seeds, lost=False), NAMES)
+    panel = figure.axes[0]
+    entries, words = legend(figure)
+    assert entries == ["ours", "orca"]  # nobody of "lost" arrived: it has no marker
+    assert np.ptp(panel.get_xlim()) > 0.999 * LEAST_TIME
+    assert np.ptp(panel.get_ylim()) > 0.999 * LEAST_CLEARANCE
+    markers = [line for line in panel.lines if line.get_marker() in ("o", "s")]
+    assert len(markers) == 2
+    bars = [line for line in panel.lines if line.get_linestyle() == "-" and len(markers)]
+    assert len(bars) == (1 if seeds < 10 else 1 + 2 * 2)  # the line at 0 m, and two bars each
+    assert ("too few" in words) == (seeds < 10) and ("quartiles" in words) == (seeds >= 10)
+
+
+@pytest.mark.parametrize("seeds", [4, 12])
+def test_pairs_have_an_interval_of_enough_seeds_alone(seeds: int) -> None:
+    figure = figures._pairs(played(seeds, lost=False), NAMES, "ours")
+    entries, words = legend(figure)
+    intervals = [line for line in figure.axes[0].lines if line.get_linewidth() == 1.2]
+    if seeds < 10:
+        assert not [line for line in intervals if line.get_linestyle() == "-"]
+        assert entries == ["one seed", "mean"] and "fewer than 10" in words
+    else:
+        assert len([line for line in intervals if line.get_linestyle() == "-"]) == 1
+        assert entries[-1] == "its interval of 95 %"
+    assert np.ptp(figure.axes[0].get_xlim()) > 0.999 * LEAST_TIME
+    assert figure.axes[0].texts[0].get_text().startswith(f"both arrived: {seeds}; ")
+
+
+def test_no_pair_is_said_instead_of_an_empty_box() -> None:
+    figure = figures._pairs(played(12), NAMES, "ours")
+    entries, words = legend(figure)
+    assert not entries
+    assert words == "there is no seed at which both arrived: no times to compare"
+    assert not figure.axes[0].lines and not len(figure.axes[0].get_xticks())
+
+
+def test_strips_name_their_lines_and_have_no_unit_of_one() -> None:
+    rows: list[Row] = [
+        {"planner": "a", "clearance": 0.2, "time_ratio_worst": ratio} for ratio in (1.1, np.inf)
+    ]
+    figure = compare(rows)
+    entries, _ = legend(figure)
+    assert entries == ["episode", "median", "never arrived", "bodies touch, free time"]
+    units = [panel.get_ylabel() for panel in figure.axes]
+    assert units == ["least clearance (m)", "time over free time"]
+
+
+def test_few_counts_episodes() -> None:
+    assert few([]) == few([10, 40]) == ""
+    assert few([1, 1]) == "1 episode each: too few for intervals"
+    assert few([9, 12]) == "9 to 12 episodes each: too few for intervals"
+
+
+@pytest.mark.parametrize("episodes", [4, 12])
+def test_shares_of_few_episodes_have_no_bars(episodes: int) -> None:
+    line = {"episodes": episodes, "outside": 0.2, "outside_low": 0.1, "outside_high": 0.5}
+    bars = closed_loop_risk_figure._bars([line], "outside")
+    if episodes < 10:
+        assert bars is None
+    else:
+        np.testing.assert_allclose(bars, [[0.1], [0.3]])

@@ -1,0 +1,219 @@
+"""Nothing in a result's folder is removed or overwritten but files that a run wrote there."""
+
+import json
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from wideberth.experiments.engine import manifest, runner
+from wideberth.experiments.engine.base import Experiment
+from wideberth.experiments.engine.runner import draw, run
+from wideberth.framework.plugins.config import build
+from wideberth.framework.values.errors import WideberthError
+
+HERE = Path(__file__).parents[1] / "helpers"
+
+
+@pytest.fixture(autouse=True)
+def _sample(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(HERE)
+
+
+def coins(**settings: object) -> Experiment:
+    made: Experiment = build("experiments", {"type": "sample_plugin:Coins", **settings})
+    return made
+
+
+def tree(folder: Path) -> dict[str, bytes | None]:
+    """Every file below a folder with its content, and every folder and link."""
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes() if path.is_file() else None
+        for path in sorted(folder.rglob("*"))
+    }
+
+
+def test_fresh_keeps_a_folder_that_is_no_result(tmp_path: Path) -> None:
+    """Any Hydra project has a config.yaml; a thesis beside it was lost."""
+    out = tmp_path / "project"
+    (out / "shards").mkdir(parents=True)
+    for name in ("config.yaml", "provenance.json", "thesis.tex", f"shards/{24 * 'a'}.json"):
+        (out / name).write_text("mine: 1\n")
+    before = tree(out)
+    for fresh in (True, False):
+        with pytest.raises(WideberthError) as refused:
+            run(coins(), out, fresh=fresh)
+        assert "--fresh" not in str(refused.value) and "--out" in str(refused.value)
+    assert tree(out) == before
+
+
+def test_the_manifest_names_every_file(tmp_path: Path) -> None:
+    out = tmp_path / "a"
+    run(coins(), out)
+    draw(out)
+    assert manifest.listed(out) == {
+        path.relative_to(out).as_posix() for path in runner.written(out)
+    }
+    assert "figures/share.png" in (manifest.listed(out) or ()) and not (out / "shards").exists()
+
+
+def test_fresh_removes_what_the_manifest_names_and_nothing_else(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "a"
+    run(coins(), out)
+    draw(out)
+    mine = ["thesis.tex", "files/seed/notes", "figures/mine.png", ".backup.part", "files/own/x"]
+    (out / "files" / "own").mkdir()
+    for name in mine:
+        (out / name).write_text("mine")
+    assert len(run(coins(seeds=1), out, fresh=True).rows) == 1
+    assert "kept in" in capsys.readouterr().err
+    left = {name for name, data in tree(out).items() if data is not None}
+    assert left == {*mine, *(manifest.listed(out) or ())}
+    assert "files/seed/2.bin" not in left and "figures/share.png" not in left
+    assert all((out / name).read_text() == "mine" for name in mine)
+
+
+def test_a_folder_with_nothing_else_is_as_new(tmp_path: Path) -> None:
+    run(coins(), tmp_path / "a")
+    draw(tmp_path / "a")
+    run(coins(seeds=1), tmp_path / "a", fresh=True)
+    run(coins(seeds=1), tmp_path / "b")
+    for out in ("a", "b"):
+        (tmp_path / out / "times.csv").unlink()
+    assert tree(tmp_path / "a") == tree(tmp_path / "b")
+
+
+def test_a_run_keeps_what_lies_among_its_shards(tmp_path: Path) -> None:
+    out = tmp_path / "a"
+    with pytest.raises(WideberthError):
+        run(coins(fails=True), out)
+    for name in ("notes.json", ".draft.part", f"{24 * 'g'}.json"):
+        (out / "shards" / name).write_text("mine")
+    (out / "shards" / f"{24 * '0'}.json").write_text("a shard of another config")
+    run(coins(), out, fresh=True)
+    assert sorted(path.name for path in (out / "shards").iterdir()) == sorted(
+        ["notes.json", ".draft.part", f"{24 * 'g'}.json"]
+    )
+
+
+@pytest.mark.parametrize("name", ["table.csv", "files", "files/seed", "manifest.json", "shards"])
+def test_nothing_is_removed_through_a_symbolic_link(tmp_path: Path, name: str) -> None:
+    out, elsewhere = tmp_path / "a", tmp_path / "elsewhere"
+    run(coins(), out)
+    if name == "shards":
+        elsewhere.mkdir()
+        (elsewhere / f"{24 * '0'}.json").write_text("mine")
+    else:
+        shutil.move(out / name, elsewhere)
+    (out / name).symlink_to(elsewhere)
+    before = tree(tmp_path)
+    with pytest.raises(WideberthError, match=r"is a symbolic link"):
+        run(coins(seeds=1), out, fresh=True)
+    assert tree(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    "names", [["../thesis.tex"], ["/etc/passwd"], [""], [3], {"a": 1}, ["a/../../thesis.tex"]]
+)
+def test_a_manifest_that_names_other_places(tmp_path: Path, names: object) -> None:
+    out = tmp_path / "a"
+    run(coins(), out)
+    (tmp_path / "thesis.tex").write_text("mine")
+    content = {"format": "wideberth/result", "version": 1, "files": names}
+    (out / "manifest.json").write_text(json.dumps(content))
+    before = tree(tmp_path)
+    with pytest.raises(WideberthError, match=r"manifest.json is damaged"):
+        run(coins(seeds=1), out, fresh=True)
+    assert tree(tmp_path) == before
+
+
+def test_a_result_of_an_older_version_says_what_to_do(tmp_path: Path) -> None:
+    out = tmp_path / "a"
+    run(coins(), out)
+    (out / "manifest.json").unlink()
+    for fresh in (True, False):
+        with pytest.raises(WideberthError, match=r"no manifest.json.*by hand.*--out"):
+            run(coins(), out, fresh=fresh)
+    assert (out / "table.csv").is_file()
+    assert draw(out)  # reading it needs no manifest, and nothing is overwritten
+    with pytest.raises(WideberthError, match=r"share.* was not written .*move it away"):
+        draw(out)
+
+
+def test_figures_do_not_overwrite_what_somebody_drew(tmp_path: Path) -> None:
+    out = tmp_path / "a"
+    run(coins(), out)
+    (out / "figures").mkdir()
+    (out / "figures" / "share.png").write_text("mine")
+    with pytest.raises(WideberthError, match=r"share.png was not written .*move it away"):
+        draw(out)
+    assert (out / "figures" / "share.png").read_text() == "mine"
+    assert not (out / "figures" / "share.pdf").exists()
+
+
+def test_an_interrupted_removal_is_finished_with_fresh(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "a"
+    run(coins(), out)
+    unlink, count = Path.unlink, 0
+
+    def fails(path: Path, missing_ok: bool = False) -> None:
+        nonlocal count
+        count += 1
+        if count == 3:
+            raise KeyboardInterrupt
+        unlink(path, missing_ok)
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(Path, "unlink", fails)
+        run(coins(seeds=1), out, fresh=True)
+    with pytest.raises(WideberthError, match=r"without its config.yaml.*--fresh"):
+        run(coins(), out)
+    assert len(run(coins(seeds=1), out, fresh=True).rows) == 1
+
+
+def a_link(place: Path) -> Path:
+    (place / "real").mkdir()
+    (place / "link").symlink_to(place / "real")
+    return place / "link"
+
+
+def a_broken_link(place: Path) -> Path:
+    (place / "link").symlink_to(place / "nowhere")
+    return place / "link"
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (a_link, r"is a symbolic link; give the folder"),
+        (a_broken_link, r"is a symbolic link; give the folder"),
+        (lambda place: place / "below" / ("x" * 300), r"cannot be written to .*--out"),
+        (lambda place: place / "below" / ("x" * 240), r"at most 200 bytes.*--out"),
+        (lambda place: place / "be\0low", r"none of them zero.*--out"),
+        (lambda place: HERE / "sweeps.py", r"is a file .*give another folder with --out"),
+        (lambda place: HERE / "sweeps.py" / "x" / "y", r"sweeps.py is no folder.*--out"),
+    ],
+)
+def test_places_that_are_refused_before_any_work(
+    make: Callable[[Path], Path], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    experiment, out = coins(), make(tmp_path)
+    monkeypatch.setattr(type(experiment), "tasks", None)
+    before = tree(tmp_path)
+    for fresh in (False, True):
+        with pytest.raises(WideberthError, match=words):
+            run(experiment, out, fresh=fresh)
+    assert tree(tmp_path) == before
+
+
+def test_an_empty_folder_is_used_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    inode = os.stat(".").st_ino
+    assert len(run(coins(), Path()).rows) == 3
+    assert os.stat(tmp_path).st_ino == inode and (tmp_path / "table.csv").is_file()

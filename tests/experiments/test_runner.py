@@ -1,0 +1,222 @@
+"""A run gives the same bytes however it is cut up, and never leaves half a file."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from wideberth.experiments.engine.base import Experiment, Outcome, Task
+from wideberth.experiments.engine.provenance import fingerprint
+from wideberth.experiments.engine.runner import draw, reopen, run, written
+from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.engine.showing import print_table
+from wideberth.framework.plugins.config import build
+from wideberth.framework.plugins.io import read_json, read_table, write_json
+from wideberth.framework.values.errors import WideberthError
+
+HERE = Path(__file__).parents[1] / "helpers"
+TIMED = {"times.csv"}
+
+
+@pytest.fixture(autouse=True)
+def _sample(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(HERE)
+
+
+def coins(**settings: object) -> Experiment:
+    made: Experiment = build("experiments", {"type": "sample_plugin:Coins", **settings})
+    return made
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in written(folder)
+        if path.name not in TIMED
+    }
+
+
+def shell(*arguments: str, cwd: Path) -> subprocess.Popen[str]:
+    command = [sys.executable, "-c", "from wideberth.experiments.cli.app import main; main()"]
+    path = os.pathsep.join([str(HERE), os.environ.get("PYTHONPATH", "")])
+    return subprocess.Popen(
+        [*command, *arguments], cwd=cwd, text=True, env={**os.environ, "PYTHONPATH": path},
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+
+
+def test_folder_holds_table_summary_files_and_origin(tmp_path: Path) -> None:
+    result = run(coins(), tmp_path / "a")
+    assert [row["seed"] for row in result.rows] == [0, 1, 2]
+    assert result.rows[0]["none"] is None
+    assert [row["seed"] for row in result.times] == [0, 1, 2]
+    assert result.names() == ["seed/0.bin", "seed/1.bin", "seed/2.bin"]
+    assert len(result.read("seed/1.bin")) == 3200
+    origin = read_json(tmp_path / "a" / "provenance.json", "provenance", 1)
+    assert origin["versions"]["numpy"] and origin["cpu"] and origin["source"]
+    summary = read_table(tmp_path / "a" / "summary.csv")
+    assert summary[0]["share"] == pytest.approx(sum(r["share"] for r in result.rows) / 3)
+    assert "either side" in (tmp_path / "a" / "summary.md").read_text()
+    assert not (tmp_path / "a" / "shards").exists()
+    with pytest.raises(WideberthError, match=r"no file 'x'.*seed/0\.bin"):
+        result.read("x")
+
+
+def test_same_bytes_with_one_and_two_workers(tmp_path: Path) -> None:
+    config = tmp_path / "coins.yaml"
+    config.write_text("type: sample_plugin:Coins\nplugins: [sample_plugin]\n")
+    for workers in ("1", "2"):
+        made = shell(
+            "run", "coins.yaml", "--out", workers, "--workers", workers, cwd=tmp_path
+        )  # fmt: skip
+        out, error = made.communicate(timeout=120)
+        assert made.returncode == 0, error
+        assert "share.png" in out
+    one, two = contents(tmp_path / "1"), contents(tmp_path / "2")
+    assert one == two
+    assert "figures/share.pdf" in one
+
+
+def test_resumes_to_the_same_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = run(coins(), tmp_path / "whole")
+    kind = type(coins())
+    measure = kind.measure
+    seen: list[str] = []
+
+    def stops(self: Experiment, task: Task) -> Outcome:
+        seen.append(task.name)
+        if len(seen) == 2:
+            raise KeyboardInterrupt
+        return measure(self, task)
+
+    monkeypatch.setattr(kind, "measure", stops)
+    with pytest.raises(KeyboardInterrupt, match=r"1 of 3 tasks done.*goes on"):
+        run(coins(), tmp_path / "cut")
+    assert not list((tmp_path / "cut").rglob("*.part"))
+    assert not (tmp_path / "cut" / "table.csv").exists()
+    with pytest.raises(WideberthError, match=r"not finished"):
+        reopen(tmp_path / "cut")
+    run(coins(), tmp_path / "cut")
+    assert seen == ["seed 0", "seed 1", "seed 1", "seed 2"]
+    assert contents(tmp_path / "cut") == contents(whole.folder)
+
+
+def test_finished_run_is_not_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run(coins(), tmp_path / "a")
+    monkeypatch.setattr(type(coins()), "measure", None)
+    assert len(run(coins(), tmp_path / "a").rows) == 3
+
+
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_ctrl_c_leaves_whole_shards_and_says_how_to_resume(tmp_path: Path, workers: str) -> None:
+    settings = "type: sample_plugin:Coins\npause: 0.3\nseeds: 100\n"
+    (tmp_path / "slow.yaml").write_text(settings)
+    made = shell("run", "slow.yaml", "--out", "r", "--workers", workers, cwd=tmp_path)
+    until = time.monotonic() + 60
+    while not list((tmp_path / "r" / "shards").glob("*.json")) and time.monotonic() < until:
+        time.sleep(0.05)
+    made.send_signal(signal.SIGINT)
+    _, error = made.communicate(timeout=60)
+    assert made.returncode == 2, error
+    assert "goes on from there" in error and "Traceback" not in error
+    assert not (tmp_path / "r" / "table.csv").exists()
+    for path in (tmp_path / "r" / "shards").glob("[!.]*.json"):
+        assert path.read_text().endswith("}\n")
+
+
+def test_quick_runs_the_reduced_copy(tmp_path: Path) -> None:
+    assert len(run(coins(), tmp_path / "q", quick=True).rows) == 2
+
+
+def test_folder_of_another_config_is_refused_before_any_work(tmp_path: Path) -> None:
+    run(coins(), tmp_path / "a")
+    with pytest.raises(WideberthError, match=r"another config \(it differs in bias\).*--out"):
+        run(coins(bias=0.25), tmp_path / "a")
+    assert len(run(coins(seeds=1), tmp_path / "a", fresh=True).rows) == 1
+
+
+def test_folder_of_other_source_is_refused(tmp_path: Path) -> None:
+    run(coins(), tmp_path / "a")
+    path = tmp_path / "a" / "provenance.json"
+    write_json(path, "provenance", 1, {**read_json(path, "provenance", 1), "source": "old"})
+    with pytest.raises(WideberthError, match=r"other source code.*--fresh"):
+        run(coins(), tmp_path / "a")
+
+
+def test_a_changed_plug_in_or_recording_is_not_resumed(tmp_path: Path) -> None:
+    module = tmp_path / "own_spread.py"
+    text = (HERE / "sample_plugin.py").read_text(encoding="utf-8")
+    module.write_text(text, encoding="utf-8")
+    config = tmp_path / "mine.yaml"
+    config.write_text("type: own_spread:Coins\n")
+    arguments = ["run", "mine.yaml", "--out", "out", "--no-figures"]
+    for changed, code in ((text, 0), (text, 0), (text + "\n# changed\n", 2)):
+        module.write_text(changed, encoding="utf-8")
+        done = shell(*arguments, cwd=tmp_path)
+        _, message = done.communicate(timeout=60)
+        assert done.returncode == code, message
+    assert "other source code or data" in message
+    tracks = tmp_path / "people.txt"
+    tracks.write_text((HERE.parents[1] / "experiments" / "data" / "crowd.txt").read_text())
+    replay: Experiment = read_experiment("replay", [f"tracks.path={tracks}"])[0]
+    assert replay.inputs() == [tracks]
+    before = fingerprint(replay.inputs())
+    tracks.write_text(tracks.read_text() + "# one more line\n")
+    assert fingerprint(replay.inputs()) != before
+
+
+def test_unusable_folders_are_refused_before_any_work(tmp_path: Path) -> None:
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "thesis.tex").write_text("mine")
+    with pytest.raises(WideberthError, match=r"holds no result"):
+        run(coins(), tmp_path / "full", fresh=True)
+    assert (tmp_path / "full" / "thesis.tex").read_text() == "mine"
+    with pytest.raises(WideberthError, match=r"--out"):
+        run(coins(), tmp_path / "full" / "thesis.tex")
+    with pytest.raises(WideberthError, match=r"cannot be written.*--out"):
+        run(coins(), tmp_path / "full" / "thesis.tex" / "below")
+    with pytest.raises(WideberthError, match=r"workers is 0"):
+        run(coins(), tmp_path / "w", workers=0)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["full"]
+
+
+def test_refusal_names_the_task(tmp_path: Path) -> None:
+    with pytest.raises(WideberthError, match=r"task 'seed 0': the coin fell on its edge"):
+        run(coins(fails=True), tmp_path / "a")
+
+
+def test_a_plug_ins_exception_names_task_and_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def breaks(self: Experiment, task: Task) -> Outcome:
+        raise KeyError("boom")
+
+    monkeypatch.setattr(type(coins()), "measure", breaks)
+    with pytest.raises(WideberthError, match=r"'seed 0': KeyError: 'boom' \(.*test_runner.py, l"):
+        run(coins(), tmp_path / "a")
+
+
+def test_tables_fold_to_the_terminal_and_keep_their_names(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "90")
+    numbers = {f"number_{k}": 3000.0 + k for k in range(30)}
+    print_table([{"name": f"row {i}", **numbers} for i in range(6)])
+    printed = capsys.readouterr().out
+    assert all(len(line) <= 200 for line in printed.splitlines())
+    assert printed.count("row 3") == 2  # 30 numbers do not fit beside each other
+    assert "3029" in printed and "…" not in printed
+    print_table([{"name": "notes", "text": "wanted [/data/a.txt] of [hotel]"}])  # no markup
+    assert "wanted [/data/a.txt] of [hotel]" in capsys.readouterr().out
+
+
+def test_figures_are_the_same_bytes_each_time(tmp_path: Path) -> None:
+    run(coins(), tmp_path / "a")
+    first = {path.name: path.read_bytes() for path in draw(tmp_path / "a")}
+    assert set(first) == {"share.png", "share.pdf"}
+    assert first == {path.name: path.read_bytes() for path in draw(tmp_path / "a")}
+    assert b"CreationDate" not in first["share.pdf"]

@@ -1,0 +1,205 @@
+"""Whatever is killed, and however full the disk is: what was finished is kept."""
+
+import errno
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from wideberth.experiments.engine import runner
+from wideberth.experiments.engine.runner import run
+from wideberth.framework.values.errors import WideberthError
+
+HERE = Path(__file__).parents[1] / "helpers"
+YAML = "type: sample_plugin:Coins\nseeds: 100\npause: 0.02\n"
+
+
+@pytest.fixture(autouse=True)
+def sweeps(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(HERE)
+    return import_module("sweeps")
+
+
+def finished(folder: Path) -> set[str]:
+    return {path.name for path in (folder / "shards").glob("[!.]*.json")}
+
+
+@pytest.mark.parametrize("kills", [3, pytest.param(10, marks=pytest.mark.slow)])
+def test_a_driver_killed_at_any_moment_ends_with_the_same_table(
+    tmp_path: Path, sweeps: ModuleType, kills: int
+) -> None:
+    (tmp_path / "coins.yaml").write_text(YAML)
+    out = tmp_path / "r"
+    seed = random.randrange(2**32)
+    rng, kept = random.Random(seed), set[str]()
+
+    def begin(workers: int) -> "subprocess.Popen[str]":
+        options = ("--out", "r", "--no-figures", "--workers", str(workers))
+        return sweeps.wideberth("run", "coins.yaml", *options, cwd=tmp_path)
+
+    def begin_and_kill(kill: int, kept: set[str]) -> None:
+        made = begin(1 + kill % 2)
+        if kill != 3:  # that one as early as in an import
+            sweeps.wait_until(lambda: finished(out) - kept or made.poll() is not None, "a shard")
+        time.sleep(rng.uniform(0.0, 0.15))
+        made.kill()
+        made.communicate()
+
+    for kill in range(kills):
+        begin_and_kill(kill, kept)
+        if not (out / "table.csv").exists():
+            assert kept <= finished(out), f"seed {seed}"  # what was kept before is kept now
+            kept = finished(out)
+    last = begin(2)
+    _, error = last.communicate(timeout=60)
+    assert last.returncode == 0, error
+    run(sweeps.coins(seeds=100, pause=0.02), tmp_path / "whole")
+    assert sweeps.contents(out) == sweeps.contents(tmp_path / "whole"), f"seed {seed}"
+
+
+def test_only_what_is_missing_is_done_again(tmp_path: Path, sweeps: ModuleType) -> None:
+    experiment = sweeps.deadly(tmp_path, seeds=30, deadly=17, lives=99)
+    code = (
+        "import sweeps, sys; from pathlib import Path;"
+        "from wideberth.experiments.engine.runner import run;"
+        "run(sweeps.deadly(Path(sys.argv[1]), seeds=30, deadly=17, lives=99), Path(sys.argv[2]))"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path), str(tmp_path / "r")]
+    killed = subprocess.run(command, env=sweeps.ENVIRONMENT, capture_output=True)
+    assert killed.returncode == -signal.SIGKILL  # one worker is the driver itself
+    assert len(finished(tmp_path / "r")) == 17
+    (tmp_path / "r" / ".config.yaml.abc12_de.part").write_text("half")
+    (tmp_path / "r" / "shards" / f".{24 * '0'}.times.json.abc12_de.part").write_text("half")
+    measured: list[int] = []
+    original = type(experiment).measure
+
+    def counted(self: Any, task: Any) -> Any:
+        measured.append(task.seed)
+        return original(self, task)
+
+    for k in range(99):
+        (tmp_path / f"death-{k}").touch()  # it has no more lives to take
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(type(experiment), "measure", counted)
+        run(experiment, tmp_path / "r")
+    assert measured == list(range(17, 30))
+    assert not list((tmp_path / "r").rglob("*.part"))
+
+
+def test_a_lost_worker_costs_time_only(tmp_path: Path, sweeps: ModuleType) -> None:
+    result = run(sweeps.deadly(tmp_path, deadly=5, lives=2), tmp_path / "r", workers=2)
+    assert [row["square"] for row in result.rows] == [seed**2 for seed in range(40)]
+    assert len(list(tmp_path.glob("death-*"))) == 2
+    assert {row["threads"] for row in result.rows} == {1}
+
+
+def test_a_task_that_ends_its_workers_is_named(tmp_path: Path, sweeps: ModuleType) -> None:
+    experiment = sweeps.deadly(tmp_path, deadly=5, lives=99)
+    with pytest.raises(
+        WideberthError, match=r"'seed 5' ends every worker that does it .*SIGKILL: the memory"
+    ) as caught:
+        run(experiment, tmp_path / "r", workers=2)
+    kept = finished(tmp_path / "r")
+    assert f"{len(kept)} of 40 tasks are done and kept" in str(caught.value)
+    assert 3 <= len(list(tmp_path.glob("death-*"))) <= 4  # in a chunk, perhaps, then alone
+
+
+def test_workers_end_when_their_driver_is_killed(tmp_path: Path, sweeps: ModuleType) -> None:
+    (tmp_path / "coins.yaml").write_text(YAML)
+    made = sweeps.wideberth("run", "coins.yaml", "--out", "r", "--workers", "2", cwd=tmp_path)
+    sweeps.wait_until(lambda: finished(tmp_path / "r"), "a shard")
+    listed = Path(f"/proc/{made.pid}/task/{made.pid}/children")
+    if not listed.exists():
+        made.kill()
+        made.communicate()
+        pytest.skip("the system does not list children")
+    workers = [
+        pid
+        for pid in listed.read_text().split()
+        if "resource_tracker" not in Path(f"/proc/{pid}/cmdline").read_text()
+    ]
+    assert len(workers) == 2
+    made.kill()
+    made.communicate()
+    kept = finished(tmp_path / "r")
+
+    def gone(pid: str) -> bool:
+        try:
+            return ") Z " in Path(f"/proc/{pid}/stat").read_text()
+        except OSError:
+            return True
+
+    sweeps.wait_until(lambda: all(map(gone, workers)), "the workers to end")
+    assert finished(tmp_path / "r") == kept  # they never write
+
+
+def test_shards_of_another_version_are_done_again_and_counted(
+    tmp_path: Path, sweeps: ModuleType, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(runner, "_collect", None)
+        with pytest.raises(WideberthError, match=r"9 of 9 tasks are done and kept"):
+            run(sweeps.coins(seeds=9), tmp_path / "r")
+    found = sorted((tmp_path / "r" / "shards").glob("*[!s].json"))
+    assert len(found) == 9
+    for path in found[:4]:
+        path.write_text(path.read_text().replace('"source": "', '"source": "of old'))
+    found[4].write_text("{")
+    run(sweeps.coins(seeds=9), tmp_path / "r")
+    told = capsys.readouterr().err
+    assert "4 of 9 tasks of" in told and "their shards are of another version of the" in told
+    assert "1 of 9 tasks of" in told and "their shards are damaged" in told
+    run(sweeps.coins(seeds=9), tmp_path / "whole")
+    assert sweeps.contents(tmp_path / "r") == sweeps.contents(tmp_path / "whole")
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("place", ["shards", "files", ".table.csv."])
+def test_a_full_disk_is_one_message_and_nothing_done_is_lost(
+    tmp_path: Path, sweeps: ModuleType, workers: int, place: str
+) -> None:
+    out = tmp_path / "r"
+    names: list[str] = []
+    real = tempfile.mkstemp
+
+    def full(suffix: str = "", prefix: str = "", dir: Any = None) -> tuple[int, str]:
+        if dir is not None and str(Path(dir) / prefix).startswith(str(out / place)):
+            names.append(prefix)
+            if place != "shards" or len(names) > 9:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return real(suffix, prefix, dir)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tempfile, "mkstemp", full)
+        with pytest.raises(WideberthError, match=r"No space left on device") as caught:
+            run(sweeps.coins(seeds=9), out, workers=workers)
+    kept = len(finished(out)) // 2  # each has its times beside it
+    if place != "shards":
+        assert kept == 9
+    assert str(out) in str(caught.value) and not list(out.rglob("*.part"))
+    assert not (out / "table.csv").exists()
+    assert not kept or f"{kept} of 9 tasks are done and kept in {out}" in str(caught.value)
+    run(sweeps.coins(seeds=9), out)
+    run(sweeps.coins(seeds=9), tmp_path / "whole")
+    assert sweeps.contents(out) == sweeps.contents(tmp_path / "whole")
+
+
+def test_two_runs_do_not_share_a_folder(tmp_path: Path, sweeps: ModuleType) -> None:
+    (tmp_path / "coins.yaml").write_text(YAML)
+    made = sweeps.wideberth("run", "coins.yaml", "--out", "r", cwd=tmp_path)
+    sweeps.wait_until(lambda: finished(tmp_path / "r"), "a shard")
+    for fresh in (False, True):
+        with pytest.raises(WideberthError, match=r"another run is at work in .*--out"):
+            run(sweeps.coins(seeds=100, pause=0.02), tmp_path / "r", fresh=fresh)
+    made.kill()
+    made.communicate()
+    assert len(run(sweeps.coins(seeds=100, pause=0.02), tmp_path / "r").rows) == 100

@@ -1,0 +1,131 @@
+"""Shards, tables and files: whole or not there, read back as written, or refused with a reason."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from wideberth.experiments.engine.base import Outcome, Result, Task
+from wideberth.experiments.engine.shards import (
+    checked_tasks,
+    finished,
+    pack,
+    read_shard,
+    shard_keys,
+    write_shard,
+)
+from wideberth.framework.plugins.io import (
+    read_json,
+    read_table,
+    table_text,
+    write_bytes,
+    write_json,
+)
+from wideberth.framework.values.errors import WideberthError
+
+
+def test_tasks_must_be_there_and_differ() -> None:
+    with pytest.raises(WideberthError, match=r"no task"):
+        checked_tasks([])
+    with pytest.raises(WideberthError, match=r"two tasks are named 'a'"):
+        checked_tasks([Task("a"), Task("a", 1)])
+
+
+SOURCE = "0123456789abcdef"
+
+
+def key_of(config: dict[str, object], task: Task) -> str:
+    (key,) = shard_keys(config, [task])
+    return key
+
+
+def test_shards(tmp_path: Path) -> None:
+    task = Task("a", 1, {"x": 0.1})
+    key = key_of({"type": "e"}, task)
+    assert key != key_of({"type": "e"}, Task("a", 2, {"x": 0.1}))
+    assert key != key_of({"type": "f"}, task)
+    assert read_shard(tmp_path, key, SOURCE) is None
+    outcome = Outcome([{"x": 0.1, "nan": float("inf")}], [{"t": 1.0}], {"f": b"\x00\xff"})
+    write_shard(tmp_path, key, pack(task, outcome, SOURCE))
+    assert read_shard(tmp_path, key, SOURCE) == outcome
+    with pytest.raises(WideberthError, match=r"leaves the folder"):
+        pack(task, Outcome(files={"../f": b""}), SOURCE)
+    with pytest.raises(WideberthError, match=r"not plain"):
+        key_of({}, Task("a", 0, {"x": object()}))
+    with pytest.raises(WideberthError, match=r"not plain"):
+        key_of({"x": object()}, task)
+
+
+@pytest.mark.parametrize("name", ["{}.json", "{}.times.json"])
+def test_a_shard_that_cannot_be_used_says_why(tmp_path: Path, name: str) -> None:
+    packed = pack(Task("a"), Outcome([{"x": 1}], [{"t": 1.0}]), SOURCE)
+    path = tmp_path / name.format("k")
+
+    def left(data: bytes | None) -> tuple[set[str], dict[str, int]]:
+        write_shard(tmp_path, "k", packed)
+        path.unlink() if data is None else path.write_bytes(data)
+        usable, reasons = finished(tmp_path, ["k", "missing"], SOURCE)
+        return usable, dict(reasons)
+
+    whole = packed.content if name == "{}.json" else packed.times
+    assert whole is not None
+    assert left(whole) == ({"k"}, {})
+    for cut in (0, 1, len(whole) // 2, len(whole) - 2):
+        assert left(whole[:cut]) == (set(), {"damaged": 1})
+    other = {"of another version of the program": 1}
+    assert left(whole.replace(SOURCE.encode(), b"other")) == (set(), other)
+    assert left(whole.replace(b'"version": 2', b'"version": 3')) == (set(), other)
+    assert left(whole.replace(b"wideberth/", b"other/")) == (set(), other)
+    assert left(None) == (set(), {} if name == "{}.json" else {"damaged": 1})
+
+
+def test_table_reads_back_what_was_written(tmp_path: Path) -> None:
+    rows = [
+        {"a": 1, "b": 0.1 + 0.2, "c": "text, with\ncomma", "d": True, "e": None},
+        {"a": -3, "b": 1e-300, "c": "1_000", "d": False, "f": float("-inf")},
+    ]
+    path = write_bytes(tmp_path / "t.csv", table_text(rows).encode())
+    back = read_table(path)
+    assert back[0] == {**rows[0], "f": None}
+    assert back[1] == {**rows[1], "e": None}
+    assert table_text([]) == "\n"
+    with pytest.raises(WideberthError, match=r"column 'a' holds list"):
+        table_text([{"a": []}])
+    path.write_text("a,b\n1\n")
+    with pytest.raises(WideberthError, match=r"line 2: 1 cells; wanted 2"):
+        read_table(path)
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(WideberthError, match=r"cannot be read as a table"):
+        read_table(path)
+
+
+def test_writing_is_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_bytes(tmp_path / "f", b"old")
+
+    def fails(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", fails)
+    with pytest.raises(WideberthError, match=r"cannot be written: No space left"):
+        write_bytes(path, b"new")
+    assert path.read_bytes() == b"old" and list(tmp_path.iterdir()) == [path]
+    with pytest.raises(WideberthError, match=r"cannot be written"):
+        write_bytes(tmp_path / "missing" / "f", b"")
+
+
+def test_json_header(tmp_path: Path) -> None:
+    path = write_json(tmp_path / "j", "plan", 2, {"x": 0.1})
+    assert read_json(path, "plan", 2) == {"x": 0.1}
+    with pytest.raises(WideberthError, match=r"wanted 'wideberth/episode'"):
+        read_json(path, "episode", 2)
+    with pytest.raises(WideberthError, match=r"version 2; this package reads 1 to 1"):
+        read_json(path, "plan", 1)
+    path.write_text("{")
+    with pytest.raises(WideberthError, match=r"as JSON"):
+        read_json(path, "plan", 2)
+
+
+def test_result_without_files_or_times(tmp_path: Path) -> None:
+    write_bytes(tmp_path / "table.csv", b"a\n1\n")
+    result = Result(tmp_path)
+    assert result.rows == [{"a": 1}] and result.times == [] and result.names() == []

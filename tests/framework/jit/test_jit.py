@@ -1,0 +1,290 @@
+"""CasADi functions written as Python mean the same, under Numba and under JAX."""
+
+import math
+from collections.abc import Callable, Iterator
+from functools import reduce
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from wideberth.framework.jit import (
+    JAX_IMPORTS,
+    KERNEL,
+    NUMBA_IMPORTS,
+    jax_source,
+    load,
+    numba_source,
+    recursion_source,
+)
+from wideberth.framework.numerics.integration import runge_kutta
+from wideberth.framework.numerics.symbolic import ca
+from wideberth.framework.plugins import registry
+from wideberth.framework.values.errors import WideberthError
+from wideberth.framework.values.motion import Pose
+from wideberth.regions import BUILT_IN as REGIONS
+from wideberth.robots import BUILT_IN as ROBOTS
+
+HEAD = f"from numba import njit\n{NUMBA_IMPORTS}\n\n"
+DECORATOR = f"@njit({KERNEL!r}, cache=True, error_model='numpy')\n"
+SPECIAL = [
+    -np.inf,
+    -1e300,
+    -2.5,
+    -1.0,
+    -0.4,
+    -0.0,
+    0.0,
+    5e-324,
+    0.4,
+    1.0,
+    1.5,
+    2.5,
+    np.inf,
+    np.nan,
+]
+UNARY: list[Callable[[Any], Any]] = [
+    ca.exp, ca.expm1, ca.log, ca.log1p, ca.sqrt, ca.sin, ca.cos, ca.tan, ca.asin, ca.acos, ca.atan,
+    ca.sinh, ca.cosh, ca.tanh, ca.asinh, ca.acosh, ca.atanh, ca.erf, ca.fabs, ca.sign, ca.floor,
+    ca.ceil, ca.logic_not, lambda x: -x, lambda x: x * x, lambda x: x + x, lambda x: 1 / x,
+    lambda x: x**3, lambda x: x**2.5, lambda x: x**-0.5,
+]  # fmt: skip
+BINARY: list[Callable[[Any, Any], Any]] = [
+    lambda x, y: x + y, lambda x, y: x - y, lambda x, y: x * y, lambda x, y: x / y,
+    lambda x, y: x**y, lambda x, y: x < y, lambda x, y: x <= y, lambda x, y: x == y,
+    lambda x, y: x != y, ca.logic_and, ca.logic_or, ca.fmod, ca.remainder, ca.copysign, ca.fmin,
+    ca.fmax, ca.atan2, ca.hypot, lambda x, y: ca.if_else(x, y, 0),
+    lambda x, y: ca.if_else(x, x, y),
+]  # fmt: skip
+
+
+@pytest.fixture(autouse=True, scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    with pytest.MonkeyPatch.context() as patch:
+        place = tmp_path_factory.mktemp("cache")
+        patch.setenv("WIDEBERTH_CACHE", str(place))
+        yield place
+
+
+def function(rows: Any, *arguments: Any) -> Any:
+    """A function of v and p."""
+    return ca.Function("f", list(arguments), [rows])
+
+
+def wanted(f: Any, v: Any, p: Any) -> Any:
+    """CasADi's own results, one column after the other."""
+    pairs = zip(v.T, p.T, strict=True)
+    return np.array([f(*pair).nonzeros() for pair in pairs]).T.reshape(-1, v.shape[1])
+
+
+def by_numba(f: Any, v: Any, p: Any, offset: int = 2) -> Any:
+    kernel = load("tested", HEAD + DECORATOR + numba_source(f, "kernel")).kernel
+    shifted = np.concatenate([np.full((len(v), offset), np.nan), v], axis=1)
+    out = np.full((f.nnz_out(0), v.shape[1] + 1), 7.0)
+    kernel(offset, v.shape[1], shifted, np.ascontiguousarray(p), out)
+    assert (out[:, -1] == 7.0).all(), "wrote beyond its columns"
+    return out[:, :-1]
+
+
+def by_python(f: Any, v: Any, p: Any) -> Any:
+    """The same text without Numba, which takes minutes for a large function."""
+    names = {
+        "math": math,
+        "read": lambda array, row, column, _: array[row, column],
+        "write": lambda array, row, column, value, _: array.__setitem__((row, column), value),
+        "choose": lambda condition, yes, no: yes if condition else no,
+    }
+    exec(numba_source(f, "kernel"), names)
+    out = np.full((f.nnz_out(0), v.shape[1]), np.nan)
+    names["kernel"](0, v.shape[1], v, p, out)  # type: ignore[operator]
+    return out
+
+
+def by_jax(f: Any, v: Any, p: Any) -> Any:
+    import jax
+
+    names: dict[str, Any] = {}
+    exec(JAX_IMPORTS + jax_source(f, "kernel"), names)
+    with jax.enable_x64(True):
+        return np.asarray(jax.jit(names["kernel"])(v, p))
+
+
+def draw(f: Any, count: int = 13) -> tuple[Any, Any]:
+    rng = np.random.default_rng(1)
+    return tuple(rng.uniform(0.2, 0.9, (f.nnz_in(i), count)) for i in range(2))  # type: ignore[return-value]
+
+
+def every_operation() -> tuple[Any, Any, Any]:
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    f = function(ca.vertcat(*(g(x) for g in UNARY), *(g(x, y) for g in BINARY)), x, y)
+    x_grid, y_grid = np.array(list(product(SPECIAL, SPECIAL))).T
+    return f, x_grid[None], y_grid[None]
+
+
+def test_every_operation_at_every_special_number() -> None:
+    f, x, y = every_operation()
+    np.testing.assert_allclose(by_numba(f, x, y), wanted(f, x, y), rtol=1e-14, atol=0)
+
+
+def test_every_operation_of_jax() -> None:
+    """At ordinary numbers all of them; at special ones those that choose."""
+    f, x_special, y_special = every_operation()
+    x, y = np.random.default_rng(2).uniform(-2.0, 2.0, (2, 1, 300))
+    both = np.hstack([x, x_special]), np.hstack([y, y_special])
+    found, expected = by_jax(f, *both), wanted(f, *both)
+    np.testing.assert_allclose(found[:, :300], expected[:, :300], rtol=1e-12, atol=1e-14)
+    unary = [UNARY.index(g) for g in (ca.sign, ca.logic_not)]
+    chosen = [ca.fmin, ca.fmax, ca.logic_and, ca.logic_or, ca.copysign, *BINARY[-2:]]
+    rows = unary + [len(UNARY) + BINARY.index(g) for g in chosen]
+    normal = (np.abs(both) != 5e-324).all(axis=(0, 1))  # XLA takes denormal numbers for zero
+    np.testing.assert_array_equal(found[rows][:, normal], expected[rows][:, normal])
+
+
+leaves = st.one_of(st.integers(0, 3), st.floats(-3, 3).map(float))
+trees = st.recursive(
+    leaves,
+    lambda deeper: st.one_of(
+        st.tuples(st.sampled_from(UNARY), deeper),
+        st.tuples(st.sampled_from(BINARY), deeper, deeper),
+    ),
+    max_leaves=12,
+)
+
+
+def grown(tree: Any, symbols: Any) -> Any:
+    if isinstance(tree, tuple):
+        return tree[0](*(grown(branch, symbols) for branch in tree[1:]))
+    return symbols[tree] if isinstance(tree, int) else ca.SX(tree)
+
+
+@settings(
+    max_examples=6, derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
+@given(st.lists(trees, min_size=10, max_size=20))
+def test_random_expressions(drawn: list[Any]) -> None:
+    v, p = ca.SX.sym("v", 2), ca.SX.sym("p", 2)
+    f = function(
+        ca.vertcat(*(grown(tree, ca.vertsplit(v) + ca.vertsplit(p)) for tree in drawn)), v, p
+    )
+    numbers = np.random.default_rng(0).uniform(-3.0, 3.0, (2, 2, 25))
+    np.testing.assert_allclose(by_numba(f, *numbers), wanted(f, *numbers), rtol=1e-12, atol=0)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_motion_with_both_derivatives(name: str) -> None:
+    robot = registry.load("robots", name)()
+    n, m = len(robot.states), len(robot.inputs)
+    v, p = ca.SX.sym("v", n + m), ca.SX.sym("p", n)
+    parts = ca.vertsplit(v)
+    following = ca.vertcat(*runge_kutta(robot.derivative, parts[:n], parts[n:], 0.5))
+    hessian = ca.hessian(ca.dot(p, following), v)[0]
+    pieces = [following, ca.vec(ca.jacobian(following, v)), ca.vec(ca.tril(hessian))]
+    f = function(ca.sparsify(ca.vertcat(*pieces)), v, p)
+    agree(f, *draw(f))
+
+
+@pytest.mark.parametrize("name", REGIONS)
+def test_constraint_with_both_derivatives(name: str) -> None:
+    region = registry.load("regions", name)()
+    count = region.parameter_count(2)
+    v, p = ca.SX.sym("v", 3 + len(region.auxiliary(2))), ca.SX.sym("p", count + 1)
+    pose = Pose((v[0], v[1]), v[2])
+    parts = region.constraint(pose, p[:count], p[count], v[3:])
+    rows = [*parts.inequalities, *parts.equalities]
+    f = function(ca.vertcat(*(derivatives(ca.SX(row), v) for row in rows)), v, p)
+    large = name in {"risk_contour", "whitened_box"}  # 44 000 and 3 000 operations
+    agree(f, *draw(f), by_python if large else by_numba)
+
+
+def derivatives(row: Any, v: Any) -> Any:
+    hessian, gradient = ca.hessian(row, v)
+    return ca.vertcat(row, ca.densify(gradient), ca.densify(ca.vec(hessian)))
+
+
+def agree(f: Any, v: Any, p: Any, by: Callable[..., Any] = by_numba) -> None:
+    np.testing.assert_allclose(by(f, v, p), wanted(f, v, p), rtol=1e-12, atol=1e-12)
+
+
+def test_jax_of_motion_and_constraint() -> None:
+    robot, region = (
+        registry.load("robots", "unicycle")(),
+        registry.load("regions", "minkowski_sum")(),
+    )
+    v, p = ca.SX.sym("v", 8), ca.SX.sym("p", 10)
+    parts = ca.vertsplit(v)
+    following = ca.vertcat(*runge_kutta(robot.derivative, parts[:5], parts[5:7], 0.5))
+    constraint = region.constraint(Pose((v[0], v[1]), v[2]), p[:9], p[9], v[7:]).inequalities[0]
+    total = ca.sumsqr(following) + constraint
+    f = function(derivatives(total, v), v, p)
+    v_drawn, p_drawn = draw(f, 12)
+    found = by_jax(f, v_drawn.reshape(8, 3, 4), p_drawn.reshape(10, 3, 4))
+    expected = wanted(f, v_drawn, p_drawn)
+    np.testing.assert_allclose(found.reshape(len(found), 12), expected, rtol=1e-11, atol=1e-11)
+
+
+def test_a_recursion_hands_results_to_the_column_before() -> None:
+    v, p = ca.SX.sym("v", 3), ca.SX.sym("p", 1)
+    # the second result is what the first variable was: they are handed on at once
+    f = function(ca.vertcat(v[1] * p + ca.sin(v[2]), v[0], v[0] * v[1], 2.0), v, p)
+    source = recursion_source(f, "kernel", 2)
+    kernel = load("tested", HEAD + DECORATOR + source).kernel
+    given, parameters = np.random.default_rng(3).uniform(size=(2, 1, 6))
+    out = np.full((4, 5), 0.3)
+    kernel(1, 4, given, parameters, out)
+    for c in range(3, -1, -1):
+        found = f(np.array([*out[:2, c + 1], given[0, 1 + c]]), parameters[:, c]).nonzeros()
+        np.testing.assert_allclose(out[:, c], found, rtol=1e-14)
+    assert (out[:, 4] == 0.3).all()
+
+
+def test_rows_are_the_nonzeros_column_by_column() -> None:
+    v, p = ca.SX.sym("v", 2), ca.SX.sym("p", 0)
+    full = ca.blockcat([[v[0], 0, v[1]], [ca.SX(1, 1), v[0] * v[1], 3]])
+    f = function(ca.sparsify(full), v, p)
+    values = by_numba(f, np.array([[2.0], [5.0]]), np.zeros((0, 1)))[:, 0]
+    rows, columns = f.sparsity_out(0).get_triplet()
+    dense = np.zeros((2, 3))
+    dense[rows, columns] = values
+    np.testing.assert_array_equal(dense, [[2, 0, 5], [0, 10, 3]])
+
+
+def test_constants_are_exact() -> None:
+    numbers = [0.1, 1 / 3, np.pi, 1e-320, 1.7976931348623157e308, np.inf, -np.inf, np.nan]
+    v = ca.SX.sym("v", 0)
+    f = function(ca.vertcat(*numbers), v, v)
+    none = np.zeros((0, 4))
+    for found in (by_numba(f, none, none), by_jax(f, none, none)):
+        np.testing.assert_array_equal(found, np.tile(numbers, (4, 1)).T)
+
+
+def test_the_same_is_computed_once() -> None:
+    v, p = ca.SX.sym("v", 2), ca.SX.sym("p", 1)
+    again = [ca.sin(v[0] * p[0]) + v[1], v[1] + ca.sin(p[0] * v[0])]
+    source = numba_source(function(ca.vertcat(*again), v, p), "kernel")
+    assert source.count("math.sin") == 1
+
+
+def test_matrix_functions_are_expanded() -> None:
+    inner = ca.Function("inner", [a := ca.SX.sym("a", 2)], [ca.sin(a)])
+    v, p = ca.MX.sym("v", 2), ca.MX.sym("p", 2)
+    f = function(reduce(lambda x, _: inner(x) * p, range(3), v), v, p)
+    agree(f, *draw(f))
+
+
+def test_what_cannot_be_written_is_named() -> None:
+    v, p = ca.SX.sym("v", 2), ca.SX.sym("p", 1)
+    with pytest.raises(WideberthError, match="OP_ERFINV has no translation"):
+        numba_source(function(ca.erfinv(v), v, p), "kernel")
+    inner = ca.Function("inner", [v], [ca.sin(v)], {"never_inline": True})
+    with pytest.raises(WideberthError, match="OP_CALL has no translation"):
+        numba_source(function(inner(v), v, p), "kernel")
+    with pytest.raises(WideberthError, match="1 arguments"):
+        numba_source(function(v, v), "kernel")
+    with pytest.raises(WideberthError, match=r"depends on \['p'\]"):
+        jax_source(ca.Function("f", [v, v[:0]], [v * p], {"allow_free": True}), "kernel")
+    with pytest.raises(WideberthError, match="argument p"):
+        numba_source(function(v, v, ca.SX.sym("p", 2, 2)), "kernel")

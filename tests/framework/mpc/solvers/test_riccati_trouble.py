@@ -1,0 +1,233 @@
+"""The structured solver where things go wrong, in other processes, and for many at once."""
+
+import os
+import subprocess
+import sys
+from collections import OrderedDict
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wideberth.framework.mpc.assembly import assemble
+from wideberth.framework.mpc.diagnosis.recorded_instances import Instance, read_instances
+from wideberth.framework.mpc.fallback.verify import violation
+from wideberth.framework.mpc.levels.fixed import Fixed
+from wideberth.framework.mpc.levels.paper import Paper
+from wideberth.framework.mpc.ocp.problem import Parameters, Problem
+from wideberth.framework.mpc.solvers.base import Solution
+from wideberth.framework.mpc.solvers.fatrop import Fatrop
+from wideberth.framework.mpc.solvers.ipopt import Ipopt
+from wideberth.framework.mpc.solvers.riccati import compiled
+from wideberth.framework.mpc.solvers.riccati.solver import Riccati
+from wideberth.framework.values.errors import WideberthError
+from wideberth.framework.values.plan import Status
+from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
+from wideberth.regions.risk_contour import RiskContour
+from wideberth.robots.unicycle import Unicycle
+
+SAMPLE = Path(__file__).parents[3] / "data" / "mpc_instances.npz"
+KEPT = 1e-6
+SOLVE = """
+import sys
+from pathlib import Path
+from importlib import import_module
+if sys.argv[2] == "missing":
+    sys.modules["numba"] = None
+sys.path.insert(0, sys.argv[1])
+own = import_module("test_riccati_trouble")
+instance = own.recorded_instances()[0]
+solution = own.solved(instance)
+print(own.digest(solution), solution.status, solution.message)
+"""
+"""Solves the first recorded instance in a new process."""
+
+
+def recorded_instances() -> list[Instance]:
+    return list(read_instances(SAMPLE, MahalanobisEllipse()))
+
+
+@pytest.fixture(scope="module")
+def recorded() -> list[Instance]:
+    return recorded_instances()
+
+
+def problem_for(instance: Instance, penalty: float | None = None, weight: float = 1.0) -> Problem:
+    level = Paper(tail=float(np.exp(-5.991 / 2)), weight=weight)
+    return assemble(
+        Unicycle(), MahalanobisEllipse(), level, horizon=15, dt=0.5,
+        capacity=instance.obstacles, penalty=penalty,
+    )  # fmt: skip
+
+
+def solved(instance: Instance, parameters: Parameters | None = None, **settings: Any) -> Solution:
+    given = problem_for(instance), parameters or instance.parameters, [instance.guess]
+    return Riccati(**settings).solve(*given)[0]
+
+
+def digest(solution: Solution) -> str:
+    """Hash of all of a solution but its time."""
+    point = solution.point
+    arrays = (point.states, point.inputs, point.auxiliaries, point.slack)
+    numbers = np.array([point.level, solution.cost, solution.iterations], dtype=np.float64)
+    text = b"".join(np.ascontiguousarray(one).tobytes() for one in (*arrays, numbers))
+    return sha256(text).hexdigest()
+
+
+def blocked(instance: Instance) -> Parameters:
+    """The first obstacle stands on the robot and stays there."""
+    regions = instance.parameters.regions.copy()
+    regions[:, 0] = regions[:1, 0]
+    regions[:, 0, :2] = instance.parameters.initial[:2] + 0.1
+    return replace(instance.parameters, regions=regions)
+
+
+# no plan keeps the regions
+
+
+@pytest.mark.parametrize("which", range(0, 40, 4))
+def test_a_start_inside_a_region_is_left_as_far_as_can_be(
+    which: int, recorded: list[Instance]
+) -> None:
+    instance = recorded[which]
+    parameters = blocked(instance)
+    ours = solved(instance, parameters)
+    assert ours.status is Status.INFEASIBLE
+    assert "no plan keeps every region" in ours.message
+    found = violation(problem_for(instance), parameters, ours.point)
+    assert found.motion.max() <= KEPT
+    # IPOPT on soft regions, at a price at which these alone count
+    soft = problem_for(instance, 1e7)
+    (theirs,) = Ipopt().solve(soft, parameters, [instance.guess])
+    if theirs.status is Status.SOLVED:
+        assert found.total <= 1.01 * violation(soft, parameters, theirs.point).total + 1e-4
+
+
+def test_slack_that_is_paid_for_counts_as_solved(recorded: list[Instance]) -> None:
+    instance, parameters = recorded[0], blocked(recorded[0])
+    problem = problem_for(instance, 1e4)
+    (ours,) = Riccati().solve(problem, parameters, [instance.guess])
+    (theirs,) = Ipopt().solve(problem, parameters, [instance.guess])
+    assert ours.status is theirs.status is Status.SOLVED
+    assert ours.point.slack.max() > 0.1
+    assert ours.cost == pytest.approx(theirs.cost, rel=1e-5)
+
+
+# an end in any case
+
+
+def test_limits_and_deadlines_end_a_solve(recorded: list[Instance]) -> None:
+    instance = recorded[0]
+    given = problem_for(instance), instance.parameters, [instance.guess]
+    found = solved(instance, iterations=2)
+    assert (found.status, found.iterations) == (Status.LIMIT, 2)
+    (late,) = Riccati().solve(*given, deadline=0.0)
+    assert late.status is Status.DEADLINE
+    assert np.isfinite(late.point.states).all() and np.isfinite(late.cost)
+    # its tolerance is out of reach: it would go on for ever
+    endless = Riccati(iterations=10**9, tolerance=1e-30)
+    (stopped,) = endless.solve(*given, deadline=0.2)
+    assert stopped.status in (Status.DEADLINE, Status.FAILED)
+
+
+def test_a_deadline_covers_each_guess(recorded: list[Instance]) -> None:
+    instance = recorded[0]
+    given = problem_for(instance), instance.parameters, [instance.guess] * 3
+    found = Riccati().solve(*given, deadline=60.0)
+    assert [one.status for one in found] == [Status.SOLVED] * 3
+    assert len({digest(one) for one in found}) == 1
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("name", ["initial", "reference", "regions", "level", "guess"])
+def test_what_is_not_finite_fails(name: str, value: float, recorded: list[Instance]) -> None:
+    instance = recorded[0]
+    if name == "guess":
+        states = np.full_like(instance.guess.states, value)
+        found = solved(replace(instance, guess=replace(instance.guess, states=states)))
+    else:
+        broken = getattr(instance.parameters, name).copy()
+        broken[(0,) * broken.ndim] = value
+        found = solved(instance, replace(instance.parameters, **{name: broken}))
+    assert found.status is Status.FAILED
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{"iterations": 0}, {"tolerance": 0.0}, {"start_penalty": 1e8}, {"start_barrier": -1.0}],
+    ids=str,
+)
+def test_settings_are_checked(settings: dict[str, Any]) -> None:
+    with pytest.raises(WideberthError, match="riccati"):
+        Riccati(**settings)
+
+
+# where nothing can be compiled
+
+
+def test_fatrop_solves_where_nothing_can_be_compiled(
+    recorded: list[Instance], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise WideberthError("this machine compiles nothing")
+
+    monkeypatch.setattr(compiled, "_PROGRAMS", OrderedDict())
+    monkeypatch.setattr(compiled, "load", refuse)
+    instance = recorded[0]
+    found = solved(instance)
+    (plain,) = Fatrop().solve(problem_for(instance), instance.parameters, [instance.guess])
+    assert found.status is Status.SOLVED and found.cost == plain.cost
+    assert "by fatrop, since this machine compiles nothing" in found.message
+
+
+def test_a_region_that_is_too_large_goes_to_fatrop(instances: ModuleType) -> None:
+    (made,) = instances.Recipe(Unicycle(), RiskContour(), Fixed(), 1, 3).make(range(1))
+    (found,) = Riccati().solve(made.problem, made.parameters, [made.guess])
+    assert "by fatrop, since a kernel of this problem has" in found.message
+    assert found.status is Status.SOLVED
+
+
+def other_process(way: str, **environment: str) -> str:
+    arguments = [sys.executable, "-c", SOLVE, str(Path(__file__).parent), way]
+    ran = subprocess.run(
+        arguments, env={**os.environ, **environment}, capture_output=True, text=True, check=False
+    )
+    assert ran.returncode == 0, ran.stderr
+    return ran.stdout
+
+
+@pytest.mark.parametrize(
+    ("way", "environment", "why"),
+    [
+        ("missing", {}, "Numba cannot be imported"),
+        ("plain", {"NUMBA_DISABLE_JIT": "1"}, "NUMBA_DISABLE_JIT is set"),
+    ],
+)
+def test_without_numba_fatrop_solves(way: str, environment: dict[str, str], why: str) -> None:
+    assert f"solved solved (by fatrop, since {why}" in other_process(way, **environment)
+
+
+# the same bytes
+
+
+def test_the_same_bytes_in_any_process(recorded: list[Instance]) -> None:
+    here = digest(solved(recorded[0]))
+    assert digest(solved(recorded[0])) == here
+    assert other_process("plain", PYTHONHASHSEED="7").split()[0] == here
+
+
+def test_the_same_bytes_for_any_number_of_workers(recorded: list[Instance]) -> None:
+    some = [one for one in recorded if one.obstacles == 10]
+    problem = problem_for(some[0])
+    given = [one.parameters for one in some], [one.guess for one in some]
+    alone = [Riccati().solve(problem, one.parameters, [one.guess])[0] for one in some]
+    for workers in (1, 4):
+        found = Riccati().solve_many(problem, *given, workers=workers)
+        assert [digest(one) for one in found] == [digest(one) for one in alone]
+    assert Riccati().solve_many(problem, [], []) == []
+    with pytest.raises(WideberthError, match="8 instances and 1 guesses"):
+        Riccati().solve_many(problem, given[0], given[1][:1])

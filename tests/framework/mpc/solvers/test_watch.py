@@ -1,0 +1,258 @@
+"""A call that does not return is left behind, and what comes after it is not harmed."""
+
+import ctypes
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from threading import Event, get_ident
+from time import sleep
+
+import numpy as np
+import pytest
+
+from wideberth.framework.mpc.ocp.problem import Parameters, Problem
+from wideberth.framework.mpc.ocp.transcription import Guess
+from wideberth.framework.mpc.solvers import base
+from wideberth.framework.mpc.solvers import watchdog as watch
+from wideberth.framework.mpc.solvers.base import Solution, Solver
+from wideberth.framework.mpc.solvers.fatrop import Fatrop
+from wideberth.framework.mpc.solvers.watchdog import LeftBehind, Refused, left_behind, watched
+from wideberth.framework.values.plan import Rung, Status
+from wideberth.tests.helpers.planning import at, planner
+
+
+@pytest.fixture
+def end() -> Iterator[Event]:
+    """Let those who wait for it go on at the end of a test."""
+    made = Event()
+    yield made
+    made.set()
+    while left_behind():
+        sleep(0.001)
+
+
+def leave(end: Event) -> None:
+    with pytest.raises(LeftBehind, match="did not return"):
+        watched(end.wait, 0.01)
+
+
+def raising() -> None:
+    raise KeyError("own")
+
+
+def test_a_call_returns_what_it_returns_and_raises_what_it_raises() -> None:
+    assert watched(lambda: 7, 60.0) == 7
+    with pytest.raises(KeyError, match="own"):
+        watched(raising, 60.0)
+    assert left_behind() == 0
+
+
+@pytest.mark.parametrize("limit", [1e11, 1e300, np.inf])
+def test_a_limit_of_any_length_is_waited_for(limit: float) -> None:
+    assert watched(lambda: 7, limit) == 7
+    assert left_behind() == 0
+
+
+def test_one_thread_serves_all_calls() -> None:
+    idents = {watched(get_ident, 60.0) for _ in range(50)}
+    assert len(idents) == 1 and get_ident() not in idents
+
+
+def test_calls_see_the_callers_context() -> None:
+    own: ContextVar[int] = ContextVar("own", default=0)
+    own.set(3)
+    assert watched(own.get, 60.0) == 3
+    with np.errstate(divide="raise"):
+        assert watched(np.geterr, 60.0)["divide"] == "raise"
+
+
+def test_a_call_within_a_call() -> None:
+    assert watched(lambda: watched(lambda: 5, 60.0), 60.0) == 5
+
+
+def test_who_does_not_return_is_left_behind_and_counted(end: Event) -> None:
+    leave(end)
+    assert left_behind() == 1
+    assert watched(lambda: 1, 60.0) == 1
+    end.set()
+    while left_behind():
+        sleep(0.001)
+    assert watched(lambda: 2, 60.0) == 2
+
+
+def test_no_more_than_a_few_are_left_behind(end: Event) -> None:
+    for _ in range(watch.MOST_LEFT):
+        leave(end)
+    with pytest.raises(Refused, match=f"{watch.MOST_LEFT} calls"):
+        watched(lambda: 1, 60.0)
+
+
+# solvers
+
+
+@dataclass(frozen=True)
+class Asleep(Solver):
+    """Solves until it is put to sleep, and then never returns."""
+
+    end: Event
+    native: bool = False
+    asleep: list[int] = field(default_factory=list)
+
+    def solve(
+        self,
+        problem: Problem,
+        parameters: Parameters,
+        guesses: Sequence[Guess],
+        deadline: float | None = None,
+    ) -> list[Solution]:
+        while self.asleep and not self.end.is_set():
+            if self.native:
+                ctypes.CDLL(None).usleep(50_000)  # without Python's lock
+            else:
+                self.end.wait()
+        return Fatrop().solve(problem, parameters, guesses, deadline)
+
+
+@pytest.mark.parametrize("native", [False, True], ids=["python", "native"])
+@pytest.mark.parametrize("limit", ["deadline", "patience"])
+def test_a_solver_that_never_returns_does_not_hold_the_loop(
+    native: bool, limit: str, end: Event
+) -> None:
+    solver = Asleep(end, native)
+    settings = {"deadline": 60.0} if limit == "deadline" else {"patience": 3.0}
+    made = planner(solver=solver, starts=(), **settings)
+    made.command(at(0.0, 0.0))
+    solver.asleep.append(1)
+    if limit == "deadline":
+        made.deadline = 0.3
+    made.command(at(0.5, 0.25))
+    plan = made.plan
+    assert plan is not None
+    assert (plan.rung, plan.status) == (Rung.SHIFTED, Status.DEADLINE)
+    assert "Asleep did not return within" in plan.reason
+    assert plan.violation <= 1e-4
+    assert left_behind() == 1
+    solver.asleep.clear()
+    if limit == "deadline":
+        made.deadline = 60.0
+    made.command(at(1.0, 0.5))
+    assert made.plan is not None and made.plan.rung is Rung.OPTIMAL
+
+
+def test_with_too_many_left_behind_the_planner_drives_on_lower_rungs(end: Event) -> None:
+    solver = Asleep(end)
+    made = planner(solver=solver, starts=(), deadline=60.0)
+    made.command(at(0.0, 0.0))
+    solver.asleep.append(1)
+    made.deadline = 0.3
+    for k in range(1, watch.MOST_LEFT + 2):
+        made.command(at(0.5 * k, 0.25 * k))
+    plan = made.plan
+    assert plan is not None
+    assert left_behind() == watch.MOST_LEFT
+    assert plan.rung is Rung.SHIFTED
+    assert "no other is begun until one ends" in plan.reason
+    end.set()
+    while left_behind():
+        sleep(0.001)
+    made.deadline = 60.0
+    made.command(at(3.0, 1.5))
+    assert made.plan is not None and made.plan.rung is Rung.OPTIMAL
+
+
+def test_who_is_left_behind_at_another_start_is_named(end: Event) -> None:
+    """The first start is solved; the plan is taken, and says what it was not held against."""
+    solver = Second(end)
+    made = planner(solver=solver, patience=3.0, starts=("wait",))
+    solver.asleep.append(1)
+    made.command(at(0.0, 0.0))
+    assert made.plan is not None
+    assert made.plan.rung is Rung.OPTIMAL
+    assert "from another start Second did not return" in made.plan.reason
+
+
+@dataclass(frozen=True)
+class Second(Solver):
+    """Solves once, and does not return from the second call."""
+
+    end: Event
+    asleep: list[int] = field(default_factory=list)
+
+    def solve(
+        self,
+        problem: Problem,
+        parameters: Parameters,
+        guesses: Sequence[Guess],
+        deadline: float | None = None,
+    ) -> list[Solution]:
+        if self.asleep:
+            self.asleep.append(1)
+            if len(self.asleep) == 3:
+                self.end.wait()
+        return Fatrop().solve(problem, parameters, guesses, deadline)
+
+
+def test_a_program_in_use_is_not_shared(end: Event) -> None:
+    """The thread left behind keeps its own; the next solve gets another."""
+    made = planner()
+    made.command(at(0.0, 0.0))
+    case = made._decision.case  # type: ignore[union-attr]
+    taken: list[base.Compiled] = []
+
+    def hold() -> None:
+        with base.compiled("fatrop", case.problem, {}, staged=True) as program:
+            taken.append(program)
+            end.wait()
+
+    with pytest.raises(LeftBehind):
+        watched(hold, 0.5)
+    with base.compiled("fatrop", case.problem, {}, staged=True) as second:
+        assert second is not taken[0]
+    with base.compiled("fatrop", case.problem, {}, staged=True) as third:
+        assert third is second  # the returned one is used again
+
+
+EXIT = """
+import ctypes
+from wideberth.framework.mpc.solvers.watchdog import LeftBehind, watched
+for call in (lambda: ctypes.CDLL(None).sleep(1000), __import__("threading").Event().wait):
+    try:
+        watched(call, 0.1)
+    except LeftBehind as error:
+        print(error)
+"""
+
+
+def test_a_process_ends_although_threads_were_left_behind() -> None:
+    found = subprocess.run(
+        [sys.executable, "-c", EXIT], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert found.returncode == 0, found.stderr
+    assert found.stdout.count("did not return") == 2 and not found.stderr
+
+
+FORKED = """
+import os
+from threading import Event
+from wideberth.framework.mpc.solvers.watchdog import LeftBehind, left_behind, watched
+
+watched(int, 60.0)
+try:
+    watched(Event().wait, 0.01)
+except LeftBehind:
+    assert left_behind() == 1
+child = os.fork()
+if not child:
+    os._exit(0 if left_behind() == 0 and watched(lambda: 4, 30.0) == 4 else 1)
+assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+os._exit(0)
+"""
+
+
+@pytest.mark.skipif(not hasattr(watch.os, "fork"), reason="no fork here")
+def test_a_forked_process_begins_anew() -> None:
+    """In a process of its own: libraries that other tests load warn of a fork among threads."""
+    done = subprocess.run([sys.executable, "-c", FORKED], capture_output=True, timeout=120)
+    assert done.returncode == 0, done.stderr.decode()

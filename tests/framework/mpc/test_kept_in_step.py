@@ -1,0 +1,200 @@
+"""What plans are made from and fall back on, to the step: shapes, clocks, sides, directions."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wideberth.framework.mpc.fallback.emergency import aim, emergency
+from wideberth.framework.mpc.fallback.ladder import Ladder
+from wideberth.framework.mpc.fallback.rollout import sweep
+from wideberth.framework.mpc.fallback.stopping import stops
+from wideberth.framework.mpc.levels.fixed import Fixed
+from wideberth.framework.mpc.ocp.reference import Reference
+from wideberth.framework.mpc.ocp.transcription import Guess
+from wideberth.framework.mpc.planner.progress_robot import follower, marked
+from wideberth.framework.mpc.planner.situation import nearness
+from wideberth.framework.mpc.planner.starting_points import other_starts
+from wideberth.framework.tracking.perception import completed
+from wideberth.framework.values.forecast import Forecast
+from wideberth.framework.values.motion import Observation
+from wideberth.framework.values.tracks import Tracks
+from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
+from wideberth.robots.holonomic import Holonomic
+from wideberth.robots.holonomic_velocity import HolonomicVelocity
+from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.helpers.planning import approach, at, planner
+from wideberth.tests.helpers.problems import set_up
+
+
+@pytest.mark.parametrize("state", [[1.0, 2.0, 0.3, 0.4, 0.1], [np.nan] * 5, [1.0]], ids=str)
+def test_an_emergency_plan_has_the_shape_of_every_plan(state: list[float]) -> None:
+    """It stays where it begins: the reference of all N steps is its first position."""
+    seen = Observation(0.0, np.zeros(5))
+    object.__setattr__(seen, "state", np.array(state))
+    plan, command = emergency(Unicycle(), seen, "a test", 7, 0.5)
+    assert plan.states.shape == (8, 5) and plan.inputs.shape == (7, 2)
+    assert plan.positions.shape == (8, 2) and plan.reference.shape == (7, 2)
+    assert plan.auxiliaries.shape[:2] == (7, 0)
+    assert plan.level.shape == plan.target.shape == plan.content.shape == (7, 0)
+    np.testing.assert_array_equal(plan.reference, np.tile(plan.positions[0], (7, 1)))
+    assert np.isfinite(command.linear).all()
+
+
+def test_a_command_aims_at_the_twist_of_the_next_state() -> None:
+    """And at a stop beyond the plan's end."""
+    plan, _ = emergency(Unicycle(), Observation(0.0, np.zeros(5)), "a test", 4, 0.5)
+    states = plan.states.copy()
+    states[:, 3] = 0.1 * np.arange(5.0)
+    moving = replace(plan, states=states)
+    for step in range(4):
+        found = aim(Unicycle(), moving, step)
+        assert found.linear[0] == pytest.approx(0.1 * (step + 1)) and found.ramp == 0.5
+    assert aim(Unicycle(), moving, 4).linear == (0.0, 0.0)
+
+
+def test_progress_is_along_the_direction_where_the_robot_is() -> None:
+    """Round a corner, theta grows by the whole way; a step aside does not count."""
+    robot = follower(HolonomicVelocity())
+    places = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [1.0, 2.0], [3.0, 3.0]])
+    direction = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 1.0], [1.0, 0.0]])
+    reference = Reference(places[1:], direction, np.full(4, 2.0), np.zeros((4, 0)))
+    inputs = np.diff(places, axis=0) / 0.5
+    found = marked(robot, Guess.bare(places, inputs, float("nan")), reference, 3.0, 0.5)
+    np.testing.assert_allclose(found.states[:, 2], [3.0, 4.0, 5.0, 6.0, 8.0])
+    np.testing.assert_allclose(found.inputs[:, 2], [2.0, 2.0, 2.0, 4.0])
+    np.testing.assert_array_equal(found.states[:, :2], places)
+
+
+def test_a_command_on_its_way_counts_from_when_it_takes_effect() -> None:
+    """Asked for at 0.25 s, begun at 0.5 s, reached at 1 s: halfway there at 0.75 s."""
+    made = planner(latency=0.25, period=0.25)
+    before = made.command(at(0.0, 0.0, v=0.3)).linear[0]  # taken as reached
+    after = made.command(at(0.25, 0.075, v=0.3)).linear[0]
+    assert abs(after - before) > 0.01
+    made.command(at(0.5, 0.15, v=before))
+    plan = made.plan
+    assert plan is not None and plan.stamp == pytest.approx(0.75)
+    halfway = 0.5 * (before + after)
+    assert plan.states[0, 3] == pytest.approx(halfway, abs=1e-6)
+    assert plan.states[0, 0] == pytest.approx(0.15 + 0.25 * 0.5 * (before + halfway), abs=1e-3)
+
+
+def test_left_and_right_are_mirrored() -> None:
+    """Without a heading they lead aside by 45 degrees at the same speed; with one they turn."""
+    start = np.array([0.0, 0.0, 0.3, 0.4])
+    left, right = (np.array(sweep(Holonomic(), start, side, 1.0).linear) for side in _SIDES)
+    ahead, across = np.array([0.6, 0.8]), np.array([-0.8, 0.6])
+    np.testing.assert_allclose(left, 0.5 * (ahead + across) / np.sqrt(2.0))
+    np.testing.assert_allclose(right, 0.5 * (ahead - across) / np.sqrt(2.0))
+    back = [np.array(sweep(Holonomic(), start, f"back-{one}", 0.2).linear) for one in _SIDES]
+    np.testing.assert_allclose(back[0], 0.2 * (-ahead + across) / np.sqrt(2.0))
+    np.testing.assert_allclose(back[1], 0.2 * (-ahead - across) / np.sqrt(2.0))
+    turning = [sweep(Unicycle(), np.array([0.0, 0.0, 0.3, 0.4, 0.1]), one, 1.5) for one in _SIDES]
+    assert [one.angular for one in turning] == [1.5, -1.5]
+    assert [one.linear for one in turning] == [(0.4, 0.0)] * 2
+
+
+_SIDES = ("left", "right")
+
+
+def test_walls_are_looked_at_as_far_as_a_plan_may_turn_aside() -> None:
+    """Body, margin, half of the reference's 0.8 m/s * 5 s, and 2 deviations of 0.3 m."""
+    level = Fixed(0.02275013194817921)  # Phi(-2)
+    made = planner(reference_speed=0.8, horizon=10, margin=0.1, level=level)
+    exact, known = np.zeros((10, 2, 2)), np.tile(np.diag([0.09, 0.01]), (10, 1, 1))
+    assert nearness(made, exact) == pytest.approx(made.robot.radius + 0.1 + 2.0)
+    assert nearness(made, known) == pytest.approx(made.robot.radius + 0.1 + 2.0 + 0.6)
+
+
+def test_a_robot_that_stands_goes_aside_from_where_its_path_leads_now() -> None:
+    """Not from where it leads behind the next corner: left of east is north-east."""
+    robot = HolonomicVelocity()
+    problem, parameters, guess = set_up(robot, MahalanobisEllipse(), Fixed(0.05), 1)
+    direction = np.tile([0.0, 1.0], (len(parameters.speed), 1))
+    direction[0] = 1.0, 0.0
+    (left,) = other_starts(
+        robot, problem, replace(parameters, direction=direction), guess, ("left",)
+    )
+    moved = left.states[-1, :2] - left.states[0, :2]
+    np.testing.assert_allclose(moved / np.hypot(*moved), np.sqrt([0.5, 0.5]), atol=1e-6)
+
+
+def test_what_a_plan_breaks_is_listed_worst_first() -> None:
+    """Pushed aside from one step on it leaves its dynamics and, far enough, enters the region."""
+    made = planner()
+    approach(made)
+    solve = made.explain()
+    meets = int(np.abs(solve.point.states[1:, 0] - 4.0).argmin()) + 1
+    lines = []
+    for push in (0.5, 3.0):
+        states = solve.point.states.copy()
+        states[meets:, 1] += push
+        states[-1, 3] += 0.2
+        text = replace(solve, point=replace(solve.point, states=states)).text()
+        lines.append([line for line in text.splitlines() if " at step " in line])
+        amounts = [float(line.split(" by ")[1].split()[0]) for line in lines[-1]]
+        assert amounts == sorted(amounts, reverse=True), text
+    assert any(len(found) == 2 for found in lines), lines
+
+
+def test_the_last_plan_goes_on_from_where_time_has_come() -> None:
+    """Inputs 1, 2, 3 a step: half a step later 1.5, 2.5 and, beyond the end, 1.5."""
+    seen = Observation(0.0, np.zeros(4))
+    plan = replace(emergency(Holonomic(), seen, "a test", 3, 0.5)[0], stamp=1.0)
+    plan = replace(plan, inputs=0.1 * np.array([[1.0, 0.0], [2.0, 0.0], [3.0, 0.0]]))
+    start = np.array([0.0, 0.0, 0.3, 0.0])
+    ladder = Ladder(Holonomic(), MahalanobisEllipse(), Fixed(0.1), 1.25, 0.5, 3, start)
+    found = ladder.shifted(plan, standing=False).inputs
+    assert found is not None
+    np.testing.assert_allclose(found, 0.1 * np.array([[1.5, 0.0], [2.5, 0.0], [1.5, 0.0]]))
+    at_once = replace(ladder, stamp=1.0).shifted(plan, standing=False).inputs
+    np.testing.assert_array_equal(at_once, plan.inputs)
+    assert replace(ladder, stamp=0.9).shifted(plan, standing=False).inputs is None  # not yet begun
+
+
+def test_beyond_its_end_a_plan_coasts_or_stands() -> None:
+    """Two steps later, at 0.3 m/s without input: one goes on at that speed, the other brakes."""
+    seen = Observation(0.0, np.zeros(4))
+    plan, _ = emergency(Holonomic(), seen, "a test", 4, 0.5)
+    plan = replace(plan, inputs=np.zeros((4, 2)))
+    start = np.array([0.0, 0.0, 0.3, 0.0])
+    ladder = Ladder(Holonomic(), MahalanobisEllipse(), Fixed(0.1), 1.0, 0.5, 4, start)
+    speeds = [
+        ladder.shifted(plan, standing=standing).first().states[:, 2] for standing in (False, True)
+    ]
+    np.testing.assert_allclose(speeds[0], 0.3)
+    np.testing.assert_allclose(speeds[1][:3], 0.3)
+    np.testing.assert_allclose(speeds[1][3:], 0.0, atol=1e-9)
+
+
+def test_ways_out_of_a_body_without_a_heading_are_along_and_across_its_motion() -> None:
+    start = np.array([0.0, 0.0, 0.3, 0.4])
+    ahead, left = np.array([0.6, 0.8]), np.array([-0.8, 0.6])
+    wanted = {"ahead": ahead, "back": -ahead, "left": left, "right": -left}
+    found = {name: states for name, states, _ in stops(HolonomicVelocity(), start[:2], 6, 0.5)}
+    world = {"ahead": [1.0, 0.0], "back": [-1.0, 0.0], "left": [0.0, 1.0], "right": [0.0, -1.0]}
+    for name, way in world.items():  # without inputs it stands: the world's axes
+        moved = found[f"{name} for 1.5 s"][-1, :2]
+        np.testing.assert_allclose(moved / np.hypot(*moved), way, atol=1e-6)
+    found = {name: states for name, states, _ in stops(Holonomic(), start, 60, 0.5)}
+    for name, way in wanted.items():
+        speed = found[f"{name} for 5 s"][10, 2:]
+        np.testing.assert_allclose(speed / np.hypot(*speed), way, atol=1e-3)
+
+
+def test_who_has_no_forecast_stays_where_he_was_seen() -> None:
+    """Sigma = R + (1 m/s * t)^2 I with t since he was seen, here two steps of 0.5 s ago."""
+    places = np.array(
+        [[[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]], [[5.0, 5.0], [np.nan] * 2, [np.nan] * 2]]
+    )
+    noise = np.stack([0.01 * np.eye(2), np.diag([0.04, 0.09])])
+    tracks = Tracks(places, 0.5, ("a", "b"), np.full(2, 0.3), noise)
+    known = Forecast.single(np.full((1, 3, 2), 7.0), np.tile(np.eye(2), (1, 3, 1, 1)), 0.5)
+    found = completed(known, [0], tracks, (None, "out of order"))
+    np.testing.assert_array_equal(found.mean[0], known.mean[0])
+    np.testing.assert_array_equal(found.covariance[0], known.covariance[0])
+    np.testing.assert_allclose(found.mean[1, 0], [[5.0, 5.0]] * 3)
+    wide = np.array([1.5, 2.0, 2.5])[:, None, None] ** 2 * np.eye(2)
+    np.testing.assert_allclose(found.covariance[1, 0], noise[1] + wide)
+    assert found.fallback == (None, "out of order") and found.weight.tolist() == [[1.0], [1.0]]

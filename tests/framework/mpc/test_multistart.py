@@ -1,0 +1,47 @@
+"""Which starts a situation asks for."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from wideberth.framework.mpc.planner.multistart import Attempts, Budget
+from wideberth.framework.mpc.planner.starting_points import OTHERS
+from wideberth.framework.values.plan import Rung
+from wideberth.robots.holonomic_velocity import HolonomicVelocity
+
+TEN_METRES = np.stack([np.zeros(20), np.linspace(0.5, 10.0, 20)], axis=1)
+
+
+def asked(gone, *, inputs=True, there=True, crowded=True, rung=Rung.OPTIMAL, starts="auto"):
+    """Names of the starts, for a plan whose last state is ``gone`` m ahead of its first."""
+    ladder = SimpleNamespace(
+        robot=HolonomicVelocity(), inputs=np.zeros((20, 2)) if inputs else None
+    )
+    states = np.stack([np.zeros(21), np.linspace(0.0, gone, 21)], axis=1)
+    first = SimpleNamespace(rung=rung, point=SimpleNamespace(states=states))
+    case = SimpleNamespace(parameters=SimpleNamespace(reference=TEN_METRES))
+    attempts = Attempts(None, starts, Budget(None, 0.0))
+    return attempts._names(ladder, case, first, there, crowded)
+
+
+@pytest.mark.parametrize(
+    ("expected", "settings"),
+    [
+        ((), {"there": False}),
+        (OTHERS, {"crowded": False}),
+        (OTHERS, {"inputs": False}),
+        (OTHERS, {"rung": Rung.LEAST, "there": False}),
+        (("along",), {}),
+        (("wait",), {"starts": ("wait",)}),
+    ],
+)
+def test_what_auto_tries(expected, settings):
+    assert asked(8.0, **settings) == expected
+
+
+def test_a_plan_that_waits_for_ever_is_not_the_only_one_looked_at():
+    assert asked(1.1) == ("along",)
+    assert asked(0.9) == OTHERS
+    assert asked(0.0) == OTHERS
+    assert asked(-2.0) == ("along",)  # backs off: it is on its way

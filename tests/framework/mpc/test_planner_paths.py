@@ -1,0 +1,75 @@
+"""The path that the planner follows: none, a new one, a loop, a hairpin, and its end."""
+
+import numpy as np
+import pytest
+
+from wideberth.framework.mpc.levels.relaxed import Relaxed
+from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.mpc.solvers.fatrop import Fatrop
+from wideberth.framework.numerics.integration import step
+from wideberth.framework.values.errors import WideberthError
+from wideberth.framework.values.motion import Observation
+from wideberth.framework.values.path import Path
+from wideberth.predictors.kalman import Kalman
+from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
+from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.helpers.planning import approach, at, planner
+
+
+def test_a_command_without_a_path_raises() -> None:
+    made = Planner(
+        Unicycle(), MahalanobisEllipse(), Kalman(), Relaxed(weight=1.0, minimum=0.0), Fatrop()
+    )
+    made.remember(at(0.0, 0.0))
+    with pytest.raises(WideberthError, match="no path is set: call set_path before command"):
+        made.command(at(0.0, 0.0))
+    assert made.plan is None
+
+
+def test_the_path_may_change_without_losing_history() -> None:
+    made = planner()
+    approach(made)
+    made.set_path(Path(np.array([[1.0, 0.0], [1.0, 9.0]])))
+    made.command(at(3.0, 1.5, ("other", 4.5, 0.1)))
+    assert made.plan is not None
+    assert made.plan.reference[-1, 1] > 2.0
+    assert made.plan.fallbacks == (None,)
+    with pytest.raises(WideberthError, match="columns"):
+        made.set_path(Path(np.array([[1.0, 0.0, 0.0], [1.0, 9.0, 0.0]])))
+
+
+def test_a_new_path_is_joined_where_the_robot_is() -> None:
+    made = planner()
+    made.command(at(0.0, 0.0))
+    made.command(at(0.5, 12.0))
+    made.set_path(Path(np.array([[0.0, 0.0], [30.0, 0.0]])))
+    made.command(at(1.0, 12.2))
+    assert made.plan is not None
+    assert made.plan.reference[0, 0] == pytest.approx(12.45)
+
+
+def test_a_loop_starts_at_its_start_and_a_hairpin_is_not_cut() -> None:
+    angle = np.linspace(0, 2 * np.pi, 60)
+    loop = planner()
+    loop.set_path(Path(np.stack([5 * np.sin(angle), 5 - 5 * np.cos(angle)], -1)))
+    loop.command(at(0.0, -0.02))
+    assert loop.plan is not None
+    assert loop.plan.reference[-1, 0] > 2.0
+    hairpin = planner()
+    hairpin.set_path(Path(np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 0.4], [0.0, 0.4]])))
+    for k in range(5):
+        hairpin.command(at(0.5 * k, 0.25 * k, y=0.1 * k))
+    assert hairpin.plan is not None
+    assert hairpin.plan.reference[0, 0] == pytest.approx(1.25, abs=0.05)
+    assert hairpin.plan.reference[0, 1] == 0.0
+
+
+def test_the_robot_stops_at_the_goal() -> None:
+    made = planner()
+    state = np.array([18.0, 0.0, 0.0, 0.5, 0.0])
+    for k in range(30):
+        made.command(Observation(0.5 * k, state))
+        assert made.plan is not None
+        state = np.array(step(made.robot, state, made.plan.inputs[0], 0.5))
+    assert np.linalg.norm(state[:2] - [20.0, 0.0]) < 0.1
+    assert abs(state[3]) < 0.05

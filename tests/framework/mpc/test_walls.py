@@ -1,0 +1,248 @@
+"""Static polygons in the MPC: which are kept, what feasible means, and closed loops."""
+
+from dataclasses import replace
+from math import pi
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+from wideberth.framework.mpc.assembly import assemble
+from wideberth.framework.mpc.fallback.ladder import Case
+from wideberth.framework.mpc.fallback.rollout import steer
+from wideberth.framework.mpc.fallback.verify import violation
+from wideberth.framework.mpc.instance.contact import Surroundings
+from wideberth.framework.mpc.instance.obstacles import Obstacles
+from wideberth.framework.mpc.instance.polygons import CORNERS, NONE, Walls, choose_walls, padded
+from wideberth.framework.mpc.levels.fixed import Fixed
+from wideberth.framework.mpc.ocp.bodies import with_auxiliaries
+from wideberth.framework.mpc.ocp.problem import Parameters, Problem
+from wideberth.framework.mpc.ocp.reference import lay_reference
+from wideberth.framework.mpc.ocp.transcription import Guess
+from wideberth.framework.mpc.planner.situation import Situation
+from wideberth.framework.mpc.solvers.base import Solver
+from wideberth.framework.mpc.solvers.fatrop import Fatrop
+from wideberth.framework.mpc.solvers.ipopt import Ipopt
+from wideberth.framework.static_region import StaticRegion
+from wideberth.framework.values.errors import WideberthError
+from wideberth.framework.values.footprint import Discs, Footprint, Outline
+from wideberth.framework.values.motion import Twist
+from wideberth.framework.values.path import Path
+from wideberth.framework.values.plan import Status
+from wideberth.framework.values.polygon import Polygon
+from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
+from wideberth.regions.minkowski_sum import MinkowskiSum
+from wideberth.regions.static.dual import Dual
+from wideberth.regions.static.separating_line import SeparatingLine
+from wideberth.robots.unicycle import Unicycle
+
+DISCS = Discs(((0.35, 0.0), (-0.05, 0.0)), 0.25)
+CAR = Outline(((0.55, 0.25), (-0.25, 0.25), (-0.25, -0.25), (0.55, -0.25)))
+FORMS = [None, DISCS, CAR]
+REGIONS = [SeparatingLine(), Dual()]
+EL = Polygon(((0.0, 0.0), (3.0, 0.0), (3.0, 1.0), (1.0, 1.0), (1.0, 2.5), (0.0, 2.5)), "el")
+SHED = Polygon(((-3.0, -2.0), (-1.5, -2.5), (-1.0, -1.2), (-2.4, -0.8)), "shed")
+HERE = np.zeros((1, 2))
+
+
+def block(x: float, y: float, name: str, size: float = 1.0) -> Polygon:
+    return Polygon(((x, y), (x + size, y), (x + size, y + size), (x, y + size)), name)
+
+
+# which polygons count
+
+
+def test_the_nearest_parts_are_kept_and_the_others_named() -> None:
+    route = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
+    far = [block(2.0, 3.0, "third"), block(0.0, 1.0, "first"), block(2.0, -3.0, "second")]
+    away = block(30.0, 0.0, "away")
+    kept = choose_walls([*far, away], SeparatingLine(), route, 5.0, 2)
+    assert kept.names == ("first", "second") and kept.left_out == ("third",)
+    assert len(kept) == 2 and kept.parts.shape == (2, 4, 2)
+    all_of = choose_walls([*far, away], SeparatingLine(), route, 5.0, 9)
+    assert all_of.names == ("third", "first", "second") and all_of.left_out == ()
+    near = choose_walls([*far, away], SeparatingLine(), route, 1.5, 9)
+    assert near.names == ("first",) and near.left_out == ()
+    assert len(choose_walls([away], SeparatingLine(), route, 5.0, 9)) == 0
+    assert choose_walls([], None, route, 5.0, 9) is NONE
+
+
+def test_polygons_that_are_not_convex_come_in_parts() -> None:
+    kept = choose_walls([EL, SHED], SeparatingLine(), HERE, 50.0, 9)
+    assert sorted(set(kept.names)) == ["el", "shed"] and kept.names.count("el") >= 2
+    area = sum(shapely.Polygon(part).area for part in kept.parts[[n == "el" for n in kept.names]])
+    assert area == pytest.approx(shapely.Polygon(EL.vertices).area)
+    angle = 2.0 * pi * np.arange(40) / 40
+    round_one = Polygon(tuple(zip(np.cos(angle) + 5.0, np.sin(angle), strict=True)), "round")
+    parts = choose_walls([round_one], SeparatingLine(), HERE, 50.0, 9).parts
+    assert parts.shape[1] in CORNERS
+    assert sum(shapely.Polygon(part).area for part in parts) == pytest.approx(
+        shapely.Polygon(round_one.vertices).area
+    )
+    assert padded(np.array(SHED.vertices), 8)[4:].tolist() == [list(SHED.vertices[-1])] * 4
+
+
+def test_what_walls_need() -> None:
+    with pytest.raises(WideberthError, match=r"2 static polygons are observed.*static_region"):
+        choose_walls([EL, SHED], None, HERE, 5.0, 9)
+    with pytest.raises(WideberthError, match="3 dimensions"):
+        choose_walls([EL], SeparatingLine(), np.zeros((1, 3)), 5.0, 9)
+    with pytest.raises(WideberthError, match="2 static polygons need a static region"):
+        assemble(Unicycle(), MinkowskiSum(), Fixed(), horizon=3, dt=0.5, capacity=0, statics=2)
+
+
+# what feasible means
+
+STEPS = 150
+
+
+def instance(
+    robot: Unicycle, region: StaticRegion, walls: Walls, states: np.ndarray
+) -> tuple[Problem, Parameters, Guess]:
+    """One problem over the walls alone, at any states."""
+    steps = len(states) - 1
+    reference = lay_reference(Path(np.array([[-5.0, 0.2], [9.0, 0.2]])), 0.0, 0.5, steps, 0.5)
+    own = np.zeros((steps, 2, 2))
+    case = Situation(states[0], reference, Obstacles.none(steps, 2), walls, own)
+    parameters = case.parameters(robot, MinkowskiSum(), Fixed(), 0.05, region)
+    problem = assemble(
+        robot, MinkowskiSum(), Fixed(), horizon=steps, dt=0.5, capacity=0, static_region=region,
+        statics=len(parameters.static_active), corners=walls.parts.shape[1],
+    )  # fmt: skip
+    bare = Guess.bare(states, np.zeros((steps, 2)), float("nan"))
+    point = with_auxiliaries(robot, MinkowskiSum(), parameters, bare, region)
+    return problem, replace(parameters, static_auxiliaries=point.static_auxiliaries), point
+
+
+def shape(footprint: Footprint | None, radius: float, place: Any, heading: float) -> Any:
+    """The body as Shapely sees it; discs as fine polygons that are at most 3e-5 m too small."""
+    body = shapely.Point(0.0, 0.0).buffer(radius, 64)
+    if isinstance(footprint, Discs):
+        body = shapely.MultiPoint(footprint.centres).buffer(footprint.radius, 64)
+    if isinstance(footprint, Outline):
+        body = shapely.Polygon(footprint.vertices)
+    turned = shapely.affinity.rotate(body, heading, origin=(0.0, 0.0), use_radians=True)
+    return shapely.affinity.translate(turned, *place)
+
+
+@pytest.mark.parametrize("region", REGIONS, ids=repr)
+@pytest.mark.parametrize("footprint", FORMS, ids=lambda one: type(one).__name__)
+def test_feasible_is_what_shapely_calls_clear(region: Any, footprint: Any) -> None:
+    rng = np.random.default_rng(0)
+    states = np.zeros((STEPS + 1, 5))
+    states[:, :2] = rng.uniform([-3.5, -3.0], [4.0, 3.5], (STEPS + 1, 2))
+    states[:, 2] = rng.uniform(-pi, pi, STEPS + 1)
+    walls = choose_walls([EL, SHED], region, HERE, 50.0, 9)
+    robot = Unicycle(radius=0.75, footprint=footprint)
+    problem, parameters, point = instance(robot, region, walls, states)
+    assert problem.statics.count > len(walls)  # some slots are empty
+    entered = violation(problem, parameters, point).regions
+    assert entered.shape == (STEPS, problem.statics.count)
+    assert not entered[:, len(walls) :].any()
+    seen = []
+    for step, state in enumerate(states[1:]):
+        body = shape(footprint, robot.radius, state[:2], state[2])
+        for name, polygon in (("el", EL), ("shed", SHED)):
+            gap = float(shapely.distance(body, shapely.Polygon(polygon.vertices))) - 0.05
+            told = max(entered[step, [i for i, n in enumerate(walls.names) if n == name]])
+            if abs(gap) > 2e-4:
+                assert (told > 1e-9) == (gap < 0.0), (step, name, gap, told)
+                seen.append(gap < 0.0)
+    assert len(seen) > 280 and 0.1 < np.mean(seen) < 0.8
+
+
+def placed(walls: Walls, region: StaticRegion) -> tuple[Problem, Parameters, Guess]:
+    robot = Unicycle(radius=0.75, footprint=CAR)
+    start = np.array([-4.5, 0.2, 0.0, 0.4, 0.0])
+    states, inputs = steer(robot, start, Twist((0.4, 0.0), 0.05), 12, 0.5)
+    problem, parameters, point = instance(robot, region, walls, states)
+    return problem, parameters, replace(point, inputs=inputs)
+
+
+@pytest.mark.parametrize("region", REGIONS, ids=repr)
+@pytest.mark.parametrize("solver", [Fatrop(), Ipopt()], ids=repr)
+def test_empty_slots_change_nothing(region: StaticRegion, solver: Solver) -> None:
+    two = choose_walls([block(-1.8, 0.4, "a"), block(-1.0, -2.5, "b")], region, HERE, 9.0, 9)
+    problem, parameters, point = placed(two, region)
+    (tight,) = solver.solve(problem, parameters, [point])
+    assert problem.statics.count == 2 and tight.status is Status.SOLVED
+    empty = np.concatenate([two.parts, two.parts[:1], two.parts[:1], two.parts[:1]])
+    roomy, wider, start = placed(Walls(empty, ("x",) * 5, empty, ("x",) * 5), region)
+    still = np.zeros_like(wider.static_auxiliaries)  # empty slots hold anything finite
+    still[:, :2], statics = parameters.static_auxiliaries, wider.statics.copy()
+    on = np.array([1.0, 1.0, 0.0, 0.0, 0.0])
+    statics[:, 2:] = 1.0
+    wider = replace(wider, static_active=on, static_auxiliaries=still, statics=statics)
+    (loose,) = solver.solve(roomy, wider, [replace(start, static_auxiliaries=still)])
+    assert roomy.statics.count == 5 and loose.status is Status.SOLVED
+    assert np.allclose(loose.point.states, tight.point.states, atol=1e-6)
+    assert 0.0 <= loose.cost - tight.cost + 1e-5 < 2e-3  # of holding idle auxiliaries
+    free = replace(parameters, static_active=np.zeros(2))
+    (without,) = solver.solve(problem, free, [point])
+    assert without.cost < 0.9 * tight.cost  # the walls do matter here
+
+
+@pytest.mark.parametrize("region", REGIONS, ids=repr)
+def test_a_thin_wall_is_not_passed_between_two_steps(region: StaticRegion) -> None:
+    """Bodies of 0.2 m in steps of 0.4 m: the constraints at the steps alone see nothing."""
+    thin = Polygon(((2.0, -9.0), (2.001, -9.0), (2.001, 9.0), (2.0, 9.0)), "sheet")
+    box = Outline(((-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1)))
+    for footprint in (None, Discs(((0.0, 0.0),), 0.1), box):
+        robot = Unicycle(radius=0.15 if footprint is box else 0.1, footprint=footprint)
+        states = np.zeros((9, 5))
+        states[:, 0] = 0.2 + 0.4 * np.arange(9)
+        walls = choose_walls([thin], region, states[:, :2], 50.0, 9)
+        problem, parameters, point = instance(robot, region, walls, states)
+        none = Obstacles.none(len(states) - 1, 2)
+        around = Surroundings(robot, MahalanobisEllipse(), region, none, walls, 0.0)
+        found = Case(problem, parameters, around).check(point)
+        assert not found.regions.any()
+        assert np.flatnonzero(found.touched).tolist() == [4]
+        assert found.worst > 0.05 and "'sheet' touched" in found.where(walls.names)
+
+
+def test_parts_that_did_not_fit_are_not_driven_through() -> None:
+    hut = Polygon(((1.0, -0.5), (2.0, -0.5), (2.0, 0.5), (1.0, 0.5)), "hut")
+    states = np.zeros((9, 5))
+    states[:, 0] = 0.5 * np.arange(9)
+    walls = choose_walls([hut], REGIONS[0], states[:, :2], 50.0, 0)
+    assert len(walls) == 0 and walls.left_out == ("hut",)
+    none = Obstacles.none(len(states) - 1, 2)
+    robot = Unicycle(radius=0.3)
+    around = Surroundings(robot, MahalanobisEllipse(), REGIONS[0], none, walls, 0.0)
+    touch = around.touched(states)
+    assert touch.depth[2] == pytest.approx(0.3 + 0.5) and "hut" in touch.names
+
+
+def test_states_that_are_no_numbers_are_left_to_the_re_check() -> None:
+    walls = choose_walls([EL], REGIONS[0], HERE, 50.0, 9)
+    around = Surroundings(
+        Unicycle(), MahalanobisEllipse(), REGIONS[0], Obstacles.none(2, 2), walls, 0.0
+    )
+    assert not around.touched(np.full((3, 5), np.nan)).depth.any()
+
+
+@pytest.mark.parametrize("box", [False, True])
+@pytest.mark.parametrize("stride", [0.3, 0.5, 1.2])
+def test_only_the_corner_between_two_steps_may_be_cut(box: bool, stride: float) -> None:
+    """By h - sqrt(h^2 - L^2 / 4), h / 2 at most, by a body of half-width h that moves L."""
+    half = 0.3 if box else 0.5
+    cut = min(half - np.sqrt(max(half**2 - stride**2 / 4.0, 0.0)), half / 2.0)
+    outline = Outline(((-0.4, -0.3), (0.4, -0.3), (0.4, 0.3), (-0.4, 0.3))) if box else None
+    robot = Unicycle(radius=0.5, footprint=outline)
+    states = np.zeros((5, 5))
+    states[:, 0] = stride * np.arange(5)
+    for beyond in (-0.01, 0.01):
+        edge = half - cut - beyond
+        beam = Polygon(((-9.0, edge), (9.0, edge), (9.0, edge + 5.0), (-9.0, edge + 5.0)), "beam")
+        past = Polygon(
+            ((-9.0, -9.0), (9.0, -9.0), (9.0, -half - 0.1), (-9.0, -half - 0.1)), "past"
+        )
+        walls = choose_walls([past, beam], REGIONS[0], states[:, :2], 50.0, 9)
+        none = Obstacles.none(4, 2)
+        around = Surroundings(robot, MahalanobisEllipse(), REGIONS[0], none, walls, 0.0)
+        touch = around.touched(states)
+        depth = touch.depth
+        assert set(touch.names) == {"beam" if beyond > 0.0 else ""}
+        np.testing.assert_allclose(depth, cut + beyond if beyond > 0.0 else 0.0, atol=1e-9)

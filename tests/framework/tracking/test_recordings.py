@@ -1,0 +1,238 @@
+"""Readers of recorded tracks and robot logs."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wideberth.framework.tracking.recordings import Recording, read_robot_log, read_tracks
+from wideberth.framework.values.errors import WideberthError
+from wideberth.framework.values.forecast import Scene
+from wideberth.predictors.kalman import Kalman
+from wideberth.predictors.oracle import Oracle
+
+DATA = Path(__file__).parents[3] / "experiments" / "data"
+
+
+def write(folder, text, name="tracks.txt"):
+    path = folder / name
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+@pytest.fixture
+def generate():
+    spec = importlib.util.spec_from_file_location("generate", DATA / "generate.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_packaged_files_are_what_their_script_makes(generate):
+    for name, seed in (("crowd", generate.CROWD_SEED), ("robot", generate.ROBOT_SEED)):
+        text = getattr(generate, name)(np.random.default_rng(seed))
+        assert (DATA / f"{name}.txt").read_text() == text
+
+
+def test_packaged_crowd_is_usable():
+    crowd = read_tracks(DATA / "crowd.txt", dt=0.4)
+    assert len(crowd.ids) == 12 and crowd.usable == crowd.ids
+    assert crowd.positions.shape == (12, 60, 2)
+    assert crowd.report().startswith("12 of 12 tracks usable, 60 rows of 0.4 s")
+    speed = np.linalg.norm(np.diff(crowd.positions, axis=1), axis=2) / 0.4
+    assert 0.0 < np.nanmedian(speed) < 1.6
+
+
+def test_packaged_robot_log_is_resampled():
+    log = read_robot_log(DATA / "robot.txt", 0.5)
+    assert log.ids == ("robot",) and log.usable == ("robot",)
+    assert log.times[0] == 1000.0 and len(log.times) == 120
+    table = np.loadtxt(DATA / "robot.txt")
+    np.testing.assert_allclose(log.positions[0], table[::5, 1:3], atol=1e-9)
+
+
+@pytest.mark.parametrize("mark", ["\t", " ", ",", ", ", "   "])
+def test_separators_comments_and_order_do_not_matter(tmp_path, mark):
+    rows = [
+        (0, 1, 0.0, 1.0),
+        (10, 1, 0.5, 1.0),
+        (30, 1, 1.5, 1.0),
+        (10, "b", 5, 6),
+        (20, "b", 6, 6),
+    ]
+    text = "# frame id x y\n\n" + "".join(
+        mark.join(str(value) for value in row) + "  # seen\r\n" for row in rows
+    )
+    got = read_tracks(write(tmp_path, "\ufeff" + text), dt=0.4, minimum_samples=2)
+    assert got.ids == ("1", "b") and got.usable == got.ids
+    np.testing.assert_allclose(got.times, 0.4 * np.arange(4))
+    nan = np.nan
+    np.testing.assert_array_equal(got.positions[0], [[0, 1], [0.5, 1], [nan, nan], [1.5, 1]])
+    np.testing.assert_array_equal(got.positions[1], [[nan, nan], [5, 6], [6, 6], [nan, nan]])
+
+
+def test_sorting_by_frame_or_by_identity_gives_the_same(tmp_path):
+    lines = (DATA / "crowd.txt").read_text().splitlines()[1:]
+    ordered = sorted(lines, key=lambda line: (int(line.split()[1]), int(line.split()[0])))
+    first = read_tracks(write(tmp_path, "\n".join(lines)), dt=0.4)
+    second = read_tracks(write(tmp_path, "\n".join(ordered), "other.txt"), dt=0.4)
+    for ident in first.ids:
+        np.testing.assert_array_equal(
+            first.positions[first.ids.index(ident)], second.positions[second.ids.index(ident)]
+        )
+
+
+def test_frame_step_is_that_within_a_track_and_others_are_shifted(tmp_path):
+    # Frames 3 and 9 lie half a step beside 0, 6, 12, as after a cut in a video.
+    text = "".join(f"{6 * k} 1 {k} 0\n" for k in range(4))
+    text += "".join(f"{6 * k + 21} 2 {k} 1\n" for k in range(4))
+    text += "40 3 0 0\n46 3 1 1\n49 3 9 9\n52 3 2 2\n"
+    got = read_tracks(write(tmp_path, text), dt=0.4, minimum_samples=3, frames_per_row=6)
+    assert got.notes[0] == "frames per row: 6"
+    assert got.notes[1] == "2 tracks shifted in time to the grid, by up to 0.2 s"
+    assert got.notes[2].startswith("1 samples left out")
+    for track in range(3):
+        seen = got.positions[track][np.isfinite(got.positions[track, :, 0])]
+        np.testing.assert_allclose(np.diff(seen[:, 0]), 1.0)
+    inferred = read_tracks(write(tmp_path, text), dt=0.4, minimum_samples=3)
+    assert inferred.notes[0] == "frames per row: 3"
+
+
+def test_unusable_tracks_stay_and_say_why(tmp_path):
+    text = "".join(f"{k} 1 {k} 0\n" for k in range(10))
+    text += "0 2 0 0\n1 2 1 1\n"
+    text += "".join(f"{k} 3 {k} 0\n" for k in (0, 1, 2, 3, 7, 8, 9, 10))
+    got = read_tracks(write(tmp_path, text), dt=0.4, longest_gap=1.0)
+    assert got.usable == ("1",)
+    assert got.unusable[1] == "fewer than 8 samples"
+    assert got.unusable[2] == "gaps longer than 1 s leave no stretch of 8 samples"
+    assert np.isfinite(got.positions[1, :2]).all()
+    report = got.report().splitlines()
+    assert report[0] == "1 of 3 tracks usable, 11 rows of 0.4 s"
+    assert report[1] == "  1 unusable: fewer than 8 samples"
+    assert read_tracks(write(tmp_path, text), dt=0.4, longest_gap=1.6).usable == ("1", "3")
+
+
+def test_robot_log_keeps_its_clock_and_marks_long_gaps(tmp_path):
+    clock = np.concatenate([np.arange(0, 2.05, 0.1), np.arange(2.3, 3.05, 0.1), [4.0, 4.1]])
+    start = 1248444175.2
+    rows = [f"{start + t:.1f} {t:.2f} {2 * t:.2f} 0.1" for t in clock]
+    path = write(tmp_path, "# time_s x_m y_m theta_rad\n" + "\n".join(rows), "r1.txt")
+    got = read_robot_log(path, 0.25)
+    assert got.ids == ("r1",) and got.times[0] == start and len(got.times) == 17
+    grid = got.times - start
+    lost = np.isnan(got.positions[0, :, 0])
+    np.testing.assert_array_equal(lost, (grid > 3.01) & (grid < 3.99))
+    wanted = np.stack([grid, 2 * grid], axis=1)
+    np.testing.assert_allclose(got.positions[0][~lost], wanted[~lost], atol=1e-6)
+    assert got.notes == ("3 rows unobserved: in gaps longer than 0.3 s",)
+    assert read_robot_log(path, 0.25, bridge=1.0, ident="x").ids == ("x",)
+
+
+def test_a_single_row_is_a_recording(tmp_path):
+    assert read_tracks(write(tmp_path, "5 1 2 3"), dt=0.4).positions.shape == (1, 1, 2)
+    assert read_robot_log(write(tmp_path, "5 1 2 3"), 0.1).positions.shape == (1, 1, 2)
+
+
+def test_windows_hold_what_was_seen_and_no_future():
+    crowd = read_tracks(DATA / "crowd.txt", dt=0.4)
+    window = crowd.tracks(20, 30, radius=0.25, noise=0.02)
+    assert window.positions.shape[1] == 30 and window.stamp == crowd.times[20]
+    assert np.isfinite(window.positions[:, -1]).all()
+    assert np.isnan(window.positions[:, :9]).all()
+    rows = [crowd.ids.index(ident) for ident in window.ids]
+    np.testing.assert_array_equal(window.positions[:, 9:], crowd.positions[rows, :21])
+    np.testing.assert_allclose(window.noise[0], 4e-4 * np.eye(2))
+    with pytest.raises(WideberthError, match="end_index is 60; the recording has rows 0 to 59"):
+        crowd.tracks(60, 5)
+
+
+def test_truth_serves_the_oracle():
+    crowd = read_tracks(DATA / "crowd.txt", dt=0.4)
+    window = crowd.tracks(20, 20)
+    forecast = Oracle().predict(window, 5, Scene(truth=crowd.truth()))
+    known = [i for i, reason in enumerate(forecast.fallback) if reason is None]
+    assert known
+    rows = [crowd.ids.index(window.ids[i]) for i in known]
+    np.testing.assert_allclose(forecast.mean[known, 0], crowd.positions[rows, 21:26], atol=1e-9)
+
+
+BAD_TRACKS = {
+    "": "holds no rows; wanted `frame id x y`",
+    "# nothing\n\n": "holds no rows",
+    "a\0b": "is not a text file",
+    "0 1 2": "line 1: 3 columns; wanted 4: `frame id x y`",
+    "0 1 2 3\n1 1 2 3 4": "line 2: 5 columns",
+    "frame,id,x,y\n0,1,2,3": "line 1: frame is 'frame'; wanted a number",
+    "0 1 2 nan": "line 1: y is nan; leave a row out",
+    "0 1 inf 3": "line 1: x is inf",
+    "0 nan 2 3": "line 1: id is nan",
+    "nan 1 2 3": "line 1: frame is nan",
+    "0.5 1 2 3": "line 1: frame is 0.5; wanted a whole number .* read_robot_log",
+    "0 1 2 3\n0 2 2 3\n0 1.0 5 5": "line 3 repeats frame 0 of id 1 .line 1.; remove",
+    "9 1 2 3\n5 1 2 3": "line 2: frame 5 of id 1 comes after frame 9 .line 1.; sort",
+    "0 1 0 0\n1 1 0 0\n1000000000 1 2 3": "1000000001 rows .* state frames_per_row",
+}
+
+
+@pytest.mark.parametrize("text", BAD_TRACKS)
+def test_bad_tracks_name_place_and_cure(tmp_path, text):
+    path = write(tmp_path, text)
+    with pytest.raises(WideberthError, match=BAD_TRACKS[text]) as caught:
+        read_tracks(path, dt=0.4)
+    assert str(path) in str(caught.value)
+
+
+BAD_LOGS = {
+    "": "holds no rows; wanted `time x y theta`",
+    "0 1 2": "line 1: 3 columns; wanted 4: `time x y theta`",
+    "0 1 2 3\n0 1 2 3": "line 2: time 0 does not come after 0 .line 1.; sort",
+    "0 1 2 x": "line 1: theta is 'x'",
+    "0 1 2 nan": "line 1: theta is nan",
+    "0 0 0 0\n1e12 0 0 0": "in steps of 0.1 s are 1e\\+13 rows",
+}
+
+
+@pytest.mark.parametrize("text", BAD_LOGS)
+def test_bad_logs_name_place_and_cure(tmp_path, text):
+    path = write(tmp_path, text)
+    with pytest.raises(WideberthError, match=BAD_LOGS[text]) as caught:
+        read_robot_log(path, 0.1)
+    assert str(path) in str(caught.value)
+
+
+def test_files_that_are_none(tmp_path):
+    with pytest.raises(WideberthError, match="cannot be read: No such file or directory; check"):
+        read_tracks(tmp_path / "missing.txt", dt=0.4)
+    with pytest.raises(WideberthError, match="cannot be read: Is a directory"):
+        read_robot_log(tmp_path, 0.1)
+    with pytest.raises(WideberthError, match="is not a text file"):
+        read_tracks(write(tmp_path, b"\xff\xfe\x81\x00"), dt=0.4)
+
+
+@pytest.mark.parametrize("dt", [0.0, -1.0, np.nan, "fast"])
+def test_dt_must_be_positive(tmp_path, dt):
+    path = write(tmp_path, "0 1 2 3")
+    for read in (lambda: read_tracks(path, dt=dt), lambda: read_robot_log(path, dt)):
+        with pytest.raises(WideberthError, match="dt is"):
+            read()
+
+
+def test_other_settings_are_checked(tmp_path):
+    path = write(tmp_path, "0 1 2 3")
+    with pytest.raises(WideberthError, match="frames_per_row is 0"):
+        read_tracks(path, dt=0.4, frames_per_row=0)
+    with pytest.raises(WideberthError, match="minimum_samples is 0"):
+        read_tracks(path, dt=0.4, minimum_samples=0)
+    with pytest.raises(WideberthError, match="bridge is -1"):
+        read_robot_log(path, 0.1, bridge=-1.0)
+    with pytest.raises(WideberthError, match=r"recording\.unusable has 0 entries; wanted 1"):
+        Recording(0.4, np.zeros(1), ("a",), np.zeros((1, 1, 2)), ())
+
+
+def test_predictors_run_over_the_whole_crowd():
+    crowd = read_tracks(DATA / "crowd.txt", dt=0.4)
+    for row in range(0, len(crowd.times), 10):
+        forecast = Kalman().predict(crowd.tracks(row, 20), 8)
+        assert np.isfinite(forecast.mean).all()

@@ -1,0 +1,109 @@
+"""Irregular times: straight lines onto the grid, never across long gaps, as `History` does."""
+
+import numpy as np
+import pytest
+
+from wideberth.framework.plugins.registry import load, names
+from wideberth.framework.tracking.history import History
+from wideberth.framework.tracking.resampling import interpolated, resampled_tracks
+from wideberth.framework.values.errors import WideberthError
+from wideberth.framework.values.motion import Detection
+
+NAN = np.nan
+
+
+def irregular(seed: int = 0, rows: int = 60) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    times = 5.0 + np.cumsum(rng.uniform(0.05, 0.6, rows))
+    return times, np.cumsum(rng.normal(size=(rows, 2)), axis=0)
+
+
+def test_it_is_linear_interpolation() -> None:
+    times, positions = irregular()
+    tracks = resampled_tracks({"a": (times, positions)}, 0.25, bridge=10.0)
+    grid = tracks.stamp - 0.25 * np.arange(tracks.positions.shape[1])[::-1]
+    wanted = np.stack([np.interp(grid, times, column) for column in positions.T], axis=1)
+    assert tracks.stamp == times[-1] and times[0] <= grid[0] < times[0] + 0.25
+    assert np.allclose(tracks.positions[0], wanted, rtol=0, atol=1e-12)
+
+
+def test_samples_on_the_grid_stay_as_they_are() -> None:
+    """Also late on a clock that counts from 1970, where a step of 0.1 s has lost nine digits."""
+    times = 1.7e9 + 0.1 * np.arange(50)
+    positions = np.random.default_rng(1).normal(size=(50, 3))
+    tracks = resampled_tracks({"a": (times, positions)}, 0.1, bridge=0.0)
+    assert tracks.positions.shape == (1, 50, 3)
+    assert np.abs(tracks.positions[0] - positions).max() < 1e-4
+    assert np.isfinite(tracks.positions).all()
+
+
+def test_times_inside_long_gaps_and_outside_are_unobserved() -> None:
+    """Brute force: a grid time is known on a sample, or between two at most `bridge` apart."""
+    bridge = 0.4
+    measurements = {"early": irregular(2, 20), "late": irregular(3, 70)}
+    tracks = resampled_tracks(measurements, 0.25, bridge=bridge, noise=0.02, radius=0.4)
+    rows = tracks.positions.shape[1]
+    for (times, _), got in zip(measurements.values(), tracks.positions, strict=True):
+        for row in range(rows):
+            at = tracks.stamp - 0.25 * (rows - 1 - row)
+            before, after = times[times <= at + 1e-9], times[times >= at - 1e-9]
+            known = bool(len(before) and len(after) and after[0] - before[-1] <= bridge + 1e-9)
+            assert np.isfinite(got[row]).all() == known
+    assert np.isnan(tracks.positions[0, -1]).all(), "it ended before the other"
+    assert tracks.ids == ("early", "late") and (tracks.radius == 0.4).all()
+    assert np.allclose(tracks.noise, 0.02**2 * np.eye(2))
+
+
+def test_the_length_can_be_stated() -> None:
+    times, positions = irregular()
+    short = resampled_tracks({"a": (times, positions)}, 0.5, length=4)
+    long = resampled_tracks({"a": (times, positions)}, 0.5, length=1000)
+    assert short.positions.shape == (1, 4, 2)
+    assert np.array_equal(long.positions[0, -4:], short.positions[0], equal_nan=True)
+    assert np.isnan(long.positions[0, 0]).all()
+
+
+def test_it_agrees_with_what_a_controller_remembers() -> None:
+    times, positions = irregular(4, 40)
+    history = History(dt=0.5, samples=12, forget=100.0, gap=0.5)
+    for time, place in zip(times, positions, strict=True):
+        history.add(float(time), (Detection("a", place, 0.01 * np.eye(2), 0.3, 0.0),))
+    wanted = history.tracks()
+    assert wanted is not None
+    got = resampled_tracks({"a": (times, positions)}, 0.5, bridge=0.5, length=12)
+    assert np.allclose(got.positions, wanted.positions, rtol=0, atol=1e-12, equal_nan=True)
+    assert np.isnan(got.positions).any() and np.isfinite(got.positions).any()
+
+
+def test_one_measurement_is_enough() -> None:
+    tracks = resampled_tracks({"a": ([3.0], [[1.0, 2.0]])}, 0.1)
+    assert tracks.positions.tolist() == [[[1.0, 2.0]]] and tracks.stamp == 3.0
+    grid = np.array([0.0, 0.1])
+    assert np.isnan(interpolated(np.array([3.0]), np.ones((1, 2)), grid, 1.0, 0.0)).all()
+
+
+@pytest.mark.parametrize("name", [name for name in names("predictors") if name != "game"])
+def test_predictors_take_what_comes_out(name: str) -> None:
+    measurements = {"early": irregular(2, 20), "late": irregular(3, 70), "one": irregular(5, 1)}
+    tracks = resampled_tracks(measurements, 0.4, bridge=0.5)
+    forecast = load("predictors", name)().predict(tracks, 5)
+    assert np.isfinite(forecast.mean).all() and np.isfinite(forecast.covariance).all()
+
+
+@pytest.mark.parametrize(
+    ("measurements", "dt", "words"),
+    [
+        ({}, 0.4, "measurements is empty"),
+        ({"a": ([], np.zeros((0, 2)))}, 0.4, r"measurements\['a'\] times must hold one"),
+        ({"a": ([1.0, 1.0], np.zeros((2, 2)))}, 0.4, "increase strictly"),
+        ({"a": ([1.0, NAN], np.zeros((2, 2)))}, 0.4, "times.* is nan"),
+        ({"a": ([1.0], [[NAN, 0.0]])}, 0.4, "positions.* is nan"),
+        ({"a": ([1.0], np.zeros((2, 2)))}, 0.4, r"positions has shape \(2, 2\)"),
+        ({"a": ([1.0], [[0, 0]]), "b": ([1.0], [[0, 0, 0]])}, 0.4, r"\['b'\] positions"),
+        ({"a": ([0.0, 1e9], np.zeros((2, 2)))}, 0.4, "state a larger dt or a length"),
+        ({"a": ([1.0], [[0, 0]])}, 0.0, "dt is 0"),
+    ],
+)
+def test_refusals(measurements, dt: float, words: str) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(WideberthError, match=words):
+        resampled_tracks(measurements, dt)

@@ -1,0 +1,184 @@
+"""Values refuse what cannot be meant, in one sentence."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wideberth.framework.tracking.history import History
+from wideberth.framework.values.arrays import (
+    checked,
+    checked_covariance,
+    positive,
+    probability,
+    whole,
+)
+from wideberth.framework.values.errors import WideberthError
+from wideberth.framework.values.forecast import Forecast, GaussianObstacle, resample
+from wideberth.framework.values.motion import Detection, Observation
+from wideberth.framework.values.path import Path
+from wideberth.framework.values.tracks import Tracks
+
+
+def forecast(steps: int = 4, dt: float = 0.5) -> Forecast:
+    time = dt * np.arange(1, steps + 1)
+    mean = np.stack([time, np.zeros(steps)], -1)[None]
+    covariance = time[:, None, None] * np.eye(2)
+    return Forecast.single(mean, covariance[None], dt)
+
+
+@pytest.mark.parametrize(
+    ("points", "words"),
+    [
+        ([[0.0, 0.0]], "at least two"),
+        ([[0.0, 0.0], [0.0, 0.0]], "repeats the point"),
+        ([[0.0, 0.0], [np.nan, 1.0]], "finite"),
+        ([[0.0], [1.0]], "columns"),
+        ([["a", "b"], ["c", "d"]], "not an array of numbers"),
+    ],
+)
+def test_bad_paths(points: list[list[float]], words: str) -> None:
+    with pytest.raises(WideberthError, match=words):
+        Path(np.array(points))
+
+
+@pytest.mark.parametrize(
+    ("matrix", "words"),
+    [
+        ([[1.0, 0.0], [0.0, -0.1]], "eigenvalue -0.1"),
+        ([[1.0, 0.5], [0.0, 1.0]], "not symmetric"),
+        ([[np.nan, 0.0], [0.0, 1.0]], "finite"),
+        ([[1.0]], "shape"),
+    ],
+)
+def test_bad_covariances(matrix: list[list[float]], words: str) -> None:
+    with pytest.raises(WideberthError, match=words):
+        checked_covariance("covariance", matrix, (2, 2))
+    with pytest.raises(WideberthError):
+        GaussianObstacle(np.zeros(2), np.array(matrix))
+
+
+def test_bad_numbers() -> None:
+    for value in (-1.0, np.nan, np.inf, 0.0, "x"):
+        with pytest.raises(WideberthError, match="radius"):
+            positive("radius", value)  # type: ignore[arg-type]
+    for value in (0.0, 1.0, -0.1, 1.2):
+        with pytest.raises(WideberthError, match="tail"):
+            probability("tail", value)
+    for count in (0, 1.5, True):
+        with pytest.raises(WideberthError, match="horizon"):
+            whole("horizon", count)  # type: ignore[arg-type]
+    assert checked("x", [1, 2], (None,)).flags.writeable is False
+
+
+def test_bad_tracks_and_observations() -> None:
+    fine = np.zeros((1, 3, 2))
+    noise = np.eye(2)[None]
+    with pytest.raises(WideberthError, match="different identities"):
+        Tracks(np.zeros((2, 3, 2)), 0.5, ("a", "a"), np.ones(2), np.eye(2)[None].repeat(2, 0))
+    with pytest.raises(WideberthError, match="radius"):
+        Tracks(fine, 0.5, ("a",), np.array([-1.0]), noise)
+    with pytest.raises(WideberthError, match="infinity"):
+        Tracks(fine + np.inf, 0.5, ("a",), np.ones(1), noise)
+    with pytest.raises(WideberthError, match="dt"):
+        Tracks(fine, 0.0, ("a",), np.ones(1), noise)
+    # What a sensor may report at any time is no error, but named.
+    assert Detection("a", np.zeros(2), np.eye(2), -0.5).flaw == "radius is -0.5"
+    assert Observation(0.0, np.array([0.0, np.nan])).flaw == "state is [0.0, nan]"
+
+
+def test_bad_forecasts() -> None:
+    good = forecast()
+    with pytest.raises(WideberthError, match="sum to 1"):
+        Forecast(good.mean, good.covariance, np.array([[0.5]]), 0.5, (None,))
+    with pytest.raises(WideberthError, match="fallback"):
+        Forecast(good.mean, good.covariance, good.weight, 0.5, ())
+    with pytest.raises(WideberthError, match="predict more steps"):
+        resample(good, np.zeros((1, 2)), np.eye(2)[None] * 0, np.array([1.0, 2.5]))
+
+
+def test_resampling_interpolates_and_starts_at_the_newest_position() -> None:
+    other = resample(forecast(), np.zeros((1, 2)), np.zeros((1, 2, 2)), np.array([0.25, 1.25]))
+    assert other.mean[0, 0, :, 0] == pytest.approx([0.25, 1.25])
+    assert other.covariance[0, 0, :, 0, 0] == pytest.approx([0.25, 1.25])
+    same = resample(forecast(), np.zeros((1, 2)), np.eye(2)[None], 0.5 * np.arange(1, 5))
+    assert np.array_equal(same.mean, forecast().mean)
+
+
+def test_samples_have_the_forecast_s_moments() -> None:
+    count = 20_000
+    draws = forecast().sample(np.random.default_rng(1), count)
+    assert draws.shape == (count, 1, 4, 2)
+    spread = draws[:, 0].var(axis=0)
+    expected = 0.5 * np.arange(1, 5)[:, None]
+    three_sigma = 3 * expected * np.sqrt(2 / count)
+    assert (np.abs(spread - expected) < 1.5 * three_sigma).all()
+    mixed = Forecast(
+        np.array([[[[0.0, 0.0]], [[9.0, 0.0]]]]),
+        np.zeros((1, 2, 1, 2, 2)),
+        np.array([[0.25, 0.75]]),
+        0.5,
+        (None,),
+    ).sample(np.random.default_rng(2), count)
+    share = (mixed[:, 0, 0, 0] > 1).mean()
+    assert abs(share - 0.75) < 3 * np.sqrt(0.75 * 0.25 / count)
+    joint = np.ones((1, 1, 2, 2))
+    linked = Forecast(
+        np.zeros((1, 1, 2, 1)), np.ones((1, 1, 2, 1, 1)), np.ones((1, 1)), 0.5, (None,), joint
+    ).sample(np.random.default_rng(3), 50)
+    assert linked[:, 0, 0] == pytest.approx(linked[:, 0, 1], abs=1e-7)
+
+
+def test_path_measures_projects_and_points() -> None:
+    path = Path(np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 4.0]]))
+    assert path.length == 7.0
+    assert path.at(np.array([0.0, 5.0, 99.0])) == pytest.approx(np.array([[0, 0], [3, 2], [3, 4]]))
+    assert path.direction(np.array([1.0, 4.0])) == pytest.approx(np.array([[1, 0], [0, 1]]))
+    assert path.project(np.array([3.5, 2.0])) == pytest.approx(5.0)
+    assert path.project(np.array([1.0, 1.0]), start=2.0) == pytest.approx(2.0)
+    assert path.project(np.array([3.0, 4.0]), window=2.0) == pytest.approx(2.0)
+
+
+@given(st.floats(0.0, 7.0), st.floats(-0.3, 0.3))
+def test_projecting_a_path_point_gives_its_arc_length(arc: float, aside: float) -> None:
+    path = Path(np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 4.0]]))
+    left = np.array([[0, -1], [1, 0]]) @ path.direction(np.array(arc))
+    near_corner = abs(arc - 3.0) < 0.31
+    point = path.at(np.array(arc)) + (0.0 if near_corner else aside) * left
+    assert path.project(point) == pytest.approx(arc, abs=1e-9)
+
+
+def detection(ident: str, x: float, age: float = 0.0) -> Detection:
+    return Detection(ident, np.array([x, 0.0]), 0.01 * np.eye(2), 0.3, age)
+
+
+def test_history_lays_detections_on_a_grid() -> None:
+    history = History(dt=0.5, samples=5, forget=2.0, gap=1.25)
+    assert history.tracks() is None
+    for k in range(13):
+        if k != 6:
+            history.add(0.25 * k, (detection("b", 0.25 * k), detection("a", 1.0)))
+    tracks = history.tracks()
+    assert tracks is not None
+    assert tracks.ids == ("a", "b")
+    assert tracks.positions[1, :, 0] == pytest.approx([1.0, 1.5, 2.0, 2.5, 3.0])
+
+
+def test_history_marks_gaps_forgets_and_keeps_order() -> None:
+    history = History(dt=0.5, samples=6, forget=2.0, gap=1.25)
+    for time in (0.0, 0.5, 2.5):
+        history.add(time, (detection("a", time),))
+    history.add(2.5, (detection("a", 9.0, age=1.0),))
+    tracks = history.tracks()
+    assert tracks is not None
+    seen = ~np.isnan(tracks.positions[0, :, 0])
+    assert seen.tolist() == [True, True, False, False, False, True]
+    history.add(4.0, (detection("c", 0.0, age=0.5),))
+    late = history.tracks()
+    assert late is not None
+    assert late.stamp == 3.5
+    assert np.isnan(late.positions[0, -1]).all()
+    history.add(9.0, (detection("c", 0.0),))
+    last = history.tracks()
+    assert last is not None
+    assert last.ids == ("c",)

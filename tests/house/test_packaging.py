@@ -1,0 +1,102 @@
+"""What is listed is what there is, and the wheel holds that and nothing else."""
+
+import re
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import wideberth
+
+ROOT = Path(__file__).resolve().parents[2]
+SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+TOP = (
+    "framework", "predictors", "regions", "robots", "controllers", "simulation", "experiments",
+)  # fmt: skip
+
+
+def test_list_of_packages_agrees_with_the_folders() -> None:
+    found = {"wideberth"}
+    for room in TOP:
+        for path in (ROOT / room).rglob("__init__.py"):
+            found.add(".".join(["wideberth", *path.parent.relative_to(ROOT).parts]))
+    listed = SETTINGS["tool"]["setuptools"]["packages"]
+    assert set(listed) == found and len(listed) == len(found)
+
+
+def test_no_folder_lacks_its_init() -> None:
+    for room in TOP:
+        for path in (ROOT / room).rglob("*.py"):
+            if path.parent != ROOT / "experiments" / "data":  # files, not modules
+                assert (path.parent / "__init__.py").exists(), path
+
+
+def test_wheel_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    source.mkdir()
+    for name in ("pyproject.toml", "README.md", "LICENSE", "__init__.py", "py.typed", *TOP):
+        (source / name).symlink_to(ROOT / name)
+    (source / "tests").mkdir()
+    (source / "tests" / "test_x.py").write_text("")
+    script = (
+        "from setuptools import build_meta; import sys; print(build_meta.build_wheel(sys.argv[1]))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(tmp_path)], cwd=source, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    (wheel,) = tmp_path.glob("*.whl")
+    names = set(zipfile.ZipFile(wheel).namelist())
+    modules = {
+        f"wideberth/{path.relative_to(ROOT).as_posix()}"
+        for room in TOP for path in (ROOT / room).rglob("*.py")
+    }  # fmt: skip
+    configs = {f"wideberth/experiments/configs/{path.name}"
+               for path in (ROOT / "experiments/configs").glob("*.yaml")}  # fmt: skip
+    wanted = modules | configs | {"wideberth/__init__.py", "wideberth/py.typed"}
+    wanted |= {"wideberth/framework/references.bib"}
+    assert wanted <= names
+    other = {name for name in names - wanted if ".dist-info/" not in name}
+    assert all(name.startswith("wideberth/experiments/data/") for name in other), other
+
+
+def test_import_is_light_and_without_twins(tmp_path: Path) -> None:
+    script = (
+        "import sys, wideberth\n"
+        "print(wideberth.__file__, 'numpy' in sys.modules, end=' ')\n"
+        "wideberth.Tracks, wideberth.Region\n"
+        "print(sum(name.endswith('framework.values.tracks') for name in sys.modules))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, cwd=tmp_path
+    )
+    assert done.stdout.rsplit(maxsplit=2) == [str(ROOT / "__init__.py"), "False", "1"], done.stderr
+
+
+def test_public_names_are_there() -> None:
+    import wideberth.framework as framework
+
+    for module in (wideberth, framework):
+        for name in dir(module):
+            assert getattr(module, name) is not None
+    assert wideberth.WideberthError is framework.WideberthError
+    assert wideberth.__version__ == SETTINGS["project"]["version"]
+
+
+def test_lock_names_every_dependency_and_no_address() -> None:
+    text = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+    assert "://" not in text and "--index" not in text
+    locked = {name.lower() for name in re.findall(r"^([\w.-]+)==", text, re.MULTILINE)}
+    project = SETTINGS["project"]
+    extras = project["optional-dependencies"].values()
+    wanted = [*project["dependencies"], *(name for extra in extras for name in extra)]
+    for requirement in wanted:
+        name = re.match(r"[\w-]+", requirement)[0].lower()  # type: ignore[index]
+        assert name in locked, f"{name}: run make lock"
+
+
+def test_licence_is_whole() -> None:
+    text = (ROOT / "LICENSE").read_text(encoding="utf-8")
+    assert "Apache License" in text and "9. Accepting Warranty" in text
+    assert "APPENDIX: How to apply" in text

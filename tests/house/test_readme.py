@@ -1,0 +1,82 @@
+"""The README's first script runs as it stands there, and draws its picture."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
+SCRIPTS = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
+
+
+def test_first_script_draws_a_picture(tmp_path: Path) -> None:
+    script = SCRIPTS[0]
+    assert len([line for line in script.splitlines() if line.strip()]) <= 15
+    done = subprocess.run(
+        [sys.executable, "-W", "error::UserWarning", "-c", script], cwd=tmp_path, text=True,
+        capture_output=True, env={**os.environ, "MPLBACKEND": "Agg"}, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-2000:]
+    (picture,) = tmp_path.glob("*.png")
+    assert picture.read_bytes().startswith(b"\x89PNG") and picture.stat().st_size > 10_000
+
+
+def test_static_polygons_example_draws_its_plan(tmp_path: Path) -> None:
+    script = ROOT / "examples" / "static_polygons.py"
+    assert len(script.read_text(encoding="utf-8").splitlines()) <= 30
+    done = subprocess.run(
+        [sys.executable, "-W", "error::UserWarning", str(script)], cwd=tmp_path, text=True,
+        capture_output=True, env={**os.environ, "MPLBACKEND": "Agg"}, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert "The plan is optimal" in done.stdout
+    assert (tmp_path / "gap.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_predictors_that_learn_are_written_as_the_page_says(tmp_path: Path) -> None:
+    """The blocks that define `Straying` and `Widened`; the contract check runs on both."""
+    check = "from wideberth.framework.testing import check_predictor\n"
+    check += "check_predictor(Straying())\ncheck_predictor(Widened())\n"
+    run_page(tmp_path, "Straying", "Widened", check)
+
+
+def test_a_scenario_is_written_as_the_page_says(tmp_path: Path) -> None:
+    """The block that defines `Gate`; the contract check runs on it, and it refuses narrow ways."""
+    check = "from wideberth.framework.testing import check_scenario\n"
+    check += "check_scenario(Gate())\nassert len(Gate().cast(3).bystanders) == 1\n"
+    check += "try:\n    Gate(width=0.8)\nexcept WideberthError:\n    pass\n"
+    check += "else:\n    raise SystemExit('a narrow gate')\n"
+    run_page(tmp_path, "Gate", "Gate", check)
+
+
+def run_page(folder: Path, first: str, last: str, check: str) -> None:
+    """Run the blocks from the one that defines a class to that of another, and a check."""
+    page = (ROOT / "docs" / "write-your-own.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    ends = [
+        next(i for i, block in enumerate(blocks) if f"class {name}(" in block)
+        for name in (first, last)
+    ]
+    script = folder / "page.py"
+    script.write_text("\n".join([*blocks[ends[0] : ends[1] + 1], check]), encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, str(script)], cwd=folder, text=True, capture_output=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+
+
+def test_links_lead_somewhere() -> None:
+    pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")]
+    for page in pages:
+        for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
+            assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_commands_are_known() -> None:
+    from wideberth.experiments.cli.app import app
+
+    known = {command.name or command.callback.__name__ for command in app.registered_commands}  # type: ignore[union-attr]
+    for command in re.findall(r"^wideberth (\w+)", TEXT, re.MULTILINE):
+        assert command in known

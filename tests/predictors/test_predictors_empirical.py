@@ -1,0 +1,241 @@
+"""The empirical predictor: what it learns, where it stands aside, how it is carried on."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from wideberth.framework.plugins.config import build, describe
+from wideberth.framework.plugins.saved import load_plugin, save_plugin
+from wideberth.framework.predictor import Predictor
+from wideberth.framework.testing.predictor import check_predictor
+from wideberth.framework.tracking.windows import cut_windows
+from wideberth.framework.values.errors import WideberthError
+from wideberth.framework.values.forecast import Forecast
+from wideberth.framework.values.tracks import Tracks
+from wideberth.predictors.constant_velocity import ConstantVelocity
+from wideberth.predictors.core.calibration import replayed, squared_distances
+from wideberth.predictors.core.error_table import FLOOR, Motion, learn_table
+from wideberth.predictors.empirical import Empirical
+from wideberth.predictors.static import Static
+
+DT = 0.4
+OBSERVED, STEPS = 4, 5
+GROWTH = np.arange(1.0, STEPS + 1)
+ALONG, ACROSS, STILL_SPREAD = 0.10 * GROWTH, 0.04 * GROWTH, 0.02 * GROWTH
+"""m, true standard deviations per step: of those who walk, and of those who stand."""
+STRAIGHT = ConstantVelocity(window=1)
+
+
+def tracks_of(positions, dt=DT, ids=None):
+    positions = np.asarray(positions, dtype=float)
+    count, _, size = positions.shape
+    names = tuple(f"o{i}" for i in range(count)) if ids is None else ids
+    spread = np.tile(1e-4 * np.eye(size), (count, 1, 1))
+    return Tracks(positions, dt, names, np.full(count, 0.3), spread)
+
+
+def crowd(count, rng, size=2, jitter=0.0, correlation=0.0):
+    """Half stand and half walk at 1 m/s; errors as stated above, correlated over the steps."""
+    heading = rng.standard_normal((count, size))
+    heading /= np.linalg.norm(heading, axis=1)[:, None]
+    walks = np.arange(count) % 2 == 1
+    speed = np.where(walks, 1.0 + 0.1 * rng.random(count), 0.05 * rng.random(count))
+    velocity = speed[:, None] * heading
+    time = DT * np.arange(1.0 - OBSERVED, STEPS + 1)
+    paths = time[:, None] * velocity[:, None]
+    shaken = rng.normal(scale=jitter * DT, size=(count, OBSERVED, size))
+    paths[:, :OBSERVED] += shaken - shaken[:, -1:]
+    steps = np.arange(STEPS)
+    root = np.linalg.cholesky(
+        correlation ** np.abs(steps[:, None] - steps) + 1e-12 * np.eye(STEPS)
+    )
+    unit = np.einsum("ij,wjd->wid", root, rng.standard_normal((count, STEPS, size)))
+    forward = np.einsum("wnd,wd->wn", unit, heading)[..., None] * heading[:, None]
+    moving = ALONG[:, None] * forward + ACROSS[:, None] * (unit - forward)
+    paths[:, OBSERVED:] += np.where(walks[:, None, None], moving, STILL_SPREAD[:, None] * unit)
+    return tracks_of(paths)
+
+
+def fitted(scene, **settings):
+    base = settings.pop("base", STRAIGHT)
+    classes = {"speeds": 2, "jitters": 1, **settings}
+    return Empirical(base, OBSERVED, STEPS, **classes).fit([scene])
+
+
+@pytest.mark.parametrize("size", [2, 3])
+def test_it_learns_the_spread_along_and_across(size):
+    rng = np.random.default_rng(1)
+    predictor = fitted(crowd(8000, rng, size))
+    table = np.sqrt(np.array(predictor.fitted.variances))
+    # A standard deviation from 4000 errors is right to 1 / sqrt(8000); shrinkage adds 1 %.
+    assert np.allclose(table[1], np.stack([ALONG, ACROSS], axis=1), rtol=5 / 90 + 0.05, atol=0)
+    assert np.allclose(table[0], STILL_SPREAD[:, None], rtol=0.12, atol=0)
+    walker = tracks_of(np.arange(OBSERVED)[None, :, None] * DT * np.eye(size)[0])
+    covariance = predictor.predict(walker, STEPS).covariance[0, 0]
+    wanted = np.full((STEPS, size), table[1, :, 1:] ** 2)
+    wanted[:, 0] = table[1, :, 0] ** 2
+    assert np.allclose(covariance, (wanted + FLOOR**2)[:, None] * np.eye(size), atol=1e-15)
+
+
+def test_it_is_calibrated_on_its_own_model():
+    rng = np.random.default_rng(2)
+    predictor = fitted(crowd(8000, rng))
+    new = cut_windows(crowd(4000, rng), OBSERVED, STEPS)
+    forecast = predictor.predict(new.tracks, STEPS)
+    parts = forecast.mean, forecast.covariance, forecast.weight
+    inside = squared_distances(*parts, new.future) < chi2.ppf(0.95, 2)
+    for group in (inside[0::2], inside[1::2]):
+        # 5 sigma of 2000 draws, and 1 % for what 4000 windows have not told.
+        assert np.abs(group.mean(axis=0) - 0.95).max() < 5 * np.sqrt(0.05 * 0.95 / 2000) + 0.01
+
+
+def test_steps_are_correlated_as_they_were():
+    rng = np.random.default_rng(3)
+    predictor = fitted(crowd(8000, rng, correlation=0.8))
+    steps = np.arange(STEPS)
+    wanted = 0.8 ** np.abs(steps[:, None] - steps)
+    assert np.abs(np.array(predictor.fitted.along) - wanted).max() < 5 * 0.36 / np.sqrt(4000)
+    walker = tracks_of(np.arange(OBSERVED)[None, :, None] * DT * np.array([0.6, 0.8]))
+    for grid in (walker, replace(walker, dt=0.5 * DT)):
+        forecast = predictor.predict(grid, 2 * STEPS + 3)
+        joint = forecast.joint[0, 0]
+        blocks = joint.reshape(2 * STEPS + 3, 2, 2 * STEPS + 3, 2)
+        each = np.arange(2 * STEPS + 3)
+        assert np.allclose(blocks[each, :, each], forecast.covariance[0, 0], rtol=1e-9)
+        assert np.linalg.eigvalsh(joint).min() > -1e-9
+    known = predictor.predict(walker, STEPS).joint[0, 0].reshape(STEPS, 2, STEPS, 2)
+    turn = np.array([[0.6, 0.8], [-0.8, 0.6]])
+    turned = np.einsum("ab,ibjc,dc->iajd", turn, known, turn)
+    spread = np.sqrt(turned[steps, 0, steps, 0])
+    assert np.abs(turned[:, 0, :, 0] / np.outer(spread, spread) - wanted).max() < 0.05
+    assert np.abs(turned[:, 0, :, 1]).max() < 1e-12
+
+
+def test_other_time_grids():
+    predictor = fitted(crowd(2000, np.random.default_rng(4)))
+    past = np.arange(OBSERVED)[None, :, None] * DT * np.array([1.0, 0.0])
+    whole = np.sqrt(predictor.predict(tracks_of(past), STEPS + 4).covariance[0, 0, :, 0, 0])
+    table = np.sqrt(np.array(predictor.fitted.variances)[1, :, 0])
+    beyond = table[-1] + (table[-1] - table[-2]) * np.arange(1, 5)
+    assert np.allclose(whole, np.hypot(np.concatenate([table, beyond]), FLOOR), rtol=1e-12)
+    half = tracks_of(past / 2, dt=DT / 2)
+    fine = np.sqrt(predictor.predict(half, 2 * STEPS).covariance[0, 0, :, 0, 0])
+    assert np.allclose(fine[1::2], whole[:STEPS], rtol=1e-12)
+    before = np.concatenate([[0.0], table[:-1]])
+    assert np.allclose(fine[::2], np.hypot(0.5 * (before + table), FLOOR), rtol=1e-12)
+
+
+def test_spread_grows_with_jitter_beyond_the_highest_edge():
+    rng = np.random.default_rng(5)
+    predictor = fitted(crowd(4000, rng, jitter=0.1), speeds=1, jitters=3)
+    top = predictor.fitted.jitters[-1]
+    zigzag = np.array([0.0, 1.0, 0.0, 1.0])
+    spreads = []
+    for times in (2.0, 6.0):
+        path = np.zeros((1, OBSERVED, 2))
+        # |v_j - v_{j-1}| is 2 |amplitude| / dT at every step.
+        path[0, :, 0] = zigzag * 0.5 * times * top * DT
+        spreads.append(
+            np.sqrt(predictor.predict(tracks_of(path), STEPS).covariance[0, 0, :, 1, 1])
+        )
+    assert np.allclose(spreads[1], 3.0 * spreads[0], rtol=2e-3)
+
+
+def test_who_was_not_seen_lately_is_forecast_from_then_on():
+    predictor = fitted(crowd(2000, np.random.default_rng(6)))
+    past = np.arange(OBSERVED + 2)[None, :, None] * DT * np.array([1.0, 0.0])
+    lost = past.copy()
+    lost[:, OBSERVED:] = np.nan
+    early = predictor.predict(tracks_of(past[:, :OBSERVED]), STEPS + 2)
+    late = predictor.predict(tracks_of(lost), STEPS)
+    assert np.allclose(late.mean, early.mean[:, :, 2:], atol=1e-12)
+    assert np.allclose(late.covariance, early.covariance[:, :, 2:], rtol=1e-12)
+    assert np.allclose(late.joint, early.joint[:, :, 4:, 4:], rtol=1e-12)
+
+
+def test_unfitted_or_too_short_it_is_the_base():
+    scene = crowd(2000, np.random.default_rng(7))
+    tracks = scene.select([0, 1])
+    plain, base = Empirical(STRAIGHT).predict(tracks, STEPS), STRAIGHT.predict(tracks, STEPS)
+    assert np.array_equal(plain.covariance, base.covariance)
+    positions = tracks.positions.copy()
+    positions[0, :-2] = np.nan
+    positions[1, :-1] = np.nan
+    short = replace(tracks, positions=positions)
+    forecast, base = fitted(scene).predict(short, STEPS), STRAIGHT.predict(short, STEPS)
+    assert forecast.fallback == ("empirical: 2 samples, needs 3", base.fallback[1])
+    assert np.array_equal(forecast.covariance, base.covariance)
+    assert np.array_equal(forecast.joint, base.joint)
+
+
+def test_laws_hold_once_fitted():
+    rng = np.random.default_rng(8)
+    check_predictor(
+        Empirical(STRAIGHT, OBSERVED, STEPS, 3, 3), dataset=[crowd(4000, rng, jitter=0.05)]
+    )
+    still = tracks_of(np.zeros((200, OBSERVED + STEPS, 2)))
+    certain = fitted(still, speeds=3, jitters=3, base=Static())
+    check_predictor(certain)
+    spread = certain.predict(still.select([0]), STEPS).covariance[0, 0]
+    assert np.allclose(spread, FLOOR**2 * np.eye(2), rtol=1e-9)
+
+
+@dataclass(frozen=True)
+class Counting(Predictor):
+    """Puts everybody as far along x as there are obstacles."""
+
+    def predict(self, tracks, steps, scene=None):
+        count, size = len(tracks), tracks.dimension
+        mean = np.zeros((count, steps, size))
+        mean[..., 0] = count
+        return Forecast.single(mean, np.ones((count, steps, 1, 1)) * np.eye(size), tracks.dt)
+
+
+def test_a_base_is_asked_with_the_neighbours_of_the_time():
+    positions = np.zeros((3, 12, 2))
+    positions[1, 6:] = np.nan
+    positions[2, :8] = np.nan
+    scene = tracks_of(positions)
+    windows = cut_windows(scene, 2, 1)
+    mean, _, _ = replayed(Counting(), scene, windows)
+    present = np.isfinite(positions[..., 0]).sum(axis=0)
+    assert np.array_equal(mean[:, 0, 0, 0], present[windows.row])
+
+
+def test_it_is_saved_and_described(tmp_path):
+    predictor = fitted(crowd(500, np.random.default_rng(9)))
+    again = load_plugin(save_plugin(tmp_path / "e.json", "predictor", predictor), "predictor")
+    assert again == predictor == build("predictors", describe(predictor))
+    tracks = crowd(5, np.random.default_rng(10))
+    one, two = predictor.predict(tracks, 3), again.predict(tracks, 3)
+    assert np.array_equal(one.covariance, two.covariance)
+
+
+def test_bad_input():
+    with pytest.raises(WideberthError, match=r"empirical\.observed is 2"):
+        Empirical(observed=2)
+    with pytest.raises(WideberthError, match=r"hold 5 windows of 4 \+ 5"):
+        fitted(crowd(5, np.random.default_rng(11)))
+    scene = crowd(200, np.random.default_rng(12))
+    with pytest.raises(WideberthError, match=r"0\.2 s, 0\.4 s"):
+        Empirical(STRAIGHT, OBSERVED, STEPS, 2, 1).fit([scene, replace(scene, dt=0.2)])
+    table = fitted(scene).fitted
+    for change in ({"speeds": ()}, {"along": ((1.0,),)}, {"variances": (((-1.0, 1.0),) * 5,) * 2}):
+        with pytest.raises(WideberthError, match="table"):
+            replace(table, **change)
+
+
+def test_every_window_counts_alike_for_the_correlation():
+    """Errors of the slow are of 1 m and stay; those of the fast are of 3 m and change."""
+    rng = np.random.default_rng(14)
+    count = 4000
+    fast = np.arange(count) % 2
+    motion = Motion(0.5 + fast, np.tile([1.0, 0.0], (count, 1)), np.zeros(count))
+    fixed = np.repeat(rng.standard_normal((count, 1, 2)), 2, axis=1)
+    free = rng.standard_normal((count, 2, 2))
+    error = np.where(fast[:, None, None] == 1, 3.0 * free, fixed)
+    table = learn_table(motion, error, 0.5, 2, 1)
+    for found in (table.along, table.across):
+        assert found[0][1] == pytest.approx(0.5, abs=0.05)

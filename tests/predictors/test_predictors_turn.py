@@ -1,0 +1,250 @@
+"""Turning bodies: both filters against filterpy and closed forms, and when they step aside."""
+
+import numpy as np
+import pytest
+
+from wideberth.framework.testing.predictor import check_predictor
+from wideberth.framework.values.errors import WideberthError
+from wideberth.framework.values.tracks import Tracks
+from wideberth.predictors.constant_acceleration import singer
+from wideberth.predictors.coordinated_turn import CoordinatedTurn
+from wideberth.predictors.core.history import gather
+from wideberth.predictors.core.propagation import white_acceleration
+from wideberth.predictors.core.turn_filter import (
+    TurnModel,
+    extended_step,
+    filter_turns,
+    floored_root,
+    position_update,
+    unscented_step,
+)
+from wideberth.predictors.kalman import Kalman
+
+DT = 0.5
+NAN = np.nan
+LASTING = 1e6
+"""s; a yaw rate that does not decay within any horizon."""
+
+
+def tracks_of(positions, noise=0.01, dt=DT):
+    positions = np.asarray(positions, dtype=float)
+    count, _, size = positions.shape
+    spread = np.tile(noise**2 * np.eye(size), (count, 1, 1))
+    return Tracks(positions, dt, tuple(map(str, range(count))), np.full(count, 0.3), spread)
+
+
+def circle(samples, speed=1.0, rate=0.3, heading=0.4):
+    angle = heading + rate * DT * np.arange(samples)
+    return speed / rate * np.stack([np.sin(angle), -np.cos(angle)], axis=1)
+
+
+def model_of(turn_time=2.0):
+    transition, process = singer(DT, 0.3, turn_time)
+    _, along = white_acceleration(DT, 0.05, 1)
+    return TurnModel(DT, along, transition[1:, 1:], process[1:, 1:])
+
+
+def states(count, seed=0):
+    rng = np.random.default_rng(seed)
+    state = rng.standard_normal((count, 5))
+    root = 0.2 * rng.standard_normal((count, 5, 5))
+    return state, root @ root.swapaxes(1, 2) + 1e-3 * np.eye(5)
+
+
+def test_an_arc_is_the_textbooks_and_has_no_hole_at_zero():
+    model = model_of(LASTING)
+    state, _ = states(50)
+    x, y, theta, v, omega = state.T
+    moved = model.moved(state)
+    turned = theta + omega * DT
+    wanted = x + v / omega * (np.sin(turned) - np.sin(theta))
+    np.testing.assert_allclose(moved[:, 0], wanted, rtol=0, atol=1e-6)
+    wanted = y - v / omega * (np.cos(turned) - np.cos(theta))
+    np.testing.assert_allclose(moved[:, 1], wanted, rtol=0, atol=1e-6)
+    state[:, 4] = 0.0
+    straight = model.moved(state)[:, :2] - state[:, :2]
+    wanted = DT * v[:, None] * np.stack([np.cos(theta), np.sin(theta)], axis=1)
+    np.testing.assert_allclose(straight, wanted, atol=1e-14)
+
+
+@pytest.mark.parametrize("rate", [None, 0.0, 1e-9, 1e-3, 0.039, 0.041])
+def test_the_jacobian_is_the_derivative(rate):
+    model = model_of()
+    state, _ = states(20, seed=1)
+    if rate is not None:
+        state[:, 4] = rate
+    slope, step = model.jacobian(state), 1e-6
+    for k in range(5):
+        shift = step * np.eye(5)[k]
+        change = (model.moved(state + shift) - model.moved(state - shift)) / (2 * step)
+        np.testing.assert_allclose(slope[:, :, k], change, atol=1e-8)
+
+
+def measured(seed=2):
+    rng = np.random.default_rng(seed)
+    path = circle(12) + 0.03 * rng.standard_normal((12, 2))
+    start = np.array([path[0, 0], path[0, 1], 0.2, 0.8, 0.0])
+    return (
+        path,
+        start,
+        np.diag([0.01, 0.01, 0.2, 1.0, 0.1]),
+        np.array([[0.003, 1e-3], [1e-3, 2e-3]]),
+    )
+
+
+def run(step, path, start, spread, noise, model):
+    past = gather(tracks_of([path]))
+    first = start.copy()
+    first[:2] -= past.origin[0]
+    state, covariance, _ = filter_turns(
+        past, noise[None], (first[None], spread[None]), model, step
+    )
+    state[0, :2] += past.origin[0]
+    return state[0], covariance[0]
+
+
+def test_extended_filter_equals_filterpy():
+    from filterpy.kalman import ExtendedKalmanFilter
+
+    path, start, spread, noise = measured()
+    model = model_of()
+    engine = ExtendedKalmanFilter(5, 2)
+    engine.x, engine.P, engine.R = start.copy(), spread.copy(), noise
+    engine.predict_x = lambda u: setattr(engine, "x", model.moved(engine.x))
+    for position in path[1:]:
+        engine.F, engine.Q = model.jacobian(engine.x[None])[0], model.process(engine.x[None])[0]
+        engine.predict()
+        engine.update(position, lambda x: np.eye(2, 5), lambda x: x[:2])
+    state, covariance = run(extended_step, path, start, spread, noise, model)
+    np.testing.assert_allclose(state, engine.x, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(covariance, engine.P, rtol=0, atol=1e-11)
+
+
+def test_unscented_filter_equals_filterpy():
+    from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
+
+    path, start, spread, noise = measured()
+    model = model_of()
+    points = MerweScaledSigmaPoints(5, alpha=1.0, beta=2.0, kappa=0.0)
+    engine = UnscentedKalmanFilter(
+        5, 2, DT, hx=lambda x: x[:2], fx=lambda x, dt: model.moved(x), points=points
+    )
+    engine.x, engine.P, engine.R = start.copy(), spread.copy(), noise
+    for position in path[1:]:
+        engine.Q = model.process(engine.x[None])[0]
+        engine.predict()
+        engine.update(position)
+    state, covariance = run(unscented_step, path, start, spread, noise, model)
+    np.testing.assert_allclose(state, engine.x, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(covariance, engine.P, rtol=0, atol=1e-10)
+
+
+def test_floored_root_is_choleskys_and_survives_singular_ones():
+    _, covariance = states(30)
+    np.testing.assert_allclose(
+        floored_root(covariance), np.linalg.cholesky(covariance), atol=1e-12
+    )
+    flat = np.ones((1, 3, 3))
+    root = floored_root(np.concatenate([flat, 0.0 * flat]))
+    assert np.isfinite(root).all()
+    np.testing.assert_allclose(
+        root @ root.swapaxes(1, 2), np.concatenate([flat, 0 * flat]), atol=1e-13
+    )
+    thin = np.array([[[1.0, 0.0], [1.0, 1e-6]]])  # a pivot of 1e-12, far above rounding
+    np.testing.assert_allclose(floored_root(thin @ thin.swapaxes(1, 2)), thin, rtol=1e-3)
+
+
+def test_sigma_points_give_mean_and_spread_of_a_turn_better_than_a_tangent():
+    state = np.array([[0.0, 0.0, 0.0, 1.0, 0.0]])
+    spread = np.diag([1e-4, 1e-4, 0.3**2, 0.01, 0.3**2])[None]
+    model = model_of()
+    rng = np.random.default_rng(3)
+    draws = model.moved(rng.multivariate_normal(state[0], spread[0], size=400_000))
+    mean, covariance = draws.mean(axis=0), np.cov(draws.T) + model.process(state)[0]
+    sigma, sigma_spread, _ = unscented_step(state, spread, model)
+    tangent, _, _ = extended_step(state, spread, model)
+    assert abs(sigma[0, 0] - mean[0]) < 0.1 * abs(tangent[0, 0] - mean[0])
+    np.testing.assert_allclose(sigma_spread[0, :2, :2], covariance[:2, :2], atol=3e-3)
+
+
+@pytest.mark.parametrize("step", [extended_step, unscented_step])
+def test_the_returned_slope_is_the_cross_covariance(step):
+    state, spread = states(6, seed=4)
+    spread *= 1e-6
+    _, after, slope = step(state, spread, model_of())
+    wanted = model_of().jacobian(state)
+    np.testing.assert_allclose(slope, wanted, atol=1e-2)
+    rest = after - slope @ spread @ slope.swapaxes(1, 2) - model_of().process(state)
+    assert np.linalg.eigvalsh(rest).min() > -1e-12
+
+
+@pytest.mark.parametrize("kind", ["ekf", "ukf"])
+def test_it_drives_on_along_the_circle(kind):
+    path = circle(60)
+    predictor = CoordinatedTurn(turn_time=LASTING, yaw_rate=0.5, noise_floor=1e-3, filter=kind)
+    forecast = predictor.predict(tracks_of([path[:45]], noise=1e-4), 15)
+    assert forecast.fallback == (None,)
+    error = np.linalg.norm(forecast.mean[0, 0] - path[45:], axis=1)
+    plain = Kalman().predict(tracks_of([path[:45]], noise=1e-4), 15).mean[0, 0]
+    # Sigma points of an uncertain yaw rate lie on arcs: their mean is inside the circle.
+    assert error[3] < 0.05 and error[-1] < 0.7
+    assert error[-1] < 0.15 * np.linalg.norm(plain[-1] - path[-1])
+
+
+def test_many_turns_wrap_nothing():
+    path = circle(400, rate=1.0)
+    predictor = CoordinatedTurn(turn_time=LASTING, yaw_rate=0.5, history=400, filter="ekf")
+    early = predictor.predict(tracks_of([path[:200]]), 5)
+    assert early.fallback == (None,)
+    error = np.linalg.norm(early.mean[0, 0] - path[200:205], axis=1)
+    assert error.max() < 0.2
+
+
+@pytest.mark.parametrize("kind", ["ekf", "ukf"])
+def test_joint_and_marginal_covariances_agree(kind):
+    rng = np.random.default_rng(6)
+    paths = np.stack([circle(20, heading=h) for h in (0.0, 2.0, -2.0)])
+    positions = paths + 0.01 * rng.standard_normal(paths.shape)
+    positions[1, -2:] = NAN
+    forecast = CoordinatedTurn(filter=kind).predict(tracks_of(positions), 6)
+    assert forecast.fallback == (None,) * 3
+    blocks = forecast.joint[:, 0].reshape(3, 6, 2, 6, 2)[:, np.arange(6), :, np.arange(6)]
+    np.testing.assert_allclose(blocks.swapaxes(0, 1), forecast.covariance[:, 0], atol=1e-12)
+
+
+def test_updates_measure_how_well_the_model_fits():
+    state, spread = states(4000)
+    rng = np.random.default_rng(7)
+    noise = np.tile(0.05 * np.eye(2), (4000, 1, 1))
+    root = np.linalg.cholesky(spread[:, :2, :2] + noise)
+    seen = state[:, :2] + np.einsum("bij,bj->bi", root, rng.standard_normal((4000, 2)))
+    _, _, surprise = position_update(state, spread, seen, noise)
+    assert surprise.mean() == pytest.approx(2.0, abs=4 * np.sqrt(4 / 4000))
+
+
+def test_it_says_why_another_predictor_is_asked():
+    rng = np.random.default_rng(8)
+    standing = 0.01 * rng.standard_normal((20, 2))
+    jumping = 20.0 * rng.standard_normal((20, 2))
+    two = np.where(np.arange(20)[:, None] < 18, NAN, circle(20))
+    predictor = CoordinatedTurn()
+    tracks = tracks_of([standing, jumping, two, np.full((20, 2), NAN), circle(20)])
+    forecast = predictor.predict(tracks, 5)
+    reasons = forecast.fallback
+    assert reasons[0].startswith("coordinated_turn: heading known to")
+    assert reasons[1].startswith("coordinated_turn: innovations")
+    assert reasons[2] == "coordinated_turn: 2 samples, needs 3"
+    assert reasons[3] == "coordinated_turn: 0 samples, needs 3; kalman: never observed"
+    assert reasons[4] is None
+    np.testing.assert_array_equal(forecast.mean[:4], Kalman().predict(tracks, 5).mean[:4])
+    space = tracks_of(np.zeros((1, 5, 3)))
+    reason = predictor.predict(space, 4).fallback[0]
+    assert reason == "coordinated_turn: 3 coordinates, needs 2"
+
+
+def test_settings():
+    check_predictor(CoordinatedTurn(filter="ekf", turn_time=LASTING))
+    with pytest.raises(WideberthError, match=r"coordinated_turn\.filter is 'ckf'"):
+        CoordinatedTurn(filter="ckf")
+    with pytest.raises(WideberthError, match=r"coordinated_turn\.yaw_rate is 0"):
+        CoordinatedTurn(yaw_rate=0.0)

@@ -1,0 +1,196 @@
+"""Robots: the contract, closed forms, and limits that couple."""
+
+import runpy
+from importlib import import_module
+from math import atan, cos, pi, sin, tan
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wideberth.framework.control.velocity_smoother import VelocitySmoother
+from wideberth.framework.numerics.integration import runge_kutta, step
+from wideberth.framework.testing import check_robot
+from wideberth.framework.values.errors import WideberthError
+from wideberth.framework.values.motion import Command, Pose, Twist
+from wideberth.robots import BUILT_IN
+from wideberth.robots.bicycle import Bicycle
+from wideberth.robots.differential_drive import DifferentialDrive
+from wideberth.robots.holonomic import Holonomic
+from wideberth.robots.holonomic_velocity import HolonomicVelocity
+from wideberth.robots.unicycle import Unicycle
+
+
+def robot_of(name):
+    module, cls = BUILT_IN[name].split(":")
+    return getattr(import_module(module), cls)
+
+
+@pytest.mark.parametrize("name", sorted(BUILT_IN))
+def test_contract(name):
+    check_robot(robot_of(name)())
+    check_robot(robot_of(name)(radius=0.2, max_speed=1.7), rng=np.random.default_rng(5))
+
+
+@pytest.mark.parametrize("name", sorted(BUILT_IN))
+def test_bad_parameters_name_themselves(name):
+    with pytest.raises(WideberthError, match=r"radius is -1"):
+        robot_of(name)(radius=-1.0)
+    with pytest.raises(WideberthError, match=r"max_speed"):
+        robot_of(name)(max_speed=0.0)
+
+
+def test_steering_in_degrees_is_refused():
+    with pytest.raises(WideberthError, match="radians"):
+        Bicycle(max_steering=30.0)
+
+
+def test_runge_kutta_against_the_matrix_exponential():
+    """x'' = -x: one step is the Taylor polynomial of degree four of the rotation."""
+
+    def swing(state, control):
+        return (state[1], -state[0])
+
+    h = 0.3
+    moved = runge_kutta(swing, (1.0, 0.0), (), h)
+    assert moved == pytest.approx((1 - h**2 / 2 + h**4 / 24, -h + h**3 / 6), abs=1e-15)
+    fine = runge_kutta(swing, (1.0, 0.0), (), pi, substeps=200)
+    assert fine == pytest.approx((-1.0, 0.0), abs=1e-8)
+
+
+def test_step_refuses_no_time():
+    with pytest.raises(WideberthError, match="dt"):
+        step(Unicycle(), (0.0,) * 5, (0.0, 0.0), 0.0)
+    with pytest.raises(WideberthError, match="substeps"):
+        step(Unicycle(), (0.0,) * 5, (0.0, 0.0), 0.1, substeps=0)
+
+
+@pytest.mark.parametrize(
+    ("robot", "v", "omega"),
+    [(Unicycle(), 0.5, 0.2), (DifferentialDrive(), 0.5, 0.2), (Bicycle(), 0.5, 0.2)],
+)
+def test_constant_twist_drives_a_circle(robot, v, omega):
+    state = robot.state_at(Pose((1.0, 2.0), 0.3), Twist((v, 0.0), omega))
+    end = robot.pose(step(robot, state, (0.0, 0.0), 4.0, substeps=100))
+    turn = 0.3 + 4.0 * omega
+    exact = (1 + v / omega * (sin(turn) - sin(0.3)), 2 - v / omega * (cos(turn) - cos(0.3)))
+    assert end.position == pytest.approx(exact, abs=1e-9)
+    assert end.heading == pytest.approx(turn, abs=1e-12)
+
+
+def test_holonomic_follows_the_parabola():
+    end = step(Holonomic(), (0.0, 0.0, 0.1, 0.2), (0.3, -0.1), 2.0)
+    assert end == pytest.approx((0.2 + 0.6, 0.4 - 0.2, 0.7, 0.0), abs=1e-14)
+    assert step(HolonomicVelocity(), (0.0, 1.0), (0.3, -0.1), 2.0) == pytest.approx((0.6, 0.8))
+
+
+def test_paper_limits():
+    robot = Unicycle()
+    assert robot.state_bounds().upper[3:] == (0.7, 0.3)
+    assert robot.input_bounds().upper == (0.7, 0.1)
+    assert robot.radius == 0.75
+
+
+def test_differential_drive_can_do_what_the_unicycle_can():
+    robot = DifferentialDrive()
+    for v in (-0.7, 0.7):
+        for omega in (-0.3, 0.3):
+            state = robot.state_at(Pose((0.0, 0.0), 0.0), Twist((v, 0.0), omega))
+            upper = robot.state_bounds().upper
+            assert all(abs(s) <= u + 1e-12 for s, u in zip(state, upper, strict=True))
+            assert min(robot.constraints(state, (0.0, 0.0))) >= -1e-12
+    after = robot.drive((0.0, 0.0, 0.0, 0.0, 0.0), Twist((0.7, 0.0), 0.3), 0.1)
+    assert robot.acceleration((0.0,) * 5, after).linear[0] == pytest.approx(0.7)
+    assert robot.acceleration((0.0,) * 5, after).angular == pytest.approx(0.1)
+
+
+def test_wheel_limits_couple_speed_and_yaw_rate():
+    """With slow wheels a fast turn is driven slower on the same curve."""
+    robot = DifferentialDrive(max_wheel_speed=0.6)
+    check_robot(robot)
+    wanted, state = Twist((0.7, 0.0), 0.3), (0.0,) * 5
+    for _ in range(200):
+        state = step(robot, state, robot.drive(state, wanted, 0.05), 0.05)
+    twist = robot.twist(state, (0.0, 0.0))
+    assert max(map(abs, state[3:])) == pytest.approx(0.6, abs=1e-9)
+    assert twist.angular / twist.linear[0] == pytest.approx(0.3 / 0.7, abs=1e-9)
+
+
+def test_wheel_acceleration_couples_too():
+    check_robot(DifferentialDrive(max_wheel_speed=0.7, max_wheel_acceleration=0.3))
+
+
+def test_bicycle_yaw_rate_and_standing():
+    robot = Bicycle(wheelbase=2.0)
+    state = (0.0, 0.0, 0.0, 0.6, 0.3)
+    assert robot.twist(state, (0.0, 0.0)).angular == pytest.approx(0.6 * tan(0.3) / 2.0)
+    still = robot.state_at(Pose((0.0, 0.0), 1.0), Twist((0.0, 0.0), 0.2))
+    assert still[4] == 0.0
+    back = robot.state_at(Pose((0.0, 0.0), 1.0), Twist((-0.5, 0.0), 0.1))
+    assert back[4] == pytest.approx(atan(2.0 * 0.1 / -0.5))
+    held = robot.drive(state, Twist((0.0, 0.0), 0.0), 0.1)
+    assert held == pytest.approx((-0.7, 0.0))
+    turned = robot.drive((0.0,) * 5, Twist((0.0, 0.0), 0.2), 0.1)
+    assert turned == pytest.approx((0.0, 0.3))
+
+
+def test_holonomic_limits_are_norms():
+    robot = Holonomic(max_speed=0.5)
+    inputs = robot.drive((0.0, 0.0, 0.0, 0.0), Twist((3.0, 4.0)), 100.0)
+    assert inputs == pytest.approx((0.003, 0.004))
+    assert np.hypot(*robot.drive((0.0,) * 4, Twist((3.0, 4.0)), 0.01)) == pytest.approx(0.7)
+    assert HolonomicVelocity().drive((0.0, 0.0), Twist((3.0, 4.0)), 1.0) == pytest.approx(
+        (0.42, 0.56)
+    )
+
+
+def test_smoother_ramps_and_stays_continuous():
+    smoother = VelocitySmoother.at_rest(Twist((0.2, 0.0), 0.1))
+    assert smoother.values(3.0) == (0.2, 0.0, 0.1)
+    first = smoother.aim(Command((0.4, 0.0), 0.0, ramp=0.5), 1.0)
+    assert first.values(1.25) == pytest.approx((0.3, 0.0, 0.05))
+    assert first.values(0.5) == first.values(1.0) == (0.2, 0.0, 0.1)
+    assert first.values(1.5) == (0.4, 0.0, 0.0)
+    # On time: starts at the previous command. Early: starts where the ramp is.
+    assert first.aim(Command((0.0, 0.0)), 1.5).start == (0.4, 0.0, 0.0)
+    early = first.aim(Command((0.0, 0.0), ramp=0.5), 1.25)
+    assert early.values(1.25) == pytest.approx(first.values(1.25))
+    assert first.aim(Command((0.0, 0.0)), 1.2).at(1.2).linear == (0.0, 0.0)
+
+
+def test_smoother_refuses_a_negative_ramp():
+    with pytest.raises(WideberthError, match="ramp"):
+        VelocitySmoother.at_rest(Twist((0.0, 0.0))).aim(Command((0.0, 0.0), ramp=-1.0), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("method", "value", "law"),
+    [
+        ("twist", lambda self, x, u: Twist((2 * x[3], 0.0), x[4]), "pose changes"),
+        ("acceleration", lambda self, x, u: Twist((0.0, 0.0), u[1]), "twist changes"),
+        ("drive", lambda self, x, twist, dt: (9.0, 0.0), "input bound"),
+        ("drive", lambda self, x, twist, dt: (0.7, 0.0), "state bound"),
+        ("drive", lambda self, x, twist, dt: (0.0, 0.0), "drive ends at"),
+        ("state_at", lambda self, p, t: (*p.position, 0.0, t.linear[0], t.angular), "state_at"),
+    ],
+)
+def test_check_robot_finds_what_is_broken(monkeypatch, method, value, law):
+    monkeypatch.setattr(Unicycle, method, value)
+    with pytest.raises(AssertionError, match=law):
+        check_robot(Unicycle())
+
+
+def test_example_runs(capsys):
+    example = Path(__file__).parents[2] / "examples" / "my_robot.py"
+    assert len(example.read_text().splitlines()) <= 30
+    runpy.run_path(str(example), run_name="__main__")
+    assert "keeps every law" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("speed", [5e-324, 1e-310, -1e-310])
+def test_a_bicycle_turns_its_wheels_at_any_speed(speed: float) -> None:
+    """A yaw rate that its curvature cannot give asks for all the steering there is."""
+    robot = Bicycle()
+    state = (0.0, 0.0, 0.0, 0.0, 0.0)
+    rate = robot.drive(state, Twist((np.float64(speed), 0.0), 0.5), 1e3)[1]
+    assert rate == pytest.approx(np.copysign(robot.max_steering, speed) / 1e3)

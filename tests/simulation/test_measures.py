@@ -1,0 +1,138 @@
+"""The columns of an episode written by hand: of whom, until when, and of which plan."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wideberth.framework.risk.collision_probability import collision_probability
+from wideberth.framework.values.arrays import Array
+from wideberth.framework.values.forecast import Forecast
+from wideberth.framework.values.path import Path
+from wideberth.framework.values.plan import Plan, Rung, Status
+from wideberth.simulation.log.episode_log import AgentLog, CommandLog, Episode
+from wideberth.simulation.measures.episode_measures import Sampled, measures
+from wideberth.simulation.measures.plan_calibration import promises
+
+TIMES = np.linspace(0.0, 4.0, 41)
+EMPTY = CommandLog(np.zeros(0), np.zeros(0), np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+CERTAIN = np.zeros((2, 2))
+
+
+def agent(name: str, places: Array, kind: str = "robot", reached: float = np.nan) -> AgentLog:
+    """Drives where it is told with 0.5 m of radius, looking east."""
+    unknown = np.full(len(TIMES), np.nan)
+    return AgentLog(
+        name, kind, 0.5, places, np.zeros(len(TIMES)), unknown, np.zeros(len(TIMES)),
+        ((0.0, Path(np.array([[0.0, 0.0], [4.0, 0.0]]))),), 1.0, 0.5, reached, 0, EMPTY, (),
+    )  # fmt: skip
+
+
+def east(speed: float = 1.0, north: float = 0.0) -> Array:
+    return np.stack([speed * TIMES, np.full(len(TIMES), north)], axis=1)
+
+
+def plan(stamp: float, positions: Array, mean: Array, covariance: Array, content: float) -> Plan:
+    """A plan of N steps of 1 s round one obstacle named other."""
+    steps = len(positions) - 1
+    wide = np.broadcast_to(covariance, (1, steps, 2, 2))
+    level = np.full((steps, 1), 2.0)
+    return Plan(
+        stamp, 1.0, positions, np.zeros((steps, 2)), positions, positions[1:],
+        np.zeros((steps, 1, 0)), level, level, np.full((steps, 1), content), ("other",),
+        Status.SOLVED, Rung.OPTIMAL, forecast=Forecast.single(mean[None], wide, 1.0),
+        tracked=("other",),
+    )  # fmt: skip
+
+
+@pytest.fixture
+def episode() -> Episode:
+    """A robot drives east; somebody stands 1.5 m north of the middle of its way."""
+    person = agent("other", np.broadcast_to([2.0, 1.5], (41, 2)).copy(), "person")
+    return Episode(TIMES, (agent("robot", east()), person), "time limit", 0.25, 0)
+
+
+def test_one_robot_and_one_who_stands(episode: Episode) -> None:
+    row = measures(episode, 0.05, 60.0)
+    assert row["outcome"] == "timeout" and row["penalised_time"] == 60.0
+    away = np.hypot(np.linspace(-2.0, 2.0, 41), 1.5) - 1.0
+    assert row["distance_min"] == pytest.approx(0.5)
+    assert row["distance_mean"] == pytest.approx(away.mean())
+    assert row["zone_personal"] == pytest.approx(np.mean((away >= 0.45) & (away < 1.2)))
+    assert row["zone_intimate"] == row["intrusion_share"] == row["zone_public"] == 0.0
+    assert row["time_to_collision_min"] == np.inf
+    standing = np.exp(-0.5 * ((away[:-1] + 1.0) / 0.5) ** 2)  # round, of 0.5 m
+    assert row["personal_space"] == pytest.approx(standing.mean())
+    assert row["speed_mean"] == pytest.approx(1.0)
+    assert row["speed_deviation"] == pytest.approx(0.0, abs=1e-9)
+    assert row["cross_track_max"] == row["heading_change"] == row["not_moving"] == 0.0
+
+
+def test_a_robot_counts_until_it_is_there(episode: Episode) -> None:
+    early = replace(episode.robots[0], reached=1.0)
+    row = measures(replace(episode, agents=(early, episode.agents[1])), 0.05, 60.0)
+    assert row["distance_min"] == pytest.approx(np.hypot(1.0, 1.5) - 1.0)
+    assert len(Sampled.of(episode, early).positions) == 11
+
+
+def test_several_robots_are_joined() -> None:
+    slow, fast = agent("slow", east(0.5, 2.0)), agent("fast", east(1.0))
+    both = Episode(TIMES, (slow, fast), "goals", 0.25, 0)
+    row = measures(both, 0.05, 60.0)
+    assert row["speed_mean"] == pytest.approx(0.75)  # the mean of both
+    assert row["cross_track_max"] == pytest.approx(2.0)  # the worst
+    assert row["distance_min"] == pytest.approx(1.0)
+    behind = agent("slow", np.stack([TIMES - 2.0, 0 * TIMES], axis=1) * 2.0)
+    hit = measures(replace(both, agents=(behind, fast)), 0.05, 60.0)
+    assert hit["outcome"] == "collision" and hit["contacts_by_robot"] == 1
+    assert hit["contacts_by_other"] == 1  # seen from the other robot
+    assert np.isnan(hit["success_time"])
+
+
+def test_walls_count_in_the_outcome_alone(episode: Episode) -> None:
+    from wideberth.framework.values.polygon import Polygon
+
+    wall = Polygon(((1.0, -1.0), (2.0, -1.0), (2.0, -0.3), (1.0, -0.3)))
+    row = measures(replace(episode, polygons=(replace(wall, name="wall"),)), 0.05, 60.0)
+    assert row["outcome"] == "collision" and row["distance_min"] == pytest.approx(0.5)
+
+
+def test_promises_of_a_plan_that_is_kept(episode: Episode) -> None:
+    """Two plans along the way that is driven, with a forecast that is right about the place."""
+    there, wide = np.array([2.0, 1.5]), 0.3 * np.eye(2)
+    plans = tuple(
+        plan(
+            stamp, np.array([[stamp + i, 0.0] for i in range(3)]), np.array([there] * 2), wide, 0.9
+        )
+        for stamp in (0.0, 1.0)
+    )
+    log = replace(episode.robots[0], plans=plans)
+    row = promises(replace(episode, agents=(log, episode.agents[1])), log, 0.05)
+    risk = collision_probability(
+        there - np.array([[1.0, 0.0], [2.0, 0.0], [2.0, 0.0], [3.0, 0.0]]), wide, 1.0
+    )
+    assert row["plan_change"] == pytest.approx(0.0)
+    assert row["step_risk"] == pytest.approx(risk.mean(), rel=1e-4)
+    assert row["plan_risk_mean"] == pytest.approx(risk.max(), rel=1e-4) == row["plan_risk_max"]
+    # The first steps are to x = 1 and x = 2.
+    assert row["episode_risk"] == pytest.approx(1.0 - (1.0 - risk[0]) * (1.0 - risk[1]), rel=1e-4)
+    assert row["step_touched"] == row["episode_touched"] == row["tail_observed"] == 0.0
+    assert row["tail_nominal"] == pytest.approx(0.1)
+    assert row["region_area"] == pytest.approx(np.pi * 0.3 * -2.0 * np.log(0.05))
+
+
+def test_promises_that_were_wrong(episode: Episode) -> None:
+    """The forecast is certain of a place where nobody is; the plan goes through who stands."""
+    through = np.array([[0.0, 0.0], [2.0, 1.0], [2.0, 1.5]])
+    wrong = plan(3.5, through, np.array([[9.0, 9.0]] * 2), CERTAIN, 0.95)
+    log = replace(episode.robots[0], plans=(replace(wrong, stamp=0.0), wrong))
+    row = promises(replace(episode, agents=(log, episode.agents[1])), log, 0.05)
+    # Of the second plan no step is known: the episode ends before.
+    assert row["step_touched"] == row["episode_touched"] == row["tail_observed"] == 1.0
+    assert row["step_risk"] == row["episode_risk"] == row["region_area"] == 0.0
+    assert np.isnan(row["plan_change"])
+
+
+def test_without_plans_nothing_is_promised(episode: Episode) -> None:
+    row = promises(episode, episode.robots[0], 0.05)
+    assert all(np.isnan(value) for value in row.values())

@@ -1,0 +1,86 @@
+"""The log of an episode: the same bytes for the same seed, files, and its summary."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wideberth.framework.values.errors import WideberthError
+from wideberth.framework.values.path import Path
+from wideberth.robots.holonomic import Holonomic
+from wideberth.simulation.engine.agents import ScriptedAgent
+from wideberth.simulation.engine.episode import run_episode
+from wideberth.simulation.log.episode_log import Episode
+from wideberth.simulation.measures.summary import summarise
+from wideberth.tests.helpers.pursuit import QUICK, agent, opposite
+
+
+def test_same_seed_same_bytes():
+    def once(seed):
+        pair = [agent("a", phase=0.1), agent("b", opposite(0.4), phase=0.35)]
+        return run_episode(pair, QUICK, seed=seed).to_bytes()
+
+    assert once(1) == once(1)
+    assert once(1) != once(2)
+
+
+def test_order_of_robots_does_not_matter():
+    def once(turned):
+        pair = [agent("a"), agent("b", opposite(0.4), robot=Holonomic())]
+        return run_episode(pair[::-1] if turned else pair, QUICK)
+
+    one, two = once(False), once(True)
+    for name in ("a", "b"):
+        assert np.array_equal(one.agent(name).positions, two.agent(name).positions)
+        for first, second in zip(one.agent(name).plans, two.agent(name).plans, strict=True):
+            assert np.array_equal(first.forecast.mean, second.forecast.mean)
+
+
+def test_saved_episode_reads_back_whole():
+    walker = ScriptedAgent("s", opposite(2.0), 0.4, 0.3)
+    pair = [agent("a"), agent("b", opposite(0.5), planning=False)]
+    episode = run_episode(pair, QUICK, seed=4, others=[walker])
+    again = Episode.from_bytes(episode.to_bytes())
+    assert again.to_bytes() == episode.to_bytes()
+    assert np.array_equal(again.times, episode.times)
+    plan, other = episode.agent("a").plans[3], again.agent("a").plans[3]
+    assert plan.ids == other.ids and plan.iterations == other.iterations == 7
+    assert np.array_equal(plan.forecast.covariance, other.forecast.covariance)
+    assert again.agent("b").plans == () and len(again.agent("b").commands) > 5
+    assert again.times_rows() == []
+    assert repr(summarise(again)) == repr(summarise(episode))
+
+
+def test_other_files_are_refused():
+    with pytest.raises(WideberthError, match="not a saved episode"):
+        Episode.from_bytes(b"frame id x y")
+    with pytest.raises(WideberthError, match="not a saved episode"):
+        Episode.from_bytes(b"")
+    whole = run_episode([agent("a")], replace(QUICK, time_limit=1.0)).to_bytes()
+    with pytest.raises(WideberthError, match="not a saved episode"):
+        Episode.from_bytes(whole[: len(whole) // 2])
+
+
+def test_a_newer_version_is_refused(monkeypatch):
+    from wideberth.simulation.log import codec
+
+    episode = run_episode([agent("a")], replace(QUICK, time_limit=1.0))
+    monkeypatch.setattr(codec, "VERSION", 2)
+    data = episode.to_bytes()
+    monkeypatch.setattr(codec, "VERSION", 1)
+    with pytest.raises(WideberthError, match="version 2"):
+        Episode.from_bytes(data)
+
+
+def test_coverage_and_forecast_share_come_from_the_log():
+    """The stub says "it stays where it is, +- 1 m": right for a scripted agent at rest."""
+    still = ScriptedAgent("s", opposite(9.0), 0.0, 0.3)
+    episode = run_episode([agent("a")], QUICK, others=[still])
+    row = summarise(episode)
+    assert row["coverage"] == row["coverage_first"] == row["coverage_last"] == 1.0
+    assert row["named_forecasts"] == 1.0
+    assert row["below_reference"] == 1.0 and row["fallbacks"] == 0
+    assert row["least_content"] == 0.9 and row["gave_way"] == ""
+    fast = ScriptedAgent("s", Path(np.array([[-50.0, 9.0], [50.0, 9.0]])), 4.0, 0.3)
+    row = summarise(run_episode([agent("a")], QUICK, others=[fast]))
+    assert row["coverage_first"] == 1.0 and row["coverage_last"] == 0.0
