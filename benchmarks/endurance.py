@@ -30,7 +30,7 @@ from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.motion import Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Rung
-from wideberth.simulation.engine.plant import Plant
+from wideberth.simulation.engine.driver import Plant
 from wideberth.simulation.sensing.channel import Channel, noise_of
 from wideberth.simulation.sensing.localisation import Localisation
 

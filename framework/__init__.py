@@ -7,12 +7,12 @@ if TYPE_CHECKING:
     from .controller import Controller as Controller
     from .plugins.config import build as build
     from .plugins.config import describe as describe
+    from .plugins.config import load_plugin as load_plugin
     from .plugins.config import read_config as read_config
+    from .plugins.config import save_plugin as save_plugin
     from .plugins.registry import load as load
     from .plugins.registry import names as names
     from .plugins.registry import register as register
-    from .plugins.saved import load_plugin as load_plugin
-    from .plugins.saved import save_plugin as save_plugin
     from .predictor import Adaptive as Adaptive
     from .predictor import Fittable as Fittable
     from .predictor import Predictor as Predictor

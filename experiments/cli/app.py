@@ -41,7 +41,7 @@ def run(
     parquet: options.Parquet = False,
 ) -> None:
     """Run an experiment: measure, print the table, draw the figures."""
-    from ...framework.plugins.reading import expanded
+    from ...framework.plugins.io import expanded
     from ..engine import tables
     from ..engine.dask_pool import reached
     from ..engine.shipped import config_path, read_experiment
@@ -107,7 +107,7 @@ def figures(
     workers: Workers = 1,
 ) -> None:
     """Redraw figures from results; a name without a result is run first."""
-    from ...framework.plugins.reading import expanded
+    from ...framework.plugins.io import expanded
     from ..engine.runner import draw
     from ..engine.shipped import read_experiment
 
@@ -182,8 +182,8 @@ def fit(
     set_: SetPlugin = None,
 ) -> None:
     """Fit a predictor to recordings and save it; `{saved: FILE}` names it in a config."""
-    from ...framework.plugins.reading import expanded
-    from ...framework.plugins.saved import check_place, save_plugin
+    from ...framework.plugins.config import check_place, save_plugin
+    from ...framework.plugins.io import expanded
     from . import fitting
 
     out = expanded(out)

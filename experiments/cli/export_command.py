@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ...framework.plugins.reading import expanded
+from ...framework.plugins.io import expanded
 from .options import Config, Set
 
 

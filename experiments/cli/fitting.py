@@ -6,10 +6,9 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-from ...framework.plugins.config import build, describe, import_plugins
-from ...framework.plugins.reading import expanded
+from ...framework.plugins.config import build, describe, import_plugins, load_plugin
+from ...framework.plugins.io import expanded
 from ...framework.plugins.registry import class_path, load, name_of, names, room_of, unknown
-from ...framework.plugins.saved import load_plugin
 from ...framework.plugins.yamlfile import apply, read_config
 from ...framework.predictor import Fittable, Predictor
 from ...framework.tracking.recordings import Recording

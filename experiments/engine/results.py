@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from ...framework.plugins.reading import expanded
+from ...framework.plugins.io import expanded
 
 RESULTS = Path("results")
 """Folder of all results that no other is stated for."""

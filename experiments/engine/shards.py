@@ -14,8 +14,14 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from ...framework.plugins.io import stamped, table_text, unstamped, write_bytes
-from ...framework.plugins.reading import parse_json, read_text
+from ...framework.plugins.io import (
+    parse_json,
+    read_text,
+    stamped,
+    table_text,
+    unstamped,
+    write_bytes,
+)
 from ...framework.values.errors import WideberthError
 from .base import Outcome, Row, Task
 

@@ -4,8 +4,7 @@ from collections.abc import Mapping
 from html import escape
 from pathlib import Path
 
-from ...framework.plugins.io import check_target, write_text
-from ...framework.plugins.reading import read_bytes
+from ...framework.plugins.io import check_target, read_bytes, write_text
 from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError
 from ...simulation.log.episode_log import Episode

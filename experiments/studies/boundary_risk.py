@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Self, final
 import numpy as np
 
 from ...framework.region import Region
-from ...framework.risk.risk_boundary import along_boundary
+from ...framework.risk.risk_meter import along_boundary
 from ...framework.values.arrays import positive, probability
 from ...framework.values.errors import WideberthError
 from ...framework.values.forecast import GaussianObstacle

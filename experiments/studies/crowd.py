@@ -7,8 +7,13 @@ from typing import Any, Literal, TypeAlias, final
 import numpy as np
 
 from ...framework.plugins.registry import unknown
-from ...framework.tracking.recordings import Recording, read_robot_log, read_tracks
-from ...framework.tracking.text_rows import TRACK, read_rows
+from ...framework.tracking.recordings import (
+    TRACK,
+    Recording,
+    read_robot_log,
+    read_rows,
+    read_tracks,
+)
 from ...framework.values.arrays import Array, positive, whole
 from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path

@@ -11,7 +11,6 @@ from typing import Any, NoReturn
 import yaml
 
 from ..values.errors import short
-from .yamlfile import DEEPEST
 
 _LONGEST_NUMBER = 100
 """Characters."""
@@ -24,11 +23,12 @@ class Loader(yaml.SafeLoader):
     ----------
     text : YAML.
     most : values and keys that it may hold, those that aliases repeat counted each time.
+    deepest : lists and mappings that may stand inside each other.
     """
 
-    def __init__(self, text: str, most: int) -> None:
+    def __init__(self, text: str, most: int, deepest: int) -> None:
         super().__init__(text)
-        self.most = most
+        self.most, self.deepest = most, deepest
         self.nodes = 0
         self.depth = 0
         self.known: dict[int, tuple[int, int]] = {}  # what an alias stands for: nodes, depth
@@ -78,8 +78,8 @@ class Loader(yaml.SafeLoader):
                 f"more than {self.most} values and keys (what aliases repeat is counted each "
                 "time); what a predictor has learnt is named by {saved: FILE}",
             )
-        if self.depth + depth > DEEPEST:
-            self._refuse(event, f"nested more than {DEEPEST} deep; is a bracket left open?")
+        if self.depth + depth > self.deepest:
+            self._refuse(event, f"nested more than {self.deepest} deep; is a bracket left open?")
 
     def _refuse(self, where: Any, problem: str) -> NoReturn:
         raise yaml.MarkedYAMLError(problem=problem, problem_mark=where.start_mark)

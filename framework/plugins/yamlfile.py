@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from ..values.errors import WideberthError, short
-from .reading import read_text
+from .io import read_text
 
 LARGEST = 2**20
 """Characters of a config that somebody wrote."""
@@ -73,7 +73,7 @@ def parse(text: str, place: str, times: int = 1) -> Any:
             f"{place} has {len(text)} characters; wanted at most {times * LARGEST}"
         )
     try:
-        loader = Loader(text, times * MOST)
+        loader = Loader(text, times * MOST, DEEPEST)
         return loader.get_single_data()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..plugins.saved import rebuilt
+from ..plugins.config import rebuilt
 from ..predictor import Adaptive, Fittable, Predictor
 from ..values.errors import WideberthError
 from ..values.forecast import Forecast, Scene

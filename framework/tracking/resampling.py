@@ -10,7 +10,7 @@ from ..values.errors import WideberthError
 from ..values.tracks import Tracks
 from .noise import estimated_noise
 
-LARGEST = 50_000_000
+MOST_CELLS = 50_000_000
 """Most (track, row) cells of a grid; more means that its step is wrong."""
 ON_GRID = 1e-6
 """Steps by which a measurement may miss a grid time and still count as taken at it."""
@@ -74,7 +74,7 @@ def resampled_tracks(
     Raises
     ------
     WideberthError : nothing measured, times that do not increase, positions of another
-        number or dimension, not finite, or a grid of more than `LARGEST` cells.
+        number or dimension, not finite, or a grid of more than `MOST_CELLS` cells.
 
     Examples
     --------
@@ -88,7 +88,7 @@ def resampled_tracks(
     newest = max(times[-1] for times in clocks)
     oldest = min(times[0] for times in clocks)
     rows = np.floor((newest - oldest) / dt + ON_GRID) + 1 if length is None else length
-    if rows * len(clocks) > LARGEST:
+    if rows * len(clocks) > MOST_CELLS:
         raise WideberthError(
             f"{newest - oldest:g} s in steps of {dt:g} s are {rows:.3g} rows for {len(clocks)} "
             "obstacles; state a larger dt or a length"

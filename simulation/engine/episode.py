@@ -3,7 +3,7 @@
 import heapq
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import count
+from itertools import chain, count
 from math import ceil
 from time import perf_counter
 from typing import Any
@@ -11,23 +11,166 @@ from typing import Any
 import numpy as np
 
 from ...framework.values.arrays import Array, whole
-from ...framework.values.motion import Command, Observation, Truth
+from ...framework.values.errors import WideberthError
+from ...framework.values.motion import Command, Detection, Observation, Truth
 from ...framework.values.polygon import Polygon
 from ..log.episode_log import AgentLog, CommandLog, Episode
 from ..measures.gaps import Course, gaps, wall_gaps
-from ..sensing.channel import noise_of
+from ..sensing.channel import Channel, noise_of
 from .agents import Bystander, PathChange, ReplayAgent, RobotAgent
-from .cast import check_cast
-from .detecting import Detecting
 from .driver import Driver
-from .respawning import Respawning
 from .settings import Settings
 
-_CHANGE, _EFFECT, _TICK = 0, 1, 2
-"""Order of events at one instant: new paths, then commands that arrive, then decisions."""
+
+class Detecting:
+    """What the robots and people of one episode are told of each other.
+
+    Parameters
+    ----------
+    channel : how well.
+    seed : of its noise.
+    drivers, others : who is there.
+    """
+
+    def __init__(
+        self,
+        channel: Channel,
+        seed: int,
+        drivers: Sequence[Driver],
+        others: Sequence[Bystander],
+    ) -> None:
+        self._channel, self._seed = channel, seed
+        self._drivers, self._others = drivers, others
+        self._moment: tuple[float, int] | None = None
+        self._known: list[tuple[Driver | None, tuple[Detection, ...]]] = []
+
+    def of(
+        self, driver: Driver, time: float, tick: int, clock: list[float]
+    ) -> tuple[Detection, ...]:
+        """Return what a driver detects at a time, s, up to the last instant of the clock.
+
+        Without noise and loss everybody is told the same, which is made only once.
+        """
+        measured = time - self._channel.delay
+        if not self._channel.exact:
+            bodies = [body for one, body in self._bodies(measured, clock) if sees(driver, one)]
+            return self._channel.detections(self._seed, driver.name, tick, bodies)
+        if self._moment != (measured, len(clock)):
+            self._moment = measured, len(clock)
+            self._known = [
+                (one, self._channel.detections(self._seed, "", tick, [body]))
+                for one, body in self._bodies(measured, clock)
+            ]
+        return tuple(chain.from_iterable(seen for one, seen in self._known if sees(driver, one)))
+
+    def _bodies(
+        self, measured: float, clock: list[float]
+    ) -> list[tuple[Driver | None, tuple[str, Array, float]]]:
+        """Name, position and radius of all, with the driver of those who decide."""
+        bodies: list[tuple[Driver | None, tuple[str, Array, float]]] = [
+            (one, (one.name, one.position_at(measured, clock), one.radius))
+            for one in self._drivers
+        ]
+        asked = np.array([measured])
+        bodies += [(None, (one.name, one.at(asked)[0], one.radius)) for one in self._others]
+        return bodies
+
+
+def sees(driver: Driver, other: Driver | None) -> bool:
+    """Whether a driver detects somebody; None is a bystander."""
+    if other is None:
+        return True
+    return other is not driver and (other.agent.visible or not driver.agent.person)
+
+
+ROBOT_ROOM = 5.0
+"""m between the centres of a robot and of somebody who appears; pedestrian_simulator's."""
 
 _SAME = 1e-9
 """s; instants closer together than this are one."""
+
+
+class Respawning:
+    """Brings people back to where they started, one instant after they arrived.
+
+    Who comes anew is somebody else: another name, a log of its own, nothing remembered. So
+    nobody sees anybody jump: for the others one person is no longer detected and another one
+    comes into sight, and in the log each is absent (NaN) while it is not there. "person 3" is
+    followed by "person 3 (2)", on the same path and with the same body, speed and controller; a
+    number that makes the name of another one is left out.
+
+    Where the start is taken (a robot within `ROBOT_ROOM`, or a body that would be touched) they
+    stand at the goal until it is free. So there are always as many people as at first.
+
+    Parameters
+    ----------
+    drivers : who decides; those who come anew have to be added to it.
+    others : who else moves.
+    polygons : what stands there.
+    """
+
+    def __init__(
+        self,
+        drivers: Sequence[Driver],
+        others: Sequence[Bystander],
+        polygons: Sequence[Polygon],
+    ) -> None:
+        self._drivers, self._others, self._polygons = drivers, others, polygons
+        self._names = {one.name: (one.name, 1) for one in drivers if one.agent.respawn}
+
+    def newcomers(self, now: float) -> list[tuple[Driver, int]]:
+        """Let those leave who had arrived before ``now``, s, where the way is free for another.
+
+        Returns
+        -------
+        newcomers : who appears at this instant, each with the number of its first tick.
+        """
+        found: list[tuple[Driver, int]] = []
+        arrived = [
+            one
+            for one in self._drivers
+            if one.agent.respawn and one.present and one.reached < now - _SAME
+        ]
+        for one in arrived:
+            if not self._free(one, now, [driver for driver, _ in found]):
+                continue
+            agent = replace(one.agent, name=self._next(one.name, [d.name for d, _ in found]))
+            one.leave()
+            driver = Driver(agent, now, len(one.states) - 1)
+            period = agent.controller.period
+            found.append((driver, ceil((now - agent.phase) / period - _SAME)))
+        return found
+
+    def _next(self, name: str, coming: Sequence[str]) -> str:
+        """Name of who comes after this one, such as nobody has or had."""
+        first, last = self._names[name]
+        taken = {one.name for one in (*self._drivers, *self._others, *self._polygons)} | {*coming}
+        number = next(n for n in count(last + 1) if f"{first} ({n})" not in taken)
+        found = f"{first} ({number})"
+        self._names[found] = first, number
+        return found
+
+    def _free(self, one: Driver, now: float, coming: Sequence[Driver]) -> bool:
+        """Whether somebody can appear where this one started."""
+        start = one.agent.path.points[0]
+        for other in (*self._drivers, *coming):
+            room = one.radius + other.radius if other.agent.person else ROBOT_ROOM
+            # Who has left is at NaN, and so in nobody's way.
+            if other is not one and _distance(start, other.positions[-1]) < room:
+                return False
+        asked = np.array([now])
+        return not any(
+            _distance(start, other.at(asked)[0]) < one.radius + other.radius
+            for other in self._others
+        )
+
+
+def _distance(first: Array, second: Sequence[float] | Array) -> float:
+    return float(np.linalg.norm(np.asarray(first) - np.asarray(second)))
+
+
+_CHANGE, _EFFECT, _TICK = 0, 1, 2
+"""Order of events at one instant: new paths, then commands that arrive, then decisions."""
 
 
 def run_episode(
@@ -296,3 +439,53 @@ def _bystander_log(other: Bystander, times: Array) -> AgentLog:
         commands=CommandLog(empty, empty, np.zeros((0, positions.shape[1])), empty, empty),
         plans=(),
     )
+
+
+def check_cast(
+    robots: Sequence[RobotAgent],
+    others: Sequence[Bystander],
+    changes: Sequence[PathChange],
+    polygons: Sequence[Polygon],
+) -> None:
+    """Refuse an episode that cannot be run, before any of it is.
+
+    Raises
+    ------
+    WideberthError : as `run_episode`.
+    """
+    if all(one.person for one in robots):
+        raise WideberthError("the episode has no robot; give at least one RobotAgent")
+    names = [one.name for one in (*robots, *others, *polygons) if one.name]
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise WideberthError(f"agents share the name(s) {repeated}; every agent needs its own")
+    sizes = {agent.robot.dimension for agent in robots}
+    sizes |= {o.positions.shape[1] for o in others if isinstance(o, ReplayAgent)}
+    sizes |= {o.path.points.shape[1] for o in others if not isinstance(o, ReplayAgent)}
+    if len(sizes) > 1:
+        raise WideberthError(
+            f"agents move in {sorted(sizes)} dimensions; one episode has one number of them"
+        )
+    blind = [agent.name for agent in robots if not _knows_polygons(agent)] if polygons else []
+    if blind:
+        raise WideberthError(
+            f"there are polygons, and the planner of {blind} has no static_region; set it, for "
+            "example to separating_line"
+        )
+    if polygons and sizes != {2}:
+        raise WideberthError(f"polygons lie in the plane; the agents move in {sizes} dimensions")
+    known = [agent.name for agent in robots]
+    for change in changes:
+        if change.agent not in known:
+            raise WideberthError(f"a path change names {change.agent!r}; the robots are {known}")
+    if len({id(agent.controller) for agent in robots}) < len(robots):
+        raise WideberthError("two robots share one controller; each needs one of its own")
+
+
+def _knows_polygons(agent: RobotAgent) -> bool:
+    """Whether what keeps it clear of polygons is there.
+
+    Who has the setting `static_region` needs it. The others read polygons as they are, or say in
+    their docstrings that they do not.
+    """
+    return getattr(agent.controller, "static_region", True) is not None

@@ -1,14 +1,27 @@
-"""Episode: all that happened, from which every metric is computed."""
+"""Episode logs, from which every metric is computed, and their files.
 
+File format "wideberth/episode", version 4: a NumPy archive (npz, deflated) with two members.
+``numbers`` is a float64 vector with all arrays one after the other; ``meta`` is JSON in UTF-8, in
+which an array is written as {"at": offset, "shape": [...]}. One vector, since an archive member
+for each of thousands of small arrays is slow and large. Neither holds a clock reading, so that the
+same episode gives the same bytes. Older versions are still read: 3 (no `Plan.given_way`), 2 (no
+`Plan.breach`), 1 (no footprints and no polygons).
+"""
+
+import io
+import json
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
+from ...framework.plugins.io import parse_json, read_arrays, stamped, unstamped
 from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
-from ...framework.values.footprint import Footprint
+from ...framework.values.footprint import Discs, Footprint, Outline
+from ...framework.values.forecast import Forecast
 from ...framework.values.path import Path
-from ...framework.values.plan import Plan
+from ...framework.values.plan import Breach, GivenWay, Kind, Plan, Rung, Status
 from ...framework.values.polygon import Polygon
 
 
@@ -145,9 +158,7 @@ class Episode:
 
     def to_bytes(self) -> bytes:
         """Write everything but the measured times; the same episode gives the same bytes."""
-        from .codec import to_bytes
-
-        return to_bytes(self)
+        return write_episode(self)
 
     @classmethod
     def from_bytes(cls, data: bytes) -> "Episode":
@@ -157,6 +168,235 @@ class Episode:
         ------
         WideberthError : not an episode, or of a version that this release does not know.
         """
-        from .codec import from_bytes
+        return read_episode(data)
 
-        return from_bytes(data)
+
+VERSION = 4
+_COMMANDS = ("stamp", "effect", "linear", "omega", "ramp")
+_SERIES = ("positions", "headings", "speeds", "yaw_rates")
+_PLAN_ARRAYS = (
+    *("states", "inputs", "positions", "reference", "auxiliaries", "level", "target", "content"),
+)
+_PLAN_NUMBERS = ("stamp", "dt", "violation", "cost")
+
+
+class _Packer:
+    """Collects arrays into one vector."""
+
+    def __init__(self) -> None:
+        self.parts: list[Array] = []
+        self.length = 0
+
+    def put(self, value: Any) -> dict[str, Any]:
+        array = np.asarray(value, dtype=np.float64)
+        place = {"at": self.length, "shape": list(array.shape)}
+        self.parts.append(array.ravel())
+        self.length += array.size
+        return place
+
+    def numbers(self) -> Array:
+        return np.concatenate(self.parts) if self.parts else np.zeros(0)
+
+
+class _Unpacker:
+    """Hands the arrays out again."""
+
+    def __init__(self, numbers: Array) -> None:
+        self.numbers = numbers
+
+    def get(self, place: dict[str, Any]) -> Array:
+        size = int(np.prod(place["shape"]))
+        part = self.numbers[place["at"] : place["at"] + size]
+        return np.asarray(part.reshape(place["shape"]))
+
+
+def write_episode(episode: Episode) -> bytes:
+    """Write everything but the measured times; the same episode gives the same bytes."""
+    pack = _Packer()
+    content = {
+        "ended": episode.ended,
+        "seed": episode.seed,
+        "goal_tolerance": pack.put(episode.goal_tolerance),
+        "times": pack.put(episode.times),
+        "agents": [_pack_agent(pack, agent) for agent in episode.agents],
+        "polygons": [[one.name, pack.put(one.vertices)] for one in episode.polygons],
+    }
+    meta = json.dumps(stamped("episode", VERSION, content), sort_keys=True)
+    buffer = io.BytesIO()
+    np.savez_compressed(
+        buffer, meta=np.frombuffer(meta.encode("utf-8"), np.uint8), numbers=pack.numbers()
+    )
+    return buffer.getvalue()
+
+
+def read_episode(data: bytes) -> Episode:
+    """Read what `write_episode` wrote.
+
+    Raises
+    ------
+    WideberthError : not an episode, or of a version that this release does not know.
+    """
+    cure = "give a file that Episode.to_bytes wrote"
+    try:
+        arrays = read_arrays(data, "it")
+        meta = parse_json(arrays["meta"].tobytes().decode("utf-8"), "its description")
+        unpack = _Unpacker(arrays["numbers"])
+    except (KeyError, ValueError) as error:
+        reason = f"it has no array {error}" if isinstance(error, KeyError) else error
+        raise WideberthError(f"this is not a saved episode ({reason}); {cure}") from None
+    content = unstamped(meta, "episode", VERSION, "the episode")
+    try:
+        return _unpack_episode(unpack, content)
+    except (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError) as error:
+        raise WideberthError(
+            f"the episode is damaged ({type(error).__name__}: {error}); {cure}"
+        ) from None
+
+
+def _unpack_episode(unpack: _Unpacker, content: dict[str, Any]) -> Episode:
+    return Episode(
+        times=unpack.get(content["times"]),
+        agents=tuple(_unpack_agent(unpack, agent) for agent in content["agents"]),
+        ended=content["ended"],
+        goal_tolerance=float(unpack.get(content["goal_tolerance"])),
+        seed=content["seed"],
+        polygons=tuple(
+            Polygon(_places(unpack, place), name) for name, place in content.get("polygons", [])
+        ),
+    )
+
+
+def _pack_agent(pack: _Packer, agent: AgentLog) -> dict[str, Any]:
+    return {
+        "name": agent.name,
+        "kind": agent.kind,
+        "skipped": agent.skipped,
+        "numbers": pack.put((agent.radius, agent.speed, agent.period, agent.reached)),
+        "series": {name: pack.put(getattr(agent, name)) for name in _SERIES},
+        "paths": [[pack.put(time), pack.put(path.points)] for time, path in agent.paths],
+        "commands": {name: pack.put(getattr(agent.commands, name)) for name in _COMMANDS},
+        "plans": [_pack_plan(pack, plan) for plan in agent.plans],
+        "footprint": _pack_footprint(pack, agent.footprint),
+    }
+
+
+def _unpack_agent(unpack: _Unpacker, stored: dict[str, Any]) -> AgentLog:
+    radius, speed, period, reached = (float(v) for v in unpack.get(stored["numbers"]))
+    return AgentLog(
+        name=stored["name"],
+        kind=stored["kind"],
+        radius=radius,
+        **{name: unpack.get(place) for name, place in stored["series"].items()},
+        paths=tuple(
+            (float(unpack.get(time)), Path(unpack.get(points))) for time, points in stored["paths"]
+        ),
+        speed=speed,
+        period=period,
+        reached=reached,
+        skipped=stored["skipped"],
+        commands=CommandLog(**{n: unpack.get(p) for n, p in stored["commands"].items()}),
+        plans=tuple(_unpack_plan(unpack, plan) for plan in stored["plans"]),
+        footprint=_unpack_footprint(unpack, stored.get("footprint")),
+    )
+
+
+def _places(unpack: _Unpacker, place: dict[str, Any]) -> tuple[tuple[float, float], ...]:
+    return tuple((float(x), float(y)) for x, y in unpack.get(place))
+
+
+def _pack_footprint(pack: _Packer, footprint: Footprint | None) -> dict[str, Any] | None:
+    if footprint is None:
+        return None
+    if isinstance(footprint, Discs):
+        return {"centres": pack.put(footprint.centres), "radius": pack.put(footprint.radius)}
+    return {"vertices": pack.put(footprint.vertices)}
+
+
+def _unpack_footprint(unpack: _Unpacker, stored: dict[str, Any] | None) -> Footprint | None:
+    if stored is None:
+        return None
+    if "centres" in stored:
+        return Discs(_places(unpack, stored["centres"]), float(unpack.get(stored["radius"])))
+    return Outline(_places(unpack, stored["vertices"]))
+
+
+def _pack_plan(pack: _Packer, plan: Plan) -> dict[str, Any]:
+    forecast = plan.forecast
+    return {
+        "arrays": {name: pack.put(getattr(plan, name)) for name in _PLAN_ARRAYS},
+        "numbers": pack.put([getattr(plan, name) for name in _PLAN_NUMBERS]),
+        "ids": list(plan.ids),
+        "left_out": list(plan.left_out),
+        "tracked": list(plan.tracked),
+        "status": str(plan.status),
+        "rung": str(plan.rung),
+        "reason": plan.reason,
+        "iterations": plan.iterations,
+        "breach": _pack_breach(pack, plan.breach),
+        "given_way": _pack_given_way(pack, plan.given_way),
+        "forecast": None
+        if forecast is None
+        else {
+            "mean": pack.put(forecast.mean),
+            "covariance": pack.put(forecast.covariance),
+            "weight": pack.put(forecast.weight),
+            "dt": pack.put(forecast.dt),
+            "fallback": list(forecast.fallback),
+        },
+    }
+
+
+def _unpack_plan(unpack: _Unpacker, stored: dict[str, Any]) -> Plan:
+    numbers = (float(number) for number in unpack.get(stored["numbers"]))
+    values: dict[str, Any] = dict(zip(_PLAN_NUMBERS, numbers, strict=True))
+    values |= {name: unpack.get(place) for name, place in stored["arrays"].items()}
+    known = stored["forecast"]
+    forecast = None
+    if known is not None:
+        forecast = Forecast(
+            unpack.get(known["mean"]),
+            unpack.get(known["covariance"]),
+            unpack.get(known["weight"]),
+            float(unpack.get(known["dt"])),
+            tuple(known["fallback"]),
+        )
+    return Plan(
+        **values,
+        ids=tuple(stored["ids"]),
+        left_out=tuple(stored["left_out"]),
+        tracked=tuple(stored["tracked"]),
+        status=Status(stored["status"]),
+        rung=Rung(stored["rung"]),
+        reason=stored["reason"],
+        iterations=stored["iterations"],
+        forecast=forecast,
+        breach=_unpack_breach(unpack, stored.get("breach")),
+        given_way=_unpack_given_way(unpack, stored.get("given_way")),
+    )
+
+
+def _pack_breach(pack: _Packer, breach: Breach | None) -> list[Any] | None:
+    if breach is None:
+        return None
+    return [str(breach.kind), breach.name, breach.step, pack.put(breach.amount)]
+
+
+def _pack_given_way(pack: _Packer, one: GivenWay | None) -> list[Any] | None:
+    if one is None:
+        return None
+    return [pack.put((one.asked, one.held)), one.promise, one.step, one.name]
+
+
+def _unpack_given_way(unpack: _Unpacker, stored: list[Any] | None) -> GivenWay | None:
+    if stored is None:
+        return None
+    tails, *rest = stored
+    asked, held = (float(tail) for tail in unpack.get(tails))
+    return GivenWay(asked, held, *rest)
+
+
+def _unpack_breach(unpack: _Unpacker, stored: list[Any] | None) -> Breach | None:
+    if stored is None:
+        return None
+    kind, name, step, amount = stored
+    return Breach(Kind(kind), name, step, float(unpack.get(amount)))

@@ -1,20 +1,149 @@
 """The hallways of CrowdSimPlus: three people in a narrow corridor, with and without a door."""
 
-from dataclasses import dataclass
-from typing import ClassVar, final
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, pairwise
+from typing import ClassVar, Literal, TypeAlias, final
 
 import numpy as np
 
+from ...framework.controller import fresh
 from ...framework.values.arrays import Array, positive, whole
 from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path
-from ...framework.values.polygon import Polygon
-from ..engine.agents import RobotAgent
+from ...framework.values.polygon import Polygon, separation
+from ..engine.agents import ReplayAgent, RobotAgent
+from ..engine.episode import run_episode
+from ..engine.settings import Settings
+from ..log.episode_log import Episode
+from ..sensing.channel import Channel
 from .base import Cast, Placement, Scenario
 from .crowd_mix import CrowdMix, mix_of
-from .hallway_walls import Hall, Layout
-from .head_start import head_start
-from .placing import DRAWS, checked_choice
+from .placing import DRAWS, box, checked_choice
+
+Layout: TypeAlias = Literal["open", "static", "static_with_back", "bottleneck", "squeeze"]
+Corners: TypeAlias = list[tuple[float, float]]
+
+OUTSIDE = 0.2
+"""m of wall behind its surface."""
+THIN = 0.02
+"""m, thickness of the walls that have none there and are met from both sides."""
+MIDDLE = 0.4, 0.6
+"""Where a static door begins and ends to be at its narrowest, as shares of its length."""
+SLANT = 0.75
+"""Where its slanted sides begin, as a share of the way from its edge to the wall."""
+SQUEEZE = 2.5
+"""Half the length of the squeezing walls over the circle's radius."""
+
+
+@final
+@dataclass(frozen=True)
+class Hall:
+    """A hallway along the y axis, with its middle in the origin.
+
+    open          two walls.
+    static        and a block on either side of the middle, which leave a door with slanted
+                  jambs from y = -length to y = length.
+    static_with_back  and a wall across at either end, y = -height / 2 and y = height / 2.
+    bottleneck    the two walls, and a thin one across with a door in it at y = 0.
+    squeeze       two walls that come nearer up to a door at y = 0, and go apart again.
+
+    Parameters
+    ----------
+    layout : which of them.
+    width, height : m; the straight walls go from -height to height.
+    door : m, width of the door.
+    length : m, half the length of a static door.
+    circle_radius : m, which the squeezing walls' length hangs on.
+    """
+
+    layout: Layout
+    width: float
+    height: float
+    door: float
+    length: float
+    circle_radius: float
+
+    def polygons(self) -> tuple[Polygon, ...]:
+        """Return the walls as bodies."""
+        side, end, edge = 0.5 * self.width, self.height, 0.5 * self.door
+        out = side + OUTSIDE
+        if self.layout == "squeeze":
+            far = SQUEEZE * self.circle_radius
+            return _both([(side, -far), (out, -far), (out, far), (side, far), (edge, 0.0)], "wall")
+        walls = _both([(side, -end), (out, -end), (out, end), (side, end)], "wall")
+        if self.layout == "bottleneck":
+            half = 0.5 * THIN
+            return walls + _both(
+                [(edge, -half), (side, -half), (side, half), (edge, half)], "jamb"
+            )
+        if self.layout in ("static", "static_with_back"):
+            walls += _both(self._block(), "block")
+        if self.layout == "static_with_back":
+            back = 0.5 * self.height
+            walls += (
+                box((-side, back), (side, back + THIN), "back above"),
+                box((-side, -back - THIN), (side, -back), "back below"),
+            )
+        return walls
+
+    def lines(self) -> Array:
+        """Return the segments that CrowdSimPlus has, (L, 2, 2), m: where nobody may start."""
+        side, end, edge = 0.5 * self.width, self.height, 0.5 * self.door
+        if self.layout == "squeeze":
+            far = SQUEEZE * self.circle_radius
+            right: Corners = [(side, -far), (edge, 0.0), (side, far)]
+            return _segments([right, _mirrored(right)])
+        right = [(side, -end), (side, end)]
+        chains = [right, _mirrored(right)]
+        if self.layout == "bottleneck":
+            chains += [[(edge, 0.0), (side, 0.0)], [(-side, 0.0), (-edge, 0.0)]]
+        elif self.layout != "open":
+            chains += [self._block(), _mirrored(self._block())]
+        if self.layout == "static_with_back":
+            back = 0.5 * self.height
+            chains += [[(-side, y), (side, y)] for y in (-back, back)]
+        return _segments(chains)
+
+    def through(self, place: Array, goal: Array) -> bool:
+        """Whether a person on the way to a goal heads for the middle of the door.
+
+        There, those whose way leads through the door do, up to half its width from its
+        middle; in the open and the squeezing hallway nobody does.
+        """
+        if self.layout in ("open", "squeeze"):
+            return False
+        narrow = self.length * (MIDDLE[1] - MIDDLE[0])
+        below, above = sorted((float(place[1]), float(goal[1])))
+        return below < -narrow and above > narrow and float(np.hypot(*place)) > 0.5 * self.door
+
+    def _block(self) -> Corners:
+        """Corners of the block on the right, from its lower end on the wall to its upper."""
+        side, edge = 0.5 * self.width, 0.5 * self.door
+        slant = edge + SLANT * (side - edge)
+        narrow = self.length * (MIDDLE[1] - MIDDLE[0])
+        return [
+            (side, -self.length), (slant, -self.length), (edge, -narrow), (edge, narrow),
+            (slant, self.length), (side, self.length),
+        ]  # fmt: skip
+
+
+def _mirrored(corners: Corners) -> Corners:
+    return [(-x, y) for x, y in corners]
+
+
+def _both(corners: Corners, name: str) -> tuple[Polygon, ...]:
+    """Return a polygon on the right and its mirror image on the left."""
+    return (
+        Polygon(tuple(corners), f"{name} right"),
+        Polygon(tuple(_mirrored(corners)), f"{name} left"),
+    )
+
+
+def _segments(chains: list[Corners]) -> Array:
+    """Segments between neighbours of each chain, (L, 2, 2)."""
+    return np.array([pair for chain in chains for pair in pairwise(chain)])
+
 
 CASES = 1000
 """Added to the seed: there the test cases follow 1000 validation cases."""
@@ -221,3 +350,91 @@ def _free(place: Array, others: list[Array], least: Array, lines: Array, wall: f
     share = np.einsum("ld,ld->l", place - begin, step) / np.einsum("ld,ld->l", step, step)
     nearest = begin + np.clip(share, 0.0, 1.0)[:, None] * step
     return bool(np.linalg.norm(nearest - place, axis=1).min() >= wall)
+
+
+STEP = 0.05
+"""s, step of the plants meanwhile."""
+ARRIVED = 1e-3
+"""m; whoever is nearer to the goal keeps a way of this length, for a path needs one."""
+
+
+def head_start(
+    people: Sequence[RobotAgent],
+    duration: float,
+    standing: Sequence[tuple[Array, float]],
+    polygons: Sequence[Polygon],
+    route: Callable[[Array, Array], Path],
+) -> tuple[RobotAgent, ...]:
+    """Let people walk for ``duration`` s, from a stand, while the robots stand; and go on there.
+
+    Each starts anew where it has come to, along its remaining way and at the speed that it then
+    had in that direction. What its controller remembers is lost. Where somebody touches a robot
+    or somebody else at the end, or has touched a wall, all start at the last instant at which
+    nobody did.
+
+    Parameters
+    ----------
+    people : at their first places; they see each other and the robots.
+    duration : s; 0 leaves them where they are.
+    standing : (place (2,), radius) of each robot, m.
+    polygons : walls.
+    route : from (place, goal), (2,) each, m, to the way still to go.
+    """
+    if not people or not duration:
+        return tuple(people)
+    always = np.array([-1.0, duration + 1.0])
+    waiting = [
+        ReplayAgent(f"waiting {i}", always, np.stack([place, place]), radius)
+        for i, (place, radius) in enumerate(standing)
+    ]
+    # People take part as robots, for an episode needs some and ends with them.
+    walkers = [
+        replace(one, controller=fresh(one.controller), person=False, speed=0.0) for one in people
+    ]
+    settings = Settings(
+        time_limit=duration,
+        plant_step=STEP,
+        history=0.0,
+        deadlock_after=duration + 1.0,
+        goal_tolerance=1e-9,  # nobody arrives: the time is spent to the end
+        channel=Channel(noise=0.0),
+    )
+    log = run_episode(walkers, settings, others=waiting, polygons=polygons)
+    last = _last_free(log, polygons)
+    return tuple(
+        _going_on(one, log.agent(one.name).positions[: last + 1], log.times[: last + 1], route)
+        for one in people
+    )
+
+
+def _last_free(log: Episode, polygons: Sequence[Polygon]) -> int:
+    """Index of the last instant at which nobody touches anybody, and nobody has touched a wall.
+
+    0 if there is none.
+    """
+    free = np.ones(len(log.times), dtype=bool)
+    for one, other in combinations(log.agents, 2):
+        between = np.linalg.norm(one.positions - other.positions, axis=1)
+        free &= between >= one.radius + other.radius
+    parts = [part for polygon in polygons for part in polygon.parts]
+    for one in log.robots:
+        for part in parts:
+            clear = separation(one.positions[:, None], part)[0] >= one.radius
+            free &= np.logical_and.accumulate(clear)  # whoever is behind a wall came through it
+    return int(np.flatnonzero(free)[-1]) if free.any() else 0
+
+
+def _going_on(
+    one: RobotAgent, places: Array, times: Array, route: Callable[[Array, Array], Path]
+) -> RobotAgent:
+    """Return the same person from the last of these places on, (T, 2), m."""
+    place, goal = places[-1], one.path.goal
+    if np.hypot(*(goal - place)) < ARRIVED:
+        path = Path(np.stack([place, place + ARRIVED * one.path.direction(np.array(np.inf))]))
+    else:
+        path = route(place, goal)
+    if len(places) == 1:
+        return replace(one, path=path, speed=0.0)
+    velocity = (places[-1] - places[-2]) / (times[-1] - times[-2])
+    speed = max(float(velocity @ path.direction(np.zeros(1))[0]), 0.0)
+    return replace(one, path=path, speed=speed)

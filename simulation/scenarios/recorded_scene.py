@@ -8,7 +8,7 @@ from typing import ClassVar, Literal, TypeAlias, final
 
 import numpy as np
 
-from ...framework.plugins.reading import expanded
+from ...framework.plugins.io import expanded
 from ...framework.tracking.recordings import Recording, read_tracks
 from ...framework.values.arrays import positive, whole
 from ...framework.values.errors import WideberthError

@@ -16,8 +16,8 @@ from wideberth.experiments.cli import app as cli
 from wideberth.experiments.cli.fitting import learnt, read_files
 from wideberth.experiments.studies.crowd import DATA
 from wideberth.framework.plugins import registry
+from wideberth.framework.plugins.config import load_plugin
 from wideberth.framework.plugins.registry import ROOMS, register
-from wideberth.framework.plugins.saved import load_plugin
 from wideberth.framework.predictor import Fittable
 from wideberth.framework.tracking.recordings import read_tracks
 from wideberth.framework.tracking.windows import cut_windows

@@ -7,8 +7,8 @@ import pytest
 from wideberth.experiments.report.document import TABLES, markdown, report
 from wideberth.experiments.report.page import MARK, page
 from wideberth.experiments.report.player import play
+from wideberth.framework.plugins.config import save_plugin
 from wideberth.framework.plugins.io import check_target
-from wideberth.framework.plugins.saved import save_plugin
 from wideberth.framework.values.errors import WideberthError
 from wideberth.predictors.kalman import Kalman
 

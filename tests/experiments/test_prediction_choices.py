@@ -19,7 +19,7 @@ from wideberth.experiments.studies.prediction_data import (
     usual_speed,
 )
 from wideberth.experiments.studies.prediction_windows import Protocol, shown_windows
-from wideberth.framework.plugins.saved import save_plugin
+from wideberth.framework.plugins.config import save_plugin
 from wideberth.framework.predictor import Fittable, Predictor
 from wideberth.framework.tracking.recordings import Recording
 from wideberth.framework.values.arrays import Array

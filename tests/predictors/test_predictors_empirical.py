@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from wideberth.framework.plugins.config import build, describe
-from wideberth.framework.plugins.saved import load_plugin, save_plugin
+from wideberth.framework.plugins.config import build, describe, load_plugin, save_plugin
 from wideberth.framework.predictor import Predictor
 from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.tracking.windows import cut_windows

@@ -14,8 +14,7 @@ from scipy.stats import chi2
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
-from wideberth.framework.plugins.config import build, describe
-from wideberth.framework.plugins.saved import load_plugin, save_plugin
+from wideberth.framework.plugins.config import build, describe, load_plugin, save_plugin
 from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Detection, Observation
@@ -215,7 +214,7 @@ def test_a_forecast_needs_no_jax(tmp_path):
     path = save_plugin(tmp_path / "net.json", "predictor", MixtureDensity(fitted=network()))
     code = (
         "import sys, numpy as np\n"
-        "from wideberth.framework.plugins.saved import load_plugin\n"
+        "from wideberth.framework.plugins.config import load_plugin\n"
         "from wideberth.framework.values.tracks import Tracks\n"
         f"predictor = load_plugin({str(path)!r}, 'predictor')\n"
         "line = np.arange(8.0)[None, :, None] * np.ones(2)\n"

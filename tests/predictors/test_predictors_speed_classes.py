@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.studies.crowd import DATA
-from wideberth.framework.plugins.saved import load_plugin, save_plugin
+from wideberth.framework.plugins.config import load_plugin, save_plugin
 from wideberth.framework.predictor import Predictor
 from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.tracking.recordings import read_tracks

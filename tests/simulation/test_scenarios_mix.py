@@ -14,7 +14,7 @@ from wideberth.robots.unicycle import Unicycle
 from wideberth.simulation.engine.agents import RobotAgent
 from wideberth.simulation.scenarios.corridor import Corridor
 from wideberth.simulation.scenarios.crowd_mix import CrowdMix, individual, mix_of
-from wideberth.simulation.scenarios.head_start import head_start
+from wideberth.simulation.scenarios.hallway import head_start
 from wideberth.simulation.scenarios.placing import apart, box, draw_place, wall_distance
 
 WAY = Path(np.array([[0.0, 0.0], [10.0, 0.0]]))

@@ -62,12 +62,12 @@ def test_other_files_are_refused():
 
 
 def test_a_newer_version_is_refused(monkeypatch):
-    from wideberth.simulation.log import codec
+    from wideberth.simulation.log import episode_log
 
     episode = run_episode([agent("a")], replace(QUICK, time_limit=1.0))
-    monkeypatch.setattr(codec, "VERSION", 2)
+    monkeypatch.setattr(episode_log, "VERSION", 2)
     data = episode.to_bytes()
-    monkeypatch.setattr(codec, "VERSION", 1)
+    monkeypatch.setattr(episode_log, "VERSION", 1)
     with pytest.raises(WideberthError, match="version 2"):
         Episode.from_bytes(data)
 

@@ -12,8 +12,8 @@ from wideberth.robots.differential_drive import DifferentialDrive
 from wideberth.robots.holonomic import Holonomic
 from wideberth.robots.unicycle import Unicycle
 from wideberth.simulation.engine.agents import PathChange, ReplayAgent, ScriptedAgent
+from wideberth.simulation.engine.driver import Plant
 from wideberth.simulation.engine.episode import run_episode
-from wideberth.simulation.engine.plant import Plant
 from wideberth.simulation.measures.summary import robot_rows, summarise
 from wideberth.tests.helpers.pursuit import EAST, QUICK, agent
 

@@ -15,8 +15,7 @@ from wideberth.framework.values.motion import Observation
 from wideberth.framework.values.path import Path
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.simulation.engine.agents import RobotAgent
-from wideberth.simulation.engine.cast import check_cast
-from wideberth.simulation.engine.episode import run_episode
+from wideberth.simulation.engine.episode import check_cast, run_episode
 from wideberth.simulation.engine.settings import Settings
 from wideberth.simulation.scenarios.pedestrian_corridor import FIXED, PedestrianCorridor
 from wideberth.simulation.scenarios.placing import corridor_walls

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...plugins.reading import read_arrays, read_bytes
+from ...plugins.io import read_arrays, read_bytes
 from ...region import Region
 from ...values.arrays import Array
 from ...values.errors import WideberthError

@@ -14,8 +14,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ...plugins.io import read_json, write_bytes, write_json
-from ...plugins.reading import expanded, read_arrays, read_bytes
+from ...plugins.io import expanded, read_arrays, read_bytes, read_json, write_bytes, write_json
 from ...values.arrays import Array, positive, whole
 from ...values.errors import WideberthError
 from ...values.plan import Rung

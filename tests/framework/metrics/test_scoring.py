@@ -7,7 +7,6 @@ import pytest
 from scipy import stats
 
 from wideberth.framework.metrics.episode import inside_content
-from wideberth.framework.metrics.mixture_content import standard_nodes
 from wideberth.framework.metrics.scoring import (
     covered,
     displacement,
@@ -20,6 +19,7 @@ from wideberth.framework.metrics.scoring import (
     reached_tail,
     reason_kind,
     region_area,
+    standard_nodes,
     trajectory_energy_score,
 )
 from wideberth.framework.values.arrays import Array

@@ -14,10 +14,8 @@ from wideberth.experiments.engine.runner import run
 from wideberth.experiments.engine.shards import UnusableShard, read_shard
 from wideberth.experiments.engine.shipped import read_experiment
 from wideberth.framework.mpc.diagnosis.solve_record import read_solve
-from wideberth.framework.plugins.config import build, describe
-from wideberth.framework.plugins.io import read_json, read_table
-from wideberth.framework.plugins.reading import expanded
-from wideberth.framework.plugins.saved import load_plugin
+from wideberth.framework.plugins.config import build, describe, load_plugin
+from wideberth.framework.plugins.io import expanded, read_json, read_table
 from wideberth.framework.plugins.yamlfile import apply, parse, read_config
 from wideberth.framework.tracking.recordings import read_robot_log, read_tracks
 from wideberth.framework.values.errors import WideberthError
@@ -204,7 +202,7 @@ def test_an_episode_without_its_arrays(data: bytes, words: str) -> None:
 
 
 def test_an_archive_that_unpacks_to_too_much(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("wideberth.framework.plugins.reading.LARGEST_ARRAYS", 2**19)
+    monkeypatch.setattr("wideberth.framework.plugins.io.LARGEST_ARRAYS", 2**19)
     with pytest.raises(WideberthError, match=r"holds arrays of 1048576 bytes; wanted at most"):
         Episode.from_bytes(bomb())
 

@@ -10,9 +10,8 @@ import pytest
 
 from wideberth.experiments.engine.shipped import read_experiment
 from wideberth.framework.plugins import registry
-from wideberth.framework.plugins.config import build, describe
+from wideberth.framework.plugins.config import build, describe, load_plugin, save_plugin
 from wideberth.framework.plugins.registry import ROOMS, load, names, register
-from wideberth.framework.plugins.saved import load_plugin, save_plugin
 from wideberth.framework.plugins.yamlfile import dump, parse, read_config
 from wideberth.framework.predictor import Predictor
 from wideberth.framework.values.errors import WideberthError

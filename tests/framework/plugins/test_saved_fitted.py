@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wideberth.framework.plugins.config import build, describe
+from wideberth.framework.plugins.config import build, describe, load_plugin, save_plugin
 from wideberth.framework.plugins.registry import load, names
-from wideberth.framework.plugins.saved import load_plugin, save_plugin
 from wideberth.framework.plugins.yamlfile import dump, parse
 from wideberth.framework.predictor import Adaptive, Fittable, Predictor
 from wideberth.framework.values.tracks import Tracks

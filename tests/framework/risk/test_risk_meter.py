@@ -13,8 +13,7 @@ from wideberth.framework.numerics.geometry import sum_gauge
 from wideberth.framework.plugins.config import build
 from wideberth.framework.region import Guarantee
 from wideberth.framework.risk.collision_probability import collision_probability
-from wideberth.framework.risk.risk_boundary import along_boundary
-from wideberth.framework.risk.risk_meter import RiskReport, level_for_risk, measure
+from wideberth.framework.risk.risk_meter import RiskReport, along_boundary, level_for_risk, measure
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.regions import geometry, inflation

@@ -11,7 +11,7 @@ from wideberth.framework.numerics.geometry import sum_gauge, sum_volume
 from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.registry import names
 from wideberth.framework.region import Guarantee
-from wideberth.framework.risk import risk_surface
+from wideberth.framework.risk import risk_meter
 from wideberth.framework.risk.collision_probability import collision_probability
 from wideberth.framework.risk.risk_meter import level_for_risk, measure
 from wideberth.framework.values.errors import WideberthError
@@ -142,9 +142,9 @@ def test_turning_the_scene_turns_the_region() -> None:
 @pytest.mark.parametrize("name", SPATIAL)
 def test_guarantees_hold_in_the_report(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """At the level for a tail and at that for a risk, with few points."""
-    monkeypatch.setattr(risk_surface, "_STEPS", 12)
-    monkeypatch.setattr(risk_surface, "_TAIL_STEPS", 16)
-    monkeypatch.setattr(risk_surface, "_CLOSE", 1e-2)
+    monkeypatch.setattr(risk_meter, "_STEPS", 12)
+    monkeypatch.setattr(risk_meter, "_TAIL_STEPS", 16)
+    monkeypatch.setattr(risk_meter, "_CLOSE", 1e-2)
     region, thing = build("regions", name), obstacle(1.0, 0.4, 0.15)
     promises = region.guarantee is not Guarantee.NONE
     level = level_for_risk(region, 0.03, 3) if promises else region.level(0.03, 3)
