@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from .values.tracks import Tracks as Tracks
 
 _NAMES = {
-    "plugins.config": "build describe read_config",
+    "plugins.config": "build describe load_plugin read_config save_plugin",
     "controller": "Controller",
     "values.errors": "WideberthError",
     "values.footprint": "Discs Outline",
@@ -53,7 +53,6 @@ _NAMES = {
     "plugins.registry": "load names register",
     "tracking.resampling": "resampled_tracks",
     "robot": "Robot",
-    "plugins.saved": "load_plugin save_plugin",
     "static_region": "StaticRegion",
     "values.tracks": "Tracks",
     "tracking.windows": "Windows cut_windows",
