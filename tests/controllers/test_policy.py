@@ -178,15 +178,3 @@ def test_config_round_trip_and_names():
             Policy(PARTICLE, wrong)
     with pytest.raises(WideberthError, match=r"sight\.obstacles"):
         Sight(obstacles=0)
-
-
-def test_the_example_learns_to_give_way(monkeypatch):
-    pytest.importorskip("gymnasium")
-    root = File(__file__).resolve().parents[2]
-    monkeypatch.syspath_prepend(str(root / "examples"))
-    example = import_module("learn_policy")
-    assert len((root / "examples" / "learn_policy.py").read_text().splitlines()) <= 30
-    made = example.gymnasium.make(example.navigation.ID, robot=PARTICLE, scenario={
-        "type": "crossing_field", "walkers": 4, "reach": 4.0})  # fmt: skip
-    assert example.total([1.0, 0.5], made, [0]) > example.total([1.0, 0.0], made, [0]) - 0.01
-    assert Policy(PARTICLE, "learn_policy:policy").policy == "learn_policy:policy"

@@ -1,10 +1,7 @@
 """`check_predictor` fits what learns: a broken fit, and one that cannot be saved, are named."""
 
-import subprocess
-import sys
 from dataclasses import dataclass, replace
 from itertools import count
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -182,12 +179,3 @@ def test_the_recordings_of_the_check_are_proper(size: int) -> None:
     assert any(np.isnan(scene.positions).any() for scene in drawn)
     speeds = np.concatenate([np.diff(scene.positions, axis=1) for scene in drawn]) / 0.4
     assert 0.3 < np.nanmedian(np.linalg.norm(speeds, axis=2)) < 2.0
-
-
-def test_example_of_an_own_predictor_runs():
-    script = Path(__file__).parents[2] / "examples" / "my_predictor.py"
-    assert len(script.read_text().splitlines()) <= 30
-    # In a process of its own: it registers a name that other tests must not see.
-    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert "keeps the laws" in done.stdout
