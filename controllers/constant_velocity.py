@@ -1,17 +1,18 @@
-"""Straight to the goal, whoever is in the way."""
+"""Driving straight to the goal without avoiding anything."""
 
 from dataclasses import dataclass
 from typing import ClassVar, final
 
 from ..framework.values.arrays import Array
-from ..framework.values.motion import Observation
-from .reactive import Steered
+from ..framework.values.motion import Command, Observation
+from .reactive import Reactive
+from .steering import steer
 
 
 @final
 @dataclass(eq=False)
-class ConstantVelocity(Steered):
-    """Goes to the goal at its speed and looks neither at obstacles nor at polygons.
+class ConstantVelocity(Reactive):
+    """Drives to the goal at its speed and ignores obstacles and polygons.
 
     v* = min(v_ref, way to the goal / 1 s) towards the goal, straight there by default (with a
     finite ``look_ahead``, along the path). The walker of a crowd who gives way to nobody, and the
@@ -19,7 +20,8 @@ class ConstantVelocity(Steered):
 
     Parameters
     ----------
-    robot, period, reference_speed, look_ahead, forget, turn_gain : as in `Steered`.
+    robot, period, reference_speed, look_ahead, forget : as in `Reactive`.
+    turn_gain : k of `steer`, 1/s.
 
     Raises
     ------
@@ -27,9 +29,11 @@ class ConstantVelocity(Steered):
     """
 
     look_ahead: float = float("inf")
+    turn_gain: float = 2.0
 
     reference: ClassVar[str] = ""
 
-    def velocity(self, observation: Observation, place: Array) -> Array:
-        """Velocity towards the goal."""
-        return self._guide.velocity(place, self.look_ahead, self.reference_speed)
+    def decide(self, observation: Observation, place: Array) -> Command:
+        """Steer along the velocity towards the goal."""
+        wanted = self._guide.velocity(place, self.look_ahead, self.reference_speed)
+        return steer(self.robot, observation.state, wanted, self.turn_gain)

@@ -1,71 +1,54 @@
-"""What the social forces share: walls, and the way from a force to a velocity."""
+"""Walls and velocities of the social force models."""
 
-from abc import abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from ..framework.mpc.instance.polygons import padded
+from ..framework.robot import Robot
 from ..framework.values.arrays import Array
-from ..framework.values.motion import Observation
 from ..framework.values.polygon import MOST_CORNERS, Polygon, separation
-from .reactive import Steered
 from .steering import top_speed, velocity_of
 
-LARGEST = 50.0
+LARGEST_EXPONENT = 50.0
 """Exponents are held below this: the speed is at its limit long before, and exp stays finite."""
 
 
-@dataclass(eq=False)
-class ForceModel(Steered):
-    """A walker who is pushed: v <- v + period a, shortened to the highest speed.
+def pushed(
+    robot: Robot,
+    state: Array,
+    last: Array | None,
+    force: Callable[[Array], Array],
+    period: float,
+    fastest: float,
+) -> Array:
+    """Return the velocity of a walker one period later, v <- v + period a, (2,), m/s.
 
-    v is the velocity that was wanted last, at first that of the robot. A robot that can do what it
-    is told moves exactly so; another one is `steer` ed along, and what it could not do does not
-    act on the forces.
+    A robot that takes any velocity at once moves exactly so. Another one is steered along it, and
+    its lag does not act on the forces.
 
-    A subclass gives `acceleration` and ``haste``, the highest speed over ``reference_speed``.
+    Parameters
+    ----------
+    robot, state : the walker, and its state now, (n,).
+    last : v, (2,), m/s, the result of the period before; None for the robot's own velocity.
+    force : v -> a, the sum of the forces on a unit of mass, (2,), m/s^2.
+    period : s.
+    fastest : m/s, to which the velocity is shortened; the robot's top speed limits it too.
     """
-
-    haste: float = 1.0
-
-    def forget_more(self) -> None:
-        """Forget the velocity."""
-        self._velocity: Array | None = None
-
-    def velocity(self, observation: Observation, place: Array) -> Array:
-        """Velocity one period later."""
-        if self._velocity is None:
-            known = velocity_of(self.robot, observation.state)
-            self._velocity = np.zeros(2) if known is None else known
-        wanted = self._guide.velocity(place, self.look_ahead, self.reference_speed)
-        force = self.acceleration(observation, place, self._velocity, wanted)
-        pushed = self._velocity + self.period * force
-        fastest = min(self.haste * self.reference_speed, top_speed(self.robot, observation.state))
-        speed = float(np.hypot(*pushed))
-        self._velocity = pushed * (fastest / speed if speed > fastest else 1.0)
-        return self._velocity
-
-    @abstractmethod
-    def acceleration(
-        self, observation: Observation, place: Array, velocity: Array, wanted: Array
-    ) -> Array:
-        """Sum of the forces on a unit of mass, (2,), m/s^2.
-
-        Parameters
-        ----------
-        observation : what is seen now; neighbours have been taken note of.
-        place, velocity : (2,), m and m/s, of the walker.
-        wanted : (2,), m/s, towards the goal.
-        """
+    if last is None:
+        known = velocity_of(robot, state)
+        last = np.zeros(2) if known is None else known
+    later = last + period * force(last)
+    fastest = min(fastest, top_speed(robot, state))
+    speed = float(np.hypot(*later))
+    return np.asarray(later * (fastest / speed if speed > fastest else 1.0))
 
 
 def away_from_walls(place: Array, polygons: Sequence[Polygon]) -> tuple[Array, Array]:
-    """Distance of a point from each polygon, (W,), m, and the unit vectors away from it, (W, 2).
+    """Signed distance of a point from each polygon, (W,), m, and unit vectors away, (W, 2).
 
-    From its nearest point; negative inside. (Inside a polygon that is not convex they are those
-    of the convex part that the point is in.)
+    The distance is negative inside. Inside a polygon that is not convex both belong to the convex
+    part that holds the point.
     """
     distance, away = np.zeros(len(polygons)), np.zeros((len(polygons), 2))
     for i, polygon in enumerate(polygons):
@@ -77,5 +60,5 @@ def away_from_walls(place: Array, polygons: Sequence[Polygon]) -> tuple[Array, A
 
 
 def exponential(values: Array) -> Array:
-    """Exp of exponents that may be absurd, see `LARGEST`."""
-    return np.asarray(np.exp(np.minimum(values, LARGEST)))
+    """Return exp of exponents, which are clipped at `LARGEST_EXPONENT`."""
+    return np.asarray(np.exp(np.minimum(values, LARGEST_EXPONENT)))

@@ -1,4 +1,4 @@
-"""The social force measured on people: steps aside according to how others move."""
+"""The social force measured on people: it depends on how the neighbours move."""
 
 from dataclasses import dataclass
 from typing import ClassVar, final
@@ -7,13 +7,15 @@ import numpy as np
 
 from ..framework.numerics.social_force import interaction_force
 from ..framework.values.arrays import Array
-from ..framework.values.motion import Observation
-from .forces import ForceModel, away_from_walls, exponential
+from ..framework.values.motion import Command, Observation
+from .forces import away_from_walls, exponential, pushed
+from .reactive import Reactive
+from .steering import steer
 
 
 @final
 @dataclass(eq=False)
-class MoussaidForce(ForceModel):
+class MoussaidForce(Reactive):
     """Moussaïd's force with the numbers of PySocialForce.
 
     ::
@@ -39,7 +41,8 @@ class MoussaidForce(ForceModel):
 
     Parameters
     ----------
-    robot, period, reference_speed, look_ahead, forget, turn_gain : as in `Steered`.
+    robot, period, reference_speed, look_ahead, forget : as in `Reactive`.
+    turn_gain : k of `steer`, 1/s.
     haste : highest speed over ``reference_speed``.
     relaxation : tau, s.
     strength : A, m/s^2.
@@ -68,6 +71,7 @@ class MoussaidForce(ForceModel):
     NEAR: ClassVar[float] = 0.2
     """m, beside the radius: the reach of a wall, from the robot's surface."""
 
+    turn_gain: float = 2.0
     haste: float = 1.3
     relaxation: float = 0.5
     strength: float = 5.1
@@ -77,10 +81,23 @@ class MoussaidForce(ForceModel):
     slowing: float = 3.0
     wall_strength: float = 10.0
 
+    def decide(self, observation: Observation, place: Array) -> Command:
+        """Steer along the velocity that the forces leave after one period."""
+        wanted = self._guide.velocity(place, self.look_ahead, self.reference_speed)
+        self._velocity = pushed(
+            self.robot,
+            observation.state,
+            self._velocity,
+            lambda velocity: self.acceleration(observation, place, velocity, wanted),
+            self.period,
+            self.haste * self.reference_speed,
+        )
+        return steer(self.robot, observation.state, self._velocity, self.turn_gain)
+
     def acceleration(
         self, observation: Observation, place: Array, velocity: Array, wanted: Array
     ) -> Array:
-        """Sum of the forces, see the class."""
+        """Sum of the forces on a unit of mass, (2,), m/s^2; arguments (2,), m and m/s."""
         pull = (wanted - velocity) / self.relaxation
         room, away = away_from_walls(place, observation.polygons)
         gap = room - self.robot.radius

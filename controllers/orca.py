@@ -1,4 +1,4 @@
-"""ORCA: everybody takes half of the smallest change that avoids a collision."""
+"""ORCA: each of two takes half of the smallest velocity change that avoids a collision."""
 
 from dataclasses import dataclass
 from importlib import import_module
@@ -74,15 +74,11 @@ class Orca(Reactive):
         _library()
         super().__post_init__()
 
-    def forget_more(self) -> None:
-        """Forget the last velocity and the limit of the speed."""
-        self._velocity = np.zeros(2)
-        self._limit: float | None = None
-
     def decide(self, observation: Observation, place: Array) -> Command:
         """Return the best velocity outside all half-planes."""
-        if self._limit is None:
+        if self._velocity is None:  # the first decision after `reset`
             self._limit = top_speed(self.robot, observation.state)
+            self._velocity = np.zeros(2)
         now = velocity_of(self.robot, observation.state)
         own = self._velocity if now is None else now
         wanted = self._guide.velocity(place, self.look_ahead, self.reference_speed)

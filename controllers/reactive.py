@@ -1,4 +1,4 @@
-"""What the controllers without a horizon share: all but the decision itself."""
+"""The base of controllers without a horizon, which react to the present observation."""
 
 from abc import abstractmethod
 from dataclasses import dataclass, fields
@@ -18,16 +18,16 @@ from ..framework.values.motion import Command, Observation, checked_numbers
 from ..framework.values.path import Path
 from ..framework.values.plan import Plan
 from .neighbours import Neighbours
-from .steering import Guide, steer
+from .steering import Guide
 
 
 @dataclass(eq=False)
 class Reactive(Controller):
-    """A controller in the plane that decides from what it sees now, without a plan.
+    """Controls a robot in the plane from the present observation, without a plan.
 
-    A subclass gives `decide` and, where it remembers more than neighbours and progress,
-    `forget_more`. What goes wrong there becomes the command to stand still, and `reason` says
-    why.
+    A subclass gives `decide` and nothing else; it may keep the velocity that it chose last in
+    ``self._velocity``, which `reset` sets to None. An exception in `decide` becomes the command to
+    stand still, and `reason` says why.
 
     Parameters
     ----------
@@ -69,11 +69,11 @@ class Reactive(Controller):
         self.reset()
 
     def reset(self) -> None:
-        """Forget who is around, the progress and the last decision; the path stays."""
+        """Forget neighbours, progress and the last decision; keep the path."""
         self._guide.reset()
         self._neighbours.reset()
         self._reason = ""
-        self.forget_more()
+        self._velocity: Array | None = None
 
     def set_path(self, path: Path) -> None:
         """Follow this path from now on."""
@@ -90,7 +90,7 @@ class Reactive(Controller):
         return self._reason
 
     def remember(self, observation: Observation) -> None:
-        """Take note of who is seen."""
+        """Record the detected neighbours."""
         checked_use(self.robot, observation)
         for words in self._neighbours.take(observation, viewpoint(self.robot, observation)):
             NOTICES.warn(type(self).__name__, "detection", words)
@@ -121,29 +121,4 @@ class Reactive(Controller):
 
     @abstractmethod
     def decide(self, observation: Observation, place: Array) -> Command:
-        """Return the command; ``place`` (2,), m, is where the robot is."""
-
-    def forget_more(self) -> None:
-        """Forget what the subclass remembers."""
-
-
-@dataclass(eq=False)
-class Steered(Reactive):
-    """A reactive controller that decides on the velocity of a point; `steer` has it driven.
-
-    Parameters
-    ----------
-    turn_gain : 1/s, yaw rate per angle between the robot's heading and the wanted velocity; a
-        robot without heading needs none.
-    """
-
-    turn_gain: float = 2.0
-
-    def decide(self, observation: Observation, place: Array) -> Command:
-        """Command that follows the wanted velocity as well as the robot can."""
-        wanted = self.velocity(observation, place)
-        return steer(self.robot, observation.state, wanted, self.turn_gain)
-
-    @abstractmethod
-    def velocity(self, observation: Observation, place: Array) -> Array:
-        """Wanted velocity, (2,), m/s, in the world frame; ``place`` (2,), m, as in `decide`."""
+        """Return the command of a robot at ``place``, (2,), m."""

@@ -1,4 +1,4 @@
-"""The circular social force: pushed by everybody near, whatever they do."""
+"""The circular social force: neighbours push by their distance alone."""
 
 from dataclasses import dataclass
 from typing import ClassVar, final
@@ -6,13 +6,15 @@ from typing import ClassVar, final
 import numpy as np
 
 from ..framework.values.arrays import Array
-from ..framework.values.motion import Observation
-from .forces import ForceModel, away_from_walls, exponential
+from ..framework.values.motion import Command, Observation
+from .forces import away_from_walls, exponential, pushed
+from .reactive import Reactive
+from .steering import steer
 
 
 @final
 @dataclass(eq=False)
-class SocialForce(ForceModel):
+class SocialForce(Reactive):
     """Helbing's force in its circular form, as CrowdSimPlus has it.
 
     ::
@@ -30,7 +32,8 @@ class SocialForce(ForceModel):
 
     Parameters
     ----------
-    robot, period, reference_speed, look_ahead, forget, turn_gain : as in `Steered`.
+    robot, period, reference_speed, look_ahead, forget : as in `Reactive`.
+    turn_gain : k of `steer`, 1/s.
     haste : highest speed over ``reference_speed``.
     stiffness : K, 1/s.
     strength, reach : A, m/s^2, and B, m, of neighbours.
@@ -51,16 +54,31 @@ class SocialForce(ForceModel):
     GAP: ClassVar[float] = 0.01
     """m, added to the radii, as there."""
 
+    turn_gain: float = 2.0
+    haste: float = 1.0
     stiffness: float = 1.0
     strength: float = 3.0
     reach: float = 0.18
     wall_strength: float = 2.0
     wall_reach: float = 0.025
 
+    def decide(self, observation: Observation, place: Array) -> Command:
+        """Steer along the velocity that the forces leave after one period."""
+        wanted = self._guide.velocity(place, self.look_ahead, self.reference_speed)
+        self._velocity = pushed(
+            self.robot,
+            observation.state,
+            self._velocity,
+            lambda velocity: self.acceleration(observation, place, velocity, wanted),
+            self.period,
+            self.haste * self.reference_speed,
+        )
+        return steer(self.robot, observation.state, self._velocity, self.turn_gain)
+
     def acceleration(
         self, observation: Observation, place: Array, velocity: Array, wanted: Array
     ) -> Array:
-        """Sum of the forces, see the class."""
+        """Sum of the forces on a unit of mass, (2,), m/s^2; arguments (2,), m and m/s."""
         _, others, _, radii = self._neighbours.now()
         apart = place - others
         distance = np.hypot(apart[:, 0], apart[:, 1])

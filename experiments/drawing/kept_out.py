@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ...controllers.preset import Preset
+from ...controllers.presets import Preset
 from ...framework.controller import Controller
 from ...framework.mpc.planner.planner import Planner
 from ...framework.plugins.config import describe

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from wideberth.controllers.neighbours import Neighbours
-from wideberth.controllers.preset import Preset
+from wideberth.controllers.presets import Preset
 from wideberth.controllers.reactive import Reactive
 from wideberth.controllers.steering import Guide, steer, top_speed, velocity_of
 from wideberth.framework.control.command_limits import attained
