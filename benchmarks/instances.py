@@ -18,9 +18,8 @@ from wideberth.framework.mpc.ocp.bodies import with_auxiliaries
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.numerics.integration import step
 from wideberth.framework.region import Region
-from wideberth.framework.robot import Robot, start_state
+from wideberth.framework.robot import Robot, start_state, step
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.framework.values.motion import Pose, Twist

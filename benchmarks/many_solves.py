@@ -11,10 +11,10 @@ from judging import LOOSE, judged
 from measuring import Row, Tick, rotated, timed
 from set_ups import ELLIPSE, OWN, TOLERANCE, paper_problem, registered
 
-from wideberth.framework.mpc.diagnosis.recorded_instances import Instance
 from wideberth.framework.mpc.ocp.problem import Problem
 from wideberth.framework.mpc.solvers.base import Solution, Solver
 from wideberth.framework.mpc.solvers.riccati.solver import Riccati
+from wideberth.tests.oracles.recorded_instances import Instance
 
 ROUNDS = 3
 Entry: TypeAlias = Callable[[Problem, Sequence[Instance], int], list[Solution]]

@@ -22,7 +22,7 @@ import sweep_speed
 from measuring import Row, Tick
 from set_ups import SetUp, set_ups
 
-from wideberth.framework.mpc.diagnosis.recorded_instances import Instance
+from wideberth.tests.oracles.recorded_instances import Instance
 
 Tables: TypeAlias = dict[str, tuple[str, list[Row]]]
 """Name of the file -> title and rows. Without a title the rows are written and not shown."""

@@ -22,7 +22,7 @@ import numpy as np
 from set_ups import OWN, SetUp, paper_problem, registered, suited
 
 from wideberth.framework import GaussianObstacle, build, names
-from wideberth.framework.mpc.diagnosis.recorded_instances import read_instances
+from wideberth.tests.oracles.recorded_instances import read_instances
 
 RUNS = {
     "chicken_game": {"seeds": 20},

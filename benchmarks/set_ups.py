@@ -11,7 +11,6 @@ from paper_program import PaperProgram
 
 from wideberth.framework import names
 from wideberth.framework.mpc.assembly import assemble
-from wideberth.framework.mpc.diagnosis.recorded_instances import LEVEL, Instance
 from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.ocp.bodies import with_auxiliaries
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
@@ -20,6 +19,7 @@ from wideberth.framework.mpc.planner.starting_points import other_starts
 from wideberth.framework.mpc.solvers.base import Solution, Solver
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.plan import Status
+from wideberth.tests.oracles.recorded_instances import LEVEL, Instance
 
 PAPER, HONEST = "paper_mx", "ipopt_sx"
 """The references: the paper's program on MX graphs, and the same on SX."""

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from math import atan2
 from typing import ClassVar
 
-from .values.arrays import Scalar
+from .numerics.integration import runge_kutta
+from .values.arrays import Scalar, positive, whole
 from .values.footprint import Footprint
 from .values.motion import Pose, Twist
 
@@ -108,3 +109,21 @@ def start_state(
         twist = Twist((speed, 0.0))
         pose = Pose(place, atan2(direction[1], direction[0]))
     return tuple(float(value) for value in robot.state_at(pose, twist)), twist
+
+
+def step(
+    robot: Robot,
+    state: Sequence[Scalar],
+    control: Sequence[Scalar],
+    dt: float,
+    substeps: int = 1,
+) -> tuple[Scalar, ...]:
+    """State of the robot ``dt`` seconds later under a constant input.
+
+    Raises
+    ------
+    WideberthError : dt not above 0, or substeps not a whole number of at least 1.
+    """
+    positive("dt", dt)
+    whole("substeps", substeps)
+    return runge_kutta(robot.derivative, state, control, dt, substeps)

@@ -5,13 +5,13 @@ from typing import ClassVar, final
 
 import numpy as np
 
+from ..framework.numerics.geometry import UNIT_BALL
 from ..framework.numerics.symbolic import ca
-from ..framework.region import Constraint, Guarantee, Region, Relation
+from ..framework.region import Constraint, Guarantee, Relation
 from ..framework.values.arrays import Array, BoolArray, Scalar
 from ..framework.values.forecast import GaussianObstacle
 from ..framework.values.motion import Pose
 from . import density, gaussian
-from .geometry import UNIT_BALL
 
 _TINY = 1e-13
 """An ellipse with q below this counts as empty."""
@@ -19,7 +19,7 @@ _TINY = 1e-13
 
 @final
 @dataclass(frozen=True)
-class DuToit(Region):
+class DuToit(gaussian.ExponentLevel):
     """Where V f(p) > eps, f the density of the obstacle's position, V the volume of the disc.
 
     V is pi margin^2 in 2-D and 4/3 pi margin^3 in 3-D. An ellipse with squared level
@@ -90,14 +90,6 @@ class DuToit(Region):
         _, _, deviations, q = _frame(parameters, level)
         axes = np.sqrt(q)[..., None] * deviations
         return np.asarray(UNIT_BALL[axes.shape[-1]] * axes.prod(axis=-1))
-
-    def level(self, tail: float, dimension: int = 2) -> float:
-        """Level sqrt(-2 ln eps)."""
-        return gaussian.ellipse_level(tail)
-
-    def tail(self, level: float, dimension: int = 2) -> float:
-        """Risk eps that the approximation, not the obstacle, keeps."""
-        return gaussian.ellipse_tail(level)
 
 
 def _frame(parameters: Array, level: Array) -> tuple[Array, Array, Array, Array]:

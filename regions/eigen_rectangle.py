@@ -7,7 +7,6 @@ import numpy as np
 
 from ..framework.region import Constraint, Convex, Guarantee, Relation, Signed
 from ..framework.values.arrays import Array, BoolArray, Scalar
-from ..framework.values.forecast import GaussianObstacle
 from ..framework.values.motion import Pose
 from . import gaussian
 from .box import (
@@ -25,7 +24,7 @@ from .box import (
 
 @final
 @dataclass(frozen=True)
-class EigenRectangle(Signed, Convex):
+class EigenRectangle(gaussian.Eigenframe, Signed, Convex):
     """Rectangle with half-widths z sigma_i along the eigenvectors, enlarged by the margin.
 
     The components x = R^T (p - mu) are independent, so the content is (2 Phi(z) - 1)^K exactly.
@@ -64,14 +63,6 @@ class EigenRectangle(Signed, Convex):
 
     def __post_init__(self) -> None:
         check_choices(self.correction, self.enlargement)
-
-    def parameters(self, obstacle: GaussianObstacle, margin: Array) -> Array:
-        """Mean, eigenvectors, deviations, margin: (...,) -> (..., P); see `regions.gaussian`."""
-        return gaussian.pack(obstacle, margin, self.dimensions)
-
-    def parameter_count(self, dimension: int) -> int:
-        """P, 9 in 2-D and 16 in 3-D."""
-        return gaussian.packed_count(dimension)
 
     def constraint(
         self, pose: Pose, parameters: Scalar, level: Scalar, auxiliary: Scalar

@@ -1,17 +1,21 @@
-"""What the elliptic regions share: the eigenframe of a covariance and the level for a content.
+"""Parameters in the eigenframe of a covariance, levels, and the bases of elliptic regions.
 
-Layout of their parameters, P = D + D^2 + D + 1 numbers: mean (D), eigenvectors row by row
+Layout of the parameters, P = D + D^2 + D + 1 numbers: mean (D), eigenvectors row by row
 (D^2, one vector per column), deviations sqrt(eigenvalue) from large to small (D), margin.
 """
 
 import math
+from abc import abstractmethod
 from collections.abc import Sequence
 
 import numpy as np
 from scipy import special
 
+from ..framework.numerics.eigenframe import eigen_axes
+from ..framework.numerics.geometry import UNIT_BALL, distance_to_ellipse
 from ..framework.numerics.symbolic import ca
-from ..framework.values.arrays import Array, Scalar, probability
+from ..framework.region import Convex, Region, RiskLevel, Signed
+from ..framework.values.arrays import Array, BoolArray, Scalar, probability
 from ..framework.values.errors import WideberthError
 from ..framework.values.forecast import GaussianObstacle
 from ..framework.values.motion import Pose
@@ -29,17 +33,10 @@ def log_gauge(squared: Scalar) -> Scalar:
 
     The boundary g = 1 is met exactly; the gradient there is 1 / (1 + c) of that of log g. Without
     c the second derivative grows as 1 / g^2 towards the centre. A start on top of an obstacle
-    then gives second derivatives, times the price of slack, of 1e12 and more, in which fatrop
-    looks for a shift that makes them definite for ever.
+    then gives second derivatives, times the price of slack, of 1e12 and more, with which the
+    inertia correction of fatrop does not terminate.
     """
     return 0.5 * (ca.log(squared + CENTRE) - math.log1p(CENTRE))
-
-
-def principal_axes(covariance: Array) -> tuple[Array, Array]:
-    """Eigenvectors (..., D, D) in columns and deviations (..., D) in m, from large to small."""
-    values, vectors = np.linalg.eigh(covariance)
-    deviations = np.sqrt(np.clip(values, 0.0, None))
-    return vectors[..., ::-1].copy(), deviations[..., ::-1].copy()
 
 
 def checked_margin(obstacle: GaussianObstacle, margin: Array, dimensions: Sequence[int]) -> Array:
@@ -71,7 +68,7 @@ def checked_margin(obstacle: GaussianObstacle, margin: Array, dimensions: Sequen
 def pack(obstacle: GaussianObstacle, margin: Array, dimensions: Sequence[int]) -> Array:
     """Parameters of an elliptic region, (...,) -> (..., P); raises as `checked_margin`."""
     room = checked_margin(obstacle, margin, dimensions)
-    vectors, deviations = principal_axes(obstacle.covariance)
+    deviations, vectors = eigen_axes(obstacle.covariance)
     flat = vectors.reshape(*vectors.shape[:-2], -1)
     return np.concatenate([obstacle.mean, flat, deviations, room[..., None]], axis=-1)
 
@@ -165,3 +162,104 @@ def circle(count: int, vectors: Array) -> Array:
     angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
     turn = np.sign(np.linalg.det(vectors))  # eigenvectors may form a left-handed frame
     return np.stack([np.cos(angle), turn * np.sin(angle)], axis=-1)
+
+
+class Eigenframe(Region):
+    """A region whose parameters are those of `pack`."""
+
+    def parameters(self, obstacle: GaussianObstacle, margin: Array) -> Array:
+        """Mean, eigenvectors, deviations, margin: (...,) -> (..., P); see `regions.gaussian`."""
+        return pack(obstacle, margin, self.dimensions)
+
+    def parameter_count(self, dimension: int) -> int:
+        """P, 9 in 2-D and 16 in 3-D."""
+        return packed_count(dimension)
+
+
+class ContentLevel(Region):
+    """A region whose level is the Mahalanobis distance s of its content ellipse."""
+
+    def level(self, tail: float, dimension: int = 2) -> float:
+        """Level s with Pr(d_M > s) = tail."""
+        return ellipse_level(tail, dimension)
+
+    def tail(self, level: float, dimension: int = 2) -> float:
+        """Pr(d_M > s)."""
+        return ellipse_tail(level, dimension)
+
+
+class ExponentLevel(Region):
+    """A region of a collision risk eps whose level is sqrt(-2 ln eps), in every dimension."""
+
+    def level(self, tail: float, dimension: int = 2) -> float:
+        """Level sqrt(-2 ln eps)."""
+        return ellipse_level(tail)
+
+    def tail(self, level: float, dimension: int = 2) -> float:
+        """Collision risk exp(-level^2 / 2)."""
+        return ellipse_tail(level)
+
+
+class LineLevel(Region):
+    """A region of a collision risk eps whose level is z = Phi^-1(1 - eps), at least 0."""
+
+    def level(self, tail: float, dimension: int = 2) -> float:
+        """Level z = Phi^-1(1 - tail), at least 0."""
+        return line_level(probability("tail", tail))
+
+    def tail(self, level: float, dimension: int = 2) -> float:
+        """Collision risk Phi(-z) outside the region."""
+        return line_risk(level)
+
+
+class LineRisk(RiskLevel):
+    """A region that a line separates from the robot, so that the risk is at most Phi(-s)."""
+
+    def level_for_risk(self, risk: float) -> float:
+        """Level s at which the collision risk per step is at most ``risk`` (below 1/2)."""
+        return line_level(risk)
+
+    def risk(self, level: float) -> float:
+        """Return the bound Phi(-s) on the collision risk outside the region."""
+        return line_risk(level)
+
+
+class Ellipse(Signed, Convex):
+    """An ellipse {p : sum_i (R^T (p - mu))_i^2 / c_i^2 < 1} on parameters of `pack`."""
+
+    @abstractmethod
+    def axes(self, parameters: Array, level: Array) -> Array:
+        """Semi-axes c_i, (..., D), m, from large to small."""
+
+    def contains(self, points: Array, parameters: Array, level: Array) -> BoolArray:
+        """Whether the sum is below 1."""
+        x = _centred(points, parameters)
+        return np.asarray(((x / self.axes(parameters, level)) ** 2).sum(axis=-1) < 1.0)
+
+    def signed_distance(self, points: Array, parameters: Array, level: Array) -> Array:
+        """Distance to the ellipse, m, negative inside."""
+        return distance_to_ellipse(_centred(points, parameters), self.axes(parameters, level))
+
+    def support(self, normals: Array, parameters: Array, level: Array) -> Array:
+        """Return n . mu + |diag(c) R^T n|, m."""
+        mean = unpack(parameters)[0]
+        n = _centred(normals + mean, parameters)
+        along = (np.asarray(normals) * mean).sum(axis=-1)
+        return np.asarray(along + np.hypot.reduce(self.axes(parameters, level) * n, axis=-1))
+
+    def boundary(self, parameters: Array, level: float, count: int) -> Array:
+        """Points at equal steps of the eccentric angle, (count, 2), m."""
+        mean, vectors, _, _ = unpack(parameters)
+        axes = self.axes(parameters, np.asarray(level))
+        return np.asarray(mean + (circle(count, vectors) * axes) @ vectors.T)
+
+    def area(self, parameters: Array, level: Array) -> Array:
+        """Pi c_1 c_2, or 4/3 pi c_1 c_2 c_3."""
+        axes = self.axes(parameters, level)
+        return np.asarray(UNIT_BALL[axes.shape[-1]] * axes.prod(axis=-1))
+
+
+def _centred(points: Array, parameters: Array) -> Array:
+    """Points in the eigenframe of packed parameters, (..., D), m."""
+    mean, vectors, _, _ = unpack(parameters)
+    return local(np.asarray(points), mean, vectors)

@@ -5,18 +5,17 @@ from typing import ClassVar, final
 
 import numpy as np
 
+from ..framework.numerics.geometry import UNIT_BALL, mean_cubed_support, mean_support, perimeter
 from ..framework.numerics.symbolic import ca
-from ..framework.region import Constraint, Guarantee, Region, Relation
-from ..framework.values.arrays import Array, BoolArray, Scalar, probability
-from ..framework.values.forecast import GaussianObstacle
+from ..framework.region import Constraint, Guarantee, Relation
+from ..framework.values.arrays import Array, BoolArray, Scalar
 from ..framework.values.motion import Pose
 from . import gaussian
-from .geometry import UNIT_BALL, mean_cubed_support, mean_support, perimeter
 
 
 @final
 @dataclass(frozen=True)
-class HalfPlane(Region):
+class HalfPlane(gaussian.Eigenframe, gaussian.LineLevel):
     """Inside the pedal curve |d| = margin + z h(a), h(a) = sqrt(a^T Sigma a), a = d / |d|.
 
     With d = p - mu, the disc of the margin lies beyond the line through its nearest point at
@@ -43,14 +42,6 @@ class HalfPlane(Region):
     guarantee: ClassVar[Guarantee] = Guarantee.CONTENT
     dimensions: ClassVar[tuple[int, ...]] = (2, 3)
     reference: ClassVar[str] = "zhu2019chance"
-
-    def parameters(self, obstacle: GaussianObstacle, margin: Array) -> Array:
-        """Mean, eigenvectors, deviations, margin: (...,) -> (..., P); see `regions.gaussian`."""
-        return gaussian.pack(obstacle, margin, self.dimensions)
-
-    def parameter_count(self, dimension: int) -> int:
-        """P, 9 in 2-D and 16 in 3-D."""
-        return gaussian.packed_count(dimension)
 
     def constraint(
         self, pose: Pose, parameters: Scalar, level: Scalar, auxiliary: Scalar
@@ -99,11 +90,3 @@ class HalfPlane(Region):
             mean, cube = z * mean_support(deviations), z**3 * mean_cubed_support(deviations)
             total = margin**3 + 3.0 * margin * (margin * mean + square) + cube
         return np.asarray(UNIT_BALL[size] * total)
-
-    def level(self, tail: float, dimension: int = 2) -> float:
-        """Level z = Phi^-1(1 - tail), at least 0."""
-        return gaussian.line_level(probability("tail", tail))
-
-    def tail(self, level: float, dimension: int = 2) -> float:
-        """Collision risk Phi(-z) that the region keeps."""
-        return gaussian.line_risk(level)

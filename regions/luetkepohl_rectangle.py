@@ -19,9 +19,8 @@ from .box import (
     box_tail,
     box_volume,
     check_choices,
+    distance_to_box,
 )
-from .box import box_content as box_content
-from .box import distance_to_box as distance_to_box
 
 
 @final

@@ -5,17 +5,15 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.region import Constraint, Convex, Guarantee, Relation, Signed
-from ..framework.values.arrays import Array, BoolArray, Scalar
-from ..framework.values.forecast import GaussianObstacle
+from ..framework.region import Constraint, Guarantee, Relation
+from ..framework.values.arrays import Array, Scalar
 from ..framework.values.motion import Pose
 from . import gaussian
-from .geometry import UNIT_BALL, distance_to_ellipse
 
 
 @final
 @dataclass(frozen=True)
-class MahalanobisEllipse(Signed, Convex):
+class MahalanobisEllipse(gaussian.Ellipse, gaussian.Eigenframe, gaussian.ContentLevel):
     """Ellipse with semi-axes a_i = s sigma_i + margin along the eigenvectors of Sigma.
 
     {p : sum_i (R^T (p - mu))_i^2 / (s sigma_i + margin)^2 < 1}, with s = sqrt(-2 ln(1 - p)) in
@@ -46,14 +44,6 @@ class MahalanobisEllipse(Signed, Convex):
     dimensions: ClassVar[tuple[int, ...]] = (2, 3)
     reference: ClassVar[str] = "schoeneberg2025trajectory"
 
-    def parameters(self, obstacle: GaussianObstacle, margin: Array) -> Array:
-        """Mean, eigenvectors, deviations, margin: (...,) -> (..., P); see `regions.gaussian`."""
-        return gaussian.pack(obstacle, margin, self.dimensions)
-
-    def parameter_count(self, dimension: int) -> int:
-        """P, 9 in 2-D and 16 in 3-D."""
-        return gaussian.packed_count(dimension)
-
     def constraint(
         self, pose: Pose, parameters: Scalar, level: Scalar, auxiliary: Scalar
     ) -> Constraint:
@@ -65,45 +55,8 @@ class MahalanobisEllipse(Signed, Convex):
         )
         return Constraint((gaussian.log_gauge(q),))
 
-    def contains(self, points: Array, parameters: Array, level: Array) -> BoolArray:
-        """Whether q < 1."""
-        x, axes, _ = self._frame(points, parameters, level)
-        return np.asarray(((x / axes) ** 2).sum(axis=-1) < 1.0)
-
-    def signed_distance(self, points: Array, parameters: Array, level: Array) -> Array:
-        """Distance to the ellipse, m, negative inside."""
-        x, axes, _ = self._frame(points, parameters, level)
-        return distance_to_ellipse(x, axes)
-
-    def support(self, normals: Array, parameters: Array, level: Array) -> Array:
-        """Return n . mu + |diag(axes) R^T n|, m."""
-        mean = gaussian.unpack(parameters)[0]
-        n, axes, _ = self._frame(normals + mean, parameters, level)
-        along = (np.asarray(normals) * mean).sum(axis=-1)
-        return np.asarray(along + np.hypot.reduce(axes * n, axis=-1))
-
-    def boundary(self, parameters: Array, level: float, count: int) -> Array:
-        """Points at equal steps of the eccentric angle, (count, 2), m."""
-        mean, vectors, _, _ = gaussian.unpack(parameters)
-        _, axes, _ = self._frame(mean, parameters, np.asarray(level))
-        return np.asarray(mean + (gaussian.circle(count, vectors) * axes) @ vectors.T)
-
-    def area(self, parameters: Array, level: Array) -> Array:
-        """Pi a b, or 4/3 pi a b c."""
-        mean = gaussian.unpack(parameters)[0]
-        _, axes, _ = self._frame(mean, parameters, level)
-        return np.asarray(UNIT_BALL[axes.shape[-1]] * axes.prod(axis=-1))
-
-    def level(self, tail: float, dimension: int = 2) -> float:
-        """Level s with Pr(d_M > s) = tail."""
-        return gaussian.ellipse_level(tail, dimension)
-
-    def tail(self, level: float, dimension: int = 2) -> float:
-        """Pr(d_M > s)."""
-        return gaussian.ellipse_tail(level, dimension)
-
-    def _frame(self, points: Array, parameters: Array, level: Array) -> tuple[Array, Array, Array]:
-        mean, vectors, deviations, margin = gaussian.unpack(parameters)
+    def axes(self, parameters: Array, level: Array) -> Array:
+        """Semi-axes s sigma_i + margin, (..., D), m."""
+        _, _, deviations, margin = gaussian.unpack(parameters)
         length = np.asarray(level)[..., None] * deviations + margin[..., None]
-        axes = np.hypot(length, gaussian.FLOOR)
-        return gaussian.local(np.asarray(points), mean, vectors), axes, margin
+        return np.asarray(np.hypot(length, gaussian.FLOOR))

@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, final
 
-from ..framework.values.arrays import Array, Scalar
-from ..framework.values.forecast import GaussianObstacle
+from ..framework.values.arrays import Scalar
 from . import gaussian
 from .outer_ellipse import EMPTY, OuterEllipse
 
@@ -15,7 +14,7 @@ _STEPS = {2: 5, 3: 12}
 
 @final
 @dataclass(frozen=True)
-class MinimumArea(OuterEllipse):
+class MinimumArea(OuterEllipse, gaussian.Eigenframe):
     """The smallest member of the family (1 + 1/beta) s^2 Sigma + (1 + beta) rho^2 I.
 
     beta is the positive root of sum_i 1 / (beta + a_i^2 / rho^2) = D / (beta (beta + 1)), which in
@@ -47,10 +46,6 @@ class MinimumArea(OuterEllipse):
     """
 
     reference: ClassVar[str] = "kurzhanski1997ellipsoidal,halder2018parameterized"
-
-    def parameters(self, obstacle: GaussianObstacle, margin: Array) -> Array:
-        """Mean, eigenvectors, deviations, margin: (...,) -> (..., P); see `regions.gaussian`."""
-        return gaussian.pack(obstacle, margin, self.dimensions)
 
     def squares(self, deviations: Sequence[Scalar], margin: Scalar, level: Scalar) -> list[Scalar]:
         """s^2 sigma_i^2 + s rho (sigma_i^2 / (m y) + m y) + rho^2."""

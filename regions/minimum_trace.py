@@ -4,15 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, final
 
-from ..framework.values.arrays import Array, Scalar
-from ..framework.values.forecast import GaussianObstacle
+from ..framework.values.arrays import Scalar
 from . import gaussian
 from .outer_ellipse import EMPTY, OuterEllipse
 
 
 @final
 @dataclass(frozen=True)
-class MinimumTrace(OuterEllipse):
+class MinimumTrace(OuterEllipse, gaussian.Eigenframe):
     """The member of least trace of the family (1 + 1/beta) s^2 Sigma + (1 + beta) rho^2 I.
 
     beta = sqrt(tr(s^2 Sigma) / (D rho^2)). With m^2 = tr(Sigma) / D the squared semi-axes are a
@@ -32,10 +31,6 @@ class MinimumTrace(OuterEllipse):
     """
 
     reference: ClassVar[str] = "kurzhanski1997ellipsoidal"
-
-    def parameters(self, obstacle: GaussianObstacle, margin: Array) -> Array:
-        """Mean, eigenvectors, deviations, margin: (...,) -> (..., P); see `regions.gaussian`."""
-        return gaussian.pack(obstacle, margin, self.dimensions)
 
     def squares(self, deviations: Sequence[Scalar], margin: Scalar, level: Scalar) -> list[Scalar]:
         """s^2 sigma_i^2 + s rho (sigma_i^2 / m + m) + rho^2."""

@@ -5,21 +5,17 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.numerics.symbolic import ca
-from ..framework.region import (
-    Auxiliary,
-    Constraint,
-    Convex,
-    Guarantee,
-    Relation,
-    RiskLevel,
-    Signed,
+from ..framework.numerics.geometry import (
+    concave_maximiser,
+    distance_to_ellipse,
+    sum_gauge,
+    sum_volume,
 )
+from ..framework.numerics.symbolic import ca
+from ..framework.region import Auxiliary, Constraint, Convex, Guarantee, Relation, Signed
 from ..framework.values.arrays import Array, BoolArray, Scalar
-from ..framework.values.forecast import GaussianObstacle
 from ..framework.values.motion import Pose
 from . import gaussian
-from .geometry import concave_maximiser, distance_to_ellipse, sum_gauge, sum_volume
 
 _EDGE = 1e-6
 """Bound on t: an interior point method may step 1e-8 over a bound, and t = 0 has no logarithm.
@@ -27,9 +23,80 @@ Any t in (0, 1) gives a safe constraint; the bound costs at most 5e-7 of the gau
 """
 
 
+class EllipsePlusDisc(gaussian.Eigenframe, Signed, Convex):
+    """The set of points closer than the margin to the ellipse with semi-axes s sigma_i."""
+
+    def contains(self, points: Array, parameters: Array, level: Array) -> BoolArray:
+        """Whether the distance to the ellipse is below the margin."""
+        return np.asarray(self.signed_distance(points, parameters, level) < 0.0)
+
+    def signed_distance(self, points: Array, parameters: Array, level: Array) -> Array:
+        """Distance to the boundary, m; where the covariance is singular exact outside E alone."""
+        x, axes, margin, _ = _frame(points, parameters, level)
+        return np.asarray(distance_to_ellipse(x, axes) - margin)
+
+    def gauge(self, points: Array, parameters: Array, level: Array) -> Array:
+        """Factor by which ellipse and disc must both grow to reach the points, (...)."""
+        x, axes, margin, _ = _frame(points, parameters, level)
+        return sum_gauge(x, axes, margin)
+
+    def support(self, normals: Array, parameters: Array, level: Array) -> Array:
+        """Return n . mu + s sqrt(n^T Sigma n) + margin, m."""
+        mean = gaussian.unpack(parameters)[0]
+        n, axes, margin, _ = _frame(normals + mean, parameters, level)
+        along = (np.asarray(normals) * mean).sum(axis=-1)
+        return np.asarray(along + np.hypot.reduce(axes * n, axis=-1) + margin)
+
+    def boundary(self, parameters: Array, level: float, count: int) -> Array:
+        """Points x(n) = diag(a^2) n / h + margin n, dense where the boundary bends, (count, 2).
+
+        The normals are those of equal steps of the eccentric angle on the ellipse together with
+        equal steps of the normal angle, so that both the flat and the pointed parts are covered.
+        """
+        mean, vectors, _, _ = gaussian.unpack(parameters)
+        _, axes, margin, _ = _frame(mean, parameters, np.asarray(level))
+        normals = _normals(count, vectors, axes)
+        height = np.maximum(np.hypot.reduce(axes * normals, axis=-1), 1e-300)[:, None]
+        points = axes * (axes * normals / height) + margin * normals
+        return np.asarray(mean + points @ vectors.T)
+
+    def area(self, parameters: Array, level: Array) -> Array:
+        """Steiner's formula: pi a b + perimeter * margin + pi margin^2 in 2-D."""
+        _, axes, margin, _ = _frame(gaussian.unpack(parameters)[0], parameters, level)
+        return sum_volume(axes, margin)
+
+
+class BlendedSum(EllipsePlusDisc):
+    """Ellipse plus disc, stated by one scalar t per obstacle and step; see `MinkowskiSum`."""
+
+    def auxiliary(self, dimension: int) -> Auxiliary:
+        """Declare t in (0, 1), held near its guess where the constraint is inactive."""
+        return Auxiliary((_EDGE,), (1.0 - _EDGE,), (0.5,), regularisation=1e-6)
+
+    def auxiliary_start(self, pose: Pose, parameters: Array, level: Array) -> Array:
+        """Return the maximiser of F(t), (..., 1)."""
+        x, axes, margin, _ = _frame(pose.points(), parameters, level)
+        squares, disc = axes**2 + gaussian.FLOOR**2, margin**2 + gaussian.FLOOR**2
+        return concave_maximiser(x, squares, disc, _EDGE, 1.0 - _EDGE)[..., None]
+
+    def constraint(
+        self, pose: Pose, parameters: Scalar, level: Scalar, auxiliary: Scalar
+    ) -> Constraint:
+        """0.5 log F(t) >= 0, by `gaussian.log_gauge`."""
+        x, deviations, margin = gaussian.local_symbols(pose, parameters)
+        # fatrop keeps to bounds only in the end; log of a negative number would be nan before.
+        t = ca.fmin(ca.fmax(auxiliary[0], _EDGE), 1.0 - _EDGE)
+        disc = t * margin**2 + gaussian.FLOOR**2
+        value = sum(
+            coordinate**2 / ((1.0 - t) * (level * deviation) ** 2 + disc)
+            for coordinate, deviation in zip(x, deviations, strict=True)
+        )
+        return Constraint((gaussian.log_gauge(t * (1.0 - t) * value),))
+
+
 @final
 @dataclass(frozen=True)
-class MinkowskiSum(Signed, Convex, RiskLevel):
+class MinkowskiSum(BlendedSum, gaussian.ContentLevel, gaussian.LineRisk):
     """E + B: all points closer than the margin to the ellipse E with semi-axes s sigma_i.
 
     Membership: signed distance to E below the margin rho. As a constraint a point is outside
@@ -62,99 +129,11 @@ class MinkowskiSum(Signed, Convex, RiskLevel):
     dimensions: ClassVar[tuple[int, ...]] = (2, 3)
     reference: ClassVar[str] = "perram1985"
 
-    def parameters(self, obstacle: GaussianObstacle, margin: Array) -> Array:
-        """Mean, eigenvectors, deviations, margin: (...,) -> (..., P); see `regions.gaussian`."""
-        return gaussian.pack(obstacle, margin, self.dimensions)
 
-    def parameter_count(self, dimension: int) -> int:
-        """P, 9 in 2-D and 16 in 3-D."""
-        return gaussian.packed_count(dimension)
-
-    def auxiliary(self, dimension: int) -> Auxiliary:
-        """Declare t in (0, 1), held near its guess where the constraint is inactive."""
-        return Auxiliary((_EDGE,), (1.0 - _EDGE,), (0.5,), regularisation=1e-6)
-
-    def auxiliary_start(self, pose: Pose, parameters: Array, level: Array) -> Array:
-        """Return the maximiser of F(t), (..., 1)."""
-        x, axes, margin, _ = self._frame(pose.points(), parameters, level)
-        squares, disc = axes**2 + gaussian.FLOOR**2, margin**2 + gaussian.FLOOR**2
-        return concave_maximiser(x, squares, disc, _EDGE, 1.0 - _EDGE)[..., None]
-
-    def constraint(
-        self, pose: Pose, parameters: Scalar, level: Scalar, auxiliary: Scalar
-    ) -> Constraint:
-        """0.5 log F(t) >= 0, by `gaussian.log_gauge`."""
-        x, deviations, margin = gaussian.local_symbols(pose, parameters)
-        # fatrop keeps to bounds only in the end; log of a negative number would be nan before.
-        t = ca.fmin(ca.fmax(auxiliary[0], _EDGE), 1.0 - _EDGE)
-        disc = t * margin**2 + gaussian.FLOOR**2
-        value = sum(
-            coordinate**2 / ((1.0 - t) * (level * deviation) ** 2 + disc)
-            for coordinate, deviation in zip(x, deviations, strict=True)
-        )
-        return Constraint((gaussian.log_gauge(t * (1.0 - t) * value),))
-
-    def contains(self, points: Array, parameters: Array, level: Array) -> BoolArray:
-        """Whether the distance to the ellipse is below the margin."""
-        return np.asarray(self.signed_distance(points, parameters, level) < 0.0)
-
-    def signed_distance(self, points: Array, parameters: Array, level: Array) -> Array:
-        """Distance to the boundary, m; where the covariance is singular exact outside E alone."""
-        x, axes, margin, _ = self._frame(points, parameters, level)
-        return np.asarray(distance_to_ellipse(x, axes) - margin)
-
-    def gauge(self, points: Array, parameters: Array, level: Array) -> Array:
-        """Factor by which ellipse and disc must both grow to reach the points, (...)."""
-        x, axes, margin, _ = self._frame(points, parameters, level)
-        return sum_gauge(x, axes, margin)
-
-    def support(self, normals: Array, parameters: Array, level: Array) -> Array:
-        """Return n . mu + s sqrt(n^T Sigma n) + margin, m."""
-        mean = gaussian.unpack(parameters)[0]
-        n, axes, margin, _ = self._frame(normals + mean, parameters, level)
-        along = (np.asarray(normals) * mean).sum(axis=-1)
-        return np.asarray(along + np.hypot.reduce(axes * n, axis=-1) + margin)
-
-    def boundary(self, parameters: Array, level: float, count: int) -> Array:
-        """Points x(n) = diag(a^2) n / h + margin n, dense where the boundary bends, (count, 2).
-
-        The normals are those of equal steps of the eccentric angle on the ellipse together with
-        equal steps of the normal angle, so that both the flat and the pointed parts are covered.
-        """
-        mean, vectors, _, _ = gaussian.unpack(parameters)
-        _, axes, margin, _ = self._frame(mean, parameters, np.asarray(level))
-        normals = _normals(count, vectors, axes)
-        height = np.maximum(np.hypot.reduce(axes * normals, axis=-1), 1e-300)[:, None]
-        points = axes * (axes * normals / height) + margin * normals
-        return np.asarray(mean + points @ vectors.T)
-
-    def area(self, parameters: Array, level: Array) -> Array:
-        """Steiner's formula: pi a b + perimeter * margin + pi margin^2 in 2-D."""
-        _, axes, margin, _ = self._frame(gaussian.unpack(parameters)[0], parameters, level)
-        return sum_volume(axes, margin)
-
-    def level(self, tail: float, dimension: int = 2) -> float:
-        """Level s with Pr(d_M > s) = tail."""
-        return gaussian.ellipse_level(tail, dimension)
-
-    def tail(self, level: float, dimension: int = 2) -> float:
-        """Pr(d_M > s)."""
-        return gaussian.ellipse_tail(level, dimension)
-
-    def level_for_risk(self, risk: float) -> float:
-        """Level s at which the collision risk per step is at most ``risk`` (below 1/2)."""
-        return gaussian.line_level(risk)
-
-    def risk(self, level: float) -> float:
-        """Return the bound Phi(-s) on the collision risk outside the region."""
-        return gaussian.line_risk(level)
-
-    def _frame(
-        self, points: Array, parameters: Array, level: Array
-    ) -> tuple[Array, Array, Array, Array]:
-        mean, vectors, deviations, margin = gaussian.unpack(parameters)
-        axes = np.asarray(np.abs(level))[..., None] * deviations
-        return gaussian.local(np.asarray(points), mean, vectors), axes, margin, vectors
+def _frame(points: Array, parameters: Array, level: Array) -> tuple[Array, Array, Array, Array]:
+    mean, vectors, deviations, margin = gaussian.unpack(parameters)
+    axes = np.asarray(np.abs(level))[..., None] * deviations
+    return gaussian.local(np.asarray(points), mean, vectors), axes, margin, vectors
 
 
 def _normals(count: int, vectors: Array, axes: Array) -> Array:

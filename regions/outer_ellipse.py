@@ -1,4 +1,4 @@
-"""What the outer ellipses share: all but the rule for their semi-axes."""
+"""The base of outer ellipses: everything but the rule for their semi-axes."""
 
 from abc import abstractmethod
 from collections.abc import Sequence
@@ -7,11 +7,10 @@ from typing import ClassVar
 import numpy as np
 
 from ..framework.numerics.symbolic import ca
-from ..framework.region import Constraint, Convex, Guarantee, Relation, RiskLevel, Signed
-from ..framework.values.arrays import Array, BoolArray, Scalar
+from ..framework.region import Constraint, Guarantee, Relation
+from ..framework.values.arrays import Array, Scalar
 from ..framework.values.motion import Pose
 from . import gaussian
-from .geometry import UNIT_BALL, distance_to_ellipse
 
 EMPTY = 1e-30
 """Added to divisors that are zero for a point, a flat ellipse or a margin of zero."""
@@ -19,7 +18,7 @@ _STEPS = 8
 """Newton steps of `excess`: to 1e-15 while axis / margin < 1e3; beyond that a little large."""
 
 
-class OuterEllipse(Signed, Convex, RiskLevel):
+class OuterEllipse(gaussian.Ellipse, gaussian.ContentLevel, gaussian.LineRisk):
     """An ellipse along the eigenvectors of Sigma that encloses content ellipse plus disc.
 
     {p : sum_i (R^T (p - mu))_i^2 / c_i^2 < 1}; a subclass gives the squared semi-axes c_i^2 as
@@ -50,10 +49,6 @@ class OuterEllipse(Signed, Convex, RiskLevel):
         level : s, at least 0.
         """
 
-    def parameter_count(self, dimension: int) -> int:
-        """P, 9 in 2-D and 16 in 3-D."""
-        return gaussian.packed_count(dimension)
-
     def constraint(
         self, pose: Pose, parameters: Scalar, level: Scalar, auxiliary: Scalar
     ) -> Constraint:
@@ -66,49 +61,6 @@ class OuterEllipse(Signed, Convex, RiskLevel):
         )
         return Constraint((gaussian.log_gauge(q),))
 
-    def contains(self, points: Array, parameters: Array, level: Array) -> BoolArray:
-        """Whether q < 1."""
-        x = self._local(points, parameters)
-        return np.asarray(((x / self.axes(parameters, level)) ** 2).sum(axis=-1) < 1.0)
-
-    def signed_distance(self, points: Array, parameters: Array, level: Array) -> Array:
-        """Distance to the ellipse, m, negative inside."""
-        return distance_to_ellipse(self._local(points, parameters), self.axes(parameters, level))
-
-    def support(self, normals: Array, parameters: Array, level: Array) -> Array:
-        """Return n . mu + |diag(c) R^T n|, m."""
-        mean = gaussian.unpack(parameters)[0]
-        n = self._local(normals + mean, parameters)
-        along = (np.asarray(normals) * mean).sum(axis=-1)
-        return np.asarray(along + np.hypot.reduce(self.axes(parameters, level) * n, axis=-1))
-
-    def boundary(self, parameters: Array, level: float, count: int) -> Array:
-        """Points at equal steps of the eccentric angle, (count, 2), m."""
-        mean, vectors, _, _ = gaussian.unpack(parameters)
-        axes = self.axes(parameters, np.asarray(level))
-        return np.asarray(mean + (gaussian.circle(count, vectors) * axes) @ vectors.T)
-
-    def area(self, parameters: Array, level: Array) -> Array:
-        """Pi c_1 c_2, or 4/3 pi c_1 c_2 c_3."""
-        axes = self.axes(parameters, level)
-        return np.asarray(UNIT_BALL[axes.shape[-1]] * axes.prod(axis=-1))
-
-    def level(self, tail: float, dimension: int = 2) -> float:
-        """Level s with Pr(d_M > s) = tail."""
-        return gaussian.ellipse_level(tail, dimension)
-
-    def tail(self, level: float, dimension: int = 2) -> float:
-        """Pr(d_M > s)."""
-        return gaussian.ellipse_tail(level, dimension)
-
-    def level_for_risk(self, risk: float) -> float:
-        """Level s at which the collision risk per step is at most ``risk`` (below 1/2)."""
-        return gaussian.line_level(risk)
-
-    def risk(self, level: float) -> float:
-        """Return the bound Phi(-s) on the collision risk outside the region."""
-        return gaussian.line_risk(level)
-
     def axes(self, parameters: Array, level: Array) -> Array:
         """Semi-axes c_i, (..., D), m, from large to small."""
         _, _, deviations, margin = gaussian.unpack(parameters)
@@ -116,10 +68,6 @@ class OuterEllipse(Signed, Convex, RiskLevel):
         squares = self.squares(list(np.moveaxis(deviations, -1, 0)), margin, size)
         stacked = np.stack(np.broadcast_arrays(*squares), axis=-1)
         return np.asarray(np.sqrt(stacked + gaussian.FLOOR**2))
-
-    def _local(self, points: Array, parameters: Array) -> Array:
-        mean, vectors, _, _ = gaussian.unpack(parameters)
-        return gaussian.local(np.asarray(points), mean, vectors)
 
 
 def means(largest: Scalar, smallest: Scalar) -> tuple[Scalar, Scalar, Scalar]:

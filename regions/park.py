@@ -6,7 +6,7 @@ from typing import ClassVar, final
 import numpy as np
 
 from ..framework.numerics.symbolic import ca
-from ..framework.region import Auxiliary, Constraint, Guarantee, Region, Relation
+from ..framework.region import Auxiliary, Constraint, Guarantee, Relation
 from ..framework.values.arrays import Array, BoolArray, Scalar
 from ..framework.values.forecast import GaussianObstacle
 from ..framework.values.motion import Pose
@@ -20,7 +20,7 @@ _LEAST = 1e-12
 
 @final
 @dataclass(frozen=True)
-class Park(Region):
+class Park(gaussian.ExponentLevel):
     """Where V max f > eps, the maximum taken over the disc around p, V its volume.
 
     The disc holds a point of density above eps / V iff it meets the ellipse of du Toit and
@@ -96,14 +96,6 @@ class Park(Region):
         """Steiner's formula, m^2 or m^3."""
         inner, size, there = _inner(parameters, level)
         return np.asarray(np.where(there, _SUM.area(inner, size), 0.0))
-
-    def level(self, tail: float, dimension: int = 2) -> float:
-        """Level sqrt(-2 ln eps)."""
-        return gaussian.ellipse_level(tail)
-
-    def tail(self, level: float, dimension: int = 2) -> float:
-        """Collision risk exp(-level^2 / 2) that the region keeps."""
-        return gaussian.ellipse_tail(level)
 
 
 def _inner(parameters: Array, level: Array) -> tuple[Array, Array, BoolArray]:

@@ -9,9 +9,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ..framework.numerics.geometry import UNIT_BALL
 from ..framework.values.arrays import Array
 from . import gaussian
-from .geometry import UNIT_BALL
 
 _HALVINGS = 18
 _SECANTS = 3

@@ -63,6 +63,10 @@ class RepairedLevel(OuterEllipse):
             )
         return numbers
 
+    def parameter_count(self, dimension: int) -> int:
+        """P, 9 in 2-D and 16 in 3-D."""
+        return gaussian.packed_count(dimension)
+
     def squares(self, deviations: Sequence[Scalar], margin: Scalar, level: Scalar) -> list[Scalar]:
         """(s' sigma_i + rho)^2."""
         arithmetic, harmonic, gap = means(deviations[0], deviations[-1])

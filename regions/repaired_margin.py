@@ -4,15 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, final
 
-from ..framework.values.arrays import Array, Scalar
-from ..framework.values.forecast import GaussianObstacle
+from ..framework.values.arrays import Scalar
 from . import gaussian
 from .outer_ellipse import OuterEllipse, excess, means
 
 
 @final
 @dataclass(frozen=True)
-class RepairedMargin(OuterEllipse):
+class RepairedMargin(OuterEllipse, gaussian.Eigenframe):
     """Ellipse with semi-axes s sigma_i + delta, with the smallest delta that encloses the sum.
 
     With a, b the largest and smallest s sigma_i, A = (a + b) / 2, H = 2ab / (a + b) and margin
@@ -39,10 +38,6 @@ class RepairedMargin(OuterEllipse):
     """
 
     reference: ClassVar[str] = "schoeneberg2025trajectory"
-
-    def parameters(self, obstacle: GaussianObstacle, margin: Array) -> Array:
-        """Mean, eigenvectors, deviations, margin: (...,) -> (..., P); see `regions.gaussian`."""
-        return gaussian.pack(obstacle, margin, self.dimensions)
 
     def squares(self, deviations: Sequence[Scalar], margin: Scalar, level: Scalar) -> list[Scalar]:
         """(s sigma_i + delta)^2."""

@@ -6,10 +6,9 @@ from typing import ClassVar, final
 import numpy as np
 
 from ..framework.numerics.symbolic import ca
-from ..framework.region import Constraint, Guarantee, Region, Relation
+from ..framework.region import Constraint, Guarantee, Relation
 from ..framework.risk.inversion import log_probability
 from ..framework.values.arrays import Array, BoolArray, Scalar
-from ..framework.values.forecast import GaussianObstacle
 from ..framework.values.motion import Pose
 from . import gaussian, rays
 from .log_normal_probability import deep_inside
@@ -22,7 +21,7 @@ _TINY = 1e-12
 
 @final
 @dataclass(frozen=True)
-class RiskContour(Region):
+class RiskContour(gaussian.Eigenframe, gaussian.ExponentLevel):
     """{p : P(p) > eps}, P the probability that the obstacle is closer than the margin.
 
     Nothing smaller keeps the risk eps per step. P is log-concave in p (Prekopa), so the region
@@ -39,7 +38,7 @@ class RiskContour(Region):
     constraint and 5e-9 in `contains`, as measured there. Nested Gauss-Legendre quadrature would
     need 32 nodes per dimension for 1e-4 in the constraint, in 3-D some hundred times the
     operations.
-    Deep inside, where P is 1 to all digits, `regions.normal.deep_inside` gives the slope.
+    Deep inside, where P is 1 to all digits, `log_normal_probability.deep_inside` gives the slope.
 
     References
     ----------
@@ -51,14 +50,6 @@ class RiskContour(Region):
     guarantee: ClassVar[Guarantee] = Guarantee.CONTENT
     dimensions: ClassVar[tuple[int, ...]] = (2, 3)
     reference: ClassVar[str] = "prekopa1973"
-
-    def parameters(self, obstacle: GaussianObstacle, margin: Array) -> Array:
-        """Mean, eigenvectors, deviations, margin: (...,) -> (..., P); see `regions.gaussian`."""
-        return gaussian.pack(obstacle, margin, self.dimensions)
-
-    def parameter_count(self, dimension: int) -> int:
-        """P, 9 in 2-D and 16 in 3-D."""
-        return gaussian.packed_count(dimension)
 
     def constraint(
         self, pose: Pose, parameters: Scalar, level: Scalar, auxiliary: Scalar
@@ -85,14 +76,6 @@ class RiskContour(Region):
     def area(self, parameters: Array, level: Array) -> Array:
         """Quadrature over the rays, m^2 or m^3, relative error below 1e-6."""
         return rays.area(*_along_rays(parameters, level), gaussian.dimension(parameters))
-
-    def level(self, tail: float, dimension: int = 2) -> float:
-        """Level sqrt(-2 ln eps)."""
-        return gaussian.ellipse_level(tail)
-
-    def tail(self, level: float, dimension: int = 2) -> float:
-        """Collision risk exp(-level^2 / 2) on the boundary."""
-        return gaussian.ellipse_tail(level)
 
 
 def _log_risk(x: Array, deviations: Array, margin: Array) -> Array:

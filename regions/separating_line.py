@@ -6,32 +6,27 @@ from typing import ClassVar, final
 
 import numpy as np
 
+from ..framework.numerics.geometry import closest_point
 from ..framework.numerics.symbolic import ca
 from ..framework.region import (
     Auxiliary,
     Constraint,
-    Convex,
     Guarantee,
     Polygonal,
     Relation,
-    RiskLevel,
-    Signed,
 )
 from ..framework.values.arrays import Array, BoolArray, Scalar
-from ..framework.values.forecast import GaussianObstacle
 from ..framework.values.motion import Pose
 from . import gaussian
-from .geometry import closest_point
-from .minkowski_sum import MinkowskiSum
+from .minkowski_sum import EllipsePlusDisc
 
-_SUM = MinkowskiSum()
 _LEAST = 1e-2
 """m. Smallest scale of the constraint, so that a point obstacle gives finite numbers."""
 
 
 @final
 @dataclass(frozen=True)
-class SeparatingLine(Signed, Convex, RiskLevel, Polygonal):
+class SeparatingLine(EllipsePlusDisc, gaussian.ContentLevel, gaussian.LineRisk, Polygonal):
     """The set of `MinkowskiSum`, stated by the angle of a line between body and ellipse.
 
     The convex body with corners v_i, enlarged by the margin, is clear of the ellipse of level s
@@ -64,14 +59,6 @@ class SeparatingLine(Signed, Convex, RiskLevel, Polygonal):
     dimensions: ClassVar[tuple[int, ...]] = (2,)
     reference: ClassVar[str] = "boyd2004convex"
 
-    def parameters(self, obstacle: GaussianObstacle, margin: Array) -> Array:
-        """Mean, eigenvectors, deviations, margin: (...,) -> (..., 9); see `regions.gaussian`."""
-        return gaussian.pack(obstacle, margin, self.dimensions)
-
-    def parameter_count(self, dimension: int) -> int:
-        """P = 9."""
-        return _SUM.parameter_count(dimension)
-
     def auxiliary(self, dimension: int) -> Auxiliary:
         """Declare theta, rad, held near its guess where the constraint is inactive."""
         return Auxiliary((-inf,), (inf,), (0.0,), regularisation=1e-5)
@@ -100,46 +87,10 @@ class SeparatingLine(Signed, Convex, RiskLevel, Polygonal):
         ]
         return Constraint(tuple(gap / ca.fmax(scale, _LEAST) for gap in room))
 
-    def contains(self, points: Array, parameters: Array, level: Array) -> BoolArray:
-        """Whether the distance to the ellipse is below the margin."""
-        return _SUM.contains(points, parameters, level)
-
     def overlaps(self, pose: Pose, parameters: Array, level: Array) -> BoolArray:
         """Whether bodies come closer to the ellipse than the margin."""
         margin = gaussian.unpack(parameters)[3]
         return np.asarray(_candidates(pose, parameters, level)[1].max(axis=-1) < margin)
-
-    def signed_distance(self, points: Array, parameters: Array, level: Array) -> Array:
-        """Distance of a point to the boundary, m, negative inside."""
-        return _SUM.signed_distance(points, parameters, level)
-
-    def support(self, normals: Array, parameters: Array, level: Array) -> Array:
-        """Return n . mu + s sqrt(n^T Sigma n) + margin, m."""
-        return _SUM.support(normals, parameters, level)
-
-    def boundary(self, parameters: Array, level: float, count: int) -> Array:
-        """Points on the boundary for a disc, (count, 2), m."""
-        return _SUM.boundary(parameters, level, count)
-
-    def area(self, parameters: Array, level: Array) -> Array:
-        """Steiner's formula for a disc, m^2."""
-        return _SUM.area(parameters, level)
-
-    def level(self, tail: float, dimension: int = 2) -> float:
-        """Level s with Pr(d_M > s) = tail."""
-        return _SUM.level(tail, dimension)
-
-    def tail(self, level: float, dimension: int = 2) -> float:
-        """Pr(d_M > s)."""
-        return _SUM.tail(level, dimension)
-
-    def level_for_risk(self, risk: float) -> float:
-        """Level s at which the collision risk per step is at most ``risk`` (below 1/2)."""
-        return _SUM.level_for_risk(risk)
-
-    def risk(self, level: float) -> float:
-        """Return the bound Phi(-s) on the collision risk outside the region."""
-        return _SUM.risk(level)
 
 
 def _candidates(pose: Pose, parameters: Array, level: Array) -> tuple[Array, Array]:

@@ -10,7 +10,6 @@ from scipy import special
 from ..framework.numerics.symbolic import ca
 from ..framework.region import Constraint, Guarantee, Polygonal, Relation
 from ..framework.values.arrays import Array, BoolArray, Scalar
-from ..framework.values.forecast import GaussianObstacle
 from ..framework.values.motion import Pose
 from . import gaussian, rays
 from .log_normal_probability import deep_inside, log_interval
@@ -21,7 +20,7 @@ _TINY = 1e-12
 
 @final
 @dataclass(frozen=True)
-class WhitenedBox(Polygonal):
+class WhitenedBox(Polygonal, gaussian.Eigenframe, gaussian.ExponentLevel):
     """Where the collision risk of the box around the body exceeds eps.
 
     Along each eigenvector e_k of Sigma the body with corners v_i and the disc of the margin cover
@@ -43,8 +42,8 @@ class WhitenedBox(Polygonal):
     it is not rotation invariant.
 
     The constraint is sqrt(-2 log P_box) - level >= 0, about the distance in deviations, from
-    tails that keep their digits. Deep inside, where the bound is 1 to all digits,
-    `regions.normal.deep_inside` gives the slope. For a body with corners the constraint has
+    tails that keep their digits. Deep inside, where the bound is 1 to all digits, the slope is
+    that of `log_normal_probability.deep_inside`. For a body with corners the constraint has
     kinks where two corners are equally far along an eigenvector: its gradient jumps there. A body
     that only moves meets none; of 40 projections that may also turn it IPOPT solved 32 and ran
     out of iterations in 8 (`SeparatingLine`: all).
@@ -61,14 +60,6 @@ class WhitenedBox(Polygonal):
     dimensions: ClassVar[tuple[int, ...]] = (2, 3)
     rotation_invariant: ClassVar[bool] = False
     reference: ClassVar[str] = "hardy2013contingency"
-
-    def parameters(self, obstacle: GaussianObstacle, margin: Array) -> Array:
-        """Mean, eigenvectors, deviations, margin: (...,) -> (..., P); see `regions.gaussian`."""
-        return gaussian.pack(obstacle, margin, self.dimensions)
-
-    def parameter_count(self, dimension: int) -> int:
-        """P, 9 in 2-D and 16 in 3-D."""
-        return gaussian.packed_count(dimension)
 
     def constraint(
         self, pose: Pose, parameters: Scalar, level: Scalar, auxiliary: Scalar
@@ -110,14 +101,6 @@ class WhitenedBox(Polygonal):
     def area(self, parameters: Array, level: Array) -> Array:
         """Quadrature over the rays, m^2 or m^3, relative error below 1e-6."""
         return rays.area(*_along_rays(parameters, level), gaussian.dimension(parameters))
-
-    def level(self, tail: float, dimension: int = 2) -> float:
-        """Level sqrt(-2 ln eps)."""
-        return gaussian.ellipse_level(tail)
-
-    def tail(self, level: float, dimension: int = 2) -> float:
-        """Collision risk exp(-level^2 / 2) that the region keeps."""
-        return gaussian.ellipse_tail(level)
 
 
 def _log_bound(centre: Array, half: Array, deviations: Array) -> Array:

@@ -12,7 +12,8 @@ from ...framework.region import Convex
 from ...framework.values.arrays import Array, positive, probability, whole
 from ...framework.values.errors import WideberthError
 from ...framework.values.forecast import GaussianObstacle
-from ...regions.luetkepohl_rectangle import LuetkepohlRectangle, box_content
+from ...regions.box import box_content
+from ...regions.luetkepohl_rectangle import LuetkepohlRectangle
 from ...regions.mahalanobis_ellipse import MahalanobisEllipse
 from ...regions.minkowski_sum import MinkowskiSum
 from ..drawing.plotting import COLOURS, LINES, PAGE, paper_style, save

@@ -20,10 +20,10 @@ the paper's to the letter.
 
 from typing import Any
 
-from ..numerics.integration import step as integrate
 from ..numerics.symbolic import ca
 from ..region import Auxiliary, Constraint, Region
 from ..robot import Robot
+from ..robot import step as integrate
 from ..static_region import StaticRegion
 from ..values.arrays import Scalar, positive, whole
 from ..values.errors import WideberthError

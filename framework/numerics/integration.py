@@ -5,8 +5,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..robot import Robot
-from ..values.arrays import Array, Scalar, positive, whole
+from ..values.arrays import Array, Scalar
 
 _NUDGE = 1e-6
 """Step of the central differences, in the argument's own units."""
@@ -61,24 +60,6 @@ def runge_kutta(
             for x, a, b, c, d in zip(point, k1, k2, k3, k4, strict=True)
         )
     return point
-
-
-def step(
-    robot: Robot,
-    state: Sequence[Scalar],
-    control: Sequence[Scalar],
-    dt: float,
-    substeps: int = 1,
-) -> tuple[Scalar, ...]:
-    """State of the robot ``dt`` seconds later under a constant input.
-
-    Raises
-    ------
-    WideberthError : dt not above 0, or substeps not a whole number of at least 1.
-    """
-    positive("dt", dt)
-    whole("substeps", substeps)
-    return runge_kutta(robot.derivative, state, control, dt, substeps)
 
 
 def slopes(function: Callable[[Array], Array], point: Sequence[float] | Array) -> Array:

@@ -1,6 +1,8 @@
-"""Arrows point one way: experiments -> the other rooms -> framework."""
+"""Arrows point one way: experiments -> the other rooms -> framework, and within a room too."""
 
 import ast
+from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -40,6 +42,147 @@ def imported(path: Path) -> set[str]:
             module = ".".join([*base, *((node.module or "").split("."))]).strip(".")
             found |= {module, *(f"{module}.{alias.name}" for alias in node.names)}
     return found
+
+
+INTERFACES, FACE = "framework", "framework/__init__"
+"""The files beside the groups: a room's own, and the names that the framework offers."""
+ARROWS: dict[str, set[str]] = {
+    "framework/values": set(),
+    "framework/numerics": {"framework/values"},
+    "framework/plugins": {"framework/values"},
+    INTERFACES: {"framework/numerics", "framework/values"},
+    "framework/risk": {INTERFACES, "framework/numerics", "framework/plugins", "framework/values"},
+    "framework/metrics": {"framework/numerics", "framework/risk", "framework/values"},
+    "framework/tracking": {INTERFACES, "framework/plugins", "framework/values"},
+    "framework/control": {INTERFACES, "framework/tracking", "framework/values"},
+    "framework/jit": {"framework/numerics", "framework/values"},
+    FACE: {INTERFACES, "framework/plugins", "framework/tracking", "framework/values"},
+    "predictors": {"predictors/core"},
+    "predictors/core": set(),
+    "regions": set(),
+    "regions/static": {"regions"},
+    "simulation/log": set(),
+    "simulation/sensing": set(),
+    "simulation/measures": {"simulation/log"},
+    "simulation/engine": {"simulation/log", "simulation/measures", "simulation/sensing"},
+    "simulation/scenarios": {
+        "simulation/engine", "simulation/log", "simulation/measures", "simulation/sensing",
+    },
+    "simulation/gym": {
+        "simulation/engine", "simulation/log", "simulation/measures", "simulation/scenarios",
+    },
+    "experiments/engine": set(),
+    "experiments/drawing": {"experiments/engine"},
+    "experiments/studies": {"experiments/drawing", "experiments/engine"},
+    "experiments/report": {"experiments/drawing", "experiments/engine"},
+    "experiments/cli": {"experiments/engine", "experiments/report", "experiments/studies"},
+}  # fmt: skip
+"""Group -> the groups of the same room that its files may import."""
+LAYERS = [
+    *("values", "numerics", "plugins", "", "risk", "metrics", "tracking", "control", "jit"),
+    *("mpc/ocp", "mpc/costs", "mpc/levels", "mpc", "mpc/instance", "mpc/solvers"),
+    *("mpc/fallback", "mpc/planner", "mpc/diagnosis", "mpc/export", "testing", "__init__"),
+]
+"""Groups of the framework from bottom to top; those that `ARROWS` lacks import from below."""
+KNOWN_ARROWS = {
+    ("framework/control", "framework/mpc/planner"),
+    ("framework/mpc", "framework/mpc/planner"),
+    ("framework/mpc/fallback", "framework/mpc/planner"),
+    ("framework/mpc/planner", "framework/mpc/diagnosis"),
+}
+"""Arrows between groups that still point upwards; this set only shrinks."""
+KNOWN_CIRCLES = {
+    "framework.mpc.fallback.giving_way",
+    "framework.mpc.fallback.ladder",
+    "framework.mpc.fallback.emergency",
+    "framework.mpc.planner.problem_cache",
+    "framework.mpc.planner.situation",
+    "framework.mpc.planner.planner",
+    "framework.mpc.planner.settings",
+    "framework.mpc.diagnosis.explain",
+    "framework.mpc.diagnosis.solve_record",
+    "experiments.studies.tuning",
+    "experiments.studies.tuning_figure",
+}
+"""Files that still stand in a circle of imports; this set only shrinks."""
+
+
+def module_name(path: Path) -> str:
+    """Return the module of a file, without the package in front."""
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+@cache
+def import_graph() -> dict[str, set[str]]:
+    """Return module -> the modules of the rooms that its file imports anywhere."""
+    files = {module_name(path): path for room in ROOMS for path in (ROOT / room).rglob("*.py")}
+    return {
+        name: {found for full in imported(path) if (found := full.partition(".")[2]) in files}
+        - {name, *packages_of(name)}
+        for name, path in files.items()
+    }
+
+
+def packages_of(name: str) -> set[str]:
+    """Return the packages that hold a module: `from . import sibling` names them as well."""
+    parts = name.split(".")
+    return {".".join(parts[:i]) for i in range(1, len(parts))}
+
+
+def circles(graph: Mapping[str, set[str]]) -> list[set[str]]:
+    """Return the sets of modules of which each imports all others, directly or not."""
+    reach: dict[str, set[str]] = {}
+    for start in graph:
+        found, ahead = set[str](), [start]
+        while ahead:
+            fresh = graph[ahead.pop()] - found
+            found |= fresh
+            ahead += fresh
+        reach[start] = found
+    rings = {
+        frozenset(other for other in reach[one] if one in reach[other])
+        for one in graph
+        if one in reach[one]
+    }
+    return [set(ring) for ring in rings]
+
+
+def group_of(name: str) -> str:
+    """Return the group of a module: its folder, of the framework's mpc/ one level deeper."""
+    if name == "framework":
+        return FACE
+    room, *inner = name.split(".")
+    folder = ROOT.joinpath(room, *inner)
+    inner = inner if folder.is_dir() else inner[:-1]
+    return "/".join([room, *inner[: 2 if inner[:1] == ["mpc"] else 1]])
+
+
+def test_no_file_stands_in_a_circle_of_imports() -> None:
+    found = [ring for ring in circles(import_graph()) if not ring <= KNOWN_CIRCLES]
+    assert not found, f"these files import each other: {[sorted(ring) for ring in found]}"
+
+
+def test_circles_are_found() -> None:
+    graph = {"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}, "e": {"f"}, "f": {"e"}}
+    assert sorted(map(sorted, circles(graph))) == [["a", "b", "c"], ["e", "f"]]
+
+
+def test_groups_of_a_room_import_only_what_is_listed() -> None:
+    order = [f"framework/{layer}".rstrip("/") for layer in LAYERS]
+    wrong = {}
+    for name, others in import_graph().items():
+        group = group_of(name)
+        for other in others:
+            wanted = group_of(other)
+            if wanted == group or wanted.split("/")[0] != group.split("/")[0]:
+                continue
+            if (group, wanted) in KNOWN_ARROWS:
+                continue
+            below = order[: order.index(group)] if group in order else []
+            if wanted not in ARROWS.get(group, below):
+                wrong[name] = other
+    assert not wrong, f"list the arrow in ARROWS or remove the import: {wrong}"
 
 
 @pytest.mark.parametrize(("room", "path"), MODULES)

@@ -14,30 +14,30 @@ from typing import Any
 
 import numpy as np
 
+from wideberth.framework.numerics import geometry
+from wideberth.framework.numerics.eigenframe import eigen_axes
 from wideberth.framework.risk.collision_probability import (
     collision_probability,
     half_plane_bound,
     half_plane_level,
 )
-from wideberth.framework.risk.risk_bounds import (
+from wideberth.framework.values.forecast import GaussianObstacle
+from wideberth.regions import gaussian
+from wideberth.regions.bhattacharyya import bhattacharyya_distance
+from wideberth.regions.box import box_content, distance_to_box
+from wideberth.regions.eigen_rectangle import EigenRectangle
+from wideberth.regions.gaussian import CENTRE
+from wideberth.regions.luetkepohl_rectangle import LuetkepohlRectangle
+from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
+from wideberth.regions.minkowski_sum import MinkowskiSum
+from wideberth.tests.oracles import inflation
+from wideberth.tests.oracles.polygons import max_face, polygon_signed_distance
+from wideberth.tests.oracles.risk_bounds import (
     box_bound,
     centre_line_bound,
     centre_point_value,
     highest_density_bound,
 )
-from wideberth.framework.values.forecast import GaussianObstacle
-from wideberth.regions import gaussian, geometry, inflation
-from wideberth.regions.bhattacharyya import bhattacharyya_distance
-from wideberth.regions.eigen_rectangle import EigenRectangle
-from wideberth.regions.gaussian import CENTRE
-from wideberth.regions.luetkepohl_rectangle import (
-    LuetkepohlRectangle,
-    box_content,
-    distance_to_box,
-)
-from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
-from wideberth.regions.minkowski_sum import MinkowskiSum
-from wideberth.regions.polygons import max_face, polygon_signed_distance
 
 PUBLIC = Path(__file__).parents[1] / "golden_regions.json"
 
@@ -48,7 +48,7 @@ def region_case(given: dict[str, Any]) -> Fields:
     sigma, point = np.array(given["Sigma"], dtype=float), np.array(given["point"], dtype=float)
     mean, margin = np.array(given["mu"], dtype=float), np.float64(given["r"] + given["r_d"])
     s = gaussian.ellipse_level_of_content(given["p"])
-    vectors, deviations = gaussian.principal_axes(sigma)
+    deviations, vectors = eigen_axes(sigma)
     a, b = s * deviations
     obstacle = GaussianObstacle(mean, sigma)
     ellipse, exact, rectangle = MahalanobisEllipse(), MinkowskiSum(), LuetkepohlRectangle()

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import shapely
 
+from wideberth.framework.numerics import geometry
 from wideberth.framework.region import Convex, Signed
-from wideberth.regions import geometry
 from wideberth.regions.luetkepohl_rectangle import LuetkepohlRectangle
 from wideberth.regions.minkowski_sum import MinkowskiSum
-from wideberth.regions.polygons import max_face, polygon_signed_distance
 from wideberth.tests.helpers.region_samples import COVARIANCE, PAPER, packed
+from wideberth.tests.oracles.polygons import max_face, polygon_signed_distance
 
 
 def test_closest_point_is_no_farther_than_any_other() -> None:

@@ -9,11 +9,11 @@ from scipy import special
 
 from wideberth.framework.plugins import registry
 from wideberth.framework.region import Guarantee, Region
-from wideberth.framework.risk.batched import collision_probability_batch
 from wideberth.framework.risk.collision_probability import collision_probability
 from wideberth.framework.risk.risk_meter import level_for_risk
 from wideberth.framework.testing.region_cases import RegionCase, draw_cases, sphere, variants
 from wideberth.regions.risk_contour import RiskContour
+from wideberth.tests.oracles.risk_batch import collision_probability_batch
 
 KINDS = [registry.load("regions", name) for name in registry.names("regions")]
 ALL = [(one, size) for kind in KINDS for one in variants(kind) for size in one.dimensions]

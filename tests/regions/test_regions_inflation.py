@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wideberth.framework.numerics import geometry
 from wideberth.framework.risk.collision_probability import collision_probability
-from wideberth.regions import geometry, inflation
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.tests.helpers.region_samples import COVARIANCE, packed
+from wideberth.tests.oracles import inflation
 
 
 @pytest.mark.parametrize(

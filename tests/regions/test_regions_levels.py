@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from wideberth.framework.region import Region
 from wideberth.regions import gaussian
-from wideberth.regions.luetkepohl_rectangle import LuetkepohlRectangle, box_content
+from wideberth.regions.box import box_content
+from wideberth.regions.luetkepohl_rectangle import LuetkepohlRectangle
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.tests.helpers.region_samples import PAPER, packed

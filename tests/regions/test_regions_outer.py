@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from scipy import optimize
 
+from wideberth.framework.numerics import geometry
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import GaussianObstacle
-from wideberth.regions import gaussian, geometry, inflation
+from wideberth.regions import gaussian
 from wideberth.regions.minimum_area import MinimumArea
 from wideberth.regions.minimum_trace import MinimumTrace
 from wideberth.regions.minkowski_sum import MinkowskiSum
@@ -19,6 +20,7 @@ from wideberth.regions.outer_ellipse import OuterEllipse
 from wideberth.regions.repaired_level import RepairedLevel
 from wideberth.regions.repaired_margin import RepairedMargin
 from wideberth.tests.helpers.region_samples import OUTER, packed, random_covariances
+from wideberth.tests.oracles import inflation
 
 FIELDS: dict[str, Callable[[Any, Any, float], Any]] = {
     "brito_axes": lambda o, r, s: axes_of(RepairedMargin(), o, r, s),

@@ -13,9 +13,9 @@ from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.framework.values.motion import Pose
 from wideberth.regions import gaussian
 from wideberth.regions.minkowski_sum import MinkowskiSum
-from wideberth.regions.polygons import polygon_signed_distance
 from wideberth.regions.separating_line import SeparatingLine
 from wideberth.regions.whitened_box import WhitenedBox
+from wideberth.tests.oracles.polygons import polygon_signed_distance
 
 REGIONS: list[Any] = [SeparatingLine(), WhitenedBox()]
 OUTLINES = [

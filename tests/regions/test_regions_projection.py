@@ -5,11 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wideberth.framework.numerics import geometry
 from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.region import Region
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.framework.values.motion import Pose
-from wideberth.regions import gaussian, geometry
+from wideberth.regions import gaussian
 from wideberth.regions.outer_ellipse import OuterEllipse
 from wideberth.tests.helpers.region_samples import (
     BY_RISK,

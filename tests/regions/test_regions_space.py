@@ -15,12 +15,6 @@ from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.registry import names
 from wideberth.framework.region import Guarantee, Region
 from wideberth.framework.risk.collision_probability import collision_probability
-from wideberth.framework.risk.risk_bounds import (
-    box_bound,
-    centre_line_bound,
-    centre_point_value,
-    highest_density_bound,
-)
 from wideberth.framework.testing.twin import compile_twin
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.regions.bhattacharyya import Bhattacharyya, bhattacharyya_distance
@@ -30,6 +24,12 @@ from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.regions.park import Park
 from wideberth.regions.risk_contour import RiskContour
 from wideberth.regions.whitened_box import WhitenedBox
+from wideberth.tests.oracles.risk_bounds import (
+    box_bound,
+    centre_line_bound,
+    centre_point_value,
+    highest_density_bound,
+)
 
 SPATIAL = [name for name in names("regions") if 3 in build("regions", name).dimensions]
 PROMISING = [n for n in SPATIAL if build("regions", n).guarantee is not Guarantee.NONE]
@@ -73,7 +73,7 @@ def test_all_but_the_angle_form_know_three_dimensions() -> None:
     ids=lambda one: type(one).__name__,
 )
 def test_each_boundary_is_where_its_measure_is_the_risk(region: Any, value: Any) -> None:
-    """Against the functions of `framework.risk_bounds`, which know no regions."""
+    """Against the functions of `tests.oracles.risk_bounds`, which know no regions."""
     rng = np.random.default_rng(1)
     sigma, margin, tail = covariances(rng, 40), 10.0 ** rng.uniform(-0.5, 0.5, 40), 1e-3
     edge = edges(region, sigma, margin, region.level(tail, 3), rng)

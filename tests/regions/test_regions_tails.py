@@ -9,7 +9,6 @@ from scipy import special
 from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.region import Region
 from wideberth.framework.risk.collision_probability import collision_probability
-from wideberth.framework.risk.risk_bounds import box_bound
 from wideberth.framework.testing.twin import compile_twin
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.framework.values.motion import Pose
@@ -19,6 +18,7 @@ from wideberth.regions.park import Park
 from wideberth.regions.risk_contour import RiskContour
 from wideberth.regions.whitened_box import WhitenedBox
 from wideberth.tests.helpers.region_samples import random_obstacles
+from wideberth.tests.oracles.risk_bounds import box_bound
 
 
 def compiled_value(region: Region) -> Callable[..., float]:

@@ -5,11 +5,6 @@ import pytest
 
 from wideberth.framework.region import Guarantee, Region
 from wideberth.framework.risk.collision_probability import collision_probability
-from wideberth.framework.risk.risk_bounds import (
-    box_bound,
-    centre_point_value,
-    highest_density_bound,
-)
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.regions.best_half_plane import BestHalfPlane
 from wideberth.regions.bhattacharyya import Bhattacharyya, bhattacharyya_distance
@@ -20,6 +15,11 @@ from wideberth.regions.park import Park
 from wideberth.regions.risk_contour import RiskContour
 from wideberth.regions.whitened_box import WhitenedBox
 from wideberth.tests.helpers.region_samples import BY_RISK, random_obstacles
+from wideberth.tests.oracles.risk_bounds import (
+    box_bound,
+    centre_point_value,
+    highest_density_bound,
+)
 
 PROMISING = [region for region in BY_RISK if region.guarantee is Guarantee.CONTENT]
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from wideberth.framework.control.velocity_smoother import VelocitySmoother
-from wideberth.framework.numerics.integration import runge_kutta, step
+from wideberth.framework.numerics.integration import runge_kutta
+from wideberth.framework.robot import step
 from wideberth.framework.testing import check_robot
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Command, Pose, Twist

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wideberth.framework.metrics.episode import deadlock_time
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Command
 from wideberth.framework.values.path import Path
@@ -16,6 +15,7 @@ from wideberth.simulation.engine.settings import Settings
 from wideberth.simulation.measures.summary import summarise
 from wideberth.simulation.sensing.channel import Channel
 from wideberth.tests.helpers.pursuit import EAST, QUICK, Pursuit, agent, opposite
+from wideberth.tests.oracles.episode_ends import deadlock_time
 
 
 def test_head_on_collides_and_can_stop_there():

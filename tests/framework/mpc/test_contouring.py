@@ -17,10 +17,9 @@ from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.planner.progress_robot import follower
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.mpc.solvers.ipopt import Ipopt
-from wideberth.framework.numerics.integration import step
 from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.plugins.registry import load
-from wideberth.framework.robot import Robot, start_state
+from wideberth.framework.robot import Robot, start_state, step
 from wideberth.framework.testing import check_robot
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.motion import Detection, Observation

@@ -16,10 +16,9 @@ from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.solvers.base import Solution, Solver
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
-from wideberth.framework.numerics.integration import step
 from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.registry import names
-from wideberth.framework.robot import Robot, start_state
+from wideberth.framework.robot import Robot, start_state, step
 from wideberth.framework.values.motion import Detection, Observation, Pose, Twist
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Breach, Kind, Plan, Rung, Status

@@ -12,9 +12,8 @@ from wideberth.framework.mpc.instance.own_uncertainty import Growth, OwnUncertai
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
-from wideberth.framework.numerics.integration import step
 from wideberth.framework.plugins.config import build, describe
-from wideberth.framework.robot import Robot
+from wideberth.framework.robot import Robot, step
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.footprint import Discs, Outline
 from wideberth.framework.values.motion import Detection, Observation, Twist

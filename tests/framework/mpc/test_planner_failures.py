@@ -8,8 +8,8 @@ import pytest
 from wideberth.framework.control.command_limits import broken_limit
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.solvers.ipopt import Ipopt
-from wideberth.framework.numerics.integration import step
 from wideberth.framework.predictor import Predictor
+from wideberth.framework.robot import step
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast, Scene
 from wideberth.framework.values.motion import Detection, Observation

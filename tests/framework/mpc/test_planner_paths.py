@@ -6,7 +6,7 @@ import pytest
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
-from wideberth.framework.numerics.integration import step
+from wideberth.framework.robot import step
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Observation
 from wideberth.framework.values.path import Path

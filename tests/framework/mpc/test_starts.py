@@ -9,7 +9,6 @@ import pytest
 
 from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.costs.contouring import Contouring
-from wideberth.framework.mpc.diagnosis.recorded_instances import read_instances, worst_violation
 from wideberth.framework.mpc.instance.obstacles import Obstacles, fill
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.paper import Paper
@@ -22,10 +21,9 @@ from wideberth.framework.mpc.planner.starting_points import NAMES, OTHERS, other
 from wideberth.framework.mpc.solvers.base import Solution, Solver, unwrapped
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.mpc.solvers.ipopt import Ipopt
-from wideberth.framework.numerics.integration import step
 from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.registry import names
-from wideberth.framework.robot import Robot
+from wideberth.framework.robot import Robot, step
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Detection, Observation, Pose, Twist
 from wideberth.framework.values.path import Path
@@ -33,6 +31,7 @@ from wideberth.framework.values.plan import Rung, Status
 from wideberth.predictors.static import Static
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.oracles.recorded_instances import read_instances, worst_violation
 
 SAMPLE = File(__file__).parents[2] / "data" / "mpc_instances.npz"
 ROBOTS = [build("robots", name) for name in names("robots")]

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy import special
 
-from wideberth.framework.risk.batched import (
-    collision_probability_batch,
-    collision_probability_gradient_batch,
-)
 from wideberth.framework.risk.collision_probability import (
     collision_probability,
     collision_probability_gradient,
+)
+from wideberth.tests.oracles.risk_batch import (
+    collision_probability_batch,
+    collision_probability_gradient_batch,
 )
 
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(24)

@@ -11,13 +11,13 @@ import pytest
 from scipy import special
 
 from wideberth.framework.numerics.eigenframe import eigenframe, principal_axes, rim_gap
-from wideberth.framework.risk.batched import (
-    collision_probability_batch,
-    collision_probability_gradient_batch,
-)
 from wideberth.framework.risk.collision_probability import (
     collision_probability,
     collision_probability_gradient,
+)
+from wideberth.tests.oracles.risk_batch import (
+    collision_probability_batch,
+    collision_probability_gradient_batch,
 )
 
 

@@ -9,23 +9,23 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from wideberth.framework.risk.batched import (
-    collision_probability_batch,
-    collision_probability_gradient_batch,
-    sampled_collision_probability,
-)
 from wideberth.framework.risk.collision_probability import (
     collision_probability,
     collision_probability_gradient,
     half_plane_bound,
 )
-from wideberth.framework.risk.risk_bounds import (
+from wideberth.framework.values.errors import WideberthError
+from wideberth.tests.oracles.risk_batch import (
+    collision_probability_batch,
+    collision_probability_gradient_batch,
+    sampled_collision_probability,
+)
+from wideberth.tests.oracles.risk_bounds import (
     box_bound,
     centre_line_bound,
     centre_point_value,
     highest_density_bound,
 )
-from wideberth.framework.values.errors import WideberthError
 
 Pairs = tuple[np.ndarray, np.ndarray, np.ndarray]
 

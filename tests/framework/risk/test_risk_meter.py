@@ -9,18 +9,17 @@ import pytest
 from scipy import special
 
 from wideberth.framework import names
-from wideberth.framework.numerics.geometry import sum_gauge
 from wideberth.framework.plugins.config import build
 from wideberth.framework.region import Guarantee
 from wideberth.framework.risk.collision_probability import collision_probability
 from wideberth.framework.risk.risk_meter import RiskReport, along_boundary, level_for_risk, measure
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import GaussianObstacle
-from wideberth.regions import geometry, inflation
 from wideberth.regions.luetkepohl_rectangle import LuetkepohlRectangle
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.regions.separating_line import SeparatingLine
+from wideberth.tests.oracles import inflation
 
 
 def obstacle(first: float, second: float, angle: float = 0.0) -> GaussianObstacle:
@@ -205,8 +204,3 @@ def test_bad_input_is_named() -> None:
         measure(endless, obstacle(1.0, 1.0), 1.0, 2.0)
     with pytest.raises(WideberthError, match="count"):
         along_boundary(region, obstacle(1.0, 1.0), 1.0, 2.0, 1)
-
-
-def test_geometry_is_the_same_from_both_rooms() -> None:
-    assert geometry.sum_gauge is sum_gauge
-    assert all(hasattr(geometry, name) for name in geometry.__all__)

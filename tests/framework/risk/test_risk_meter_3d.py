@@ -16,11 +16,11 @@ from wideberth.framework.risk.collision_probability import collision_probability
 from wideberth.framework.risk.risk_meter import level_for_risk, measure
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import GaussianObstacle
-from wideberth.regions import inflation
 from wideberth.regions.eigen_rectangle import EigenRectangle
 from wideberth.regions.luetkepohl_rectangle import LuetkepohlRectangle
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
+from wideberth.tests.oracles import inflation
 
 SPATIAL = [name for name in names("regions") if 3 in build("regions", name).dimensions]
 TURN = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]

@@ -10,13 +10,13 @@ from wideberth.framework.metrics import plan as metrics_plan
 from wideberth.framework.metrics import scoring
 from wideberth.framework.risk import batched as risk_batch
 from wideberth.framework.risk import collision_probability as risk
-from wideberth.framework.risk import risk_bounds
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast, GaussianObstacle
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.tracks import Tracks
 from wideberth.regions.box import box_content
 from wideberth.regions.static.packing import pack
+from wideberth.tests.oracles import risk_bounds
 
 Asked = Callable[[np.ndarray], object]
 

@@ -8,11 +8,6 @@ import numpy as np
 import pytest
 
 from wideberth.framework.mpc.assembly import assemble
-from wideberth.framework.mpc.diagnosis.recorded_instances import (
-    Instance,
-    read_instances,
-    worst_violation,
-)
 from wideberth.framework.mpc.fallback.rollout import steer
 from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.instance.obstacles import Obstacles, fill
@@ -37,6 +32,11 @@ from wideberth.regions.risk_contour import RiskContour
 from wideberth.regions.static.separating_line import SeparatingLine
 from wideberth.robots.holonomic import Holonomic
 from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.oracles.recorded_instances import (
+    Instance,
+    read_instances,
+    worst_violation,
+)
 
 SAMPLE = File(__file__).parents[3] / "data" / "mpc_instances.npz"
 ONE = 1  # obstacle; those of the sample with so many

@@ -7,11 +7,6 @@ import numpy as np
 import pytest
 
 from wideberth.framework.mpc.assembly import assemble
-from wideberth.framework.mpc.diagnosis.recorded_instances import (
-    Instance,
-    read_instances,
-    worst_violation,
-)
 from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.ocp.problem import Problem
@@ -21,6 +16,11 @@ from wideberth.framework.mpc.solvers.ipopt import Ipopt
 from wideberth.framework.values.plan import Status
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.oracles.recorded_instances import (
+    Instance,
+    read_instances,
+    worst_violation,
+)
 
 SAMPLE = Path(__file__).parents[3] / "data" / "mpc_instances.npz"
 PAPER_TAIL = float(np.exp(-5.991 / 2))

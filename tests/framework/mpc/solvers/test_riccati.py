@@ -9,11 +9,6 @@ import numpy as np
 import pytest
 
 from wideberth.framework.mpc.assembly import assemble
-from wideberth.framework.mpc.diagnosis.recorded_instances import (
-    Instance,
-    read_instances,
-    worst_violation,
-)
 from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.base import LevelPolicy
 from wideberth.framework.mpc.levels.discounted import Discounted
@@ -35,6 +30,11 @@ from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.robots.holonomic_3d import Holonomic3D
 from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.oracles.recorded_instances import (
+    Instance,
+    read_instances,
+    worst_violation,
+)
 
 SAMPLE = File(__file__).parents[3] / "data" / "mpc_instances.npz"
 PAPER = Paper(tail=float(np.exp(-5.991 / 2)))

@@ -18,12 +18,12 @@ import numpy as np
 import pytest
 
 from wideberth.framework.mpc.assembly import assemble
-from wideberth.framework.mpc.diagnosis.recorded_instances import Instance, read_instances
 from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.solvers.riccati.solver import Riccati
 from wideberth.framework.values.arrays import Array
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.oracles.recorded_instances import Instance, read_instances
 
 SAMPLE = Path(__file__).parents[3] / "data" / "mpc_instances.npz"
 REPEATS = 400

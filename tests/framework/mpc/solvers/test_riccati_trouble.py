@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from wideberth.framework.mpc.assembly import assemble
-from wideberth.framework.mpc.diagnosis.recorded_instances import Instance, read_instances
 from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.paper import Paper
@@ -29,6 +28,7 @@ from wideberth.framework.values.plan import Status
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.risk_contour import RiskContour
 from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.oracles.recorded_instances import Instance, read_instances
 
 SAMPLE = Path(__file__).parents[3] / "data" / "mpc_instances.npz"
 KEPT = 1e-6

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..numerics.eigenframe import eigenframe
-from ..values.arrays import Array, whole
-from .collision_probability import scaled, split, turned_back
-from .inversion import probability, slopes
+from wideberth.framework.numerics.eigenframe import eigenframe
+from wideberth.framework.risk.collision_probability import scaled, split, turned_back
+from wideberth.framework.risk.inversion import probability, slopes
+from wideberth.framework.values.arrays import Array, whole
 
 _CHUNK = 16384
 """Pairs per call: 64 nodes of them are 8 MiB."""

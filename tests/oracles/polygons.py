@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..framework.values.arrays import Array, BoolArray
+from wideberth.framework.values.arrays import Array, BoolArray
 
 
 def polygon_signed_distance(points: Array, vertices: Array) -> Array:

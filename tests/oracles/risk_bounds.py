@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
-from ..numerics.eigenframe import eigenframe
-from ..numerics.geometry import UNIT_BALL
-from ..values.arrays import Array
-from ..values.errors import WideberthError
-from .collision_probability import half_plane_level
+from wideberth.framework.numerics.eigenframe import eigenframe
+from wideberth.framework.numerics.geometry import UNIT_BALL
+from wideberth.framework.risk.collision_probability import half_plane_level
+from wideberth.framework.values.arrays import Array
+from wideberth.framework.values.errors import WideberthError
 
 
 def centre_point_value(difference: ArrayLike, covariance: ArrayLike, radius: ArrayLike) -> Array:

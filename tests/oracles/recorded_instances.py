@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ...plugins.io import read_arrays, read_bytes
-from ...region import Region
-from ...values.arrays import Array
-from ...values.errors import WideberthError
-from ...values.forecast import GaussianObstacle
-from ..ocp.problem import Parameters
-from ..ocp.transcription import Guess
+from wideberth.framework.mpc.ocp.problem import Parameters
+from wideberth.framework.mpc.ocp.transcription import Guess
+from wideberth.framework.plugins.io import read_arrays, read_bytes
+from wideberth.framework.region import Region
+from wideberth.framework.values.arrays import Array
+from wideberth.framework.values.errors import WideberthError
+from wideberth.framework.values.forecast import GaussianObstacle
 
 LEVEL = float(np.sqrt(5.991))
 """s_ref as the paper prints it; its content is 0.949988."""
