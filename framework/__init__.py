@@ -3,6 +3,8 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from .plugins import moved
+
 if TYPE_CHECKING:
     from .controller import Controller as Controller
     from .plugins.config import build as build
@@ -58,6 +60,9 @@ _NAMES = {
     "tracking.windows": "Windows cut_windows",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
+
+
+moved.install()
 
 
 def __getattr__(name: str) -> Any:
