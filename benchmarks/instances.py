@@ -13,7 +13,7 @@ import numpy as np
 from wideberth.framework import Path
 from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.instance.obstacles import Obstacles, fill
-from wideberth.framework.mpc.levels.base import LevelPolicy
+from wideberth.framework.mpc.levels.base import LevelPolicy, SharedLevel
 from wideberth.framework.mpc.ocp.bodies import with_auxiliaries
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.reference import lay_reference
@@ -80,7 +80,7 @@ class Recipe:
         crowd = self._crowd(states, reference.position, rng)
         given = states[0], reference, crowd, region, self.level, robot.radius, self.obstacles
         parameters = fill(*given)
-        target = parameters.target if self.level.shared else float("nan")
+        target = parameters.target if isinstance(self.level, SharedLevel) else float("nan")
         guess = Guess.bare(states, inputs, target)
         guess = with_auxiliaries(robot, region, parameters, guess)
         return Made(problem, guess.pull(parameters), guess)

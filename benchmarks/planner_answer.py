@@ -7,7 +7,7 @@ from typing import final
 
 import numpy as np
 
-from wideberth.framework.mpc.fallback.instance_check import Case
+from wideberth.framework.mpc.fallback.instance_check import InstanceCheck
 from wideberth.framework.mpc.fallback.ladder import Ladder
 from wideberth.framework.mpc.instance.contact import Surroundings
 from wideberth.framework.mpc.instance.obstacles import Obstacles
@@ -15,7 +15,7 @@ from wideberth.framework.mpc.instance.polygons import NONE
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.planner.multistart import Attempts, Budget, Watch
+from wideberth.framework.mpc.planner.multistart import Budget, MultiStart, Watch
 from wideberth.framework.mpc.solvers.base import Solution, Solver
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.plan import Rung, Status
@@ -64,9 +64,9 @@ class PlannerAnswer(Solver):
         )
         around = Surroundings(robot, region, None, _obstacles(parameters, robot.radius), NONE, 0.0)
         first = ladder.suited(parameters, ladder.first())
-        case = Case(problem, first.pull(parameters), around)
-        outcome = Attempts(Watch(self.solver), "auto", budget).run(ladder, case, first, False)
-        plan, point = ladder.choose(case, outcome)
+        check = InstanceCheck(problem, first.pull(parameters), around)
+        outcome = MultiStart(Watch(self.solver), "auto", budget).run(ladder, check, first, False)
+        plan, point = ladder.choose(check, outcome)
         status = Status.SOLVED if plan.rung is Rung.OPTIMAL else Status.FAILED
         spent = perf_counter() - budget.begin
         return Solution(point, status, plan.reason, plan.cost, plan.iterations, spent)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..framework.control.command_limits import within_reach
 from ..framework.control.notices import NOTICES
-from ..framework.control.policy_observer import Shown, Sight, View
+from ..framework.control.policy_observer import ObservationSpec, PolicyObserver, Shown
 from ..framework.controller import Controller, checked_ready, checked_use
 from ..framework.mpc.planner.settings import checked_path
 from ..framework.robot import Robot
@@ -23,7 +23,7 @@ from ..framework.values.plan import Plan
 @final
 @dataclass(eq=False)
 class Policy(Controller):
-    """Calls a function with the arrays of `Sight` and commands the velocity that it returns.
+    """Calls a function with the arrays of `ObservationSpec` and commands the velocity it returns.
 
     The arrays are those that the Gymnasium environment shows (here in double precision), and the
     action is its action, so that what was learnt there is compared with any other controller.
@@ -48,12 +48,12 @@ class Policy(Controller):
     robot: Robot
     policy: str
     period: float = 0.25
-    sight: Sight = field(default_factory=Sight)
+    sight: ObservationSpec = field(default_factory=ObservationSpec)
 
     def __post_init__(self) -> None:
         positive("policy.period", self.period)
         self._decide = _function(self.policy)
-        self._view = View(self.robot, self.period, self.sight)
+        self._view = PolicyObserver(self.robot, self.period, self.sight)
         self._reason = ""
 
     def reset(self) -> None:

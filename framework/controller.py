@@ -2,9 +2,10 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import fields, is_dataclass
-from typing import cast
+from typing import Protocol, cast, runtime_checkable
 
 from .robot import Robot
+from .static_region import StaticRegion
 from .values.errors import WideberthError
 from .values.motion import Command, Observation
 from .values.path import Path
@@ -62,6 +63,40 @@ class Controller(ABC):
     @abstractmethod
     def plan(self) -> Plan | None:
         """The plan behind the last command; None before the first, or without a horizon."""
+
+
+@runtime_checkable
+class DrivesRobot(Protocol):
+    """A controller that knows the robot it drives."""
+
+    @property
+    def robot(self) -> Robot:
+        """Model of the robot."""
+
+
+@runtime_checkable
+class NeedsStaticRegion(Protocol):
+    """A controller that keeps clear of polygons by a static region, and ignores them without."""
+
+    @property
+    def static_region(self) -> StaticRegion | None:
+        """The region, or None."""
+
+
+@runtime_checkable
+class WrapsController(Protocol):
+    """A controller that passes observations to another one."""
+
+    @property
+    def controller(self) -> Controller:
+        """The other one."""
+
+
+def avoids_polygons(controller: Controller) -> bool:
+    """Whether a controller has what it needs to keep clear of polygons."""
+    if isinstance(controller, WrapsController):
+        return avoids_polygons(controller.controller)
+    return not isinstance(controller, NeedsStaticRegion) or controller.static_region is not None
 
 
 def checked_use(robot: Robot, observation: Observation) -> Observation:

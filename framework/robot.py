@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import atan2
-from typing import ClassVar
+from typing import ClassVar, Protocol, runtime_checkable
 
 from .numerics.integration import runge_kutta
 from .values.arrays import Scalar, positive, whole
@@ -91,6 +91,19 @@ class Robot(ABC):
         This is the low-level velocity controller: the plant, the braking manoeuvre and
         every rival controller use it.
         """
+
+
+@runtime_checkable
+class SpeedLimited(Protocol):
+    """A robot with a largest speed among its settings."""
+
+    @property
+    def radius(self) -> float:
+        """Radius of the enclosing disc, m."""
+
+    @property
+    def max_speed(self) -> float:
+        """Largest speed, m/s."""
 
 
 def start_state(

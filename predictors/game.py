@@ -7,7 +7,7 @@ from typing import Any, ClassVar, final
 
 import numpy as np
 
-from ..framework.mpc.planner.best_response import Agent, Responder, state_of
+from ..framework.mpc.planner.best_response import Agent, BestResponsePlanner, state_of
 from ..framework.mpc.planner.planner import Planner
 from ..framework.plugins.config import build, describe
 from ..framework.predictor import Predictor
@@ -126,8 +126,8 @@ class Game(Predictor):
         return hash((self.iterations, self.agents, self.memory))
 
     @cached_property
-    def _responder(self) -> Responder:
-        return Responder(self.planner)
+    def _responder(self) -> BestResponsePlanner:
+        return BestResponsePlanner(self.planner)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the settings alone: compiled problems are made anew where they are needed."""

@@ -98,6 +98,16 @@ def within_reach(robot: Robot, command: Command) -> Command:
     return still if broken_limit(robot, nearest) else nearest
 
 
+def within_bounds(robot: Robot, state: Array) -> Array:
+    """Return a state on the robot's bounds where noise or a push took it beyond them.
+
+    Otherwise no plan would be feasible, and the robot would stop for it. The paper starts at the
+    state as it is.
+    """
+    bounds = robot.state_bounds()
+    return np.asarray(np.clip(state, np.asarray(bounds.lower), np.asarray(bounds.upper)))
+
+
 def _beyond(values: tuple[float, ...], bounds: Bounds) -> float:
     over = np.array(values) - np.array(bounds.upper)
     under = np.array(bounds.lower) - np.array(values)

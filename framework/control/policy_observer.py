@@ -6,11 +6,10 @@ from typing import TypeAlias, final
 import numpy as np
 
 from ..controller import checked_use
-from ..mpc.planner.situation import scene
 from ..predictor import Predictor
 from ..robot import Robot
 from ..tracking.history import History, admitted, viewpoint
-from ..tracking.perception import Perception
+from ..tracking.perception import Perception, scene_of
 from ..values.arrays import Array, positive, whole
 from ..values.errors import WideberthError
 from ..values.motion import Command, Observation
@@ -26,12 +25,12 @@ WIDEST = 100.0
 """m^2, bound on the entries of shown covariances."""
 
 Shown: TypeAlias = dict[str, Array]
-"""Name -> array, as `Sight` describes them."""
+"""Name -> array, as `ObservationSpec` describes them."""
 
 
 @final
 @dataclass(frozen=True)
-class Sight:
+class ObservationSpec:
     """How much of an observation a policy sees. World axes, relative to the robot, in SI units.
 
     ===================  =============  ====================================================
@@ -84,7 +83,7 @@ class Sight:
         whole("sight.history", self.history)
 
 
-class View:
+class PolicyObserver:
     """Turns the observations of one robot, one after the other, into arrays.
 
     Parameters
@@ -94,7 +93,7 @@ class View:
     sight : how much of them.
     """
 
-    def __init__(self, robot: Robot, period: float, sight: Sight) -> None:
+    def __init__(self, robot: Robot, period: float, sight: ObservationSpec) -> None:
         self._robot, self._period, self._sight = robot, period, sight
         self.box = VelocityBox.of(robot)
         self.goal: Array | None = None
@@ -233,7 +232,7 @@ class View:
         size, steps, count = self._robot.dimension, self._sight.steps, self._sight.obstacles
         mean, covariance = np.zeros((count, steps, size)), np.zeros((count, steps, size, size))
         grid = self._period * np.arange(1.0, steps + 1.0)
-        around = scene(observation, None, self._robot.radius)
+        around = scene_of(observation, None, self._robot.radius)
         found = perception.forecast(observation.stamp, grid, around)
         if found is not None:
             tracks, forecast = found

@@ -28,13 +28,13 @@ from ..static_region import StaticRegion
 from ..values.arrays import Scalar, positive, whole
 from ..values.errors import WideberthError
 from ..values.motion import Pose, Twist
-from .costs.base import Cost, Moment
+from .costs.base import Cost, Moment, ProgressCost
 from .costs.tracking import Tracking
-from .levels.base import LevelPolicy
+from .levels.base import LevelPolicy, SharedLevel
 from .ocp.bodies import bodies
 from .ocp.problem import Problem, Slots
+from .ocp.progress_robot import progress_robot_of
 from .ocp.stage import ReferenceSymbols, slots
-from .planner.progress_robot import follower
 
 REST = 1e-2
 """m/s and rad/s; a plan that ends slower than this is braked to a stop in the step after its end.
@@ -66,8 +66,8 @@ def assemble(
     horizon : N, at least 1.
     dt : s per step.
     capacity : K, obstacle slots, at least 0.
-    cost : of each stage; the paper's by default. One that follows the path adds a state and an
-        input to the robot's.
+    cost : of each stage; the paper's by default. A `ProgressCost` adds a state and an input
+        to the robot's.
     penalty : price of one unit of slack (regions are unit-free); None keeps them hard.
     static_region : what keeps clear of static polygons; needed where there are any.
     statics, corners : slots for convex polygons, and vertices that each has room for.
@@ -80,12 +80,13 @@ def assemble(
     """
     _check(horizon, dt, capacity, penalty, static_region, statics)
     cost = Tracking() if cost is None else cost
-    robot = follower(robot) if cost.follows else robot
+    robot = progress_robot_of(robot) if isinstance(cost, ProgressCost) else robot
     x, u = ca.SX.sym("x", len(robot.states)), ca.SX.sym("u", len(robot.inputs))
     reference = ReferenceSymbols(robot.dimension, cost.curve_width(robot.dimension))
     by_input, by_state = _running_cost(_moment(robot, x, u, cost), u, cost, reference)
     on_input, on_state = _limits(robot, x, u)
-    s = ca.SX.sym("s", int(level.shared))
+    shared = isinstance(level, SharedLevel)
+    s = ca.SX.sym("s", int(shared))
     pose = robot.pose(_split(x))
     frame = x, pose, s
     following = ca.vertcat(*integrate(robot, _split(x), _split(u), dt))
@@ -96,8 +97,8 @@ def assemble(
         inputs=len(robot.inputs),
         dimension=robot.dimension,
         curve=reference.curve.numel(),
-        shared=level.shared,
-        minimum=level.minimum,
+        shared=shared,
+        minimum=level.minimum if isinstance(level, SharedLevel) else 0.0,
         penalty=penalty,
         state_bounds=robot.state_bounds(),
         input_bounds=robot.input_bounds(),
@@ -142,7 +143,7 @@ def _at_rest(robot: Robot, x: Any, *, wanted: bool) -> Any:
 def _level_cost(level: LevelPolicy, s: Any) -> Any:
     """Price of leaving the level aimed at."""
     target = ca.SX.sym("target")
-    price = level.weight * (s - target) ** 2 if level.shared else ca.SX(0)
+    price = level.weight * (s - target) ** 2 if isinstance(level, SharedLevel) else ca.SX(0)
     return ca.Function("level_cost", [s, target], [price])
 
 
@@ -222,7 +223,7 @@ def _moment(robot: Robot, x: Any, u: Any, cost: Cost) -> Moment:
     """Say how the robot moves, and where along its path it is if that is a state."""
     state, control = _split(x), _split(u)
     motion = robot.pose(state), robot.twist(state, control), robot.acceleration(state, control)
-    if not cost.follows:
+    if not isinstance(cost, ProgressCost):
         return Moment(*motion)
     return Moment(*motion, progress=state[-1], rate=control[-1])
 

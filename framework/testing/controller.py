@@ -6,7 +6,7 @@ from dataclasses import is_dataclass, replace
 import numpy as np
 
 from ..control.command_limits import broken_limit
-from ..controller import Controller, fresh
+from ..controller import Controller, DrivesRobot, fresh
 from ..robot import Robot
 from ..values.arrays import Array
 from ..values.errors import WideberthError
@@ -44,7 +44,7 @@ def check_controller(
     AssertionError : a law does not hold; the message names it.
     WideberthError : no robot given or found.
     """
-    model = getattr(controller, "robot", None) if robot is None else robot
+    model = controller.robot if robot is None and isinstance(controller, DrivesRobot) else robot
     if not isinstance(model, Robot):
         raise WideberthError("check_controller needs the robot that the controller drives")
     assert controller.period > 0, f"period is {controller.period}; wanted above 0"

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from ..mpc.assembly import assemble
-from ..mpc.costs.base import Cost
+from ..mpc.costs.base import Cost, ProgressCost
 from ..mpc.levels.fixed import Fixed
 from ..mpc.ocp.problem import Problem
 from ..mpc.ocp.reference import Reference
@@ -78,7 +78,7 @@ def _check_prices(
     for head in _heads(reference):
         x, u = rng.uniform(-0.5, 0.5, size), rng.uniform(-0.5, 0.5, problem.inputs)
         x[: robot.dimension] += reference.position[0]
-        if cost.follows:
+        if isinstance(cost, ProgressCost):
             x[-1] += arc + 0.5
 
         def by_input(z: Any, head: Array = head) -> Any:
@@ -120,7 +120,7 @@ def _check_free(cost: Cost, problem: Problem, robot: Robot, path: Path) -> None:
         now, then = (np.array(state, dtype=np.float64) for state, _ in starts)
         twist = starts[0][1]
         control = np.array(robot.drive(tuple(now), twist, _DT), dtype=np.float64)
-        if cost.follows:
+        if isinstance(cost, ProgressCost):
             now, then = np.append(now, theta[0]), np.append(then, theta[1])
             control = np.append(control, _SPEED)
         total += float(problem.input_cost(now, control, head))

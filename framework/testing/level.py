@@ -5,7 +5,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from ..mpc.levels.base import LevelPolicy
+from ..mpc.levels.base import LevelPolicy, SharedLevel
 from ..plugins.registry import load, names
 from ..region import Guarantee, Region
 from ..values.arrays import Array
@@ -48,8 +48,9 @@ def check_level(policy: LevelPolicy) -> None:
 def _check_fields(policy: LevelPolicy) -> None:
     _demand(policy, is_dataclass(policy), "a policy is a dataclass")
     _demand(policy, 0.0 < policy.tail < 1.0, "the tail must lie between 0 and 1")
-    _demand(policy, policy.weight >= 0.0, "the weight must not be negative")
-    _demand(policy, policy.minimum < np.inf, "the minimum must be below infinity")
+    if isinstance(policy, SharedLevel):
+        _demand(policy, policy.weight >= 0.0, "the weight must not be negative")
+        _demand(policy, policy.minimum < np.inf, "the minimum must be below infinity")
     _demand(policy, replace(cast(Any, policy)) == policy, "its fields must rebuild it")
     for one in fields(cast(Any, policy)):
         try:
@@ -69,9 +70,10 @@ def _check_levels(
     _demand(policy, found.dtype == np.float64, f"levels are float64{where}")
     _demand(policy, bool(np.isfinite(found).all()), f"levels are finite{where}")
     _demand(policy, np.array_equal(found, again), f"the same input gives the same{where}")
-    if policy.shared:
+    least = 0.0
+    if isinstance(policy, SharedLevel):
         _demand(policy, _constant(found), f"one variable has one aim{where}")
-    least = policy.minimum if policy.shared else 0.0
+        least = policy.minimum
     _demand(policy, bool((found >= least).all()), f"no level is below {least:g}{where}")
     if any(one.name == "tail" and one.init for one in fields(cast(Any, policy))):
         strict = replace(cast(Any, policy), tail=0.5 * policy.tail)

@@ -12,6 +12,7 @@ from ..values.errors import WideberthError
 from ..values.forecast import Forecast, Scene, resample
 from ..values.magnitudes import bounded
 from ..values.motion import Observation
+from ..values.plan import Plan
 from ..values.tracks import Tracks
 from .history import History, admitted
 from .noise import NoiseEstimate
@@ -170,6 +171,23 @@ class Perception:
             raise WideberthError(
                 f"{name} forecast steps of {forecast.dt} s; asked for {tracks.dt} s"
             )
+
+
+def scene_of(observation: Observation, plan: Plan | None, radius: float) -> Scene:
+    """Return the scene of a predictor: the robot's state, radius and last plan, and the truth."""
+    positions, times = None, None
+    if plan is not None:
+        positions = plan.positions
+        times = plan.stamp + plan.dt * np.arange(len(positions), dtype=np.float64)
+        if (np.diff(times) <= 0).any():  # a clock too large to tell the steps apart
+            positions, times = None, None
+    return Scene(
+        ego=observation.state,
+        plan=positions,
+        truth=observation.truth,
+        plan_times=times,
+        radius=radius,
+    )
 
 
 def narrowed(scene: Scene, rows: list[int]) -> Scene:

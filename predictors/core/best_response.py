@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...framework.mpc.planner.best_response import Agent, Responder
+from ...framework.mpc.planner.best_response import Agent, BestResponsePlanner
 from ...framework.values.arrays import Array
 from ...framework.values.forecast import Forecast
 from .social_rollout import Course
@@ -39,7 +39,7 @@ class Table:
     grid : (N,), s, its steps.
     """
 
-    responder: Responder
+    responder: BestResponsePlanner
     agents: tuple[Agent, ...]
     rows: tuple[int, ...]
     straight: Forecast

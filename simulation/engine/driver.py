@@ -8,7 +8,7 @@ from math import hypot, isfinite, nan
 import numpy as np
 
 from ...framework.control.velocity_smoother import VelocitySmoother
-from ...framework.mpc.fallback.emergency import aim
+from ...framework.mpc.fallback.emergency import command_of_plan
 from ...framework.numerics.integration import runge_kutta
 from ...framework.robot import Robot, start_state
 from ...framework.values.arrays import Array
@@ -218,7 +218,9 @@ class Driver:
         """
         if plan is None:
             return None
-        return aim(self.agent.robot, plan, max(int((time - plan.stamp) / plan.dt + 1e-6), 0))
+        return command_of_plan(
+            self.agent.robot, plan, max(int((time - plan.stamp) / plan.dt + 1e-6), 0)
+        )
 
     def note(self, stamp: float, effect: float, command: Command, seconds: float) -> None:
         """Write down a decision."""

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ...framework.controller import avoids_polygons
 from ...framework.values.arrays import Array, whole
 from ...framework.values.errors import WideberthError
 from ...framework.values.motion import Command, Detection, Observation, Truth
@@ -466,7 +467,7 @@ def check_cast(
         raise WideberthError(
             f"agents move in {sorted(sizes)} dimensions; one episode has one number of them"
         )
-    blind = [agent.name for agent in robots if not _knows_polygons(agent)] if polygons else []
+    blind = [one.name for one in robots if polygons and not avoids_polygons(one.controller)]
     if blind:
         raise WideberthError(
             f"there are polygons, and the planner of {blind} has no static_region; set it, for "
@@ -480,12 +481,3 @@ def check_cast(
             raise WideberthError(f"a path change names {change.agent!r}; the robots are {known}")
     if len({id(agent.controller) for agent in robots}) < len(robots):
         raise WideberthError("two robots share one controller; each needs one of its own")
-
-
-def _knows_polygons(agent: RobotAgent) -> bool:
-    """Whether what keeps it clear of polygons is there.
-
-    Who has the setting `static_region` needs it. The others read polygons as they are, or say in
-    their docstrings that they do not.
-    """
-    return getattr(agent.controller, "static_region", True) is not None

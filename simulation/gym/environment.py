@@ -11,7 +11,7 @@ from typing import Any, TypeAlias, final
 
 import numpy as np
 
-from ...framework.control.policy_observer import Sight, View
+from ...framework.control.policy_observer import ObservationSpec, PolicyObserver
 from ...framework.controller import Controller, fresh
 from ...framework.plugins.config import build
 from ...framework.robot import Robot
@@ -50,10 +50,10 @@ class Navigation(gymnasium.Env[dict[str, Any], Array]):
     """One robot of a scenario, driven by whoever calls `step`.
 
     An action is a velocity of the robot, in the units of `VelocityBox`, held until the next
-    decision; an observation is what `Sight` describes, in single precision. The simulation
-    beneath is that of `run_episode`: the same commands give the same numbers. ``reset(seed=n)``
-    plays the situation that the scenario draws from n, as any experiment does with seed n;
-    without a seed the situation is drawn.
+    decision; an observation is what `ObservationSpec` describes, in single precision. The
+    simulation beneath is that of `run_episode`: the same commands give the same numbers.
+    ``reset(seed=n)`` plays the situation that the scenario draws from n, as any experiment does
+    with seed n; without a seed the situation is drawn.
 
     The episode is terminated at the goal, or when the robot touches anybody or anything, found
     between the instants too; it is truncated at the time limit or a deadlock. ``info`` tells
@@ -86,7 +86,7 @@ class Navigation(gymnasium.Env[dict[str, Any], Array]):
         robot: Robot | Config = "unicycle",
         period: float = 0.25,
         settings: Settings | None = None,
-        sight: Sight | None = None,
+        sight: ObservationSpec | None = None,
         reward: Reward | None = None,
         name: str = "",
         companion: Controller | Config | None = None,
@@ -102,10 +102,10 @@ class Navigation(gymnasium.Env[dict[str, Any], Array]):
             raise WideberthError(f"render_mode is {render_mode!r}; wanted None or 'rgb_array'")
         self._period, self._name = period, name
         self._settings = settings or Settings()
-        self._sight = sight or Sight()
+        self._sight = sight or ObservationSpec()
         self._reward: Reward = reward or CrowdNavReward()
         self.render_mode = render_mode
-        self._told = _Told(View(self._robot, period, self._sight), period)
+        self._told = _Told(PolicyObserver(self._robot, period, self._sight), period)
         high = self._told.view.box.high
         self.action_space = Box(-high, high, dtype=np.float64)
         self.observation_space = Dict(
@@ -258,7 +258,7 @@ def _known(gap: Array) -> bool:
 class _Told(Controller):
     """Does as it is told, and keeps the view of the robot up to date."""
 
-    def __init__(self, view: View, period: float) -> None:
+    def __init__(self, view: PolicyObserver, period: float) -> None:
         self.view, self.period = view, period
 
     def reset(self) -> None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from typing import Any, cast, final
+from typing import Any, Protocol, cast, final, runtime_checkable
 
 import numpy as np
 
@@ -74,10 +74,19 @@ class CrowdMix:
         return RobotAgent(name, body, controller, path, speed, person=True)
 
 
+@runtime_checkable
+class Hurrying(Protocol):
+    """A controller that may drive faster than its reference speed."""
+
+    @property
+    def haste(self) -> float:
+        """Highest speed over the reference speed."""
+
+
 def individual(kind: Controller, speed: float, radius: float) -> Controller:
     """Return a copy of a controller for a body of this radius that likes this speed."""
     body: Any = cast(Any, kind).robot
-    fastest = speed * float(getattr(kind, "haste", 1.0))
+    fastest = speed * (kind.haste if isinstance(kind, Hurrying) else 1.0)
     settings = {f.name: getattr(kind, f.name) for f in fields(cast(Any, kind)) if f.init}
     settings["robot"] = replace(body, radius=radius, max_speed=fastest)
     settings["reference_speed"] = speed

@@ -7,8 +7,9 @@ from typing import Any, ClassVar, Literal, final
 
 import numpy as np
 
-from ...framework.controller import Controller
+from ...framework.controller import Controller, DrivesRobot
 from ...framework.plugins.config import build
+from ...framework.robot import SpeedLimited
 from ...framework.values.arrays import positive, whole
 from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path
@@ -111,12 +112,22 @@ class CrowdNav(Scenario):
             )
         if self.phase not in OFFSET:
             raise WideberthError(f"crowdnav.phase is {self.phase!r}; wanted one of {list(OFFSET)}")
-        body = getattr(self.human, "robot", None)
-        if not hasattr(body, "radius") or not hasattr(body, "max_speed"):
-            raise WideberthError(
-                f"crowdnav.human is {type(self.human).__name__}; wanted a controller with a robot "
-                "that has a radius and a max_speed, as orca on holonomic_velocity"
-            )
+        _ = self.body
+
+    @property
+    def body(self) -> SpeedLimited:
+        """The robot that stands for a person.
+
+        Raises
+        ------
+        WideberthError : the controller of people drives no robot with a largest speed.
+        """
+        if isinstance(self.human, DrivesRobot) and isinstance(self.human.robot, SpeedLimited):
+            return self.human.robot
+        raise WideberthError(
+            f"crowdnav.human is {type(self.human).__name__}; wanted a controller with a robot "
+            "that has a radius and a max_speed, as orca on holonomic_velocity"
+        )
 
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Place the robot; nothing is drawn."""
@@ -179,7 +190,7 @@ class _Draws:
 
     def _attributes(self) -> tuple[float, float]:
         """Radius and preferred speed of the next person."""
-        body: Any = getattr(self.scenario.human, "robot", None)
+        body = self.scenario.body
         if not self.scenario.random_attributes:
             return float(body.radius), float(body.max_speed)
         speed = self.rng.uniform(0.5, 1.5)
@@ -206,14 +217,14 @@ class _Draws:
         return _Body(start, goal, radius, speed)
 
     def _standing(self) -> _Body:
-        body: Any = getattr(self.scenario.human, "robot", None)
+        body = self.scenario.body
         side = self._side()
         place = self._free(self._field(4.0, 8.0, side), float(body.radius), starts=True)
         return _Body(place, place, float(body.radius), float(body.max_speed))
 
     def _nobody(self) -> _Body:
         """Put one person far away, as the original does where there is nobody."""
-        body: Any = getattr(self.scenario.human, "robot", None)
+        body = self.scenario.body
         return _Body((0.0, -10.0), (0.0, -10.0), float(body.radius), float(body.max_speed))
 
     def _side(self) -> float:

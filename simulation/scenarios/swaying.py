@@ -89,11 +89,6 @@ class Swaying(Controller):
         """The plan of the controller, which knows nothing of the noise."""
         return self.controller.plan
 
-    @property
-    def static_region(self) -> Any:
-        """The controller's; True for one without this setting, which needs none for walls."""
-        return getattr(self.controller, "static_region", True)
-
 
 def made_to_sway(person: RobotAgent, process_noise: float, seed: int) -> RobotAgent:
     """Return a person who sways, and whose body has the speed for it; see `Swaying`."""

@@ -9,7 +9,7 @@ import pytest
 
 from wideberth.controllers.policy import Policy
 from wideberth.framework import names
-from wideberth.framework.control.policy_observer import Sight, View
+from wideberth.framework.control.policy_observer import ObservationSpec, PolicyObserver
 from wideberth.framework.control.velocity_box import VelocityBox
 from wideberth.framework.controller import fresh
 from wideberth.framework.plugins.config import build, describe
@@ -82,7 +82,7 @@ def seen(stamp, places, state=(0.0, 0.0), age=0.0, polygons=()):
 
 
 def test_the_nearest_are_shown_with_their_velocities():
-    view = View(PARTICLE, 0.5, Sight(obstacles=2, reach=6.0))
+    view = PolicyObserver(PARTICLE, 0.5, ObservationSpec(obstacles=2, reach=6.0))
     view.follow(EAST)
     for k in range(3):
         t = 0.5 * k
@@ -99,7 +99,7 @@ def test_the_nearest_are_shown_with_their_velocities():
 
 
 def test_a_late_measurement_is_carried_to_now():
-    view = View(PARTICLE, 0.5, Sight(obstacles=1))
+    view = PolicyObserver(PARTICLE, 0.5, ObservationSpec(obstacles=1))
     view.follow(EAST)
     for t in (0.0, 0.5, 1.0):
         view.take(last := seen(t, {"a": (2.0 + t - 0.25, 1.0)}, age=0.25))
@@ -108,7 +108,7 @@ def test_a_late_measurement_is_carried_to_now():
 
 def test_own_velocity_goal_heading_and_walls():
     robot = Unicycle(radius=0.3)
-    view = View(robot, 0.5, Sight(walls=2, reach=3.0))
+    view = PolicyObserver(robot, 0.5, ObservationSpec(walls=2, reach=3.0))
     view.follow(EAST)
     wall = Polygon(((0, 1), (2, 1), (2, 2), (0, 2)), "wall")
     view.take(last := seen(0.0, {}, (1.0, 0.5, np.pi / 2, 0.4, -0.1), polygons=(wall,)))
@@ -119,7 +119,7 @@ def test_own_velocity_goal_heading_and_walls():
     assert shown["walls_present"].tolist() == [1.0, 0.0]
     np.testing.assert_allclose(np.linalg.norm(shown["goal"]), 3.0)
     np.testing.assert_allclose(shown["goal"] / 3.0, [4.0, -0.5] / np.hypot(4.0, 0.5))
-    particle = View(PARTICLE, 0.5, Sight())
+    particle = PolicyObserver(PARTICLE, 0.5, ObservationSpec())
     particle.follow(EAST)
     particle.commanded(Command((0.3, 0.1)))
     particle.take(last := seen(0.0, {}))
@@ -128,7 +128,9 @@ def test_own_velocity_goal_heading_and_walls():
 
 def test_forecasts_are_those_of_the_predictor():
     predictor = Kalman()
-    view = View(PARTICLE, 0.5, Sight(obstacles=2, predictor=predictor, steps=3))
+    view = PolicyObserver(
+        PARTICLE, 0.5, ObservationSpec(obstacles=2, predictor=predictor, steps=3)
+    )
     view.follow(EAST)
     for k in range(8):
         view.take(last := seen(0.5 * k, {"a": (4.0 - 0.25 * k, 1.0)}, (0.5, 0.0)))
@@ -165,7 +167,7 @@ def test_config_round_trip_and_names():
               "policy": "sample_policies:to_goal", "sight": {"obstacles": 3}}  # fmt: skip
     made = build("controllers", config)
     again = build("controllers", describe(made))
-    assert describe(again) == describe(made) and again.sight == Sight(obstacles=3)
+    assert describe(again) == describe(made) and again.sight == ObservationSpec(obstacles=3)
     assert fresh(made) is not made and fresh(made).policy == made.policy
     assert "sample_policies" in sys.modules
     for wrong in (
@@ -177,4 +179,4 @@ def test_config_round_trip_and_names():
         with pytest.raises(WideberthError, match="module:function"):
             Policy(PARTICLE, wrong)
     with pytest.raises(WideberthError, match=r"sight\.obstacles"):
-        Sight(obstacles=0)
+        ObservationSpec(obstacles=0)

@@ -7,7 +7,7 @@ import numpy as np
 from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.fallback.rollout import steer
 from wideberth.framework.mpc.instance.obstacles import Obstacles, fill
-from wideberth.framework.mpc.levels.base import LevelPolicy
+from wideberth.framework.mpc.levels.base import LevelPolicy, SharedLevel
 from wideberth.framework.mpc.ocp.bodies import with_auxiliaries
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.reference import lay_reference
@@ -40,7 +40,7 @@ def set_up(
         robot, region, level, horizon=STEPS, dt=DT, capacity=capacity, penalty=penalty
     )
     states, inputs = steer(robot, start, Twist((0.4, 0.0), -0.05), STEPS, DT)
-    scale = region.level(level.tail) if level.shared else float("nan")
+    scale = region.level(level.tail) if isinstance(level, SharedLevel) else float("nan")
     guess = Guess.bare(states, inputs, scale)
     guess = with_auxiliaries(robot, region, parameters, guess)
     return problem, replace(parameters, auxiliaries=guess.auxiliaries), guess

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.planner.best_response import Agent, Responder, state_of
+from wideberth.framework.mpc.planner.best_response import Agent, BestResponsePlanner, state_of
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.solvers.base import Solver
 from wideberth.framework.plugins.config import build, describe
@@ -138,7 +138,7 @@ def test_the_other_is_expected_to_give_way_as_the_robot_does():
 
 
 def test_two_alike_bend_alike():
-    responder = Responder(GAME.planner)
+    responder = BestResponsePlanner(GAME.planner)
     way = np.array([1.0, 0.0])
     one = Agent(np.array([-3.0, -0.1, 0.0, 0.5, 0.0]), way, 0.5, 0.75)
     two = Agent(np.array([3.0, 0.1, np.pi, 0.5, 0.0]), -way, 0.5, 0.75)
@@ -231,7 +231,7 @@ def test_an_inner_planner_that_fails_is_a_reason():
 
 
 def test_bodies_of_another_size_than_the_robot_keep_the_sum_of_radii():
-    responder = Responder(GAME.planner)
+    responder = BestResponsePlanner(GAME.planner)
     told = GAME.planner.predictor.predict(MEETING, 15)
     way, state = np.array([1.0, 0.0]), state_of(GAME.planner.robot, EGO[:2], EGO[3:], EGO[3:])
     np.testing.assert_allclose(state, EGO, atol=1e-12)

@@ -10,7 +10,7 @@ from pathlib import Path as File
 import numpy as np
 import pytest
 
-from wideberth.framework.control.policy_observer import Sight
+from wideberth.framework.control.policy_observer import ObservationSpec
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Command
@@ -80,7 +80,7 @@ def test_own_checker_of_gymnasium_has_nothing_to_say(robot):
 
 
 def test_checker_with_all_that_can_be_shown():
-    sight = Sight(3, walls=2, predictor=build("predictors", "kalman"), steps=4)
+    sight = ObservationSpec(3, walls=2, predictor=build("predictors", "kalman"), steps=4)
     made = gymnasium.make(
         ID, scenario=Meeting(wall=True), robot="unicycle", sight=sight, settings=SHORT
     )

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 from ...numerics.symbolic import ca
 from ...values.arrays import positive
+from ...values.errors import WideberthError
 from ...values.motion import Pose, Twist
 from ...values.path import Path
 from ..ocp.reference import Reference
@@ -62,10 +63,20 @@ class Cost(ABC):
     the reference has as many numbers as ``curve_width`` says.
     """
 
-    follows: ClassVar[bool] = False
-    """Whether a path parameter is a state of the problem and its rate an input."""
-
     reference: ClassVar[str] = ""
+
+    def __init_subclass__(cls) -> None:
+        """Refuse a cost that declares its progress by a flag instead of its type.
+
+        Raises
+        ------
+        WideberthError : ``follows = True`` in a class that is no `ProgressCost`.
+        """
+        if vars(cls).get("follows") is True and not issubclass(cls, ProgressCost):
+            raise WideberthError(
+                f"{cls.__name__} is a Cost with follows = True; a cost of the arc length along "
+                "the path derives from ProgressCost: change its base class"
+            )
 
     @abstractmethod
     def lay(self, path: Path, arc: float, speed: float, steps: int, dt: float) -> Reference:
@@ -82,6 +93,14 @@ class Cost(ABC):
     def curve_width(self, dimension: int) -> int:
         """How many numbers of the path a stage needs beside position, direction and speed."""
         return 0
+
+
+class ProgressCost(Cost):
+    """Prices the arc length theta along the path: a state of the problem, its rate an input.
+
+    The robot of its problem is a `wideberth.framework.mpc.ocp.progress_robot.ProgressRobot`, and
+    `Moment.progress` and `Moment.rate` are given.
+    """
 
 
 def effort(weights: Weights, acceleration: Twist) -> Any:

@@ -11,13 +11,13 @@ from ...values.arrays import positive, whole
 from ...values.path import Path
 from ..ocp.reference import Reference, lay_reference
 from ..ocp.stage import ReferenceSymbols
-from .base import Cost, Moment, Weights, effort, speed_error
+from .base import Moment, ProgressCost, Weights, effort, speed_error
 from .curve import curve_at, curve_width, lay_curve
 
 
 @final
 @dataclass(frozen=True)
-class Contouring(Cost):
+class Contouring(ProgressCost):
     r"""Stay near the path, and come along at the reference speed where nothing is in the way.
 
     The arc length theta of a point on the path is a state and its rate an input. With the
@@ -50,7 +50,6 @@ class Contouring(Cost):
         path and the slower.
     """
 
-    follows: ClassVar[bool] = True
     reference: ClassVar[str] = "lam2010contouring,liniger2015optimization,brito2019contouring"
 
     weights: Weights = field(default_factory=Weights)

@@ -9,11 +9,11 @@ from ...predictor import Predictor
 from ...values.errors import WideberthError
 from ...values.plan import Plan
 from ...values.tracks import Tracks
-from ..fallback.instance_check import TOLERANCE, Case
+from ..fallback.instance_check import TOLERANCE, InstanceCheck
 from ..fallback.verify import violation
 from ..ocp.problem import Parameters, Problem
 from ..ocp.transcription import Guess
-from ..planner.problem_cache import Problems, Size
+from ..planner.problem_cache import ProblemCache, Size
 from ..solvers.base import Solution, Solver
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ class Solve:
         ------
         WideberthError : a plug-in that is not known here, or one that makes another problem now.
         """
-        problem = Problems(self._planner()).of(self.size)
+        problem = ProblemCache(self._planner()).of(self.size)
         if problem.key != self.key:
             raise WideberthError(
                 "the problem assembled from the recorded settings is another one than was solved: "
@@ -144,12 +144,12 @@ class Decision:
 
     Attributes
     ----------
-    case, size : what was solved. guesses : from where.
+    check, size : what was solved. guesses : from where.
     point : the plan taken, as the problem states it. plan : as the planner hands it out.
     seconds : of the call.
     """
 
-    case: Case
+    check: InstanceCheck
     size: Size
     guesses: tuple[Guess, ...]
     point: Guess
@@ -172,13 +172,13 @@ class Decision:
             cost=plan.cost,
             given_way="" if plan.given_way is None else str(plan.given_way),
         )
-        case = self.case
+        check = self.check
         return Solve(
             config,
             self.size,
-            case.problem.key,
-            case.names,
-            case.parameters,
+            check.problem.key,
+            check.names,
+            check.parameters,
             self.guesses,
             self.point,
             verdict,

@@ -2,16 +2,15 @@
 
 import numpy as np
 
-from ...control.command_limits import within_reach
+from ...control.command_limits import within_bounds, within_reach
 from ...robot import Robot
 from ...values.arrays import Array, checked
 from ...values.motion import Command, Observation
 from ...values.plan import Plan, Rung, Status
-from ..planner.situation import within_limits
 from .rollout import brake
 
 
-def aim(robot: Robot, plan: Plan, step: int = 0) -> Command:
+def command_of_plan(robot: Robot, plan: Plan, step: int = 0) -> Command:
     """Aim at the twist of the step after ``step``, over one MPC step, for the paper's smoother.
 
     A robot whose input is the velocity itself takes it at once. Beyond the plan's end it
@@ -37,10 +36,10 @@ def emergency(
     """
     try:
         checked("the observed state", observation.state, (None,))
-        states, inputs = brake(robot, within_limits(robot, observation.state), horizon, dt)
+        states, inputs = brake(robot, within_bounds(robot, observation.state), horizon, dt)
         positions = np.stack(robot.pose(tuple(states.T)).position, axis=-1)
         plan = _unchecked(observation, reason, states, inputs, positions, dt)
-        return plan, within_reach(robot, aim(robot, plan))
+        return plan, within_reach(robot, command_of_plan(robot, plan))
     except Exception as error:
         reason = f"{reason}; braking: {type(error).__name__}: {error}"
         states = np.zeros((horizon + 1, len(robot.states)))

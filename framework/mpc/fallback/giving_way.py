@@ -8,7 +8,7 @@ import numpy as np
 from ...values.arrays import Array
 from ...values.plan import GivenWay, Rung
 from ..levels.base import tail_of
-from .instance_check import TOLERANCE, Candidate, Case
+from .instance_check import TOLERANCE, Candidate, InstanceCheck
 from .verify import violation
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ _HALVINGS = 12
 """Of the interval in which the level held lies: to 1/4096 of the level asked for."""
 
 
-def held(ladder: "Ladder", case: Case, best: Candidate) -> tuple[Array, GivenWay | None]:
+def held(ladder: "Ladder", check: InstanceCheck, best: Candidate) -> tuple[Array, GivenWay | None]:
     """Return the level at which a plan keeps each constraint, and how it gave way, if it did.
 
     A plan gave way if it enters a region of the level aimed at, by more than `TOLERANCE`: less
@@ -37,17 +37,17 @@ def held(ladder: "Ladder", case: Case, best: Candidate) -> tuple[Array, GivenWay
     -------
     level : (N, O). given_way : None where everything is kept as aimed at.
     """
-    asked = case.parameters.level[:, : len(case.around.obstacles)]
+    asked = check.parameters.level[:, : len(check.around.obstacles)]
     if not asked.size:
         return asked, None
-    entered = _entered(ladder, case, best, 1.0)
+    entered = _entered(ladder, check, best, 1.0)
     if entered.max() <= TOLERANCE:
         return asked, None
-    shared = case.problem.shared
+    shared = check.problem.shared
     if shared and best.rung is Rung.OPTIMAL:
         lower, worst, kept = np.full_like(asked, best.point.level), entered, True
     else:
-        share, worst, kept = _largest(ladder, case, best, entered)
+        share, worst, kept = _largest(ladder, check, best, entered)
         lower = share * asked
     level = np.where(shared | (entered > TOLERANCE), lower, asked)
     step, slot = divmod(int(worst.argmax()), worst.shape[1])
@@ -57,21 +57,21 @@ def held(ladder: "Ladder", case: Case, best: Candidate) -> tuple[Array, GivenWay
         for value in (asked[step, slot], level[step, slot])
     ]
     first = int((entered[:, slot] > TOLERANCE).argmax()) + 1
-    name = case.names[slot]
+    name = check.names[slot]
     return level, GivenWay(tails[0], tails[1] if kept else 1.0, policy.promise, first, name)
 
 
 def _largest(
-    ladder: "Ladder", case: Case, best: Candidate, entered: Array
+    ladder: "Ladder", check: InstanceCheck, best: Candidate, entered: Array
 ) -> tuple[float, Array, bool]:
     """Return the largest share that is kept, what is entered just above it, and whether any is."""
     low, high, above = 0.0, 1.0, entered
-    at_least = _entered(ladder, case, best, 0.0)
+    at_least = _entered(ladder, check, best, 0.0)
     if at_least.max() > TOLERANCE:
         return 0.0, at_least, False
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        found = _entered(ladder, case, best, middle)
+        found = _entered(ladder, check, best, middle)
         if found.max() > TOLERANCE:
             high, above = middle, found
         else:
@@ -79,14 +79,14 @@ def _largest(
     return low, above, True
 
 
-def _entered(ladder: "Ladder", case: Case, best: Candidate, share: float) -> Array:
+def _entered(ladder: "Ladder", check: InstanceCheck, best: Candidate, share: float) -> Array:
     """How far each region is entered at a share of the levels aimed at, (N, O)."""
-    parameters = case.parameters
-    if case.problem.shared:
+    parameters = check.parameters
+    if check.problem.shared:
         point = replace(best.point, level=share * parameters.target)
     else:
         parameters = replace(parameters, level=share * parameters.level)
         point = best.point
     point = ladder.suited(parameters, point)
-    found = violation(case.problem, parameters, point).regions
-    return found[:, : len(case.around.obstacles)]
+    found = violation(check.problem, parameters, point).regions
+    return found[:, : len(check.around.obstacles)]

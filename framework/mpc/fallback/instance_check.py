@@ -40,7 +40,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class InstanceCheck:
     """What plans are held against: the instance, and all that the bodies could touch."""
 
     problem: Problem
@@ -67,7 +67,7 @@ class Outcome:
     ----------
     candidates : the re-checked solutions, that from the last plan first.
     guesses : what was solved from.
-    crowded : whether something is in the way, see `attempts.Attempts`.
+    obstacle_in_way : whether something is in the way, see `multistart.MultiStart`.
     before : whether that was so at the last call.
     status, message : of the first solve, or why there was none.
     note : why the solver was not asked from all other starts, where it did not return.
@@ -75,19 +75,19 @@ class Outcome:
 
     candidates: tuple[Candidate, ...]
     guesses: tuple[Guess, ...]
-    crowded: bool
+    obstacle_in_way: bool
     before: bool
     status: Status
     message: str
     note: str = ""
 
 
-def contact(case: Case, one: Candidate, window: int) -> float:
+def contact(check: InstanceCheck, one: Candidate, window: int) -> float:
     """Return how deep a plan enters polygons or the forecast's means before a stop ends.
 
     The window is the steps that braking takes and one more: what lies beyond can still be
     braked for when the next plan is made.
     """
-    walls = one.found.regions[:, case.problem.capacity :].max(axis=1, initial=0.0)
-    depth = np.maximum(case.around.overlap(one.point.states), one.found.touched)
+    walls = one.found.regions[:, check.problem.capacity :].max(axis=1, initial=0.0)
+    depth = np.maximum(check.around.overlap(one.point.states), one.found.touched)
     return float(np.maximum(depth, walls)[:window].max(initial=0.0))

@@ -25,18 +25,18 @@ from ...static_region import StaticRegion
 from ...values.arrays import Array
 from ...values.plan import Plan, Rung, Status
 from ..instance.obstacles import Obstacles
-from ..levels.base import LevelPolicy
+from ..levels.base import LevelPolicy, SharedLevel
 from ..ocp.bodies import with_auxiliaries
 from ..ocp.problem import Parameters
 from ..ocp.transcription import Guess
 from ..solvers.base import Solution
 from .giving_way import held
-from .instance_check import TOLERANCE, Candidate, Case, Outcome, contact
+from .instance_check import TOLERANCE, Candidate, InstanceCheck, Outcome, contact
 from .rollout import clip, follow, shift, stand, steer, sweep
 from .stopping import stops
 from .verify import price
 
-LOYALTY = 0.05
+SWITCHING_MARGIN = 0.05
 """Share of 1 + |cost| that another start has to save before the last plan is given up for it. Head
 on, 2 cm of noise on the obstacle are worth 2 % to 4 %; the wrong side of one that stands 0.3 m off
 the middle, 70 %."""
@@ -69,7 +69,7 @@ class Ladder:
     def guess(self, states: Array, inputs: Array) -> Guess:
         """Wrap a trajectory as a starting point; auxiliaries are filled in later."""
         target = float("nan")
-        if self.level.shared:
+        if isinstance(self.level, SharedLevel):
             target = self.level.levels(self.region, 1, 1, self.robot.dimension)[0, 0]
         return Guess.bare(states, inputs, float(target))
 
@@ -97,26 +97,26 @@ class Ladder:
         twist = sweep(self.robot, self.start, "coast", 0.0)
         return self.guess(*steer(self.robot, self.start, twist, self.horizon, self.dt))
 
-    def assess(self, case: Case, solution: Solution) -> Candidate:
+    def assess(self, check: InstanceCheck, solution: Solution) -> Candidate:
         """Re-check a solution; one that did not converge is first made drivable."""
         point = solution.point
-        if case.problem.shared:  # the last iterate of a solver may lie below the bound
-            point = replace(point, level=max(point.level, case.problem.minimum))
+        if check.problem.shared:  # the last iterate of a solver may lie below the bound
+            point = replace(point, level=max(point.level, check.problem.minimum))
         if solution.status is not Status.SOLVED:
             inputs = clip(self.robot, point.inputs)
             states = follow(self.robot, self.start, inputs, self.dt)
-            point = self.suited(case.parameters, replace(point, states=states, inputs=inputs))
-        found = case.check(point)
+            point = self.suited(check.parameters, replace(point, states=states, inputs=inputs))
+        found = check.check(point)
         if found.worst > TOLERANCE:
             rung = Rung.LEAST
         else:
             rung = Rung.OPTIMAL if solution.status is Status.SOLVED else Rung.FEASIBLE
         cost = solution.cost
         if rung is Rung.FEASIBLE:  # the solver's is that of its last iterate, not yet drivable
-            cost = price(case.problem, case.parameters, point)
+            cost = price(check.problem, check.parameters, point)
         return Candidate(point, rung, found, solution, cost=cost)
 
-    def choose(self, case: Case, outcome: Outcome) -> tuple[Plan, Guess]:
+    def choose(self, check: InstanceCheck, outcome: Outcome) -> tuple[Plan, Guess]:
         """Take the best rung and write down why it is not a better one.
 
         Returns the plan, and its point as the problem states it.
@@ -127,16 +127,16 @@ class Ladder:
         outcome : of solving.
         """
         solved = outcome.candidates
-        obstacles, walls = case.around.obstacles, case.around.walls
-        names = case.names
+        obstacles, walls = check.around.obstacles, check.around.walls
+        names = check.names
         best, words = self._best(outcome), [f"solver: {outcome.message}"]
         if best is None:
             if solved and solved[0].found.worst > TOLERANCE:
                 words.append(f"its plan: {solved[0].found.where(names)}")
-            best, refused = self._fall_back(case, solved, names)
+            best, refused = self._fall_back(check, solved, names)
             words += refused
-        level, given_way = held(self, case, best)
-        plan = self._plan(best, case.parameters, obstacles, level)
+        level, given_way = held(self, check, best)
+        plan = self._plan(best, check.parameters, obstacles, level)
         breach = best.found.breach(names) if best.found.worst > TOLERANCE else None
         if breach is not None:
             words.append(f"{best} taken: {breach}")
@@ -161,8 +161,8 @@ class Ladder:
     def _best(self, outcome: Outcome) -> Candidate | None:
         """Return the cheapest feasible plan.
 
-        One that converged is kept unless an iterate saves more than `LOYALTY`; so is, while
-        something stays in the way, the one that continues the last plan, so that the side is
+        One that converged is kept unless an iterate saves more than `SWITCHING_MARGIN`; so is,
+        while something stays in the way, the one that continues the last plan, so that the side is
         not changed for noise.
         """
         rungs = (Rung.OPTIMAL, Rung.FEASIBLE)
@@ -170,7 +170,9 @@ class Ladder:
         if not feasible:
             return None
         least = min(one.cost for one in feasible)
-        near = [one for one in feasible if one.cost - least <= LOYALTY * (1.0 + abs(least))]
+        near = [
+            one for one in feasible if one.cost - least <= SWITCHING_MARGIN * (1.0 + abs(least))
+        ]
         sound = [one for one in near if one.rung is Rung.OPTIMAL] or near
         loyal = outcome.before and self.inputs is not None
         if loyal and sound[0] is outcome.candidates[0]:
@@ -178,7 +180,7 @@ class Ladder:
         return min(sound, key=lambda one: one.cost)
 
     def _fall_back(
-        self, case: Case, solved: Sequence[Candidate], names: tuple[str, ...]
+        self, check: InstanceCheck, solved: Sequence[Candidate], names: tuple[str, ...]
     ) -> tuple[Candidate, list[str]]:
         """Shifted last plan, else the least violation of what is drivable; and what was refused.
 
@@ -187,7 +189,7 @@ class Ladder:
         """
         drivable = [
             replace(
-                self._lowest(case, one.point.states, one.point.inputs, one.rung),
+                self._lowest(check, one.point.states, one.point.inputs, one.rung),
                 solution=one.solution,
                 cost=one.cost,
             )
@@ -200,41 +202,42 @@ class Ladder:
         refused = []
         if self.inputs is not None:
             states = follow(self.robot, self.start, self.inputs, self.dt)
-            shifted = self._lowest(case, states, self.inputs, Rung.SHIFTED)
+            shifted = self._lowest(check, states, self.inputs, Rung.SHIFTED)
             if shifted.found.worst <= TOLERANCE:
                 return shifted, []
             refused = [f"{shifted}: {shifted.found.where(names)}"]
-        return self._least(case, drivable), refused
+        return self._least(check, drivable), refused
 
-    def _least(self, case: Case, drivable: Sequence[Candidate]) -> Candidate:
+    def _least(self, check: InstanceCheck, drivable: Sequence[Candidate]) -> Candidate:
         """Of solutions and of all ways to stop, take the one with the least violation.
 
         What touches somebody before a stop ends comes last, whatever else it keeps. Braking
         straight on wins a tie.
         """
         ways = (
-            replace(self._lowest(case, states, inputs, Rung.BRAKE), way=name)
+            replace(self._lowest(check, states, inputs, Rung.BRAKE), way=name)
             for name, states, inputs in stops(self.robot, self.start, self.horizon, self.dt)
         )
         straight = next(ways)
         states = straight.point.states
         window = int((np.abs(states - states[-1]).max(axis=1) > 1e-3).sum()) + 1
-        depth = contact(case, straight, window)
+        depth = contact(check, straight, window)
         if max(depth, straight.found.total) == 0.0:
             return straight
         every = [(straight, depth)]
-        every += [(one, contact(case, one, window)) for one in (*drivable, *ways)]
+        every += [(one, contact(check, one, window)) for one in (*drivable, *ways)]
         least = min(depth for _, depth in every) + TOLERANCE
         return min(
             (one for one, depth in every if depth <= least), key=lambda one: one.found.total
         )
 
-    def _lowest(self, case: Case, states: Array, inputs: Array, rung: Rung) -> Candidate:
+    def _lowest(self, check: InstanceCheck, states: Array, inputs: Array, rung: Rung) -> Candidate:
         """Re-check a trajectory at the lowest level that the policy allows."""
-        level = max(self.level.minimum, 0.0) if case.problem.shared else float("nan")
+        shared = check.problem.shared
+        level = max(check.problem.minimum, 0.0) if shared else float("nan")
         guess = replace(self.guess(states, inputs), level=level)
-        point = self.suited(case.parameters, guess)
-        return Candidate(point, rung, case.check(point))
+        point = self.suited(check.parameters, guess)
+        return Candidate(point, rung, check.check(point))
 
     def _plan(
         self, best: Candidate, parameters: Parameters, obstacles: Obstacles, level: Array

@@ -1,7 +1,7 @@
-"""The LevelPolicy interface."""
+"""The LevelPolicy interface, and that of policies whose level is a decision variable."""
 
 from abc import ABC, abstractmethod
-from typing import ClassVar, Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -17,12 +17,8 @@ risk that the region guarantees (for the exact sum s = Phi^-1(1 - tail), a small
 class LevelPolicy(ABC):
     """Chooses the level of every constraint: an array (steps, obstacles).
 
-    A policy may tie all entries to one decision variable of the MPC, the paper's s; then
-    ``weight`` and ``minimum`` say what giving way costs and how far it may go.
+    The MPC holds these levels as they are; a `SharedLevel` may give way.
     """
-
-    shared: ClassVar[bool]
-    """Whether one decision variable stands for all levels."""
 
     tail: float
     """Probability that is aimed at."""
@@ -30,19 +26,38 @@ class LevelPolicy(ABC):
     promise: Promise
     """What it is the probability of."""
 
-    minimum: float
-    """Lower bound of that variable; -inf where it is free, as the paper has it."""
+    def __init_subclass__(cls) -> None:
+        """Refuse a policy that declares a shared level by a flag instead of its type.
 
-    weight: float
-    """Weight of (level - reference)^2 in the cost."""
+        Raises
+        ------
+        WideberthError : ``shared = True`` in a class that is no `SharedLevel`.
+        """
+        if vars(cls).get("shared") is True and not issubclass(cls, SharedLevel):
+            raise WideberthError(
+                f"{cls.__name__} is a LevelPolicy with shared = True; a policy whose level is a "
+                "decision variable derives from SharedLevel: change its base class"
+            )
 
     @abstractmethod
     def levels(self, region: Region, steps: int, obstacles: int, dimension: int) -> Array:
         """Levels aimed at, (steps, obstacles); steps 1..N, and obstacles that are there.
 
-        Pure. All entries of a shared level are the same, and not below ``minimum``. Laws,
-        checked by `wideberth.framework.testing.check_level`.
+        Pure. Laws, checked by `wideberth.framework.testing.check_level`.
         """
+
+
+class SharedLevel(LevelPolicy):
+    """Ties all levels to one decision variable of the MPC, the paper's s.
+
+    It costs ``weight`` (s - s_ref)^2. All entries of `levels` are s_ref, not below ``minimum``.
+    """
+
+    minimum: float
+    """Lower bound of s; -inf where it is free, as the paper has it."""
+
+    weight: float
+    """Weight of (s - s_ref)^2 in the cost."""
 
 
 def level_of(region: Region, promise: Promise, tail: float, dimension: int) -> float:

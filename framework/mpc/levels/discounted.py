@@ -1,6 +1,6 @@
 """A level that falls over the horizon: what lies farther ahead is decided later."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar, final
 
 import numpy as np
@@ -44,14 +44,11 @@ class Discounted(LevelPolicy):
     """
 
     reference: ClassVar[str] = "yan2018stochastic"
-    shared: ClassVar[bool] = False
 
     tail: float = 0.05
     final_tail: float = 0.5
     full_steps: int = 1
     promise: Promise = "content"
-    minimum: float = field(default=0.0, init=False, repr=False)  # no setting: nothing gives way
-    weight: float = field(default=0.0, init=False, repr=False)
 
     def __post_init__(self) -> None:
         probability("level.tail", self.tail)

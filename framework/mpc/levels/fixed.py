@@ -1,7 +1,7 @@
 """Every region at one level."""
 
-from dataclasses import dataclass, field
-from typing import ClassVar, final
+from dataclasses import dataclass
+from typing import final
 
 from ...region import Region
 from ...values.arrays import Array, probability
@@ -20,12 +20,8 @@ class Fixed(LevelPolicy):
         the highest collision risk.
     """
 
-    shared: ClassVar[bool] = False
-
     tail: float = 0.05
     promise: Promise = "content"
-    minimum: float = field(default=0.0, init=False, repr=False)  # no setting: nothing gives way
-    weight: float = field(default=0.0, init=False, repr=False)
 
     def __post_init__(self) -> None:
         probability("level.tail", self.tail)

@@ -5,13 +5,13 @@ from typing import ClassVar, final
 
 from ...region import Region
 from ...values.arrays import Array
-from .base import LevelPolicy, Promise
+from .base import Promise, SharedLevel
 from .relaxed import Relaxed
 
 
 @final
 @dataclass(frozen=True)
-class Paper(LevelPolicy):
+class Paper(SharedLevel):
     """Let the level give way as the paper has it: nearly for free, down to nothing.
 
     `Relaxed` with the price (s - s_ref)^2 once, and s_ref = sqrt(5.991) as printed. The paper
@@ -28,7 +28,6 @@ class Paper(LevelPolicy):
     weight, minimum, promise : as in `Relaxed`.
     """
 
-    shared: ClassVar[bool] = True
     reference: ClassVar[str] = "schoeneberg2025trajectory"
 
     tail: float = 0.050012

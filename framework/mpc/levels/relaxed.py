@@ -1,17 +1,17 @@
 """One level for all: a decision variable, drawn towards its reference by the cost."""
 
 from dataclasses import dataclass
-from typing import ClassVar, final
+from typing import final
 
 from ...region import Region
 from ...values.arrays import Array, positive, probability
 from ...values.errors import WideberthError
-from .base import LevelPolicy, Promise, checked_promise, uniform
+from .base import Promise, SharedLevel, checked_promise, uniform
 
 
 @final
 @dataclass(frozen=True)
-class Relaxed(LevelPolicy):
+class Relaxed(SharedLevel):
     """Let one level s give way for all steps and obstacles at the price w (s - s_ref)^2.
 
     The paper's relaxation at a price that keeps what is asked wherever there is room, and down
@@ -31,8 +31,6 @@ class Relaxed(LevelPolicy):
     minimum : lower bound of s, in the region's own unit; at most s_ref. ``-.inf`` for none.
     promise : whether tail is 1 - content, as in the paper, or the highest collision risk.
     """
-
-    shared: ClassVar[bool] = True
 
     tail: float = 0.05
     weight: float = 1000.0

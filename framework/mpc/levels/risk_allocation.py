@@ -1,6 +1,6 @@
 """One risk for the whole plan, split over its steps and obstacles by Boole's inequality."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar, final
 
 import numpy as np
@@ -47,13 +47,10 @@ class RiskAllocation(LevelPolicy):
     """
 
     reference: ClassVar[str] = "ono2008iterative"
-    shared: ClassVar[bool] = False
 
     tail: float = 0.05
     growth: float = 1.0
     promise: Promise = "content"
-    minimum: float = field(default=0.0, init=False, repr=False)  # no setting: nothing gives way
-    weight: float = field(default=0.0, init=False, repr=False)
 
     def __post_init__(self) -> None:
         probability("level.tail", self.tail)

@@ -34,7 +34,7 @@ class Agent:
     radius: float
 
 
-class Told(Predictor):
+class FixedForecast(Predictor):
     """Repeats a forecast that was made elsewhere; changes from call to call of the planner."""
 
     forecast: Forecast
@@ -51,7 +51,7 @@ class Told(Predictor):
         )
 
 
-class Responder:
+class BestResponsePlanner:
     """Plans for agents, one after the other, each from scratch: it remembers nothing.
 
     Every instance is solved in the agent's own frame (its position the origin, its goal on
@@ -65,7 +65,7 @@ class Responder:
     """
 
     def __init__(self, planner: Planner) -> None:
-        self._told = Told()
+        self._told = FixedForecast()
         self._planner = replace(
             planner, predictor=self._told, history=2, latency=0.0, deadline=None, starts=()
         )

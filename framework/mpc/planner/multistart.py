@@ -9,7 +9,7 @@ import numpy as np
 
 from ...values.arrays import FARTHEST
 from ...values.plan import Rung, Status
-from ..fallback.instance_check import Candidate, Case, Outcome
+from ..fallback.instance_check import Candidate, InstanceCheck, Outcome
 from ..fallback.ladder import Ladder
 from ..fallback.verify import violation
 from ..ocp.transcription import Guess
@@ -83,7 +83,9 @@ class Watch:
         """What reasons call the solver."""
         return type(self._solver).__name__
 
-    def solve(self, case: Case, guesses: Sequence[Guess], budget: Budget) -> list[Solution]:
+    def solve(
+        self, check: InstanceCheck, guesses: Sequence[Guess], budget: Budget
+    ) -> list[Solution]:
         """Solve from each guess.
 
         With a deadline all of it, compilation included, may take what the budget has left.
@@ -93,12 +95,12 @@ class Watch:
         ------
         LeftBehind, Refused : there is no solution, see `watch.watched`.
         """
-        given = case.problem, case.parameters
+        given = check.problem, check.parameters
         if budget.deadline is None:
             limit = self._patience * len(guesses)
-            if case.problem.key not in self._used:
+            if check.problem.key not in self._used:
                 limit *= COMPILING
-                self._used.add(case.problem.key)
+                self._used.add(check.problem.key)
             return watched(partial(self._solver.solve, *given, guesses, None), limit)
         begin, left = budget.spent(), max(budget.left(), 1e-3)
         call = partial(self._solver.solve, *given, guesses, left)
@@ -107,7 +109,7 @@ class Watch:
 
 
 @dataclass(frozen=True, eq=False)
-class Attempts:
+class MultiStart:
     """Solves one instance from the last plan first, then from other starts.
 
     With ``auto`` these are all of `OTHERS` when the first solve gave no feasible plan, when there
@@ -132,42 +134,55 @@ class Attempts:
     starts: Starts
     budget: Budget
 
-    def run(self, ladder: Ladder, case: Case, first: Guess, crowded: bool) -> Outcome:
-        """Solve; ``crowded`` is what the last outcome said."""
+    def run(
+        self, ladder: Ladder, check: InstanceCheck, first: Guess, obstacle_in_way: bool
+    ) -> Outcome:
+        """Solve; ``obstacle_in_way`` is what the last outcome said."""
         try:
-            return self._run(ladder, case, first, crowded)
+            return self._run(ladder, check, first, obstacle_in_way)
         except (LeftBehind, Refused) as error:
             message = f"{self.watch.name} {error}"
-            return Outcome((), (first,), crowded, crowded, Status.DEADLINE, message)
+            return Outcome(
+                (), (first,), obstacle_in_way, obstacle_in_way, Status.DEADLINE, message
+            )
         except Exception as error:  # a plug-in's solver may fail in any way; the ladder goes on
             message = f"{type(error).__name__}: {error}"
-            return Outcome((), (first,), crowded, crowded, Status.FAILED, message)
+            return Outcome((), (first,), obstacle_in_way, obstacle_in_way, Status.FAILED, message)
 
-    def _run(self, ladder: Ladder, case: Case, first: Guess, crowded: bool) -> Outcome:
+    def _run(
+        self, ladder: Ladder, check: InstanceCheck, first: Guess, obstacle_in_way: bool
+    ) -> Outcome:
         if self.budget.left() <= 0.0:
             message = "no time was left to solve"
-            return Outcome((), (first,), crowded, crowded, Status.DEADLINE, message)
-        where = np.concatenate([ladder.start, case.parameters.reference.ravel()])
+            return Outcome(
+                (), (first,), obstacle_in_way, obstacle_in_way, Status.DEADLINE, message
+            )
+        where = np.concatenate([ladder.start, check.parameters.reference.ravel()])
         if not np.abs(where).max() <= FARTHEST:
             message = f"state or reference exceed {FARTHEST:g}: nothing was solved"
-            return Outcome((), (first,), crowded, crowded, Status.FAILED, message)
-        reference = ladder.guess(*along(ladder.robot, case.parameters, ladder.dt))
-        solutions = self._solve(case, [first])
-        candidates = [ladder.assess(case, one) for one in solutions]
-        there = _in_the_way(ladder, case, reference, candidates[0])
-        names = self._names(ladder, case, candidates[0], there, crowded)
-        found = other_starts(ladder.robot, case.problem, case.parameters, first, names)
-        others = [ladder.suited(case.parameters, guess) for guess in found]
-        solutions, note = self._others(case, others, solutions[0].seconds)
-        candidates += [ladder.assess(case, one) for one in solutions]
+            return Outcome((), (first,), obstacle_in_way, obstacle_in_way, Status.FAILED, message)
+        reference = ladder.guess(*along(ladder.robot, check.parameters, ladder.dt))
+        solutions = self._solve(check, [first])
+        candidates = [ladder.assess(check, one) for one in solutions]
+        there = _in_the_way(ladder, check, reference, candidates[0])
+        names = self._names(ladder, check, candidates[0], there, obstacle_in_way)
+        found = other_starts(ladder.robot, check.problem, check.parameters, first, names)
+        others = [ladder.suited(check.parameters, guess) for guess in found]
+        solutions, note = self._others(check, others, solutions[0].seconds)
+        candidates += [ladder.assess(check, one) for one in solutions]
         guesses = (first, *others[: len(solutions)])
         solved = candidates[0].solution
         assert solved is not None
         status, message = solved.status, solved.message
-        return Outcome(tuple(candidates), guesses, there, crowded, status, message, note)
+        return Outcome(tuple(candidates), guesses, there, obstacle_in_way, status, message, note)
 
     def _names(
-        self, ladder: Ladder, case: Case, first: Candidate, there: bool, crowded: bool
+        self,
+        ladder: Ladder,
+        check: InstanceCheck,
+        first: Candidate,
+        there: bool,
+        obstacle_in_way: bool,
     ) -> Sequence[str]:
         """Return the starts that this situation asks for."""
         if self.starts != "auto":
@@ -176,46 +191,46 @@ class Attempts:
             return OTHERS
         if not there:
             return ()
-        anew = ladder.inputs is None or not crowded
-        return OTHERS if anew or _stuck(ladder, case, first) else ("along",)
+        anew = ladder.inputs is None or not obstacle_in_way
+        return OTHERS if anew or _stuck(ladder, check, first) else ("along",)
 
     def _others(
-        self, case: Case, guesses: Sequence[Guess], longest: float
+        self, check: InstanceCheck, guesses: Sequence[Guess], longest: float
     ) -> tuple[list[Solution], str]:
         """Solve from other starts while there is time; say where that was cut off."""
         solutions: list[Solution] = []
         try:
             if self.budget.deadline is None:
-                return (self._solve(case, guesses) if guesses else []), ""
+                return (self._solve(check, guesses) if guesses else []), ""
             for guess in guesses:
                 if self.budget.left() < longest:
                     break
-                solutions += self._solve(case, [guess])
+                solutions += self._solve(check, [guess])
                 longest = max(longest, solutions[-1].seconds)
         except (LeftBehind, Refused) as error:
             return solutions, f"from another start {self.watch.name} {error}"
         return solutions, ""
 
-    def _solve(self, case: Case, guesses: Sequence[Guess]) -> list[Solution]:
-        return self.watch.solve(case, guesses, self.budget)
+    def _solve(self, check: InstanceCheck, guesses: Sequence[Guess]) -> list[Solution]:
+        return self.watch.solve(check, guesses, self.budget)
 
 
-def _stuck(ladder: Ladder, case: Case, solved: Candidate) -> bool:
+def _stuck(ladder: Ladder, check: InstanceCheck, solved: Candidate) -> bool:
     """Whether a plan ends where it begins, measured by the way to where its reference ends."""
     begin, end = (
         np.array(ladder.robot.pose(tuple(state)).position, dtype=np.float64)
         for state in (solved.point.states[0], solved.point.states[-1])
     )
-    way = np.linalg.norm(case.parameters.reference[-1] - begin)
+    way = np.linalg.norm(check.parameters.reference[-1] - begin)
     return bool(np.linalg.norm(end - begin) < STUCK * way)
 
 
-def _in_the_way(ladder: Ladder, case: Case, reference: Guess, solved: Candidate) -> bool:
+def _in_the_way(ladder: Ladder, check: InstanceCheck, reference: Guess, solved: Candidate) -> bool:
     """Whether something stands on the reference, or makes the level give way."""
-    parameters = case.parameters
+    parameters = check.parameters
     if not (parameters.active.any() or parameters.static_active.any()):
         return False
     point = ladder.suited(parameters, reference)
-    if violation(case.problem, parameters, point).regions.max(initial=0.0) > 0.0:
+    if violation(check.problem, parameters, point).regions.max(initial=0.0) > 0.0:
         return True
-    return case.problem.shared and solved.point.level < parameters.target - 1e-3
+    return check.problem.shared and solved.point.level < parameters.target - 1e-3

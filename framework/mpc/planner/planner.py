@@ -6,7 +6,7 @@ from typing import final
 
 import numpy as np
 
-from ...control.command_limits import broken_limit, within_reach
+from ...control.command_limits import broken_limit, within_bounds, within_reach
 from ...control.notices import NOTICES
 from ...control.velocity_smoother import VelocitySmoother
 from ...controller import Controller, checked_ready, checked_use
@@ -15,19 +15,19 @@ from ...region import Region
 from ...robot import Robot
 from ...static_region import StaticRegion
 from ...tracking.history import viewpoint
-from ...tracking.perception import Perception
+from ...tracking.perception import Perception, scene_of
 from ...values.arrays import Array
 from ...values.errors import WideberthError
 from ...values.forecast import Forecast
 from ...values.motion import Command, Observation, checked_numbers
 from ...values.path import Path
 from ...values.plan import Plan, Rung
-from ..costs.base import Cost
+from ..costs.base import Cost, ProgressCost
 from ..costs.tracking import Tracking
 from ..diagnosis.explain import Decision, Solve
 from ..diagnosis.solve_record import Record
-from ..fallback.emergency import aim, emergency
-from ..fallback.instance_check import Case
+from ..fallback.emergency import command_of_plan, emergency
+from ..fallback.instance_check import InstanceCheck
 from ..fallback.ladder import Ladder
 from ..fallback.rollout import carry
 from ..instance.contact import Surroundings
@@ -38,12 +38,11 @@ from ..levels.base import LevelPolicy
 from ..ocp.reference import Progress
 from ..ocp.transcription import Guess
 from ..solvers.base import Solver
-from .multistart import COMPILING, PATIENCE, Attempts, Budget, Watch
-from .problem_cache import Problems, Size
-from .progress_robot import carried_along, unmarked
+from .multistart import COMPILING, PATIENCE, Budget, MultiStart, Watch
+from .problem_cache import ProblemCache, Size
 from .settings import check_settings, checked_path
-from .situation import Situation, nearness, reach_of_bodies, scene, within_limits
-from .starting_points import Starts
+from .situation import Situation, nearness, reach_of_bodies
+from .starting_points import Starts, augment_with_progress, strip_progress
 from .warm_up import warm_up
 
 
@@ -127,7 +126,7 @@ class Planner(Controller):
         self._progress: Progress | None = None
         self.warns = True
         """Whether it warns, see `framework.notices`; False where nobody drives its plans."""
-        self._problems = Problems(self)
+        self._problems = ProblemCache(self)
         self._watch = Watch(self.solver, self.patience)
         reach = reach_of_bodies(self.robot, self.region, self.static_region)
         self._own = OwnUncertainty(self.robot, self.dt, self.own_uncertainty, reach)
@@ -144,7 +143,7 @@ class Planner(Controller):
             self.forget,
         )
         self._plan: Plan | None = None
-        self._crowded = False
+        self._obstacle_in_way = False
         self._decision: Decision | None = None
         self._smoother: VelocitySmoother | None = None
         if self._progress is not None:
@@ -188,7 +187,7 @@ class Planner(Controller):
             self.remember(observation)
             checked_numbers(observation)
             self._plan = self._decide(observation, budget)
-            command, note = self._limited(aim(self.robot, self._plan))
+            command, note = self._limited(command_of_plan(self.robot, self._plan))
             self._smooth(command, observation.stamp + self.latency)
         except Exception as error:
             note, self._smoother = f"{type(error).__name__}: {error}", None
@@ -227,15 +226,15 @@ class Planner(Controller):
 
     def _decide(self, observation: Observation, budget: Budget) -> Plan:
         """Solve, choose a rung, and keep what is to be explained."""
-        ladder, case, first, size, forecast = self._situate(observation)
-        attempts = Attempts(self._watch, self.starts, budget)
-        outcome = attempts.run(ladder, case, first, self._crowded)
-        self._crowded = outcome.crowded
-        plan, point = ladder.choose(case, outcome)
+        ladder, check, first, size, forecast = self._situate(observation)
+        attempts = MultiStart(self._watch, self.starts, budget)
+        outcome = attempts.run(ladder, check, first, self._obstacle_in_way)
+        self._obstacle_in_way = outcome.obstacle_in_way
+        plan, point = ladder.choose(check, outcome)
         reason = "; ".join(filter(None, (plan.reason, outcome.note)))
-        plan = replace(unmarked(self.robot, plan), forecast=forecast, reason=reason)
+        plan = replace(strip_progress(self.robot, plan), forecast=forecast, reason=reason)
         spent = budget.spent()
-        self._decision = Decision(case, size, outcome.guesses, point, plan, spent)
+        self._decision = Decision(check, size, outcome.guesses, point, plan, spent)
         if self.record is not None and self.record.wants(self._decision):
             note = self.record.keep(self._decision, self)
             plan = replace(plan, reason="; ".join(filter(None, (plan.reason, note))))
@@ -243,7 +242,7 @@ class Planner(Controller):
 
     def _situate(
         self, observation: Observation
-    ) -> tuple[Ladder, Case, Guess, Size, Forecast | None]:
+    ) -> tuple[Ladder, InstanceCheck, Guess, Size, Forecast | None]:
         """Forecast, lay the reference, and fill the problem with all that is there."""
         assert self._progress is not None  # seen to by `command`
         ladder = self._ladder(observation)
@@ -263,8 +262,8 @@ class Planner(Controller):
             nearness(self, own),
             self.most_obstacles,
         )
-        if self.cost.follows:
-            ladder, (bare,) = carried_along(ladder, [bare], reference, arc)
+        if isinstance(self.cost, ProgressCost):
+            ladder, (bare,) = augment_with_progress(ladder, [bare], reference, arc)
         parameters = Situation(ladder.start, reference, obstacles, walls, own).parameters(
             self.robot, self.region, self.level, self.margin, self.static_region
         )
@@ -273,8 +272,8 @@ class Planner(Controller):
         around = Surroundings(
             ladder.robot, self.region, self.static_region, obstacles, walls, self.margin
         )
-        case = Case(self._problems.of(size), first.pull(parameters), around)
-        return ladder, case, first, size, forecast
+        check = InstanceCheck(self._problems.of(size), first.pull(parameters), around)
+        return ladder, check, first, size, forecast
 
     def _known(self, observation: Observation) -> Array | None:
         """Covariance of the plan's first state."""
@@ -285,7 +284,7 @@ class Planner(Controller):
 
     def _ladder(self, observation: Observation) -> Ladder:
         """Where the plan starts, and what is left of the last one."""
-        start = within_limits(self.robot, self._start(observation.state, observation.stamp))
+        start = within_bounds(self.robot, self._start(observation.state, observation.stamp))
         stamp = observation.stamp + self.latency
         ladder = Ladder(
             self.robot,
@@ -316,7 +315,7 @@ class Planner(Controller):
         """Ask for a forecast on the plan's grid and choose the obstacles that fit."""
         grid = self.dt * np.arange(1, self.horizon + 1, dtype=np.float64)
         found = self._perception.forecast(
-            ladder.stamp, grid, scene(observation, self._plan, self.robot.radius)
+            ladder.stamp, grid, scene_of(observation, self._plan, self.robot.radius)
         )
         if found is None:
             return Obstacles.none(self.horizon, self.robot.dimension), None

@@ -25,7 +25,7 @@ class Size:
         return cls(len(parameters.active), len(parameters.static_active), walls.parts.shape[1])
 
 
-class Problems:
+class ProblemCache:
     """Assembles a planner's problem of each size once.
 
     Parameters

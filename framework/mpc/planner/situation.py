@@ -11,9 +11,6 @@ from ...region import Region
 from ...robot import Robot
 from ...static_region import StaticRegion
 from ...values.arrays import Array
-from ...values.forecast import Scene
-from ...values.motion import Observation
-from ...values.plan import Plan
 from ..instance.obstacles import CAPACITIES, Obstacles, fill
 from ..instance.polygons import Walls, fill_walls
 from ..levels.base import LevelPolicy
@@ -73,33 +70,6 @@ class Situation:
         spread = _deviations(level) ** 2 * self.own
         radius = bodies(robot, static_region)[0].radius + margin
         return fill_walls(parameters, self.walls, static_region, radius, spread)
-
-
-def within_limits(robot: Robot, state: Array) -> Array:
-    """Take a state slightly beyond its limits (noise, a push) as on them.
-
-    Otherwise no plan would be feasible, and the robot would stop for it. The paper starts at the
-    state as it is.
-    """
-    bounds = robot.state_bounds()
-    return np.asarray(np.clip(state, np.asarray(bounds.lower), np.asarray(bounds.upper)))
-
-
-def scene(observation: Observation, plan: Plan | None, radius: float) -> Scene:
-    """Return what predictors are told of the robot itself and its last plan."""
-    positions, times = None, None
-    if plan is not None:
-        positions = plan.positions
-        times = plan.stamp + plan.dt * np.arange(len(positions), dtype=np.float64)
-        if (np.diff(times) <= 0).any():  # a clock too large to tell the steps apart
-            positions, times = None, None
-    return Scene(
-        ego=observation.state,
-        plan=positions,
-        truth=observation.truth,
-        plan_times=times,
-        radius=radius,
-    )
 
 
 def nearness(planner: "Planner", own: Array) -> float:

@@ -18,10 +18,13 @@ from ...robot import Robot
 from ...values.arrays import Array
 from ...values.errors import WideberthError
 from ...values.motion import Pose, Twist
-from ..fallback.rollout import SWEEPS, clip, steer, sweep
+from ...values.plan import Plan
+from ..fallback.ladder import Ladder
+from ..fallback.rollout import SWEEPS, clip, follow, steer, sweep
 from ..ocp.problem import Parameters, Problem
+from ..ocp.progress_robot import ProgressRobot, progress_robot_of
+from ..ocp.reference import Reference
 from ..ocp.transcription import Guess
-from .progress_robot import Follower, marked
 
 Starts: TypeAlias = tuple[str, ...] | Literal["auto"]
 """Names of starting points, or ``auto``: `OTHERS`, where something is in the way."""
@@ -82,9 +85,9 @@ def other_starts(
         known = [guess, *found]
         if not any(np.array_equal(states, one.states) for one in known):
             found.append(replace(Guess.bare(states, inputs, guess.level), slack=guess.slack))
-    if isinstance(robot, Follower):
+    if isinstance(robot, ProgressRobot):
         arc = float(parameters.initial[-1])
-        return [marked(robot, point, parameters, arc, problem.dt) for point in found]
+        return [add_progress(robot, point, parameters, arc, problem.dt) for point in found]
     return found
 
 
@@ -141,3 +144,47 @@ def _headings(velocities: Array, speeds: Array, first: float) -> Array:
     last = np.maximum.accumulate(np.where(moving, np.arange(len(speeds)) + 1, 0))
     kept = np.concatenate([[first], angles])[last]
     return np.asarray(np.unwrap(np.concatenate([[first], kept]))[1:])
+
+
+def augment_with_progress(
+    ladder: Ladder, guesses: Sequence[Guess], reference: Reference, arc: float
+) -> tuple[Ladder, list[Guess]]:
+    """Let theta, at first ``arc``, ride along in all that a plan is chosen from."""
+    start, robot, inputs = (
+        np.append(ladder.start, arc),
+        progress_robot_of(ladder.robot),
+        ladder.inputs,
+    )
+    if inputs is not None:
+        last = ladder.guess(follow(ladder.robot, ladder.start, inputs, ladder.dt), inputs)
+        inputs = add_progress(robot, last, reference, arc, ladder.dt).inputs
+    own = [add_progress(robot, guess, reference, arc, ladder.dt) for guess in guesses]
+    return replace(ladder, robot=robot, start=start, inputs=inputs), own
+
+
+def add_progress(
+    robot: ProgressRobot, guess: Guess, reference: Reference | Parameters, arc: float, dt: float
+) -> Guess:
+    """Fill in theta and its rate, whether or not a trajectory has them already.
+
+    theta starts at ``arc`` and moves by what each step covers in the direction of the reference
+    there.
+    """
+    states = guess.states[:, : len(robot.robot.states)]
+    places = np.stack(robot.pose(tuple(states.T)).position, axis=-1)
+    theta, pace = np.full(len(places), arc), max(float(reference.speed.max()) * dt, 1e-9)
+    for i, step in enumerate(np.diff(places, axis=0)):
+        nearest = int(np.clip((theta[i] - arc) / pace, 0, len(reference.direction) - 1))
+        theta[i + 1] = theta[i] + step @ reference.direction[nearest]
+    inputs = guess.inputs[:, : len(robot.robot.inputs)]
+    return replace(
+        guess,
+        states=np.column_stack([states, theta]),
+        inputs=np.column_stack([inputs, np.diff(theta) / dt]),
+    )
+
+
+def strip_progress(robot: Robot, plan: Plan) -> Plan:
+    """Leave the plan with the states and inputs of the robot itself."""
+    states, inputs = plan.states[:, : len(robot.states)], plan.inputs[:, : len(robot.inputs)]
+    return replace(plan, states=states, inputs=inputs)

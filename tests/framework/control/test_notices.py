@@ -13,7 +13,7 @@ from wideberth.experiments.engine.worker import do_task
 from wideberth.framework.control import notices
 from wideberth.framework.control.notices import Notices, quiet
 from wideberth.framework.mpc.levels.paper import Paper
-from wideberth.framework.mpc.planner.best_response import Agent, Responder
+from wideberth.framework.mpc.planner.best_response import Agent, BestResponsePlanner
 from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.robots.unicycle import Unicycle
@@ -102,7 +102,7 @@ def test_a_planner_with_nothing_to_say_is_silent_and_so_is_its_warm_up(
 
 
 def test_what_others_might_do_is_nothing_to_warn_of(caplog: pytest.LogCaptureFixture) -> None:
-    model = Responder(planner(level=Paper(), horizon=5))
+    model = BestResponsePlanner(planner(level=Paper(), horizon=5))
     state = at(0.0, 0.0).state
     one = Agent(state, np.array([1.0, 0.0]), 0.5, 0.75)
     ahead = Forecast.single(

@@ -13,8 +13,8 @@ from wideberth.framework.mpc.costs.contouring import Contouring
 from wideberth.framework.mpc.costs.curve import curve_at, curve_width, lay_curve
 from wideberth.framework.mpc.costs.tracking import Tracking
 from wideberth.framework.mpc.levels.fixed import Fixed
+from wideberth.framework.mpc.ocp.progress_robot import progress_robot_of
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.planner.progress_robot import follower
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.mpc.solvers.ipopt import Ipopt
 from wideberth.framework.numerics.symbolic import ca
@@ -121,8 +121,8 @@ def test_the_price_is_the_formula() -> None:
 @pytest.mark.parametrize("name", names("robots"))
 def test_a_follower_is_a_robot(name: str) -> None:
     robot: Robot = load("robots", name)()
-    check_robot(follower(robot))
-    again = pickle.loads(pickle.dumps(follower(robot)))
+    check_robot(progress_robot_of(robot))
+    again = pickle.loads(pickle.dumps(progress_robot_of(robot)))
     assert again.robot == robot and again.states[-1].name == "theta"
 
 

@@ -2,14 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, final
+from typing import Any, final
 
 import numpy as np
 import pytest
 
 from wideberth.framework import names
 from wideberth.framework.mpc.assembly import assemble
-from wideberth.framework.mpc.costs.base import Cost, Moment, Weights, effort
+from wideberth.framework.mpc.costs.base import Cost, Moment, ProgressCost, Weights, effort
 from wideberth.framework.mpc.costs.contouring import Contouring
 from wideberth.framework.mpc.costs.tracking import Tracking
 from wideberth.framework.mpc.levels.fixed import Fixed
@@ -119,6 +119,12 @@ def test_the_cost_is_set_by_config() -> None:
             replace(Contouring(), **{name: 0.0})  # type: ignore[arg-type]
 
 
+def test_a_cost_that_declares_progress_by_a_flag_is_refused() -> None:
+    with pytest.raises(WideberthError, match=r"Old is a Cost with follows = True.*ProgressCost"):
+        type("Old", (Cost,), {"follows": True})
+    type("Plain", (Cost,), {"follows": False})
+
+
 def test_a_cost_of_ones_own(monkeypatch: pytest.MonkeyPatch) -> None:
     """It follows the path and is found by its name: theta is its own to spend."""
     monkeypatch.setattr(registry, "_registered", {room: {} for room in ROOMS})
@@ -126,10 +132,9 @@ def test_a_cost_of_ones_own(monkeypatch: pytest.MonkeyPatch) -> None:
     @register("costs", "half_way")
     @final
     @dataclass(frozen=True)
-    class HalfWay(Cost):
+    class HalfWay(ProgressCost):
         """Stay beside the point theta of a straight path, at half the reference speed."""
 
-        follows: ClassVar[bool] = True
         weight: float = 50.0
 
         def lay(self, path: Path, arc: float, speed: float, steps: int, dt: float) -> Reference:

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.fallback.emergency import aim, emergency
+from wideberth.framework.mpc.fallback.emergency import command_of_plan, emergency
 from wideberth.framework.mpc.fallback.ladder import Ladder
 from wideberth.framework.mpc.fallback.rollout import sweep
 from wideberth.framework.mpc.fallback.stopping import stops
 from wideberth.framework.mpc.levels.fixed import Fixed
+from wideberth.framework.mpc.ocp.progress_robot import progress_robot_of
 from wideberth.framework.mpc.ocp.reference import Reference
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.planner.progress_robot import follower, marked
 from wideberth.framework.mpc.planner.situation import nearness
-from wideberth.framework.mpc.planner.starting_points import other_starts
+from wideberth.framework.mpc.planner.starting_points import add_progress, other_starts
 from wideberth.framework.tracking.perception import completed
 from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.motion import Observation
@@ -48,19 +48,19 @@ def test_a_command_aims_at_the_twist_of_the_next_state() -> None:
     states[:, 3] = 0.1 * np.arange(5.0)
     moving = replace(plan, states=states)
     for step in range(4):
-        found = aim(Unicycle(), moving, step)
+        found = command_of_plan(Unicycle(), moving, step)
         assert found.linear[0] == pytest.approx(0.1 * (step + 1)) and found.ramp == 0.5
-    assert aim(Unicycle(), moving, 4).linear == (0.0, 0.0)
+    assert command_of_plan(Unicycle(), moving, 4).linear == (0.0, 0.0)
 
 
 def test_progress_is_along_the_direction_where_the_robot_is() -> None:
     """Round a corner, theta grows by the whole way; a step aside does not count."""
-    robot = follower(HolonomicVelocity())
+    robot = progress_robot_of(HolonomicVelocity())
     places = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [1.0, 2.0], [3.0, 3.0]])
     direction = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 1.0], [1.0, 0.0]])
     reference = Reference(places[1:], direction, np.full(4, 2.0), np.zeros((4, 0)))
     inputs = np.diff(places, axis=0) / 0.5
-    found = marked(robot, Guess.bare(places, inputs, float("nan")), reference, 3.0, 0.5)
+    found = add_progress(robot, Guess.bare(places, inputs, float("nan")), reference, 3.0, 0.5)
     np.testing.assert_allclose(found.states[:, 2], [3.0, 4.0, 5.0, 6.0, 8.0])
     np.testing.assert_allclose(found.inputs[:, 2], [2.0, 2.0, 2.0, 4.0])
     np.testing.assert_array_equal(found.states[:, :2], places)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.fallback.emergency import aim
+from wideberth.framework.mpc.fallback.emergency import command_of_plan
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
@@ -65,6 +65,6 @@ def test_between_late_commands_the_last_plan_is_followed() -> None:
 def test_beyond_its_end_a_plan_means_stop() -> None:
     plan = drive(0.0, 0.0).robots[0].plans[0]
     robot = Unicycle()
-    assert aim(robot, plan).linear[0] == pytest.approx(plan.states[1, 3])
-    assert aim(robot, plan, 4).linear[0] == pytest.approx(plan.states[5, 3])
-    assert aim(robot, plan, 15).linear == (0.0, 0.0)
+    assert command_of_plan(robot, plan).linear[0] == pytest.approx(plan.states[1, 3])
+    assert command_of_plan(robot, plan, 4).linear[0] == pytest.approx(plan.states[5, 3])
+    assert command_of_plan(robot, plan, 15).linear == (0.0, 0.0)

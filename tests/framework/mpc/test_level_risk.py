@@ -10,7 +10,7 @@ from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.fallback.rollout import steer
 from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.instance.obstacles import Obstacles, fill
-from wideberth.framework.mpc.levels.base import LevelPolicy
+from wideberth.framework.mpc.levels.base import LevelPolicy, SharedLevel
 from wideberth.framework.mpc.levels.discounted import Discounted
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
@@ -60,7 +60,7 @@ def solve(region: Region, level: LevelPolicy, solver: Solver | None = None) -> S
     parameters = fill(start, reference, crowd(), region, level, ROBOT.radius, 5)
     problem = assemble(ROBOT, region, level, horizon=STEPS, dt=DT, capacity=5, penalty=1e4)
     states, inputs = steer(ROBOT, start, Twist((0.3, -0.3)), STEPS, DT)
-    scale = region.level(level.tail) if level.shared else float("nan")
+    scale = region.level(level.tail) if isinstance(level, SharedLevel) else float("nan")
     guess = with_auxiliaries(ROBOT, region, parameters, Guess.bare(states, inputs, scale))
     parameters = replace(parameters, auxiliaries=guess.auxiliaries)
     (found,) = (solver or Fatrop()).solve(problem, parameters, [guess])

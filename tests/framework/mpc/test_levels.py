@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path as Folder
-from typing import Any, ClassVar, final
+from typing import Any, final
 
 import numpy as np
 import pytest
@@ -59,7 +59,7 @@ def test_who_names_relaxed_gets_what_is_recommended_and_the_paper_by_its_name() 
     region = MahalanobisEllipse()
     assert np.array_equal(paper.levels(region, 3, 2, 2), same.levels(region, 3, 2, 2))
     for one in (paper, same):
-        assert (one.weight, one.minimum, one.promise, one.shared) == (1.0, 0.0, "content", True)
+        assert (one.weight, one.minimum, one.promise) == (1.0, 0.0, "content")
     assert paper.levels(region, 1, 1, 2)[0, 0] == pytest.approx(np.sqrt(5.991), abs=1e-4)
     with pytest.raises(WideberthError, match="wanted at most"):
         Paper(minimum=3.0).levels(region, 1, 1, 2)
@@ -86,12 +86,9 @@ def relaxed_in(value: Any) -> Iterator[dict[str, Any]]:
 class Broken(LevelPolicy):
     """Breaks one law, by its name."""
 
-    shared: ClassVar[bool] = False
     law: str = ""
     tail: float = 0.05
     promise: Promise = "content"
-    minimum: float = 0.0
-    weight: float = 0.0
 
     def levels(self, region: Region, steps: int, obstacles: int, dimension: int) -> Array:
         good = np.full((steps, obstacles), region.level(self.tail, dimension))
@@ -107,6 +104,12 @@ def test_a_policy_that_breaks_a_law_is_told_which(law: str) -> None:
     check_level(Broken())
     with pytest.raises(AssertionError, match=law):
         check_level(Broken(law))
+
+
+def test_a_policy_that_declares_a_shared_level_by_a_flag_is_refused() -> None:
+    with pytest.raises(WideberthError, match=r"Old is a LevelPolicy with shared = True.*Shared"):
+        type("Old", (LevelPolicy,), {"shared": True})
+    type("Plain", (LevelPolicy,), {"shared": False})
 
 
 def test_a_risk_must_not_be_promised_with_any_region() -> None:
@@ -208,11 +211,8 @@ def test_every_obstacle_gets_its_own_column() -> None:
     class Numbered(LevelPolicy):
         """The obstacle's number as its level."""
 
-        shared: ClassVar[bool] = False
         tail: float = 0.05
         promise: Promise = "content"
-        minimum: float = 0.0
-        weight: float = 0.0
 
         def levels(self, region: Region, steps: int, obstacles: int, dimension: int) -> Array:
             return np.tile(np.arange(obstacles, dtype=np.float64), (steps, 1))

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.planner.multistart import Attempts, Budget
+from wideberth.framework.mpc.planner.multistart import Budget, MultiStart
 from wideberth.framework.mpc.planner.starting_points import OTHERS
 from wideberth.framework.values.plan import Rung
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
@@ -13,7 +13,9 @@ from wideberth.robots.holonomic_velocity import HolonomicVelocity
 TEN_METRES = np.stack([np.zeros(20), np.linspace(0.5, 10.0, 20)], axis=1)
 
 
-def asked(gone, *, inputs=True, there=True, crowded=True, rung=Rung.OPTIMAL, starts="auto"):
+def asked(
+    gone, *, inputs=True, there=True, obstacle_in_way=True, rung=Rung.OPTIMAL, starts="auto"
+):
     """Names of the starts, for a plan whose last state is ``gone`` m ahead of its first."""
     ladder = SimpleNamespace(
         robot=HolonomicVelocity(), inputs=np.zeros((20, 2)) if inputs else None
@@ -21,15 +23,15 @@ def asked(gone, *, inputs=True, there=True, crowded=True, rung=Rung.OPTIMAL, sta
     states = np.stack([np.zeros(21), np.linspace(0.0, gone, 21)], axis=1)
     first = SimpleNamespace(rung=rung, point=SimpleNamespace(states=states))
     case = SimpleNamespace(parameters=SimpleNamespace(reference=TEN_METRES))
-    attempts = Attempts(None, starts, Budget(None, 0.0))
-    return attempts._names(ladder, case, first, there, crowded)
+    attempts = MultiStart(None, starts, Budget(None, 0.0))
+    return attempts._names(ladder, case, first, there, obstacle_in_way)
 
 
 @pytest.mark.parametrize(
     ("expected", "settings"),
     [
         ((), {"there": False}),
-        (OTHERS, {"crowded": False}),
+        (OTHERS, {"obstacle_in_way": False}),
         (OTHERS, {"inputs": False}),
         (OTHERS, {"rung": Rung.LEAST, "there": False}),
         (("along",), {}),

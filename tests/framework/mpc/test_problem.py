@@ -11,7 +11,7 @@ from wideberth.framework.mpc.costs.tracking import Tracking
 from wideberth.framework.mpc.fallback.rollout import steer
 from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.instance.obstacles import Obstacles, fill
-from wideberth.framework.mpc.levels.base import LevelPolicy
+from wideberth.framework.mpc.levels.base import LevelPolicy, SharedLevel
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.reference import lay_reference
@@ -158,7 +158,7 @@ def test_every_row_constrains_something(level: LevelPolicy) -> None:
         filled = ca.jacobian(program["g"], program["x"]).sparsity()
         rows[staged] = filled.size1()
         assert set(filled.row()) == set(range(rows[staged]))
-    held = STEPS if level.shared else 0
+    held = STEPS if isinstance(level, SharedLevel) else 0
     assert rows[True] - rows[False] == problem.states + held  # the first state is a variable
 
 

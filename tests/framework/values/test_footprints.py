@@ -12,7 +12,7 @@ from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.instance.obstacles import Obstacles
 from wideberth.framework.mpc.instance.polygons import NONE
-from wideberth.framework.mpc.levels.base import LevelPolicy
+from wideberth.framework.mpc.levels.base import LevelPolicy, SharedLevel
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.bodies import Body, bodies, with_auxiliaries
@@ -212,11 +212,17 @@ def rows(problem: Problem, parameters: Parameters, point: Guess) -> tuple[np.nda
 )
 def test_every_disc_has_the_rows_of_its_region(region: Region, level: LevelPolicy) -> None:
     robot = Unicycle(radius=1.0, footprint=DISCS)
-    s = region.level(0.1) if level.shared else np.nan  # the shared level counts, not the target
+    s = (
+        region.level(0.1) if isinstance(level, SharedLevel) else np.nan
+    )  # the shared level counts, not the target
     problem, parameters, point, _ = scattered(robot, region, level, s)
     values, tied = rows(problem, parameters, point)
     assert np.abs(tied).max(initial=0.0) < 1e-8 and (values[:, SLOTS:] == 1.0).all()
-    held = np.full((STEPS, SLOTS), s) if level.shared else parameters.level[:, :SLOTS]
+    held = (
+        np.full((STEPS, SLOTS), s)
+        if isinstance(level, SharedLevel)
+        else parameters.level[:, :SLOTS]
+    )
     for i, place in enumerate(DISCS.centres):
         centres = np.array([rotated([place], x[:2], x[2])[0] for x in point.states[1:]])
         inside = region.contains(centres[:, None], parameters.regions[:, :SLOTS], held)

@@ -11,21 +11,22 @@ from hypothesis import strategies as st
 
 from wideberth.framework import Path, names
 from wideberth.framework.mpc.assembly import assemble
-from wideberth.framework.mpc.costs.base import Cost
+from wideberth.framework.mpc.costs.base import Cost, ProgressCost
 from wideberth.framework.mpc.costs.contouring import Contouring
 from wideberth.framework.mpc.costs.tracking import Tracking
 from wideberth.framework.mpc.fallback.rollout import steer
 from wideberth.framework.mpc.fallback.verify import Violation, violation
 from wideberth.framework.mpc.instance.polygons import NONE, choose_walls
-from wideberth.framework.mpc.levels.base import LevelPolicy
+from wideberth.framework.mpc.levels.base import LevelPolicy, SharedLevel
 from wideberth.framework.mpc.levels.discounted import Discounted
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.bodies import with_auxiliaries
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
+from wideberth.framework.mpc.ocp.progress_robot import progress_robot_of
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.planner.progress_robot import follower, marked
 from wideberth.framework.mpc.planner.situation import Situation
+from wideberth.framework.mpc.planner.starting_points import add_progress
 from wideberth.framework.mpc.solvers.base import Solution
 from wideberth.framework.mpc.solvers.ipopt import Ipopt
 from wideberth.framework.mpc.solvers.riccati.solver import Riccati
@@ -121,11 +122,11 @@ class Draw:
         if self.kind == "noisy":
             states[1:] += rng.normal(scale=0.3, size=states[1:].shape)
             inputs += rng.normal(scale=0.02, size=inputs.shape)
-        target = parameters.target if self.level.shared else float("nan")
+        target = parameters.target if isinstance(self.level, SharedLevel) else float("nan")
         bare = Guess.bare(states, inputs, target)
         guess = with_auxiliaries(robot, region, parameters, bare, static)
-        if self.cost.follows:
-            guess = marked(follower(robot), guess, reference, ARC, DT)
+        if isinstance(self.cost, ProgressCost):
+            guess = add_progress(progress_robot_of(robot), guess, reference, ARC, DT)
             parameters = replace(parameters, initial=guess.states[0])
         return problem, guess.pull(parameters), guess
 

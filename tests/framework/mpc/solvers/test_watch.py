@@ -198,7 +198,7 @@ def test_a_program_in_use_is_not_shared(end: Event) -> None:
     """The thread left behind keeps its own; the next solve gets another."""
     made = planner()
     made.command(at(0.0, 0.0))
-    case = made._decision.case  # type: ignore[union-attr]
+    case = made._decision.check  # type: ignore[union-attr]
     taken: list[base.Compiled] = []
 
     def hold() -> None:

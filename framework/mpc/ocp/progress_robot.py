@@ -1,7 +1,6 @@
 """A robot that carries the arc length of its place on the path among its states."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,19 +8,13 @@ import numpy as np
 from ...robot import Bounds, Quantity, Robot
 from ...values.arrays import Scalar
 from ...values.motion import Pose, Twist
-from ...values.plan import Plan
-from ..fallback.ladder import Ladder
-from ..fallback.rollout import follow
-from ..ocp.problem import Parameters
-from ..ocp.reference import Reference
-from ..ocp.transcription import Guess
 
 
-class Follower(Robot):
+class ProgressRobot(Robot):
     """The robot with theta as its last state and the rate of theta as its last input.
 
     theta' = rate, both free: the cost alone ties them to the robot. For problem, solver and
-    re-check it is a robot like any other. Made by `follower`.
+    re-check it is a robot like any other. Made by `progress_robot_of`.
 
     Parameters
     ----------
@@ -35,7 +28,7 @@ class Follower(Robot):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle as what made it: the class is made for the robot."""
-        return follower, (self.robot,)
+        return progress_robot_of, (self.robot,)
 
     def derivative(self, state: Sequence[Scalar], control: Sequence[Scalar]) -> tuple[Scalar, ...]:
         """Time derivative of the state."""
@@ -82,55 +75,15 @@ class Follower(Robot):
         return control[: len(self.robot.inputs)]
 
 
-def follower(robot: Robot) -> Follower:
+def progress_robot_of(robot: Robot) -> ProgressRobot:
     """Return the robot that carries theta; its class names the states of both."""
     names = {
         "states": (*robot.states, Quantity("theta", "m")),
         "inputs": (*robot.inputs, Quantity("rate", "m/s")),
         "dimension": robot.dimension,
     }
-    made: type[Follower] = type("Follower", (Follower,), names)
+    made: type[ProgressRobot] = type("ProgressRobot", (ProgressRobot,), names)
     return made(robot)
-
-
-def carried_along(
-    ladder: Ladder, guesses: Sequence[Guess], reference: Reference, arc: float
-) -> tuple[Ladder, list[Guess]]:
-    """Let theta, at first ``arc``, ride along in all that a plan is chosen from."""
-    start, robot, inputs = np.append(ladder.start, arc), follower(ladder.robot), ladder.inputs
-    if inputs is not None:
-        last = ladder.guess(follow(ladder.robot, ladder.start, inputs, ladder.dt), inputs)
-        inputs = marked(robot, last, reference, arc, ladder.dt).inputs
-    own = [marked(robot, guess, reference, arc, ladder.dt) for guess in guesses]
-    return replace(ladder, robot=robot, start=start, inputs=inputs), own
-
-
-def marked(
-    robot: Follower, guess: Guess, reference: Reference | Parameters, arc: float, dt: float
-) -> Guess:
-    """Fill in theta and its rate, whether or not a trajectory has them already.
-
-    theta starts at ``arc`` and moves by what each step covers in the direction of the reference
-    there.
-    """
-    states = guess.states[:, : len(robot.robot.states)]
-    places = np.stack(robot.pose(tuple(states.T)).position, axis=-1)
-    theta, pace = np.full(len(places), arc), max(float(reference.speed.max()) * dt, 1e-9)
-    for i, step in enumerate(np.diff(places, axis=0)):
-        nearest = int(np.clip((theta[i] - arc) / pace, 0, len(reference.direction) - 1))
-        theta[i + 1] = theta[i] + step @ reference.direction[nearest]
-    inputs = guess.inputs[:, : len(robot.robot.inputs)]
-    return replace(
-        guess,
-        states=np.column_stack([states, theta]),
-        inputs=np.column_stack([inputs, np.diff(theta) / dt]),
-    )
-
-
-def unmarked(robot: Robot, plan: Plan) -> Plan:
-    """Leave the plan with the states and inputs of the robot itself."""
-    states, inputs = plan.states[:, : len(robot.states)], plan.inputs[:, : len(robot.inputs)]
-    return replace(plan, states=states, inputs=inputs)
 
 
 def _and_free(bounds: Bounds) -> Bounds:
