@@ -62,7 +62,7 @@ class DoMpcProgram(Solver):
         deadline: float | None = None,
     ) -> list[Solution]:
         """Solve from each guess; only the problem's sizes are used, the rest is the paper's."""
-        sizes = problem.horizon, problem.capacity, problem.dt
+        sizes = problem.horizon, problem.slots[0].count, problem.dt
         program = _compile(self.tolerance, deadline, *sizes)
         return [_solve(program, parameters, guess) for guess in guesses]
 
@@ -73,7 +73,7 @@ def _solve(program: Any, parameters: Parameters, guess: Guess) -> Solution:
     # The cost of x_0 is a constant: its reference is x_0 itself.
     head = np.column_stack([parameters.reference, parameters.speed])
     head = np.vstack([parameters.initial[[0, 1, 3]], head])
-    numbers = parameters.regions.reshape(steps, -1)
+    numbers = parameters.slots[0].parameters.reshape(steps, -1)
     numbers = np.vstack([np.ones_like(numbers[:1]), numbers])
     target = np.full((steps + 1, 1), parameters.target)
     varying = np.hstack([head, target, numbers])

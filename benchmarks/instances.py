@@ -12,12 +12,12 @@ import numpy as np
 
 from wideberth.framework import Path
 from wideberth.framework.mpc.assembly import assemble
-from wideberth.framework.mpc.instance.obstacles import Obstacles, fill
 from wideberth.framework.mpc.levels.base import LevelPolicy, SharedLevel
-from wideberth.framework.mpc.ocp.bodies import with_auxiliaries
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
+from wideberth.framework.mpc.slots.base import with_auxiliaries
+from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, Obstacles, fill
 from wideberth.framework.region import Region
 from wideberth.framework.robot import Robot, start_state, step
 from wideberth.framework.values.arrays import Array
@@ -62,11 +62,11 @@ class Recipe:
         """Make one instance per seed; they share their problem."""
         problem = assemble(
             self.robot,
-            self.region,
+            (GaussianDiscs(self.region),),
             self.level,
             horizon=self.steps,
             dt=DT,
-            capacity=self.obstacles,
+            rooms=((self.obstacles,),),
         )
         return [self._one(problem, np.random.default_rng(seed)) for seed in seeds]
 
@@ -78,11 +78,12 @@ class Recipe:
         path = Path(np.stack([0.0 * along, 2.0 * PACE * DT * self.steps * along]))
         reference = lay_reference(path, 0.0, PACE, self.steps, DT)
         crowd = self._crowd(states, reference.position, rng)
-        given = states[0], reference, crowd, region, self.level, robot.radius, self.obstacles
-        parameters = fill(*given)
+        discs = fill(reference, crowd, region, self.level, robot.radius, self.obstacles)
+        along = reference.position, reference.direction, reference.speed
+        parameters = Parameters(states[0], *along, (discs,), reference.curve)
         target = parameters.target if isinstance(self.level, SharedLevel) else float("nan")
         guess = Guess.bare(states, inputs, target)
-        guess = with_auxiliaries(robot, region, parameters, guess)
+        guess = with_auxiliaries(robot, [GaussianDiscs(region)], parameters, guess)
         return Made(problem, guess.pull(parameters), guess)
 
     def _crowd(self, states: Array, reference: Array, rng: np.random.Generator) -> Obstacles:

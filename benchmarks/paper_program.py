@@ -49,7 +49,7 @@ class PaperProgram(Solver):
         deadline: float | None = None,
     ) -> list[Solution]:
         """Solve from each guess; only the problem's sizes are used, the rest is the paper's."""
-        sizes = problem.horizon, problem.capacity, problem.dt
+        sizes = problem.horizon, problem.slots[0].count, problem.dt
         program = _compile(self.graph, self.tolerance, deadline, *sizes)
         return [_solve(program, parameters, guess) for guess in guesses]
 
@@ -57,7 +57,7 @@ class PaperProgram(Solver):
 def _solve(program: dict[str, Any], parameters: Parameters, guess: Guess) -> Solution:
     begin = perf_counter()
     head = [*parameters.initial, parameters.target, *parameters.reference.ravel()]
-    given = np.concatenate([head, parameters.speed, parameters.regions.ravel()])
+    given = np.concatenate([head, parameters.speed, parameters.slots[0].parameters.ravel()])
     start = np.concatenate([guess.states[1:].ravel(), guess.inputs.ravel(), [guess.level]])
     solver = program["solver"]
     found = solver(x0=start, p=given, **program["bounds"])

@@ -9,13 +9,12 @@ import numpy as np
 
 from wideberth.framework.mpc.fallback.instance_check import InstanceCheck
 from wideberth.framework.mpc.fallback.ladder import Ladder
-from wideberth.framework.mpc.instance.contact import Surroundings
-from wideberth.framework.mpc.instance.obstacles import Obstacles
-from wideberth.framework.mpc.instance.polygons import NONE
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.multistart import Budget, MultiStart, Watch
+from wideberth.framework.mpc.slots.base import Chosen, Surroundings
+from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs, Obstacles
 from wideberth.framework.mpc.solvers.base import Solution, Solver
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.plan import Rung, Status
@@ -50,11 +49,12 @@ class PlannerAnswer(Solver):
         self, problem: Problem, parameters: Parameters, guess: Guess, deadline: float | None
     ) -> Solution:
         budget = Budget.start(deadline)
-        robot, region = build("robots", "unicycle"), build("regions", "mahalanobis_ellipse")
+        robot = build("robots", "unicycle")
+        discs = GaussianDiscs(build("regions", "mahalanobis_ellipse"))
         start, inputs = parameters.initial, guess.inputs
         ladder = Ladder(
             robot,
-            region,
+            (discs,),
             Relaxed(weight=1.0, minimum=0.0),
             0.0,
             problem.dt,
@@ -62,7 +62,10 @@ class PlannerAnswer(Solver):
             start,
             inputs,
         )
-        around = Surroundings(robot, region, None, _obstacles(parameters, robot.radius), NONE, 0.0)
+        obstacles, numbers = _obstacles(parameters, robot.radius), parameters.slots[0]
+        known = KnownDiscs(discs, obstacles, 0.0)
+        chosen = Chosen((len(obstacles),), obstacles.ids, (), numbers, known)
+        around = Surroundings(robot, (discs,), (chosen,))
         first = ladder.suited(parameters, ladder.first())
         check = InstanceCheck(problem, first.pull(parameters), around)
         outcome = MultiStart(Watch(self.solver), "auto", budget).run(ladder, check, first, False)
@@ -74,7 +77,7 @@ class PlannerAnswer(Solver):
 
 def _obstacles(parameters: Parameters, radius: float) -> Obstacles:
     """Read the discs out of the parameters of their ellipses: mean first, margin last."""
-    numbers = parameters.regions
+    numbers = parameters.slots[0].parameters
     mean, margin = numbers[..., :2], numbers[0, :, -1]
     names = tuple(f"{i}" for i in range(numbers.shape[1]))
     covariance = np.zeros((*mean.shape, 2))

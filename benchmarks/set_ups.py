@@ -12,10 +12,11 @@ from paper_program import PaperProgram
 from wideberth.framework import names
 from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.levels.paper import Paper
-from wideberth.framework.mpc.ocp.bodies import with_auxiliaries
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.starting_points import other_starts
+from wideberth.framework.mpc.slots.base import with_auxiliaries
+from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
 from wideberth.framework.mpc.solvers.base import Solution, Solver
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.plan import Status
@@ -101,9 +102,9 @@ def registered() -> dict[str, Solver]:
 
 def several(problem: Problem, parameters: Parameters, guess: Guess) -> list[Guess]:
     """Return the instance's own guess and all other starting points that the planner has."""
-    robot, region = unicycle(), build("regions", ELLIPSE)
+    robot, kinds = unicycle(), (GaussianDiscs(build("regions", ELLIPSE)),)
     others = other_starts(robot, problem, parameters, guess)
-    return [guess, *(with_auxiliaries(robot, region, parameters, one) for one in others)]
+    return [guess, *(with_auxiliaries(robot, kinds, parameters, one) for one in others)]
 
 
 @cache
@@ -117,16 +118,16 @@ def paper_problem(region: str, obstacles: int, steps: int = 15) -> Problem:
     """Build the paper's problem; its printed s_ref is in the recorded parameters."""
     return assemble(
         unicycle(),
-        build("regions", region),
+        (GaussianDiscs(build("regions", region)),),
         Paper(tail=float(np.exp(-0.5 * LEVEL**2))),
         horizon=steps,
         dt=DT,
-        capacity=obstacles,
+        rooms=((obstacles,),),
     )
 
 
 def suited(instance: Instance, region: str) -> Instance:
     """Fill in the auxiliaries that suit the guess, of regions that have any."""
-    own = build("regions", region)
-    guess = with_auxiliaries(unicycle(), own, instance.parameters, instance.guess)
+    own = GaussianDiscs(build("regions", region))
+    guess = with_auxiliaries(unicycle(), [own], instance.parameters, instance.guess)
     return replace(instance, guess=guess, parameters=guess.pull(instance.parameters))

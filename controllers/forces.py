@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ..framework.mpc.instance.polygons import padded
+from ..framework.mpc.slots.static_polygons import padded
 from ..framework.robot import Robot
 from ..framework.values.arrays import Array
 from ..framework.values.polygon import MOST_CORNERS, Polygon, separation

@@ -9,12 +9,12 @@ import numpy as np
 from ...framework.mpc.costs.base import ProgressCost
 from ...framework.mpc.export.bundle import bundle, check_target, write_folder
 from ...framework.mpc.export.subject import Subject
-from ...framework.mpc.instance.obstacles import CAPACITIES
-from ...framework.mpc.instance.polygons import CORNERS
 from ...framework.mpc.ocp.problem import Parameters, Problem
 from ...framework.mpc.ocp.progress_robot import progress_robot_of
 from ...framework.mpc.ocp.transcription import Guess
 from ...framework.mpc.planner.planner import Planner
+from ...framework.mpc.slots.base import CAPACITIES
+from ...framework.mpc.slots.static_polygons import CORNERS
 from ...framework.mpc.solvers.base import Solution, Solver
 from ...framework.plugins.config import describe
 from ...framework.plugins.registry import unknown
@@ -141,7 +141,7 @@ def subject(planner: Planner, sizes: tuple[int, int, int], source: str) -> Subje
     progress = isinstance(planner.cost, ProgressCost)
     robot = progress_robot_of(planner.robot) if progress else planner.robot
     return Subject(
-        problem, parameters, guess, robot, planner.region, planner.static_region, planner.cost,
+        problem, parameters, guess, robot, planner.kinds, planner.cost,
         describe(planner), source,
     )  # fmt: skip
 

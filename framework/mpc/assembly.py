@@ -1,4 +1,4 @@
-"""Assembles the MPC problem of any robot and any region.
+"""Assembles the MPC problem of any robot among things of any kind.
 
 The paper's problem (its last display equation), for stages i = 0..N with the state x_0
 given:
@@ -8,7 +8,7 @@ given:
     subject to  x_{i+1} = f(x_i, u_i)                 i = 0..N-1
                 u_i within its bounds                 i = 0..N-1
                 x_i within its bounds, p_i outside the region of every obstacle, i = 1..N
-    and, beyond the paper, the robot's bodies at p_i clear of every static polygon.
+    and, beyond the paper, the robot's bodies at p_i clear of things of other kinds.
 
 This is with the paper's cost, `wideberth.framework.mpc.costs.tracking`; another may take its
 place. The paper runs dynamics and input bounds over i = 1..N, which leaves x_k out and u_k free;
@@ -18,23 +18,22 @@ acceleration, so that the weights mean the same for every robot; for the unicycl
 the paper's to the letter.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 from ..numerics.symbolic import ca
-from ..region import Auxiliary, Constraint, Region
 from ..robot import Robot
 from ..robot import step as integrate
-from ..static_region import StaticRegion
-from ..values.arrays import Scalar, positive, whole
+from ..values.arrays import positive, whole
 from ..values.errors import WideberthError
 from ..values.motion import Pose, Twist
 from .costs.base import Cost, Moment, ProgressCost
 from .costs.tracking import Tracking
 from .levels.base import LevelPolicy, SharedLevel
-from .ocp.bodies import bodies
 from .ocp.problem import Problem, Slots
 from .ocp.progress_robot import progress_robot_of
-from .ocp.stage import ReferenceSymbols, slots
+from .ocp.stage import Frame, ReferenceSymbols
+from .slots.base import Room, SlotKind
 
 REST = 1e-2
 """m/s and rad/s; a plan that ends slower than this is braked to a stop in the step after its end.
@@ -43,42 +42,38 @@ Zero itself would leave an interior point method without an interior."""
 
 def assemble(
     robot: Robot,
-    region: Region,
+    kinds: Sequence[SlotKind],
     level: LevelPolicy,
     *,
     horizon: int,
     dt: float,
-    capacity: int,
+    rooms: Sequence[Room],
     cost: Cost | None = None,
     penalty: float | None = None,
-    static_region: StaticRegion | None = None,
-    statics: int = 0,
-    corners: int = 4,
     stop_at_end: bool = False,
 ) -> Problem:
-    """Build the MPC problem of any robot among ``capacity`` obstacles and static polygons.
+    """Build the MPC problem of any robot among things of several kinds.
 
     A robot of several discs has one constraint, with auxiliaries of its own, per disc.
 
     Parameters
     ----------
-    robot, region, level : the plug-ins; only their interfaces are used.
+    robot, kinds, level : the plug-ins; only their interfaces are used.
     horizon : N, at least 1.
     dt : s per step.
-    capacity : K, obstacle slots, at least 0.
+    rooms : what there is room for of each kind; kinds behind the last one have no slots.
     cost : of each stage; the paper's by default. A `ProgressCost` adds a state and an input
         to the robot's.
     penalty : price of one unit of slack (regions are unit-free); None keeps them hard.
-    static_region : what keeps clear of static polygons; needed where there are any.
-    statics, corners : slots for convex polygons, and vertices that each has room for.
     stop_at_end : whether the robot rests at x_N, its twist no more than `REST`. One whose input
         is the velocity can always stop, and needs no such condition.
 
     Raises
     ------
-    WideberthError : horizon below 1, dt not positive, negative capacity or penalty.
+    WideberthError : horizon below 1, dt not positive, a negative size or penalty, more rooms than
+        kinds.
     """
-    _check(horizon, dt, capacity, penalty, static_region, statics)
+    _check(horizon, dt, kinds, rooms, penalty)
     cost = Tracking() if cost is None else cost
     robot = progress_robot_of(robot) if isinstance(cost, ProgressCost) else robot
     x, u = ca.SX.sym("x", len(robot.states)), ca.SX.sym("u", len(robot.inputs))
@@ -88,7 +83,7 @@ def assemble(
     shared = isinstance(level, SharedLevel)
     s = ca.SX.sym("s", int(shared))
     pose = robot.pose(_split(x))
-    frame = x, pose, s
+    frame = Frame(robot, x, pose, s)
     following = ca.vertcat(*integrate(robot, _split(x), _split(u), dt))
     return Problem(
         horizon=horizon,
@@ -109,8 +104,7 @@ def assemble(
         state_constraints=ca.Function("state_constraints", [x], [on_state]),
         terminal_constraints=_at_rest(robot, x, wanted=stop_at_end),
         level_cost=_level_cost(level, s),
-        obstacles=_moving(robot, region, capacity, frame),
-        statics=_standing(robot, static_region, statics, corners, frame),
+        slots=_slots(kinds, rooms, frame),
         heading=_heading(pose, x),
     )
 
@@ -147,51 +141,29 @@ def _level_cost(level: LevelPolicy, s: Any) -> Any:
     return ca.Function("level_cost", [s, target], [price])
 
 
+def _slots(kinds: Sequence[SlotKind], rooms: Sequence[Room], frame: Frame) -> tuple[Slots, ...]:
+    """Make the slots of each kind; none of those that no room is given for."""
+    none: Room = ()
+    given = [*rooms, *[none] * (len(kinds) - len(rooms))]
+    return tuple(kind.slots(room, frame) for kind, room in zip(kinds, given, strict=True))
+
+
 def _check(
     horizon: int,
     dt: float,
-    capacity: int,
+    kinds: Sequence[SlotKind],
+    rooms: Sequence[Room],
     penalty: float | None,
-    static_region: StaticRegion | None,
-    statics: int,
 ) -> None:
     whole("horizon", horizon)
     positive("dt", dt)
-    whole("capacity", capacity, least=0)
-    whole("statics", statics, least=0)
+    if len(rooms) > len(kinds):
+        raise WideberthError(f"got {len(rooms)} rooms; wanted at most one for each of {kinds}")
+    for kind, room in zip(kinds, rooms, strict=False):
+        for size in room:
+            whole(f"room for each {kind.name}", size, least=0)
     if penalty is not None:
         positive("penalty", penalty)
-    if statics and static_region is None:
-        raise WideberthError(f"{statics} static polygons need a static region; got None")
-
-
-def _moving(robot: Robot, region: Region, count: int, frame: tuple[Any, Pose, Any]) -> Slots:
-    """Make the slots of the Gaussian obstacles."""
-    size = robot.dimension
-    own, width = region.auxiliary(size), region.parameter_count(size)
-    parts = bodies(robot, region)
-    return slots(count, width, own, parts, region.constraint, frame, levelled=True)
-
-
-def _standing(
-    robot: Robot,
-    region: StaticRegion | None,
-    count: int,
-    corners: int,
-    frame: tuple[Any, Pose, Any],
-) -> Slots:
-    """Make the slots of the static polygons."""
-    if region is None or not count:
-        none = Constraint(())
-        return slots(0, 0, Auxiliary(), (), lambda *_: none, frame, levelled=False)
-    parts = bodies(robot, region)
-    own = region.auxiliary(corners, max(len(parts[0].outline), 1))
-    width = region.parameter_count(corners)
-
-    def state(pose: Pose, parameters: Scalar, level: Scalar, auxiliary: Scalar) -> Constraint:
-        return region.constraint(pose, parameters, auxiliary)  # it has no level
-
-    return slots(count, width, own, parts, state, frame, levelled=False)
 
 
 def _limits(robot: Robot, x: Any, u: Any) -> tuple[Any, Any]:

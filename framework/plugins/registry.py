@@ -43,6 +43,7 @@ ROOMS = {
     "controllers": Room("wideberth.controllers", f"{_FRAMEWORK}.controller:Controller"),
     "solvers": Room(f"{_FRAMEWORK}.mpc.solvers", f"{_FRAMEWORK}.mpc.solvers.base:Solver"),
     "levels": Room(f"{_FRAMEWORK}.mpc.levels", f"{_FRAMEWORK}.mpc.levels.base:LevelPolicy"),
+    "slot_kinds": Room(f"{_FRAMEWORK}.mpc.slots", f"{_FRAMEWORK}.mpc.slots.base:SlotKind"),
     "costs": Room(f"{_FRAMEWORK}.mpc.costs", f"{_FRAMEWORK}.mpc.costs.base:Cost"),
     "scenarios": Room(
         "wideberth.simulation.scenarios", "wideberth.simulation.scenarios.base:Scenario"

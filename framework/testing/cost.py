@@ -45,8 +45,7 @@ def check_cost(cost: Cost) -> None:
 
 def _problem(cost: Cost, robot: Robot) -> Problem:
     """Make the problem of a robot without obstacles."""
-    region = load("regions", "minkowski_sum")()
-    return assemble(robot, region, Fixed(), horizon=_STEPS, dt=_DT, capacity=0, cost=cost)
+    return assemble(robot, (), Fixed(), horizon=_STEPS, dt=_DT, rooms=(), cost=cost)
 
 
 def _check_reference(cost: Cost, path: Path, arc: float) -> Reference:

@@ -48,13 +48,17 @@ def test_any_size(obstacles: int, steps: int, instances: ModuleType) -> None:
         Unicycle(), MahalanobisEllipse(), Relaxed(weight=1.0, minimum=0.0), obstacles, steps
     )
     first, second = recipe.make(range(2))
-    assert first.parameters.level.shape == (steps, obstacles)
+    assert first.parameters.slots[0].level.shape == (steps, obstacles)
     assert first.problem is second.problem
     for one in (first, second):
         assert violation(one.problem, one.parameters, one.guess).worst < 1e-9
     if obstacles:
-        assert not np.array_equal(first.parameters.regions, second.parameters.regions)
-        spread = first.parameters.regions[..., 6:8]  # deviations grow with the root of time
+        assert not np.array_equal(
+            first.parameters.slots[0].parameters, second.parameters.slots[0].parameters
+        )
+        spread = first.parameters.slots[0].parameters[
+            ..., 6:8
+        ]  # deviations grow with the root of time
         np.testing.assert_allclose(spread[-1] / spread[0], np.sqrt(steps), rtol=1e-9)
 
 

@@ -70,12 +70,12 @@ def test_gauge_of_the_sum_is_one_on_its_boundary(
         states = instance.guess.states
         point = replace(instance.guess, level=1.7)
         gauge = bench.judging.sum_gauge(instance, point)
-        level = np.full(instance.parameters.level.shape, 1.7)
+        level = np.full(instance.parameters.slots[0].active.shape, 1.7)
         place = states[1:, None, :2]
-        apart = region.signed_distance(place, instance.parameters.regions, level).T
+        apart = region.signed_distance(place, instance.parameters.slots[0].parameters, level).T
         clear = np.abs(apart) > 1e-6
         assert ((gauge > 1.0) == (apart > 0.0))[clear].all()
-        exact = region.gauge(place, instance.parameters.regions, level).T
+        exact = region.gauge(place, instance.parameters.slots[0].parameters, level).T
         np.testing.assert_allclose(gauge, exact, rtol=1e-6)
 
 

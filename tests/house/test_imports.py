@@ -80,7 +80,7 @@ ARROWS: dict[str, set[str]] = {
 """Group -> the groups of the same room that its files may import."""
 LAYERS = [
     *("values", "numerics", "plugins", "", "risk", "metrics", "tracking", "control", "jit"),
-    *("mpc/ocp", "mpc/costs", "mpc/levels", "mpc", "mpc/instance", "mpc/solvers"),
+    *("mpc/ocp", "mpc/costs", "mpc/levels", "mpc/slots", "mpc", "mpc/instance", "mpc/solvers"),
     *("mpc/fallback", "mpc/planner", "mpc/diagnosis", "mpc/export", "testing", "__init__"),
 ]
 """Groups of the framework from bottom to top; those that `ARROWS` lacks import from below."""
@@ -96,7 +96,6 @@ KNOWN_CIRCLES = {
     "framework.mpc.fallback.ladder",
     "framework.mpc.fallback.emergency",
     "framework.mpc.planner.problem_cache",
-    "framework.mpc.planner.situation",
     "framework.mpc.planner.planner",
     "framework.mpc.planner.settings",
     "framework.mpc.diagnosis.explain",

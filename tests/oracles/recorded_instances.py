@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from wideberth.framework.mpc.ocp.problem import Parameters
+from wideberth.framework.mpc.ocp.problem import Parameters, SlotNumbers
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.plugins.io import read_arrays, read_bytes
 from wideberth.framework.region import Region
@@ -92,17 +92,11 @@ def _instance(row: dict[str, Array], count: int, region: Region, speed: float) -
         reference=row["reference"],
         direction=path / np.where(size > 0, size, 1.0),
         speed=np.full(steps, speed),
-        regions=numbers,
-        level=np.full((steps, count), LEVEL),
-        active=np.ones(count),
-        auxiliaries=extra,
-        statics=np.zeros((steps, 0, 0)),
-        static_active=np.zeros(0),
-        static_auxiliaries=np.zeros((steps, 0, 0)),
+        slots=(SlotNumbers(numbers, np.ones(count), extra, np.full((steps, count), LEVEL)),),
     )
     level = float(row["guess_scale"])
     guess = Guess.bare(row["guess_states"], row["guess_inputs"], level)
-    guess = replace(guess, auxiliaries=extra)
+    guess = replace(guess, auxiliaries=(extra,))
     ellipses = (mean, axis, deviation, margin)
     kind, best = str(row["kind"]), float(row["best_cost"])
     return Instance(kind, count, parameters, guess, best, ellipses)

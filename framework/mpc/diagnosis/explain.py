@@ -13,7 +13,8 @@ from ..fallback.instance_check import TOLERANCE, InstanceCheck
 from ..fallback.verify import violation
 from ..ocp.problem import Parameters, Problem
 from ..ocp.transcription import Guess
-from ..planner.problem_cache import ProblemCache, Size
+from ..planner.problem_cache import ProblemCache
+from ..slots.base import Room
 from ..solvers.base import Solution, Solver
 
 if TYPE_CHECKING:
@@ -54,9 +55,9 @@ class Solve:
     Attributes
     ----------
     planner : config of the planner, see `config.describe`; of its predictor the type alone.
-    size : of the problem.
+    rooms : what the problem has room for, of each kind.
     key : hash of the problem's expressions.
-    names : of its slots, Gaussian ones first; "?" where empty.
+    names : of its slots, kind by kind; "?" where empty.
     parameters : of the instance.
     guesses : what was solved from.
     point : the plan taken, auxiliaries and level included.
@@ -64,7 +65,7 @@ class Solve:
     """
 
     planner: dict[str, Any]
-    size: Size
+    rooms: tuple[Room, ...]
     key: str
     names: tuple[str, ...]
     parameters: Parameters
@@ -79,7 +80,7 @@ class Solve:
         ------
         WideberthError : a plug-in that is not known here, or one that makes another problem now.
         """
-        problem = ProblemCache(self._planner()).of(self.size)
+        problem = ProblemCache(self._planner()).of(self.rooms)
         if problem.key != self.key:
             raise WideberthError(
                 "the problem assembled from the recorded settings is another one than was solved: "
@@ -100,7 +101,10 @@ class Solve:
     def text(self) -> str:
         """Say what happened: rung, reason, sizes, and what the plan taken breaks."""
         found, config = self.verdict, self.planner
-        used = int(self.parameters.active.sum())
+        slots = zip(self.problem().slots, self.parameters.slots, strict=True)
+        counts = ", ".join(
+            f"{int(own.active.sum())} {one.name}s in {one.count} slots" for one, own in slots
+        )
         plugs = ", ".join(_name(config[key]) for key in ("robot", "region", "level", "solver"))
         first = (found.rung, found.given_way, f"solver: {found.status}")
         lines = [
@@ -109,8 +113,7 @@ class Solve:
             f"{len(self.guesses)} starts, {found.iterations} iterations, "
             f"{1e3 * found.seconds:.1f} ms for the call; cost {found.cost:.6g}, "
             f"largest violation {found.violation:.3g}",
-            f"{plugs}; N = {len(self.point.inputs)}, {used} obstacles in {self.size.capacity} "
-            f"slots, {int(self.parameters.static_active.sum())} polygons",
+            f"{plugs}; N = {len(self.point.inputs)}, {counts}",
         ]
         return "\n".join([*lines, *self._broken()])
 
@@ -144,13 +147,13 @@ class Decision:
 
     Attributes
     ----------
-    check, size : what was solved. guesses : from where.
+    check, rooms : what was solved. guesses : from where.
     point : the plan taken, as the problem states it. plan : as the planner hands it out.
     seconds : of the call.
     """
 
     check: InstanceCheck
-    size: Size
+    rooms: tuple[Room, ...]
     guesses: tuple[Guess, ...]
     point: Guess
     plan: Plan
@@ -175,7 +178,7 @@ class Decision:
         check = self.check
         return Solve(
             config,
-            self.size,
+            self.rooms,
             check.problem.key,
             check.names,
             check.parameters,

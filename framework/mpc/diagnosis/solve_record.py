@@ -1,16 +1,18 @@
 """Recorded solves: a pair of files, JSON and npz, that opens the exact problem again.
 
-``NAME.json`` holds the planner's config, the size of the problem and the hash of its expressions,
+``NAME.json`` holds the planner's config, the sizes of the problem and the hash of its expressions,
 the names of its slots, and what the planner said; ``NAME.npz`` the numbers: ``parameters.*``,
 ``guess0.*``, ``guess1.*``, ... and ``point.*`` (the plan taken), as the fields of `Parameters` and
-`Guess`. Format "wideberth/solve", version 1.
+`Guess`, those of the k-th kind of slots as ``parameters.slots.k.*`` and ``guess0.auxiliaries.k``.
+Format "wideberth/solve", version 2; version 1 knew two kinds, see `_RENAMED`.
 """
 
 import io
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, fields
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -18,15 +20,20 @@ from ...plugins.io import expanded, read_arrays, read_bytes, read_json, write_by
 from ...values.arrays import Array, positive, whole
 from ...values.errors import WideberthError
 from ...values.plan import Rung
-from ..ocp.problem import Parameters
+from ..ocp.problem import Parameters, SlotNumbers
 from ..ocp.transcription import Guess
-from ..planner.problem_cache import Size
 from .explain import Decision, Solve, Verdict
 
 KIND = "solve"
-VERSION = 1
+VERSION = 2
 
-V = TypeVar("V", Parameters, Guess)
+_RENAMED = {
+    "regions": "slots.0.parameters", "level": "slots.0.level", "active": "slots.0.active",
+    "auxiliaries": "slots.0.auxiliaries", "statics": "slots.1.parameters",
+    "static_active": "slots.1.active", "static_auxiliaries": "slots.1.auxiliaries",
+}  # fmt: skip
+"""Fields of parameters in version 1, and what they are now."""
+_RENAMED_OF_GUESSES = {"auxiliaries": "auxiliaries.0", "static_auxiliaries": "auxiliaries.1"}
 
 
 @dataclass(frozen=True)
@@ -84,7 +91,7 @@ def write_solve(path: str | Path, solve: Solve) -> Path:
     write_bytes(path.with_suffix(".npz"), _numbers(solve))
     content = {
         "planner": solve.planner,
-        "size": asdict(solve.size),
+        "rooms": [list(room) for room in solve.rooms],
         "key": solve.key,
         "names": list(solve.names),
         "starts": len(solve.guesses),
@@ -115,14 +122,19 @@ def read_solve(path: str | Path) -> Solve:
             f"{error}; a recorded solve is a pair of files, .json and .npz"
         ) from None
     try:
+        if "size" in content:  # version 1
+            size, arrays = content["size"], _renamed(arrays)
+            content["rooms"] = [[size["capacity"]], [size["statics"], size["corners"]]]
         return Solve(
             planner=dict(content["planner"]),
-            size=Size(**content["size"]),
+            rooms=tuple(tuple(map(int, room)) for room in content["rooms"]),
             key=str(content["key"]),
             names=tuple(content["names"]),
-            parameters=_taken(Parameters, "parameters", arrays),
-            guesses=tuple(_taken(Guess, f"guess{i}", arrays) for i in range(content["starts"])),
-            point=_taken(Guess, "point", arrays),
+            parameters=_parameters(_below("parameters", arrays)),
+            guesses=tuple(
+                _guess(_below(f"guess{i}", arrays)) for i in range(int(content["starts"]))
+            ),
+            point=_guess(_below("point", arrays)),
             verdict=Verdict(**content["verdict"]),
         )
     except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
@@ -136,19 +148,54 @@ def _numbers(solve: Solve) -> bytes:
     values: dict[str, Parameters | Guess] = {"parameters": solve.parameters, "point": solve.point}
     values |= {f"guess{i}": guess for i, guess in enumerate(solve.guesses)}
     arrays = {
-        f"{name}.{entry.name}": np.asarray(getattr(value, entry.name))
-        for name, value in values.items()
-        for entry in fields(value)
+        f"{name}.{field}": array for name, one in values.items() for field, array in _flat(one)
     }
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
     return buffer.getvalue()
 
 
-def _taken(kind: type[V], name: str, arrays: dict[str, Array]) -> V:
-    """Rebuild a value of its arrays; a single number becomes a float again."""
-    found: dict[str, Any] = {}
-    for entry in fields(kind):
-        value = arrays[f"{name}.{entry.name}"]
-        found[entry.name] = value if value.ndim else float(value)
-    return kind(**found)
+def _flat(value: Any) -> Iterator[tuple[str, Array]]:
+    """Yield the arrays of a value, those of nested values and tuples under dotted names."""
+    nested = isinstance(value, tuple)
+    inner = (
+        enumerate(value) if nested else ((f.name, getattr(value, f.name)) for f in fields(value))
+    )
+    for name, entry in inner:
+        if isinstance(entry, tuple | SlotNumbers):
+            yield from ((f"{name}.{below}", array) for below, array in _flat(entry))
+        elif entry is not None:
+            yield str(name), np.asarray(entry)
+
+
+def _below(name: str, arrays: Mapping[str, Array]) -> dict[str, Array]:
+    """Arrays whose names begin with ``name`` and a dot, under the rest of their names."""
+    cut = len(name) + 1
+    return {key[cut:]: value for key, value in arrays.items() if key.startswith(f"{name}.")}
+
+
+def _parameters(arrays: dict[str, Array]) -> Parameters:
+    """Rebuild the numbers of an instance."""
+    below = _below("slots", arrays)
+    count = len({key.partition(".")[0] for key in below})
+    slots = tuple(SlotNumbers(**_below(str(k), below)) for k in range(count))
+    plain = {key: value for key, value in arrays.items() if not key.startswith("slots.")}
+    return Parameters(slots=slots, **plain)
+
+
+def _guess(arrays: dict[str, Array]) -> Guess:
+    """Rebuild a starting point."""
+    below = _below("auxiliaries", arrays)
+    own = tuple(below[str(k)] for k in range(len(below)))
+    plain = {key: arrays[key] for key in ("states", "inputs", "slack")}
+    return Guess(auxiliaries=own, level=float(arrays["level"]), **plain)
+
+
+def _renamed(arrays: Mapping[str, Array]) -> dict[str, Array]:
+    """Arrays of version 1 under the names of today."""
+    found = {}
+    for key, value in arrays.items():
+        name, _, field = key.partition(".")
+        known = _RENAMED if name == "parameters" else _RENAMED_OF_GUESSES
+        found[f"{name}.{known.get(field, field)}"] = value
+    return found

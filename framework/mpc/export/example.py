@@ -1,6 +1,6 @@
 """The C example: every function against the values that Python finds, and how they add up."""
 
-from .layout import c_array
+from .layout import auxiliary_table, c_array
 from .routines import Routine
 from .subject import Subject
 
@@ -14,10 +14,6 @@ _PLACES = {
     "weight": "&one",
 }
 """Where the example finds the arguments of the functions of one stage."""
-_SLOT_PLACES = {
-    "obstacle": ("wideberth_nlp_auxiliaries", "WIDEBERTH_STAGE_OBSTACLE(0)"),
-    "polygon": ("wideberth_nlp_polygon_auxiliaries", "WIDEBERTH_STAGE_POLYGON(0)"),
-}
 
 _TOP = """\
 /* Evaluates every function for one recorded instance and compares with Python's values.
@@ -53,8 +49,7 @@ static int check(const char *name, const double *found, const double *expected, 
     return !good;
 }
 
-#if WIDEBERTH_OBSTACLE_AUXILIARIES * WIDEBERTH_OBSTACLES > 0 \\
-    || WIDEBERTH_POLYGON_AUXILIARIES * WIDEBERTH_POLYGONS > 0
+#if {lifted}
 static double distance(const double *first, const double *second, int count)
 {
     double sum = 0.0;
@@ -124,12 +119,11 @@ static void all_rows(double *rows)
 """
 
 _SLOTS_HEAD = """
-/* First the inequalities of all slots, obstacles before polygons, then the equalities. */
+/* First the inequalities of all slots, {kinds}, then the equalities. */
 static void slots(int i, double *next)
 {
     double found[SLOT_ROWS];
-    double *tied = next + WIDEBERTH_OBSTACLES * WIDEBERTH_OBSTACLE_INEQUALITIES
-        + WIDEBERTH_POLYGONS * WIDEBERTH_POLYGON_INEQUALITIES;
+    double *tied = next + {inequalities};
     int k, j;
 """
 
@@ -151,8 +145,7 @@ _SLOTS_TAIL = """\
 """
 
 _MACROS = """
-#define SLOT_ROWS (WIDEBERTH_OBSTACLE_INEQUALITIES + WIDEBERTH_OBSTACLE_EQUALITIES \\
-    + WIDEBERTH_POLYGON_INEQUALITIES + WIDEBERTH_POLYGON_EQUALITIES + 1)
+#define SLOT_ROWS ({rows} + 1)
 #define AUXILIARY(first, k, each) ((each) ? variables + (first) + (k) * (each) : NULL)
 #if WIDEBERTH_SLACKS > 0
 #define SLACK(i) variables[wideberth_nlp_slacks[i]]
@@ -166,13 +159,17 @@ def example(subject: Subject) -> str:
     """Return the text of example.c."""
     kinds = [
         {"upper": name.upper(), "lower": name, "where": where}
-        for name, (where, _) in _SLOT_PLACES.items()
+        for name, (where, _) in _slot_places(subject).items()
     ]
-    cost, rows = _TOP, _ROWS
+    texts = _texts(subject)
+    cost, rows = _TOP.replace("{lifted}", texts["lifted"]), _ROWS
     cost += "".join(_REGULARISATION.format(**kind) for kind in kinds)
-    states = _SLOTS_HEAD + "".join(_SLOT.format(**kind) for kind in kinds) + _SLOTS_TAIL
+    head, macros = _SLOTS_HEAD, _MACROS.replace("{rows}", texts["rows"])
+    for name in ("kinds", "inequalities"):
+        head = head.replace(f"{{{name}}}", texts[name])
+    states = head + "".join(_SLOT.format(**kind) for kind in kinds) + _SLOTS_TAIL
     end = rows.index("static void all_rows")
-    checks = [_check(routine) for routine in [*subject.stage, *subject.flat]]
+    checks = [_check(subject, routine) for routine in [*subject.stage, *subject.flat]]
     main = [
         "\nint main(void)\n{",
         f"    static double found[{_largest(subject)}];",
@@ -187,7 +184,7 @@ def example(subject: Subject) -> str:
         '    else printf("all results agree\\n");',
         "    return wrong != 0;\n}\n",
     ]
-    return cost + rows[:end] + _MACROS.lstrip() + states + "\n" + rows[end:] + "\n".join(main)
+    return cost + rows[:end] + macros.lstrip() + states + "\n" + rows[end:] + "\n".join(main)
 
 
 def data(subject: Subject) -> str:
@@ -206,11 +203,36 @@ def _largest(subject: Subject) -> int:
     return max(1, *(one.size for one in [*subject.stage, *subject.flat]))
 
 
-def _check(routine: Routine) -> str:
-    kind = routine.name.partition("_")[0]
+def _slot_places(subject: Subject) -> dict[str, tuple[str, str]]:
+    """Where the auxiliaries and the numbers of a kind of slots begin, by its name."""
+    return {
+        one.name: (
+            f"wideberth_nlp_{auxiliary_table(k, one)}",
+            f"WIDEBERTH_STAGE_{one.name.upper()}(0)",
+        )
+        for k, one in enumerate(subject.problem.slots)
+    }
+
+
+def _texts(subject: Subject) -> dict[str, str]:
+    """Pieces of C that list all kinds of slots."""
+    names = [f"WIDEBERTH_{one.name.upper()}" for one in subject.problem.slots]
+    rows = [f"{name}_INEQUALITIES + {name}_EQUALITIES" for name in names]
+    return {
+        "kinds": " before ".join(f"{one.name}s" for one in subject.problem.slots),
+        "lifted": " \\\n    || ".join(f"{name}_AUXILIARIES * {name}S > 0" for name in names)
+        or "0",
+        "inequalities": "\n        + ".join(f"{name}S * {name}_INEQUALITIES" for name in names)
+        or "0",
+        "rows": " \\\n    + ".join(rows) or "0",
+    }
+
+
+def _check(subject: Subject, routine: Routine) -> str:
+    slots, kind = _slot_places(subject), routine.slots
     places = {**_PLACES, **{name: name for name in ("variables", "parameters", "multipliers")}}
-    if kind in _SLOT_PLACES:
-        where, numbers = _SLOT_PLACES[kind]
+    if kind:
+        where, numbers = slots[kind]
         each = f"WIDEBERTH_{kind.upper()}_AUXILIARIES"
         places |= {"auxiliary": f"AUXILIARY({where}[1], 0, {each})"}
         places |= {"numbers": f"STAGE(1) + {numbers}"}

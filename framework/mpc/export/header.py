@@ -49,8 +49,7 @@ _TOP = """\
 
 _SLOTS = """
 /* Begin of slot k among the numbers of a stage, and of stage i = 1..N among the parameters. */
-#define WIDEBERTH_STAGE_OBSTACLE(k) (WIDEBERTH_STAGE_OBSTACLES + (k) * WIDEBERTH_OBSTACLE_SIZE)
-#define WIDEBERTH_STAGE_POLYGON(k) (WIDEBERTH_STAGE_POLYGONS + (k) * WIDEBERTH_POLYGON_SIZE)
+{slots}
 #define WIDEBERTH_PARAMETER_STAGE(i) \\
     (WIDEBERTH_PARAMETER_STAGES + ((i) - 1) * WIDEBERTH_STAGE_SIZE)
 """
@@ -60,7 +59,8 @@ def header(subject: Subject) -> str:
     """Return the text of wideberth.h."""
     parts = [_HEAD.format(source=subject.source.replace("*/", "")), "/* Sizes and places. */"]
     parts += [_define(name, value, text) for name, value, text in constants(subject)]
-    parts += [_SLOTS, "/* Numbers. */"]
+    begins = "\n".join(_begin(one.name.upper()) for one in subject.problem.slots)
+    parts += [_SLOTS.replace("{slots}", begins), "/* Numbers. */"]
     parts += [_define(name, number(value), text) for name, value, text in _numbers(subject)]
     bounds = [*_stage_bounds(subject), *_flat_bounds(subject)]
     parts.append("\n/* Bounds of states and inputs, of auxiliaries per slot, and of the NLP. */")
@@ -130,10 +130,16 @@ def _numbers(subject: Subject) -> list[Define]:
         ("MINIMUM_LEVEL", problem.minimum, "lower bound of a shared level"),
         ("PENALTY", problem.penalty if problem.slacks and problem.penalty else 0.0,
          "price of one unit of slack"),
-        ("OBSTACLE_REGULARISATION", problem.obstacles.auxiliary.regularisation,
-         "price of leaving the guess of the auxiliaries"),
-        ("POLYGON_REGULARISATION", problem.statics.auxiliary.regularisation, "likewise"),
+        *((f"{one.name.upper()}_REGULARISATION", one.auxiliary.regularisation,
+           "likewise" if k else "price of leaving the guess of the auxiliaries")
+          for k, one in enumerate(problem.slots)),
     ]  # fmt: skip
+
+
+def _begin(name: str) -> str:
+    """Macro of where slot k of a kind begins among the numbers of a stage."""
+    each = f"(k) * WIDEBERTH_{name}_SIZE"
+    return f"#define WIDEBERTH_STAGE_{name}(k) (WIDEBERTH_STAGE_{name}S + {each})"
 
 
 def _stage_bounds(subject: Subject) -> list[tuple[str, list[float]]]:
@@ -141,8 +147,7 @@ def _stage_bounds(subject: Subject) -> list[tuple[str, list[float]]]:
     pairs = {
         "state": problem.state_bounds,
         "input": problem.input_bounds,
-        "obstacle_auxiliary": problem.obstacles.auxiliary,
-        "polygon_auxiliary": problem.statics.auxiliary,
+        **{f"{one.name}_auxiliary": one.auxiliary for one in problem.slots},
     }
     return [
         (f"{name}_{side}", list(getattr(pair, side)))

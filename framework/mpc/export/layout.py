@@ -42,14 +42,19 @@ class Layout:
         places = np.arange(len(self.form.lower), dtype=np.float64)
         return self.form.unpack(places, self.parameters)
 
-    def first(self, name: str) -> list[int]:
+    def first(self, name: str | int) -> list[int]:
         """Where a piece begins among the variables, stage by stage, i = 0..N; -1: nowhere.
 
         Parameters
         ----------
-        name : states, inputs, auxiliaries, static_auxiliaries or slack.
+        name : states, inputs, slack, or auxiliaries of a kind of slots by its number.
         """
-        pieces: Array = getattr(self.where, name)
+        named = {
+            "states": self.where.states,
+            "inputs": self.where.inputs,
+            "slack": self.where.slack,
+        }
+        pieces = self.where.auxiliaries[name] if isinstance(name, int) else named[name]
         flat = pieces.reshape(len(pieces), -1)
         if not flat.shape[1] or (name == "slack" and not self.problem.slacks):
             return [-1] * (self.problem.horizon + 1)
@@ -66,8 +71,7 @@ class Layout:
         """Sizes and offsets that the header defines."""
         problem = self.problem
         head, states = problem.head_width, problem.states
-        moving, still = problem.obstacles, problem.statics
-        stage = head + moving.count * moving.size
+        begin = np.cumsum([head, *(one.count * one.size for one in problem.slots)]).tolist()
         return [
             ("HORIZON", problem.horizon, "N, steps"),
             ("DIMENSION", problem.dimension, "D, of the world"),
@@ -81,11 +85,11 @@ class Layout:
             ("INPUT_CONSTRAINTS", problem.input_constraints.numel_out(0), "rows"),
             ("STATE_CONSTRAINTS", problem.state_constraints.numel_out(0), "rows"),
             ("TERMINAL_CONSTRAINTS", problem.terminal_constraints.numel_out(0), "rows"),
-            *_slot_constants("OBSTACLE", moving),
-            *_slot_constants("POLYGON", still),
+            *(constant for one in problem.slots for constant in _slot_constants(one)),
             ("HEAD_SIZE", head, "numbers of a stage that belong to no slot"),
-            ("STAGE_OBSTACLES", head, "where the obstacle slots begin in a stage"),
-            ("STAGE_POLYGONS", stage, "where the polygon slots begin in a stage"),
+            *((f"STAGE_{one.name.upper()}S", first,
+               f"where the {one.name} slots begin in a stage")
+              for one, first in zip(problem.slots, begin, strict=False)),
             ("STAGE_SIZE", problem.stage_width, "numbers of one stage"),
             ("PARAMETER_INITIAL", 0, "where x_0 stands among the parameters"),
             ("PARAMETER_TARGET", states, "the level that a shared one is drawn to; else unused"),
@@ -97,14 +101,13 @@ class Layout:
 
     def tables(self) -> list[Define]:
         """Arrays of integers that say where things stand, i = 0..N; -1: nowhere."""
-        named = {
+        named: dict[str, tuple[str | int, str]] = {
             "states": ("states", "x_i; x_0 is a parameter"),
             "inputs": ("inputs", "u_i, i < N"),
-            "auxiliaries": ("auxiliaries", "the auxiliaries of the obstacles, slot by slot"),
-            "polygon_auxiliaries": (
-                "static_auxiliaries",
-                "the auxiliaries of the polygons, slot by slot",
-            ),
+            **{
+                auxiliary_table(k, one): (k, f"the auxiliaries of the {one.name}s, slot by slot")
+                for k, one in enumerate(self.problem.slots)
+            },
             "slacks": ("slack", "the slack"),
         }
         tables: list[Define] = [
@@ -113,9 +116,13 @@ class Layout:
         return [*tables, ("nlp_first_row", self.rows(), "the rows of stage i; then their number")]
 
 
-def _slot_constants(name: str, slots: Slots) -> list[Define]:
-    width, own = slots.width, len(slots.auxiliary)
-    active = width + int(slots.levelled)
+def auxiliary_table(place: int, slots: Slots) -> str:
+    """Name of the table that says where the auxiliaries of a kind of slots begin."""
+    return f"{slots.name}_auxiliaries" if place else "auxiliaries"
+
+
+def _slot_constants(slots: Slots) -> list[Define]:
+    name, width, own = slots.name.upper(), slots.width, len(slots.auxiliary)
     return [
         (f"{name}S", slots.count, "slots"),
         (f"{name}_AUXILIARIES", own, "extra variables per slot and stage"),
@@ -123,8 +130,8 @@ def _slot_constants(name: str, slots: Slots) -> list[Define]:
         (f"{name}_EQUALITIES", slots.constraint.numel_out(1), "rows of a slot, each == 0"),
         (f"{name}_PARAMETERS", width, "of the region, first among the numbers of a slot"),
         (f"{name}_LEVEL", width if slots.levelled else -1, "where its level stands; -1: none"),
-        (f"{name}_ACTIVE", active, "where 1 (used) or 0 (empty) stands"),
-        (f"{name}_GUESS", active + 1, "where the guess of its auxiliaries begins"),
+        (f"{name}_ACTIVE", slots.active, "where 1 (used) or 0 (empty) stands"),
+        (f"{name}_GUESS", slots.guess, "where the guess of its auxiliaries begins"),
         (f"{name}_SIZE", slots.size, "numbers of one slot"),
     ]
 

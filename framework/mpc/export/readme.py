@@ -1,12 +1,9 @@
 """The README of an export: what each function is, in the order in which they are called."""
 
-from inspect import getdoc
 from textwrap import fill
 from typing import Any
 
-import numpy as np
-
-from ...values.forecast import GaussianObstacle
+from ..ocp.problem import Problem, Slots
 from .routines import STAGE, Routine
 from .subject import Subject
 
@@ -51,7 +48,7 @@ the rows.
 
 {flat}
 
-Variables stand stage by stage: {shared}u_0, then x_i, u_i, auxiliaries of obstacles, of polygons,
+Variables stand stage by stage: {shared}u_0, then x_i, u_i, {lifted},
 slack for i = 1..N (no u_N); the tables `wideberth_nlp_*` say where. Jacobian and Hessian are
 compressed by columns; the sign of the multipliers is that of `weight * f + multipliers' g`.
 
@@ -59,10 +56,10 @@ compressed by columns; the sign of the multipliers is that of `weight * f + mult
 
 x_0 ({states_count}), then the level that a shared one is drawn to (1), then for i = 1..N the
 stage: a head of {head} (reference position, unit tangent of the path, reference speed{curve}),
-the numbers of the obstacle slots, those of the polygon slots. A slot holds
+{numbers}. A slot holds
 
 1. the parameters of its region, see below;
-2. its level (obstacles alone; not read where the level is shared);
+2. its level ({levelled} alone; not read where the level is shared);
 3. 1 where it is used, else 0 (an empty slot must still hold finite parameters, as of a unit disc);
 4. the guess that its auxiliaries are drawn to.
 
@@ -91,15 +88,18 @@ def readme(subject: Subject) -> str:
         dt=problem.dt,
         states=_names(subject.robot.states),
         inputs=_names(subject.robot.inputs),
-        slots=f"Room for {problem.capacity} obstacles and {problem.statics.count} polygons.",
+        slots=f"Room for {_listed([f'{one.count} {one.name}s' for one in problem.slots])}.",
         level=_level(subject),
         soft=soft,
-        stage=_table([routine for routine in subject.stage if routine.name in STAGE]),
+        stage=_table([one for one in subject.stage if one.name in (*STAGE, one.slots)]),
         flat=_table(subject.flat),
         shared="the shared level, " if problem.shared else "",
         states_count=problem.states,
         head=problem.head_width,
         curve=_curve(subject),
+        lifted=f"auxiliaries of {', of '.join(f'{one.name}s' for one in problem.slots)}",
+        numbers=", ".join(f"{what} of the {one.name} slots" for what, one in _own(problem)),
+        levelled=_listed([f"{one.name}s" for one in problem.slots if one.levelled]),
         regions="\n\n".join(_regions(subject)),
     )
     return "\n\n".join(_filled(block) for block in text.split("\n\n")).rstrip() + "\n"
@@ -120,10 +120,12 @@ def _curve(subject: Subject) -> str:
 
 def _level(subject: Subject) -> str:
     problem = subject.problem
+    named = [f"{one.name}s" for one in problem.slots if one.levelled]
     if not problem.shared:
-        return "Each obstacle slot has a level of its own among its numbers: larger is safer."
+        return f"Each slot of {_listed(named)} has its level among its numbers: larger is safer."
     return (
-        "One level is a decision variable for all obstacle slots and stages, at least "
+        f"One level is a decision variable for all slots of {_listed(named)} and all stages, "
+        f"at least "
         f"{problem.minimum:g}; `level_cost` draws it to the target. Larger is safer."
     )
 
@@ -140,37 +142,23 @@ def _table(routines: list[Routine]) -> str:
     return "\n".join(lines)
 
 
+def _own(problem: Problem) -> list[tuple[str, Slots]]:
+    """Every kind of slots with the words that begin what is said of its numbers."""
+    return [("those" if k else "the numbers", one) for k, one in enumerate(problem.slots)]
+
+
+def _listed(words: list[str]) -> str:
+    """Join words by commas and a last "and"."""
+    first = ", ".join(words[:-1])
+    return " and ".join(part for part in (first, *words[-1:]) if part)
+
+
 def _regions(subject: Subject) -> list[str]:
-    """Describe how the parameters of the regions are computed: in Python's words."""
-    found = []
-    kinds = (
-        ("an obstacle", subject.region, subject.problem.obstacles),
-        ("a polygon", subject.static_region, subject.problem.statics),
-    )
-    for kind, region, slots in kinds:
-        if region is None or not slots.count:
-            continue
-        name = f"`{type(region).__module__}.{type(region).__name__}`"
-        texts = (getdoc(type(region)), getdoc(type(region).parameters))
-        quoted = "\n\n".join(text for text in texts if text)
-        lines = "\n".join(f"> {line}".rstrip() for line in quoted.splitlines())
-        found.append(
-            f"The {slots.width} parameters of {kind} slot are made by `parameters` of {name}, of "
-            f"which Python's documentation says:\n\n{lines}"
-        )
-    return [*found, *_worked(subject)]
-
-
-def _worked(subject: Subject) -> list[str]:
-    """Show the parameters of one obstacle, to check one's own against."""
-    if not subject.problem.capacity:
-        return []
-    size = subject.problem.dimension
-    mean = 1.0 + np.arange(size, dtype=np.float64)
-    covariance = 0.01 * np.eye(size) + 0.02 * np.outer(mean, mean)
-    numbers = subject.region.parameters(GaussianObstacle(mean, covariance), np.array(1.5))
-    shown = ", ".join(repr(float(value)) for value in np.ravel(numbers))
+    """Describe how the parameters of the slots are computed, in the words of each kind."""
+    pairs = zip(subject.kinds, subject.problem.slots, strict=True)
     return [
-        f"For the mean {mean.tolist()} m, the covariance {covariance.round(12).tolist()} m^2 and "
-        f"a margin (robot, obstacle and what is added) of 1.5 m they are {shown}."
+        f"The slot of each {one.name} has {one.width} parameters. "
+        f"{kind.explanation(subject.problem.dimension)}"
+        for kind, one in pairs
+        if one.count
     ]

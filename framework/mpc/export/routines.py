@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ...numerics.symbolic import ca
@@ -22,6 +22,7 @@ class Routine:
     arguments : names of its arguments.
     result : name of its result.
     text : what it is, in a sentence.
+    slots : name of the kind of slots that it is about, or empty.
     """
 
     name: str
@@ -29,6 +30,7 @@ class Routine:
     arguments: tuple[str, ...]
     result: str
     text: str
+    slots: str = ""
 
     @property
     def size(self) -> int:
@@ -43,17 +45,17 @@ STAGE = {
     "state_cost": "cost of stage i = 1..N",
     "state_constraints": "limits of the robot, each >= 0, at i = 1..N",
     "terminal_constraints": "each >= 0, at i = N alone",
-    "obstacle": "one obstacle slot at i = 1..N: its inequalities (>= 0), then equalities (== 0)",
-    "polygon": "one polygon slot at i = 1..N: its inequalities (>= 0), then equalities (== 0)",
     "level_cost": "cost of the shared level, once",
 }
-"""The functions of one stage, in the order in which they are called, and what they are."""
+"""The functions of one stage that belong to no slot, and what they are."""
+SLOT = "one {} slot at i = 1..N: its inequalities (>= 0), then equalities (== 0)"
+"""What the function of a kind of slots is, which bears the kind's name."""
 
 
 def stage_routines(problem: Problem) -> list[Routine]:
     """Return the functions of one stage and their derivatives, in calling order.
 
-    Those of obstacle and polygon slots are left out where there are no slots.
+    Those of a kind of slots are left out where there are no slots.
 
     Raises
     ------
@@ -67,15 +69,13 @@ def stage_routines(problem: Problem) -> list[Routine]:
         "state_cost": (problem.state_cost, ("state", "head"), 1),
         "state_constraints": (problem.state_constraints, ("state",), 1),
         "terminal_constraints": (problem.terminal_constraints, ("state",), 1),
-        "obstacle": (problem.obstacles.constraint, slot, 3),
-        "polygon": (problem.statics.constraint, slot, 3),
+        **{one.name: (one.constraint, slot, 3) for one in problem.slots if one.count},
         "level_cost": (problem.level_cost, ("level", "target"), 1),
     }
-    absent = {"obstacle": not problem.obstacles.count, "polygon": not problem.statics.count}
+    kinds = {one.name for one in problem.slots}
     return [
-        routine
+        replace(routine, slots=name if name in kinds else "")
         for name, (function, arguments, by) in given.items()
-        if not absent.get(name)
         for routine in _with_derivatives(name, function, arguments, by)
     ]
 
@@ -94,7 +94,7 @@ def _with_derivatives(
     result = "next" if name == "dynamics" else "cost" if name.endswith("_cost") else "rows"
     shape, size = f"{rows.numel()} x {variables.numel()}", variables.numel()
     named = ", ".join(arguments[:by])
-    yield _routine(name, symbols, rows, arguments, result, STAGE[name])
+    yield _routine(name, symbols, rows, arguments, result, STAGE.get(name, SLOT.format(name)))
     yield _routine(
         f"{name}_jacobian",
         symbols,

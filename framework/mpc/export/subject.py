@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from ...region import Region
 from ...robot import Robot
-from ...static_region import StaticRegion
 from ...values.arrays import Array
 from ..costs.base import Cost
 from ..ocp.problem import Parameters, Problem
 from ..ocp.transcription import Guess
+from ..slots.base import SlotKind
 from .layout import Layout
 from .routines import Routine, flat_routines, stage_routines
 
@@ -26,7 +25,7 @@ class Subject:
     ----------
     problem : what is exported.
     parameters, guess : the instance that the example evaluates, and near where.
-    robot, region, static_region, cost : the plug-ins that the problem was assembled from; they
+    robot, kinds, cost : the plug-ins that the problem was assembled from; they
         give names, units and descriptions alone.
     config : the planner's resolved config.
     source : name of the config and of the planner in it.
@@ -36,8 +35,7 @@ class Subject:
     parameters: Parameters
     guess: Guess
     robot: Robot
-    region: Region
-    static_region: StaticRegion | None
+    kinds: tuple[SlotKind, ...]
     cost: Cost
     config: Mapping[str, Any]
     source: str
@@ -86,18 +84,17 @@ class Subject:
     def argument(self, routine: Routine, name: str) -> Array:
         """Numbers that the example hands to one argument of a function."""
         problem, flat = self.problem, self.variables
-        slots = problem.statics if routine.name.startswith("polygon") else problem.obstacles
-        moving = slots is problem.obstacles
+        names = [one.name for one in problem.slots]
+        kind = names.index(routine.slots) if routine.slots else 0
         stage = self.numbers[problem.states + 1 :][: problem.stage_width]
-        own = self.point.auxiliaries if moving else self.point.static_auxiliaries
         rows = routine.function.size1_in(len(routine.arguments) - 1)
         simple: dict[str, Callable[[], Array]] = {
             "state": lambda: self.point.states[1],
             "input": lambda: self.point.inputs[0],
             "head": lambda: stage[: problem.head_width],
-            "auxiliary": lambda: own[0, 0],
+            "auxiliary": lambda: self.point.auxiliaries[kind][0, 0],
             "level": lambda: flat[: int(problem.shared)],
-            "numbers": lambda: problem.cut(stage)[1 if moving else 2][: slots.size],
+            "numbers": lambda: problem.cut(stage)[1][kind][: problem.slots[kind].size],
             "target": lambda: self.numbers[problem.states : problem.states + 1],
             "weights": lambda: self.multipliers[:rows],
             "variables": lambda: flat,

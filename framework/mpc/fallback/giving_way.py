@@ -7,7 +7,6 @@ import numpy as np
 
 from ...values.arrays import Array
 from ...values.plan import GivenWay, Rung
-from ..levels.base import tail_of
 from .instance_check import TOLERANCE, Candidate, InstanceCheck
 from .verify import violation
 
@@ -29,7 +28,7 @@ def held(ladder: "Ladder", check: InstanceCheck, best: Candidate) -> tuple[Array
 
     Parameters
     ----------
-    ladder : knows robot, region and level policy.
+    ladder : knows robot and level policy.
     case : what plans are held against.
     best : the plan taken.
 
@@ -37,7 +36,8 @@ def held(ladder: "Ladder", check: InstanceCheck, best: Candidate) -> tuple[Array
     -------
     level : (N, O). given_way : None where everything is kept as aimed at.
     """
-    asked = check.parameters.level[:, : len(check.around.obstacles)]
+    places = check.around.levelled()
+    asked = aimed(check)
     if not asked.size:
         return asked, None
     entered = _entered(ladder, check, best, 1.0)
@@ -52,13 +52,24 @@ def held(ladder: "Ladder", check: InstanceCheck, best: Candidate) -> tuple[Array
     level = np.where(shared | (entered > TOLERANCE), lower, asked)
     step, slot = divmod(int(worst.argmax()), worst.shape[1])
     policy, size = ladder.level, ladder.robot.dimension
+    kind, _, _, name = places[slot]
     tails = [
-        tail_of(ladder.region, policy.promise, float(value), size)
+        kind.tail(float(value), policy.promise, size)
         for value in (asked[step, slot], level[step, slot])
     ]
     first = int((entered[:, slot] > TOLERANCE).argmax()) + 1
-    name = check.names[slot]
     return level, GivenWay(tails[0], tails[1] if kept else 1.0, policy.promise, first, name)
+
+
+def aimed(check: InstanceCheck) -> Array:
+    """Levels aimed at, of all used slots that have one, (N, O)."""
+    levels = [one.level for one in check.parameters.slots]
+    columns = [
+        own[:, place]
+        for _, k, place, _ in check.around.levelled()
+        if (own := levels[k]) is not None
+    ]
+    return np.stack(columns, axis=1) if columns else np.zeros((check.problem.horizon, 0))
 
 
 def _largest(
@@ -85,8 +96,13 @@ def _entered(ladder: "Ladder", check: InstanceCheck, best: Candidate, share: flo
     if check.problem.shared:
         point = replace(best.point, level=share * parameters.target)
     else:
-        parameters = replace(parameters, level=share * parameters.level)
+        lower = [
+            own if own.level is None else replace(own, level=share * own.level)
+            for own in parameters.slots
+        ]
+        parameters = replace(parameters, slots=tuple(lower))
         point = best.point
     point = ladder.suited(parameters, point)
     found = violation(check.problem, parameters, point).regions
-    return found[:, : len(check.around.obstacles)]
+    first = np.cumsum([0, *(slots.count for slots in check.problem.slots)])
+    return found[:, [first[k] + place for _, k, place, _ in check.around.levelled()]]

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...values.plan import Rung, Status
-from ..instance.contact import Surroundings
 from ..ocp.problem import Parameters, Problem
 from ..ocp.transcription import Guess
+from ..slots.base import Surroundings
 from ..solvers.base import Solution
 from .verify import Violation, violation
 
@@ -49,9 +49,8 @@ class InstanceCheck:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all slots of the problem: obstacles, "?" where empty, polygons."""
-        ids = self.around.obstacles.ids
-        return (*ids, *("?",) * (self.problem.capacity - len(ids)), *self.around.walls.names)
+        """Names of all slots of the problem, "?" where empty."""
+        return self.around.names(self.problem)
 
     def check(self, point: Guess) -> Violation:
         """Evaluate every constraint, and what is touched on the way."""
@@ -83,11 +82,16 @@ class Outcome:
 
 
 def contact(check: InstanceCheck, one: Candidate, window: int) -> float:
-    """Return how deep a plan enters polygons or the forecast's means before a stop ends.
+    """Return how deep a plan enters things or their expected places before a stop ends.
 
+    The region of a slot without a level is the thing itself, so that entering it counts as well.
     The window is the steps that braking takes and one more: what lies beyond can still be
     braked for when the next plan is made.
     """
-    walls = one.found.regions[:, check.problem.capacity :].max(axis=1, initial=0.0)
+    certain = np.repeat(
+        [not slots.levelled for slots in check.problem.slots],
+        [slots.count for slots in check.problem.slots],
+    )
+    entered = one.found.regions[:, certain].max(axis=1, initial=0.0)
     depth = np.maximum(check.around.overlap(one.point.states), one.found.touched)
-    return float(np.maximum(depth, walls)[:window].max(initial=0.0))
+    return float(np.maximum(depth, entered)[:window].max(initial=0.0))

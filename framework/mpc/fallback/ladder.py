@@ -19,18 +19,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...region import Region
 from ...robot import Robot
-from ...static_region import StaticRegion
 from ...values.arrays import Array
 from ...values.plan import Plan, Rung, Status
-from ..instance.obstacles import Obstacles
 from ..levels.base import LevelPolicy, SharedLevel
-from ..ocp.bodies import with_auxiliaries
 from ..ocp.problem import Parameters
 from ..ocp.transcription import Guess
+from ..slots.base import SlotKind, level_at_first, with_auxiliaries
 from ..solvers.base import Solution
-from .giving_way import held
+from .giving_way import aimed, held
 from .instance_check import TOLERANCE, Candidate, InstanceCheck, Outcome, contact
 from .rollout import clip, follow, shift, stand, steer, sweep
 from .stopping import stops
@@ -48,34 +45,33 @@ class Ladder:
 
     Attributes
     ----------
-    robot, region, level : the plug-ins.
+    robot, level : the plug-ins.
+    kinds : of things that the plan keeps clear of.
     stamp : s, time of the first state.
     dt, horizon : of the plan.
     start : (n,), the first state.
     inputs : (N, m), the last plan's inputs from now on, or None.
-    static_region : what keeps clear of static polygons.
     """
 
     robot: Robot
-    region: Region
+    kinds: tuple[SlotKind, ...]
     level: LevelPolicy
     stamp: float
     dt: float
     horizon: int
     start: Array
     inputs: Array | None = None
-    static_region: StaticRegion | None = None
 
     def guess(self, states: Array, inputs: Array) -> Guess:
         """Wrap a trajectory as a starting point; auxiliaries are filled in later."""
         target = float("nan")
         if isinstance(self.level, SharedLevel):
-            target = self.level.levels(self.region, 1, 1, self.robot.dimension)[0, 0]
-        return Guess.bare(states, inputs, float(target))
+            target = level_at_first(self.kinds, self.level, self.robot.dimension)
+        return Guess.bare(states, inputs, target)
 
     def suited(self, parameters: Parameters, guess: Guess) -> Guess:
         """Fill in the auxiliaries that suit the guess's poses best."""
-        return with_auxiliaries(self.robot, self.region, parameters, guess, self.static_region)
+        return with_auxiliaries(self.robot, self.kinds, parameters, guess)
 
     def shifted(self, plan: Plan, *, standing: bool) -> "Ladder":
         """Return the ladder with what is left of the last plan at this one's stamp.
@@ -127,7 +123,6 @@ class Ladder:
         outcome : of solving.
         """
         solved = outcome.candidates
-        obstacles, walls = check.around.obstacles, check.around.walls
         names = check.names
         best, words = self._best(outcome), [f"solver: {outcome.message}"]
         if best is None:
@@ -136,7 +131,7 @@ class Ladder:
             best, refused = self._fall_back(check, solved, names)
             words += refused
         level, given_way = held(self, check, best)
-        plan = self._plan(best, check.parameters, obstacles, level)
+        plan = self._plan(best, check, level)
         breach = best.found.breach(names) if best.found.worst > TOLERANCE else None
         if breach is not None:
             words.append(f"{best} taken: {breach}")
@@ -150,7 +145,7 @@ class Ladder:
             reason="; ".join(words),
             breach=breach,
             given_way=given_way,
-            left_out=obstacles.left_out + walls.left_out,
+            left_out=check.around.left_out,
             status=outcome.status if own is None else own.status,
             iterations=sum(one.iterations for one in runs),
             seconds=sum(one.seconds for one in runs),
@@ -239,35 +234,44 @@ class Ladder:
         point = self.suited(check.parameters, guess)
         return Candidate(point, rung, check.check(point))
 
-    def _plan(
-        self, best: Candidate, parameters: Parameters, obstacles: Obstacles, level: Array
-    ) -> Plan:
-        used = len(obstacles)
-        point = best.point
+    def _plan(self, best: Candidate, check: InstanceCheck, level: Array) -> Plan:
+        point, places = best.point, check.around.levelled()
         return Plan(
             stamp=self.stamp,
             dt=self.dt,
             states=point.states,
             inputs=point.inputs,
             positions=self._positions(point.states),
-            reference=parameters.reference,
-            auxiliaries=point.auxiliaries[:, :used],
+            reference=check.parameters.reference,
+            auxiliaries=_auxiliaries(check, point),
             level=level,
-            target=parameters.level[:, :used],
-            content=content(self.region, level, self.robot.dimension),
-            ids=obstacles.ids,
+            target=aimed(check),
+            content=content(check, level, self.robot.dimension),
+            ids=tuple(name for *_, name in places),
             status=Status.NOT_RUN,
             rung=best.rung,
             violation=best.found.worst,
-            tracked=obstacles.tracked,
         )
 
     def _positions(self, states: Array) -> Array:
         return np.stack(self.robot.pose(tuple(states.T)).position, axis=-1)
 
 
-def content(region: Region, level: Array, dimension: int) -> Array:
-    """Content that each level stands for; 0 for the paper's unbounded level below 0."""
-    values, place = np.unique(level, return_inverse=True)
-    known = [1.0 - region.tail(value, dimension) if value > 0 else 0.0 for value in values]
-    return np.asarray(known, dtype=np.float64)[place].reshape(level.shape)
+def content(check: InstanceCheck, level: Array, dimension: int) -> Array:
+    """Content that each level stands for; 0 for the paper's unbounded level below 0, (N, O)."""
+    found = np.zeros_like(level)
+    for column, (kind, *_) in enumerate(check.around.levelled()):
+        values, place = np.unique(level[:, column], return_inverse=True)
+        known = [1.0 - kind.tail(v, "content", dimension) if v > 0 else 0.0 for v in values]
+        found[:, column] = np.array(known)[place]
+    return found
+
+
+def _auxiliaries(check: InstanceCheck, point: Guess) -> Array:
+    """Auxiliaries of all used slots with a level, (N, O, A); nan where one has fewer than A."""
+    columns = [point.auxiliaries[k][:, place] for _, k, place, _ in check.around.levelled()]
+    wide = max((own.shape[1] for own in columns), default=0)
+    found = np.full((check.problem.horizon, len(columns), wide), np.nan)
+    for column, own in enumerate(columns):
+        found[:, column, : own.shape[1]] = own
+    return found

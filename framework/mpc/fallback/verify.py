@@ -7,9 +7,9 @@ import numpy as np
 from ...numerics.symbolic import evaluated
 from ...values.arrays import Array
 from ...values.plan import Breach, Kind
-from ..instance.contact import Touch
 from ..ocp.problem import Parameters, Problem
 from ..ocp.transcription import Guess
+from ..slots.contact import Touch
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,8 +19,8 @@ class Violation:
     Attributes
     ----------
     motion : (N,), dynamics, bounds and robot limits, each in its own unit.
-    regions : (N, K + S), how far each region, then each static polygon, is entered at steps
-        1..N, unit-free.
+    regions : (N, K), how far the region of each slot, kind by kind, is entered at steps 1..N,
+        unit-free.
     touch : what is touched on the way to each step, where that was looked at.
     """
 
@@ -30,7 +30,7 @@ class Violation:
 
     @property
     def touched(self) -> Array:
-        """How deep the bodies are in polygons on the way to each step, (N,), m."""
+        """How deep the bodies are in things on the way to each step, (N,), m."""
         return np.zeros(len(self.motion)) if self.touch is None else self.touch.depth
 
     @property
@@ -41,11 +41,11 @@ class Violation:
 
     @property
     def total(self) -> float:
-        """Sum over steps of the deepest entry into any region or polygon."""
+        """Sum over steps of the deepest entry into any region or thing."""
         return float((self.regions.max(axis=1, initial=0.0) + self.touched).sum())
 
     def breach(self, names: tuple[str, ...]) -> Breach | None:
-        """Name what is broken most; ``names`` are those of all slots, (K + S)."""
+        """Name what is broken most; ``names`` are those of all slots, (K,)."""
         deepest = self.regions.max(initial=0.0)
         touched = self.touched.max(initial=0.0)
         if self.touch is not None and touched > 0.0 and deepest == 0.0:
@@ -70,7 +70,7 @@ def violation(problem: Problem, parameters: Parameters, point: Guess) -> Violati
 
     A soft region counts as entered however much slack was paid for it.
     """
-    gap, limits, outside, tied, clear, bound, _ = _evaluated(problem, parameters, point)
+    gap, limits, _, *rows = _evaluated(problem, parameters, point)
     broken = [np.abs(gap), np.maximum(-limits, 0.0)]
     state, control = problem.state_bounds, problem.input_bounds
     broken += [_beyond(point.states[1:], state.lower, state.upper).T]
@@ -80,11 +80,12 @@ def violation(problem: Problem, parameters: Parameters, point: Guess) -> Violati
     motion = np.concatenate(broken).max(axis=0)
     motion[0] = max(motion[0], begin)
     motion[-1] = max(motion[-1], (-final).max(initial=0.0))
-    entered = np.concatenate(
-        [_entered(outside, tied, problem.capacity), _entered(clear, bound, problem.statics.count)]
-    )
-    # What an empty slot holds its auxiliaries to says nothing of the plan.
-    entered *= np.concatenate([parameters.active, parameters.static_active])[:, None]
+    entered = np.zeros((0, problem.horizon))
+    pairs = zip(problem.slots, parameters.slots, rows[::2], rows[1::2], strict=True)
+    for slots, numbers, outside, tied in pairs:
+        # What an empty slot holds its auxiliaries to says nothing of the plan.
+        own = _entered(outside, tied, slots.count) * numbers.active[:, None]
+        entered = np.concatenate([entered, own])
     if not (np.isfinite(motion).all() and np.isfinite(entered).all()):
         return Violation(np.full(problem.horizon, np.inf), np.zeros(entered.T.shape))
     return Violation(motion, entered.T)
@@ -92,7 +93,7 @@ def violation(problem: Problem, parameters: Parameters, point: Guess) -> Violati
 
 def price(problem: Problem, parameters: Parameters, point: Guess) -> float:
     """Objective at a point that keeps every region, and so needs no slack."""
-    total = float(_evaluated(problem, parameters, point)[-1].sum())
+    total = float(_evaluated(problem, parameters, point)[2].sum())
     if problem.shared:
         total += float(problem.level_cost(point.level, parameters.target))
     return total
@@ -105,12 +106,18 @@ def _evaluated(problem: Problem, parameters: Parameters, point: Guess) -> list[A
         point.states[:-1],
         point.inputs,
         point.states[1:],
-        point.auxiliaries.reshape(horizon, -1),
-        point.static_auxiliaries.reshape(horizon, -1),
         np.full((horizon, int(problem.shared)), point.level),
         parameters.stages(),
+        *(_lifted(problem, point)),
     )
     return [rows.T for rows in evaluated(problem.residuals, stages)]
+
+
+def _lifted(problem: Problem, point: Guess) -> list[Array]:
+    """Auxiliaries of each kind, (N, K A); a bare point has none."""
+    if not point.auxiliaries:
+        return [np.zeros((problem.horizon, 0))] * len(problem.slots)
+    return [own.reshape(problem.horizon, -1) for own in point.auxiliaries]
 
 
 def _entered(outside: Array, tied: Array, slots: int) -> Array:

@@ -1,17 +1,15 @@
-"""The bodies that stand for a robot before a region, and the auxiliaries that suit them."""
+"""The bodies that stand for a robot before the things that it keeps clear of."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from ...region import Auxiliary, Polygonal, Region
+from ...region import Auxiliary
 from ...robot import Robot
-from ...static_region import StaticRegion
 from ...values.arrays import Array
 from ...values.footprint import Discs, Outline, Place
 from ...values.motion import Pose
-from .problem import Parameters
-from .transcription import Guess
 
 
 @dataclass(frozen=True)
@@ -34,17 +32,17 @@ class Body:
         return Pose(pose.offset(self.centre), pose.heading, self.outline)
 
 
-def bodies(robot: Robot, region: Region | StaticRegion) -> tuple[Body, ...]:
-    """Bodies that a region has to keep out of for this robot, all of one radius.
+def bodies(robot: Robot) -> tuple[Body, ...]:
+    """Bodies of a robot, all of one radius: discs, its outline, or the disc around it."""
+    if isinstance(robot.footprint, Outline):
+        return (Body(0.0, outline=robot.footprint.vertices),)
+    return discs(robot)
 
-    Each disc of a robot of discs; the outline of a polygonal robot where the region knows
-    corners; else the disc that encloses the robot.
-    """
-    footprint = robot.footprint
-    if isinstance(footprint, Discs):
-        return tuple(Body(footprint.radius, place) for place in footprint.centres)
-    if isinstance(footprint, Outline) and isinstance(region, Polygonal | StaticRegion):
-        return (Body(0.0, outline=footprint.vertices),)
+
+def discs(robot: Robot) -> tuple[Body, ...]:
+    """Bodies without corners: each disc of a robot of discs, else the disc that encloses it."""
+    if isinstance(robot.footprint, Discs):
+        return tuple(Body(robot.footprint.radius, place) for place in robot.footprint.centres)
     return (Body(robot.radius),)
 
 
@@ -58,37 +56,19 @@ def repeated(auxiliary: Auxiliary, times: int) -> Auxiliary:
     )
 
 
-def with_auxiliaries(
-    robot: Robot,
-    region: Region,
-    parameters: Parameters,
-    guess: Guess,
-    static_region: StaticRegion | None = None,
-) -> Guess:
-    """Fill in the auxiliaries that suit the guess's poses best."""
-    level = parameters.level
-    if not np.isnan(guess.level):
-        level = np.full_like(level, guess.level)
-    pose = robot.pose(tuple(guess.states[1:, None].T))  # (1, N): every slot sees each step
-    pose = Pose(
-        tuple(entry.T for entry in pose.position), None if pose.heading is None else pose.heading.T
-    )
-    steps, slots = level.shape
-    moving = still = np.zeros((steps, 0, 0))
-    if slots:
-        found = [
-            region.auxiliary_start(_spread(one.at(pose), slots), parameters.regions, level)
-            for one in bodies(robot, region)
-        ]
-        moving = np.concatenate(found, axis=-1)
-    walls = parameters.statics.shape[1]
-    if static_region is not None and walls:
-        starts = [
-            static_region.auxiliary_start(_spread(one.at(pose), walls), parameters.statics)
-            for one in bodies(robot, static_region)
-        ]
-        still = np.concatenate(starts, axis=-1)
-    return replace(guess, auxiliaries=np.array(moving), static_auxiliaries=np.array(still))
+def body_starts(
+    parts: Sequence[Body], pose: Pose, count: int, start: Callable[[Pose], Array]
+) -> Array:
+    """Return starting values of the auxiliaries of ``count`` slots, body by body, (N, K, A).
+
+    Parameters
+    ----------
+    parts : bodies of the robot.
+    pose : of the robot at each step, (N, 1).
+    count : K.
+    start : poses (N, K) of one body -> its auxiliaries (N, K, a).
+    """
+    return np.concatenate([start(_spread(one.at(pose), count)) for one in parts], axis=-1)
 
 
 def _spread(pose: Pose, slots: int) -> Pose:

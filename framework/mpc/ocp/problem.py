@@ -19,14 +19,15 @@ from ...values.arrays import Array
 
 @dataclass(frozen=True, eq=False)
 class Slots:
-    """Room for obstacles of one kind: Gaussian ones, or static convex polygons.
+    """Room for things of one kind that the robot keeps clear of, see `slots.base.SlotKind`.
 
-    The numbers of one slot stand in the order: parameters (width), its level (1, Gaussian ones
-    alone), whether it is active (1), the guess of its auxiliaries (A).
+    The numbers of one slot stand in the order: parameters (width), its level (1, of kinds with
+    levels alone), whether it is active (1), the guess of its auxiliaries (A).
 
     Attributes
     ----------
-    count : how many.
+    name : of one such thing: a word that can be part of a name in C.
+    count : how many slots.
     width : parameters of each.
     levelled : whether each has a level among its numbers.
     auxiliary : extra variables of each per stage, of all bodies of the robot.
@@ -34,6 +35,7 @@ class Slots:
         equalities == 0; s is empty where no level is shared. An inactive slot states 1 >= 0.
     """
 
+    name: str
     count: int
     width: int
     levelled: bool
@@ -43,7 +45,17 @@ class Slots:
     @property
     def size(self) -> int:
         """How many numbers one slot has."""
-        return self.width + int(self.levelled) + 1 + len(self.auxiliary)
+        return self.guess + len(self.auxiliary)
+
+    @property
+    def active(self) -> int:
+        """Where among the numbers of a slot 1 (used) or 0 (empty) stands."""
+        return self.width + int(self.levelled)
+
+    @property
+    def guess(self) -> int:
+        """Where among them the guess of its auxiliaries begins."""
+        return self.active + 1
 
     def all_of(self, x: Any, lifted: Any, s: Any, numbers: Any) -> tuple[Any, Any]:
         """State the constraints of all slots: inequalities and equalities, slot by slot.
@@ -78,8 +90,7 @@ class Problem:
 
     Its functions take and return CasADi expressions. The parameters of stage i = 1..N are a
     vector: a head of reference position (D), reference direction (D), reference speed (1) and
-    what the cost has of the path (C), then the numbers of every slot for a Gaussian obstacle,
-    then those of every slot for a static polygon, see `Slots`.
+    what the cost has of the path (C), then the numbers of every slot, kind by kind, see `Slots`.
 
     Attributes
     ----------
@@ -97,7 +108,7 @@ class Problem:
     state_constraints : x -> values >= 0, at i = 1..N.
     terminal_constraints : x -> values >= 0, at i = N alone.
     level_cost : (s, s_ref) -> cost, once.
-    obstacles, statics : slots, whose constraints hold at i = 1..N.
+    slots : of each kind of things to keep clear of; their constraints hold at i = 1..N.
     heading : which state is the robot's heading, an angle that may be shifted by full turns;
         None where there is none.
     """
@@ -120,19 +131,8 @@ class Problem:
     state_constraints: Any
     terminal_constraints: Any
     level_cost: Any
-    obstacles: Slots
-    statics: Slots
+    slots: tuple[Slots, ...]
     heading: int | None
-
-    @property
-    def capacity(self) -> int:
-        """K, slots for Gaussian obstacles."""
-        return self.obstacles.count
-
-    @property
-    def auxiliary(self) -> Auxiliary:
-        """Extra variables per Gaussian slot and stage."""
-        return self.obstacles.auxiliary
 
     @property
     def head_width(self) -> int:
@@ -142,48 +142,46 @@ class Problem:
     @property
     def stage_width(self) -> int:
         """Number of parameters of one stage."""
-        moving, standing = self.obstacles, self.statics
-        return self.head_width + moving.count * moving.size + standing.count * standing.size
+        return self.head_width + sum(one.count * one.size for one in self.slots)
 
     @property
     def slacks(self) -> int:
         """Slack variables per stage: 1 where the regions are soft, else 0."""
-        return int(self.penalty is not None and self.capacity + self.statics.count > 0)
+        return int(self.penalty is not None and any(one.count for one in self.slots))
 
-    def cut(self, stage: Any) -> tuple[Any, Any, Any]:
-        """Cut a stage's parameters: head, numbers of the obstacles, numbers of the polygons."""
-        first = self.head_width
-        second = first + self.obstacles.count * self.obstacles.size
-        return stage[:first], stage[first:second], stage[second:]
+    def cut(self, stage: Any) -> tuple[Any, list[Any]]:
+        """Cut a stage's parameters: the head, and the numbers of the slots of each kind."""
+        begin, pieces = self.head_width, []
+        for one in self.slots:
+            pieces.append(stage[begin : begin + one.count * one.size])
+            begin += one.count * one.size
+        return stage[: self.head_width], pieces
 
     @cached_property
     def residuals(self) -> Any:
         """All steps at once, for re-checking and pricing a plan without a solver.
 
-        (x_i, u_i, x_{i+1}, auxiliaries, static auxiliaries, s, stage parameters), one column
-        per step -> gaps of the dynamics, robot limits (>= 0), region inequalities, region
-        equalities, the same two of the static polygons, and the cost without level and slack.
+        (x_i, u_i, x_{i+1}, s, stage parameters, auxiliaries of each kind of slots), one column
+        per step -> gaps of the dynamics, robot limits (>= 0), the cost without level and slack,
+        and of each kind of slots the inequalities and the equalities.
         """
         x, u, following = (
             ca.SX.sym("x", self.states),
             ca.SX.sym("u", self.inputs),
             ca.SX.sym("next", self.states),
         )
-        auxiliary = ca.SX.sym("auxiliary", self.capacity * len(self.auxiliary))
-        still = ca.SX.sym("static", self.statics.count * len(self.statics.auxiliary))
+        lifted = [ca.SX.sym("auxiliary", one.count * len(one.auxiliary)) for one in self.slots]
         s, stage = ca.SX.sym("s", int(self.shared)), ca.SX.sym("stage", self.stage_width)
         gap = following - self.dynamics(x, u)
         limits = ca.vertcat(self.input_constraints(x, u), self.state_constraints(following))
-        head, moving, standing = self.cut(stage)
-        outside, tied = self.obstacles.all_of(following, auxiliary, s, moving)
-        clear, bound = self.statics.all_of(following, still, s, standing)
+        head, numbers = self.cut(stage)
         cost = self.input_cost(x, u, head) + self.state_cost(following, head)
-        cost += self.obstacles.regularisation(auxiliary, moving)
-        cost += self.statics.regularisation(still, standing)
+        rows: list[Any] = []
+        for one, own, given in zip(self.slots, lifted, numbers, strict=True):
+            rows += one.all_of(following, own, s, given)
+            cost += one.regularisation(own, given)
         single = ca.Function(
-            "residuals",
-            [x, u, following, auxiliary, still, s, stage],
-            [gap, limits, outside, tied, clear, bound, cost],
+            "residuals", [x, u, following, s, stage, *lifted], [gap, limits, cost, *rows]
         )
         return single.map(self.horizon)
 
@@ -198,8 +196,7 @@ class Problem:
             self.state_constraints,
             self.terminal_constraints,
             self.level_cost,
-            self.obstacles.constraint,
-            self.statics.constraint,
+            *(one.constraint for one in self.slots),
         )
         text = [function.serialize() for function in functions]
         return sha256("\n".join(text).encode()).hexdigest()
@@ -207,13 +204,43 @@ class Problem:
     @cached_property
     def key(self) -> str:
         """Hash of the expressions and bounds: what a compiled problem is cached under."""
-        slots = [
-            (own.count, own.width, own.levelled, own.auxiliary)
-            for own in (self.obstacles, self.statics)
-        ]
+        slots = [(own.count, own.width, own.levelled, own.auxiliary) for own in self.slots]
         numbers = (self.horizon, self.shared, self.minimum, self.penalty, slots, self.heading)
         text = repr((self.stage_key, numbers, self.state_bounds, self.input_bounds))
         return sha256(text.encode()).hexdigest()
+
+
+@dataclass(frozen=True, eq=False)
+class SlotNumbers:
+    """Numbers of the slots of one kind in one instance.
+
+    Attributes
+    ----------
+    parameters : (N, K, P), finite also in empty slots.
+    active : (K,), 1 where a slot is used, 0 where it is empty.
+    auxiliaries : (N, K, A), guess that the regularisation pulls towards.
+    level : (N, K), of kinds with levels; None for the others.
+    """
+
+    parameters: Array
+    active: Array
+    auxiliaries: Array
+    level: Array | None = None
+
+    @classmethod
+    def none(cls, steps: int, width: int = 0, *, levelled: bool = False) -> "SlotNumbers":
+        """No slot at all."""
+        empty = np.zeros((steps, 0, width))
+        level = np.zeros((steps, 0)) if levelled else None
+        return cls(empty, np.zeros(0), np.zeros((steps, 0, 0)), level)
+
+    def stages(self) -> Array:
+        """Numbers of all slots, slot by slot in the order of `Slots`, (N, K size)."""
+        steps, count = self.parameters.shape[:2]
+        active = np.broadcast_to(self.active, (steps, count))
+        level = [] if self.level is None else [self.level[..., None]]
+        pieces = [self.parameters, *level, active[..., None], self.auxiliaries]
+        return np.concatenate(pieces, axis=2).reshape(steps, -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,13 +253,7 @@ class Parameters:
     reference : (N, D), m.
     direction : (N, D), unit tangents of the path.
     speed : (N,), m/s.
-    regions : (N, K, P), finite also in inactive slots.
-    level : (N, K); where the level is shared, its mean is s_ref.
-    active : (K,), 1 or 0.
-    auxiliaries : (N, K, A), guess that the regularisation pulls towards.
-    statics : (N, S, P_s), parameters of static polygons, finite also in inactive slots.
-    static_active : (S,), 1 or 0.
-    static_auxiliaries : (N, S, A_s), guess.
+    slots : numbers of the slots of each kind, in the problem's order.
     curve : (N, C), numbers of the path that the cost needs; (0, 0) where it needs none.
     """
 
@@ -240,26 +261,12 @@ class Parameters:
     reference: Array
     direction: Array
     speed: Array
-    regions: Array
-    level: Array
-    active: Array
-    auxiliaries: Array
-    statics: Array
-    static_active: Array
-    static_auxiliaries: Array
+    slots: tuple[SlotNumbers, ...]
     curve: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def stages(self) -> Array:
         """Stage parameters in the problem's order, (N, stage_width)."""
-        steps, slots = self.level.shape
-        active = np.broadcast_to(self.active, (steps, slots))
-        packed = np.concatenate(
-            [self.regions, self.level[..., None], active[..., None], self.auxiliaries], axis=2
-        )
-        on = np.broadcast_to(self.static_active, self.statics.shape[:2])[..., None]
-        walls = np.concatenate([self.statics, on, self.static_auxiliaries], axis=2)
-        slots_of = [packed.reshape(steps, -1), walls.reshape(steps, -1)]
-        return np.concatenate([self.heads(), *slots_of], axis=1)
+        return np.concatenate([self.heads(), *(one.stages() for one in self.slots)], axis=1)
 
     def heads(self) -> Array:
         """Parameters of each stage that belong to no slot, (N, head_width)."""
@@ -269,6 +276,7 @@ class Parameters:
 
     @property
     def target(self) -> float:
-        """s_ref, the level that a shared level is drawn to; 0 without obstacles."""
-        used = self.level[:, self.active > 0]
+        """s_ref, the level that a shared level is drawn to: the mean of all; 0 without any."""
+        levels = [one.level[:, one.active > 0] for one in self.slots if one.level is not None]
+        used = np.concatenate(levels, axis=1) if levels else np.zeros((1, 0))
         return float(used.mean()) if used.size else 0.0

@@ -1,12 +1,14 @@
 """The symbols of one stage of the problem, cut into named pieces."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from ...numerics.symbolic import ca
 from ...region import Auxiliary, Constraint
+from ...robot import Robot
 from ...values.motion import Pose
 from .bodies import Body, repeated
 from .problem import Slots
@@ -32,17 +34,36 @@ class ReferenceSymbols:
         self.vector = ca.vertcat(self.position, self.direction, self.speed, self.curve)
 
 
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """Symbols of one stage in which constraints are stated.
+
+    Attributes
+    ----------
+    robot : whose states x are.
+    x : (n,).
+    pose : of the robot at x.
+    s : the level of all slots where it is shared, else empty.
+    """
+
+    robot: Robot
+    x: Any
+    pose: Pose
+    s: Any
+
+
 def slots(
+    name: str,
     count: int,
     width: int,
     own: Auxiliary,
     bodies: Sequence[Body],
     state: State,
-    frame: tuple[Any, Pose, Any],
+    frame: Frame,
     *,
     levelled: bool,
 ) -> Slots:
-    """Make slots that keep every body of the robot out of every obstacle of one kind.
+    """Make slots that keep every body of the robot out of every thing of one kind.
 
     An inactive slot states 1 >= 0, and its equalities hold the auxiliaries at a value of no
     meaning: rows that vanish would leave the Jacobian without full rank, with which fatrop does
@@ -50,16 +71,16 @@ def slots(
 
     Parameters
     ----------
+    name : of one thing, see `Slots`.
     count : slots.
     width : parameters of each.
     own : extra variables per slot and body.
     bodies : of the robot.
     state : states one constraint.
-    frame : symbols of x, the pose there, and s: the level of all slots where it is shared,
-        else empty.
+    frame : symbols of x, the pose there, and s.
     levelled : whether each slot has a level among its numbers.
     """
-    x, pose, s = frame
+    x, pose, s = frame.x, frame.pose, frame.s
     rest = _inner(own)
     extra = repeated(own, len(bodies))
     numbers, lifted = ca.SX.sym("numbers", width), ca.SX.sym("auxiliary", len(extra))
@@ -79,7 +100,7 @@ def slots(
         [x, lifted, s, ca.vertcat(numbers, given, on, guess)],
         [ca.vertcat(*inequalities), ca.vertcat(*equalities)],
     )
-    return Slots(count, width, levelled, extra, constraint)
+    return Slots(name, count, width, levelled, extra, constraint)
 
 
 def _inner(auxiliary: Auxiliary) -> list[float]:

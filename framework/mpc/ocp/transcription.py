@@ -19,9 +19,8 @@ from typing import Any
 import numpy as np
 
 from ...numerics.symbolic import ca
-from ...region import Auxiliary
 from ...values.arrays import Array
-from .problem import Parameters, Problem
+from .problem import Parameters, Problem, Slots
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,31 +29,28 @@ class Guess:
 
     Attributes
     ----------
-    states : (N + 1, n). inputs : (N, m). auxiliaries : (N, K, A).
+    states : (N + 1, n). inputs : (N, m).
+    auxiliaries : (N, K, A) of the slots of each kind; () before they are filled in.
     level : the shared level; ignored where there is none.
     slack : (N,), of soft regions; ignored where they are hard.
-    static_auxiliaries : (N, S, A_s).
     """
 
     states: Array
     inputs: Array
-    auxiliaries: Array
+    auxiliaries: tuple[Array, ...]
     level: float
     slack: Array
-    static_auxiliaries: Array
 
     @classmethod
     def bare(cls, states: Array, inputs: Array, level: float) -> "Guess":
         """Wrap a trajectory; auxiliaries are filled in later, see `bodies.with_auxiliaries`."""
-        none = np.zeros((len(inputs), 0, 0))
-        return cls(states, inputs, none, level, np.zeros(len(inputs)), none)
+        return cls(states, inputs, (), level, np.zeros(len(inputs)))
 
     def pull(self, parameters: Parameters) -> Parameters:
         """Let the regularisation of an instance pull towards the auxiliaries of this guess."""
+        pairs = zip(parameters.slots, self.auxiliaries, strict=True)
         return replace(
-            parameters,
-            auxiliaries=self.auxiliaries,
-            static_auxiliaries=self.static_auxiliaries,
+            parameters, slots=tuple(replace(one, auxiliaries=own) for one, own in pairs)
         )
 
 
@@ -100,9 +96,9 @@ class Transcription:
             if i < horizon:
                 pieces["u"] = guess.inputs[i]
             if i > 0:
-                pieces["aux"] = guess.auxiliaries[i - 1].ravel()
-                pieces["static"] = guess.static_auxiliaries[i - 1].ravel()
                 pieces["slack"] = guess.slack[i - 1 : i]
+                for k, own in enumerate(guess.auxiliaries):
+                    pieces[f"aux{k}"] = own[i - 1].ravel()
             for name, values in pieces.items():
                 place = self._where.get((name, i))
                 if place is not None:
@@ -114,20 +110,20 @@ class Transcription:
         problem, horizon = self.problem, self.problem.horizon
         states = np.empty((horizon + 1, problem.states))
         states[0] = parameters.initial
-        extra = (horizon, problem.capacity, len(problem.auxiliary))
-        auxiliaries, slack = np.zeros(extra), np.zeros(horizon)
-        still = np.zeros((horizon, problem.statics.count, len(problem.statics.auxiliary)))
+        slack = np.zeros(horizon)
+        auxiliaries = tuple(
+            np.zeros((horizon, one.count, len(one.auxiliary))) for one in problem.slots
+        )
         inputs = np.stack([flat[self._where["u", i]] for i in range(horizon)])
         for i in range(1, horizon + 1):
             states[i] = flat[self._where["x", i]]
-            if ("aux", i) in self._where:
-                auxiliaries[i - 1] = flat[self._where["aux", i]].reshape(extra[1:])
-            if ("static", i) in self._where:
-                still[i - 1] = flat[self._where["static", i]].reshape(still.shape[1:])
+            for k, own in enumerate(auxiliaries):
+                if (f"aux{k}", i) in self._where:
+                    own[i - 1] = flat[self._where[f"aux{k}", i]].reshape(own.shape[1:])
             if ("slack", i) in self._where:
                 slack[i - 1] = flat[self._where["slack", i]][0]
         level = float(flat[self._where["s", 0]][0]) if problem.shared else float("nan")
-        return Guess(states, inputs, auxiliaries, level, slack, still)
+        return Guess(states, inputs, auxiliaries, level, slack)
 
     def parameters(self, values: Parameters) -> Array:
         """Write the numbers of one instance into the vector of parameters."""
@@ -204,12 +200,12 @@ class Transcription:
     def _outside(self, i: int, state: Any, level: Any, stage: Any) -> None:
         """Variables, constraints and cost that come with the regions of stage i."""
         problem = self.problem
-        auxiliary = self._extra("aux", i, problem.auxiliary, problem.capacity)
-        still = self._extra("static", i, problem.statics.auxiliary, problem.statics.count)
-        head, moving, standing = problem.cut(stage)
-        outside, tied = problem.obstacles.all_of(state, auxiliary, level, moving)
-        clear, bound = problem.statics.all_of(state, still, level, standing)
-        inequalities, equalities = ca.vertcat(outside, clear), ca.vertcat(tied, bound)
+        lifted = [self._extra(f"aux{k}", i, one) for k, one in enumerate(problem.slots)]
+        head, numbers = problem.cut(stage)
+        parts = list(zip(problem.slots, lifted, numbers, strict=True))
+        rows = [one.all_of(state, own, level, given) for one, own, given in parts]
+        inequalities = ca.vertcat(*[outside for outside, _ in rows])
+        equalities = ca.vertcat(*[tied for _, tied in rows])
         if problem.penalty is not None and problem.slacks:
             slack = self._symbol.sym(f"slack{i}")
             self._add("slack", i, slack, [0.0], [np.inf])
@@ -221,14 +217,15 @@ class Transcription:
         self._positive(inequalities)
         self._equal(equalities)
         self._cost += problem.state_cost(state, head)
-        self._cost += problem.obstacles.regularisation(auxiliary, moving)
-        self._cost += problem.statics.regularisation(still, standing)
+        for one, own, given in parts:
+            self._cost += one.regularisation(own, given)
 
-    def _extra(self, name: str, i: int, auxiliary: Auxiliary, slots: int) -> Any:
-        """Add the auxiliaries of all slots and return their symbol."""
-        symbol = self._symbol.sym(f"{name}{i}", slots * len(auxiliary))
+    def _extra(self, name: str, i: int, slots: Slots) -> Any:
+        """Add the auxiliaries of all slots of a kind and return their symbol."""
+        own = slots.auxiliary
+        symbol = self._symbol.sym(f"{name}_{i}", slots.count * len(own))
         if symbol.numel():
-            self._add(name, i, symbol, auxiliary.lower * slots, auxiliary.upper * slots)
+            self._add(name, i, symbol, own.lower * slots.count, own.upper * slots.count)
         return symbol
 
     def _add(

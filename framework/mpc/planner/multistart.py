@@ -228,7 +228,7 @@ def _stuck(ladder: Ladder, check: InstanceCheck, solved: Candidate) -> bool:
 def _in_the_way(ladder: Ladder, check: InstanceCheck, reference: Guess, solved: Candidate) -> bool:
     """Whether something stands on the reference, or makes the level give way."""
     parameters = check.parameters
-    if not (parameters.active.any() or parameters.static_active.any()):
+    if not any(one.active.any() for one in parameters.slots):
         return False
     point = ladder.suited(parameters, reference)
     if violation(check.problem, parameters, point).regions.max(initial=0.0) > 0.0:

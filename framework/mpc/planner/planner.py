@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -22,6 +23,7 @@ from ...values.forecast import Forecast
 from ...values.motion import Command, Observation, checked_numbers
 from ...values.path import Path
 from ...values.plan import Plan, Rung
+from ...values.tracks import Tracks
 from ..costs.base import Cost, ProgressCost
 from ..costs.tracking import Tracking
 from ..diagnosis.explain import Decision, Solve
@@ -30,18 +32,17 @@ from ..fallback.emergency import command_of_plan, emergency
 from ..fallback.instance_check import InstanceCheck
 from ..fallback.ladder import Ladder
 from ..fallback.rollout import carry
-from ..instance.contact import Surroundings
-from ..instance.obstacles import CAPACITIES, Obstacles, choose_obstacles
 from ..instance.own_uncertainty import Growth, OwnUncertainty, carried
-from ..instance.polygons import choose_walls
 from ..levels.base import LevelPolicy
+from ..ocp.problem import Parameters
 from ..ocp.reference import Progress
 from ..ocp.transcription import Guess
+from ..slots.base import CAPACITIES, Room, SlotKind, Surroundings, View, reach_of_bodies
+from ..slots.built_in import built_in
 from ..solvers.base import Solver
 from .multistart import COMPILING, PATIENCE, Budget, MultiStart, Watch
-from .problem_cache import ProblemCache, Size
+from .problem_cache import ProblemCache
 from .settings import check_settings, checked_path
-from .situation import Situation, nearness, reach_of_bodies
 from .starting_points import Starts, augment_with_progress, strip_progress
 from .warm_up import warm_up
 
@@ -85,6 +86,7 @@ class Planner(Controller):
     starts : starting points of the solver beside the shifted last plan, always tried, or
         ``auto``: where something is in the way, see `wideberth.framework.mpc.planner.multistart`.
     static_region : what keeps clear of the observation's polygons; needed where there are any.
+    further_kinds : of things to keep clear of, besides the forecast's obstacles and polygons.
     own_uncertainty : how the covariance of the observed state grows over the horizon, see
         `OwnUncertainty`; without one in the observation the state is taken as exact.
     stop_at_end : whether every plan ends at rest. Then the last one, continued by standing,
@@ -117,6 +119,7 @@ class Planner(Controller):
     margin: float = 0.0
     starts: Starts = "auto"
     static_region: StaticRegion | None = None
+    further_kinds: tuple[SlotKind, ...] = ()
     own_uncertainty: Growth = "open-loop"
     stop_at_end: bool = False
     record: Record | None = None
@@ -128,7 +131,7 @@ class Planner(Controller):
         """Whether it warns, see `framework.notices`; False where nobody drives its plans."""
         self._problems = ProblemCache(self)
         self._watch = Watch(self.solver, self.patience)
-        reach = reach_of_bodies(self.robot, self.region, self.static_region)
+        reach = reach_of_bodies(self.robot, self.kinds)
         self._own = OwnUncertainty(self.robot, self.dt, self.own_uncertainty, reach)
         self.reset()
 
@@ -159,6 +162,11 @@ class Planner(Controller):
             twin._watch, twin.warns = self._watch, False
             crowds = [1] if timed is None else [n for n in CAPACITIES if n <= self.most_obstacles]
             warm_up(twin, self.robot, path, self.reference_speed, self.history, crowds)
+
+    @cached_property
+    def kinds(self) -> tuple[SlotKind, ...]:
+        """Kinds of things that plans keep clear of, in the order of the problem's slots."""
+        return (*built_in(self.region, self.static_region), *self.further_kinds)
 
     @property
     def plan(self) -> Plan | None:
@@ -226,15 +234,17 @@ class Planner(Controller):
 
     def _decide(self, observation: Observation, budget: Budget) -> Plan:
         """Solve, choose a rung, and keep what is to be explained."""
-        ladder, check, first, size, forecast = self._situate(observation)
+        ladder, check, first, rooms, view = self._situate(observation)
         attempts = MultiStart(self._watch, self.starts, budget)
         outcome = attempts.run(ladder, check, first, self._obstacle_in_way)
         self._obstacle_in_way = outcome.obstacle_in_way
         plan, point = ladder.choose(check, outcome)
         reason = "; ".join(filter(None, (plan.reason, outcome.note)))
-        plan = replace(strip_progress(self.robot, plan), forecast=forecast, reason=reason)
+        tracked = () if view.tracks is None else view.tracks.ids
+        plan = strip_progress(self.robot, plan)
+        plan = replace(plan, forecast=view.forecast, tracked=tracked, reason=reason)
         spent = budget.spent()
-        self._decision = Decision(check, size, outcome.guesses, point, plan, spent)
+        self._decision = Decision(check, rooms, outcome.guesses, point, plan, spent)
         if self.record is not None and self.record.wants(self._decision):
             note = self.record.keep(self._decision, self)
             plan = replace(plan, reason="; ".join(filter(None, (plan.reason, note))))
@@ -242,7 +252,7 @@ class Planner(Controller):
 
     def _situate(
         self, observation: Observation
-    ) -> tuple[Ladder, InstanceCheck, Guess, Size, Forecast | None]:
+    ) -> tuple[Ladder, InstanceCheck, Guess, tuple[Room, ...], View]:
         """Forecast, lay the reference, and fill the problem with all that is there."""
         assert self._progress is not None  # seen to by `command`
         ladder = self._ladder(observation)
@@ -251,29 +261,37 @@ class Planner(Controller):
         reference = self.cost.lay(
             self._progress.path, arc, self.reference_speed, self.horizon, self.dt
         )
-        route = np.stack([reference.position, np.broadcast_to(here, reference.position.shape)])
-        obstacles, forecast = self._forecast(observation, ladder, route)
+        tracks, forecast = self._forecast(observation, ladder)
         bare = ladder.first()
-        own = self._own.spread(self._known(observation), bare.states, bare.inputs)
-        walls = choose_walls(
-            observation.polygons,
-            self.static_region,
-            np.concatenate([*route, self._place(bare.states[1:].T).T]),
-            nearness(self, own),
-            self.most_obstacles,
+        view = View(
+            observation=observation,
+            tracks=tracks,
+            forecast=forecast,
+            reference=reference,
+            route=np.stack([reference.position, np.broadcast_to(here, reference.position.shape)]),
+            planned=self._place(bare.states[1:].T).T,
+            own=self._own.spread(self._known(observation), bare.states, bare.inputs),
+            level=self.level,
+            margin=self.margin,
+            aside=0.5 * self.reference_speed * self.horizon * self.dt,
+            most=self.most_obstacles,
         )
+        chosen = tuple(kind.choose(self.robot, view) for kind in self.kinds)
         if isinstance(self.cost, ProgressCost):
             ladder, (bare,) = augment_with_progress(ladder, [bare], reference, arc)
-        parameters = Situation(ladder.start, reference, obstacles, walls, own).parameters(
-            self.robot, self.region, self.level, self.margin, self.static_region
+        parameters = Parameters(
+            ladder.start,
+            reference.position,
+            reference.direction,
+            reference.speed,
+            tuple(one.numbers for one in chosen),
+            reference.curve,
         )
-        size = Size.of(parameters, walls)
         first = ladder.suited(parameters, bare)
-        around = Surroundings(
-            ladder.robot, self.region, self.static_region, obstacles, walls, self.margin
-        )
-        check = InstanceCheck(self._problems.of(size), first.pull(parameters), around)
-        return ladder, check, first, size, forecast
+        rooms = tuple(one.room for one in chosen)
+        around = Surroundings(ladder.robot, self.kinds, chosen)
+        check = InstanceCheck(self._problems.of(rooms), first.pull(parameters), around)
+        return ladder, check, first, rooms, view
 
     def _known(self, observation: Observation) -> Array | None:
         """Covariance of the plan's first state."""
@@ -288,13 +306,12 @@ class Planner(Controller):
         stamp = observation.stamp + self.latency
         ladder = Ladder(
             self.robot,
-            self.region,
+            self.kinds,
             self.level,
             stamp,
             self.dt,
             self.horizon,
             start,
-            static_region=self.static_region,
         )
         if self._plan is None:
             return ladder
@@ -310,18 +327,14 @@ class Planner(Controller):
         return np.array(self.robot.pose(tuple(state)).position, dtype=np.float64)
 
     def _forecast(
-        self, observation: Observation, ladder: Ladder, route: Array
-    ) -> tuple[Obstacles, Forecast | None]:
-        """Ask for a forecast on the plan's grid and choose the obstacles that fit."""
+        self, observation: Observation, ladder: Ladder
+    ) -> tuple[Tracks | None, Forecast | None]:
+        """Ask for a forecast of all obstacles on the plan's grid."""
         grid = self.dt * np.arange(1, self.horizon + 1, dtype=np.float64)
         found = self._perception.forecast(
             ladder.stamp, grid, scene_of(observation, self._plan, self.robot.radius)
         )
-        if found is None:
-            return Obstacles.none(self.horizon, self.robot.dimension), None
-        tracks, forecast = found
-        most = self.most_obstacles
-        return choose_obstacles(forecast, tracks.ids, tracks.radius, route, most), forecast
+        return found or (None, None)
 
 
 def _warn(name: str, plan: Plan, notes: Sequence[str]) -> None:

@@ -6,7 +6,7 @@ from ...robot import Robot
 from ...values.arrays import positive, whole
 from ...values.errors import WideberthError
 from ...values.path import Path
-from ..instance.obstacles import CAPACITIES
+from ..slots.base import CAPACITIES
 from .starting_points import checked_starts
 
 MOST_STEPS, MOST_SAMPLES = 1000, 10_000

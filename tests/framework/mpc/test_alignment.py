@@ -8,19 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.fallback.rollout import steer
 from wideberth.framework.mpc.fallback.verify import violation
-from wideberth.framework.mpc.instance.contact import Surroundings
-from wideberth.framework.mpc.instance.obstacles import Obstacles, choose_obstacles, fill
 from wideberth.framework.mpc.instance.own_uncertainty import OwnUncertainty
-from wideberth.framework.mpc.instance.polygons import NONE, Walls, fill_walls
 from wideberth.framework.mpc.levels.discounted import Discounted
 from wideberth.framework.mpc.levels.fixed import Fixed
-from wideberth.framework.mpc.ocp.bodies import with_auxiliaries
 from wideberth.framework.mpc.ocp.problem import Parameters
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
+from wideberth.framework.mpc.slots.gaussian_discs import Obstacles, choose_obstacles
+from wideberth.framework.mpc.slots.static_polygons import NONE, Walls, fill_walls
 from wideberth.framework.region import Region
 from wideberth.framework.values.footprint import Outline
 from wideberth.framework.values.forecast import Forecast, GaussianObstacle
@@ -34,6 +31,7 @@ from wideberth.regions.static.separating_line import SeparatingLine
 from wideberth.robots.holonomic import Holonomic
 from wideberth.robots.unicycle import Unicycle
 from wideberth.tests.helpers.planning import planner
+from wideberth.tests.helpers.problems import assemble, fill, surroundings, with_auxiliaries
 
 STEPS, DT = 6, 0.5
 BENT = Path(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.6], [2.5, 2.0]]))
@@ -68,13 +66,14 @@ def filled(region: Region, capacity: int = 2) -> Parameters:
 
 @pytest.mark.parametrize("region", [MahalanobisEllipse(), MinkowskiSum()], ids=repr)
 def test_every_step_of_an_instance_is_that_of_the_forecast(region: Region) -> None:
-    found, obstacles, own = filled(region), crossing(), wide(0.005, 0.01)
+    (found,), obstacles, own = filled(region).slots, crossing(), wide(0.005, 0.01)
+    assert found.level is not None
     tails = LEVEL.tails(STEPS)
     for i in range(STEPS):
         for k in range(2):
             disc = GaussianObstacle(obstacles.mean[i, k], obstacles.covariance[i, k] + own[i])
             alone = region.parameters(disc, obstacles.radius[k] + 0.75)
-            np.testing.assert_allclose(found.regions[i, k], alone, atol=1e-12)
+            np.testing.assert_allclose(found.parameters[i, k], alone, atol=1e-12)
             assert found.level[i, k] == pytest.approx(region.level(tails[i]))
 
 
@@ -124,7 +123,7 @@ def test_the_check_finds_the_step_at_which_they_meet() -> None:
     assert (found.regions[:, 0] > 1e-6).tolist() == [False, False, False, True, False, False]
     breach = found.breach(("a",))
     assert breach is not None and breach.step == 4
-    touch = Surroundings(robot, region, None, obstacles, NONE, 0.0)
+    touch = surroundings(robot, region, None, obstacles, NONE, 0.0)
     depth = touch.overlap(states)
     np.testing.assert_allclose(depth, [0.0, 0.0, 0.0, 1.15, 0.0, 0.0], atol=1e-9)
 
@@ -150,12 +149,14 @@ def test_auxiliaries_suit_the_pose_of_their_own_step() -> None:
     parameters = filled(region)
     states, inputs = steer(robot, START, Twist((0.5, 0.0), 0.2), STEPS, DT)
     guess = Guess.bare(states, inputs, float("nan"))
-    found = with_auxiliaries(robot, region, parameters, guess).auxiliaries
+    found = with_auxiliaries(robot, region, parameters, guess).auxiliaries[0]
+    (discs,) = parameters.slots
+    assert discs.level is not None
     for i in range(STEPS):
         pose = Pose(tuple(states[i + 1, :2]))
         for k in range(2):
-            level = parameters.level[i, k]
-            alone = region.auxiliary_start(pose, parameters.regions[i, k], level)
+            level = discs.level[i, k]
+            alone = region.auxiliary_start(pose, discs.parameters[i, k], level)
             np.testing.assert_allclose(found[i, k], alone, rtol=1e-9)
     assert np.ptp(found[:, 0]) > 1e-3
 
@@ -166,20 +167,24 @@ def test_walls_are_enlarged_by_the_uncertainty_of_their_own_step() -> None:
     walls = Walls(triangle[None], ("wall",), triangle[None], ("wall",))
     spread = wide(0.01, 0.02)
     parameters = filled(MahalanobisEllipse())
-    found = fill_walls(parameters, walls, region, 0.75, spread)
+    found = fill_walls(walls, region, 0.75, spread)
     for i in range(STEPS):
         alone = region.parameters(triangle, np.array(0.75), spread[i])
-        np.testing.assert_allclose(found.statics[i, 0], alone, atol=1e-12)
+        np.testing.assert_allclose(found.parameters[i, 0], alone, atol=1e-12)
     # and the auxiliaries of walls are those of the pose of their step
     robot = replace(Unicycle(), footprint=Outline(((-0.4, -0.3), (0.4, -0.3), (0.0, 0.4))))
     states, inputs = steer(robot, START, Twist((0.5, 0.0), 0.3), STEPS, DT)
     guess = with_auxiliaries(
-        robot, MahalanobisEllipse(), found, Guess.bare(states, inputs, float("nan")), region
+        robot,
+        MahalanobisEllipse(),
+        replace(parameters, slots=(*parameters.slots, found)),
+        Guess.bare(states, inputs, float("nan")),
+        region,
     )
     for i in range(STEPS):
         pose = Pose(tuple(states[i + 1, :2]), states[i + 1, 2], robot.footprint.vertices)
-        alone = region.auxiliary_start(pose, found.statics[i, 0])
-        np.testing.assert_allclose(guess.static_auxiliaries[i, 0], alone, atol=1e-9)
+        alone = region.auxiliary_start(pose, found.parameters[i, 0])
+        np.testing.assert_allclose(guess.auxiliaries[1][i, 0], alone, atol=1e-9)
 
 
 def test_own_uncertainty_begins_one_step_ahead() -> None:

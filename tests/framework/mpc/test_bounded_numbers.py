@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wideberth.framework.mpc.instance.obstacles import FAR, WIDE, not_wider
+from wideberth.framework.mpc.slots.gaussian_discs import FAR, WIDE, not_wider
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.motion import Detection, Observation
@@ -71,7 +71,7 @@ def test_covariances_of_any_size_are_solved(solver: str, penalty: float | None) 
         made.command(Observation(0.5 * k, state, seen))
         plan, parameters = made.plan, made.explain().parameters
         assert plan is not None and np.isfinite(plan.states).all()
-        assert np.abs(parameters.regions).max() <= 2.0 * max(FAR, WIDE)
+        assert np.abs(parameters.slots[0].parameters).max() <= 2.0 * max(FAR, WIDE)
         assert plan.status is not Status.FAILED or "no convergence" in plan.reason
 
 
@@ -90,4 +90,4 @@ def test_obstacles_of_any_size_and_place() -> None:
     seen = [Detection(n, np.array([v, 0.0]), 1e-4 * np.eye(2), abs(v)) for n, v in values.items()]
     made.command(Observation(0.0, np.array([0.0, 0.0, 0.0, 0.5, 0.0]), tuple(seen)))
     parameters = made.explain().parameters
-    assert np.abs(parameters.regions).max() <= 2.0 * FAR
+    assert np.abs(parameters.slots[0].parameters).max() <= 2.0 * FAR

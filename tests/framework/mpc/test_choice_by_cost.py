@@ -6,18 +6,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.fallback.rollout import brake, steer
 from wideberth.framework.mpc.fallback.verify import price
-from wideberth.framework.mpc.instance.obstacles import Obstacles, fill
 from wideberth.framework.mpc.levels.base import LevelPolicy
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
-from wideberth.framework.mpc.ocp.bodies import with_auxiliaries
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess, Transcription
 from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.mpc.slots.gaussian_discs import Obstacles
 from wideberth.framework.mpc.solvers.base import Solution, Solver
 from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.region import Region
@@ -28,6 +26,7 @@ from wideberth.predictors.static import Static
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.helpers.problems import assemble, fill, with_auxiliaries
 
 START = np.array([0.0, 0.0, 0.0, 0.4, 0.0])
 WAY = Path(np.array([[0.0, 0.0], [20.0, 0.0]]))
@@ -52,7 +51,9 @@ def test_the_price_is_the_objective_that_solvers_are_given(
     parameters = point.pull(parameters)
     if not problem.shared:
         point = replace(point, level=float("nan"))
-    point = replace(point, auxiliaries=point.auxiliaries + 0.1)  # leaves the pull of the guess
+    point = replace(
+        point, auxiliaries=(point.auxiliaries[0] + 0.1,)
+    )  # leaves the pull of the guess
     for staged in (False, True):
         form = Transcription(problem, staged=staged, symbol=ca.SX)
         program = form.nlp()

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from wideberth.framework import names
-from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.costs.base import Cost
 from wideberth.framework.mpc.costs.contouring import Contouring
 from wideberth.framework.mpc.costs.curve import curve_at, curve_width, lay_curve
@@ -29,6 +28,7 @@ from wideberth.predictors.static import Static
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.robots.holonomic import Holonomic
 from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.helpers.problems import assemble
 
 KNOTS, REACH = 12, 3.75
 STRAIGHT = Path(np.array([[0.0, 0.0], [20.0, 0.0]]))

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from wideberth.framework import names
-from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.costs.base import Cost, Moment, ProgressCost, Weights, effort
 from wideberth.framework.mpc.costs.contouring import Contouring
 from wideberth.framework.mpc.costs.tracking import Tracking
@@ -25,6 +24,7 @@ from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Rung
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.helpers.problems import assemble
 
 COSTS = [
     *(load("costs", name)() for name in names("costs")),

@@ -146,11 +146,10 @@ def test_stage_functions_are_the_problems(
     rng = np.random.default_rng(1)
     functions = {
         **{name: getattr(one.problem, name, None) for name in STAGE},
-        "obstacle": one.problem.obstacles.constraint,
-        "polygon": one.problem.statics.constraint,
+        **{slots.name: slots.constraint for slots in one.problem.slots},
     }
     for routine in one.stage:
-        if routine.name not in STAGE:
+        if routine.name not in (*STAGE, routine.slots):
             continue
         given = [one.argument(routine, name) for name in routine.arguments]
         given = [values + 0.01 * rng.random(values.shape) for values in given]
@@ -167,7 +166,7 @@ def test_derivatives_are_those_of_the_c_functions(
     """Central differences of the C values, and of the C Jacobian for the Hessian."""
     one, _ = exported
     for routine in one.stage:
-        if routine.name not in STAGE or not routine.size:
+        if routine.name not in (*STAGE, routine.slots) or not routine.size:
             continue
         name, rows = routine.name, routine.size
         by = {"dynamics": 2, "input_cost": 2, "input_constraints": 2, "obstacle": 3, "polygon": 3}

@@ -18,8 +18,8 @@ from wideberth.experiments.studies.prediction_windows import Protocol
 from wideberth.framework.metrics import comfort as metrics_comfort
 from wideberth.framework.metrics.episode import content_bound
 from wideberth.framework.mpc.fallback.verify import Violation
-from wideberth.framework.mpc.instance.contact import Touch
 from wideberth.framework.mpc.levels.fixed import Fixed
+from wideberth.framework.mpc.slots.contact import Touch
 from wideberth.framework.predictor import Predictor
 from wideberth.framework.tracking.recordings import Recording
 from wideberth.framework.tracking.windows import cut_windows

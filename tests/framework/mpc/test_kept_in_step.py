@@ -13,8 +13,8 @@ from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.ocp.progress_robot import progress_robot_of
 from wideberth.framework.mpc.ocp.reference import Reference
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.planner.situation import nearness
 from wideberth.framework.mpc.planner.starting_points import add_progress, other_starts
+from wideberth.framework.mpc.slots.static_polygons import nearness
 from wideberth.framework.tracking.perception import completed
 from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.motion import Observation
@@ -99,12 +99,13 @@ _SIDES = ("left", "right")
 
 
 def test_walls_are_looked_at_as_far_as_a_plan_may_turn_aside() -> None:
-    """Body, margin, half of the reference's 0.8 m/s * 5 s, and 2 deviations of 0.3 m."""
+    """Body, margin, as far as a plan may turn aside, and 2 deviations of 0.3 m."""
     level = Fixed(0.02275013194817921)  # Phi(-2)
-    made = planner(reference_speed=0.8, horizon=10, margin=0.1, level=level)
+    made = planner(margin=0.1, level=level)
     exact, known = np.zeros((10, 2, 2)), np.tile(np.diag([0.09, 0.01]), (10, 1, 1))
-    assert nearness(made, exact) == pytest.approx(made.robot.radius + 0.1 + 2.0)
-    assert nearness(made, known) == pytest.approx(made.robot.radius + 0.1 + 2.0 + 0.6)
+    around = made.robot.radius + made.margin
+    assert nearness(around, 2.0, exact, level) == pytest.approx(around + 2.0)
+    assert nearness(around, 2.0, known, level) == pytest.approx(around + 2.0 + 0.6)
 
 
 def test_a_robot_that_stands_goes_aside_from_where_its_path_leads_now() -> None:

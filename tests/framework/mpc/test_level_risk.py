@@ -1,23 +1,20 @@
 """The risk that a plan takes as a whole, by Monte Carlo, and what levels do to a plan."""
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.fallback.rollout import steer
 from wideberth.framework.mpc.fallback.verify import violation
-from wideberth.framework.mpc.instance.obstacles import Obstacles, fill
 from wideberth.framework.mpc.levels.base import LevelPolicy, SharedLevel
 from wideberth.framework.mpc.levels.discounted import Discounted
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.levels.risk_allocation import RiskAllocation
-from wideberth.framework.mpc.ocp.bodies import with_auxiliaries
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
+from wideberth.framework.mpc.slots.gaussian_discs import Obstacles
 from wideberth.framework.mpc.solvers.base import Solution, Solver
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.mpc.solvers.ipopt import Ipopt
@@ -31,6 +28,7 @@ from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minimum_area import MinimumArea
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.robots.holonomic import Holonomic
+from wideberth.tests.helpers.problems import assemble, fill, with_auxiliaries
 
 STEPS, DT, DRAWS = 12, 0.5, 40_000
 ROBOT = Holonomic(radius=0.3)
@@ -62,7 +60,7 @@ def solve(region: Region, level: LevelPolicy, solver: Solver | None = None) -> S
     states, inputs = steer(ROBOT, start, Twist((0.3, -0.3)), STEPS, DT)
     scale = region.level(level.tail) if isinstance(level, SharedLevel) else float("nan")
     guess = with_auxiliaries(ROBOT, region, parameters, Guess.bare(states, inputs, scale))
-    parameters = replace(parameters, auxiliaries=guess.auxiliaries)
+    parameters = guess.pull(parameters)
     (found,) = (solver or Fatrop()).solve(problem, parameters, [guess])
     assert found.status is Status.SOLVED, found.message
     assert violation(problem, parameters, found.point).worst < 1e-4

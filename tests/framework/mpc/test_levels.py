@@ -12,8 +12,6 @@ from hypothesis import strategies as st
 
 from wideberth import experiments
 from wideberth.framework import names
-from wideberth.framework.mpc.assembly import assemble
-from wideberth.framework.mpc.instance.obstacles import Obstacles, fill
 from wideberth.framework.mpc.levels.base import LevelPolicy, Promise
 from wideberth.framework.mpc.levels.discounted import Discounted
 from wideberth.framework.mpc.levels.fixed import Fixed
@@ -21,6 +19,7 @@ from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.levels.risk_allocation import RiskAllocation
 from wideberth.framework.mpc.ocp.reference import lay_reference
+from wideberth.framework.mpc.slots.gaussian_discs import Obstacles
 from wideberth.framework.plugins.registry import load
 from wideberth.framework.plugins.yamlfile import read_config
 from wideberth.framework.region import Region
@@ -33,6 +32,7 @@ from wideberth.regions.half_plane import HalfPlane
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.helpers.problems import assemble, fill
 
 POLICIES = [
     *(load("levels", name)() for name in names("levels")),
@@ -190,8 +190,9 @@ def filled(policy: LevelPolicy, ids: tuple[str, ...], capacity: int) -> Array:
     obstacles = Obstacles(mean, covariance, np.full(len(ids), 0.3), ids)
     start = np.zeros(5)
     parameters = fill(start, reference, obstacles, MinkowskiSum(), policy, 0.75, capacity)
-    assert parameters.level.shape == (6, capacity)
-    return parameters.level
+    level = parameters.slots[0].level
+    assert level is not None and level.shape == (6, capacity)
+    return level
 
 
 def test_slots_do_not_share_in_the_risk_but_obstacles_do() -> None:

@@ -5,17 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.costs.base import Weights
 from wideberth.framework.mpc.costs.tracking import Tracking
 from wideberth.framework.mpc.fallback.rollout import steer
 from wideberth.framework.mpc.fallback.verify import violation
-from wideberth.framework.mpc.instance.obstacles import Obstacles, fill
 from wideberth.framework.mpc.levels.base import LevelPolicy, SharedLevel
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess, Transcription
+from wideberth.framework.mpc.slots.gaussian_discs import Obstacles
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.mpc.solvers.ipopt import Ipopt
 from wideberth.framework.numerics.symbolic import ca
@@ -31,7 +30,7 @@ from wideberth.robots.bicycle import Bicycle
 from wideberth.robots.differential_drive import DifferentialDrive
 from wideberth.robots.holonomic import Holonomic
 from wideberth.robots.unicycle import Unicycle
-from wideberth.tests.helpers.problems import DT, STEPS, set_up
+from wideberth.tests.helpers.problems import DT, STEPS, assemble, fill, set_up
 from wideberth.tests.helpers.region_samples import PAPER
 
 ROBOTS = [Unicycle(), DifferentialDrive(), Bicycle(), Holonomic()]
@@ -46,8 +45,10 @@ def test_any_robot_and_region_solve(robot: Robot, region: Region) -> None:
         assert solution.status is Status.SOLVED, (solver, solution.message)
         assert violation(problem, parameters, solution.point).worst < 1e-4
         place = np.stack(robot.pose(tuple(solution.point.states[1:].T)).position, -1)
+        (numbers,) = parameters.slots
+        assert numbers.level is not None
         inside = region.contains(
-            place, parameters.regions[:, 0], parameters.level[:, 0] * (1 - 1e-4) - 1e-4
+            place, numbers.parameters[:, 0], numbers.level[:, 0] * (1 - 1e-4) - 1e-4
         )
         assert not inside.any()
 
@@ -126,7 +127,7 @@ def test_the_key_tells_problems_apart() -> None:
         ({"horizon": 0}, "horizon is 0"),
         ({"horizon": 2.5}, "horizon is 2.5"),
         ({"dt": 0.0}, "dt is 0"),
-        ({"capacity": -1}, "capacity is -1"),
+        ({"capacity": -1}, "room for each obstacle is -1"),
         ({"penalty": -1.0}, "penalty is -1"),
     ],
 )

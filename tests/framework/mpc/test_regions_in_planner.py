@@ -40,8 +40,8 @@ def test_drives_the_planner(region: Region) -> None:
     assert solution.status is Status.SOLVED, solution.message
     assert violation(problem, parameters, solution.point).worst < 1e-4
     place = np.stack(Unicycle().pose(tuple(solution.point.states[1:].T)).position, -1)
-    level = parameters.level[:, 0] * (1 - 1e-4) - 1e-4
-    assert not region.contains(place, parameters.regions[:, 0], level).any()
+    level = parameters.slots[0].level[:, 0] * (1 - 1e-4) - 1e-4
+    assert not region.contains(place, parameters.slots[0].parameters[:, 0], level).any()
     if region.guarantee is Guarantee.CONTENT:
         risk = collision_probability(
             place - [4.0, 1.3], [[0.04, 0.01], [0.01, 0.02]], 0.4 + Unicycle().radius

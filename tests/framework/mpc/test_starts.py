@@ -7,17 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.costs.contouring import Contouring
-from wideberth.framework.mpc.instance.obstacles import Obstacles, fill
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.paper import Paper
-from wideberth.framework.mpc.ocp.bodies import with_auxiliaries
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.planner.starting_points import NAMES, OTHERS, other_starts
+from wideberth.framework.mpc.slots.gaussian_discs import Obstacles
 from wideberth.framework.mpc.solvers.base import Solution, Solver, unwrapped
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.mpc.solvers.ipopt import Ipopt
@@ -31,6 +29,7 @@ from wideberth.framework.values.plan import Rung, Status
 from wideberth.predictors.static import Static
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.helpers.problems import assemble, fill, with_auxiliaries
 from wideberth.tests.oracles.recorded_instances import read_instances, worst_violation
 
 SAMPLE = File(__file__).parents[2] / "data" / "mpc_instances.npz"

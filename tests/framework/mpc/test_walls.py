@@ -8,19 +8,23 @@ import numpy as np
 import pytest
 import shapely
 
-from wideberth.framework.mpc.assembly import assemble
+from wideberth.framework.mpc.assembly import assemble as make
 from wideberth.framework.mpc.fallback.ladder import InstanceCheck
 from wideberth.framework.mpc.fallback.rollout import steer
 from wideberth.framework.mpc.fallback.verify import violation
-from wideberth.framework.mpc.instance.contact import Surroundings
-from wideberth.framework.mpc.instance.obstacles import Obstacles
-from wideberth.framework.mpc.instance.polygons import CORNERS, NONE, Walls, choose_walls, padded
 from wideberth.framework.mpc.levels.fixed import Fixed
-from wideberth.framework.mpc.ocp.bodies import with_auxiliaries
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.planner.situation import Situation
+from wideberth.framework.mpc.slots.built_in import built_in
+from wideberth.framework.mpc.slots.gaussian_discs import Obstacles
+from wideberth.framework.mpc.slots.static_polygons import (
+    CORNERS,
+    NONE,
+    Walls,
+    choose_walls,
+    padded,
+)
 from wideberth.framework.mpc.solvers.base import Solver
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.mpc.solvers.ipopt import Ipopt
@@ -36,6 +40,13 @@ from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.regions.static.dual import Dual
 from wideberth.regions.static.separating_line import SeparatingLine
 from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.helpers.problems import (
+    among,
+    assemble,
+    slots_of,
+    surroundings,
+    with_auxiliaries,
+)
 
 DISCS = Discs(((0.35, 0.0), (-0.05, 0.0)), 0.25)
 CAR = Outline(((0.55, 0.25), (-0.25, 0.25), (-0.25, -0.25), (0.55, -0.25)))
@@ -89,7 +100,8 @@ def test_what_walls_need() -> None:
     with pytest.raises(WideberthError, match="3 dimensions"):
         choose_walls([EL], SeparatingLine(), np.zeros((1, 3)), 5.0, 9)
     with pytest.raises(WideberthError, match="2 static polygons need a static region"):
-        assemble(Unicycle(), MinkowskiSum(), Fixed(), horizon=3, dt=0.5, capacity=0, statics=2)
+        general = built_in(MinkowskiSum())
+        make(Unicycle(), general, Fixed(), horizon=3, dt=0.5, rooms=((0,), (2, 4)))
 
 
 # what feasible means
@@ -104,15 +116,15 @@ def instance(
     steps = len(states) - 1
     reference = lay_reference(Path(np.array([[-5.0, 0.2], [9.0, 0.2]])), 0.0, 0.5, steps, 0.5)
     own = np.zeros((steps, 2, 2))
-    case = Situation(states[0], reference, Obstacles.none(steps, 2), walls, own)
-    parameters = case.parameters(robot, MinkowskiSum(), Fixed(), 0.05, region)
+    plugs = robot, MinkowskiSum(), Fixed(), 0.05, region
+    parameters = among(states[0], reference, Obstacles.none(steps, 2), walls, own, plugs)
     problem = assemble(
         robot, MinkowskiSum(), Fixed(), horizon=steps, dt=0.5, capacity=0, static_region=region,
-        statics=len(parameters.static_active), corners=walls.parts.shape[1],
+        statics=len(parameters.slots[1].active), corners=walls.parts.shape[1],
     )  # fmt: skip
     bare = Guess.bare(states, np.zeros((steps, 2)), float("nan"))
     point = with_auxiliaries(robot, MinkowskiSum(), parameters, bare, region)
-    return problem, replace(parameters, static_auxiliaries=point.static_auxiliaries), point
+    return problem, point.pull(parameters), point
 
 
 def shape(footprint: Footprint | None, radius: float, place: Any, heading: float) -> Any:
@@ -136,9 +148,9 @@ def test_feasible_is_what_shapely_calls_clear(region: Any, footprint: Any) -> No
     walls = choose_walls([EL, SHED], region, HERE, 50.0, 9)
     robot = Unicycle(radius=0.75, footprint=footprint)
     problem, parameters, point = instance(robot, region, walls, states)
-    assert problem.statics.count > len(walls)  # some slots are empty
+    assert problem.slots[1].count > len(walls)  # some slots are empty
     entered = violation(problem, parameters, point).regions
-    assert entered.shape == (STEPS, problem.statics.count)
+    assert entered.shape == (STEPS, problem.slots[1].count)
     assert not entered[:, len(walls) :].any()
     seen = []
     for step, state in enumerate(states[1:]):
@@ -166,19 +178,20 @@ def test_empty_slots_change_nothing(region: StaticRegion, solver: Solver) -> Non
     two = choose_walls([block(-1.8, 0.4, "a"), block(-1.0, -2.5, "b")], region, HERE, 9.0, 9)
     problem, parameters, point = placed(two, region)
     (tight,) = solver.solve(problem, parameters, [point])
-    assert problem.statics.count == 2 and tight.status is Status.SOLVED
+    assert problem.slots[1].count == 2 and tight.status is Status.SOLVED
     empty = np.concatenate([two.parts, two.parts[:1], two.parts[:1], two.parts[:1]])
     roomy, wider, start = placed(Walls(empty, ("x",) * 5, empty, ("x",) * 5), region)
-    still = np.zeros_like(wider.static_auxiliaries)  # empty slots hold anything finite
-    still[:, :2], statics = parameters.static_auxiliaries, wider.statics.copy()
+    still = np.zeros_like(wider.slots[1].auxiliaries)  # empty slots hold anything finite
+    still[:, :2], statics = parameters.slots[1].auxiliaries, wider.slots[1].parameters.copy()
     on = np.array([1.0, 1.0, 0.0, 0.0, 0.0])
     statics[:, 2:] = 1.0
-    wider = replace(wider, static_active=on, static_auxiliaries=still, statics=statics)
-    (loose,) = solver.solve(roomy, wider, [replace(start, static_auxiliaries=still)])
-    assert roomy.statics.count == 5 and loose.status is Status.SOLVED
+    wider = slots_of(wider, 1, active=on, auxiliaries=still, parameters=statics)
+    begin = replace(start, auxiliaries=(start.auxiliaries[0], still))
+    (loose,) = solver.solve(roomy, wider, [begin])
+    assert roomy.slots[1].count == 5 and loose.status is Status.SOLVED
     assert np.allclose(loose.point.states, tight.point.states, atol=1e-6)
     assert 0.0 <= loose.cost - tight.cost + 1e-5 < 2e-3  # of holding idle auxiliaries
-    free = replace(parameters, static_active=np.zeros(2))
+    free = slots_of(parameters, 1, active=np.zeros(2))
     (without,) = solver.solve(problem, free, [point])
     assert without.cost < 0.9 * tight.cost  # the walls do matter here
 
@@ -195,7 +208,7 @@ def test_a_thin_wall_is_not_passed_between_two_steps(region: StaticRegion) -> No
         walls = choose_walls([thin], region, states[:, :2], 50.0, 9)
         problem, parameters, point = instance(robot, region, walls, states)
         none = Obstacles.none(len(states) - 1, 2)
-        around = Surroundings(robot, MahalanobisEllipse(), region, none, walls, 0.0)
+        around = surroundings(robot, MahalanobisEllipse(), region, none, walls, 0.0)
         found = InstanceCheck(problem, parameters, around).check(point)
         assert not found.regions.any()
         assert np.flatnonzero(found.touched).tolist() == [4]
@@ -210,14 +223,14 @@ def test_parts_that_did_not_fit_are_not_driven_through() -> None:
     assert len(walls) == 0 and walls.left_out == ("hut",)
     none = Obstacles.none(len(states) - 1, 2)
     robot = Unicycle(radius=0.3)
-    around = Surroundings(robot, MahalanobisEllipse(), REGIONS[0], none, walls, 0.0)
+    around = surroundings(robot, MahalanobisEllipse(), REGIONS[0], none, walls, 0.0)
     touch = around.touched(states)
     assert touch.depth[2] == pytest.approx(0.3 + 0.5) and "hut" in touch.names
 
 
 def test_states_that_are_no_numbers_are_left_to_the_re_check() -> None:
     walls = choose_walls([EL], REGIONS[0], HERE, 50.0, 9)
-    around = Surroundings(
+    around = surroundings(
         Unicycle(), MahalanobisEllipse(), REGIONS[0], Obstacles.none(2, 2), walls, 0.0
     )
     assert not around.touched(np.full((3, 5), np.nan)).depth.any()
@@ -241,7 +254,7 @@ def test_only_the_corner_between_two_steps_may_be_cut(box: bool, stride: float) 
         )
         walls = choose_walls([past, beam], REGIONS[0], states[:, :2], 50.0, 9)
         none = Obstacles.none(4, 2)
-        around = Surroundings(robot, MahalanobisEllipse(), REGIONS[0], none, walls, 0.0)
+        around = surroundings(robot, MahalanobisEllipse(), REGIONS[0], none, walls, 0.0)
         touch = around.touched(states)
         depth = touch.depth
         assert set(touch.names) == {"beam" if beyond > 0.0 else ""}

@@ -1,6 +1,5 @@
 """Footprints and the bodies that stand for them: bad input, corners, and Shapely as the judge."""
 
-from dataclasses import replace
 from math import cos, pi, sin
 from typing import Any
 
@@ -8,18 +7,18 @@ import numpy as np
 import pytest
 import shapely
 
-from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.fallback.verify import violation
-from wideberth.framework.mpc.instance.obstacles import Obstacles
-from wideberth.framework.mpc.instance.polygons import NONE
 from wideberth.framework.mpc.levels.base import LevelPolicy, SharedLevel
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
-from wideberth.framework.mpc.ocp.bodies import Body, bodies, with_auxiliaries
+from wideberth.framework.mpc.ocp.bodies import Body
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.planner.situation import Situation, reach_of_bodies
+from wideberth.framework.mpc.slots.base import reach_of_bodies
+from wideberth.framework.mpc.slots.built_in import built_in
+from wideberth.framework.mpc.slots.gaussian_discs import Obstacles
+from wideberth.framework.mpc.slots.static_polygons import NONE
 from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.plugins.registry import load, names
@@ -34,6 +33,7 @@ from wideberth.regions.separating_line import SeparatingLine
 from wideberth.robots.bicycle import Bicycle
 from wideberth.robots.differential_drive import DifferentialDrive
 from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.helpers.problems import among, assemble, with_auxiliaries
 
 DISCS = Discs(((0.6, 0.0), (0.1, 0.05), (-0.4, -0.1)), 0.35)
 CAR = Outline(((0.9, 0.3), (-0.3, 0.35), (-0.4, -0.2), (0.7, -0.3)))
@@ -158,16 +158,18 @@ def test_a_point_has_one_corner_and_no_heading_is_needed() -> None:
 def test_the_body_that_a_region_sees() -> None:
     long, car = Unicycle(radius=1.0, footprint=DISCS), Unicycle(radius=1.0, footprint=CAR)
     for region in PLANAR:
-        assert bodies(Unicycle(), region) == (Body(0.75),)
-        assert bodies(long, region) == tuple(Body(0.35, place) for place in DISCS.centres)
-    assert bodies(car, MahalanobisEllipse()) == (Body(1.0),)
-    assert bodies(car, SeparatingLine()) == (Body(0.0, outline=CAR.vertices),)
-    static = load("static_regions", "dual")()
-    assert bodies(car, static) == (Body(0.0, outline=CAR.vertices),)
-    assert reach_of_bodies(car, MahalanobisEllipse()) == 0.0  # a disc does not turn
-    assert reach_of_bodies(car, MahalanobisEllipse(), static) == pytest.approx(CAR.reach)
-    assert reach_of_bodies(car, SeparatingLine(), None) == pytest.approx(CAR.reach)
-    assert reach_of_bodies(long, MahalanobisEllipse()) == np.hypot(*DISCS.centres[0])
+        discs, none = built_in(region)
+        assert discs.bodies(Unicycle()) == (Body(0.75),) and none.bodies(Unicycle()) == ()
+        assert discs.bodies(long) == tuple(Body(0.35, place) for place in DISCS.centres)
+    ellipse, line = built_in(MahalanobisEllipse()), built_in(SeparatingLine())
+    assert ellipse[0].bodies(car) == (Body(1.0),)
+    assert line[0].bodies(car) == (Body(0.0, outline=CAR.vertices),)
+    among = built_in(MahalanobisEllipse(), load("static_regions", "dual")())
+    assert among[1].bodies(car) == (Body(0.0, outline=CAR.vertices),)
+    assert reach_of_bodies(car, ellipse) == 0.0  # a disc does not turn
+    assert reach_of_bodies(car, among) == pytest.approx(CAR.reach)
+    assert reach_of_bodies(car, line) == pytest.approx(CAR.reach)
+    assert reach_of_bodies(long, ellipse) == np.hypot(*DISCS.centres[0])
 
 
 STEPS, SLOTS, SIZE = 100, 3, 0.3
@@ -186,23 +188,23 @@ def scattered(
     states[:, :2] = rng.uniform(-1.5, 1.5, (STEPS + 1, 2))
     states[:, 2] = rng.uniform(-pi, pi, STEPS + 1)
     reference = lay_reference(Path(np.array([[0.0, 0.0], [9.0, 0.0]])), 0.0, 0.5, STEPS, 0.5)
-    case = Situation(states[0], reference, found, NONE, np.zeros((STEPS, 2, 2)))
-    parameters = case.parameters(robot, region, level, 0.0, None)
-    capacity = len(parameters.active)
+    plugs = robot, region, level, 0.0, None
+    parameters = among(states[0], reference, found, NONE, np.zeros((STEPS, 2, 2)), plugs)
+    capacity = len(parameters.slots[0].active)
     problem = assemble(robot, region, level, horizon=STEPS, dt=0.5, capacity=capacity)
     guess = Guess.bare(states, np.zeros((STEPS, 2)), s)
     point = with_auxiliaries(robot, region, parameters, guess)
-    return problem, replace(parameters, auxiliaries=point.auxiliaries), point, found
+    return problem, point.pull(parameters), point, found
 
 
 def rows(problem: Problem, parameters: Parameters, point: Guess) -> tuple[np.ndarray, np.ndarray]:
     """Smallest inequality per step, slot and body, and all equalities."""
     level = np.full((int(problem.shared), STEPS), point.level)
-    given = (point.states[:-1], point.inputs, point.states[1:], point.auxiliaries)
-    columns = [values.reshape(STEPS, -1).T for values in (*given, point.static_auxiliaries)]
-    stated = problem.residuals(*columns, level, parameters.stages().T)
-    free, tied = stated[2], stated[3]
-    values = free.full().reshape(problem.capacity, len(DISCS.centres), -1, STEPS)
+    path = (point.states[:-1].T, point.inputs.T, point.states[1:].T)
+    lifted = [own.reshape(STEPS, -1).T for own in point.auxiliaries]
+    stated = problem.residuals(*path, level, parameters.stages().T, *lifted)
+    free, tied = stated[3], stated[4]
+    values = free.full().reshape(problem.slots[0].count, len(DISCS.centres), -1, STEPS)
     return np.moveaxis(values.min(axis=2), -1, 0), tied.full()
 
 
@@ -217,15 +219,12 @@ def test_every_disc_has_the_rows_of_its_region(region: Region, level: LevelPolic
     )  # the shared level counts, not the target
     problem, parameters, point, _ = scattered(robot, region, level, s)
     values, tied = rows(problem, parameters, point)
+    (discs,) = parameters.slots
     assert np.abs(tied).max(initial=0.0) < 1e-8 and (values[:, SLOTS:] == 1.0).all()
-    held = (
-        np.full((STEPS, SLOTS), s)
-        if isinstance(level, SharedLevel)
-        else parameters.level[:, :SLOTS]
-    )
+    held = np.full((STEPS, SLOTS), s) if isinstance(level, SharedLevel) else discs.level[:, :SLOTS]
     for i, place in enumerate(DISCS.centres):
         centres = np.array([rotated([place], x[:2], x[2])[0] for x in point.states[1:]])
-        inside = region.contains(centres[:, None], parameters.regions[:, :SLOTS], held)
+        inside = region.contains(centres[:, None], discs.parameters[:, :SLOTS], held)
         clear = np.abs(values[:, :SLOTS, i]) > 1e-6
         assert np.array_equal(values[:, :SLOTS, i][clear] < 0.0, inside[clear])
         assert inside.sum() > 10 and (~inside).sum() > 10 and clear.mean() > 0.95

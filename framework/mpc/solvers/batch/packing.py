@@ -21,14 +21,13 @@ def packed(
     pairs = zip(parameters, guesses, strict=True)
     starts = [unwrapped(problem, one, guess) for one, guess in pairs]
     stages = np.stack([one.stages() for one in parameters], axis=-1).swapaxes(0, 1)
-    head, *slots = problem.cut(stages)
-    sizes = problem.obstacles, problem.statics
+    head, pieces = problem.cut(stages)
     numbers, active = {}, {}
-    for name, own, part in zip(("slot", "wall"), sizes, slots, strict=True):
-        if own.count:
-            cut = part.reshape(own.count, own.size, *part.shape[1:])
-            numbers[name] = np.ascontiguousarray(np.moveaxis(cut, 0, 2))
-            active[name] = numbers[name][own.width + int(own.levelled), 0]
+    for kind in program.kinds:
+        own, part = problem.slots[kind.place], pieces[kind.place]
+        cut = part.reshape(own.count, own.size, *part.shape[1:])
+        numbers[kind.name] = np.ascontiguousarray(np.moveaxis(cut, 0, 2))
+        active[kind.name] = numbers[kind.name][own.active, 0]
     given = Instances(
         initial=_stack([one.initial for one in parameters]),
         head=np.ascontiguousarray(head),
@@ -54,10 +53,9 @@ def _started(program: Program, guesses: Sequence[Guess], push: float) -> Primal:
 
 def _lifted(kind: Kind, guesses: Sequence[Guess], push: float) -> Array:
     """Auxiliaries of the slots of one kind, (A, N, K, B)."""
-    own = "auxiliaries" if kind.name == "slot" else "static_auxiliaries"
-    values = [getattr(guess, own) for guess in guesses]
     if not kind.lower:  # a bare guess has no slots either
         return np.zeros((0, len(guesses[0].inputs), kind.count, len(guesses)))
+    values = [guess.auxiliaries[kind.place] for guess in guesses]
     return np.transpose(pushed(np.stack(values), kind.lower, kind.upper, push), (3, 1, 2, 0))
 
 

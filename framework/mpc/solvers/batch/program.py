@@ -14,7 +14,7 @@ from ....numerics.symbolic import ca
 from ....values.arrays import Array
 from ....values.errors import WideberthError
 from ...ocp.problem import Problem, Slots
-from ..riccati.kernels import SlotShape, build
+from ..riccati.kernels import SlotShape, build, slot_name
 
 DRIVE, NODE, LEVEL, SLACK = "drive", "node", "level", "slack"
 """Groups of inequalities: of (x_i, u_i), i < N; of x_i, i > 0; s >= minimum; slack >= 0. Those
@@ -25,10 +25,11 @@ MOST_OPERATIONS = 10_000
 
 @dataclass(frozen=True)
 class Kind:
-    """Slots of one kind: Gaussian obstacles or static polygons.
+    """Slots of one kind.
 
     Attributes
     ----------
+    place : which of the problem's kinds it is.
     name : of its kernel and of its group of inequalities.
     count : how many slots.
     shape : sizes of its kernel; the inequalities include the bounds of the auxiliaries.
@@ -37,6 +38,7 @@ class Kind:
     regularisation : weight that draws them to their guess.
     """
 
+    place: int
     name: str
     count: int
     shape: SlotShape
@@ -90,8 +92,9 @@ class Program:
 def program(problem: Problem) -> Program:
     """Differentiate a problem and write its kernels for JAX."""
     found = build(_bounded(problem))
-    pairs = (("slot", problem.obstacles, found.slot), ("wall", problem.statics, found.wall))
-    kinds = tuple(_kind(name, slots, shape) for name, slots, shape in pairs if slots.count)
+    kinds = tuple(
+        _kind(k, slots, found.slots[k]) for k, slots in enumerate(problem.slots) if slots.count
+    )
     bounds = {
         DRIVE: range(problem.input_constraints.numel_out(0), found.input_rows),
         NODE: range(problem.state_constraints.numel_out(0), found.node_rows),
@@ -104,10 +107,11 @@ def program(problem: Problem) -> Program:
     return Program(problem, kernels, *sizes, kinds, bounds)
 
 
-def _kind(name: str, slots: Slots, shape: SlotShape) -> Kind:
+def _kind(place: int, slots: Slots, shape: SlotShape) -> Kind:
     own = slots.auxiliary
     soft = slots.constraint.numel_out(0)
-    return Kind(name, slots.count, shape, soft, own.lower, own.upper, own.regularisation)
+    bounds = own.lower, own.upper, own.regularisation
+    return Kind(place, slot_name(place), slots.count, shape, soft, *bounds)
 
 
 def _kernel(function: Any, name: str) -> Callable[[Any, Any], Any]:
@@ -136,8 +140,7 @@ def _bounded(problem: Problem) -> Problem:
         problem,
         input_constraints=ca.Function("input_constraints", [x, u], [by_input]),
         state_constraints=ca.Function("state_constraints", [x], [by_state]),
-        obstacles=_lifted(problem, problem.obstacles),
-        statics=_lifted(problem, problem.statics),
+        slots=tuple(_lifted(problem, slots) for slots in problem.slots),
     )
 
 

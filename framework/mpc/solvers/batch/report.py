@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from ..riccati.kernels import slot_name
 from .evaluation import evaluate
 from .iterate import Instances, Iterate
 from .optimality import largest
@@ -22,14 +23,14 @@ def report(program: Program, given: Instances, at: Iterate) -> dict[str, Any]:
     cost = values.cost + (problem.penalty or 0.0) * primal.slack.sum(axis=0)
     states = jnp.concatenate([given.initial[:, None], primal.states], axis=1)
     lifted = {}
-    for name, slots in (("slot", problem.obstacles), ("wall", problem.statics)):
+    for k, slots in enumerate(problem.slots):
         none = jnp.zeros((len(slots.auxiliary), problem.horizon, slots.count, len(one)))
-        lifted[name] = jnp.transpose(primal.lifted.get(name, none), (3, 1, 2, 0))
+        values = primal.lifted.get(slot_name(k), none)
+        lifted[f"auxiliaries{k}"] = jnp.transpose(values, (3, 1, 2, 0))
     return {
         "states": states.T,
         "inputs": primal.inputs.T,
-        "auxiliaries": lifted["slot"],
-        "static_auxiliaries": lifted["wall"],
+        **lifted,
         "level": primal.level[0] if problem.shared else jnp.nan * one,
         "slack": primal.slack.T,
         "cost": cost,

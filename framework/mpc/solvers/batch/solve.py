@@ -49,7 +49,7 @@ class BatchSolution:
     Attributes
     ----------
     states, inputs : (B, N + 1, n) and (B, N, m), the last iterates, whatever the status.
-    auxiliaries, static_auxiliaries : (B, N, K, A) and (B, N, S, A_s).
+    auxiliaries : (B, N, K, A) of the slots of each kind.
     level : (B,), shared levels; nan where none is shared.
     slack : (B, N).
     status : how each ended.
@@ -61,8 +61,7 @@ class BatchSolution:
 
     states: Array
     inputs: Array
-    auxiliaries: Array
-    static_auxiliaries: Array
+    auxiliaries: tuple[Array, ...]
     level: Array
     slack: Array
     status: tuple[Status, ...]
@@ -80,10 +79,9 @@ class BatchSolution:
         return Guess(
             self.states[index],
             self.inputs[index],
-            self.auxiliaries[index],
+            tuple(own[index] for own in self.auxiliaries),
             float(self.level[index]),
             self.slack[index],
-            self.static_auxiliaries[index],
         )
 
 
@@ -134,7 +132,10 @@ def solve_batch(
         size = min(_power(len(parameters)), _power(given))
         found = _compiled(problem, own)(parameters, guesses, size)
     status = tuple(_STATUS[Code(code)] for code in found.pop("code"))
-    return BatchSolution(**found, status=status, seconds=perf_counter() - begin)
+    lifted = tuple(found.pop(f"auxiliaries{k}") for k in range(len(problem.slots)))
+    return BatchSolution(
+        **found, auxiliaries=lifted, status=status, seconds=perf_counter() - begin
+    )
 
 
 class _Method:

@@ -9,7 +9,7 @@ per machine; the kernels of a new pair of robot and region take seconds. Both ar
 import sys
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from hashlib import sha256
 from pathlib import Path
@@ -22,19 +22,24 @@ from numpy.typing import NDArray
 from ....jit.columns import KERNEL, address
 from ....jit.store import load
 from ....jit.transpile import NUMBA_IMPORTS, numba_source, recursion_source
+from ....numerics.symbolic import ca
+from ....region import Auxiliary
 from ....values.arrays import Array
 from ....values.errors import WideberthError
 from ...ocp.problem import Problem, Slots
 from .elimination import Slot, eliminate, expand
-from .kernels import Kernels, SlotShape, build
+from .kernels import Kernels, SlotShape, build, slot_name
 from .sweep import carried, sweep
 
 NAMES = (
     "drive", "node", "node_values", "level",
-    "slot", "slot_values", "slot_eliminate", "slot_expand",
-    "wall", "wall_values", "wall_eliminate", "wall_expand", "sweep",
+    "slot0", "slot0_values", "slot0_eliminate", "slot0_expand",
+    "slot1", "slot1_values", "slot1_eliminate", "slot1_expand", "sweep",
 )  # fmt: skip
 """Kernels in the order of their addresses, see `point`."""
+
+KINDS = 2
+"""Kinds of slots that the core takes."""
 
 MOST_OPERATIONS = 10_000
 """Size of a kernel that is still compiled; the compiler needs a second for a thousand."""
@@ -146,15 +151,14 @@ class Program:
     addresses : in the order of `NAMES`.
     sizes : n, m, whether a level is shared, rows of input, node and final constraints.
     limits : (2, n + m), bounds of states and inputs.
-    moving, standing : the slots.
+    kinds : of the slots; empty ones behind those of the problem.
     """
 
     module: Any
     addresses: NDArray[np.int64]
     sizes: NDArray[np.int64]
     limits: Array
-    moving: Kind
-    standing: Kind
+    kinds: tuple[Kind, ...]
 
 
 _PROGRAMS: OrderedDict[str, Program | WideberthError] = OrderedDict()
@@ -192,9 +196,8 @@ def _sound(found: Program | WideberthError) -> Program:
 def _newton(problem: Problem, made: Kernels) -> dict[str, Any]:
     """Functions that solve the Newton step, from the derivatives that ``made`` gives."""
     found = {"sweep": sweep(problem.states, problem.inputs, made.functions["drive"])}
-    for name, slots, shape in (
-        ("slot", problem.obstacles, made.slot), ("wall", problem.statics, made.wall),
-    ):  # fmt: skip
+    for k, (slots, shape) in enumerate(zip(problem.slots, made.slots, strict=True)):
+        name = slot_name(k)
         outer = len(shape.depends) + int(problem.shared)
         own = slots.auxiliary
         slot = Slot(outer, own.lower, own.upper, shape.inequalities, shape.equalities)
@@ -204,6 +207,7 @@ def _newton(problem: Problem, made: Kernels) -> dict[str, Any]:
 
 def _made(problem: Problem) -> Program:
     """Compile the kernels of a problem."""
+    problem = _filled_up(problem)
     made = build(problem)
     functions = {**made.functions, **_newton(problem, made)}
     longest = max(one.n_instructions() for one in functions.values())
@@ -234,6 +238,14 @@ def _made(problem: Problem) -> Program:
             ]
         ),
         np.array([state.lower + control.lower, state.upper + control.upper], dtype=np.float64),
-        Kind.of(made.slot, problem.obstacles),
-        Kind.of(made.wall, problem.statics),
+        tuple(Kind.of(*pair) for pair in zip(made.slots, problem.slots, strict=True)),
     )
+
+
+def _filled_up(problem: Problem) -> Problem:
+    """Add empty kinds of slots until there are as many as the core takes."""
+    x, s = ca.SX.sym("x", problem.states), ca.SX.sym("s", int(problem.shared))
+    none = [ca.SX(0, 1), ca.SX(0, 1)]
+    constraint = ca.Function("constraint", [x, ca.SX(0, 1), s, ca.SX.sym("numbers")], none)
+    empty = Slots("empty", 0, 0, False, Auxiliary(), constraint)
+    return replace(problem, slots=(*problem.slots, *[empty] * (KINDS - len(problem.slots))))

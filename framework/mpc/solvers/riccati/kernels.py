@@ -40,19 +40,23 @@ class Kernels:
     Attributes
     ----------
     functions : name -> function ([v, p], [out]); ``drive`` of (x, u) at i < N, ``node`` of x at
-        i > 0, ``level`` of s, ``slot`` and ``wall`` of one slot, each with derivatives and, as
-        ``..._values``, without.
+        i > 0, ``level`` of s, and `slot_name` of one slot of each kind, each with derivatives and,
+        as ``..._values``, without.
     input_rows, node_rows, final_rows : number of constraints on (x_i, u_i), on x_i, and on x_N
         beside those.
-    slot, wall : sizes of the slots' kernels.
+    slots : sizes of the slots' kernels, of each kind.
     """
 
     functions: dict[str, Any]
     input_rows: int
     node_rows: int
     final_rows: int
-    slot: SlotShape
-    wall: SlotShape
+    slots: tuple[SlotShape, ...]
+
+
+def slot_name(place: int) -> str:
+    """Name of the kernels of the slots of one kind, by its place among the problem's."""
+    return f"slot{place}"
 
 
 def build(problem: Problem) -> Kernels:
@@ -61,11 +65,10 @@ def build(problem: Problem) -> Kernels:
     input_rows = _drive(problem, functions)
     node_rows, final_rows = _node(problem, functions)
     _level(problem, functions)
-    shapes = [
-        _slot(name, problem, slots, functions)
-        for name, slots in (("slot", problem.obstacles), ("wall", problem.statics))
-    ]
-    return Kernels(functions, input_rows, node_rows, final_rows, *shapes)
+    shapes = tuple(
+        _slot(slot_name(k), problem, slots, functions) for k, slots in enumerate(problem.slots)
+    )
+    return Kernels(functions, input_rows, node_rows, final_rows, shapes)
 
 
 def _drive(problem: Problem, functions: dict[str, Any]) -> int:
@@ -113,9 +116,8 @@ def _slot(name: str, problem: Problem, slots: Slots, functions: dict[str, Any]) 
     """(x's entries, s, a, lambda, y), numbers -> h, e, their Jacobian, Hessian."""
     x, numbers = ca.SX.sym("x", problem.states), ca.SX.sym("numbers", slots.size)
     s, a = ca.SX.sym("s", int(problem.shared)), ca.SX.sym("a", len(slots.auxiliary))
-    active = slots.width + int(slots.levelled)
     entries = ca.vertsplit(numbers)
-    entries[active] = ca.SX(1.0)
+    entries[slots.active] = ca.SX(1.0)
     given = ca.vertcat(*entries)
     h, e = slots.constraint(x, a, s, given)
     values = ca.vertcat(h, e)
@@ -128,7 +130,7 @@ def _slot(name: str, problem: Problem, slots: Slots, functions: dict[str, Any]) 
     v = ca.vertcat(w, y)
     functions[name] = _kernel(v, numbers, [values, _rows(ca.jacobian(values, w)), _full(hessian)])
     functions[f"{name}_values"] = _kernel(v, numbers, [values])
-    return SlotShape(depends, len(slots.auxiliary), h.numel(), e.numel(), active + 1)
+    return SlotShape(depends, len(slots.auxiliary), h.numel(), e.numel(), slots.guess)
 
 
 def _kernel(v: Any, p: Any, pieces: list[Any]) -> Any:

@@ -13,7 +13,7 @@ import numpy as np
 from ....values.arrays import Array, positive, whole
 from ....values.errors import WideberthError
 from ....values.plan import Status
-from ...ocp.problem import Parameters, Problem
+from ...ocp.problem import Parameters, Problem, SlotNumbers
 from ...ocp.transcription import Guess
 from ..base import Solution, Solver, on_time, unwrapped
 from ..fatrop import Fatrop
@@ -133,7 +133,7 @@ class Riccati(Solver):
     ) -> Solution:
         """Call the compiled core and read its result."""
         guess = _suited(parameters, _turned(problem, parameters, guess))
-        found, numbers = _room(problem, guess), np.zeros(7)
+        found, numbers = _room(problem, guess, len(made.kinds)), np.zeros(7)
         stop = numbers[6:]
         arguments = (
             *(made.addresses, made.sizes, made.limits, self._settings(problem, guess)),
@@ -141,23 +141,14 @@ class Riccati(Solver):
                 parameters.initial, parameters.reference, parameters.direction,
                 parameters.speed, parameters.curve, guess.states, guess.inputs,
             ),
-            *made.moving.about,
-            *_arrays(
-                parameters.regions, parameters.level, parameters.active,
-                parameters.auxiliaries, guess.auxiliaries,
-            ),
-            *made.standing.about,
-            *_arrays(
-                parameters.statics, _NONE, parameters.static_active,
-                parameters.static_auxiliaries, guess.static_auxiliaries,
-            ),
+            *_slots(made, parameters, guess),
             *(*found, numbers, stop),
         )  # fmt: skip
         if deadline is None:
             run(*arguments)
         else:
             _until(begin + deadline, stop, run, arguments)
-        states, inputs, slack, own, still = found
+        states, inputs, slack, *own = found
         kind, iterations, cost, level, error = numbers[:5].tolist()
         status = _STATUS[int(kind)]
         if problem.penalty is not None:
@@ -165,7 +156,7 @@ class Riccati(Solver):
             if status is Status.INFEASIBLE:
                 status = Status.SOLVED  # its slack is paid for
         level = level if problem.shared else float("nan")
-        point = Guess(states, inputs, own, level, slack, still)
+        point = Guess(states, inputs, tuple(own[: len(problem.slots)]), level, slack)
         words = _words(status, iterations, error)
         return Solution(point, status, words, cost, int(iterations), perf_counter() - begin)
 
@@ -187,12 +178,13 @@ def _compiled(problem: Problem) -> "tuple[Program, Callable[..., None]]":
     return program(problem), core()
 
 
-def _room(problem: Problem, guess: Guess) -> tuple[Array, ...]:
+def _room(problem: Problem, guess: Guess, kinds: int) -> tuple[Array, ...]:
     """Arrays for the result; empty slots keep the auxiliaries of the guess."""
     horizon = problem.horizon
     states, inputs = np.empty((horizon + 1, problem.states)), np.empty((horizon, problem.inputs))
-    own, still = guess.auxiliaries.copy(), guess.static_auxiliaries.copy()
-    return states, inputs, np.empty(horizon), own, still
+    own = [one.copy() for one in guess.auxiliaries]
+    own += [np.zeros((horizon, 0, 0))] * (kinds - len(own))
+    return states, inputs, np.empty(horizon), *own
 
 
 def _turned(problem: Problem, parameters: Parameters, guess: Guess) -> Guess:
@@ -205,15 +197,31 @@ def _turned(problem: Problem, parameters: Parameters, guess: Guess) -> Guess:
 
 def _suited(parameters: Parameters, guess: Guess) -> Guess:
     """Give a bare guess the auxiliaries that the regularisation pulls to."""
-    if guess.auxiliaries.shape != parameters.auxiliaries.shape:
-        guess = replace(guess, auxiliaries=parameters.auxiliaries)
-    if guess.static_auxiliaries.shape != parameters.static_auxiliaries.shape:
-        guess = replace(guess, static_auxiliaries=parameters.static_auxiliaries)
-    return guess
+    wanted = tuple(one.auxiliaries for one in parameters.slots)
+    own = guess.auxiliaries or wanted
+    pairs = zip(own, wanted, strict=True)
+    return replace(
+        guess,
+        auxiliaries=tuple(one if one.shape == other.shape else other for one, other in pairs),
+    )
 
 
 _NONE = np.zeros((0, 0))
-"""Levels of polygons, which have none."""
+"""Levels of slots that have none."""
+
+
+def _slots(made: "Program", parameters: Parameters, guess: Guess) -> list[object]:
+    """Return the arguments of the core about every kind of slots."""
+    none = SlotNumbers.none(len(parameters.speed))
+    arguments: list[object] = []
+    for k, kind in enumerate(made.kinds):
+        there = k < len(parameters.slots)
+        own = parameters.slots[k] if there else none
+        start = guess.auxiliaries[k] if there else none.auxiliaries
+        level = _NONE if own.level is None else own.level
+        arguments += kind.about
+        arguments += _arrays(own.parameters, level, own.active, own.auxiliaries, start)
+    return arguments
 
 
 def _arrays(*values: Array) -> list[Array]:

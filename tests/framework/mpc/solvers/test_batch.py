@@ -7,17 +7,15 @@ from pathlib import Path as File
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.fallback.rollout import steer
 from wideberth.framework.mpc.fallback.verify import violation
-from wideberth.framework.mpc.instance.obstacles import Obstacles, fill
-from wideberth.framework.mpc.instance.polygons import choose_walls, fill_walls
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.paper import Paper
-from wideberth.framework.mpc.ocp.bodies import with_auxiliaries
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
+from wideberth.framework.mpc.slots.gaussian_discs import Obstacles
+from wideberth.framework.mpc.slots.static_polygons import choose_walls, fill_walls
 from wideberth.framework.mpc.solvers.batch import BatchSolution, solve_batch
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.values.errors import WideberthError
@@ -32,6 +30,7 @@ from wideberth.regions.risk_contour import RiskContour
 from wideberth.regions.static.separating_line import SeparatingLine
 from wideberth.robots.holonomic import Holonomic
 from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.helpers.problems import assemble, fill, with_auxiliaries
 from wideberth.tests.oracles.recorded_instances import (
     Instance,
     read_instances,
@@ -128,7 +127,8 @@ def passage(shift: float, edge: float) -> tuple[Parameters, Guess]:
     moving = fill(start, reference, obstacles, REGION, Fixed(), ROBOT.radius, 2)
     corners = ((0.3, edge), (0.3, edge - 1.0), (1.3, edge - 1.0), (1.3, edge))
     walls = choose_walls([Polygon(corners, "block")], WALL, reference.position, 9.0, 1)
-    parameters = fill_walls(moving, walls, WALL, ROBOT.radius, np.zeros((STEPS, 2, 2)))
+    still = fill_walls(walls, WALL, ROBOT.radius, np.zeros((STEPS, 2, 2)))
+    parameters = replace(moving, slots=(*moving.slots, still))
     states, inputs = steer(ROBOT, start, Twist((0.3, 0.1)), STEPS, DT)
     bare = Guess.bare(states, inputs, float("nan"))
     guess = with_auxiliaries(ROBOT, REGION, parameters, bare, WALL)

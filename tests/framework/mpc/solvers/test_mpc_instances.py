@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.ocp.problem import Problem
@@ -16,6 +15,7 @@ from wideberth.framework.mpc.solvers.ipopt import Ipopt
 from wideberth.framework.values.plan import Status
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.helpers.problems import assemble
 from wideberth.tests.oracles.recorded_instances import (
     Instance,
     read_instances,

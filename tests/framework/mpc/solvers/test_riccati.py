@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.base import LevelPolicy
 from wideberth.framework.mpc.levels.discounted import Discounted
@@ -30,6 +29,7 @@ from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.robots.holonomic_3d import Holonomic3D
 from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.helpers.problems import assemble, slots_of
 from wideberth.tests.oracles.recorded_instances import (
     Instance,
     read_instances,
@@ -179,16 +179,16 @@ def test_empty_slots_change_nothing(region: Region, instances: ModuleType) -> No
         wide[:, where] = values
         return wide
 
-    old = made.parameters
-    parameters = replace(
-        old, regions=spread(old.regions), level=spread(old.level),
+    (old,) = made.parameters.slots
+    assert old.level is not None
+    parameters = slots_of(
+        made.parameters, parameters=spread(old.parameters), level=spread(old.level),
         auxiliaries=spread(old.auxiliaries), active=np.array([0.0, 1.0, 0.0, 0.0, 1.0]),
     )  # fmt: skip
-    guess = replace(made.guess, auxiliaries=parameters.auxiliaries)
+    own = parameters.slots[0].auxiliaries
+    guess = replace(made.guess, auxiliaries=(own,))
     found = solved(roomy, parameters, guess)
     np.testing.assert_array_equal(found.point.states, tight.point.states)
     assert found.cost == tight.cost and found.iterations == tight.iterations
     untouched = [0, 2, 3]
-    np.testing.assert_array_equal(
-        found.point.auxiliaries[:, untouched], guess.auxiliaries[:, untouched]
-    )
+    np.testing.assert_array_equal(found.point.auxiliaries[0][:, untouched], own[:, untouched])

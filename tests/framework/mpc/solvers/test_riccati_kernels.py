@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from wideberth.framework import names
-from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.costs.base import Cost
 from wideberth.framework.mpc.costs.contouring import Contouring
 from wideberth.framework.mpc.costs.tracking import Tracking
@@ -20,6 +19,7 @@ from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.helpers.problems import assemble
 
 LARGE = {"risk_contour"}
 STEP = 1e-6
@@ -157,12 +157,12 @@ def test_regions(name: str, shared: bool) -> None:
         spread = np.diag(rng.uniform(0.05, 0.1, problem.dimension))
         numbers = region.parameters(GaussianObstacle(place, spread), np.array(0.6))
         target = level.levels(region, 3, 1, problem.dimension)[0, 0]
-        own = np.asarray(problem.auxiliary.start, dtype=float)
+        own = np.asarray(problem.slots[0].auxiliary.start, dtype=float)
         p = np.concatenate([np.ravel(numbers), [target, 1.0], own])
         state = rng.normal(scale=2.0, size=problem.states)
         state[: problem.dimension] += 1.5
-        v = [*state[list(made.slot.depends)], *([target * 1.1] * shared), *(own + 0.13)]
-        _check_slot("slot", made, made.slot, np.array(v), p, rng)
+        v = [*state[list(made.slots[0].depends)], *([target * 1.1] * shared), *(own + 0.13)]
+        _check_slot("slot0", made, made.slots[0], np.array(v), p, rng)
 
 
 @pytest.mark.parametrize("name", names("static_regions"))
@@ -175,12 +175,12 @@ def test_static_regions(name: str) -> None:
     made, rng = build(problem), np.random.default_rng(2)
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     numbers = region.parameters(corners, np.array(0.5), np.zeros((2, 2)))
-    own = np.asarray(problem.statics.auxiliary.start, dtype=float)
+    own = np.asarray(problem.slots[1].auxiliary.start, dtype=float)
     p = np.concatenate([np.ravel(numbers), [1.0], own])
     for _ in range(3):
-        state = rng.normal(scale=2.0, size=5)[list(made.wall.depends)]
+        state = rng.normal(scale=2.0, size=5)[list(made.slots[1].depends)]
         v = np.concatenate([state, own + rng.uniform(0.1, 0.5, len(own))])
-        _check_slot("wall", made, made.wall, v, p, rng)
+        _check_slot("slot1", made, made.slots[1], v, p, rng)
 
 
 def _check_slot(

@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.solvers.riccati.solver import Riccati
 from wideberth.framework.values.arrays import Array
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.helpers.problems import assemble
 from wideberth.tests.oracles.recorded_instances import Instance, read_instances
 
 SAMPLE = Path(__file__).parents[3] / "data" / "mpc_instances.npz"

@@ -10,23 +10,20 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from wideberth.framework import Path, names
-from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.costs.base import Cost, ProgressCost
 from wideberth.framework.mpc.costs.contouring import Contouring
 from wideberth.framework.mpc.costs.tracking import Tracking
 from wideberth.framework.mpc.fallback.rollout import steer
 from wideberth.framework.mpc.fallback.verify import Violation, violation
-from wideberth.framework.mpc.instance.polygons import NONE, choose_walls
 from wideberth.framework.mpc.levels.base import LevelPolicy, SharedLevel
 from wideberth.framework.mpc.levels.discounted import Discounted
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
-from wideberth.framework.mpc.ocp.bodies import with_auxiliaries
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.progress_robot import progress_robot_of
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.planner.situation import Situation
 from wideberth.framework.mpc.planner.starting_points import add_progress
+from wideberth.framework.mpc.slots.static_polygons import NONE, choose_walls
 from wideberth.framework.mpc.solvers.base import Solution
 from wideberth.framework.mpc.solvers.ipopt import Ipopt
 from wideberth.framework.mpc.solvers.riccati.solver import Riccati
@@ -35,6 +32,7 @@ from wideberth.framework.robot import Robot, start_state
 from wideberth.framework.values.footprint import Discs
 from wideberth.framework.values.plan import Status
 from wideberth.framework.values.polygon import Polygon
+from wideberth.tests.helpers.problems import among, assemble, slots_of, with_auxiliaries
 
 DT, PACE, ARC = 0.5, 0.5, 1.0
 KEPT = 1e-6
@@ -102,19 +100,21 @@ class Draw:
             NONE if static is None else choose_walls(_blocks(rng), static, path.points, 50.0, 5)
         )
         own = np.zeros((steps, size, size))
-        scene = Situation(np.array(start, dtype=float), reference, obstacles, walls, own)
-        parameters = scene.parameters(robot, region, self.level, 0.0, static)
+        plugs = robot, region, self.level, 0.0, static
+        first = np.array(start, dtype=float)
+        parameters = among(first, reference, obstacles, walls, own, plugs)
+        discs, *polygons = parameters.slots
         problem = assemble(
-            robot, region, self.level, horizon=steps, dt=DT, capacity=len(parameters.active),
+            robot, region, self.level, horizon=steps, dt=DT, capacity=len(discs.active),
             cost=self.cost, penalty=self.penalty, static_region=static,
-            statics=len(parameters.static_active), corners=walls.parts.shape[1],
+            statics=len(polygons[0].active) if polygons else 0, corners=walls.parts.shape[1],
             stop_at_end=self.stop,
         )  # fmt: skip
         states, inputs = instances.winding(robot, start, twist, steps, rng)
         if self.free:  # leave out whom this trajectory meets
             place = np.stack(robot.pose(tuple(states[1:].T)).position, axis=-1)
-            met = region.contains(place[:, None], parameters.regions, parameters.level)
-            parameters = replace(parameters, active=parameters.active * ~met.any(axis=0))
+            met = region.contains(place[:, None], discs.parameters, discs.level)
+            parameters = slots_of(parameters, active=discs.active * ~met.any(axis=0))
         if self.kind == "standing":
             states, inputs = steer(
                 robot, states[0], replace(twist, linear=(0.0,) * size), steps, DT

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.paper import Paper
@@ -28,6 +27,7 @@ from wideberth.framework.values.plan import Status
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.risk_contour import RiskContour
 from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.helpers.problems import assemble, slots_of
 from wideberth.tests.oracles.recorded_instances import Instance, read_instances
 
 SAMPLE = Path(__file__).parents[3] / "data" / "mpc_instances.npz"
@@ -72,7 +72,7 @@ def solved(instance: Instance, parameters: Parameters | None = None, **settings:
 def digest(solution: Solution) -> str:
     """Hash of all of a solution but its time."""
     point = solution.point
-    arrays = (point.states, point.inputs, point.auxiliaries, point.slack)
+    arrays = (point.states, point.inputs, *point.auxiliaries, point.slack)
     numbers = np.array([point.level, solution.cost, solution.iterations], dtype=np.float64)
     text = b"".join(np.ascontiguousarray(one).tobytes() for one in (*arrays, numbers))
     return sha256(text).hexdigest()
@@ -80,10 +80,10 @@ def digest(solution: Solution) -> str:
 
 def blocked(instance: Instance) -> Parameters:
     """The first obstacle stands on the robot and stays there."""
-    regions = instance.parameters.regions.copy()
+    regions = instance.parameters.slots[0].parameters.copy()
     regions[:, 0] = regions[:1, 0]
     regions[:, 0, :2] = instance.parameters.initial[:2] + 0.1
-    return replace(instance.parameters, regions=regions)
+    return slots_of(instance.parameters, parameters=regions)
 
 
 # no plan keeps the regions

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.engine.shipped import CONFIGS
-from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.problem import Problem
 from wideberth.framework.mpc.planner.planner import Planner
@@ -23,6 +22,7 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.plan import Status
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.helpers.problems import assemble
 from wideberth.tests.oracles.recorded_instances import Instance, read_instances
 
 SAMPLE = Path(__file__).parents[3] / "data" / "mpc_instances.npz"

@@ -1,0 +1,282 @@
+"""The SlotKind interface: one kind of things that a plan keeps clear of.
+
+A problem holds slots of several kinds. A kind states the constraint of one slot, chooses at each
+planning cycle which things of the kind get a slot, and holds plans against all of them. Assembly,
+solvers, re-check and C export know this interface and no kind.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from inspect import getdoc
+from math import hypot
+from typing import Any, ClassVar, TypeAlias, final
+
+import numpy as np
+
+from ...robot import Robot
+from ...values.arrays import Array, BoolArray
+from ...values.forecast import Forecast
+from ...values.motion import Observation, Pose
+from ...values.tracks import Tracks
+from ..levels.base import LevelPolicy, Promise
+from ..ocp.bodies import Body
+from ..ocp.problem import Parameters, Problem, SlotNumbers, Slots
+from ..ocp.reference import Reference
+from ..ocp.stage import Frame
+from ..ocp.transcription import Guess
+from .contact import Touch
+
+CAPACITIES = (0, 1, 2, 5, 10, 20, 50, 100)
+"""Slots that problems are compiled for: one obstacle in a problem made for 20 costs IPOPT
+twice and fatrop three times the time."""
+
+Room: TypeAlias = tuple[int, ...]
+"""Sizes of the slots of one kind in a problem: their number, then what the kind defines."""
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """Inputs of a planning cycle from which a kind chooses what to keep clear of.
+
+    Attributes
+    ----------
+    observation : of this cycle.
+    tracks, forecast : of the observed obstacles, on the plan's grid 1..N; None without any.
+    reference : along the path, at steps 1..N.
+    route : (R, N, D), m, places where the robot may be at each step: the reference, and where it
+        is now.
+    planned : (N, D), m, positions of the shifted last plan.
+    own : (N, D, D), m^2, covariance of the robot's own position.
+    level : the planner's level policy.
+    margin : m, added around the robot's bodies.
+    aside : m, how far a plan may turn aside: half of what the reference covers.
+    most : how many things of a kind a problem may hold.
+    """
+
+    observation: Observation
+    tracks: Tracks | None
+    forecast: Forecast | None
+    reference: Reference
+    route: Array
+    planned: Array
+    own: Array
+    level: LevelPolicy
+    margin: float
+    aside: float
+    most: int
+
+
+class Known(ABC):
+    """All things of one kind that are known, whether or not the problem had room for them."""
+
+    @abstractmethod
+    def touched(self, robot: Robot, states: Array) -> Touch:
+        """How deep the robot's bodies enter these things on the way to each step.
+
+        Parameters
+        ----------
+        robot : whose bodies move; its states may be more than the planner's robot has.
+        states : (N + 1, n), a finite plan.
+        """
+
+    @abstractmethod
+    def overlap(self, robot: Robot, states: Array) -> Array:
+        """How deep the bodies are in the places expected at steps 1..N, (N,), m, 0 where clear.
+
+        Manoeuvres that stop the robot are compared by it: it counts the things themselves, without
+        the room that a region adds for their uncertainty.
+        """
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """Things of one kind in one planning cycle.
+
+    Attributes
+    ----------
+    room : of the smallest problem that has room for them.
+    names : of those that have a slot, slot by slot; the slots behind them are empty.
+    left_out : names of those that the problem has no room for.
+    numbers : of all slots; the auxiliaries have width 0, see `with_auxiliaries`.
+    known : all of them.
+    """
+
+    room: Room
+    names: tuple[str, ...]
+    left_out: tuple[str, ...]
+    numbers: SlotNumbers
+    known: Known
+
+
+class SlotKind(ABC):
+    """One kind of things that a plan keeps clear of.
+
+    A kind is a frozen dataclass. Laws, checked by `wideberth.framework.testing.check_slot_kind`:
+    numbers and constraints are finite; an empty slot changes nothing; slots may be permuted; the
+    inequalities are positive where the robot is clear of a thing and negative inside it;
+    auxiliaries start within their bounds and meet the equalities.
+    """
+
+    name: ClassVar[str]
+    """Of one such thing, in lower case: part of reasons and of names in C."""
+
+    @abstractmethod
+    def bodies(self, robot: Robot) -> tuple[Body, ...]:
+        """Bodies that stand for the robot before these things."""
+
+    @abstractmethod
+    def slots(self, room: Room, frame: Frame) -> Slots:
+        """State the constraint of one slot in CasADi, see `ocp.stage.slots`.
+
+        Parameters
+        ----------
+        room : what there is room for; () stands for none.
+        frame : symbols of a stage.
+        """
+
+    @abstractmethod
+    def choose(self, robot: Robot, view: View) -> Chosen:
+        """Choose the things that get a slot, and fill the numbers of all slots.
+
+        Empty slots hold a finite dummy: their mask multiplies it by zero, and zero times NaN
+        would be NaN.
+
+        Raises
+        ------
+        WideberthError : things are observed that this kind cannot keep clear of.
+        """
+
+    @abstractmethod
+    def auxiliary_start(self, robot: Robot, pose: Pose, numbers: SlotNumbers) -> Array:
+        """Best auxiliaries of every slot for NumPy poses (N, 1) of the robot, (N, K, A)."""
+
+    @abstractmethod
+    def explanation(self, dimension: int) -> str:
+        """Say how the numbers of a slot are made, in Markdown, for users of the exported C."""
+
+
+class LevelledKind(SlotKind):
+    """A kind whose constraints have a level: a larger one keeps farther away."""
+
+    @abstractmethod
+    def levels(self, policy: LevelPolicy, steps: int, count: int, dimension: int) -> Array:
+        """Levels that a policy aims at, (steps, count)."""
+
+    @abstractmethod
+    def tail(self, level: float, promise: Promise, dimension: int) -> float:
+        """Probability that is not covered at a level; 1 below level 0."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """Things of every kind that a plan is held against.
+
+    Parameters
+    ----------
+    robot : whose bodies move.
+    kinds, chosen : the kinds, and the things of each.
+    """
+
+    robot: Robot
+    kinds: tuple[SlotKind, ...]
+    chosen: tuple[Chosen, ...]
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Names of all things that the problem has no room for."""
+        return tuple(name for one in self.chosen for name in one.left_out)
+
+    def names(self, problem: Problem) -> tuple[str, ...]:
+        """Names of all slots of the problem, "?" where empty."""
+        return tuple(
+            name
+            for one, slots in zip(self.chosen, problem.slots, strict=True)
+            for name in (*one.names, *("?",) * (slots.count - len(one.names)))
+        )
+
+    def levelled(self) -> list[tuple[LevelledKind, int, int, str]]:
+        """List every used slot with a level: its kind, which kind that is, its place, its name."""
+        return [
+            (kind, k, place, name)
+            for k, (kind, one) in enumerate(zip(self.kinds, self.chosen, strict=True))
+            if isinstance(kind, LevelledKind)
+            for place, name in enumerate(one.names)
+        ]
+
+    def touched(self, states: Array) -> Touch:
+        """Hold a plan's states (N + 1, n) against everything that is known, also between steps."""
+        found = Touch.none(len(states) - 1)
+        if not np.isfinite(states).all():
+            return found  # what is no number breaks the dynamics already
+        for one in self.chosen:
+            found = found.deeper(one.known.touched(self.robot, states))
+        return found
+
+    def overlap(self, states: Array) -> Array:
+        """How deep the bodies are in the things' expected places at steps 1..N, (N,), m."""
+        depth = np.zeros(len(states) - 1)
+        for one in self.chosen:
+            depth = np.maximum(depth, one.known.overlap(self.robot, states))
+        return depth
+
+
+def with_auxiliaries(
+    robot: Robot, kinds: Sequence[SlotKind], parameters: Parameters, guess: Guess
+) -> Guess:
+    """Fill in the auxiliaries that suit the guess's poses best."""
+    pose = robot.pose(tuple(guess.states[1:, None].T))  # (1, N): every slot sees each step
+    pose = Pose(
+        tuple(entry.T for entry in pose.position), None if pose.heading is None else pose.heading.T
+    )
+    found = []
+    for kind, numbers in zip(kinds, parameters.slots, strict=True):
+        if numbers.level is not None and not np.isnan(guess.level):
+            numbers = replace(numbers, level=np.full_like(numbers.level, guess.level))
+        steps, count = numbers.parameters.shape[:2]
+        own = kind.auxiliary_start(robot, pose, numbers) if count else np.zeros((steps, 0, 0))
+        found.append(np.array(own))
+    return replace(guess, auxiliaries=tuple(found))
+
+
+def level_at_first(kinds: Iterable[SlotKind], policy: LevelPolicy, dimension: int) -> float:
+    """Level that a policy aims at; that of the first kind with levels, nan without one."""
+    for kind in kinds:
+        if isinstance(kind, LevelledKind):
+            return float(kind.levels(policy, 1, 1, dimension)[0, 0])
+    return float("nan")
+
+
+def reach_of_bodies(robot: Robot, kinds: Iterable[SlotKind]) -> float:
+    """How far centres and corners of the bodies are from the robot's position, m."""
+    places = [
+        place
+        for kind in kinds
+        for body in kind.bodies(robot)
+        for place in (body.centre, *body.outline)
+    ]
+    return max((hypot(*place) for place in places), default=0.0)
+
+
+def quoted(plugin: Any) -> str:
+    """Quote the documentation of a plug-in and of its method ``parameters``, in Markdown."""
+    kind = type(plugin)
+    texts = (getdoc(kind), getdoc(kind.parameters))
+    lines = "\n\n".join(text for text in texts if text).splitlines()
+    return (
+        f"They are made by `parameters` of `{kind.__module__}.{kind.__name__}`, of which Python's "
+        "documentation says:\n\n" + "\n".join(f"> {line}".rstrip() for line in lines)
+    )
+
+
+def next_capacity(count: int) -> int:
+    """Return the smallest of `CAPACITIES` with room for ``count``."""
+    return next(size for size in CAPACITIES if size >= count)
+
+
+def used(count: int, capacity: int) -> Array:
+    """Mask of the slots: 1 for the first ``count``, 0 for the empty ones, (capacity,)."""
+    active: BoolArray = np.arange(capacity) < count
+    return active.astype(np.float64)

@@ -1,0 +1,284 @@
+"""Gaussian discs: obstacles of a forecast, each a disc around an uncertain place."""
+
+from dataclasses import dataclass
+from typing import ClassVar, final
+
+import numpy as np
+
+from ...region import Polygonal, Region
+from ...robot import Robot
+from ...values.arrays import Array
+from ...values.forecast import LIGHT, Forecast, GaussianObstacle
+from ...values.motion import Pose
+from ...values.polygon import separation
+from ..levels.base import LevelPolicy, Promise, tail_of
+from ..ocp.bodies import Body, bodies, body_starts, discs
+from ..ocp.problem import SlotNumbers, Slots
+from ..ocp.reference import Reference
+from ..ocp.stage import Frame, slots
+from .base import Chosen, Known, LevelledKind, Room, View, next_capacity, quoted, used
+from .contact import Touch
+
+FAR, WIDE = 1e6, 1e4
+"""m; largest distance of a mean from the robot, and largest standard deviation and radius, that a
+solver is given. Squares of larger numbers drown all others, and a solver may then never end.
+Nothing is lost: what is farther off is out of reach, and what is wider is everywhere."""
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacles:
+    """Gaussian discs on the plan's grid, one per obstacle and forecast mode.
+
+    Attributes
+    ----------
+    mean : (N, O, D), m. covariance : (N, O, D, D), m^2.
+    radius : (O,), m.
+    ids : (O,) names; modes of one obstacle share a name.
+    left_out : names that did not fit, or whose mode is too unlikely.
+    """
+
+    mean: Array
+    covariance: Array
+    radius: Array
+    ids: tuple[str, ...]
+    left_out: tuple[str, ...] = ()
+
+    @classmethod
+    def none(cls, steps: int, dimension: int) -> "Obstacles":
+        """No disc at all."""
+        mean = np.zeros((steps, 0, dimension))
+        return cls(mean, np.zeros((steps, 0, dimension, dimension)), np.zeros(0), ())
+
+    def __len__(self) -> int:
+        """Count the discs."""
+        return len(self.ids)
+
+
+def choose_obstacles(
+    forecast: Forecast, ids: tuple[str, ...], radius: Array, route: Array, most: int
+) -> Obstacles:
+    """Keep the discs that come closest to the route, at most ``most`` of them.
+
+    Parameters
+    ----------
+    forecast : on the plan's grid, N steps.
+    ids, radius : of its obstacles.
+    route : (R, N, D), m, places where the robot may be at each step (the reference, and
+        where it is now).
+    most : how many discs the problem can hold.
+    """
+    owner, mode = np.nonzero(forecast.weight >= LIGHT)
+    # Modes of weight 0 only fill up the array; they are no modes.
+    light = (forecast.weight < LIGHT) & (forecast.weight > 0)
+    unlikely = [ids[o] for o in np.nonzero(light)[0]]
+    mean = forecast.mean[owner, mode].swapaxes(0, 1)
+    covariance = forecast.covariance[owner, mode].swapaxes(0, 1)
+    apart = np.linalg.norm(mean[None] - route[:, :, None], axis=3)
+    clearance = apart.min(axis=(0, 1)) - radius[owner]
+    nearest = np.sort(np.argsort(clearance, kind="stable")[:most])
+    far = sorted(set(range(len(owner))) - set(nearest.tolist()))
+    left_out = tuple(unlikely + [ids[owner[i]] for i in far])
+    kept = tuple(ids[owner[i]] for i in nearest)
+    return Obstacles(
+        mean[:, nearest], covariance[:, nearest], radius[owner[nearest]], kept, left_out
+    )
+
+
+def fill(
+    reference: Reference,
+    obstacles: Obstacles,
+    region: Region,
+    level: LevelPolicy,
+    radius: float,
+    capacity: int,
+    own: Array | None = None,
+) -> SlotNumbers:
+    """Fill the numbers of ``capacity`` slots.
+
+    Numbers of any size become such that a solver can calculate with them, see `FAR`.
+
+    ``radius``, m, is that of the robot's bodies and what is added to it. ``own`` (N, D, D), m^2,
+    is the covariance of the robot's own position, which is added to every obstacle's.
+
+    Empty slots hold a unit disc at the origin. Their level is that of the first obstacle.
+    """
+    steps, size = reference.position.shape
+    count = len(obstacles)
+    mean = np.zeros((steps, capacity, size))
+    covariance = np.zeros((steps, capacity, size, size))
+    covariance[:] = np.eye(size)
+    margin = np.ones(capacity)
+    here = reference.position[:1, None]
+    mean[:, :count] = within_reach(obstacles.mean, here)
+    covariance[:, :count] = obstacles.covariance
+    if own is not None:
+        with np.errstate(over="ignore"):
+            covariance[:, :count] += own[:, None]
+    covariance = not_wider(covariance)
+    margin[:count] = np.minimum(obstacles.radius + radius, WIDE)
+    spread = np.broadcast_to(margin, (steps, capacity))
+    numbers = np.zeros((steps, 0, region.parameter_count(size)))
+    if capacity:
+        numbers = region.parameters(GaussianObstacle(mean, covariance), spread)
+    levels = _levels(level, region, obstacles, capacity)
+    none = np.zeros((steps, capacity, 0))
+    return SlotNumbers(numbers, used(count, capacity), none, levels)
+
+
+def within_reach(mean: Array, here: Array) -> Array:
+    """Return means no coordinate of which is farther than `FAR` from ``here``."""
+    return np.clip(mean, here - FAR, here + FAR)
+
+
+def not_wider(covariance: Array) -> Array:
+    """Return covariances no standard deviation of which exceeds `WIDE`, (..., D, D).
+
+    Those that are smaller are returned as they are. Others keep their axes; one whose numbers are
+    too large to be decomposed becomes round.
+    """
+    size = covariance.shape[-1]
+    wide = ~(np.abs(covariance).max(axis=(-2, -1), initial=0.0) <= WIDE**2 / size)
+    if not wide.any():
+        return covariance
+    bounded = covariance.copy()
+    for index in zip(*np.nonzero(wide), strict=True):
+        one = covariance[index]
+        largest = np.abs(one).max()
+        if not np.isfinite(largest):
+            bounded[index] = WIDE**2 * np.eye(size)
+            continue
+        values, vectors = np.linalg.eigh(one / largest)
+        values = np.minimum(np.clip(values, 0.0, None), WIDE**2 / largest) * largest
+        bounded[index] = (vectors * values) @ vectors.T
+        bounded[index] = 0.5 * (bounded[index] + bounded[index].T)
+    return bounded
+
+
+def _levels(policy: LevelPolicy, region: Region, obstacles: Obstacles, capacity: int) -> Array:
+    """Level of every slot, (N, capacity): one per obstacle, the same for all of its modes."""
+    names = list(dict.fromkeys(obstacles.ids))
+    steps, _, size = obstacles.mean.shape
+    level = policy.levels(region, steps, max(len(names), 1), size)
+    owner = [names.index(name) for name in obstacles.ids]
+    return level[:, owner + [0] * (capacity - len(owner))]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class KnownDiscs(Known):
+    """Discs around the forecast's means, which are held against a plan at its steps alone."""
+
+    kind: "GaussianDiscs"
+    obstacles: Obstacles
+    margin: float
+
+    def touched(self, robot: Robot, states: Array) -> Touch:
+        """Return no contact: a forecast between two steps is not known."""
+        return Touch.none(len(states) - 1)
+
+    def overlap(self, robot: Robot, states: Array) -> Array:
+        """How deep the bodies are in the discs around the means, (N,), m."""
+        pose = robot.pose(tuple(states[1:].T))
+        means = self.obstacles.mean
+        depth = np.zeros(len(means))
+        for body in self.kind.bodies(robot) if means.shape[1] else ():
+            room = body.radius + self.margin + self.obstacles.radius
+            at = body.at(pose)
+            if not body.outline:
+                apart = np.linalg.norm(means - at.points()[:, None], axis=2)
+            else:
+                apart = separation(at.corner_points()[:, None], means[:, :, None])[0]
+            depth = np.maximum(depth, (room - apart).max(axis=1))
+        return depth
+
+
+@final
+@dataclass(frozen=True)
+class GaussianDiscs(LevelledKind):
+    """Obstacles of the forecast: one slot for each mode of each.
+
+    Parameters
+    ----------
+    region : states the set that the robot keeps out of.
+    """
+
+    region: Region
+
+    name: ClassVar[str] = "obstacle"
+
+    def bodies(self, robot: Robot) -> tuple[Body, ...]:
+        """Bodies with corners where the region knows them, else discs."""
+        return bodies(robot) if isinstance(self.region, Polygonal) else discs(robot)
+
+    def slots(self, room: Room, frame: Frame) -> Slots:
+        """State that every body is outside of the region."""
+        size, region = frame.robot.dimension, self.region
+        own, width = region.auxiliary(size), region.parameter_count(size)
+        parts = self.bodies(frame.robot)
+        count = room[0] if room else 0
+        return slots(self.name, count, width, own, parts, region.constraint, frame, levelled=True)
+
+    def choose(self, robot: Robot, view: View) -> Chosen:
+        """Choose the discs that come closest to the route."""
+        obstacles = Obstacles.none(*view.reference.position.shape)
+        if view.tracks is not None and view.forecast is not None:
+            tracks = view.tracks
+            obstacles = choose_obstacles(
+                view.forecast, tracks.ids, tracks.radius, view.route, view.most
+            )
+        return self.chosen(robot, obstacles, view.reference, view.level, view.margin, view.own)
+
+    def chosen(
+        self,
+        robot: Robot,
+        obstacles: Obstacles,
+        reference: Reference,
+        level: LevelPolicy,
+        margin: float,
+        own: Array | None = None,
+    ) -> Chosen:
+        """Fill the slots of the smallest problem that has room for some obstacles.
+
+        Parameters
+        ----------
+        robot, reference, level, margin, own : see `View`.
+        obstacles : on the plan's grid.
+        """
+        capacity = next_capacity(len(obstacles))
+        radius = self.bodies(robot)[0].radius + margin
+        numbers = fill(reference, obstacles, self.region, level, radius, capacity, own)
+        known = KnownDiscs(self, obstacles, margin)
+        return Chosen((capacity,), obstacles.ids, obstacles.left_out, numbers, known)
+
+    def auxiliary_start(self, robot: Robot, pose: Pose, numbers: SlotNumbers) -> Array:
+        """Best auxiliaries of the region, body by body."""
+        count, level = numbers.parameters.shape[1], numbers.level
+        assert level is not None  # every disc has one
+
+        def start(at: Pose) -> Array:
+            return self.region.auxiliary_start(at, numbers.parameters, level)
+
+        return body_starts(self.bodies(robot), pose, count, start)
+
+    def levels(self, policy: LevelPolicy, steps: int, count: int, dimension: int) -> Array:
+        """Levels that the policy aims at with this region."""
+        return policy.levels(self.region, steps, count, dimension)
+
+    def tail(self, level: float, promise: Promise, dimension: int) -> float:
+        """Tail of the region at a level."""
+        return tail_of(self.region, promise, level, dimension)
+
+    def explanation(self, dimension: int) -> str:
+        """Quote the region, and show the parameters of one obstacle to check one's own against."""
+        mean = 1.0 + np.arange(dimension, dtype=np.float64)
+        covariance = 0.01 * np.eye(dimension) + 0.02 * np.outer(mean, mean)
+        numbers = self.region.parameters(GaussianObstacle(mean, covariance), np.array(1.5))
+        shown = ", ".join(repr(float(value)) for value in np.ravel(numbers))
+        return "\n\n".join(
+            [
+                quoted(self.region),
+                f"For the mean {mean.tolist()} m, the covariance {covariance.round(12).tolist()} "
+                "m^2 and a margin (robot, obstacle and what is added) of 1.5 m they are "
+                f"{shown}.",
+            ]
+        )
