@@ -27,7 +27,7 @@ class MoussaidForce(Reactive):
     with e the unit vector from the robot to neighbour j, d their distance and theta the angle
     from t to e: the first term slows down, the second one turns to the side that the neighbour
     is not on. Exactly head-on it has no side. A polygon w pushes where d_w - r is below
-    `NEAR` + r; n_w points away from its nearest point. The speed is at most ``haste`` times
+    `WALL_RANGE` + r; n_w points away from its nearest point. The speed is at most ``haste`` times
     ``reference_speed``.
 
     The distance is that of the centres: radii of others play no part, and people of 0.3 m were
@@ -68,7 +68,7 @@ class MoussaidForce(Reactive):
     reference: ClassVar[str] = "moussaid2009experimental"
     SIGMA: ClassVar[float] = 0.2
     """m, in which a wall's force falls to 1/e."""
-    NEAR: ClassVar[float] = 0.2
+    WALL_RANGE: ClassVar[float] = 0.2
     """m, beside the radius: the reach of a wall, from the robot's surface."""
 
     turn_gain: float = 2.0
@@ -101,7 +101,9 @@ class MoussaidForce(Reactive):
         pull = (wanted - velocity) / self.relaxation
         room, away = away_from_walls(place, observation.polygons)
         gap = room - self.robot.radius
-        wall = np.where(gap < self.NEAR + self.robot.radius, exponential(-gap / self.SIGMA), 0.0)
+        wall = np.where(
+            gap < self.WALL_RANGE + self.robot.radius, exponential(-gap / self.SIGMA), 0.0
+        )
         _, others, moving, _ = self._neighbours.now()
         pushes = interaction_force(
             others - place,

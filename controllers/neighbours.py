@@ -1,4 +1,4 @@
-"""Who is around: position and velocity of everybody seen, by finite differences."""
+"""Positions and velocities of detected neighbours, by finite differences."""
 
 from dataclasses import dataclass
 
@@ -37,12 +37,12 @@ class Neighbours:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everybody."""
+        """Drop all neighbours."""
         self._stamp = -np.inf
         self._sights: dict[str, _Sight] = {}
 
     def take(self, observation: Observation, here: Array | None = None) -> list[str]:
-        """Take note of who is seen from ``here``, (2,), m; return who is left out, and why.
+        """Record the detections seen from ``here``, (2,), m; return a reason per refused one.
 
         A measurement less than a microsecond newer than the last one of that identity changes
         nothing but the radius. A clock that goes back starts anew. See `admitted`.
@@ -66,7 +66,7 @@ class Neighbours:
         return refused
 
     def now(self) -> tuple[tuple[str, ...], Array, Array, Array]:
-        """Return who is known and how they move at the newest stamp.
+        """Return positions, velocities and radii of all neighbours at the newest stamp.
 
         Returns
         -------

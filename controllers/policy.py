@@ -1,4 +1,4 @@
-"""A learned (or any other) policy as a controller: a function from what is seen to an action."""
+"""A policy as a controller: a function from observed arrays to an action."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -57,7 +57,7 @@ class Policy(Controller):
         self._reason = ""
 
     def reset(self) -> None:
-        """Forget what was seen; the path stays."""
+        """Forget all observations; keep the path."""
         self._view.reset()
         self._reason = ""
 
@@ -66,12 +66,12 @@ class Policy(Controller):
         self._view.follow(checked_path(self.robot, path))
 
     def remember(self, observation: Observation) -> None:
-        """Take note of who is seen."""
+        """Record the detections."""
         for words in self._view.take(checked_use(self.robot, observation)):
             NOTICES.warn(type(self).__name__, "detection", words)
 
     def command(self, observation: Observation) -> Command:
-        """Ask the policy; raises for wrong use alone, see `reason` for all else.
+        """Evaluate the policy; raises for wrong use alone, see `reason` for other failures.
 
         Raises
         ------

@@ -72,12 +72,12 @@ class Preset(Controller):
 
     @property
     def planner(self) -> Planner:
-        """The planner behind it, to be asked for what it solved."""
+        """The planner that this preset configures."""
         return self._planner
 
     @property
     def static_region(self) -> StaticRegion | None:
-        """What keeps clear of polygons; None in space, where there are none."""
+        """The region for polygons; None in space, where there are none."""
         return self._planner.static_region
 
     def reset(self) -> None:
@@ -89,7 +89,7 @@ class Preset(Controller):
         self._planner.set_path(path)
 
     def remember(self, observation: Observation) -> None:
-        """Take note of what is seen without planning."""
+        """Record an observation without planning."""
         self._planner.remember(observation)
 
     def command(self, observation: Observation) -> Command:

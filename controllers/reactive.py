@@ -96,7 +96,7 @@ class Reactive(Controller):
             NOTICES.warn(type(self).__name__, "detection", words)
 
     def command(self, observation: Observation) -> Command:
-        """Decide; raises for wrong use alone, see `reason` for all else.
+        """Decide; raises for wrong use alone, see `reason` for other failures.
 
         Raises
         ------

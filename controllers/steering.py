@@ -126,7 +126,7 @@ class Guide:
 
     @property
     def path(self) -> Path | None:
-        """Return what is followed; None before `follow`."""
+        """Return the path; None before `follow`."""
         return None if self._progress is None else self._progress.path
 
     def follow(self, path: Path) -> None:

@@ -57,7 +57,7 @@ class Pending:
 
 @dataclass(frozen=True, eq=False)
 class Online:
-    """What the calibration has learnt so far, and what it waits for.
+    """State of the online calibration: scales learnt and forecasts pending.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class Online:
 @final
 @dataclass(frozen=True)
 class AdaptiveConformal(Adaptive, Fittable):
-    """A base predictor whose covariances are scaled by what is seen to happen.
+    """Scales the covariances of a base predictor online, from the errors observed so far.
 
     Sigma_h -> exp(l_ch) Sigma_h,   l_ch <- l_ch + rate * sum_i (miss_i - tail) / sqrt(n)
 
@@ -223,7 +223,7 @@ class AdaptiveConformal(Adaptive, Fittable):
         return np.asarray(kinds, dtype=np.int64)
 
     def update(self, tracks: Tracks, scene: Scene | None = None) -> Self:
-        """Learn from what has fallen due, then forecast; see `Adaptive.update`."""
+        """Learn from forecasts that have fallen due, then forecast; see `Adaptive.update`."""
         base = self.base
         if isinstance(base, Adaptive):
             base = base.update(tracks, scene)

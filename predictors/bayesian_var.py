@@ -31,7 +31,7 @@ SEARCHED = (
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What is believed of an obstacle before its own history speaks.
+    """Prior distribution of an obstacle's process.
 
     A matrix-normal inverse-Wishart distribution, the same in every direction:
 
@@ -53,7 +53,7 @@ class Prior:
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """What is believed of each obstacle once its history is known.
+    """Posterior distribution of each obstacle's process given its history.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Of several predictors the first whose history suffices and whose forecast is healthy."""
+"""Takes the first of several predictors with enough history and a healthy forecast."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -23,7 +23,7 @@ from .var import VectorAutoregression
 @final
 @dataclass(frozen=True)
 class Stage:
-    """A predictor, and what it must be given and say to be taken.
+    """A predictor, and the history and spread that it needs to be taken.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ from .empirical import Empirical
 
 @dataclass(frozen=True)
 class Scales:
-    """What split conformal calibration has learnt.
+    """Scales learnt by split conformal calibration.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Scales:
 @final
 @dataclass(frozen=True)
 class Conformal(Fittable):
-    """A base predictor whose covariances are scaled so that the regions of one tail hold.
+    """Scales the covariances of a base predictor so that the regions of one tail hold.
 
     Sigma_h -> s_h Sigma_h,   s_h = d^2_(k),h / q_D,   k = ceil((n + 1)(1 - tail))
 

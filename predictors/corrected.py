@@ -1,4 +1,4 @@
-"""A base predictor whose mean is moved by the errors that like obstacles had in recordings."""
+"""A base predictor with its mean corrected by recorded errors of similar obstacles."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -99,7 +99,7 @@ class Moves:
 @final
 @dataclass(frozen=True)
 class Corrected(Fittable):
-    """A base predictor whose mean is moved by its median error in recordings.
+    """Shifts the mean of a base predictor by its median error in recordings.
 
     mu_h -> mu_h + a_h u + b_h n
 
@@ -188,7 +188,7 @@ class Corrected(Fittable):
 
 
 def thinned(windows: Windows) -> Windows:
-    """Return the windows of at most `ROWS` evenly spaced rows, everybody at each of them."""
+    """Return the windows of at most `ROWS` evenly spaced rows, with all obstacles at each."""
     rows = np.unique(windows.row)
     kept = np.flatnonzero(np.isin(windows.row, rows[:: max(-(-len(rows) // ROWS), 1)]))
     return Windows(

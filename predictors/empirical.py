@@ -25,7 +25,7 @@ FEWEST = 3
 @final
 @dataclass(frozen=True)
 class Empirical(Fittable):
-    """A base predictor whose covariance is replaced by what its errors were.
+    """Replaces the covariance of a base predictor by that of its recorded errors.
 
     mu_h as the base says,   Sigma_h = Sigma_h(speed bin, jitter bin), turned to the heading
 

@@ -1,4 +1,4 @@
-"""Constant velocity, filtered: as smooth as the measurement noise asks for."""
+"""A Kalman filter with a constant-velocity model."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -92,7 +92,7 @@ class Kalman(Fittable):
 
 
 def filter_one_by_one(past: Histories, noise: Array, model: AxisModel) -> Filtered:
-    """Do what `filter_axes` does with filterpy, one obstacle and one sample at a time."""
+    """Compute `filter_axes` with filterpy, one obstacle and one sample at a time."""
     from filterpy.kalman import KalmanFilter
 
     count, rows, size = past.positions.shape

@@ -25,7 +25,7 @@ FEWEST = 5
 @final
 @dataclass(frozen=True)
 class Smoothed(Predictor):
-    """A predictor that is handed what a Kalman smoother makes of each history.
+    """Runs a base predictor on histories smoothed by a Kalman smoother.
 
     Velocities are differences of positions; those of noisy positions have an error of
     sqrt(2) r / dT each, whose neighbours are correlated, which biases a fitted VAR. Here the

@@ -1,4 +1,4 @@
-"""People who give way: a social-force roll-out of all obstacles and the robot's own plan."""
+"""A social-force roll-out of all obstacles and the robot's own plan."""
 
 from dataclasses import dataclass, field, replace
 from functools import partial

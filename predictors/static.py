@@ -17,7 +17,7 @@ from .core.history import gather, measurement_noise
 @final
 @dataclass(frozen=True)
 class Static(Predictor):
-    """The obstacle stays at its newest position: what the paper says other planners assume.
+    """Keeps each obstacle at its newest position, as the paper says of other planners.
 
     mu_h = p_k,   Cov(p_h, p_j) = R + rate^2 t_h t_j I
 

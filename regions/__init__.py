@@ -1,4 +1,4 @@
-"""Regions: what to keep clear of. One file per method."""
+"""Regions: sets that the robot keeps out of. One file per method."""
 
 BUILT_IN: dict[str, str] = {
     "best_half_plane": "wideberth.regions.best_half_plane:BestHalfPlane",

@@ -64,7 +64,7 @@ class Bhattacharyya(Region):
         positive("robot_deviation", self.robot_deviation)
 
     def parameters(self, obstacle: GaussianObstacle, margin: Array) -> Array:
-        """Those of `MinkowskiSum` for S, and tau_0: (...,) -> (..., P).
+        """Parameters of `MinkowskiSum` for S, and tau_0: (...,) -> (..., P).
 
         Raises
         ------

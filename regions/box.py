@@ -1,4 +1,4 @@
-"""What the rectangles share: levels per component, and distance, gauge and size of a box.
+"""Boxes: levels per component, distance, gauge and size.
 
 Points are told from the centre along the axes of the box; ``half`` are its half-widths, m.
 """
@@ -20,7 +20,7 @@ Enlargement: TypeAlias = Literal["disc", "box"]
 
 
 def check_choices(correction: str, enlargement: str) -> None:
-    """Raise a WideberthError unless both are among the known ones."""
+    """Raise a WideberthError for an unknown correction or enlargement."""
     if correction not in ("bonferroni", "sidak"):
         raise WideberthError(f"correction is {correction!r}; wanted 'bonferroni' or 'sidak'")
     if enlargement not in ("disc", "box"):

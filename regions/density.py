@@ -1,4 +1,4 @@
-"""The Gaussian density as a stand-in for the collision probability: what two regions share.
+"""The Gaussian density in place of the collision probability.
 
 Both compare volume * density with the risk eps. With x = R^T (p - mu), V the area of the disc
 (the volume of the ball) of the margin and the level l = sqrt(-2 ln eps), V f(p) > eps is

@@ -1,4 +1,4 @@
-"""What making the axes longer by the margin costs against the exact sum, in closed form.
+"""Errors of an ellipse with lengthened axes against the exact sum, in closed form.
 
 Symbols: a >= b are the largest and smallest semi-axis of the content ellipse, rho the margin (the
 paper's r + r_d, in m), A = (a + b) / 2, H = 2ab / (a + b). All functions take arrays that

@@ -10,7 +10,7 @@ from ..framework.values.arrays import Array, Scalar
 from . import gaussian
 
 _DEGREE, _KNEE = 16, 3.0
-_LEAST = 1e-100
+_SMALLEST_PROBABILITY = 1e-100
 """Below this a probability of an interval counts as this: its square still is a float."""
 
 
@@ -60,9 +60,9 @@ def log_interval(centre: Scalar, half: Scalar, deviation: Scalar) -> Scalar:
     right, left = ca.fmax(low, 0.0), ca.fmin(low, 0.0)
     drop = 0.5 * (high - right) * (high + right)
     tail = erfcx(root * right) - ca.exp(-drop) * erfcx(root * high)
-    outer = ca.log(ca.fmax(0.5 * tail, _LEAST)) - 0.5 * right**2
+    outer = ca.log(ca.fmax(0.5 * tail, _SMALLEST_PROBABILITY)) - 0.5 * right**2
     middle = 0.5 * (ca.erf(root * high) - ca.erf(root * left))
-    inner = ca.log(ca.fmax(middle, _LEAST))
+    inner = ca.log(ca.fmax(middle, _SMALLEST_PROBABILITY))
     return ca.if_else(low > 0.0, outer, inner)
 
 

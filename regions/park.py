@@ -14,7 +14,7 @@ from . import density, gaussian
 from .minkowski_sum import MinkowskiSum
 
 _SUM = MinkowskiSum()
-_LEAST = 1e-12
+_EMPTY = 1e-12
 """Squared level q below which the region counts as empty."""
 
 
@@ -77,9 +77,9 @@ class Park(gaussian.ExponentLevel):
         """0.5 log F(t) >= 0 of the sum; where it is empty 1, which holds everywhere."""
         last = _SUM.parameter_count(len(pose.position))
         q = level**2 - parameters[last]
-        size = ca.sqrt(ca.fmax(q, _LEAST))
+        size = ca.sqrt(ca.fmax(q, _EMPTY))
         (value,) = _SUM.constraint(pose, parameters[:last], size, auxiliary).inequalities
-        return Constraint((ca.if_else(q > _LEAST, value, 1.0),))
+        return Constraint((ca.if_else(q > _EMPTY, value, 1.0),))
 
     def contains(self, points: Array, parameters: Array, level: Array) -> BoolArray:
         """Whether the distance to the ellipse is below the margin."""
@@ -102,4 +102,4 @@ def _inner(parameters: Array, level: Array) -> tuple[Array, Array, BoolArray]:
     """Parameters and level of the sum, and whether it is there at all."""
     parameters = np.asarray(parameters, dtype=np.float64)
     q = np.asarray(level, dtype=np.float64) ** 2 - parameters[..., -1]
-    return parameters[..., :-1], np.sqrt(np.maximum(q, _LEAST)), np.asarray(q > _LEAST)
+    return parameters[..., :-1], np.sqrt(np.maximum(q, _EMPTY)), np.asarray(q > _EMPTY)

@@ -20,7 +20,7 @@ from ..framework.values.motion import Pose
 from . import gaussian
 from .minkowski_sum import EllipsePlusDisc
 
-_LEAST = 1e-2
+_LEAST_SCALE = 1e-2
 """m. Smallest scale of the constraint, so that a point obstacle gives finite numbers."""
 
 
@@ -85,7 +85,7 @@ class SeparatingLine(EllipsePlusDisc, gaussian.ContentLevel, gaussian.LineRisk, 
             sum(n[i] * (corner[i] - parameters[i]) for i in range(2)) - needed
             for corner in pose.corners()
         ]
-        return Constraint(tuple(gap / ca.fmax(scale, _LEAST) for gap in room))
+        return Constraint(tuple(gap / ca.fmax(scale, _LEAST_SCALE) for gap in room))
 
     def overlaps(self, pose: Pose, parameters: Array, level: Array) -> BoolArray:
         """Whether bodies come closer to the ellipse than the margin."""

@@ -1,4 +1,4 @@
-"""What the robots without heading whose input is an acceleration share."""
+"""The dynamics of robots without heading whose input is an acceleration."""
 
 from collections.abc import Sequence
 

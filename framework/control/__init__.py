@@ -1,1 +1,1 @@
-"""What every controller shares: command limits, velocity smoother, what a policy sees."""
+"""Command limits, velocity smoother and the observations of policies."""

@@ -1,4 +1,4 @@
-"""Which commands a controller may give, and the nearest one that it may."""
+"""Limits on commands, and the nearest command within them."""
 
 from collections.abc import Iterable
 
@@ -20,7 +20,7 @@ dividing by it and multiplying with it changes no digit."""
 def attained(
     robot: Robot, state: Array, twists: Iterable[Twist], duration: float = FOREVER
 ) -> Array:
-    """Twists that the robot has ``duration`` s after it was asked for these, (S, D + 1).
+    """Twists of the robot ``duration`` s after commands of others, (S, D + 1).
 
     Asked of the robot itself: x + duration f(x, u) with u = ``robot.drive(x, twist, duration)``.
     That is exact for the velocities of a robot whose inputs are their rates, or the velocities
@@ -81,7 +81,7 @@ def broken_limit(robot: Robot, command: object) -> str:
 
 
 def within_reach(robot: Robot, command: Command) -> Command:
-    """Return a command as it is where it keeps the limits, else the nearest that keeps them.
+    """Return the nearest command within the limits; the same one where it keeps them.
 
     Nearest as the robot's own ``drive`` sees it. What is not finite becomes standing still.
     """

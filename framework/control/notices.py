@@ -18,7 +18,7 @@ PAUSE = 10.0
 
 
 class Notices:
-    """Warns at once of what is new, and of repeats at most once in `PAUSE` seconds.
+    """Logs a new warning at once, and its repeats at most once in `PAUSE` seconds.
 
     One for the process, whatever the number of controllers: the limit is for the reader. It goes
     by the clock of the machine; stamps may stand still, jump, and run a hundred times faster in a
@@ -58,12 +58,12 @@ class Notices:
 
 
 NOTICES = Notices()
-"""Those of the process."""
+"""The warnings of this process."""
 
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Let controllers warn of nothing: where all that they do is recorded."""
+    """Silence the warnings of controllers while their plans are recorded anyway."""
     logger = logging.getLogger(ROOT)
     level = logger.level
     logger.setLevel(logging.ERROR)

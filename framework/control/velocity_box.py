@@ -1,4 +1,4 @@
-"""The velocities that a robot can be asked for, as one box of plain numbers."""
+"""A robot's reachable velocities as a box of plain numbers."""
 
 from dataclasses import dataclass
 from itertools import product

@@ -1,4 +1,4 @@
-"""How near a robot comes to others, and what it does to them. Functions of plain arrays.
+"""Comfort metrics: distances to others and the social forces on them. Plain arrays.
 
 Distances are between surfaces (centres less both radii) unless a name says centre. Others are
 all who move, be they people, recorded or robots; polygons do not count. Arrays over O others
@@ -28,7 +28,7 @@ def nearest(distances: Array) -> Array:
 
 
 def mean_distance(closest: Array) -> float:
-    """Mean of the `nearest` distance over the instants at which anybody is there, m."""
+    """Mean of the `nearest` distance over the instants with somebody present, m."""
     there = closest[np.isfinite(closest)]
     return float(there.mean()) if there.size else float("nan")
 
@@ -44,7 +44,7 @@ def proxemics(closest: Array) -> dict[str, float]:
 
 
 def intrusion(closest: Array, comfort: float = COMFORT) -> tuple[float, float]:
-    """Share of time nearer than ``comfort`` m, and mean depth (comfort - distance) of it, m.
+    """Share of time nearer than ``comfort`` m, and its mean depth (comfort - distance), m.
 
     The depth is NaN where nobody is ever that near.
     """

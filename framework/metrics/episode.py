@@ -1,4 +1,4 @@
-"""Metrics: what is counted, defined once. Functions of plain arrays.
+"""Metrics of an episode, each defined once. Functions of plain arrays.
 
 Distances are between surfaces where they are called clearance, and between centres or to
 a path otherwise. Positions are (T, D), m, NaN where something was absent; between two
@@ -136,7 +136,7 @@ def time_statistics(seconds: Sequence[float] | Array) -> dict[str, float]:
 
 
 def deadline_misses(stamps: Array, effects: Array, period: float) -> int:
-    """Count commands that took effect more than one period after they were asked for."""
+    """Count commands that took effect more than one period after their stamp."""
     late = np.asarray(effects) - np.asarray(stamps)
     return int(np.sum(late > period + 1e-9))
 

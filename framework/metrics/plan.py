@@ -1,4 +1,4 @@
-"""What plans promise and what becomes of it. Functions of plain arrays.
+"""Metrics of plans: promised content, coverage, changes. Functions of plain arrays.
 
 A plan has N steps; forecasts are (O, M, N, D) with covariances (O, M, N, D, D) and weights
 (O, M), of O obstacles and M modes. Distances are between centres; a touch is a distance of

@@ -1,4 +1,4 @@
-"""Scores of forecasts against what then happened, defined once. Functions of plain arrays.
+"""Scores of forecasts against the true positions, each defined once. Plain arrays.
 
 K forecasts of N steps are mixtures of M Gaussians: ``mean`` (K, M, N, D) in m, ``covariance``
 (K, M, N, D, D) in m^2, ``weight`` (K, M), held against ``truth`` (K, N, D) in m. A step whose

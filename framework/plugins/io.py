@@ -20,7 +20,7 @@ from ..values.errors import WideberthError, short
 if TYPE_CHECKING:
     import numpy as np
 
-LARGEST = 64 * 2**20
+MOST_BYTES = 64 * 2**20
 """Bytes of a file that is read whole into memory."""
 LARGEST_ARRAYS = 2**30
 """Bytes of the arrays in one archive."""
@@ -28,7 +28,7 @@ DEEPEST = 60
 """Lists and mappings inside each other in a JSON file."""
 
 
-def read_bytes(path: Path, most: int = LARGEST) -> bytes:
+def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     """Return the content of a regular file of at most ``most`` bytes.
 
     Raises
@@ -53,8 +53,8 @@ def read_bytes(path: Path, most: int = LARGEST) -> bytes:
         raise WideberthError(f"{path} cannot be read: {reason}") from None
 
 
-def read_text(path: Path, wanted: str, most: int = LARGEST) -> str:
-    """Return the text of a UTF-8 file, of which a message says what was ``wanted``.
+def read_text(path: Path, wanted: str, most: int = MOST_BYTES) -> str:
+    """Return the text of a UTF-8 file; ``wanted`` names its kind in error messages.
 
     Raises
     ------
@@ -174,7 +174,7 @@ def write_bytes(path: Path, data: bytes, synced: bool = True) -> Path:
 
 
 def check_target(path: Path, mark: str) -> None:
-    """Refuse a place where a file cannot be written, or where one of somebody else stands.
+    """Refuse a path that cannot be written, or that holds a file of another program.
 
     Parameters
     ----------
@@ -252,7 +252,7 @@ def _cell(column: str, value: Any) -> str:
 
 
 def read_table(path: Path) -> list[dict[str, Any]]:
-    """Read what `write_table` wrote: numbers, True, False, None (empty) and text.
+    """Read a table of `write_table`: numbers, True, False, None (empty) and text.
 
     Raises
     ------
@@ -304,7 +304,7 @@ def _value(cell: str) -> Any:
 
 
 def stamped(kind: str, version: int, content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return ``content`` with a header that says what it is: format and version."""
+    """Return ``content`` with a header of format and version."""
     return {"format": f"wideberth/{kind}", "version": version, **content}
 
 

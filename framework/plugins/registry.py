@@ -76,7 +76,7 @@ def room_name(text: str) -> str:
 
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> str:
-    """Say that a name is unknown, what is nearest to it, and what there is.
+    """Return the message for an unknown name: the nearest name, and all known ones.
 
     Examples
     --------

@@ -6,7 +6,7 @@ from typing import Any
 from ..values.errors import WideberthError, short
 from .io import read_text
 
-LARGEST = 2**20
+MOST_CHARACTERS = 2**20
 """Characters of a config that somebody wrote."""
 MOST = 10_000
 """Values and keys of such a config; what aliases repeat is counted each time."""
@@ -35,7 +35,7 @@ def read_config(
     """
     path = Path(path)
     times = STORED if stored else 1
-    config = parse(read_text(path, "a YAML file", times * LARGEST), str(path), times)
+    config = parse(read_text(path, "a YAML file", times * MOST_CHARACTERS), str(path), times)
     if not isinstance(config, dict):
         came = "empty" if config is None else f"a {type(config).__name__}"
         raise WideberthError(f"{path} is {came}; a config is a mapping of keys to values")
@@ -47,8 +47,8 @@ def read_config(
 def parse(text: str, place: str, times: int = 1) -> Any:
     r"""Return the value of a YAML text; ``place`` stands in the error message.
 
-    Text of more than ``times`` x `LARGEST` characters or ``times`` x `MOST` values, or nested
-    more than `DEEPEST` deep, is refused: a few aliases can stand for billions of values.
+    Text of more than ``times`` x `MOST_CHARACTERS` or ``times`` x `MOST` values, or nested more
+    than `DEEPEST` deep, is refused: a few aliases can stand for billions of values.
 
     Raises
     ------
@@ -68,9 +68,9 @@ def parse(text: str, place: str, times: int = 1) -> Any:
 
     from .yaml_loader import Loader
 
-    if len(text) > times * LARGEST:
+    if len(text) > times * MOST_CHARACTERS:
         raise WideberthError(
-            f"{place} has {len(text)} characters; wanted at most {times * LARGEST}"
+            f"{place} has {len(text)} characters; wanted at most {times * MOST_CHARACTERS}"
         )
     try:
         loader = Loader(text, times * MOST, DEEPEST)

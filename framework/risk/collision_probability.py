@@ -104,7 +104,7 @@ def turned_back(local: Array, vectors: Array, shape: tuple[int, ...]) -> Array:
 def scaled(
     difference: ArrayLike, covariance: ArrayLike, radius: ArrayLike
 ) -> tuple[tuple[int, ...], Array, Array, Array]:
-    """Return what the integral takes, pairs in a row, and what turns its gradient back.
+    """Return the arguments of the integral, one row per pair, and the frame of its gradient.
 
     Lengths are divided by the radius, first by a power of two, so that the gap keeps its digits.
 

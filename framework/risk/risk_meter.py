@@ -22,7 +22,7 @@ from .collision_probability import collision_probability
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """What holds at points of a region's boundary.
+    """Risk, clearance and gap at points of a region's boundary.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Readings:
     gap: Array
 
     def sought(self) -> tuple[Array, ...]:
-        """Return what is minimised, (K,) each: extremes of risk, clearance and gap."""
+        """Return the functions to minimise, (K,) each: extremes of risk, clearance and gap."""
         return self.risk, -self.risk, self.clearance, self.gap, -self.gap
 
 
@@ -94,7 +94,7 @@ class Walk:
     axes: Array
 
     def read(self, ray: Array) -> Readings:
-        """Find the boundary along unit vectors (K, D) and what holds there."""
+        """Find the boundary along unit vectors (K, D), with risk, clearance and gap there."""
         radius = self.radius(ray, self.parameters)
         offset = radius[:, None] * ray
         local, turned = offset @ self.vectors, ray @ self.vectors
@@ -161,7 +161,7 @@ class Walk:
         return float(np.average(beyond, weights=weights))
 
     def refuse(self, why: str) -> WideberthError:
-        """Say what cannot be measured."""
+        """Raise an error for a region that cannot be measured."""
         return WideberthError(
             f"{self.region!r} {why} (covariance {self.obstacle.covariance.tolist()}, margin "
             f"{self.margin:g} m, level {self.level:g}): there is nothing to measure"
@@ -503,7 +503,7 @@ def _shares(boundary: Boundary) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class RiskReport:
-    """What a region keeps and costs at one level.
+    """Risk and size of a region at one level.
 
     The content ellipse (3-D: ellipsoid) and the exact sum, with which it is compared, are those
     of the tail that the region promises, ``region.tail(level, D)``.

@@ -43,7 +43,7 @@ class _Log:
         return self._positions[self._first : self._end]
 
     def append(self, time: float, position: Array, oldest: float, apart: float) -> None:
-        """Add a measurement and forget those from before ``oldest``.
+        """Add a measurement and drop all before ``oldest``.
 
         One that comes less than ``apart`` s after the last but one takes the last one's place.
         """
@@ -62,7 +62,7 @@ class _Log:
 
 
 class History:
-    """What a controller remembers of the obstacles that it has seen.
+    """A controller's memory of observed obstacles.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class History:
         return {sensor: evidence.estimate for sensor, evidence in self._noise.items()}
 
     def add(self, stamp: float, detections: tuple[Detection, ...]) -> None:
-        """Take in what was seen at ``stamp``; see `admitted` for what may be.
+        """Record the detections at ``stamp`` that `admitted` accepts.
 
         Measurements out of order are left out. Of more than `MOST` obstacles those are kept that
         were reported last.
@@ -130,7 +130,7 @@ class History:
                 log.fresh, log.looked = 0, True
 
     def tracks(self) -> Tracks | None:
-        """Return tracks that end at the newest measurement; None when nothing is known.
+        """Return tracks that end at the newest measurement; None without any.
 
         Positions between two measurements are interpolated linearly; an obstacle measured
         before the newest instant has NaN at the end.

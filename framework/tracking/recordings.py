@@ -188,7 +188,7 @@ class Recording:
     def tracks(
         self, end_index: int, length: int, *, radius: float = 0.3, noise: float | None = None
     ) -> Tracks:
-        """Cut out what had been seen at one row: the tracks observed there, and their past.
+        """Return the tracks observed at one row, with their past.
 
         Parameters
         ----------

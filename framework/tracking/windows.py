@@ -1,4 +1,4 @@
-"""Windows: pieces of recorded tracks, what was seen beside what then happened."""
+"""Windows: pieces of recorded tracks, each a history with its true future."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

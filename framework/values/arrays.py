@@ -1,4 +1,4 @@
-"""Array types and the checks that every value passes once, at the door."""
+"""Array types and their validation, which every value passes once."""
 
 from collections.abc import Sequence
 from functools import reduce

@@ -1,4 +1,4 @@
-"""The one error type that a person can mend."""
+"""The package's user-facing exception."""
 
 
 class WideberthError(ValueError):

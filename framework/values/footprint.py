@@ -1,4 +1,4 @@
-"""Footprints: what ground a robot covers, in its own frame."""
+"""Footprints: the area that a robot covers, in its own frame."""
 
 from dataclasses import dataclass
 from math import hypot

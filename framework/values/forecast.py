@@ -1,4 +1,4 @@
-"""Forecast: where each obstacle will be, as Gaussians; and what a region keeps clear of."""
+"""Forecasts of obstacles as Gaussians, and the obstacle of a region."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ class GaussianObstacle:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What else a predictor may look at.
+    """Context for a predictor: the robot's state and plan, goals, static obstacles.
 
     Attributes
     ----------

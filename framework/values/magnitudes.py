@@ -1,4 +1,4 @@
-"""Magnitudes: the limits within which predictors compute, and what becomes of numbers beyond."""
+"""Limits on the numbers that predictors compute with, and the treatment of larger ones."""
 
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""Pose, twist, command and what a controller observes."""
+"""Poses, twists, commands and observations."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -149,7 +149,7 @@ class Detection:
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """The future as only a simulation or a recording knows it; for the oracle predictor.
+    """True future positions, from a simulation or a recording, for the oracle predictor.
 
     Attributes
     ----------
@@ -163,7 +163,7 @@ class Truth:
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What a controller observes at one instant.
+    """A controller's observation at one instant.
 
     Numbers that are none (NaN, infinite ones, a covariance that is none) are accepted here, since
     a robot may meet them at any time; controllers answer with a safe command, see
@@ -214,7 +214,7 @@ class Observation:
 
 
 def checked_numbers(observation: Observation) -> None:
-    """Refuse to decide from numbers that are none; a controller makes a status of it.
+    """Refuse an observation with numbers that are not finite; a controller turns it into a status.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Plan: what the planner decided, how it got there, and why if it could not."""
+"""Plans: trajectory, status, fallback rung and reasons."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -31,8 +31,8 @@ class Rung(StrEnum):
     BRAKE = "brake"
 
 
-class Kind(StrEnum):
-    """Kind of constraint that a plan can break."""
+class BreachKind(StrEnum):
+    """BreachKind of constraint that a plan can break."""
 
     REGION = "region"
     POLYGON = "polygon"
@@ -52,16 +52,16 @@ class Breach:
     amount : unit-free in a region, m in a polygon, a limit's own unit.
     """
 
-    kind: Kind
+    kind: BreachKind
     name: str
     step: int
     amount: float
 
     def __str__(self) -> str:
         """Say it in one clause."""
-        if self.kind is Kind.REGION:
+        if self.kind is BreachKind.REGION:
             return f"region of {self.name!r} entered by {self.amount:.2g} at step {self.step}"
-        if self.kind is Kind.POLYGON:
+        if self.kind is BreachKind.POLYGON:
             where = f"on the way to step {self.step}"
             return f"polygon {self.name!r} touched by {self.amount:.2g} m {where}"
         return f"motion limits broken by {self.amount:.2g} at step {self.step}"
@@ -108,7 +108,7 @@ def _percent(tail: float, promise: str, digits: int) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """States and inputs over the horizon with all that is known about them.
+    """States and inputs over the horizon, with their level, status and violation.
 
     Attributes
     ----------

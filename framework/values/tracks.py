@@ -1,4 +1,4 @@
-"""Tracks: what has been seen of each obstacle, on a uniform time grid."""
+"""Tracks: observed positions of each obstacle on a uniform time grid."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What the predictors are made of: batched arithmetic, one topic per file, no method of its own.
+"""Batched arithmetic for the predictors, one topic per file.
 
 All of it works on every obstacle at once. A predictor gathers `history`, does its arithmetic
 (`kalman_filter`, `least_squares`, `velocity_process`, `propagation`, ...) and turns the outcome

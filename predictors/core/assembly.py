@@ -1,4 +1,4 @@
-"""From what a method says of each obstacle to one `Forecast` of all."""
+"""Assembly of one `Forecast` from the Gaussians of each obstacle."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ NEVER_SEEN_SPREAD = 1000.0
 
 @dataclass(frozen=True, eq=False)
 class Gaussians:
-    """What one method says: one Gaussian per obstacle and step.
+    """One Gaussian per obstacle and step.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Gaussians:
 
 
 def finish(own: Gaussians, past: Histories, tracks: Tracks, name: str) -> Forecast:
-    """Turn what a method says into a forecast of as many steps.
+    """Turn Gaussians into a forecast of as many steps.
 
     Obstacles never observed are seen to here. Nothing is known of them, so their mean is the
     world's origin (the one place where a forecast cannot turn and shift with the world) and
@@ -96,7 +96,7 @@ def _joint_without(joint: Callable[[], Array], rows: BoolArray, covariance: Arra
 
 
 def placed(own: Gaussians, rows: IntArray, count: int) -> Gaussians:
-    """Put what is said of some obstacles, (O,) of ``rows``, among ``count``; the rest is zero."""
+    """Scatter the values of some obstacles, (O,) of ``rows``, into ``count``; the rest is zero."""
     if len(rows) == count:
         return own
     mean = np.zeros((count, *own.mean.shape[1:]))

@@ -7,7 +7,7 @@ import numpy as np
 from ...framework.mpc.planner.best_response import Agent, BestResponsePlanner
 from ...framework.values.arrays import Array
 from ...framework.values.forecast import Forecast
-from .social_rollout import Course
+from .social_rollout import RobotCourse
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,4 +97,4 @@ class Table:
         self, agent: Agent, others: Forecast | None, radii: tuple[float, ...]
     ) -> Array | str:
         found = self.responder.respond(agent, others, radii)
-        return found if isinstance(found, str) else Course(*found, 0.0).at(self.grid)[0]
+        return found if isinstance(found, str) else RobotCourse(*found, 0.0).at(self.grid)[0]

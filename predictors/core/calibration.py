@@ -1,4 +1,4 @@
-"""What the calibrated predictors share: past forecasts held against what then happened."""
+"""Errors of past forecasts, for calibrated predictors."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -126,7 +126,7 @@ def same_step(dataset: Sequence[Tracks], who: str) -> None:
 
 
 def seen_at(scene: Tracks, row: int, length: int) -> tuple[Tracks, IntArray]:
-    """Cut out what had been seen at one row: the tracks observed there, and their indices.
+    """Return the tracks observed up to one row, and their indices.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ FEATURES = 2
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """What may happen to each obstacle, in continuous time.
+    """Modes of each obstacle's future, in continuous time.
 
     In mode k the obstacle moves by d t + sum_b path_b s^b with s = t / horizon; after the
     horizon the mode's last velocity is held. The error about it is the sum of three
@@ -136,7 +136,7 @@ def frames(velocities: Array, known: BoolArray, dt: float, standing: float) -> F
 
 
 def features(velocities: Array, own: Frames, scale: float) -> Array:
-    """Return what the network sees of each obstacle, (O, 2 T + 2).
+    """Return the network's inputs for each obstacle, (O, 2 T + 2).
 
     Velocities in the own frame in units of ``scale``, oldest first; then the logarithms of the
     speed and of the root mean square of the velocity's steps, both blunted near 0.

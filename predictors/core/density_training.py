@@ -87,7 +87,7 @@ def loss(
 
 @dataclass(frozen=True, eq=False)
 class Examples:
-    """What one update learns from: inputs, certainty of the heading, residual futures."""
+    """Training examples: inputs, certainty of the heading, residual futures."""
 
     inputs: Array
     certain: Array

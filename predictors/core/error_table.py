@@ -24,7 +24,7 @@ FLOOR = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What the classes are told apart by; of each obstacle, from its history.
+    """Features of each obstacle's history that select its class.
 
     Attributes
     ----------

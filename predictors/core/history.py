@@ -1,4 +1,4 @@
-"""What every predictor does first: turn tracks with holes into clean histories."""
+"""Clean histories from tracks with gaps."""
 
 from dataclasses import dataclass
 from typing import Any, TypeAlias

@@ -39,7 +39,7 @@ class AxisModel:
 
 @dataclass(frozen=True, eq=False)
 class Filtered:
-    """What is known of each obstacle at its newest observed sample.
+    """Filtered state of each obstacle at its newest observed sample.
 
     Attributes
     ----------

@@ -41,7 +41,7 @@ class Regression:
 
 @dataclass(frozen=True, eq=False)
 class Fits:
-    """Fitted processes and what their quality is judged by.
+    """Fitted processes and measures of their quality.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ def lagged(
     trend: Trend = "n",
     seen: BoolArray | None = None,
 ) -> tuple[Array, Array]:
-    """Lay out the regression of velocities on those before: Z (K, R, O) and Y (D, R, O).
+    """Lay out the regression of velocities on earlier ones: Z (K, R, O) and Y (D, R, O).
 
     v_h' = z_h' B,   z_h = (1, v_{h-1}, ..., v_{h-p}),   one row for each h; R = T - p
 

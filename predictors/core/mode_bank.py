@@ -47,7 +47,7 @@ class ModeBank:
 
 @dataclass(frozen=True, eq=False)
 class Beliefs:
-    """What is known of each obstacle under each model.
+    """State estimate of each obstacle under each model.
 
     Obstacles are the last axis: sums over few models and components then run along memory.
 

@@ -25,7 +25,7 @@ def white_acceleration(dt: float, density: float, size: int) -> tuple[Array, Arr
 
 
 def readings(transition: Array, size: int, steps: int) -> Array:
-    """Return what each step reads of the state at the start, (N, D, S): H F^h, h = 1..N.
+    """Return the output matrices H F^h of the steps h = 1..N, (N, D, S).
 
     H takes the first ``size`` components of the state, the position.
     """

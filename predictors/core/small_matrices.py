@@ -4,7 +4,7 @@ import numpy as np
 
 from ...framework.values.arrays import Array, BoolArray
 
-LARGEST = 6
+LARGEST_SIZE = 6
 """Rows up to which characteristic polynomials are trusted."""
 NEGLIGIBLE = 1e-14
 """A pivot below this share of its diagonal entry is rounding: the matrix is singular there."""
@@ -32,7 +32,7 @@ def spectral_radius(matrix: Array, floor: float = 0.0) -> Array:
     """
     radius = np.full(len(matrix), floor)
     rest = np.ones(len(matrix), dtype=np.bool_)
-    if floor and matrix.shape[1] <= LARGEST:
+    if floor and matrix.shape[1] <= LARGEST_SIZE:
         rest = ~_inside(matrix, floor)
     if rest.any():
         largest = np.abs(np.linalg.eigvals(matrix[rest])).max(axis=1)

@@ -1,4 +1,4 @@
-"""Walkers who push each other: forces between them and their integration over time."""
+"""Social forces between walkers and their integration over time."""
 
 from dataclasses import dataclass
 from typing import final
@@ -9,7 +9,7 @@ from ...framework.values.arrays import Array, BoolArray, positive
 from ...framework.values.forecast import Scene
 from .history import IntArray
 
-STEP = 0.1
+LONGEST_STEP = 0.1
 """s, step of the integration, as long as `MOST` of them span a step of the forecast."""
 MOST = 50
 """Steps of the integration per step of the forecast, at most: steps of minutes are no walk."""
@@ -85,8 +85,8 @@ class Force:
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
-    """Where the robot will be, as far as is known.
+class RobotCourse:
+    """The robot's expected positions over time.
 
     Attributes
     ----------
@@ -109,8 +109,8 @@ class Course:
         return self.positions[index] + since * velocity, velocity
 
 
-def course_of(scene: Scene | None, dt: float, stamp: float) -> Course | None:
-    """Return the robot's own plan as a course, or None where the scene does not tell one.
+def course_of(scene: Scene | None, dt: float, stamp: float) -> RobotCourse | None:
+    """Return the robot's own plan as a course; None where the scene has none.
 
     A plan without times is taken to be on the grid of the forecast, its first row one step
     of ``dt`` s after ``stamp``.
@@ -123,12 +123,12 @@ def course_of(scene: Scene | None, dt: float, stamp: float) -> Course | None:
         times = np.asarray(scene.plan_times) - stamp
         if (np.diff(times) <= 0).any():  # so long ago that the clock cannot tell its rows apart
             return None
-    return Course(times, np.asarray(scene.plan), scene.radius)
+    return RobotCourse(times, np.asarray(scene.plan), scene.radius)
 
 
 @dataclass(frozen=True, eq=False)
 class Walkers:
-    """Who is pushed, and what each of them wants.
+    """Walkers, with the velocity that each of them wants.
 
     Attributes
     ----------
@@ -159,14 +159,14 @@ class Walkers:
 
 def roll_out(
     walkers: Walkers,
-    robot: Course | None,
+    robot: RobotCourse | None,
     force: Force,
     relaxation: float,
     factors: Array,
     dt: float,
     steps: int,
 ) -> Array:
-    """Integrate everybody's motion under several assumptions of what each wants.
+    """Integrate the motion of all walkers under several assumptions of their wanted velocities.
 
     dv_i/dt = (u_i - v_i) / tau + sum over j of f_ij,   dp_i/dt = v_i
 
@@ -185,7 +185,7 @@ def roll_out(
     -------
     positions : (K, O, N, 2), m.
     """
-    parts = int(np.clip(np.ceil(dt / STEP - 1e-9), 1, MOST))
+    parts = int(np.clip(np.ceil(dt / LONGEST_STEP - 1e-9), 1, MOST))
     kept = float(np.exp(-dt / parts / relaxation))
     place = np.repeat(walkers.position[None], len(factors), axis=0)
     velocity = np.repeat(walkers.velocity[None], len(factors), axis=0)
@@ -206,7 +206,7 @@ def roll_out(
 
 
 def _with_robot(
-    place: Array, velocity: Array, robot: Course | None, time: float
+    place: Array, velocity: Array, robot: RobotCourse | None, time: float
 ) -> tuple[Array, Array]:
     """Positions and velocities of the walkers, the robot's after them."""
     if robot is None:
@@ -254,7 +254,12 @@ class _Pairs:
 
 
 def _meeting(
-    walkers: Walkers, robot: Course | None, place: Array, velocity: Array, force: Force, dt: float
+    walkers: Walkers,
+    robot: RobotCourse | None,
+    place: Array,
+    velocity: Array,
+    force: Force,
+    dt: float,
 ) -> _Pairs:
     """Find who can feel whom during the next ``dt`` s, under any assumption."""
     known = np.flatnonzero(walkers.known)

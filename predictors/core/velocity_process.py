@@ -90,7 +90,7 @@ class VelocityProcess:
 
 @dataclass(frozen=True, eq=False)
 class Estimation:
-    """What the coefficients were estimated from, as far as their uncertainty goes.
+    """Uncertainty of the estimated coefficients.
 
     With B = [c A_1 ... A_p] (no c without an intercept), Cov(vec B) = W W' kron Sigma_u.
 
@@ -106,7 +106,7 @@ class Estimation:
 
 
 def velocity_path(process: VelocityProcess, recent: Array, steps: int) -> Array:
-    """Return velocities, oldest first: the p known ones, then N expected, (O, p + N, D), m/s.
+    """Return p measured and N expected velocities, oldest first, (O, p + N, D), m/s.
 
     ``recent`` holds the known ones newest first, (O, p, D).
     """

@@ -1,4 +1,4 @@
-"""What the static regions share: their numbers and the body of a pose.
+"""Parameters of static regions and the corners of a body.
 
 Layout of the parameters, P = 2 V + 5 numbers for polygons of V vertices: the vertices (2 V), the
 root of the spread M^1/2 as (xx, xy, yy), margin, and the length that makes constraints unit-free.
@@ -87,7 +87,7 @@ class Packed:
         return ca.sqrt(pulled[0] ** 2 + pulled[1] ** 2 + FLOOR**2)
 
     def best_normal(self, pose: Pose) -> Array:
-        """Return the unit normals that tell NumPy poses from the polygons best, (..., 2)."""
+        """Return the unit normals that separate NumPy poses from polygons most, (..., 2)."""
         first, mixed, last = self.root
         root = np.stack([first, mixed, mixed, last], axis=-1).reshape(*first.shape, 2, 2)
         return best_direction(pose.corner_points(), stacked(self.vertices), root @ root)[1]

@@ -1,4 +1,4 @@
-"""Who takes part in an episode: robots and people that decide, recordings, scripted walkers."""
+"""Agents of an episode: robots and people with controllers, recordings, scripted walkers."""
 
 from dataclasses import dataclass
 from typing import final

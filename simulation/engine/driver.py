@@ -17,7 +17,7 @@ from ...framework.values.motion import Command, Observation, Twist
 from ...framework.values.path import Path
 from ...framework.values.plan import Plan
 from ..log.episode_log import AgentLog, CommandLog
-from ..measures.gaps import Course
+from ..measures.gaps import BodyMotion
 from .agents import RobotAgent, along
 
 
@@ -178,7 +178,7 @@ class Driver:
         return self.agent.phase + tick * self.agent.controller.period
 
     def advance(self, time: float, duration: float, tolerance: float) -> None:
-        """Step the plant and note what it did."""
+        """Step the plant and log the result."""
         if not self.present:
             for series in (self.states, self.controls, self.positions):
                 series.append(series[-1])
@@ -211,7 +211,7 @@ class Driver:
         return command
 
     def meanwhile(self, time: float, plan: Plan | None) -> Command | None:
-        """Say what the robot does at a tick at which its controller is still busy.
+        """Return the command of a tick at which the controller is still busy.
 
         It follows the last plan, shifted: a late solve finds the robot where that plan
         wanted it, not straight on. None, to go on as commanded, where there is no plan.
@@ -233,13 +233,13 @@ class Driver:
                 forecast = replace(forecast, joint_source=None)
             self.plans.append(replace(plan, seconds=0.0, forecast=forecast))
 
-    def latest(self, steps: int = 1) -> Course:
+    def latest(self, steps: int = 1) -> BodyMotion:
         """Return the way of the last ``steps`` intervals between two instants."""
         last = self.states[-1 - steps :]
         heading = [self.agent.robot.pose(state).heading for state in last]
         headings = np.array([nan if value is None else value for value in heading], float)
         where = np.array(self.positions[-1 - steps :])
-        return Course(self.radius, where, headings, self.agent.robot.footprint)
+        return BodyMotion(self.radius, where, headings, self.agent.robot.footprint)
 
     def log(self) -> AgentLog:
         """Return all that was noted."""

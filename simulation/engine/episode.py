@@ -16,7 +16,7 @@ from ...framework.values.errors import WideberthError
 from ...framework.values.motion import Command, Detection, Observation, Truth
 from ...framework.values.polygon import Polygon
 from ..log.episode_log import AgentLog, CommandLog, Episode
-from ..measures.gaps import Course, gaps, wall_gaps
+from ..measures.gaps import BodyMotion, gaps, wall_gaps
 from ..sensing.channel import Channel, noise_of
 from .agents import Bystander, PathChange, ReplayAgent, RobotAgent
 from .driver import Driver
@@ -24,7 +24,7 @@ from .settings import Settings
 
 
 class Detecting:
-    """What the robots and people of one episode are told of each other.
+    """Distributes detections among the robots and people of one episode.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Detecting:
     def of(
         self, driver: Driver, time: float, tick: int, clock: list[float]
     ) -> tuple[Detection, ...]:
-        """Return what a driver detects at a time, s, up to the last instant of the clock.
+        """Return the detections of a driver at a time, s, up to the last instant of the clock.
 
         Without noise and loss everybody is told the same, which is made only once.
         """
@@ -78,7 +78,7 @@ class Detecting:
 
 
 def sees(driver: Driver, other: Driver | None) -> bool:
-    """Whether a driver detects somebody; None is a bystander."""
+    """Whether one driver detects another; None is a bystander."""
     if other is None:
         return True
     return other is not driver and (other.agent.visible or not driver.agent.person)
@@ -120,7 +120,7 @@ class Respawning:
         self._names = {one.name: (one.name, 1) for one in drivers if one.agent.respawn}
 
     def newcomers(self, now: float) -> list[tuple[Driver, int]]:
-        """Let those leave who had arrived before ``now``, s, where the way is free for another.
+        """Replace people who arrived before ``now``, s, where there is room; return the new ones.
 
         Returns
         -------
@@ -253,7 +253,7 @@ class Run:
         self._remember()
 
     def advance(self, name: str = "") -> Observation | None:
-        """Go on until the robot ``name`` has to decide, and return what it sees; None at the end.
+        """Run until the robot ``name`` has to decide, and return its observation; None at the end.
 
         The next call begins with its decision. Without a name all decide as they come, and
         the call returns at the end.
@@ -269,7 +269,7 @@ class Run:
         return None
 
     def look(self, name: str) -> Observation:
-        """Return what a robot sees at the present instant, whether it has to decide or not."""
+        """Return a robot's observation at the present instant, also between its decisions."""
         driver = next(driver for driver in self.drivers if driver.name == name)
         state, tick = np.array(driver.plant.state), len(driver.commands) + driver.skipped
         return self._observe(driver, self.clock[-1], tick, state)
@@ -411,7 +411,7 @@ class Run:
         bodies = [driver.latest() for driver in (*robots, *people)]
         count = len(robots)
         nowhere = np.full(len(times), np.nan)
-        bodies += [Course(other.radius, other.at(times), nowhere) for other in self.others]
+        bodies += [BodyMotion(other.radius, other.at(times), nowhere) for other in self.others]
         for i in range(count):
             apart = [gaps(bodies[i], other) for other in bodies[i + 1 :]]
             apart += [wall_gaps(bodies[i], polygon) for polygon in self.polygons]
@@ -448,7 +448,7 @@ def check_cast(
     changes: Sequence[PathChange],
     polygons: Sequence[Polygon],
 ) -> None:
-    """Refuse an episode that cannot be run, before any of it is.
+    """Refuse agents that do not fit together.
 
     Raises
     ------

@@ -25,7 +25,7 @@ from ..engine.driver import Driver
 from ..engine.episode import Run
 from ..engine.settings import Settings
 from ..log.episode_log import Episode
-from ..measures.gaps import Course, gaps, wall_gaps
+from ..measures.gaps import BodyMotion, gaps, wall_gaps
 from ..scenarios.base import Cast, Scenario
 from .picture import picture
 from .reward import CrowdNavReward, Reward, Transition
@@ -47,7 +47,7 @@ Config: TypeAlias = str | Mapping[str, Any]
 
 @final
 class Navigation(gymnasium.Env[dict[str, Any], Array]):
-    """One robot of a scenario, driven by whoever calls `step`.
+    """A Gymnasium environment: one robot of a scenario, driven through `step`.
 
     An action is a velocity of the robot, in the units of `VelocityBox`, held until the next
     decision; an observation is what `ObservationSpec` describes, in single precision. The
@@ -120,7 +120,7 @@ class Navigation(gymnasium.Env[dict[str, Any], Array]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Begin an episode and return what the robot sees at its first decision."""
+        """Begin an episode and return the observation of the first decision."""
         super().reset(seed=seed)
         drawn = int(self.np_random.integers(2**31)) if seed is None else seed
         cast = self._scenario.cast(drawn)
@@ -243,7 +243,7 @@ class Navigation(gymnasium.Env[dict[str, Any], Array]):
         times = np.array(run.clock[-1 - steps :])
         nowhere = np.full(len(times), np.nan)
         others = [one.latest(steps) for one in run.drivers if one.name != self._acting]
-        others += [Course(one.radius, one.at(times), nowhere) for one in run.others]
+        others += [BodyMotion(one.radius, one.at(times), nowhere) for one in run.others]
         moving = [float(np.nanmin(gap)) for other in others if _known(gap := gaps(own, other))]
         standing = [float(wall_gaps(own, polygon).min()) for polygon in run.polygons]
         return min(moving, default=float("inf")), min(standing, default=float("inf"))

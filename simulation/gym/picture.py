@@ -14,7 +14,7 @@ ROOM = 2.0
 
 
 def picture(run: Run, name: str) -> NDArray[np.uint8]:
-    """Draw who is where now, seen from above, (480, 480, 3).
+    """Draw the present scene from above, (480, 480, 3).
 
     The robot ``name`` is filled and its way dashed; other robots and people are rings with
     their edge in blue, bystanders grey, polygons dark.

@@ -1,4 +1,4 @@
-"""What a decision of a learned policy was worth."""
+"""Rewards of the decisions of a learned policy."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from ...framework.values.arrays import positive
 
 @dataclass(frozen=True)
 class Transition:
-    """What happened between one decision of a robot and its next one.
+    """The interval between two decisions of a robot.
 
     Attributes
     ----------

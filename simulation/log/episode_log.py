@@ -21,7 +21,7 @@ from ...framework.values.errors import WideberthError
 from ...framework.values.footprint import Discs, Footprint, Outline
 from ...framework.values.forecast import Forecast
 from ...framework.values.path import Path
-from ...framework.values.plan import Breach, GivenWay, Kind, Plan, Rung, Status
+from ...framework.values.plan import Breach, BreachKind, GivenWay, Plan, Rung, Status
 from ...framework.values.polygon import Polygon
 
 
@@ -51,7 +51,7 @@ class CommandLog:
 
 @dataclass(frozen=True, eq=False)
 class AgentLog:
-    """What one agent did; arrays over the T instants of the episode.
+    """The log of one agent; arrays over the T instants of the episode.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ class Episode:
 
     @property
     def robots(self) -> tuple[AgentLog, ...]:
-        """Those who are examined."""
+        """The robots under test."""
         return tuple(agent for agent in self.agents if agent.kind == "robot")
 
     @property
@@ -162,7 +162,7 @@ class Episode:
 
     @classmethod
     def from_bytes(cls, data: bytes) -> "Episode":
-        """Read what `to_bytes` wrote.
+        """Read the bytes of `to_bytes`.
 
         Raises
         ------
@@ -230,7 +230,7 @@ def write_episode(episode: Episode) -> bytes:
 
 
 def read_episode(data: bytes) -> Episode:
-    """Read what `write_episode` wrote.
+    """Read the bytes of `write_episode`.
 
     Raises
     ------
@@ -399,4 +399,4 @@ def _unpack_breach(unpack: _Unpacker, stored: list[Any] | None) -> Breach | None
     if stored is None:
         return None
     kind, name, step, amount = stored
-    return Breach(Kind(kind), name, step, float(unpack.get(amount)))
+    return Breach(BreachKind(kind), name, step, float(unpack.get(amount)))

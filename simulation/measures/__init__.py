@@ -1,1 +1,1 @@
-"""What is measured of an episode from its log."""
+"""Measures of an episode, computed from its log."""

@@ -1,4 +1,4 @@
-"""CrowdNav's own verdict on an episode, which differs from ours in what counts as a collision."""
+"""CrowdNav's own verdict on an episode; its rule for collisions differs from ours."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -9,7 +9,7 @@ from ...framework.metrics.episode import approach
 from ...framework.values.arrays import Array, BoolArray
 from ..log.episode_log import Episode
 
-STEP = 0.25
+CROWDNAV_STEP = 0.25
 """s, CrowdNav's step."""
 LIMIT = 24.0
 """s; a step that begins then or later is a timeout (its time limit of 25 s less 1 s)."""
@@ -46,9 +46,9 @@ def verdict(episode: Episode, danger: float = 0.2) -> dict[str, Any]:
     ----------
     chen2019crowd; its simulator's step.
     """
-    count = max(int(np.ceil(episode.duration / STEP - 1e-6)), 1)
+    count = max(int(np.ceil(episode.duration / CROWDNAV_STEP - 1e-6)), 1)
     steps = _looked_at(episode, count)
-    begin = STEP * np.arange(count)
+    begin = CROWDNAV_STEP * np.arange(count)
     ends = np.flatnonzero((begin >= LIMIT) | (steps.distance < 0.0) | steps.arrived)
     last = int(ends[0]) if ends.size else count - 1
     if not ends.size or begin[last] >= LIMIT:
@@ -59,7 +59,7 @@ def verdict(episode: Episode, danger: float = 0.2) -> dict[str, Any]:
     near = near[near < danger]
     return {
         "outcome": outcome,
-        "time_s": float(begin[last] + STEP),
+        "time_s": float(begin[last] + CROWDNAV_STEP),
         "danger_share": len(near) / (last + 1),
         "distance_m": float(near.mean()) if near.size else None,
     }
@@ -67,7 +67,7 @@ def verdict(episode: Episode, danger: float = 0.2) -> dict[str, Any]:
 
 def _looked_at(episode: Episode, count: int) -> _Steps:
     robot = episode.robots[0]
-    times = np.minimum(STEP * np.arange(count + 1), episode.duration)
+    times = np.minimum(CROWDNAV_STEP * np.arange(count + 1), episode.duration)
     way = episode.at(robot, times)
     distance = np.full(count, np.inf)
     for other in episode.agents:

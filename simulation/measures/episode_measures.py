@@ -1,4 +1,4 @@
-"""How robots drove, how near to others and at what risk: the columns beside `summarise`."""
+"""Comfort, proximity and risk of an episode: the columns beside `summarise`."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -22,7 +22,7 @@ class Moving(Protocol):
 
     @property
     def footprint(self) -> Footprint | None:
-        """What it covers within that disc; None for all of it."""
+        """The shape within the disc; None for the whole disc."""
         ...
 
     @property
@@ -38,7 +38,7 @@ class Moving(Protocol):
 
 @final
 @dataclass(frozen=True, eq=False)
-class Course:
+class BodyMotion:
     """A body over a few instants, see `Moving`."""
 
     radius: float

@@ -1,4 +1,4 @@
-"""What a robot's plans promised, held against what then happened."""
+"""Calibration of plans: their promised risks against the events that followed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from ..log.episode_log import AgentLog, Episode
 @final
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """One plan and what became of it.
+    """One plan and its outcome.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class Judged:
 
     @classmethod
     def of(cls, episode: Episode, log: AgentLog, plan: Plan, tail: float) -> "Judged | None":
-        """Judge a plan; None without anybody in its forecast."""
+        """Judge a plan; None where its forecast is empty."""
         forecast = plan.forecast
         if forecast is None or not plan.tracked:
             return None

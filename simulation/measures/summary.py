@@ -126,7 +126,7 @@ def clearances(episode: Episode) -> dict[tuple[str, str], float]:
 
 
 def forecast_coverage(episode: Episode, tail: float) -> tuple[Array, Array, float]:
-    """Coverage of all forecasts by what then happened: per step, their number, over all.
+    """Share of true positions inside the forecast regions: per step, their number, over all.
 
     Step i of a plan's forecast is for stamp + i dt. Of a mixture the heaviest mode counts.
     Forecasts that were fallbacks count as well. Steps after the end of the episode do not.

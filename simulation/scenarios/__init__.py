@@ -1,4 +1,4 @@
-"""Scenarios: who is where, who wants to go where, and when it is over. One file each."""
+"""Scenarios: starts and goals of robots, people and obstacles, drawn from a seed."""
 
 BUILT_IN: dict[str, str] = {
     "antipodal_swap": "wideberth.simulation.scenarios.antipodal_swap:AntipodalSwap",

@@ -1,4 +1,4 @@
-"""The Scenario interface: who starts where, drawn from a seed."""
+"""The Scenario interface: starts and goals of all agents, drawn from a seed."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -58,7 +58,7 @@ class Placement:
 
 @dataclass(frozen=True, eq=False)
 class Cast:
-    """All who take part in one situation.
+    """All agents and obstacles of one situation.
 
     Attributes
     ----------
@@ -103,21 +103,21 @@ class Scenario(ABC):
     def people(
         self, rng: np.random.Generator, placements: tuple[Placement, ...]
     ) -> tuple[RobotAgent, ...]:
-        """Draw who else decides there; nobody unless a scenario says so."""
+        """Draw the people who decide for themselves; none by default."""
         return ()
 
     def bystanders(
         self, rng: np.random.Generator, placements: tuple[Placement, ...]
     ) -> tuple[Bystander, ...]:
-        """Draw who else moves there, deciding nothing; nobody unless a scenario says so."""
+        """Draw the bystanders, who move without deciding; none by default."""
         return ()
 
     def polygons(self, rng: np.random.Generator) -> tuple[Polygon, ...]:
-        """Draw what stands there; nothing unless a scenario says so."""
+        """Draw the static obstacles; none by default."""
         return ()
 
     def inputs(self) -> tuple[File, ...]:
-        """Files that the situations hang on; none unless a scenario reads some."""
+        """Files that the situations depend on; none by default."""
         return ()
 
     def judge(self, episode: Episode) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""A corridor with people who come towards the robot."""
+"""A corridor with oncoming people."""
 
 from dataclasses import dataclass, field
 from functools import partial
@@ -99,7 +99,7 @@ class Corridor(Scenario):
     def people(
         self, rng: np.random.Generator, placements: tuple[Placement, ...]
     ) -> tuple[RobotAgent, ...]:
-        """Draw those who come the other way."""
+        """Draw the oncoming people."""
         taken = [(placements[0].path.points[0], self.robot_radius)]
         found = []
         for k in range(1, self.persons + 1):

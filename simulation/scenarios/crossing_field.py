@@ -20,7 +20,7 @@ DRAWS = 200
 """Tries to place a walker before the ranges are said to leave no room."""
 SPAN = (-60.0, 200.0)
 """s, from when to when walkers are there."""
-STEP = 0.2
+SAMPLE_TIME = 0.2
 """s between the instants at which their ways are drawn; straight in between."""
 
 
@@ -88,7 +88,7 @@ class CrossingField(Scenario):
         self, rng: np.random.Generator, placements: tuple[Placement, ...]
     ) -> tuple[ReplayAgent, ...]:
         """Draw the walkers, one after the other, with room between them."""
-        times = np.arange(SPAN[0], SPAN[1] + STEP, STEP)
+        times = np.arange(SPAN[0], SPAN[1] + SAMPLE_TIME, SAMPLE_TIME)
         robot = placements[0].path.at(self.speed * np.clip(times, 0.0, CALM))
         first = times <= CALM
         room = 2.0 * self.walker_radius + ROOM
@@ -117,13 +117,13 @@ class CrossingField(Scenario):
         place = np.array([(2.0 * share - 1.0) * self.reach, 0.0])
         place += draw(rng, self.aside) * np.array([-ahead[1], ahead[0]])
         velocity = draw(rng, self.walker_speed) * ahead + self._sway(rng, len(times))
-        way = np.concatenate([np.zeros((1, 2)), np.cumsum(STEP * velocity[:-1], axis=0)])
+        way = np.concatenate([np.zeros((1, 2)), np.cumsum(SAMPLE_TIME * velocity[:-1], axis=0)])
         met = int(np.searchsorted(times, 2.0 * share * self.reach / self.speed))
         return np.asarray(way - way[met] + place)
 
     def _sway(self, rng: np.random.Generator, count: int) -> Array:
         """Draw the stationary process about the mean velocity, exact at the steps, (T, 2), m/s."""
-        keep = float(np.exp(-STEP / self.time_constant))
+        keep = float(np.exp(-SAMPLE_TIME / self.time_constant))
         deviation = np.sqrt(0.5 * self.acceleration_density * self.time_constant)
         sway: Array = deviation * rng.standard_normal((count, 2))
         sway[1:] *= np.sqrt(1.0 - keep**2)

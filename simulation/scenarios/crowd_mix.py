@@ -1,4 +1,4 @@
-"""Who the people of a scenario are: kinds of controllers, and how often each is met."""
+"""Crowds: kinds of controllers, and the share of people with each."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace

@@ -1,4 +1,4 @@
-"""A door that one body fits through, and somebody who comes the other way."""
+"""A door as wide as one body, with oncoming traffic."""
 
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, final

@@ -352,7 +352,7 @@ def _free(place: Array, others: list[Array], least: Array, lines: Array, wall: f
     return bool(np.linalg.norm(nearest - place, axis=1).min() >= wall)
 
 
-STEP = 0.05
+HEAD_START_STEP = 0.05
 """s, step of the plants meanwhile."""
 ARRIVED = 1e-3
 """m; whoever is nearer to the goal keeps a way of this length, for a path needs one."""
@@ -393,7 +393,7 @@ def head_start(
     ]
     settings = Settings(
         time_limit=duration,
-        plant_step=STEP,
+        plant_step=HEAD_START_STEP,
         history=0.0,
         deadlock_after=duration + 1.0,
         goal_tolerance=1e-9,  # nobody arrives: the time is spent to the end

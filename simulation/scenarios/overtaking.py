@@ -1,4 +1,4 @@
-"""A robot behind somebody slow in a corridor."""
+"""A robot behind a slow walker in a corridor."""
 
 from dataclasses import dataclass
 from typing import final

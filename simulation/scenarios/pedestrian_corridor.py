@@ -36,8 +36,8 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Crowd:
-    """A layout whose people are drawn: the groups (with the robot, against it), speeds, number."""
+class DrawnCrowd:
+    """A layout with random people: the groups (with the robot, against it), speeds, number."""
 
     groups: tuple[Group, Group]
     speed: Range
@@ -45,32 +45,32 @@ class Crowd:
 
 
 @dataclass(frozen=True)
-class Fixed:
-    """A layout whose people are listed: starts and goals, m, and the speed of all, m/s."""
+class ListedCrowd:
+    """A layout with fixed people: starts and goals, m, and their speed, m/s."""
 
     ways: tuple[Way, ...]
     speed: float
 
 
 CROWDS = {
-    "random": Crowd(
+    "random": DrawnCrowd(
         (Group((4.0, 12.0), (-3.0, 3.0), 30.0), Group((20.0, 35.0), (-3.0, 3.0), -30.0)),
         (1.14, 1.66), 8,
     ),
-    "16_random": Crowd(
+    "16_random": DrawnCrowd(
         (Group((2.0, 10.0), (-3.0, 1.0), 40.0), Group((38.0, 44.0), (-1.0, 3.0), -40.0)),
         (0.7, 1.3), 16,
     ),
 }  # fmt: skip
 FIXED = {
-    "both_ways": Fixed(
+    "both_ways": ListedCrowd(
         (
             ((10.0, 2.8), (0.0, 2.8)), ((10.0, 1.5), (0.0, 1.5)), ((4.0, -1.5), (10.0, -0.5)),
             ((4.0, 0.2), (10.0, 0.2)),
         ),
         1.3,
     ),
-    "8_gaussian": Fixed(
+    "8_gaussian": ListedCrowd(
         (
             ((2.5, -3.0), (12.0, -1.5)), ((2.35, 0.5), (15.0, -1.0)), ((10.0, -3.5), (0.0, -2.0)),
             ((7.0, 3.0), (0.0, 0.0)), ((3.0, 0.0), (10.0, 0.5)), ((3.0, 1.0), (12.0, 4.0)),
@@ -164,7 +164,7 @@ class PedestrianCorridor(Scenario):
         if self.layout in FIXED:
             self._check_fixed(FIXED[self.layout])
 
-    def _check_fixed(self, layout: Fixed) -> None:
+    def _check_fixed(self, layout: ListedCrowd) -> None:
         """Refuse what the random layouts alone have, and people who would touch at the start."""
         for name in ("pedestrians", "pedestrian_speed"):
             if getattr(self, name) is not None:
@@ -208,7 +208,7 @@ class PedestrianCorridor(Scenario):
         """Both walls, where the layout has them; the same for every seed."""
         return corridor_walls(2.0 * HALF_WIDTH, *ENDS) if self.layout in WALLED else ()
 
-    def _listed(self, rng: np.random.Generator, layout: Fixed) -> list[RobotAgent]:
+    def _listed(self, rng: np.random.Generator, layout: ListedCrowd) -> list[RobotAgent]:
         return [
             self.blind.person(
                 rng, f"person {k}", Path(np.array(way)), layout.speed, self.pedestrian_radius
@@ -216,7 +216,9 @@ class PedestrianCorridor(Scenario):
             for k, way in enumerate(layout.ways, start=1)
         ]
 
-    def _drawn(self, rng: np.random.Generator, layout: Crowd, robot: Array) -> list[RobotAgent]:
+    def _drawn(
+        self, rng: np.random.Generator, layout: DrawnCrowd, robot: Array
+    ) -> list[RobotAgent]:
         count = layout.pedestrians if self.pedestrians is None else self.pedestrians
         taken, found = [(robot, self.robot_radius)], []
         for k in range(1, count + 1):
@@ -229,7 +231,11 @@ class PedestrianCorridor(Scenario):
         return found
 
     def _draw_way(
-        self, rng: np.random.Generator, layout: Crowd, taken: list[tuple[Array, float]], what: str
+        self,
+        rng: np.random.Generator,
+        layout: DrawnCrowd,
+        taken: list[tuple[Array, float]],
+        what: str,
     ) -> Array:
         """Start and goal of one person, (2, 2), m."""
         ahead, against = layout.groups

@@ -1,4 +1,4 @@
-"""Where bodies find room: what scenarios that draw places share."""
+"""Drawing of places with room for a body."""
 
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, get_args
@@ -55,7 +55,7 @@ def wall_distance(place: Array, polygons: Sequence[Polygon]) -> float:
 
 
 def checked_choice(name: str, value: str, choices: Any) -> None:
-    """Refuse a word that is none of those of a ``Literal``.
+    """Refuse a word that its ``Literal`` does not list.
 
     Raises
     ------

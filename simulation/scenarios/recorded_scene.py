@@ -151,7 +151,7 @@ class RecordedScene(Scenario):
         return () if self.tracks.startswith(SHIPPED) else (File(self._file()),)
 
     def people_from(self, row: int) -> tuple[ReplayAgent, ...]:
-        """Return everybody who is there at some time, on a clock that is 0 at a row."""
+        """Return the recorded people of a time span, on a clock that is 0 at a row."""
         recording = _read(self._file(), self.dt)
         last = max(row, *self._stated()[2])  # of all seeds: the first one finds it
         if last >= len(recording.times):

@@ -70,7 +70,7 @@ class Swaying(Controller):
         self.controller.set_path(path)
 
     def remember(self, observation: Observation) -> None:
-        """Take note of what is seen."""
+        """Pass the observation on."""
         self.controller.remember(observation)
 
     def command(self, observation: Observation) -> Command:
@@ -86,12 +86,12 @@ class Swaying(Controller):
 
     @property
     def plan(self) -> Plan | None:
-        """The plan of the controller, which knows nothing of the noise."""
+        """The plan of the controller, without the noise."""
         return self.controller.plan
 
 
 def made_to_sway(person: RobotAgent, process_noise: float, seed: int) -> RobotAgent:
-    """Return a person who sways, and whose body has the speed for it; see `Swaying`."""
+    """Return a person with velocity noise and the top speed for it; see `Swaying`."""
     made = Swaying(person.controller, process_noise, seed)
     body = cast(Any, person.robot)
     fastest = body.max_speed + HEAD_ROOM * made.deviation

@@ -1,1 +1,1 @@
-"""What agents are told of each other and of themselves."""
+"""Sensing: detections of other agents and localisation."""

@@ -1,4 +1,4 @@
-"""What robots learn of each other: positions, late, noisy and not always."""
+"""Detections between agents: noisy, delayed, sometimes lost."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -50,7 +50,7 @@ class Channel:
 
     @property
     def exact(self) -> bool:
-        """Whether everybody learns the same: there is neither noise nor loss."""
+        """Whether detections have neither noise nor loss."""
         return not (self.noise or self.dropout)
 
     def detections(
@@ -77,7 +77,7 @@ class Channel:
 
 
 def noise_of(seed: int, observer: str, name: str, tick: int) -> np.random.Generator:
-    """Return the generator of what one robot learns of another (or itself) at one tick."""
+    """Return the random generator of one agent's measurement of another (or itself) at a tick."""
     key = (seed, _number(observer), _number(name), 2 * abs(tick) + (tick < 0))
     return np.random.default_rng(key)
 

@@ -1,4 +1,4 @@
-"""How well a robot knows where it is."""
+"""Localisation: the error of a robot's own state estimate."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -55,7 +55,7 @@ class Localisation:
         control: Sequence[float],
         rng: np.random.Generator,
     ) -> tuple[Array, Array | None]:
-        """Return what the robot thinks its state is, and that estimate's covariance.
+        """Return an estimate of the robot's state and its covariance.
 
         Where pose and speed are in the state is the robot model's affair: the covariance is
         carried to it by the derivative of `Robot.state_at`.

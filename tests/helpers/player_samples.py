@@ -9,7 +9,7 @@ import numpy as np
 from wideberth.experiments.report.player_data import LENGTH
 from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.path import Path
-from wideberth.framework.values.plan import Breach, Kind, Plan, Rung, Status
+from wideberth.framework.values.plan import Breach, BreachKind, Plan, Rung, Status
 from wideberth.framework.values.polygon import Polygon
 from wideberth.simulation.log.episode_log import AgentLog, CommandLog, Episode
 
@@ -38,7 +38,7 @@ def plan(stamp: float, size: int = 2) -> Plan:
         level=level, target=level, content=np.full((STEPS, 1), 0.675), ids=(NASTY,),
         status=Status.LIMIT, rung=Rung.SHIFTED, reason="the solver <stopped>", iterations=17,
         violation=np.nan, forecast=forecast(size), tracked=(NASTY,),
-        breach=Breach(Kind.REGION, NASTY, 3, 0.25),
+        breach=Breach(BreachKind.REGION, NASTY, 3, 0.25),
     )  # fmt: skip
 
 

@@ -14,7 +14,13 @@ from wideberth.framework.values.forecast import Scene
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.tracks import Tracks
-from wideberth.predictors.core.social_rollout import Course, Force, Walkers, course_of, roll_out
+from wideberth.predictors.core.social_rollout import (
+    Force,
+    RobotCourse,
+    Walkers,
+    course_of,
+    roll_out,
+)
 from wideberth.predictors.kalman import Kalman
 from wideberth.predictors.social_force import GRID, WEIGHTS, SocialForce
 
@@ -235,7 +241,7 @@ def test_the_batched_roll_out_is_that_of_the_formulas_one_by_one():
 def test_the_robot_is_a_walker_that_nobody_pushes():
     place, velocity = np.array([(0.0, 0.0), (3.0, 0.2)]), np.array([(1.0, 0.0), (-1.0, 0.0)])
     times = np.linspace(-1.0, 5.0, 7)
-    robot = Course(times, place[1] + times[:, None] * velocity[1], 0.4)
+    robot = RobotCourse(times, place[1] + times[:, None] * velocity[1], 0.4)
     one = Walkers(place[:1], velocity[:1], np.array([0.3]), np.ones(1, dtype=bool), None)
     two = Walkers(place, velocity, np.array([0.3, 0.4]), np.ones(2, dtype=bool), None)
     # Within one step of the integration nobody has left the straight course yet.

@@ -16,7 +16,7 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.footprint import Discs, Footprint, Outline
 from wideberth.framework.values.motion import Command, Observation
 from wideberth.framework.values.path import Path
-from wideberth.framework.values.plan import Breach, GivenWay, Kind, Plan
+from wideberth.framework.values.plan import Breach, BreachKind, GivenWay, Plan
 from wideberth.framework.values.polygon import Polygon
 from wideberth.robots.holonomic_3d import Holonomic3D
 from wideberth.robots.unicycle import Unicycle
@@ -24,7 +24,7 @@ from wideberth.simulation.engine.agents import ReplayAgent, RobotAgent
 from wideberth.simulation.engine.episode import run_episode
 from wideberth.simulation.engine.settings import Settings
 from wideberth.simulation.log.episode_log import Episode
-from wideberth.simulation.measures.gaps import Course, gaps, wall_gaps
+from wideberth.simulation.measures.gaps import BodyMotion, gaps, wall_gaps
 from wideberth.simulation.measures.summary import clearances, robot_rows, summarise
 
 DISCS = Discs(((0.6, 0.0), (0.0, 0.1), (-0.5, 0.0)), 0.35)
@@ -35,14 +35,14 @@ WEDGE = Polygon(((-1.0, -1.0), (2.0, -0.5), (0.5, 1.5)), "wedge")
 COUNT = 60
 
 
-def course(footprint: Footprint | None, seed: int) -> Course:
+def course(footprint: Footprint | None, seed: int) -> BodyMotion:
     rng = np.random.default_rng(seed)
-    return Course(
+    return BodyMotion(
         0.5, rng.uniform(-2.5, 4.0, (COUNT, 2)), rng.uniform(-7.0, 7.0, COUNT), footprint
     )
 
 
-def bodies(moving: Course) -> list[tuple[Any, float]]:
+def bodies(moving: BodyMotion) -> list[tuple[Any, float]]:
     """Shape and rounding, m, at each instant, by Shapely's own rotation and shift."""
     footprint, made = moving.footprint, []
     shape, rounding = shapely.Point(0.0, 0.0), moving.radius
@@ -110,7 +110,7 @@ def test_the_absent_have_no_gap(footprint: Footprint | None) -> None:
     moving, other = course(footprint, 4), course(None, 5)
     positions = other.positions.copy()
     positions[[0, 7, 8, 20]] = np.nan
-    there = Course(0.5, positions, np.full(COUNT, np.nan))
+    there = BodyMotion(0.5, positions, np.full(COUNT, np.nan))
     missing = np.isnan(positions[:, 0])
     wanted = missing[:-1] | missing[1:]
     assert np.array_equal(np.isnan(gaps(moving, there)), wanted)
@@ -260,7 +260,11 @@ def test_version_1_is_still_read() -> None:
 def test_what_a_plan_breaks_and_gives_up_is_kept_and_older_versions_did_not_know_it() -> None:
     seen = Observation(0.0, np.array([0.0, 0.0, 0.0, 0.5, 0.0]))
     plan, _ = emergency(Unicycle(), seen, "", 3, 0.5)
-    breaches = (None, Breach(Kind.REGION, "walker", 2, 0.1 + 0.2), Breach(Kind.MOTION, "", 1, 3.0))
+    breaches = (
+        None,
+        Breach(BreachKind.REGION, "walker", 2, 0.1 + 0.2),
+        Breach(BreachKind.MOTION, "", 1, 3.0),
+    )
     ways = (None, GivenWay(0.05, 1.0 - 7e-5, "content", 3, "walker"), None)
     plans = tuple(
         replace(plan, breach=one, given_way=way) for one, way in zip(breaches, ways, strict=True)

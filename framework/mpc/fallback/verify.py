@@ -6,7 +6,7 @@ import numpy as np
 
 from ...numerics.symbolic import evaluated
 from ...values.arrays import Array
-from ...values.plan import Breach, Kind
+from ...values.plan import Breach, BreachKind
 from ..ocp.problem import Parameters, Problem
 from ..ocp.transcription import Guess
 from ..slots.contact import Touch
@@ -50,14 +50,14 @@ class Violation:
         touched = self.touched.max(initial=0.0)
         if self.touch is not None and touched > 0.0 and deepest == 0.0:
             step = int(self.touched.argmax())
-            return Breach(Kind.POLYGON, self.touch.names[step], step + 1, float(touched))
+            return Breach(BreachKind.POLYGON, self.touch.names[step], step + 1, float(touched))
         broken = self.motion.max(initial=0.0)
         if deepest > 0.0 and deepest >= broken:
             step, slot = divmod(int(self.regions.argmax()), self.regions.shape[1])
             name = names[slot] if slot < len(names) else "?"
-            return Breach(Kind.REGION, name, step + 1, float(deepest))
+            return Breach(BreachKind.REGION, name, step + 1, float(deepest))
         if broken > 0.0:
-            return Breach(Kind.MOTION, "", int(self.motion.argmax()) + 1, float(broken))
+            return Breach(BreachKind.MOTION, "", int(self.motion.argmax()) + 1, float(broken))
         return None
 
     def where(self, names: tuple[str, ...]) -> str:

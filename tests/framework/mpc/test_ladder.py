@@ -21,7 +21,7 @@ from wideberth.framework.plugins.registry import names
 from wideberth.framework.robot import Robot, start_state, step
 from wideberth.framework.values.motion import Detection, Observation, Pose, Twist
 from wideberth.framework.values.path import Path
-from wideberth.framework.values.plan import Breach, Kind, Plan, Rung, Status
+from wideberth.framework.values.plan import Breach, BreachKind, Plan, Rung, Status
 from wideberth.predictors.static import Static
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.unicycle import Unicycle
@@ -129,7 +129,7 @@ def test_the_stop_taken_is_no_worse_than_braking_straight_on(robot: Robot) -> No
         if plan.breach is None:  # a robot that takes velocities is out of it in a step
             assert type(robot).__name__ == "HolonomicVelocity"
             continue
-        assert (plan.breach.kind, plan.breach.name) == (Kind.REGION, "o0")
+        assert (plan.breach.kind, plan.breach.name) == (BreachKind.REGION, "o0")
         assert plan.breach.amount == pytest.approx(plan.violation)
     assert all(better)
 
@@ -176,10 +176,10 @@ def test_the_worst_of_several_breaches_is_named() -> None:
     regions = np.zeros((4, 3))
     regions[2, 1], regions[3, 0] = 0.3, 0.2
     found = Violation(np.array([0.0, 0.25, 0.0, 0.0]), regions)
-    assert found.breach(("a", "b", "c")) == Breach(Kind.REGION, "b", 3, 0.3)
-    assert found.breach(("a",)) == Breach(Kind.REGION, "?", 3, 0.3)
+    assert found.breach(("a", "b", "c")) == Breach(BreachKind.REGION, "b", 3, 0.3)
+    assert found.breach(("a",)) == Breach(BreachKind.REGION, "?", 3, 0.3)
     motion = replace(found, motion=np.array([0.0, 0.35, 0.0, 0.0])).breach(("a", "b", "c"))
-    assert motion == Breach(Kind.MOTION, "", 2, 0.35)
+    assert motion == Breach(BreachKind.MOTION, "", 2, 0.35)
     assert str(motion) == "motion limits broken by 0.35 at step 2"
     assert Violation(np.zeros(4), np.zeros((4, 0))).breach(()) is None
 
