@@ -9,12 +9,12 @@ import numpy as np
 from measuring import Row, Tick, brief, rotated, timed
 from scipy import special
 
-from wideberth.framework.numerics.eigenframe import eigenframe
-from wideberth.framework.risk.collision_probability import collision_probability, half_plane_bound
+from wideberth.framework.risk.collision_probability import collision_probability
 from wideberth.tests.oracles.risk_batch import (
     collision_probability_batch,
     collision_probability_gradient_batch,
 )
+from wideberth.tests.oracles.risk_bounds import eigenframe, half_plane_bound
 
 REFERENCE = "numpy, 64 nodes"
 TARGET = 1e5

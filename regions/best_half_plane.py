@@ -26,7 +26,7 @@ class BestHalfPlane(BlendedSum, gaussian.LineLevel):
 
     References
     ----------
-    As `HalfPlane`, with the normal optimised; `framework.risk.half_plane_level` computes m.
+    As `HalfPlane`, with the normal optimised.
     """
 
     relation: ClassVar[Relation] = Relation.INNER

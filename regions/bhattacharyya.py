@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import ClassVar, final
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..framework.numerics.symbolic import ca
 from ..framework.region import Auxiliary, Constraint, Guarantee, Region, Relation
@@ -126,12 +125,3 @@ def _inner(parameters: Array, level: Array) -> tuple[Array, Array]:
     parameters = np.asarray(parameters, dtype=np.float64)
     rest = np.maximum(np.asarray(level, dtype=np.float64) - parameters[..., -1], 0.0)
     return parameters[..., :-1], np.sqrt(8.0 * rest + _TINY)
-
-
-def bhattacharyya_distance(difference: ArrayLike, first: ArrayLike, second: ArrayLike) -> Array:
-    """D_B between two Gaussians whose means differ by (..., D), with covariances (..., D, D)."""
-    d, a, b = (np.asarray(value, dtype=np.float64) for value in (difference, first, second))
-    blend = 0.5 * (a + b)
-    apart = (d * np.linalg.solve(blend, d[..., None])[..., 0]).sum(axis=-1)
-    log_det = [np.linalg.slogdet(value)[1] for value in (blend, a, b)]
-    return np.asarray(apart / 8.0 + 0.5 * log_det[0] - 0.25 * (log_det[1] + log_det[2]))

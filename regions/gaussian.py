@@ -128,14 +128,6 @@ def ellipse_level(tail: float, dimension: int = 2) -> float:
     return float(np.sqrt(2.0 * special.gammainccinv(0.5 * dimension, tail)))
 
 
-def ellipse_level_of_content(content: float, dimension: int = 2) -> float:
-    """`ellipse_level` for a content near 0, where the tail would have lost the digits."""
-    content = probability("content", content)
-    if dimension == 2:
-        return float(np.sqrt(-2.0 * np.log1p(-content)))
-    return float(np.sqrt(2.0 * special.gammaincinv(0.5 * dimension, content)))
-
-
 def ellipse_tail(level: float, dimension: int = 2) -> float:
     """Pr(d_M > s), the inverse of `ellipse_level`; 1 for s at or below 0."""
     size = max(float(level), 0.0)

@@ -10,29 +10,6 @@ _SPLIT = 2.0**27 + 1.0
 """Cuts a double into halves of 26 bits (Dekker)."""
 
 
-def eigenframe(
-    difference: ArrayLike, covariance: ArrayLike, radius: ArrayLike
-) -> tuple[Array, Array, Array]:
-    """Difference in the eigenframe and deviations, large to small, and radius, broadcast.
-
-    The signs of the coordinates are dropped: the probability is symmetric in each.
-
-    Raises
-    ------
-    WideberthError : as `checked_pairs`.
-    """
-    d, sigma, size = checked_pairs(difference, covariance, radius)
-    deviations, vectors = principal_axes(sigma)
-    local = np.abs(np.einsum("...ij,...i->...j", vectors, d))
-    shape = np.broadcast_shapes(local.shape[:-1], deviations.shape[:-1], size.shape)
-    full = (*shape, d.shape[-1])
-    return (
-        np.broadcast_to(local, full).copy(),
-        np.broadcast_to(deviations, full).copy(),
-        np.broadcast_to(size, shape).copy(),
-    )
-
-
 def checked_pairs(
     difference: ArrayLike, covariance: ArrayLike, radius: ArrayLike
 ) -> tuple[Array, Array, Array]:

@@ -5,12 +5,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import special
 
-from ..numerics.eigenframe import checked_pairs, eigenframe, principal_axes, rim_gap
-from ..values.arrays import Array, BoolArray
-from ..values.errors import WideberthError
-from .inversion import probability, slopes
+from ..numerics.eigenframe import checked_pairs, principal_axes, rim_gap
+from ..values.arrays import Array
+from .inversion import probability
 
 SHARP = 1e-30
 """A deviation below this share of the radius counts as zero, and one above its inverse as that.
@@ -54,51 +52,6 @@ def collision_probability(
     for part in _parts(len(result)):
         result[part] = probability(*split(columns[:, part]), nodes, np)
     return result.reshape(shape)
-
-
-def collision_probability_gradient(
-    difference: ArrayLike, covariance: ArrayLike, radius: ArrayLike, nodes: int = 64
-) -> Array:
-    """Gradient of the probability by the robot's position, 1/m, (..., D).
-
-    In the eigenframe, with x the obstacle's mean seen from the robot, 2 x_i / R^2 times the
-    density at 1 of |X|^2 / R^2 with two more degrees of freedom along axis i
-    (`inversion.slopes`): the sum of noncentral chi-square variables falls in a noncentrality by
-    what it has there with two degrees more. It points towards the obstacle. Each coordinate in
-    the eigenframe is known to 1e-9 of itself, also deep inside, where the probability is 1.
-    Where all spread is along a line or a plane the gradient is that of the limit.
-
-    Parameters
-    ----------
-    difference, covariance, radius, nodes : as in `collision_probability`.
-
-    Raises
-    ------
-    WideberthError : as `collision_probability`; a singular covariance whose line or plane just
-        touches the disc: there the probability has no gradient.
-    """
-    shape, columns, vectors, slope = scaled(difference, covariance, radius)
-    result = np.zeros(slope.shape)
-    for part in _parts(slope.shape[1]):
-        result[:, part] = slope[:, part] * slopes(*split(columns[:, part]), nodes, np)
-    return turned_back(result, vectors, shape)
-
-
-def turned_back(local: Array, vectors: Array, shape: tuple[int, ...]) -> Array:
-    """Gradients in the eigenframe (D, n) in the frame of the input, (..., D).
-
-    Raises
-    ------
-    WideberthError : one that is NaN.
-    """
-    if np.isnan(local).any():
-        raise WideberthError(
-            "a covariance is singular or too thin, and the line or plane on which the obstacle "
-            "lies just touches the disc: the probability has no gradient there; move the "
-            "obstacle or add a little to the covariance"
-        )
-    gradient = local.T.reshape(*shape, len(local))
-    return np.asarray(np.einsum("...ij,...j->...i", vectors, gradient))
 
 
 def scaled(
@@ -148,62 +101,3 @@ def split(columns: Any) -> tuple[list[Any], list[Any], Any]:
 
 def _parts(count: int) -> Iterator[slice]:
     return (slice(start, start + _CHUNK) for start in range(0, count, _CHUNK))
-
-
-def half_plane_level(difference: ArrayLike, covariance: ArrayLike, radius: ArrayLike) -> Array:
-    """Margin in standard deviations of the best separating line, (...).
-
-    m = max_n (n . d - R) / sqrt(n^T Sigma n), the level at which the ellipse of the covariance
-    touches the disc. At the optimum d_i = n_i (kappa l_i + R) in the eigenframe, so kappa is the
-    root of sum d_i^2 / (kappa l_i + R)^2 = 1 and m = kappa sqrt(n^T Sigma n). 0 where the disc
-    covers the mean, infinite where the covariance cannot reach it.
-
-    Parameters
-    ----------
-    difference, covariance, radius : as in `collision_probability`.
-    """
-    local, deviations, size = eigenframe(difference, covariance, radius)
-    variances = deviations**2
-    outside = np.hypot.reduce(local, axis=-1) > size
-    kappa, beyond = _multiplier(np.abs(local), variances, size, outside)
-    below = kappa[..., None] * variances + size[..., None]
-    normal = np.divide(local, below, out=np.zeros_like(local), where=below > 0)
-    reach = kappa * np.sqrt((variances * normal**2).sum(axis=-1))
-    return np.asarray(np.where(outside, np.where(beyond, np.inf, reach), 0.0))
-
-
-def half_plane_bound(difference: ArrayLike, covariance: ArrayLike, radius: ArrayLike) -> Array:
-    """Bound Phi(-m) on the collision probability from the best separating line, (...).
-
-    Where the disc covers the mean there is no such line and the bound is 1.
-    """
-    level = half_plane_level(difference, covariance, radius)
-    return np.asarray(np.where(level > 0.0, special.ndtr(-level), 1.0))
-
-
-def _multiplier(
-    size: Array, variances: Array, radius: Array, outside: Array
-) -> tuple[Array, BoolArray]:
-    """Kappa, and whether the covariance cannot reach the disc at all.
-
-    Newton on 1 / |d / (kappa l + R)| - 1, which is concave, so monotone from the left.
-    """
-    room = radius[..., None]
-    safe = np.where(variances > 0, variances, 1.0)
-    first = np.where(variances > 0, (size - room) / safe, 0.0).max(axis=-1)
-    kappa = np.where(outside, np.maximum(first, 0.0), 0.0)
-    fixed = np.where(variances > 0, 0.0, size)
-    reachable = np.hypot.reduce(fixed, axis=-1) < radius
-    spread = (variances > 0).all(axis=-1) | reachable
-    for _ in range(60):
-        below = kappa[..., None] * variances + room
-        part = np.divide(size, below, out=np.zeros_like(size), where=below > 0)
-        norm = np.hypot.reduce(part, axis=-1)
-        slope = np.divide(part**2 * variances, below, out=np.zeros_like(size), where=below > 0)
-        total = slope.sum(axis=-1)
-        step = np.divide(norm**2 * (norm - 1.0), total, out=np.zeros_like(norm), where=total > 0)
-        step = np.where(outside & spread, np.maximum(step, 0.0), 0.0)
-        if not (step > 1e-16 * kappa).any():
-            break
-        kappa = kappa + step
-    return kappa, outside & ~spread

@@ -32,29 +32,6 @@ def probability(
     return xp.where(solid, xp.where(reachable, xp.clip(risk, 0.0, 1.0), 0.0), 1.0 * (gap > 0.0))
 
 
-def slopes(ratios: Sequence[Any], squares: Sequence[Any], gap: Any, nodes: int, xp: Any) -> Any:
-    """Return -dP / d delta_i, (D, ...), at least 0.
-
-    Each is the density at 1 of |D|^2 / R^2 with two more degrees of freedom along axis i.
-    The first ratio is the largest. NaN on the rim that coordinates without spread leave, where P
-    jumps or is not smooth.
-    """
-    solid, reachable, rim = _kinds(ratios, squares, xp)
-    # phi at -1 / (4 tau_1), tau_1 the largest, is at most -1000 there: no density in double
-    # precision, and further left 1 + 2 tau w would lose its digits.
-    pull = sum(t * d for t, d in zip(ratios, squares, strict=True))
-    deep = (gap - pull / xp.where(solid, ratios[0], 1.0)) > 4000.0 * ratios[0]
-    present = solid & reachable & ~deep
-    form = _masked(ratios, squares, gap, present, xp)
-    rim = rim | (~solid & (gap == 0.0))
-    found = []
-    for i in range(len(ratios)):
-        counts = [3 if i == j else 1 for j in range(len(ratios))]
-        density = xp.exp(logarithm((*form, counts, 0), nodes, xp))
-        found.append(xp.where(rim, np.nan, xp.where(present, density, 0.0)))
-    return xp.stack(found)
-
-
 def _kinds(ratios: Sequence[Any], squares: Sequence[Any], xp: Any) -> tuple[Any, Any, Any]:
     """Tell whether any coordinate has spread, the disc can be reached, and just its rim."""
     solid = sum(ratios) > 0.0

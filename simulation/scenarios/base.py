@@ -80,6 +80,9 @@ class Scenario(ABC):
     Law: the same seed gives the same cast, and the same generator state the same parts of it.
     """
 
+    robot_radius: float = 0.0
+    """m, of the robots that a scenario leaves room for; 0 where it states none."""
+
     def cast(self, seed: int) -> Cast:
         """Draw the situation of a seed; the same for every controller that is compared.
 

@@ -42,7 +42,7 @@ def check_scenario(
     ------
     AssertionError : a law does not hold; the message names it and the seed.
     """
-    radius = getattr(scenario, "robot_radius", 0.0) if robot_radius is None else robot_radius
+    radius = scenario.robot_radius if robot_radius is None else robot_radius
     seen = []
     for seed in seeds:
         cast = scenario.cast(seed)

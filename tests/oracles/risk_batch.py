@@ -1,16 +1,17 @@
-"""Collision probability of many pairs at once, in JAX, and its estimate from random draws."""
+"""The collision probability in JAX, its gradient, and its estimate from random draws."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wideberth.framework.numerics.eigenframe import eigenframe
-from wideberth.framework.risk.collision_probability import scaled, split, turned_back
-from wideberth.framework.risk.inversion import probability, slopes
+from wideberth.framework.risk.collision_probability import scaled, split
+from wideberth.framework.risk.inversion import _kinds, _masked, logarithm, probability
 from wideberth.framework.values.arrays import Array, whole
+from wideberth.framework.values.errors import WideberthError
+from wideberth.tests.oracles.risk_bounds import eigenframe
 
 _CHUNK = 16384
 """Pairs per call: 64 nodes of them are 8 MiB."""
@@ -133,3 +134,68 @@ def _compiled(name: str, nodes: int) -> Callable[..., Any]:
 
     compiled: Callable[..., Any] = jax.jit(evaluate)
     return compiled
+
+
+def collision_probability_gradient(
+    difference: ArrayLike, covariance: ArrayLike, radius: ArrayLike, nodes: int = 64
+) -> Array:
+    """Gradient of the probability by the robot's position, 1/m, (..., D).
+
+    In the eigenframe, with x the obstacle's mean seen from the robot, 2 x_i / R^2 times the
+    density at 1 of |X|^2 / R^2 with two more degrees of freedom along axis i
+    (`slopes`): the sum of noncentral chi-square variables falls in a noncentrality by
+    what it has there with two degrees more. It points towards the obstacle. Each coordinate in
+    the eigenframe is known to 1e-9 of itself, also deep inside, where the probability is 1.
+    Where all spread is along a line or a plane the gradient is that of the limit.
+
+    Parameters
+    ----------
+    difference, covariance, radius, nodes : as in `collision_probability`.
+
+    Raises
+    ------
+    WideberthError : as `collision_probability`; a singular covariance whose line or plane just
+        touches the disc: there the probability has no gradient.
+    """
+    shape, columns, vectors, slope = scaled(difference, covariance, radius)
+    return turned_back(slope * slopes(*split(columns), nodes, np), vectors, shape)
+
+
+def turned_back(local: Array, vectors: Array, shape: tuple[int, ...]) -> Array:
+    """Gradients in the eigenframe (D, n) in the frame of the input, (..., D).
+
+    Raises
+    ------
+    WideberthError : one that is NaN.
+    """
+    if np.isnan(local).any():
+        raise WideberthError(
+            "a covariance is singular or too thin, and the line or plane on which the obstacle "
+            "lies just touches the disc: the probability has no gradient there; move the "
+            "obstacle or add a little to the covariance"
+        )
+    gradient = local.T.reshape(*shape, len(local))
+    return np.asarray(np.einsum("...ij,...j->...i", vectors, gradient))
+
+
+def slopes(ratios: Sequence[Any], squares: Sequence[Any], gap: Any, nodes: int, xp: Any) -> Any:
+    """Return -dP / d delta_i, (D, ...), at least 0.
+
+    Each is the density at 1 of |D|^2 / R^2 with two more degrees of freedom along axis i.
+    The first ratio is the largest. NaN on the rim that coordinates without spread leave, where P
+    jumps or is not smooth.
+    """
+    solid, reachable, rim = _kinds(ratios, squares, xp)
+    # phi at -1 / (4 tau_1), tau_1 the largest, is at most -1000 there: no density in double
+    # precision, and further left 1 + 2 tau w would lose its digits.
+    pull = sum(t * d for t, d in zip(ratios, squares, strict=True))
+    deep = (gap - pull / xp.where(solid, ratios[0], 1.0)) > 4000.0 * ratios[0]
+    present = solid & reachable & ~deep
+    form = _masked(ratios, squares, gap, present, xp)
+    rim = rim | (~solid & (gap == 0.0))
+    found = []
+    for i in range(len(ratios)):
+        counts = [3 if i == j else 1 for j in range(len(ratios))]
+        density = xp.exp(logarithm((*form, counts, 0), nodes, xp))
+        found.append(xp.where(rim, np.nan, xp.where(present, density, 0.0)))
+    return xp.stack(found)

@@ -1,18 +1,17 @@
 """What the field uses in place of the collision probability: bounds, and one that is none.
 
 All take the difference of the mean positions, the covariance of that difference and the sum of
-the radii, as `framework.risk.collision_probability` does, and broadcast. `half_plane_bound`
-there is the best bound from a line.
+the radii, as `framework.risk.collision_probability` does, and broadcast. `half_plane_bound` is the
+best bound from a line.
 """
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
-from wideberth.framework.numerics.eigenframe import eigenframe
+from wideberth.framework.numerics.eigenframe import checked_pairs, principal_axes
 from wideberth.framework.numerics.geometry import UNIT_BALL
-from wideberth.framework.risk.collision_probability import half_plane_level
-from wideberth.framework.values.arrays import Array
+from wideberth.framework.values.arrays import Array, BoolArray
 from wideberth.framework.values.errors import WideberthError
 
 
@@ -122,3 +121,85 @@ def _ball_times_density(deviations: Array, radius: Array, distance: Array) -> Ar
     volume = UNIT_BALL[size] * radius**size
     peak = (2.0 * np.pi) ** (-0.5 * size) / deviations.prod(axis=-1)
     return np.asarray(volume * peak * np.exp(-0.5 * distance**2))
+
+
+def half_plane_level(difference: ArrayLike, covariance: ArrayLike, radius: ArrayLike) -> Array:
+    """Margin in standard deviations of the best separating line, (...).
+
+    m = max_n (n . d - R) / sqrt(n^T Sigma n), the level at which the ellipse of the covariance
+    touches the disc. At the optimum d_i = n_i (kappa l_i + R) in the eigenframe, so kappa is the
+    root of sum d_i^2 / (kappa l_i + R)^2 = 1 and m = kappa sqrt(n^T Sigma n). 0 where the disc
+    covers the mean, infinite where the covariance cannot reach it.
+
+    Parameters
+    ----------
+    difference, covariance, radius : as in `collision_probability`.
+    """
+    local, deviations, size = eigenframe(difference, covariance, radius)
+    variances = deviations**2
+    outside = np.hypot.reduce(local, axis=-1) > size
+    kappa, beyond = _multiplier(np.abs(local), variances, size, outside)
+    below = kappa[..., None] * variances + size[..., None]
+    normal = np.divide(local, below, out=np.zeros_like(local), where=below > 0)
+    reach = kappa * np.sqrt((variances * normal**2).sum(axis=-1))
+    return np.asarray(np.where(outside, np.where(beyond, np.inf, reach), 0.0))
+
+
+def half_plane_bound(difference: ArrayLike, covariance: ArrayLike, radius: ArrayLike) -> Array:
+    """Bound Phi(-m) on the collision probability from the best separating line, (...).
+
+    Where the disc covers the mean there is no such line and the bound is 1.
+    """
+    level = half_plane_level(difference, covariance, radius)
+    return np.asarray(np.where(level > 0.0, special.ndtr(-level), 1.0))
+
+
+def _multiplier(
+    size: Array, variances: Array, radius: Array, outside: Array
+) -> tuple[Array, BoolArray]:
+    """Kappa, and whether the covariance cannot reach the disc at all.
+
+    Newton on 1 / |d / (kappa l + R)| - 1, which is concave, so monotone from the left.
+    """
+    room = radius[..., None]
+    safe = np.where(variances > 0, variances, 1.0)
+    first = np.where(variances > 0, (size - room) / safe, 0.0).max(axis=-1)
+    kappa = np.where(outside, np.maximum(first, 0.0), 0.0)
+    fixed = np.where(variances > 0, 0.0, size)
+    reachable = np.hypot.reduce(fixed, axis=-1) < radius
+    spread = (variances > 0).all(axis=-1) | reachable
+    for _ in range(60):
+        below = kappa[..., None] * variances + room
+        part = np.divide(size, below, out=np.zeros_like(size), where=below > 0)
+        norm = np.hypot.reduce(part, axis=-1)
+        slope = np.divide(part**2 * variances, below, out=np.zeros_like(size), where=below > 0)
+        total = slope.sum(axis=-1)
+        step = np.divide(norm**2 * (norm - 1.0), total, out=np.zeros_like(norm), where=total > 0)
+        step = np.where(outside & spread, np.maximum(step, 0.0), 0.0)
+        if not (step > 1e-16 * kappa).any():
+            break
+        kappa = kappa + step
+    return kappa, outside & ~spread
+
+
+def eigenframe(
+    difference: ArrayLike, covariance: ArrayLike, radius: ArrayLike
+) -> tuple[Array, Array, Array]:
+    """Difference in the eigenframe and deviations, large to small, and radius, broadcast.
+
+    The signs of the coordinates are dropped: the probability is symmetric in each.
+
+    Raises
+    ------
+    WideberthError : as `checked_pairs`.
+    """
+    d, sigma, size = checked_pairs(difference, covariance, radius)
+    deviations, vectors = principal_axes(sigma)
+    local = np.abs(np.einsum("...ij,...i->...j", vectors, d))
+    shape = np.broadcast_shapes(local.shape[:-1], deviations.shape[:-1], size.shape)
+    full = (*shape, d.shape[-1])
+    return (
+        np.broadcast_to(local, full).copy(),
+        np.broadcast_to(deviations, full).copy(),
+        np.broadcast_to(size, shape).copy(),
+    )

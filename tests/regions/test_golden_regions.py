@@ -16,14 +16,9 @@ import numpy as np
 
 from wideberth.framework.numerics import geometry
 from wideberth.framework.numerics.eigenframe import eigen_axes
-from wideberth.framework.risk.collision_probability import (
-    collision_probability,
-    half_plane_bound,
-    half_plane_level,
-)
+from wideberth.framework.risk.collision_probability import collision_probability
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.regions import gaussian
-from wideberth.regions.bhattacharyya import bhattacharyya_distance
 from wideberth.regions.box import box_content, distance_to_box
 from wideberth.regions.eigen_rectangle import EigenRectangle
 from wideberth.regions.gaussian import CENTRE
@@ -32,10 +27,13 @@ from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.tests.oracles import inflation
 from wideberth.tests.oracles.polygons import max_face, polygon_signed_distance
+from wideberth.tests.oracles.region_levels import bhattacharyya_distance, ellipse_level_of_content
 from wideberth.tests.oracles.risk_bounds import (
     box_bound,
     centre_line_bound,
     centre_point_value,
+    half_plane_bound,
+    half_plane_level,
     highest_density_bound,
 )
 
@@ -47,7 +45,7 @@ Fields = dict[str, Callable[[], Any]]
 def region_case(given: dict[str, Any]) -> Fields:
     sigma, point = np.array(given["Sigma"], dtype=float), np.array(given["point"], dtype=float)
     mean, margin = np.array(given["mu"], dtype=float), np.float64(given["r"] + given["r_d"])
-    s = gaussian.ellipse_level_of_content(given["p"])
+    s = ellipse_level_of_content(given["p"])
     deviations, vectors = eigen_axes(sigma)
     a, b = s * deviations
     obstacle = GaussianObstacle(mean, sigma)
@@ -202,7 +200,7 @@ def collision_3d(given: dict[str, Any]) -> Fields:
 
 
 def s_of_p(given: dict[str, Any]) -> Fields:
-    return {"": lambda: gaussian.ellipse_level_of_content(given["p"], given["n"])}
+    return {"": lambda: ellipse_level_of_content(given["p"], given["n"])}
 
 
 def rectangle_sd(given: dict[str, Any]) -> Fields:

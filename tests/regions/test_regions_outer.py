@@ -21,6 +21,7 @@ from wideberth.regions.repaired_level import RepairedLevel
 from wideberth.regions.repaired_margin import RepairedMargin
 from wideberth.tests.helpers.region_samples import OUTER, packed, random_covariances
 from wideberth.tests.oracles import inflation
+from wideberth.tests.oracles.region_levels import ellipse_level_of_content
 
 FIELDS: dict[str, Callable[[Any, Any, float], Any]] = {
     "brito_axes": lambda o, r, s: axes_of(RepairedMargin(), o, r, s),
@@ -53,7 +54,7 @@ def test_golden_values(golden_path: Path, field: str) -> None:
         sigma = np.array(given["Sigma"], dtype=float)
         values = np.linalg.eigvalsh(sigma)
         loose = 0 < values[0] < 1.01e-8 * values[1]  # such eigenvalues have lost digits
-        s = gaussian.ellipse_level_of_content(given["p"])
+        s = ellipse_level_of_content(given["p"])
         obstacle = GaussianObstacle(np.array(given["mu"], dtype=float), sigma)
         got = FIELDS[field](obstacle, np.asarray(given["r"] + given["r_d"]), s)
         np.testing.assert_allclose(got, want, rtol=1e-8 if loose else 1e-10, atol=2e-15)

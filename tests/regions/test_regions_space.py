@@ -17,13 +17,14 @@ from wideberth.framework.region import Guarantee, Region
 from wideberth.framework.risk.collision_probability import collision_probability
 from wideberth.framework.testing.twin import compile_twin
 from wideberth.framework.values.forecast import GaussianObstacle
-from wideberth.regions.bhattacharyya import Bhattacharyya, bhattacharyya_distance
+from wideberth.regions.bhattacharyya import Bhattacharyya
 from wideberth.regions.du_toit import DuToit
 from wideberth.regions.half_plane import HalfPlane
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.regions.park import Park
 from wideberth.regions.risk_contour import RiskContour
 from wideberth.regions.whitened_box import WhitenedBox
+from wideberth.tests.oracles.region_levels import bhattacharyya_distance
 from wideberth.tests.oracles.risk_bounds import (
     box_bound,
     centre_line_bound,

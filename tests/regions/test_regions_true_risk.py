@@ -7,7 +7,7 @@ from wideberth.framework.region import Guarantee, Region
 from wideberth.framework.risk.collision_probability import collision_probability
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.regions.best_half_plane import BestHalfPlane
-from wideberth.regions.bhattacharyya import Bhattacharyya, bhattacharyya_distance
+from wideberth.regions.bhattacharyya import Bhattacharyya
 from wideberth.regions.du_toit import DuToit
 from wideberth.regions.half_plane import HalfPlane
 from wideberth.regions.minkowski_sum import MinkowskiSum
@@ -15,6 +15,7 @@ from wideberth.regions.park import Park
 from wideberth.regions.risk_contour import RiskContour
 from wideberth.regions.whitened_box import WhitenedBox
 from wideberth.tests.helpers.region_samples import BY_RISK, random_obstacles
+from wideberth.tests.oracles.region_levels import bhattacharyya_distance
 from wideberth.tests.oracles.risk_bounds import (
     box_bound,
     centre_point_value,

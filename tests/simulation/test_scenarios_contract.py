@@ -58,7 +58,7 @@ def test_laws_hold(name: str) -> None:
 def test_an_episode_runs(name: str) -> None:
     scenario = made(name)
     robot: Robot = build(
-        "robots", {"type": "unicycle", "radius": getattr(scenario, "robot_radius", 0.3)}
+        "robots", {"type": "unicycle", "radius": scenario.robot_radius or 0.3}
     )
     if name == "crossing_3d":
         pytest.skip("controllers without a horizon drive in the plane")

@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 from scipy import integrate, special, stats
 
-from wideberth.framework.risk.collision_probability import (
-    collision_probability,
-    half_plane_bound,
-    half_plane_level,
-)
+from wideberth.framework.risk.collision_probability import collision_probability
 from wideberth.framework.values.errors import WideberthError
+from wideberth.tests.oracles.risk_bounds import half_plane_bound, half_plane_level
 
 
 def turned(angle: float, first: float, second: float) -> np.ndarray:

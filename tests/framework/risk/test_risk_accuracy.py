@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from scipy import special
 
-from wideberth.framework.risk.collision_probability import (
-    collision_probability,
-    collision_probability_gradient,
-)
+from wideberth.framework.risk.collision_probability import collision_probability
 from wideberth.tests.oracles.risk_batch import (
     collision_probability_batch,
+    collision_probability_gradient,
     collision_probability_gradient_batch,
 )
 

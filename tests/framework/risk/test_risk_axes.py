@@ -10,15 +10,14 @@ import numpy as np
 import pytest
 from scipy import special
 
-from wideberth.framework.numerics.eigenframe import eigenframe, principal_axes, rim_gap
-from wideberth.framework.risk.collision_probability import (
-    collision_probability,
-    collision_probability_gradient,
-)
+from wideberth.framework.numerics.eigenframe import principal_axes, rim_gap
+from wideberth.framework.risk.collision_probability import collision_probability
 from wideberth.tests.oracles.risk_batch import (
     collision_probability_batch,
+    collision_probability_gradient,
     collision_probability_gradient_batch,
 )
+from wideberth.tests.oracles.risk_bounds import eigenframe
 
 
 def thin(rng: np.random.Generator, size: int, count: int) -> Any:

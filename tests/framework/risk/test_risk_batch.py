@@ -9,14 +9,11 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from wideberth.framework.risk.collision_probability import (
-    collision_probability,
-    collision_probability_gradient,
-    half_plane_bound,
-)
+from wideberth.framework.risk.collision_probability import collision_probability
 from wideberth.framework.values.errors import WideberthError
 from wideberth.tests.oracles.risk_batch import (
     collision_probability_batch,
+    collision_probability_gradient,
     collision_probability_gradient_batch,
     sampled_collision_probability,
 )
@@ -24,6 +21,7 @@ from wideberth.tests.oracles.risk_bounds import (
     box_bound,
     centre_line_bound,
     centre_point_value,
+    half_plane_bound,
     highest_density_bound,
 )
 

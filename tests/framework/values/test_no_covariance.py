@@ -8,7 +8,6 @@ import pytest
 from wideberth.framework.metrics import episode as metrics
 from wideberth.framework.metrics import plan as metrics_plan
 from wideberth.framework.metrics import scoring
-from wideberth.framework.risk import batched as risk_batch
 from wideberth.framework.risk import collision_probability as risk
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast, GaussianObstacle
@@ -16,7 +15,7 @@ from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.tracks import Tracks
 from wideberth.regions.box import box_content
 from wideberth.regions.static.packing import pack
-from wideberth.tests.oracles import risk_bounds
+from wideberth.tests.oracles import risk_batch, risk_bounds
 
 Asked = Callable[[np.ndarray], object]
 
@@ -33,9 +32,9 @@ def one(covariance: np.ndarray) -> np.ndarray:
 
 TAKERS: dict[str, Asked] = {
     "probability": lambda s: risk.collision_probability(APART, s, 1.0),
-    "gradient": lambda s: risk.collision_probability_gradient(APART, s, 1.0),
-    "half_plane_level": lambda s: risk.half_plane_level(APART, s, 1.0),
-    "half_plane_bound": lambda s: risk.half_plane_bound(APART, s, 1.0),
+    "gradient": lambda s: risk_batch.collision_probability_gradient(APART, s, 1.0),
+    "half_plane_level": lambda s: risk_bounds.half_plane_level(APART, s, 1.0),
+    "half_plane_bound": lambda s: risk_bounds.half_plane_bound(APART, s, 1.0),
     "centre_point_value": lambda s: risk_bounds.centre_point_value(APART, s, 1.0),
     "highest_density_bound": lambda s: risk_bounds.highest_density_bound(APART, s, 1.0),
     "centre_line_bound": lambda s: risk_bounds.centre_line_bound(APART, s, 1.0),
