@@ -203,7 +203,7 @@ def check_robots(
         robot is none of these, or that refuses one of them.
     """
     for place, scenario in scenarios.items():
-        room = getattr(scenario, "robot_radius", float("inf"))
+        room = scenario.robot_radius or float("inf")
         for name, robot in robots.items():
             if robot.radius > room + 1e-9:
                 raise WideberthError(

@@ -84,17 +84,11 @@ LAYERS = [
     *("mpc/fallback", "mpc/planner", "mpc/diagnosis", "mpc/export", "testing", "__init__"),
 ]
 """Groups of the framework from bottom to top; those that `ARROWS` lacks import from below."""
-KNOWN_ARROWS = {
-    ("framework/control", "framework/mpc/planner"),
-    ("framework/mpc", "framework/mpc/planner"),
-    ("framework/mpc/fallback", "framework/mpc/planner"),
-    ("framework/mpc/planner", "framework/mpc/diagnosis"),
-}
-"""Arrows between groups that still point upwards; this set only shrinks."""
+KNOWN_ARROWS = {("framework/mpc/planner", "framework/mpc/diagnosis")}
+"""Arrows between groups that still point upwards; whoever cuts one takes it from here."""
 KNOWN_CIRCLES = {
     "framework.mpc.fallback.giving_way",
     "framework.mpc.fallback.ladder",
-    "framework.mpc.fallback.emergency",
     "framework.mpc.planner.problem_cache",
     "framework.mpc.planner.planner",
     "framework.mpc.planner.settings",
@@ -103,7 +97,7 @@ KNOWN_CIRCLES = {
     "experiments.studies.tuning",
     "experiments.studies.tuning_figure",
 }
-"""Files that still stand in a circle of imports; this set only shrinks."""
+"""Files that still stand in a circle of imports; whoever cuts one takes them from here."""
 
 
 def module_name(path: Path) -> str:
@@ -158,8 +152,11 @@ def group_of(name: str) -> str:
 
 
 def test_no_file_stands_in_a_circle_of_imports() -> None:
-    found = [ring for ring in circles(import_graph()) if not ring <= KNOWN_CIRCLES]
-    assert not found, f"these files import each other: {[sorted(ring) for ring in found]}"
+    rings = circles(import_graph())
+    found = [sorted(ring) for ring in rings if not ring <= KNOWN_CIRCLES]
+    assert not found, f"these files import each other: {found}"
+    cut = KNOWN_CIRCLES - set().union(*rings)
+    assert not cut, f"these stand in no circle any more; take them from KNOWN_CIRCLES: {cut}"
 
 
 def test_circles_are_found() -> None:
@@ -169,7 +166,7 @@ def test_circles_are_found() -> None:
 
 def test_groups_of_a_room_import_only_what_is_listed() -> None:
     order = [f"framework/{layer}".rstrip("/") for layer in LAYERS]
-    wrong = {}
+    wrong, known = {}, set()
     for name, others in import_graph().items():
         group = group_of(name)
         for other in others:
@@ -177,11 +174,13 @@ def test_groups_of_a_room_import_only_what_is_listed() -> None:
             if wanted == group or wanted.split("/")[0] != group.split("/")[0]:
                 continue
             if (group, wanted) in KNOWN_ARROWS:
+                known.add((group, wanted))
                 continue
             below = order[: order.index(group)] if group in order else []
             if wanted not in ARROWS.get(group, below):
                 wrong[name] = other
     assert not wrong, f"list the arrow in ARROWS or remove the import: {wrong}"
+    assert known == KNOWN_ARROWS, f"take these from KNOWN_ARROWS: {KNOWN_ARROWS - known}"
 
 
 @pytest.mark.parametrize(("room", "path"), MODULES)

@@ -57,9 +57,7 @@ def test_laws_hold(name: str) -> None:
 @pytest.mark.parametrize("name", CASES)
 def test_an_episode_runs(name: str) -> None:
     scenario = made(name)
-    robot: Robot = build(
-        "robots", {"type": "unicycle", "radius": scenario.robot_radius or 0.3}
-    )
+    robot: Robot = build("robots", {"type": "unicycle", "radius": scenario.robot_radius or 0.3})
     if name == "crossing_3d":
         pytest.skip("controllers without a horizon drive in the plane")
     controller = build("controllers", {"type": "constant_velocity", "robot": robot})
