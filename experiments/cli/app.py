@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ...framework.plugins.io import expanded
 from ...framework.values.errors import WideberthError
-from ..engine.results import RESULTS, result_folder
 from ..engine.threads import ROUNDING
-from . import export_command, options, play_command, report_command
-from .options import Config, Fresh, Out, Quick, Set, SetPlugin, Workers
 
 if TYPE_CHECKING:
     from ..engine.base import Experiment
@@ -25,6 +23,46 @@ app = typer.Typer(
 )
 
 
+Config = Annotated[str, typer.Argument(help="A YAML file, or the name of a shipped config.")]
+Set = Annotated[
+    list[str] | None, typer.Option("--set", help="KEY=VALUE, as in region.tail=0.1; repeatable.")
+]
+SetPlugin = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="KEY=VALUE of the plug-in, as in base.window=2; repeatable."),
+]
+Out = Annotated[Path | None, typer.Option(help="Folder of the result; results/NAME by default.")]
+Workers = Annotated[int, typer.Option(help="Processes; the result does not depend on it.")]
+Quick = Annotated[bool, typer.Option("--quick", help="A reduced version, in seconds.")]
+Fresh = Annotated[bool, typer.Option("--fresh", help="Remove the files of an older result first.")]
+SchedulerAddress = Annotated[
+    str | None,
+    typer.Option(help="tcp://HOST:PORT or tls://HOST:PORT of a Dask cluster that does the work."),
+]
+TlsCa = Annotated[
+    Path | None, typer.Option(help="PEM file: who signs the cluster's certificates.")
+]
+TlsCert = Annotated[Path | None, typer.Option(help="PEM file: our certificate for the cluster.")]
+TlsKey = Annotated[Path | None, typer.Option(help="PEM file: its key, if not in the same file.")]
+Parquet = Annotated[bool, typer.Option("--parquet", help="Write table.parquet beside table.csv.")]
+
+RESULTS = Path("results")
+"""Folder of all results that no other is stated for."""
+
+
+def result_folder(name: str) -> Path:
+    """Return the folder that a path or the name of a config means.
+
+    Examples
+    --------
+    >>> [result_folder(name).as_posix() for name in ("tuning", "mine/tuning.yaml", "old/tuning")]
+    ['results/tuning', 'results/tuning', 'old/tuning']
+    """
+    folder = expanded(name)
+    own = len(folder.parts) > 1 and folder.suffix not in (".yaml", ".yml")
+    return folder if own or (folder / "config.yaml").is_file() else RESULTS / folder.stem
+
+
 @app.command()
 def run(
     config: Config,
@@ -34,14 +72,13 @@ def run(
     quick: Quick = False,
     fresh: Fresh = False,
     no_figures: Annotated[bool, typer.Option("--no-figures", help="Table only.")] = False,
-    scheduler: options.Scheduler = None,
-    tls_ca: options.TlsCa = None,
-    tls_cert: options.TlsCert = None,
-    tls_key: options.TlsKey = None,
-    parquet: options.Parquet = False,
+    scheduler: SchedulerAddress = None,
+    tls_ca: TlsCa = None,
+    tls_cert: TlsCert = None,
+    tls_key: TlsKey = None,
+    parquet: Parquet = False,
 ) -> None:
     """Run an experiment: measure, print the table, draw the figures."""
-    from ...framework.plugins.io import expanded
     from ..engine import tables
     from ..engine.dask_pool import reached
     from ..engine.shipped import config_path, read_experiment
@@ -107,7 +144,6 @@ def figures(
     workers: Workers = 1,
 ) -> None:
     """Redraw figures from results; a name without a result is run first."""
-    from ...framework.plugins.io import expanded
     from ..engine.runner import draw
     from ..engine.shipped import read_experiment
 
@@ -183,7 +219,6 @@ def fit(
 ) -> None:
     """Fit a predictor to recordings and save it; `{saved: FILE}` names it in a config."""
     from ...framework.plugins.config import check_place, save_plugin
-    from ...framework.plugins.io import expanded
     from . import fitting
 
     out = expanded(out)
@@ -215,9 +250,41 @@ def explain(
     solver: Annotated[str | None, typer.Option(help="Solve again with this one.")] = None,
 ) -> None:
     """Say why a recorded solve failed or was slow, and solve it again."""
-    from .explaining import explained
+    typer.echo("\n".join(_explained(target, solver)))
 
-    typer.echo("\n".join(explained(target, solver)))
+
+def _explained(target: Path, solver: str | None) -> list[str]:
+    """Lines about one recorded solve, or about all in a folder.
+
+    Parameters
+    ----------
+    target : either file of a pair, or a folder of pairs.
+    solver : what to solve again with; the recorded one by default.
+
+    Raises
+    ------
+    WideberthError : no recorded solve there, or one that cannot be opened.
+    """
+    if target.is_dir():
+        files = sorted(target.glob("solve-*.json"))
+        if not files:
+            raise WideberthError(f"{target} holds no recorded solve (solve-*.json)")
+        return [line for file in files for line in (*_explain_one(file, solver), "")][:-1]
+    if target.suffix not in ("", ".json", ".npz"):
+        raise WideberthError(
+            f"{target} is no recorded solve; wanted a .json or .npz file of one, or their folder"
+        )
+    return _explain_one(target, solver)
+
+
+def _explain_one(path: Path, solver: str | None) -> list[str]:
+    from ...framework.mpc.diagnosis.explain import compared
+    from ...framework.mpc.diagnosis.solve_record import read_solve
+
+    solve = read_solve(path)
+    again = f"solved again with {solver or 'the recorded solver'}:"
+    solutions = solve.again(solver)
+    return [str(path.with_suffix(".json")), solve.text(), again, *compared(solve, solutions)]
 
 
 @app.command()
@@ -245,9 +312,81 @@ def demo(
         _run(experiment, out / name, workers, True, plugins, True)
 
 
-app.command()(export_command.export)
-app.command()(report_command.report)
-app.command()(play_command.play)
+@app.command()
+def export(
+    config: Config,
+    out: Annotated[Path, typer.Option(help="Folder of the C files; it must not exist yet.")],
+    planner: Annotated[
+        str | None, typer.Option(help="Which of the config's planners; the first by default.")
+    ] = None,
+    obstacles: Annotated[int, typer.Option(help="Slots for obstacles.")] = 5,
+    polygons: Annotated[
+        int | None, typer.Option(help="Slots for polygons; 5 where the planner minds them.")
+    ] = None,
+    corners: Annotated[int, typer.Option(help="Vertices that a polygon may have.")] = 4,
+    set_: Set = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an older export.")] = False,
+) -> None:
+    """Write the planner's optimisation problem as C, with an example that checks it."""
+    from .export import export as write
+
+    source = write(
+        config,
+        set_ or [],
+        expanded(out),
+        planner=planner,
+        obstacles=obstacles,
+        polygons=polygons,
+        corners=corners,
+        force=force,
+    )
+    typer.echo(f"written: {out} ({source}); `make -C {out}` compiles and checks the example")
+
+
+@app.command()
+def report(
+    results: Annotated[
+        list[str], typer.Argument(help="Folders of results, or the names of their configs.")
+    ],
+    out: Annotated[
+        Path, typer.Option(help="HTML file; the Markdown tables are written beside it.")
+    ] = Path("report.html"),
+) -> None:
+    """Write results as one page that needs nothing else, and as Markdown tables."""
+    from ..report.document import report as write
+
+    folders = [Path(name) if Path(name).exists() else result_folder(name) for name in results]
+    for path in write(folders, expanded(out)):
+        typer.echo(f"written: {path} ({path.stat().st_size / 1e6:.1f} MB)")
+
+
+@app.command()
+def play(
+    episode: Annotated[
+        str,
+        typer.Argument(help="An episode (files/*.npz), a result's folder, or its config's name."),
+    ],
+    out: Annotated[
+        Path | None, typer.Option(help="HTML file; the episode's name by default.")
+    ] = None,
+    tail: Annotated[
+        float | None,
+        typer.Option(help="1 - content of the regions; that of the result by default, else 0.05."),
+    ] = None,
+    open_: Annotated[bool, typer.Option("--open/--no-open", help="Open it in a browser.")] = True,
+) -> None:
+    """Step through an episode with plans, forecasts and regions, in a browser."""
+    import webbrowser
+
+    from ..report.player import find_episode
+    from ..report.player import play as write
+
+    path = expanded(episode)
+    found = find_episode(path if path.exists() else result_folder(episode))
+    page = write(found, expanded(out) if out else Path(f"{found.stem}.html"), tail)
+    typer.echo(f"written: {page} ({page.stat().st_size / 1e6:.1f} MB)")
+    if open_ and not webbrowser.open(page.resolve().as_uri()):
+        typer.echo("no browser was found to open it with; open the file yourself")
 
 
 def main(arguments: list[str] | None = None) -> None:

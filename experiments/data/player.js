@@ -1,7 +1,7 @@
 "use strict";
-/* Plays episodes that player_data.py packed. No library; nothing is fetched. */
+/* Plays episodes that report/player.py packed. No library; nothing is fetched. */
 
-/** Undo `series` of player_data.py: first value, then differences, in units; null is NaN. */
+/** Undo `series` of report/player.py: first value, then differences, in units; null is NaN. */
 function series(list, unit) {
   let sum = 0;
   return list.map((step) => (step === null ? NaN : (sum += step) * unit));

@@ -12,7 +12,7 @@ from ...framework.mpc.planner.planner import Planner
 from ...framework.values.arrays import positive, probability
 from ...framework.values.plan import Plan
 from ...simulation.log.episode_log import AgentLog, Episode
-from . import episode_artists as pieces
+from . import episode_artists as artists
 from .kept_out import kept_out_of
 from .plotting import paper_style
 
@@ -85,7 +85,7 @@ class _Actor:
     """The moving artists of one agent."""
 
     def __init__(
-        self, panel: Any, log: AgentLog, look: pieces.Look, tail: float, planner: Planner | None
+        self, panel: Any, log: AgentLog, look: artists.Look, tail: float, planner: Planner | None
     ) -> None:
         from matplotlib.collections import PolyCollection
 
@@ -109,16 +109,16 @@ class _Actor:
         log = self.log
         here = episode.at(log, np.array([time]))[0, :2]
         there = bool(np.isfinite(here).all())
-        heading = pieces.heading_at(episode, log, time)
-        self.body.set_verts(pieces.shapes(log, here, heading) if there else [])
-        self.nose.set_data(*pieces.nose(episode, log, time).T)
+        heading = artists.heading_at(episode, log, time)
+        self.body.set_verts(artists.shapes(log, here, heading) if there else [])
+        self.nose.set_data(*artists.nose(episode, log, time).T)
         before = log.positions[episode.times <= time, :2][::5]
         self.trail.set_data(*np.concatenate([before, here[None]]).T)
-        plan = pieces.plan_at(log, time)
+        plan = artists.plan_at(log, time)
         if plan is not None and plan is not self.shown:
             self.shown = plan
             self.plan.set_data(*plan.positions[1:, :2].T)
-            self.asked.set_verts(list(pieces.outlines(plan.forecast, self.tail, 48, _EVERY)))
+            self.asked.set_verts(list(artists.outlines(plan.forecast, self.tail, 48, _EVERY)))
             if self.planner is not None:
                 steps = list(range((len(plan.inputs) - 1) % _EVERY, len(plan.inputs), _EVERY))
                 self.marks.set_data(*plan.positions[1:, :2][steps].T)
@@ -133,21 +133,21 @@ class _Stage:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
-        low, high = pieces.extent(episode)
+        low, high = artists.extent(episode)
         missing = max(_NARROWEST * (high[1] - low[1]) - (high[0] - low[0]), 0.0)
         low[0], high[0] = low[0] - 0.5 * missing, high[0] + 0.5 * missing
         shape = (high[1] - low[1]) / (high[0] - low[0])
         height = float(np.clip(5.0 * shape, 1.2, 4.6)) + 1.45
         self.episode = episode
-        now = pieces.clearance_over_time(episode)
+        now = artists.clearance_over_time(episode)
         self.clearance = np.stack([now, np.fmin.accumulate(now)])
         self.figure = Figure(figsize=(5.6, height), dpi=120)
         self.canvas = cast(Any, FigureCanvasAgg(self.figure))
         panel = self.panel = self.figure.subplots()
-        pieces.frame(panel, low, high)
-        pieces.walls(panel, episode)
-        pieces.courses(panel, episode)
-        styles = pieces.looks(episode)
+        artists.frame(panel, low, high)
+        artists.walls(panel, episode)
+        artists.courses(panel, episode)
+        styles = artists.looks(episode)
         self.actors = [
             _Actor(panel, log, styles[log.name], tail, planner) for log in episode.agents
         ]
@@ -184,7 +184,7 @@ class _Stage:
         words += [f"smallest so far {least:.2f} m"] if np.isfinite(least) else []
         return f"t = {time:.1f} s, {self.note}\n{', '.join(words)}"
 
-    def _legend(self, styles: dict[str, pieces.Look], tail: float) -> None:
+    def _legend(self, styles: dict[str, artists.Look], tail: float) -> None:
         """Say what is what; bystanders share one entry."""
         for actor in self.actors:
             robot = actor.log.kind == "robot"

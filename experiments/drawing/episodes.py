@@ -12,11 +12,10 @@ from ...framework.values.arrays import Array, positive, probability
 from ...framework.values.errors import WideberthError
 from ...framework.values.plan import Plan, Rung
 from ...simulation.log.episode_log import AgentLog, Episode
-from . import episode_artists as pieces
-from .closest import mark_closest
+from . import episode_artists as artists
+from .episode_artists import mark_closest
 from .kept_out import kept_out_of
 from .plotting import COLOURS, COLUMN, PAGE, paper_style
-from .time_labels import write_times
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -83,7 +82,7 @@ def draw_views(
         ]
         span = np.max([high - low for low, high in boxes], axis=0)
         for panel, (low, high) in zip(panels, boxes, strict=True):
-            pieces.frame(panel, 0.5 * (low + high - span), 0.5 * (low + high + span))
+            artists.frame(panel, 0.5 * (low + high - span), 0.5 * (low + high + span))
         width = 0.5 * PAGE - 0.5
         figure.set_size_inches(PAGE, width * min(span[1] / span[0], 1.4) + 1.4)
         _legend(figure, panels)
@@ -102,13 +101,13 @@ def draw_run(episode: Episode) -> "Figure":
     with paper_style():
         figure = Figure()
         panel = figure.subplots()
-        low, high = pieces.extent(episode)
+        low, high = artists.extent(episode)
         span = high - low
         figure.set_size_inches(COLUMN, min(2.98 * span[1] / span[0], 3.6) + 1.0)
-        pieces.frame(panel, low, high)
-        pieces.walls(panel, episode)
-        pieces.courses(panel, episode)
-        styles = pieces.looks(episode)
+        artists.frame(panel, low, high)
+        artists.walls(panel, episode)
+        artists.courses(panel, episode)
+        styles = artists.looks(episode)
         for log in episode.agents:
             _way(panel, episode, log, styles[log.name])
         taken = mark_closest(panel, episode)
@@ -126,11 +125,11 @@ def _view(
     planner: Planner | None,
 ) -> tuple[Array, Array]:
     """Draw one robot's view; return the corners of what has to be seen."""
-    plan = pieces.plan_at(ego, moment)
+    plan = artists.plan_at(ego, moment)
     time = moment if plan is None else plan.stamp
     path = [path for begin, path in ego.paths if begin <= time + 1e-9][-1]
     panel.plot(*path.points[:, :2].T, "-", color=REFERENCE, linewidth=0.7, label="reference path")
-    pieces.walls(panel, episode)
+    artists.walls(panel, episode)
     seen = [_world(panel, episode, ego, time)]
     if plan is not None:
         kept = _kept_out(panel, episode, ego, plan, planner)
@@ -192,7 +191,7 @@ def _intention(panel: Any, plan: Plan, tail: float) -> list[Array]:
     """Draw what the robot expects and means to do."""
     from matplotlib.collections import PolyCollection
 
-    regions = pieces.outlines(plan.forecast, tail, every=_EVERY)
+    regions = artists.outlines(plan.forecast, tail, every=_EVERY)
     panel.add_collection(
         PolyCollection(
             list(regions), facecolor=(FORECAST, 0.08), edgecolor=(FORECAST, 0.35),
@@ -227,13 +226,13 @@ def _world(panel: Any, episode: Episode, ego: AgentLog, time: float) -> Array:
             continue
         face = "white" if own else (OTHER, 0.25)
         body = PolyCollection(
-            pieces.shapes(log, here, pieces.heading_at(episode, log, time)), facecolor=face,
+            artists.shapes(log, here, artists.heading_at(episode, log, time)), facecolor=face,
             edgecolor=colour, linewidth=0.9, linestyle=line, hatch=None if own else "/////",
             zorder=1.5,
             label="robot and its trail" if own else _once(panel, "obstacle and its trail"),
         )  # fmt: skip
         panel.add_collection(body, autolim=False)
-        panel.plot(*pieces.nose(episode, log, time).T, "-", color=colour, linewidth=2.0)
+        panel.plot(*artists.nose(episode, log, time).T, "-", color=colour, linewidth=2.0)
         if log.kind == "robot":
             corners += [here - log.radius, here + log.radius]
     return np.array(corners).reshape(-1, 2)
@@ -271,7 +270,7 @@ def _title(ego: AgentLog, plan: Plan | None, time: float, tail: float) -> str:
     return f"{head}{name} holds {percent} content, {100 * (1 - tail):g} % asked"
 
 
-def _way(panel: Any, episode: Episode, log: AgentLog, look: pieces.Look) -> None:
+def _way(panel: Any, episode: Episode, log: AgentLog, look: artists.Look) -> None:
     """Draw where one agent drove, with a mark every 5 s."""
     if log.kind == "robot":
         label: str | None = f"{log.name}, marks every {_MARK:g} s"
@@ -283,3 +282,64 @@ def _way(panel: Any, episode: Episode, log: AgentLog, look: pieces.Look) -> None
     panel.plot(
         [], [], look.marker, color=look.color, linestyle=look.linestyle, markersize=3, label=label
     )
+
+
+def write_times(panel: Any, episode: Episode, taken: Array, every: float) -> None:
+    """Write the time at the robots' marks where there is room; elsewhere the mark stands alone.
+
+    Parameters
+    ----------
+    panel : about 3 inches along its longer side, with its limits set.
+    taken : (K, 2), m, points that labels had better keep clear of, beside the robots' ways.
+    every : s between two marks.
+    """
+    from matplotlib.patheffects import withStroke
+
+    styles = artists.looks(episode)
+    ways = [log.positions[::10, :2] for log in episode.robots]
+    taken = np.concatenate([taken, *ways])
+    corners = np.array([panel.get_xlim(), panel.get_ylim()]).T
+    span = float((corners[1] - corners[0]).max())
+    # Half the size of a label in the panel's units: 215 points along the longer side.
+    half = 0.5 * span / 215.0 * np.array([3.6 * len(f"{episode.duration:.0f} s") + 1.5, 7.5])
+    boxes = np.zeros((0, 2))
+    times = np.arange(every, episode.duration, every)
+    for log in episode.robots:
+        places = episode.at(log, times)[:, :2]
+        last = log.positions[0, :2]
+        for time, place in zip(times, places, strict=True):
+            if np.linalg.norm(place - last) < 0.03 * span:  # the marks are one upon the other
+                continue
+            last = place
+            chosen = _spot(place, half, boxes, taken, corners)
+            if chosen is None:
+                continue
+            boxes = np.concatenate([boxes, chosen[None]])
+            panel.text(
+                *chosen, f"{time:g} s", ha="center", va="center", fontsize=6,
+                color=styles[log.name].color, zorder=3,
+                path_effects=[withStroke(linewidth=1.5, foreground="white")],
+            )  # fmt: skip
+
+
+def _spot(place: Array, half: Array, boxes: Array, taken: Array, corners: Array) -> Array | None:
+    """Choose the middle of a label beside a mark, off other labels; None without room.
+
+    Parameters
+    ----------
+    place : (2,), of the mark.
+    half : (2,), half the size of a label.
+    boxes : (K, 2), middles of the labels that are there.
+    taken : (M, 2), points that it had better keep clear of.
+    corners : (2, 2), of the panel, lower left and upper right.
+    """
+    angles = np.arange(16) * np.pi / 8.0
+    rays = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    spots = np.concatenate([place + reach * half * rays for reach in (1.7, 2.3)])
+    inside = np.all((spots - half >= corners[0]) & (spots + half <= corners[1]), axis=1)
+    apart = np.all((np.abs(spots[:, None] - boxes) >= 2.0 * half).any(axis=2), axis=1)
+    free = inside & apart
+    if not free.any():
+        return None
+    covered = np.all(np.abs(spots[:, None] - taken) < half, axis=2).sum(axis=1)
+    return np.asarray(spots[int(np.argmin(np.where(free, covered, np.inf)))])

@@ -10,8 +10,8 @@ from ...framework.values.errors import WideberthError
 from ...framework.values.forecast import GaussianObstacle, resample
 from ...framework.values.plan import Plan
 from ...simulation.log.episode_log import AgentLog, Episode
-from . import episode_artists as pieces
-from .closest import Closest, closest
+from . import episode_artists as artists
+from .episode_artists import Closest, closest
 from .episodes import FORECAST
 from .plotting import COLOURS, LINES, PAGE, paper_style
 
@@ -112,7 +112,7 @@ def _volume(panel: Any, episode: Episode, found: Closest) -> None:
     middle, span = 0.5 * (low + high), np.maximum(high - low, 0.5 * max(high - low))
     low, high = middle - 0.5 * span, middle + 0.5 * span
     _frame(panel, low, high)
-    styles = pieces.looks(episode)
+    styles = artists.looks(episode)
     for log in episode.agents:
         look, way = styles[log.name], _inside(log.positions, low, high)
         shade = np.column_stack([way[:, :2], np.full(len(way), low[2])])
@@ -147,14 +147,14 @@ def _course(panel: Any, log: AgentLog, color: str) -> None:
 def _encounter(panel: Any, episode: Episode, found: Closest, tail: float, lead: float) -> None:
     """Draw the closest approach: balls, the earlier plan and the earlier forecast."""
     ego, other = found.pair
-    styles = pieces.looks(episode)
+    styles = artists.looks(episode)
     places = [episode.at(log, np.array([found.time]))[0] for log in found.pair]
     seen = [
         place + side * log.radius
         for place, log in zip(places, found.pair, strict=True)
         for side in (-1.0, 1.0)
     ]
-    plan = pieces.plan_at(ego, found.time - lead)
+    plan = artists.plan_at(ego, found.time - lead)
     guess = None if plan is None else expected(plan, other.name, found.time)
     if guess is not None:
         surface = ellipsoid(guess, tail)
@@ -199,9 +199,9 @@ def _ball(panel: Any, place: Array, radius: float, color: str) -> None:
 
 def _clearances(panel: Any, episode: Episode, found: Closest) -> None:
     """Draw each robot's distance to its nearest passer-by, and the robots' to each other."""
-    styles = pieces.looks(episode)
+    styles = artists.looks(episode)
     gaps: dict[str, Array] = {}
-    for first, second in pieces.pairs(episode):
+    for first, second in artists.pairs(episode):
         apart = np.linalg.norm(first.positions - second.positions, axis=1)
         apart = apart - first.radius - second.radius
         both = first.kind == second.kind == "robot"

@@ -17,12 +17,20 @@ from ...framework.plugins.config import build, describe, import_plugins
 from ...framework.plugins.io import read_rows, table_text, write_bytes, write_table, write_text
 from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError
-from . import manifest
 from .base import Experiment, Result, Row, Task
-from .folder import check_folder, claimed, prepare
 from .markdown import markdown_table
 from .progress import Progress, say
 from .provenance import foreign_sources, provenance
+from .result_folder import (
+    SHARDS,
+    check_folder,
+    claim_files,
+    half_written,
+    locked,
+    prepare,
+    remove_empty,
+    shard_files,
+)
 from .shards import Packed, checked_tasks, finished, read_shard, shard_keys, write_shard
 from .showing import fault, told
 from .sweep import Pool, Sweep
@@ -85,8 +93,8 @@ def run(
     with crew as pool:  # before the folder: where there is no scheduler, no result is thrown away
         prepare(out, config, origin, fresh)
         if not (out / "table.csv").exists():
-            with claimed(out):
-                for path in manifest.half_written(out):
+            with locked(out):
+                for path in half_written(out):
                     path.unlink(missing_ok=True)
                 _work(experiment, keys, out, origin["source"], pool)
                 try:
@@ -185,7 +193,7 @@ def _collect(experiment: Experiment, keys: Sequence[str], out: Path, source: str
                 raise WideberthError(f"two tasks wrote the file {name!r}; names must differ")
     files = {name: PurePosixPath("files") / name for name in owner}
     tables = ["table.csv", "summary.csv", "summary.md", *(["times.csv"] if times else [])]
-    manifest.claim(out, [*tables, *map(str, files.values())])
+    claim_files(out, [*tables, *map(str, files.values())])
     for key in dict.fromkeys(owner.values()):
         outcome = read_shard(out / "shards", key, source)  # not all are held in memory at once
         for name, data in outcome.files.items() if outcome else ():
@@ -199,9 +207,9 @@ def _collect(experiment: Experiment, keys: Sequence[str], out: Path, source: str
     write_table(out / "summary.csv", summary)
     write_text(out / "summary.md", f"{experiment.claim}\n\n{markdown_table(summary)}\n")
     write_text(out / "table.csv", table)
-    for path in manifest.shards(out):
+    for path in shard_files(out):
         path.unlink()
-    manifest.remove_empty(out / manifest.SHARDS)
+    remove_empty(out / SHARDS)
 
 
 def reopen(folder: Path) -> tuple[Experiment, Result]:
@@ -235,7 +243,7 @@ def draw(folder: Path) -> list[Path]:
         drawn = Path(name)
         returned = experiment.figures(result, drawn)
         made = {path: folder / "figures" / path.relative_to(drawn) for path in written(drawn)}
-        manifest.claim(folder, [path.relative_to(folder).as_posix() for path in made.values()])
+        claim_files(folder, [path.relative_to(folder).as_posix() for path in made.values()])
         (folder / "figures").mkdir(exist_ok=True)
         for path, target in made.items():
             target.parent.mkdir(parents=True, exist_ok=True)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...framework.plugins.io import read_json, read_table, write_bytes
 from ...framework.values.errors import WideberthError
-from . import manifest
+from .result_folder import claim_files
 
 if TYPE_CHECKING:
     import pyarrow
@@ -52,7 +52,7 @@ def write_parquet(folder: Path) -> Path:
     table = pyarrow.Table.from_arrays(columns, names=names).replace_schema_metadata(metadata)
     buffer = io.BytesIO()
     parquet.write_table(table, buffer, compression="zstd")
-    manifest.claim(folder, ["table.parquet"])
+    claim_files(folder, ["table.parquet"])
     return write_bytes(folder / "table.parquet", buffer.getvalue())
 
 

@@ -19,6 +19,7 @@ from ...simulation.log.episode_log import AgentLog, Episode
 from ...simulation.measures.gaps import gaps
 from ...simulation.scenarios.base import Scenario
 from ..drawing.episode_artists import pairs
+from ..drawing.trade_off_markers import front_legend, front_looks, mark, widen
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 from ..engine.closed_loop import (
     check_starts,
@@ -33,7 +34,6 @@ from ..engine.closed_loop import (
     play,
 )
 from .replay import STILL
-from .trade_off_markers import front_legend, front_looks, mark, widen
 from .variants import planner_of
 
 COLUMNS = (

@@ -1,23 +1,29 @@
 """What each region costs in closed loop: clearance, time, way and solve time."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self, cast, final
 
+import numpy as np
+
 from ...framework.controller import Controller
 from ...framework.mpc.levels.base import LevelPolicy
 from ...framework.mpc.planner.planner import Planner
-from ...framework.numerics.statistics import known_mean
+from ...framework.numerics.statistics import known_mean, quartiles
 from ...framework.plugins.io import write_table
 from ...framework.predictor import Predictor
 from ...framework.region import Region
 from ...framework.robot import Robot
-from ...framework.values.arrays import probability, whole
+from ...framework.values.arrays import Array, probability, whole
 from ...framework.values.errors import WideberthError
+from ...framework.values.forecast import GaussianObstacle
+from ...regions.minkowski_sum import MinkowskiSum
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
 from ...simulation.measures.summary import robot_rows, summarise
 from ...simulation.scenarios.base import Scenario
+from ..drawing.plotting import COLOURS, PAGE, few, note
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 from ..engine.closed_loop import (
     check_starts,
@@ -29,9 +35,7 @@ from ..engine.closed_loop import (
     pick,
     play,
 )
-from .price_figure import draw_prices
-from .prices import ELLIPSE, area_ratio, excess, met, quartiles, solve_times, time_rows
-from .region_family import family, member
+from .region_family import family, member, rounded, title
 from .stopwatch import Stopwatch
 from .variants import planner_of
 
@@ -229,3 +233,240 @@ def _row(episode: Episode, tail: float) -> Row:
     """Return what is kept of an episode."""
     iterations = column(robot_rows(episode), "iterations")
     return {"remark": "", **summarise(episode, tail), "iterations": known_mean(iterations)}
+
+
+ELLIPSE = "mahalanobis_ellipse"
+"""Name of the region that the others are compared with: the paper's."""
+
+SAMPLE = 60
+"""Forecast covariances per episode over which the areas are averaged."""
+
+
+def met(episode: Episode) -> Array:
+    """Covariances that the plans of an episode met, evenly thinned out, (K, D, D)."""
+    found = [
+        plan.forecast.covariance.reshape(-1, *plan.forecast.covariance.shape[-2:])
+        for log in episode.robots
+        for plan in log.plans
+        if plan.forecast is not None
+    ]
+    joined = np.concatenate(found)
+    return np.asarray(joined[:: max(len(joined) // SAMPLE, 1)])
+
+
+def area_ratio(
+    planner: Planner, reference: Planner | None, covariances: Array | None
+) -> float | None:
+    """Mean area of the planner's region over that of the exact sum of the reference's tail.
+
+    Parameters
+    ----------
+    planner, reference : region, level policy, radius and extra margin are read from them; two
+        robots of the planner's radius meet.
+    covariances : (K, D, D), m^2.
+
+    Returns
+    -------
+    None where nothing was met, or where the region is not defined for one of them.
+    """
+    if reference is None or covariances is None or not len(covariances):
+        return None
+    size = covariances.shape[-1]
+    margin = np.full(len(covariances), 2.0 * planner.robot.radius + planner.margin)
+    obstacle = GaussianObstacle(np.zeros((len(covariances), size)), covariances)
+    exact, own = MinkowskiSum(), planner.region
+    whole = exact.area(
+        exact.parameters(obstacle, margin), np.asarray(exact.level(reference.level.tail, size))
+    )
+    try:
+        parameters = own.parameters(obstacle, margin)
+    except WideberthError:
+        return None
+    area = own.area(parameters, planner.level.levels(own, 1, 1, size)[0])
+    return rounded(float(np.mean(area / whole)))
+
+
+def time_rows(found: list[tuple[Row, list[float]]]) -> list[Row]:
+    """Median and 95th percentile of the solves, s, and both over those under the ellipse.
+
+    Parameters
+    ----------
+    found : labels of a row, ``region`` among them, and its solves, s; the solves of one task.
+    """
+    levels = {str(label["region"]): np.quantile(own, (0.5, 0.95)) for label, own in found if own}
+    reference = levels.get(ELLIPSE, np.full(2, np.nan))
+    rows = []
+    for label, own in found:
+        if own:
+            times = levels[str(label["region"])]
+            ratios = times / reference
+            rows.append(
+                {
+                    **label,
+                    "solves": len(own),
+                    "solve_median_s": float(times[0]),
+                    "solve_p95_s": float(times[1]),
+                    "ratio": float(ratios[0]),
+                    "ratio_p95": float(ratios[1]),
+                }
+            )
+    return rows
+
+
+def solve_times(times: list[Row]) -> list[Row]:
+    """One line per forecast and region: solve times in ms, ratios with quartiles over seeds.
+
+    ``ratio`` is of the medians of one seed, ``ratio_p95`` of the 95th percentiles: most plans
+    of an episode are far from any region, the latter is about those that are not.
+    """
+    lines = []
+    for (forecast, region), some in group(times, "forecast", "region").items():
+        low, middle, high = quartiles(column(some, "ratio"))
+        lines.append(
+            {
+                "forecast": forecast,
+                "region": region,
+                "solves": int(column(some, "solves").sum()),
+                "median_ms": 1e3 * float(np.median(column(some, "solve_median_s"))),
+                "p95_ms": 1e3 * float(np.median(column(some, "solve_p95_s"))),
+                "ratio": middle,
+                "ratio_q25": low,
+                "ratio_q75": high,
+                "ratio_p95": quartiles(column(some, "ratio_p95"))[1],
+            }
+        )
+    return lines
+
+
+def excess(some: list[Row], pairs: list[Row], name: str) -> Array:
+    """Relative excess over the paired rows, where both arrived."""
+    own, other = column(some, name), column(pairs, name)
+    both = np.isfinite(column(some, "time_ratio_worst") + column(pairs, "time_ratio_worst"))
+    return np.asarray(own[both] / other[both] - 1.0)
+
+
+MARKERS = "osD^v"
+"""One per forecast; the first is filled, the others are hollow."""
+
+
+def draw_prices(rows: list[Row], summary: list[Row], times: list[Row]) -> Any:
+    """Clearance, extra time, extra way and solve-time ratio of each region, by its area.
+
+    Dots are medians over the seeds. Bars reach from the least to the median clearance, and
+    between the quartiles of all else, where there are at least `ENOUGH` seeds; left of zero
+    clearance the discs overlap.
+    """
+    from matplotlib import pyplot
+
+    names = _by_area(summary)
+    words = few(len(some) for some in group(rows, "region", "forecast").values())
+    forecasts = list(dict.fromkeys(str(line["forecast"]) for line in summary))
+    figure, panels = pyplot.subplots(
+        1, 5, figsize=(PAGE, 1.2 + 0.2 * len(names)), sharey=True,
+        width_ratios=(0.75, 1.0, 1.0, 1.0, 1.0),
+    )  # fmt: skip
+    for i, forecast in enumerate(forecasts):
+        offset = (i - 0.5 * (len(forecasts) - 1)) * 0.6 / max(len(forecasts), 2)
+        for place, name in enumerate(names):
+            values = _values(rows, summary, times, forecast, name)
+            for panel, three in zip(panels, values, strict=True):
+                _mark(panel, three, place + offset, i, bars=not words)
+    _dress(panels, names)
+    _legend(figure, forecasts, words)
+    return figure
+
+
+def _values(
+    rows: list[Row], summary: list[Row], times: list[Row], forecast: str, name: str
+) -> list[Sequence[float]]:
+    """Lower end, dot and upper end in each panel; empty where there is nothing to show."""
+
+    def chosen(table: list[Row], region: str) -> list[Row]:
+        found = [row for row in table if row["region"] == region]
+        return [row for row in found if row["forecast"] == forecast]
+
+    (line,), own, base = chosen(summary, name), chosen(rows, name), chosen(rows, ELLIPSE)
+    if not line.get("episodes"):
+        return [()] * 5
+    timed = [(line["ratio_q25"], line["ratio"], line["ratio_q75"]) for line in chosen(times, name)]
+    clearance = column(own, "clearance")
+    return [
+        (line["area_ratio"],) * 3,
+        (clearance.min(), float(np.median(clearance)), float(np.median(clearance))),
+        quartiles(100.0 * excess(own, base, "time_ratio_worst")),
+        quartiles(100.0 * excess(own, base, "length_ratio_worst")),
+        timed[0] if timed else (),
+    ]
+
+
+def _by_area(summary: list[Row]) -> list[str]:
+    """Regions from the smallest to the largest, by their mean area over the forecasts."""
+    sizes = {}
+    for (name,), some in group(summary, "region").items():
+        known = [float(line["area_ratio"]) for line in some if line.get("episodes")]
+        sizes[name] = float(np.nan_to_num(np.mean(known or [np.inf]), nan=np.inf))
+    return sorted(sizes, key=lambda name: sizes[name])
+
+
+def _mark(panel: Any, three: Sequence[float], place: float, i: int, *, bars: bool) -> None:
+    if not np.isfinite(three).all() or not len(three):
+        return
+    low, middle, high = three
+    colour = COLOURS[(1 + i) % len(COLOURS)]
+    if bars:
+        panel.plot([low, high], [place, place], "-", color=colour, linewidth=1.0)
+    panel.plot(
+        middle, place, MARKERS[i % len(MARKERS)], color=colour, markersize=3.4,
+        markerfacecolor="white" if i else colour, markeredgewidth=0.8,
+    )  # fmt: skip
+
+
+def _dress(panels: Any, names: list[str]) -> None:
+    """Axes, units and the line at the paper's ellipse, or at touching discs."""
+    labels = (
+        "area over\nexact sum", "least clearance\n(m)", "extra time\nover ellipse (%)",
+        "extra path\nover ellipse (%)", "solve time\nover ellipse",
+    )  # fmt: skip
+    for panel, text, line in zip(panels, labels, (1.0, 0.0, 0.0, 0.0, 1.0), strict=True):
+        panel.axvline(line, color="black", linestyle=":", linewidth=0.9)
+        panel.set_xlabel(text)
+        panel.margins(x=0.12)
+    left, right = panels[1].get_xlim()
+    if left < 0.0:
+        panels[1].axvspan(left, 0.0, color="0.88", linewidth=0.0, zorder=0)
+        panels[1].set_xlim(left, right)
+    _octaves(panels[-1])
+    panels[0].set_yticks(range(len(names)), [title(name) for name in names])
+    panels[0].set_ylim(len(names) - 0.4, -0.6)
+
+
+def _octaves(panel: Any) -> None:
+    """Logarithmic axis with ticks at powers of two: the ratios span little more than ten."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    panel.set_xscale("log", base=2)
+    panel.xaxis.set_major_locator(LogLocator(base=2, numticks=12))
+    panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    panel.xaxis.set_minor_locator(NullLocator())
+
+
+def _legend(figure: Any, forecasts: list[str], words: str) -> None:
+    from matplotlib.lines import Line2D
+
+    entries = [
+        Line2D(
+            [],
+            [],
+            marker=MARKERS[i % len(MARKERS)],
+            color=COLOURS[(1 + i) % len(COLOURS)],
+            markerfacecolor="white" if i else COLOURS[1],
+            linestyle="-",
+            linewidth=1.0,
+            markersize=3.4,
+            label=f"{forecast} forecasts",
+        )
+        for i, forecast in enumerate(forecasts)
+    ]
+    bars = words or "bars: quartiles\n(clearance: from the least; grey: collision)"
+    entries.append(note(f"dots: medians over the seeds; {bars}"))
+    figure.legend(handles=entries, loc="outside lower center", ncols=len(entries))

@@ -4,13 +4,13 @@ Episodes of one seed are paired: both controllers met the same situation, and a 
 seed by seed sees differences that shares alone would hide.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..values.arrays import Array, checked, probability, whole
+from ..values.arrays import Array, BoolArray, checked, probability, whole
 from ..values.errors import WideberthError
 
 
@@ -96,6 +96,15 @@ def known_mean(values: Any) -> float:
     return float(known.mean()) if known.size else float("nan")
 
 
+def quartiles(values: Array) -> tuple[float, float, float]:
+    """Return lower quartile, median and upper quartile of the finite values; NaN without any."""
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return float("nan"), float("nan"), float("nan")
+    low, middle, high = map(float, np.quantile(known, (0.25, 0.5, 0.75)))
+    return low, middle, high
+
+
 def mean_of_rows(values: Array) -> Array:
     """Mean over the last axis."""
     return np.asarray(values.mean(axis=-1))
@@ -145,3 +154,18 @@ def bootstrap_interval(
     )
     low, high = np.quantile(drawn, (half, 1.0 - half))
     return float(low), float(high)
+
+
+def pareto(costs: Array | Sequence[Sequence[float]]) -> BoolArray:
+    """Mark the rows that none dominates: as low in every column and lower in one, (K, M) -> (K,).
+
+    A row with something unknown (NaN) is beaten by all and beats none.
+
+    Examples
+    --------
+    >>> pareto([[1.0, 2.0], [2.0, 1.0], [2.0, 2.0]]).tolist()
+    [True, True, False]
+    """
+    table = np.asarray(costs, dtype=np.float64)
+    below = (table[:, None] <= table).all(axis=2) & (table[:, None] < table).any(axis=2)
+    return np.asarray(~below.any(axis=0) & np.isfinite(table).all(axis=1), dtype=np.bool_)

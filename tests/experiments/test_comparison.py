@@ -10,9 +10,16 @@ import pytest
 from wideberth.experiments.engine.base import Row
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped import read_experiment
-from wideberth.experiments.studies.comparison import Comparison, driving
-from wideberth.experiments.studies.comparison_figures import _front, _pairs
-from wideberth.experiments.studies.comparison_summary import against, condensed, means, promised
+from wideberth.experiments.studies.comparison import (
+    Comparison,
+    _front,
+    _pairs,
+    against,
+    condensed,
+    driving,
+    means,
+    promised,
+)
 from wideberth.framework.controller import Controller
 from wideberth.framework.robot import Robot
 from wideberth.framework.values.errors import WideberthError

@@ -7,11 +7,11 @@ import pytest
 from matplotlib import pyplot
 
 from wideberth.experiments.drawing.plotting import few, paper_style
+from wideberth.experiments.drawing.trade_off_markers import LEAST_CLEARANCE, LEAST_TIME
 from wideberth.experiments.engine.base import Row
-from wideberth.experiments.studies import closed_loop_risk_figure
-from wideberth.experiments.studies import comparison_figures as figures
+from wideberth.experiments.studies import closed_loop_risk
+from wideberth.experiments.studies import comparison as figures
 from wideberth.experiments.studies.replay import compare
-from wideberth.experiments.studies.trade_off_markers import LEAST_CLEARANCE, LEAST_TIME
 
 NAMES = ["ours", "orca", "lost"]
 
@@ -117,7 +117,7 @@ def test_few_counts_episodes() -> None:
 @pytest.mark.parametrize("episodes", [4, 12])
 def test_shares_of_few_episodes_have_no_bars(episodes: int) -> None:
     line = {"episodes": episodes, "outside": 0.2, "outside_low": 0.1, "outside_high": 0.5}
-    bars = closed_loop_risk_figure._bars([line], "outside")
+    bars = closed_loop_risk._bars([line], "outside")
     if episodes < 10:
         assert bars is None
     else:

@@ -10,8 +10,7 @@ from PIL import Image
 from scipy.stats import chi2
 
 from wideberth.experiments.drawing.animation import animate
-from wideberth.experiments.drawing.closest import closest
-from wideberth.experiments.drawing.episode_artists import nose, outlines, plan_at
+from wideberth.experiments.drawing.episode_artists import closest, nose, outlines, plan_at
 from wideberth.experiments.drawing.episodes import draw_run, draw_views
 from wideberth.experiments.drawing.plotting import paper_style, save
 from wideberth.framework.metrics.episode import clearance

@@ -14,15 +14,17 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.cli import app as cli
-from wideberth.experiments.drawing import episode_artists as pieces
+from wideberth.experiments.drawing import episode_artists as artists
 from wideberth.experiments.report.page import DATA, PLAYER
-from wideberth.experiments.report.player import find_episode, play, result_tail
-from wideberth.experiments.report.player_data import (
+from wideberth.experiments.report.player import (
     LENGTH,
     TIME,
     content,
     ellipses,
+    find_episode,
     packed,
+    play,
+    result_tail,
     series,
 )
 from wideberth.framework.values.errors import WideberthError
@@ -67,10 +69,10 @@ def test_clearance_is_that_of_the_film() -> None:
     stored = unpacked(packed(made, 0.1))
     index = np.searchsorted(made.times, numbers(stored["frames"], TIME) + 1e-9) - 1
     own = [numbers(found["clearance"]) for found in stored["agents"][:2]]
-    now = pieces.clearance_over_time(made)[index]
+    now = artists.clearance_over_time(made)[index]
     np.testing.assert_allclose(np.fmin(*own), now, atol=0.51 * LENGTH)
     least = [numbers(found["least"])[-1] for found in stored["agents"][:2]]
-    assert min(least) == pytest.approx(np.nanmin(pieces.clearance_over_time(made)), abs=LENGTH)
+    assert min(least) == pytest.approx(np.nanmin(artists.clearance_over_time(made)), abs=LENGTH)
 
 
 def test_ellipses_and_what_the_plan_held() -> None:
@@ -102,7 +104,7 @@ def test_angles_do_not_jump_along_a_forecast() -> None:
 
 
 def test_many_forecasts_are_thinned(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("wideberth.experiments.report.player_data._ENTRIES", 40)
+    monkeypatch.setattr("wideberth.experiments.report.player._ENTRIES", 40)
     stored = content(episode(), 0.1)  # 6 plans of 2 modes and 8 steps are 96 entries
     assert stored["every"] == 3
     (entry,) = stored["agents"][0]["plans"][0]["forecast"]

@@ -9,8 +9,7 @@ import pytest
 
 from wideberth.experiments.drawing.kept_out import COUNT, outlines
 from wideberth.experiments.engine.closed_loop import log_name
-from wideberth.experiments.report.player_data import packed
-from wideberth.experiments.report.player_regions import episode_planner
+from wideberth.experiments.report.player import episode_planner, packed
 from wideberth.experiments.studies.comparison import Comparison
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.plugins.config import build, describe
@@ -139,7 +138,7 @@ def test_space_has_no_outline_and_many_are_thinned(monkeypatch: pytest.MonkeyPat
     flying = replace(planner("minkowski_sum"), robot=build("robots", "unicycle"))
     stored = unpacked(packed(episode(3), 0.1, flying))
     assert stored["agents"][0]["plans"][0]["forecast"][0]["sets"] == []
-    monkeypatch.setattr("wideberth.experiments.report.player_regions._OUTLINES", 20)
+    monkeypatch.setattr("wideberth.experiments.report.player._OUTLINES", 20)
     stored = unpacked(packed(episode(), 0.1, flying))  # 6 plans of 8 steps are 48
     (entry,) = stored["agents"][0]["plans"][0]["forecast"]
     assert stored["apart"] == 3 and stored["region"] == "minkowski sum"

@@ -11,9 +11,13 @@ from wideberth.experiments.engine import runner
 from wideberth.experiments.engine.base import Row
 from wideberth.experiments.engine.shipped import read_experiment
 from wideberth.experiments.studies.crowd import DATA
-from wideberth.experiments.studies.prediction_benchmark import PredictionBenchmark
+from wideberth.experiments.studies.prediction_benchmark import (
+    PredictionBenchmark,
+    Protocol,
+    moments,
+    window_places,
+)
 from wideberth.experiments.studies.prediction_data import PredictionData, SceneFiles
-from wideberth.experiments.studies.prediction_windows import Protocol, moments, window_places
 from wideberth.framework.plugins.io import read_table
 from wideberth.framework.predictor import Adaptive, Fittable, Predictor
 from wideberth.framework.tracking.recordings import Recording

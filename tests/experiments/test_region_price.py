@@ -10,14 +10,15 @@ from wideberth.experiments.engine.base import Row
 from wideberth.experiments.engine.closed_loop import play
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped import read_experiment
-from wideberth.experiments.studies.prices import (
+from wideberth.experiments.studies.region_price import (
+    AT_RISK,
     ELLIPSE,
+    RegionPrice,
     area_ratio,
     excess,
     solve_times,
     time_rows,
 )
-from wideberth.experiments.studies.region_price import AT_RISK, RegionPrice
 from wideberth.experiments.studies.stopwatch import Stopwatch
 from wideberth.experiments.studies.variants import planner_of
 from wideberth.framework import names

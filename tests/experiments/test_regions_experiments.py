@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 
 from wideberth.experiments.engine.base import Experiment, Result, Row
-from wideberth.experiments.studies.approximation_error import ApproximationError
-from wideberth.experiments.studies.approximation_map import map_rows
+from wideberth.experiments.studies.approximation_error import ApproximationError, map_rows
 from wideberth.experiments.studies.ellipse_construction import EllipseConstruction
 from wideberth.experiments.studies.forecast_regions import ForecastRegions
 from wideberth.framework.plugins.io import write_bytes, write_table

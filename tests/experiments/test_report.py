@@ -13,9 +13,14 @@ import pytest
 
 from wideberth.experiments.cli import app as cli
 from wideberth.experiments.engine.runner import run
-from wideberth.experiments.report.contents import Report, gather
-from wideberth.experiments.report.document import markdown, report
-from wideberth.experiments.report.sections import html_table, report_page
+from wideberth.experiments.report.document import (
+    Report,
+    gather,
+    html_table,
+    markdown,
+    report,
+    report_page,
+)
 from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.io import read_table, write_table
 from wideberth.framework.values.errors import WideberthError
@@ -162,7 +167,7 @@ def test_long_table_is_cut_and_large_one_is_named(monkeypatch: pytest.MonkeyPatc
     rows = [{"seed": seed} for seed in range(50)]
     text = report_page([made(rows=rows)])
     assert "the first 20 of 50 rows" in text and "data:text/csv" in text
-    monkeypatch.setattr("wideberth.experiments.report.sections._LARGEST", 10)
+    monkeypatch.setattr("wideberth.experiments.report.document._LARGEST", 10)
     text = report_page([made(rows=rows)])
     assert "data:text/csv" not in text and "table.csv in the folder" in text
 
@@ -170,7 +175,7 @@ def test_long_table_is_cut_and_large_one_is_named(monkeypatch: pytest.MonkeyPatc
 def test_episodes_that_do_not_fit_are_named(
     coins: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("wideberth.experiments.report.sections._PLAYERS", 10)
+    monkeypatch.setattr("wideberth.experiments.report.document._PLAYERS", 10)
     found = gather(coins)
     text = report_page([found])
     assert "Too large for this page" in text and f"wideberth play {found.episodes[0]}" in text
@@ -180,7 +185,7 @@ def test_episodes_that_do_not_fit_are_named(
 def test_animations_that_do_not_fit_are_named(
     coins: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("wideberth.experiments.report.sections._FILMS", 100)
+    monkeypatch.setattr("wideberth.experiments.report.document._FILMS", 100)
     folder = coins / "figures"
     folder.mkdir(exist_ok=True)
     films = {"large.gif": 90, "small.gif": 40, "tiny.gif": 30}

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from wideberth.experiments.engine import manifest, runner
+from wideberth.experiments.engine import runner
 from wideberth.experiments.engine.base import Experiment
+from wideberth.experiments.engine.result_folder import listed_files
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.errors import WideberthError
@@ -53,10 +54,8 @@ def test_the_manifest_names_every_file(tmp_path: Path) -> None:
     out = tmp_path / "a"
     run(coins(), out)
     draw(out)
-    assert manifest.listed(out) == {
-        path.relative_to(out).as_posix() for path in runner.written(out)
-    }
-    assert "figures/share.png" in (manifest.listed(out) or ()) and not (out / "shards").exists()
+    assert listed_files(out) == {path.relative_to(out).as_posix() for path in runner.written(out)}
+    assert "figures/share.png" in (listed_files(out) or ()) and not (out / "shards").exists()
 
 
 def test_fresh_removes_what_the_manifest_names_and_nothing_else(
@@ -72,7 +71,7 @@ def test_fresh_removes_what_the_manifest_names_and_nothing_else(
     assert len(run(coins(seeds=1), out, fresh=True).rows) == 1
     assert "kept in" in capsys.readouterr().err
     left = {name for name, data in tree(out).items() if data is not None}
-    assert left == {*mine, *(manifest.listed(out) or ())}
+    assert left == {*mine, *(listed_files(out) or ())}
     assert "files/seed/2.bin" not in left and "figures/share.png" not in left
     assert all((out / name).read_text() == "mine" for name in mine)
 

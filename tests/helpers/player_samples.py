@@ -6,7 +6,7 @@ import zlib
 
 import numpy as np
 
-from wideberth.experiments.report.player_data import LENGTH
+from wideberth.experiments.report.player import LENGTH
 from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Breach, BreachKind, Plan, Rung, Status

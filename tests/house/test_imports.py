@@ -94,8 +94,6 @@ KNOWN_CIRCLES = {
     "framework.mpc.planner.settings",
     "framework.mpc.diagnosis.explain",
     "framework.mpc.diagnosis.solve_record",
-    "experiments.studies.tuning",
-    "experiments.studies.tuning_figure",
 }
 """Files that still stand in a circle of imports; whoever cuts one takes them from here."""
 

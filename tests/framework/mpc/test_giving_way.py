@@ -7,7 +7,7 @@ import pytest
 
 from wideberth.experiments.engine.closed_loop import condense
 from wideberth.experiments.engine.markdown import markdown_table
-from wideberth.experiments.report.player_data import content
+from wideberth.experiments.report.player import content
 from wideberth.framework.mpc.levels.base import LevelPolicy, Promise, level_of, tail_of
 from wideberth.framework.mpc.levels.discounted import Discounted
 from wideberth.framework.mpc.levels.fixed import Fixed

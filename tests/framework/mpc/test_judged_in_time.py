@@ -11,10 +11,8 @@ import pytest
 
 from wideberth.experiments.studies.closed_loop_risk import _pairs
 from wideberth.experiments.studies.conservativeness import kept, promised
+from wideberth.experiments.studies.prediction_benchmark import Protocol, calibration, run_along
 from wideberth.experiments.studies.prediction_data import PredictionData
-from wideberth.experiments.studies.prediction_scores import run_along
-from wideberth.experiments.studies.prediction_table import calibration
-from wideberth.experiments.studies.prediction_windows import Protocol
 from wideberth.framework.metrics import comfort as metrics_comfort
 from wideberth.framework.metrics.episode import content_bound
 from wideberth.framework.mpc.fallback.verify import Violation

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from ..drawing.plotting import COLOURS, ENOUGH, few
+from ...framework.numerics.statistics import quartiles
 from ..engine.base import Row
 from ..engine.closed_loop import column
-from .prices import quartiles
+from .plotting import COLOURS, ENOUGH, few
 
 Look = tuple[str, str]
 """Marker and colour."""
