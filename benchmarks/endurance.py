@@ -21,8 +21,8 @@ from walker_field import Field
 
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
+from wideberth.framework.mpc.planner.multistart import OTHERS
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.planner.starting_points import OTHERS
 from wideberth.framework.mpc.solvers.base import Solution, Solver
 from wideberth.framework.plugins.config import build
 from wideberth.framework.robot import start_state

@@ -1,14 +1,15 @@
 """What the planner makes of an instance: several starts, a deadline, and the fallback ladder."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import final
 
 import numpy as np
 
 from wideberth.framework.mpc.fallback.instance_check import InstanceCheck
-from wideberth.framework.mpc.fallback.ladder import Ladder
+from wideberth.framework.mpc.fallback.rollout import follow
+from wideberth.framework.mpc.fallback.rungs import RUNGS, Trial, choose, rungs_of
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
@@ -51,25 +52,17 @@ class PlannerAnswer(Solver):
         budget = Budget.start(deadline)
         robot = build("robots", "unicycle")
         discs = GaussianDiscs(build("regions", "mahalanobis_ellipse"))
-        start, inputs = parameters.initial, guess.inputs
-        ladder = Ladder(
-            robot,
-            (discs,),
-            Relaxed(weight=1.0, minimum=0.0),
-            0.0,
-            problem.dt,
-            problem.horizon,
-            start,
-            inputs,
-        )
+        level, inputs = Relaxed(weight=1.0, minimum=0.0), guess.inputs
         obstacles, numbers = _obstacles(parameters, robot.radius), parameters.slots[0]
         known = KnownDiscs(discs, obstacles, 0.0)
         chosen = Chosen((len(obstacles),), obstacles.ids, (), numbers, known)
         around = Surroundings(robot, (discs,), (chosen,))
-        first = ladder.suited(parameters, ladder.first())
-        check = InstanceCheck(problem, first.pull(parameters), around)
-        outcome = MultiStart(Watch(self.solver), "auto", budget).run(ladder, check, first, False)
-        plan, point = ladder.choose(check, outcome)
+        check = InstanceCheck(problem, parameters, around, level, inputs)
+        states = follow(robot, parameters.initial, inputs, problem.dt)
+        first = check.guess(states, inputs)
+        check = replace(check, parameters=first.pull(parameters))
+        outcome = MultiStart(Watch(self.solver), "auto", budget).run(check, first, False)
+        plan, point = choose(rungs_of(list(RUNGS)), Trial(check, outcome), 0.0)
         status = Status.SOLVED if plan.rung is Rung.OPTIMAL else Status.FAILED
         spent = perf_counter() - budget.begin
         return Solution(point, status, plan.reason, plan.cost, plan.iterations, spent)

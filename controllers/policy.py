@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 from ..framework.control.command_limits import within_reach
 from ..framework.control.notices import NOTICES
 from ..framework.control.policy_observer import ObservationSpec, PolicyObserver, Shown
-from ..framework.controller import Controller, checked_ready, checked_use
-from ..framework.mpc.planner.settings import checked_path
+from ..framework.controller import Controller, checked_path, checked_ready, checked_use
 from ..framework.robot import Robot
 from ..framework.values.arrays import positive
 from ..framework.values.errors import WideberthError

@@ -8,8 +8,7 @@ import numpy as np
 
 from ..framework.control.command_limits import within_reach
 from ..framework.control.notices import NOTICES
-from ..framework.controller import Controller, checked_ready, checked_use
-from ..framework.mpc.planner.settings import checked_path
+from ..framework.controller import Controller, checked_path, checked_ready, checked_use
 from ..framework.robot import Robot
 from ..framework.tracking.history import viewpoint
 from ..framework.values.arrays import Array, positive

@@ -157,7 +157,8 @@ class Guide:
         path = self._progress.path
         if look_ahead == np.inf:  # the progress does not matter
             return path.goal, float(np.linalg.norm(path.goal - place))
-        arc = min(self._progress.update(place) + look_ahead, path.length)
+        self._progress, here = self._progress.advanced(place)
+        arc = min(here + look_ahead, path.length)
         carrot = path.at(np.array(arc))
         return carrot, float(np.linalg.norm(carrot - place)) + path.length - arc
 

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import fields, is_dataclass
-from typing import Protocol, cast, runtime_checkable
+from typing import Protocol, TypeVar, cast, runtime_checkable
 
 from .robot import Robot
 from .static_region import StaticRegion
@@ -10,6 +10,8 @@ from .values.errors import WideberthError
 from .values.motion import Command, Observation
 from .values.path import Path
 from .values.plan import Plan
+
+P = TypeVar("P")
 
 
 class Controller(ABC):
@@ -118,8 +120,24 @@ def checked_use(robot: Robot, observation: Observation) -> Observation:
     return observation
 
 
-def checked_ready(path: object) -> None:
-    """Refuse to decide without a path.
+def checked_path(robot: Robot, path: Path) -> Path:
+    """Return a path, which may come as its points, if the robot can move along it.
+
+    Raises
+    ------
+    WideberthError : it has another dimension.
+    """
+    path = path if isinstance(path, Path) else Path(path)
+    if path.points.shape[1] != robot.dimension:
+        raise WideberthError(
+            f"the path has {path.points.shape[1]} columns; the robot moves in "
+            f"{robot.dimension} dimensions"
+        )
+    return path
+
+
+def checked_ready(path: P | None) -> P:
+    """Return a path, or what follows it, if it is set.
 
     Raises
     ------
@@ -127,6 +145,7 @@ def checked_ready(path: object) -> None:
     """
     if path is None:
         raise WideberthError("no path is set: call set_path before command")
+    return path
 
 
 def fresh(controller: Controller) -> Controller:

@@ -1,7 +1,7 @@
 """From a config to the planner's problem as C, with an instance that the planner itself made."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,9 @@ from ...framework.mpc.export.subject import Subject
 from ...framework.mpc.ocp.problem import Parameters, Problem
 from ...framework.mpc.ocp.progress_robot import progress_robot_of
 from ...framework.mpc.ocp.transcription import Guess
+from ...framework.mpc.planner.cycle import PlannerState, Services, remember, step
 from ...framework.mpc.planner.planner import Planner
+from ...framework.mpc.planner.settings import changed
 from ...framework.mpc.slots.base import CAPACITIES
 from ...framework.mpc.slots.static_polygons import CORNERS
 from ...framework.mpc.solvers.base import Solution, Solver
@@ -125,17 +127,16 @@ def subject(planner: Planner, sizes: tuple[int, int, int], source: str) -> Subje
     """
     moving, still, corners = sizes
     taker = _Taker()
-    twin = replace(planner, solver=taker, most_obstacles=max(moving, still), deadline=None)
-    twin.warns = False  # the taker solves nothing
-    size = planner.robot.dimension
-    twin.set_path(Way(np.array([np.zeros(size), 100.0 * np.eye(size)[0]])))
-    taker.taken.clear()  # what the planner does to be warm
+    settings = changed(planner, solver=taker, most_obstacles=max(moving, still), deadline=None)
+    size, services = planner.robot.dimension, Services.of(settings)
+    way = Way(np.array([np.zeros(size), 100.0 * np.eye(size)[0]]))
+    state = PlannerState.initial(settings, way)
     seen = scene(planner, moving, _walls(planner, still, corners))
     for one in seen[:-1]:
-        twin.remember(one)
-    twin.command(seen[-1])
+        state = remember(settings, state, one)
+    _, decision = step(settings, state, seen[-1], services)
     if not taker.taken:
-        reason = "" if twin.plan is None else twin.plan.reason
+        reason = decision.plan.reason
         raise WideberthError(f"{source}: the planner makes no problem to export: {reason}")
     problem, parameters, guess = taker.taken[0]
     progress = isinstance(planner.cost, ProgressCost)

@@ -106,7 +106,7 @@ class PolicyObserver:
         self._perception: Perception | None = None
         if sight.predictor is not None:
             size, forget = self._robot.dimension, SEEN * period
-            self._perception = Perception(
+            self._perception = Perception.initial(
                 sight.predictor, size, period, sight.history, period, forget
             )
         self._stamp = -np.inf
@@ -130,9 +130,9 @@ class PolicyObserver:
         detections, refused = admitted(
             observation, self._robot.dimension, SEEN * self._period, here
         )
-        self._sights.add(observation.stamp, detections)
+        self._sights = self._sights.add(observation.stamp, detections)
         if self._perception is not None:
-            self._perception.take(observation, here)
+            self._perception = self._perception.take(observation, here).drained()[0]
         return refused
 
     def commanded(self, command: Command) -> None:
@@ -233,9 +233,10 @@ class PolicyObserver:
         mean, covariance = np.zeros((count, steps, size)), np.zeros((count, steps, size, size))
         grid = self._period * np.arange(1.0, steps + 1.0)
         around = scene_of(observation, None, self._robot.radius)
-        found = perception.forecast(observation.stamp, grid, around)
-        if found is not None:
-            tracks, forecast = found
+        tracks = perception.history.tracks()
+        self._perception = perception = perception.learnt(tracks, around)
+        forecast = perception.forecast(tracks, observation.stamp, grid, around)
+        if tracks is not None and forecast is not None:
             for k, name in enumerate(ids):
                 o = tracks.ids.index(name)
                 heaviest = int(np.argmax(forecast.weight[o]))

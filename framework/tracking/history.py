@@ -1,6 +1,8 @@
 """History: gathers detections by identity and lays them onto a uniform time grid."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import final
 
 import numpy as np
 
@@ -17,52 +19,49 @@ NAMED = 5
 """Detections that are named one by one where they are refused; the others are counted."""
 DENSEST = 64
 """Measurements kept per sample of the tracks, so that no clock makes a log grow without bound."""
-_ROOM = 64
-"""Measurements for which a log has room at first."""
 
 
+@dataclass(frozen=True, eq=False)
 class _Log:
-    """Measurements of one obstacle, oldest first, in arrays that grow and are moved up."""
+    """Measurements of one obstacle, oldest first.
 
-    def __init__(self, dimension: int) -> None:
-        self.radius, self.reported, self.sensor = 0.0, 0.0, ""
-        # Measurements not yet in the estimate of the noise, and whether others are.
-        self.fresh, self.looked = 0, False
-        self.covariance: Array | None = None
-        self._times, self._positions = np.empty(_ROOM), np.empty((_ROOM, dimension))
-        self._first = self._end = 0
+    Attributes
+    ----------
+    times, positions : (T,), s, and (T, D), m.
+    reported : s, when it was reported last.
+    radius, covariance, sensor : of the last report.
+    fresh : measurements that the estimate of the noise does not know yet.
+    looked : whether it knows others.
+    """
 
-    @property
-    def times(self) -> Array:
-        """(T,), s."""
-        return self._times[self._first : self._end]
+    times: Array
+    positions: Array
+    reported: float = 0.0
+    radius: float = 0.0
+    covariance: Array | None = None
+    sensor: str = ""
+    fresh: int = 0
+    looked: bool = False
 
-    @property
-    def positions(self) -> Array:
-        """(T, D), m."""
-        return self._positions[self._first : self._end]
-
-    def append(self, time: float, position: Array, oldest: float, apart: float) -> None:
-        """Add a measurement and drop all before ``oldest``.
+    def append(self, time: float, position: Array, oldest: float, apart: float) -> "_Log":
+        """Return the log with a measurement more, and without all before ``oldest``.
 
         One that comes less than ``apart`` s after the last but one takes the last one's place.
         """
-        if self._end - self._first > 1 and time - self._times[self._end - 2] < apart:
-            self._end -= 1
-        if self._end == len(self._times):
-            kept, room = self._end - self._first, len(self._times)
-            bigger = room if 2 * kept <= room else 2 * room
-            times, positions = np.empty(bigger), np.empty((bigger, self._positions.shape[1]))
-            times[:kept], positions[:kept] = self.times, self.positions
-            self._times, self._positions, self._first, self._end = times, positions, 0, kept
-        self._times[self._end], self._positions[self._end] = time, position
-        self._end += 1
-        self._first += int(np.searchsorted(self.times, oldest))
-        self.fresh += 1
+        close = len(self.times) > 1 and time - self.times[-2] < apart
+        kept = len(self.times) - int(close)
+        times = np.append(self.times[:kept], time)
+        positions = np.concatenate([self.positions[:kept], position[None]])
+        first = int(np.searchsorted(times, oldest))
+        return replace(
+            self, times=times[first:], positions=positions[first:], fresh=self.fresh + 1
+        )
 
 
+@final
+@dataclass(frozen=True, eq=False)
 class History:
-    """A controller's memory of observed obstacles.
+    """A controller's memory of observed obstacles: a value that `add` replaces.
 
     Parameters
     ----------
@@ -71,63 +70,55 @@ class History:
     forget : s after which an obstacle that is no longer reported is dropped. A report of
         something measured longer ago than that is refused.
     gap : s; between two measurements further apart the samples count as unobserved.
+    logs : measurements of each obstacle.
+    evidence : of the noise of each sensor that does not state it.
     """
 
-    def __init__(self, dt: float, samples: int, forget: float, gap: float) -> None:
-        self._dt, self._samples, self._forget, self._gap = dt, samples, forget, gap
-        self._logs: dict[str, _Log] = {}
-        self._noise: dict[str, NoiseEvidence] = {}
+    dt: float
+    samples: int
+    forget: float
+    gap: float
+    logs: Mapping[str, _Log] = field(default_factory=dict)
+    evidence: Mapping[str, NoiseEvidence] = field(default_factory=dict)
 
     @property
     def noise(self) -> dict[str, NoiseEstimate]:
         """The noise of each sensor that does not state it."""
-        return {sensor: evidence.estimate for sensor, evidence in self._noise.items()}
+        return {sensor: evidence.estimate for sensor, evidence in self.evidence.items()}
 
-    def add(self, stamp: float, detections: tuple[Detection, ...]) -> None:
-        """Record the detections at ``stamp`` that `admitted` accepts.
+    def emptied(self) -> "History":
+        """Return one that knows nothing."""
+        return History(self.dt, self.samples, self.forget, self.gap)
+
+    def add(self, stamp: float, detections: tuple[Detection, ...]) -> "History":
+        """Return the history with the detections at ``stamp`` that `admitted` accepts.
 
         Measurements out of order are left out. Of more than `MOST` obstacles those are kept that
         were reported last.
         """
-        keep = self._samples * self._dt + self._gap
+        logs, keep = dict(self.logs), self.samples * self.dt + self.gap
         for ident, detection in named_apart(detections):
-            if detection.age > self._forget:
+            if detection.age > self.forget:
                 continue
             measured = stamp - detection.age
-            log = self._logs.setdefault(ident, _Log(len(detection.position)))
-            log.reported = stamp
-            log.radius, log.covariance = detection.radius, detection.covariance
-            log.sensor = detection.sensor
+            log = logs.get(ident) or _Log(np.empty(0), np.empty((0, len(detection.position))))
             if not len(log.times) or measured > log.times[-1]:
-                apart = self._dt / DENSEST
-                log.append(measured, detection.position, measured - keep, apart)
-        gone = [name for name, log in self._logs.items() if stamp - log.reported > self._forget]
-        if len(self._logs) - len(gone) > MOST:
-            oldest_first = sorted(self._logs, key=lambda name: self._logs[name].reported)
-            gone = oldest_first[: len(self._logs) - MOST]
+                apart = self.dt / DENSEST
+                log = log.append(measured, detection.position, measured - keep, apart)
+            logs[ident] = replace(
+                log,
+                reported=stamp,
+                radius=detection.radius,
+                covariance=detection.covariance,
+                sensor=detection.sensor,
+            )
+        gone = [name for name, log in logs.items() if stamp - log.reported > self.forget]
+        if len(logs) - len(gone) > MOST:
+            oldest_first = sorted(logs, key=lambda name: logs[name].reported)
+            gone = oldest_first[: len(logs) - MOST]
         for name in gone:
-            del self._logs[name]
-        self._learn()
-
-    def _learn(self) -> None:
-        """Take in the newest windows of measurements whose covariance is not stated."""
-        found: dict[str, list[_Log]] = {}
-        for log in self._logs.values():
-            if log.covariance is None:
-                ready = found.setdefault(log.sensor, [])
-                if log.fresh >= STRIDE and len(log.times) >= LENGTH:
-                    ready.append(log)
-        for sensor, logs in found.items():
-            windows = [(log.times[-LENGTH:], log.positions[-LENGTH:]) for log in logs]
-            likelihood = window_likelihoods(windows)
-            samples = sum(min(log.fresh, LENGTH) for log in logs)
-            new = sum(not log.looked for log in logs)
-            before = self._noise.get(sensor, NoiseEvidence.none())
-            self._noise[sensor] = before.joined(likelihood, samples, new, MEMORY)
-            if len(self._noise) > MOST:
-                del self._noise[next(name for name in self._noise if name not in found)]
-            for log in logs:
-                log.fresh, log.looked = 0, True
+            del logs[name]
+        return replace(self, logs=logs, evidence=_learnt(logs, self.evidence))
 
     def tracks(self) -> Tracks | None:
         """Return tracks that end at the newest measurement; None without any.
@@ -135,15 +126,15 @@ class History:
         Positions between two measurements are interpolated linearly; an obstacle measured
         before the newest instant has NaN at the end.
         """
-        if not self._logs:
+        if not self.logs:
             return None
-        newest = max(float(log.times[-1]) for log in self._logs.values())
-        grid = newest - self._dt * np.arange(self._samples - 1.0, -1.0, -1.0, dtype=np.float64)
-        logs = [self._logs[name] for name in sorted(self._logs)]
+        newest = max(float(log.times[-1]) for log in self.logs.values())
+        grid = newest - self.dt * np.arange(self.samples - 1.0, -1.0, -1.0, dtype=np.float64)
+        logs = [self.logs[name] for name in sorted(self.logs)]
         return Tracks(
             np.stack([self._sampled(log, grid) for log in logs]),
-            self._dt,
-            tuple(sorted(self._logs)),
+            self.dt,
+            tuple(sorted(self.logs)),
             np.array([log.radius for log in logs]),
             np.stack([self._covariance(log) for log in logs]),
             newest,
@@ -153,11 +144,42 @@ class History:
         """Covariance of a measured position, (D, D), m^2: stated, else the sensor's estimate."""
         if log.covariance is not None:
             return log.covariance
-        return self._noise[log.sensor].estimate.covariance(log.positions.shape[1])
+        return self.evidence[log.sensor].estimate.covariance(log.positions.shape[1])
 
     def _sampled(self, log: _Log, grid: Array) -> Array:
         """Positions of one obstacle on the grid, (T, D), NaN where unobserved."""
-        return interpolated(log.times, log.positions, grid, self._gap, ON_GRID * self._dt)
+        return interpolated(log.times, log.positions, grid, self.gap, ON_GRID * self.dt)
+
+
+def _learnt(
+    logs: dict[str, _Log], evidence: Mapping[str, NoiseEvidence]
+) -> Mapping[str, NoiseEvidence]:
+    """Take in the newest windows of measurements whose covariance is not stated.
+
+    The logs that were looked at are replaced in place.
+    """
+    found: dict[str, list[str]] = {}
+    for name, log in logs.items():
+        if log.covariance is None:
+            ready = found.setdefault(log.sensor, [])
+            if log.fresh >= STRIDE and len(log.times) >= LENGTH:
+                ready.append(name)
+    if not found:
+        return evidence
+    known = dict(evidence)
+    for sensor, names in found.items():
+        ready_logs = [logs[name] for name in names]
+        windows = [(log.times[-LENGTH:], log.positions[-LENGTH:]) for log in ready_logs]
+        likelihood = window_likelihoods(windows)
+        samples = sum(min(log.fresh, LENGTH) for log in ready_logs)
+        new = sum(not log.looked for log in ready_logs)
+        before = known.get(sensor, NoiseEvidence.none())
+        known[sensor] = before.joined(likelihood, samples, new, MEMORY)
+        if len(known) > MOST:
+            del known[next(name for name in known if name not in found)]
+        for name in names:
+            logs[name] = replace(logs[name], fresh=0, looked=True)
+    return known
 
 
 def named_apart(detections: Sequence[Detection]) -> list[tuple[str, Detection]]:

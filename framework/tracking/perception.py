@@ -1,8 +1,9 @@
 """From what is seen to a forecast on the plan's grid."""
 
 import logging
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import final
 
 import numpy as np
 
@@ -26,80 +27,99 @@ PACE = 1.0
 """m/s per axis, standard deviation of the velocity of somebody who may or may not walk."""
 
 
+@final
+@dataclass(frozen=True, eq=False)
 class Perception:
-    """Remembers detections and asks the predictor; `drain` returns what was refused, and why.
+    """Remembered detections and the predictor that forecasts them: a value that `take` replaces.
 
-    Parameters
+    Attributes
     ----------
-    predictor : as configured; the adapted copy is kept inside.
+    predictor : as configured, or its adapted copy.
     dimension : D of the robot; detections of another dimension are dropped.
-    dt : s between the samples of the tracks.
-    samples : their number.
-    period : s between observations.
+    history : of the detections.
     forget : s after which an obstacle that is no longer reported is dropped.
+    stamp : s, of the last observation.
+    notes : what was refused since `drained`, and why.
+    logged : the noise of each sensor that was logged last, m.
     """
 
-    def __init__(
-        self,
+    predictor: Predictor
+    dimension: int
+    history: History
+    forget: float
+    stamp: float = -np.inf
+    notes: tuple[str, ...] = ()
+    logged: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def initial(
+        cls,
         predictor: Predictor,
         dimension: int,
         dt: float,
         samples: int,
         period: float,
         forget: float,
-    ) -> None:
-        self._predictor = predictor
-        self._dimension, self._dt = dimension, dt
-        gap = 2.5 * max(dt, period)
-        self._sizes = (dt, samples, forget, gap)
-        self._history = History(*self._sizes)
-        self._stamp = -np.inf
-        self._notes: list[str] = []
-        self._logged: dict[str, float] = {}
+    ) -> "Perception":
+        """Return that of a controller that has seen nothing.
+
+        Parameters
+        ----------
+        predictor, dimension, forget : as above.
+        dt : s between the samples of the tracks.
+        samples : their number.
+        period : s between observations.
+        """
+        history = History(dt, samples, forget, 2.5 * max(dt, period))
+        return cls(predictor, dimension, history, forget)
 
     @property
     def noise(self) -> dict[str, NoiseEstimate]:
         """The estimated noise of each sensor that does not state it."""
-        return self._history.noise
+        return self.history.noise
 
-    def take(self, observation: Observation, here: Array | None = None) -> None:
+    def take(self, observation: Observation, here: Array | None = None) -> "Perception":
         """Take note of what is seen from ``here``, (D,), m; see `admitted` for what is refused.
 
         A clock that goes back starts the history anew: measurements from the future would
         neither be forgotten nor replaced.
         """
-        if not np.isfinite(observation.stamp):
-            return
-        if observation.stamp < self._stamp:
-            self._notes.append(f"clock went back by {self._stamp - observation.stamp:.3g} s")
-            self._history = History(*self._sizes)
-        self._stamp = observation.stamp
-        if (step := float(np.spacing(abs(observation.stamp)))) > FINE * self._dt:
-            self._notes.append(f"clock counts in steps of {step:.3g} s at {self._stamp:.3g} s")
-        detections, refused = admitted(observation, self._dimension, self._sizes[2], here)
-        self._notes += refused
-        self._history.add(observation.stamp, detections)
-        self._log_noise()
+        stamp = observation.stamp
+        if not np.isfinite(stamp):
+            return self
+        notes, history = list(self.notes), self.history
+        if stamp < self.stamp:
+            notes.append(f"clock went back by {self.stamp - stamp:.3g} s")
+            history = history.emptied()
+        if (step := float(np.spacing(abs(stamp)))) > FINE * history.dt:
+            notes.append(f"clock counts in steps of {step:.3g} s at {stamp:.3g} s")
+        detections, refused = admitted(observation, self.dimension, self.forget, here)
+        history = history.add(stamp, detections)
+        logged = _logged(history.noise, self.logged)
+        return replace(self, history=history, stamp=stamp, notes=(*notes, *refused), logged=logged)
 
-    def _log_noise(self) -> None:
-        """Log what the noise of a sensor is estimated as, at first and when it has changed."""
-        for sensor, estimate in self._history.noise.items():
-            before = self._logged.get(sensor)
-            ratio = estimate.deviation / before if before else np.inf
-            if estimate.samples and not 1 / CHANGED < ratio < CHANGED:
-                LOG.info("%s%s", f"sensor {sensor}: " if sensor else "", estimate.text)
-                self._logged[sensor] = estimate.deviation
+    def drained(self) -> tuple["Perception", tuple[str, ...]]:
+        """Return the same without notes, and the notes."""
+        return replace(self, notes=()), self.notes
 
-    def drain(self) -> list[str]:
-        """Return what had to be dropped since the last call."""
-        notes, self._notes = self._notes, []
-        return notes
+    def learnt(self, tracks: Tracks | None, scene: Scene) -> "Perception":
+        """Let a predictor that adapts learn; one that raises stays as it was."""
+        if tracks is None or not isinstance(self.predictor, Adaptive):
+            return self
+        try:
+            return replace(self, predictor=self.predictor.update(tracks, scene))
+        except Exception as error:
+            note = f"not adapted: {type(error).__name__}: {error}"
+            return replace(self, notes=(*self.notes, note))
 
-    def forecast(self, first: float, grid: Array, scene: Scene) -> tuple[Tracks, Forecast] | None:
+    def forecast(
+        self, tracks: Tracks | None, first: float, grid: Array, scene: Scene
+    ) -> Forecast | None:
         """Forecast all obstacles, or return None when none is known.
 
         Parameters
         ----------
+        tracks : of the history.
         first : s, time of the plan's first state.
         grid : (N,), s after ``first`` of the plan's steps.
         scene : what else the predictor may look at.
@@ -108,25 +128,14 @@ class Perception:
         ------
         WideberthError : the predictor returned something else than was asked for.
         """
-        tracks = self._history.tracks()
         if tracks is None:
             return None
-        self._adapt(tracks, scene)
         times = first - tracks.stamp + grid
-        steps = max(int(np.ceil(times[-1] / self._dt - 1e-9)), 1)
+        steps = max(int(np.ceil(times[-1] / tracks.dt - 1e-9)), 1)
         forecast = self._ask(tracks, steps, scene)
         newest = tracks.positions[:, -1]
         newest = np.where(np.isnan(newest), forecast.mean[:, 0, 0], newest)
-        return tracks, resample(forecast, newest, tracks.noise, times)
-
-    def _adapt(self, tracks: Tracks, scene: Scene) -> None:
-        """Let a predictor that adapts learn; one that raises stays as it was."""
-        if not isinstance(self._predictor, Adaptive):
-            return
-        try:
-            self._predictor = self._predictor.update(tracks, scene)
-        except Exception as error:
-            self._notes.append(f"not adapted: {type(error).__name__}: {error}")
+        return resample(forecast, newest, tracks.noise, times)
 
     def _ask(self, tracks: Tracks, steps: int, scene: Scene) -> Forecast:
         """Ask the predictor for all obstacles, or, if it raises, for those it does not raise for.
@@ -135,7 +144,7 @@ class Perception:
         raises for each of them, it is the predictor that is broken, and the error is passed on.
         """
         try:
-            forecast = self._predictor.predict(tracks, steps, scene)
+            forecast = self.predictor.predict(tracks, steps, scene)
         except Exception:
             causes = [
                 self._cause(tracks.select([row]), steps, scene, row) for row in range(len(tracks))
@@ -143,7 +152,7 @@ class Perception:
             sound = [row for row, cause in enumerate(causes) if cause is None]
             if not 0 < len(sound) < len(tracks):
                 raise
-            some = self._predictor.predict(tracks.select(sound), steps, narrowed(scene, sound))
+            some = self.predictor.predict(tracks.select(sound), steps, narrowed(scene, sound))
             self._check(some, tracks.select(sound), steps)
             return completed(some, sound, tracks, causes)
         self._check(forecast, tracks, steps)
@@ -152,13 +161,13 @@ class Perception:
     def _cause(self, track: Tracks, steps: int, scene: Scene, row: int) -> str | None:
         """Return what the predictor raises for one obstacle, if it does."""
         try:
-            self._predictor.predict(track, steps, narrowed(scene, [row]))
+            self.predictor.predict(track, steps, narrowed(scene, [row]))
         except Exception as error:
             return f"{type(error).__name__}: {error}"
         return None
 
     def _check(self, forecast: Forecast, tracks: Tracks, steps: int) -> None:
-        name = type(self._predictor).__name__
+        name = type(self.predictor).__name__
         if not isinstance(forecast, Forecast):
             raise WideberthError(f"{name}.predict returned {type(forecast).__name__}")
         shape = forecast.mean.shape
@@ -171,6 +180,18 @@ class Perception:
             raise WideberthError(
                 f"{name} forecast steps of {forecast.dt} s; asked for {tracks.dt} s"
             )
+
+
+def _logged(noise: Mapping[str, NoiseEstimate], before: Mapping[str, float]) -> dict[str, float]:
+    """Log what the noise of a sensor is estimated as, at first and when it has changed."""
+    logged = dict(before)
+    for sensor, estimate in noise.items():
+        known = logged.get(sensor)
+        ratio = estimate.deviation / known if known else np.inf
+        if estimate.samples and not 1 / CHANGED < ratio < CHANGED:
+            LOG.info("%s%s", f"sensor {sensor}: " if sensor else "", estimate.text)
+            logged[sensor] = estimate.deviation
+    return logged
 
 
 def scene_of(observation: Observation, plan: Plan | None, radius: float) -> Scene:

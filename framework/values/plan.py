@@ -124,7 +124,7 @@ class Plan:
     content : (N, O), the content that those levels stand for.
     ids : identities of the O obstacles.
     status : how the solver ended.
-    rung : which rung of the fallback ladder this is.
+    rung : which rung of the fallback ladder this is; the name of a user's own is plain text.
     reason : how it gave way, why it is not the optimal plan, and what was refused of the
         observation; empty where there is nothing to say. Judge by ``rung`` and ``status``.
     breach : the constraint that it breaks most; None where it keeps all, or was held against
@@ -154,7 +154,7 @@ class Plan:
     content: Array
     ids: tuple[str, ...]
     status: Status
-    rung: Rung
+    rung: Rung | str
     reason: str = ""
     iterations: int = 0
     seconds: float = 0.0

@@ -366,7 +366,7 @@ def _unpack_plan(unpack: _Unpacker, stored: dict[str, Any]) -> Plan:
         left_out=tuple(stored["left_out"]),
         tracked=tuple(stored["tracked"]),
         status=Status(stored["status"]),
-        rung=Rung(stored["rung"]),
+        rung=next((one for one in Rung if one == stored["rung"]), stored["rung"]),
         reason=stored["reason"],
         iterations=stored["iterations"],
         forecast=forecast,

@@ -86,15 +86,7 @@ LAYERS = [
 """Groups of the framework from bottom to top; those that `ARROWS` lacks import from below."""
 KNOWN_ARROWS = {("framework/mpc/planner", "framework/mpc/diagnosis")}
 """Arrows between groups that still point upwards; whoever cuts one takes it from here."""
-KNOWN_CIRCLES = {
-    "framework.mpc.fallback.giving_way",
-    "framework.mpc.fallback.ladder",
-    "framework.mpc.planner.problem_cache",
-    "framework.mpc.planner.planner",
-    "framework.mpc.planner.settings",
-    "framework.mpc.diagnosis.explain",
-    "framework.mpc.diagnosis.solve_record",
-}
+KNOWN_CIRCLES: set[str] = set()
 """Files that still stand in a circle of imports; whoever cuts one takes them from here."""
 
 

@@ -25,7 +25,7 @@ AREAS: dict[str, list[str]] = {
         ),
     ],
     "ladder": [
-        f"{MPC}/fallback/ladder.py", f"{MPC}/fallback/verify.py", f"{MPC}/instance/contact.py",
+        f"{MPC}/fallback/rungs.py", f"{MPC}/fallback/verify.py", f"{MPC}/instance/contact.py",
         f"{MPC}/diagnosis/explain.py",
     ],
     "filling": [
@@ -66,6 +66,7 @@ TESTS = (
     "kept_in_step",
     "judged_in_time",
     "ladder",
+    "rungs",
     "levels",
     "measures",
     "metrics",

@@ -1,33 +1,31 @@
-"""What one call of the planner solved and what came of it, in words and as something to repeat."""
+"""A solved problem on record: in words, and as something to solve again."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Any
 
 from ...plugins.config import build, describe
 from ...predictor import Predictor
 from ...values.errors import WideberthError
-from ...values.plan import Plan
+from ...values.forecast import Forecast, Scene
 from ...values.tracks import Tracks
-from ..fallback.instance_check import TOLERANCE, InstanceCheck
+from ..fallback.instance_check import TOLERANCE
 from ..fallback.verify import violation
 from ..ocp.problem import Parameters, Problem
 from ..ocp.transcription import Guess
+from ..planner.cycle import Solved
 from ..planner.problem_cache import ProblemCache
+from ..planner.settings import PlannerSettings
 from ..slots.base import Room
 from ..solvers.base import Solution, Solver
-
-if TYPE_CHECKING:
-    from ...values.forecast import Forecast, Scene
-    from ..planner.planner import Planner
 
 _ROWS = 8
 """Violations that are listed."""
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """What the planner made of a solve, as in its `Plan`.
+class PlanSummary:
+    """The numbers and words of a plan, as in its `Plan`.
 
     Attributes
     ----------
@@ -49,7 +47,7 @@ class Verdict:
 
 
 @dataclass(frozen=True, eq=False)
-class Solve:
+class SolveRecord:
     """One problem with its numbers, its starting points, and the plan that came of it.
 
     Attributes
@@ -71,7 +69,35 @@ class Solve:
     parameters: Parameters
     guesses: tuple[Guess, ...]
     point: Guess
-    verdict: Verdict
+    verdict: PlanSummary
+
+    @classmethod
+    def of(cls, settings: PlannerSettings, solved: Solved) -> "SolveRecord":
+        """Write down what a planner of these settings solved."""
+        config = {"type": "mpc", **describe(settings), "record": None}
+        config["predictor"] = _name(config["predictor"])
+        plan, check = solved.plan, solved.check
+        verdict = PlanSummary(
+            stamp=plan.stamp,
+            status=str(plan.status),
+            rung=str(plan.rung),
+            reason=plan.reason,
+            iterations=plan.iterations,
+            seconds=solved.seconds,
+            violation=plan.violation,
+            cost=plan.cost,
+            given_way="" if plan.given_way is None else str(plan.given_way),
+        )
+        return cls(
+            config,
+            tuple(one.room for one in check.around.chosen),
+            check.problem.key,
+            check.names,
+            check.parameters,
+            solved.guesses,
+            solved.point,
+            verdict,
+        )
 
     def problem(self) -> Problem:
         """Assemble the problem again.
@@ -133,62 +159,15 @@ class Solve:
         table = [f"  {what} by {amount:.3g} at step {step}" for amount, what, step in broken]
         return ["the plan taken breaks, each at its worst step:", *table[:_ROWS]]
 
-    def _planner(self) -> "Planner":
+    def _planner(self) -> PlannerSettings:
         unknown = f"{NotKept.__module__}:{NotKept.__qualname__}"
         config = {**self.planner, "predictor": unknown}
         config.pop("record", None)
-        made: Planner = build("controllers", config)
+        made: PlannerSettings = build("controllers", config)
         return made
 
 
-@dataclass(frozen=True, eq=False)
-class Decision:
-    """What a planner has at hand after a call; `solve` makes something to keep of it.
-
-    Attributes
-    ----------
-    check, rooms : what was solved. guesses : from where.
-    point : the plan taken, as the problem states it. plan : as the planner hands it out.
-    seconds : of the call.
-    """
-
-    check: InstanceCheck
-    rooms: tuple[Room, ...]
-    guesses: tuple[Guess, ...]
-    point: Guess
-    plan: Plan
-    seconds: float
-
-    def solve(self, planner: "Planner") -> Solve:
-        """Write down what the planner solved."""
-        config = describe(replace(planner, record=None))
-        config["predictor"] = _name(config["predictor"])
-        plan = self.plan
-        verdict = Verdict(
-            stamp=plan.stamp,
-            status=str(plan.status),
-            rung=str(plan.rung),
-            reason=plan.reason,
-            iterations=plan.iterations,
-            seconds=self.seconds,
-            violation=plan.violation,
-            cost=plan.cost,
-            given_way="" if plan.given_way is None else str(plan.given_way),
-        )
-        check = self.check
-        return Solve(
-            config,
-            self.rooms,
-            check.problem.key,
-            check.names,
-            check.parameters,
-            self.guesses,
-            self.point,
-            verdict,
-        )
-
-
-def compared(solve: Solve, solutions: Sequence[Solution]) -> list[str]:
+def compared(solve: SolveRecord, solutions: Sequence[Solution]) -> list[str]:
     """One line per starting point: how solving again ended."""
     problem = solve.problem()
     lines = []
@@ -205,7 +184,7 @@ def compared(solve: Solve, solutions: Sequence[Solution]) -> list[str]:
 class NotKept(Predictor):
     """Stands for the predictor of a recorded solve: the problem holds what it forecast."""
 
-    def predict(self, tracks: Tracks, steps: int, scene: "Scene | None" = None) -> "Forecast":
+    def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
         """Refuse."""
         raise WideberthError("a recorded solve keeps the forecast, not the predictor")
 

@@ -22,7 +22,9 @@ from ...values.errors import WideberthError
 from ...values.plan import Rung
 from ..ocp.problem import Parameters, SlotNumbers
 from ..ocp.transcription import Guess
-from .explain import Decision, Solve, Verdict
+from ..planner.cycle import Solved
+from ..planner.settings import PlannerSettings
+from .explain import PlanSummary, SolveRecord
 
 KIND = "solve"
 VERSION = 2
@@ -61,18 +63,18 @@ class Record:
             positive("record.slower_than", self.slower_than, zero=True)
         whole("record.most", self.most)
 
-    def wants(self, decision: Decision) -> bool:
+    def wants(self, solved: Solved) -> bool:
         """Whether this one is to be kept."""
-        slow = self.slower_than is not None and decision.seconds > self.slower_than
-        return slow or decision.plan.rung is not Rung.OPTIMAL
+        slow = self.slower_than is not None and solved.seconds > self.slower_than
+        return slow or solved.plan.rung is not Rung.OPTIMAL
 
-    def keep(self, decision: Decision, planner: Any) -> str:
+    def keep(self, settings: PlannerSettings, solved: Solved) -> str:
         """Write the pair; never raises. Returns why it could not be written, or nothing."""
         try:
             folder = Path(self.folder).expanduser()
             folder.mkdir(parents=True, exist_ok=True)
             if len(list(folder.glob("solve-*.json"))) < self.most:
-                solve = decision.solve(planner)
+                solve = SolveRecord.of(settings, solved)
                 digest = sha256(_numbers(solve)).hexdigest()[:12]
                 write_solve(folder / f"solve-{digest}.json", solve)
         except Exception as error:  # a folder may fail in any way, and the robot drives
@@ -80,7 +82,7 @@ class Record:
         return ""
 
 
-def write_solve(path: str | Path, solve: Solve) -> Path:
+def write_solve(path: str | Path, solve: SolveRecord) -> Path:
     """Write a solve as ``path`` (.json) and the .npz beside it; each whole or not at all.
 
     Raises
@@ -105,7 +107,7 @@ def write_solve(path: str | Path, solve: Solve) -> Path:
         ) from None
 
 
-def read_solve(path: str | Path) -> Solve:
+def read_solve(path: str | Path) -> SolveRecord:
     """Read what `write_solve` wrote; either file of the pair names it.
 
     Raises
@@ -125,7 +127,7 @@ def read_solve(path: str | Path) -> Solve:
         if "size" in content:  # version 1
             size, arrays = content["size"], _renamed(arrays)
             content["rooms"] = [[size["capacity"]], [size["statics"], size["corners"]]]
-        return Solve(
+        return SolveRecord(
             planner=dict(content["planner"]),
             rooms=tuple(tuple(map(int, room)) for room in content["rooms"]),
             key=str(content["key"]),
@@ -135,7 +137,7 @@ def read_solve(path: str | Path) -> Solve:
                 _guess(_below(f"guess{i}", arrays)) for i in range(int(content["starts"]))
             ),
             point=_guess(_below("point", arrays)),
-            verdict=Verdict(**content["verdict"]),
+            verdict=PlanSummary(**content["verdict"]),
         )
     except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
         raise WideberthError(
@@ -143,7 +145,7 @@ def read_solve(path: str | Path) -> Solve:
         ) from None
 
 
-def _numbers(solve: Solve) -> bytes:
+def _numbers(solve: SolveRecord) -> bytes:
     """All arrays of a solve as an npz; the same solve gives the same bytes."""
     values: dict[str, Parameters | Guess] = {"parameters": solve.parameters, "point": solve.point}
     values |= {f"guess{i}": guess for i, guess in enumerate(solve.guesses)}

@@ -1,23 +1,20 @@
-"""How far a plan holds less than was asked for, from which step on, because of which obstacle."""
+"""Levels that a plan keeps: how much less than asked, from which step on, for which thing."""
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...values.arrays import Array
-from ...values.plan import GivenWay, Rung
+from ...values.plan import GivenWay
+from ..ocp.transcription import Guess
 from .instance_check import TOLERANCE, Candidate, InstanceCheck
 from .verify import violation
-
-if TYPE_CHECKING:
-    from .ladder import Ladder
 
 _HALVINGS = 12
 """Of the interval in which the level held lies: to 1/4096 of the level asked for."""
 
 
-def held(ladder: "Ladder", check: InstanceCheck, best: Candidate) -> tuple[Array, GivenWay | None]:
+def held(check: InstanceCheck, best: Candidate, *, optimal: bool) -> tuple[Array, GivenWay | None]:
     """Return the level at which a plan keeps each constraint, and how it gave way, if it did.
 
     A plan gave way if it enters a region of the level aimed at, by more than `TOLERANCE`: less
@@ -28,9 +25,9 @@ def held(ladder: "Ladder", check: InstanceCheck, best: Candidate) -> tuple[Array
 
     Parameters
     ----------
-    ladder : knows robot and level policy.
-    case : what plans are held against.
+    check : what plans are held against.
     best : the plan taken.
+    optimal : whether it is that of a solver that converged.
 
     Returns
     -------
@@ -40,18 +37,18 @@ def held(ladder: "Ladder", check: InstanceCheck, best: Candidate) -> tuple[Array
     asked = aimed(check)
     if not asked.size:
         return asked, None
-    entered = _entered(ladder, check, best, 1.0)
+    entered = _entered(check, best, 1.0)
     if entered.max() <= TOLERANCE:
         return asked, None
     shared = check.problem.shared
-    if shared and best.rung is Rung.OPTIMAL:
+    if shared and optimal:
         lower, worst, kept = np.full_like(asked, best.point.level), entered, True
     else:
-        share, worst, kept = _largest(ladder, check, best, entered)
+        share, worst, kept = _largest(check, best, entered)
         lower = share * asked
     level = np.where(shared | (entered > TOLERANCE), lower, asked)
     step, slot = divmod(int(worst.argmax()), worst.shape[1])
-    policy, size = ladder.level, ladder.robot.dimension
+    policy, size = check.level, check.robot.dimension
     kind, _, _, name = places[slot]
     tails = [
         kind.tail(float(value), policy.promise, size)
@@ -72,17 +69,15 @@ def aimed(check: InstanceCheck) -> Array:
     return np.stack(columns, axis=1) if columns else np.zeros((check.problem.horizon, 0))
 
 
-def _largest(
-    ladder: "Ladder", check: InstanceCheck, best: Candidate, entered: Array
-) -> tuple[float, Array, bool]:
+def _largest(check: InstanceCheck, best: Candidate, entered: Array) -> tuple[float, Array, bool]:
     """Return the largest share that is kept, what is entered just above it, and whether any is."""
     low, high, above = 0.0, 1.0, entered
-    at_least = _entered(ladder, check, best, 0.0)
+    at_least = _entered(check, best, 0.0)
     if at_least.max() > TOLERANCE:
         return 0.0, at_least, False
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        found = _entered(ladder, check, best, middle)
+        found = _entered(check, best, middle)
         if found.max() > TOLERANCE:
             high, above = middle, found
         else:
@@ -90,7 +85,7 @@ def _largest(
     return low, above, True
 
 
-def _entered(ladder: "Ladder", check: InstanceCheck, best: Candidate, share: float) -> Array:
+def _entered(check: InstanceCheck, best: Candidate, share: float) -> Array:
     """How far each region is entered at a share of the levels aimed at, (N, O)."""
     parameters = check.parameters
     if check.problem.shared:
@@ -102,7 +97,27 @@ def _entered(ladder: "Ladder", check: InstanceCheck, best: Candidate, share: flo
         ]
         parameters = replace(parameters, slots=tuple(lower))
         point = best.point
-    point = ladder.suited(parameters, point)
+    point = replace(check, parameters=parameters).suited(point)
     found = violation(check.problem, parameters, point).regions
     first = np.cumsum([0, *(slots.count for slots in check.problem.slots)])
     return found[:, [first[k] + place for _, k, place, _ in check.around.levelled()]]
+
+
+def content(check: InstanceCheck, level: Array, dimension: int) -> Array:
+    """Content that each level stands for; 0 for the paper's unbounded level below 0, (N, O)."""
+    found = np.zeros_like(level)
+    for column, (kind, *_) in enumerate(check.around.levelled()):
+        values, place = np.unique(level[:, column], return_inverse=True)
+        known = [1.0 - kind.tail(v, "content", dimension) if v > 0 else 0.0 for v in values]
+        found[:, column] = np.array(known)[place]
+    return found
+
+
+def auxiliaries(check: InstanceCheck, point: Guess) -> Array:
+    """Auxiliaries of all used slots with a level, (N, O, A); nan where one has fewer than A."""
+    columns = [point.auxiliaries[k][:, place] for _, k, place, _ in check.around.levelled()]
+    wide = max((own.shape[1] for own in columns), default=0)
+    found = np.full((check.problem.horizon, len(columns), wide), np.nan)
+    for column, own in enumerate(columns):
+        found[:, column, : own.shape[1]] = own
+    return found

@@ -1,15 +1,20 @@
-"""What plans are held against, and a plan with what the re-check says of it."""
+"""An instance of the problem with all that a plan is checked against."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...values.plan import Rung, Status
+from ...robot import Robot
+from ...values.arrays import Array
+from ...values.plan import Status
+from ..levels.base import LevelPolicy, SharedLevel
 from ..ocp.problem import Parameters, Problem
 from ..ocp.transcription import Guess
-from ..slots.base import Surroundings
+from ..slots.base import SlotKind, Surroundings, level_at_first, with_auxiliaries
 from ..solvers.base import Solution
-from .verify import Violation, violation
+from .rollout import clip, follow
+from .verify import Violation, price, violation
 
 TOLERANCE = 1e-4
 """Largest violation of a plan that counts as feasible (m, m/s or unit-free)."""
@@ -21,41 +26,91 @@ class Candidate:
 
     Attributes
     ----------
-    point, rung, found : the plan, where it stands, and the re-check.
+    point, found : the plan, and the re-check.
     solution : what a solver returned, if one made it.
-    way : names the manoeuvre where it is one, see `manoeuvres.stops`.
+    way : names the manoeuvre where it is one, see `stopping.stops`.
     cost : objective at the point; nan where nothing was priced.
     """
 
     point: Guess
-    rung: Rung
     found: Violation
     solution: Solution | None = None
     way: str = ""
     cost: float = float("nan")
 
-    def __str__(self) -> str:
-        """Name the rung, and the manoeuvre."""
-        return f"{self.rung} ({self.way})" if self.way else str(self.rung)
+    @property
+    def feasible(self) -> bool:
+        """Whether it keeps every constraint."""
+        return self.found.worst <= TOLERANCE
+
+    @property
+    def optimal(self) -> bool:
+        """Whether it is feasible and its solver converged."""
+        solved = self.solution is not None and self.solution.status is Status.SOLVED
+        return solved and self.feasible
+
+    def named(self, rung: str) -> str:
+        """Name the rung it is taken on, and the manoeuvre."""
+        return f"{rung} ({self.way})" if self.way else str(rung)
 
 
 @dataclass(frozen=True, eq=False)
 class InstanceCheck:
-    """What plans are held against: the instance, and all that the bodies could touch."""
+    """An instance of the problem, as plans are held against it.
+
+    Attributes
+    ----------
+    problem, parameters : the instance.
+    around : all that the bodies could touch.
+    level : the policy that the levels come from.
+    last_inputs : (N, m), inputs of the last plan from now on; None without one.
+    """
 
     problem: Problem
     parameters: Parameters
     around: Surroundings
+    level: LevelPolicy
+    last_inputs: Array | None = None
+
+    @property
+    def robot(self) -> Robot:
+        """The robot of the problem."""
+        return self.around.robot
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of all slots of the problem, "?" where empty."""
         return self.around.names(self.problem)
 
+    def guess(self, states: Array, inputs: Array) -> Guess:
+        """Wrap a trajectory at the level aimed at, with the auxiliaries that suit it best."""
+        target = shared_target(self.around.kinds, self.level, self.robot.dimension)
+        return self.suited(Guess.bare(states, inputs, target))
+
+    def suited(self, guess: Guess) -> Guess:
+        """Fill in the auxiliaries that suit the guess's poses best."""
+        return with_auxiliaries(self.robot, self.around.kinds, self.parameters, guess)
+
     def check(self, point: Guess) -> Violation:
         """Evaluate every constraint, and what is touched on the way."""
         found = violation(self.problem, self.parameters, point)
         return replace(found, touch=self.around.touched(point.states))
+
+    def assess(self, solution: Solution) -> Candidate:
+        """Re-check a solution; one that did not converge is first made drivable."""
+        point, cost = solution.point, solution.cost
+        if self.problem.shared:  # the last iterate of a solver may lie below the bound
+            point = replace(point, level=max(point.level, self.problem.minimum))
+        converged = solution.status is Status.SOLVED
+        if not converged:
+            inputs = clip(self.robot, point.inputs)
+            states = follow(self.robot, self.parameters.initial, inputs, self.problem.dt)
+            point = self.suited(replace(point, states=states, inputs=inputs))
+        found = self.check(point)
+        if not converged and found.worst <= TOLERANCE:
+            # The solver's cost is that of its last iterate, not yet drivable.
+            cost = price(self.problem, self.parameters, point)
+        return Candidate(point, found, solution, cost=cost)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +121,7 @@ class Outcome:
     ----------
     candidates : the re-checked solutions, that from the last plan first.
     guesses : what was solved from.
-    obstacle_in_way : whether something is in the way, see `multistart.MultiStart`.
+    obstacle_in_way : whether something is in the way, see `MultiStart`.
     before : whether that was so at the last call.
     status, message : of the first solve, or why there was none.
     note : why the solver was not asked from all other starts, where it did not return.
@@ -95,3 +150,10 @@ def contact(check: InstanceCheck, one: Candidate, window: int) -> float:
     entered = one.found.regions[:, certain].max(axis=1, initial=0.0)
     depth = np.maximum(check.around.overlap(one.point.states), one.found.touched)
     return float(np.maximum(depth, entered)[:window].max(initial=0.0))
+
+
+def shared_target(kinds: Iterable[SlotKind], level: LevelPolicy, dimension: int) -> float:
+    """Return s_ref, the level that a shared level is drawn to; nan where none is shared."""
+    if not isinstance(level, SharedLevel):
+        return float("nan")
+    return level_at_first(kinds, level, dimension)

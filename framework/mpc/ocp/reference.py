@@ -44,26 +44,31 @@ def lay_reference(path: Path, start: float, speed: float, steps: int, dt: float)
     return Reference(path.at(arcs[1:]), path.direction(middle), speeds, np.zeros((steps, 0)))
 
 
+@dataclass(frozen=True, eq=False)
 class Progress:
-    """How far along its path the robot has come."""
+    """How far along its path the robot has come.
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._last: tuple[float, Array] | None = None
+    Attributes
+    ----------
+    path : that it follows.
+    last : arc length, m, and place (D,), m, at the last call; None before the first.
+    """
 
-    def update(self, place: Array) -> float:
-        """Return the arc length of the path point nearest to the robot, m.
+    path: Path
+    last: tuple[float, Array] | None = None
+
+    def advanced(self, place: Array) -> tuple["Progress", float]:
+        """Return the progress at a place, and the arc length of the nearest path point, m.
 
         The search reaches as far as the robot may have come since the last call, so that a
         path that crosses itself or comes back is not cut short. At first all of it is
         searched, and its earliest stretch preferred.
         """
-        if self._last is None:
+        if self.last is None:
             arc = self.path.project(place, early=EARLY)
         else:
-            before, where = self._last
+            before, where = self.last
             reach = EARLY + 2.0 * float(np.linalg.norm(place - where))
             low = max(before - reach, 0.0)
             arc = self.path.project(place, start=low, window=before + reach - low)
-        self._last = arc, place
-        return arc
+        return Progress(self.path, (arc, place)), arc

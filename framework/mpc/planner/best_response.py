@@ -2,18 +2,21 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import final
 
 import numpy as np
 
 from ...predictor import Predictor
 from ...robot import Robot, start_state
 from ...values.arrays import Array
+from ...values.errors import WideberthError
 from ...values.forecast import Forecast, Scene
 from ...values.motion import Detection, Observation, Pose, Twist
 from ...values.path import Path
 from ...values.plan import Status
 from ...values.tracks import Tracks
-from .planner import Planner
+from .cycle import PlannerState, Services, step
+from .settings import PlannerSettings, changed
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,20 +37,29 @@ class Agent:
     radius: float
 
 
+@final
+@dataclass(frozen=True, eq=False)
 class FixedForecast(Predictor):
-    """Repeats a forecast that was made elsewhere; changes from call to call of the planner."""
+    """Returns a forecast that was made elsewhere.
 
-    forecast: Forecast
+    Parameters
+    ----------
+    forecast : of the obstacles, in the order of the tracks; None where there are none.
+    """
+
+    forecast: Forecast | None = None
 
     def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
-        """Return the first steps of what was told; obstacles are in the order of the tracks."""
-        told = self.forecast
+        """Return the first steps of the forecast."""
+        known = self.forecast
+        if known is None:
+            raise WideberthError("there are tracks and no forecast of them")
         return Forecast(
-            told.mean[:, :, :steps],
-            told.covariance[:, :, :steps],
-            told.weight,
-            told.dt,
-            told.fallback,
+            known.mean[:, :, :steps],
+            known.covariance[:, :, :steps],
+            known.weight,
+            known.dt,
+            known.fallback,
         )
 
 
@@ -61,19 +73,18 @@ class BestResponsePlanner:
 
     Parameters
     ----------
-    planner : whose settings are used; it is not changed. Its robot moves in the plane.
+    settings : of the planner that everybody is taken to run. Its robot moves in the plane.
     """
 
-    def __init__(self, planner: Planner) -> None:
-        self._told = FixedForecast()
-        self._planner = replace(
-            planner, predictor=self._told, history=2, latency=0.0, deadline=None, starts=()
+    def __init__(self, settings: PlannerSettings) -> None:
+        self._settings = changed(
+            settings, predictor=FixedForecast(), history=2, latency=0.0, deadline=None, starts=()
         )
-        self._planner.warns = False  # what others might do is nothing to warn of
+        self._services = Services.of(self._settings)
 
     def steps(self, dt: float) -> int:
         """How many steps of ``dt`` s forecasts have to reach."""
-        return int(np.ceil(self._planner.horizon * self._planner.dt / dt - 1e-9))
+        return int(np.ceil(self._settings.horizon * self._settings.dt / dt - 1e-9))
 
     def respond(
         self, agent: Agent, others: Forecast | None, radii: Sequence[float]
@@ -91,35 +102,30 @@ class BestResponsePlanner:
         -------
         Times (N + 1,), s, and positions (N + 1, 2), m, of the plan; or why there is none.
         """
-        planner = self._planner
-        robot = planner.robot
+        robot = self._settings.robot
         origin = _place(robot, agent.state)
         turn = np.stack([agent.direction, (-agent.direction[1], agent.direction[0])], axis=1)
-        detections = []
+        settings, detections = replace(self._settings, reference_speed=agent.speed), []
         if others is not None:
-            self._told.forecast = Forecast(
+            forecast = Forecast(
                 (others.mean - origin) @ turn,
                 turn.T @ others.covariance @ turn,
                 others.weight,
                 others.dt,
                 others.fallback,
             )
-            planner.track_dt = others.dt
+            settings = replace(settings, predictor=FixedForecast(forecast), track_dt=others.dt)
             for index, radius in enumerate(radii):
                 size = max(radius + agent.radius - robot.radius, 0.0)
-                where = self._told.forecast.mean[index, 0, 0]
+                where = forecast.mean[index, 0, 0]
                 detections.append(Detection(f"{index:04}", where, np.zeros((2, 2)), size))
-        planner.reference_speed = agent.speed
-        far = 2.0 * agent.speed * planner.horizon * planner.dt
-        planner.reset()
-        planner.set_path(Path(np.array([[0.0, 0.0], [far, 0.0]])))
-        planner.command(
-            Observation(0.0, _moved(robot, agent.state, origin, turn), tuple(detections))
-        )
-        plan = planner.plan
-        raised = plan is not None and plan.status is Status.FAILED and not plan.iterations
-        if plan is None or raised or plan.violation != plan.violation:
-            return "no plan" if plan is None else plan.reason
+        far = 2.0 * agent.speed * settings.horizon * settings.dt
+        state = PlannerState.initial(settings, Path(np.array([[0.0, 0.0], [far, 0.0]])))
+        seen = Observation(0.0, _moved(robot, agent.state, origin, turn), tuple(detections))
+        plan = step(settings, state, seen, self._services)[1].plan
+        raised = plan.status is Status.FAILED and not plan.iterations
+        if raised or plan.violation != plan.violation:
+            return plan.reason
         times = plan.dt * np.arange(len(plan.positions), dtype=np.float64)
         return times, plan.positions @ turn.T + origin
 

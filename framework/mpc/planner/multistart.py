@@ -1,21 +1,46 @@
-"""Solving from several starts, where that is worth it and as long as there is time."""
+"""Starting points of the solver, and solving from several where it is worth it and there is time.
+
+The first start is the last plan; the others lead round what stands in the way of it.
+
+An interior point method goes on from its start to the nearest local optimum, and on which side
+an obstacle is passed is decided there. Measured with fatrop on 420 recorded instances (`tests`
+keep a sample), the share that comes within 1e-3 of the best cost that about forty set-ups found:
+the shifted last plan alone 94.3 %, with ``along`` 99.8 %, with ``right`` besides 100 %. Of 16
+head-on, perfectly symmetric encounters these are 9, 11 and 15; with all of `OTHERS` every one of
+136 other hard instances with a known feasible point is solved to its best cost as well.
+"""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter
+from typing import Literal, TypeAlias
 
 import numpy as np
 
-from ...values.arrays import FARTHEST
-from ...values.plan import Rung, Status
+from ...robot import Robot
+from ...values.arrays import FARTHEST, Array
+from ...values.errors import WideberthError
+from ...values.motion import Pose, Twist
+from ...values.plan import Plan, Status
 from ..fallback.instance_check import Candidate, InstanceCheck, Outcome
-from ..fallback.ladder import Ladder
+from ..fallback.rollout import SWEEPS, clip, follow, shift, stand, steer, sweep
 from ..fallback.verify import violation
+from ..ocp.problem import Parameters, Problem
+from ..ocp.progress_robot import ProgressRobot
+from ..ocp.reference import Reference
 from ..ocp.transcription import Guess
 from ..solvers.base import Solution, Solver, on_time
 from ..solvers.watchdog import LeftBehind, Refused, watched
-from .starting_points import OTHERS, Starts, along, other_starts
+
+Starts: TypeAlias = tuple[str, ...] | Literal["auto"]
+"""Names of starting points, or ``auto``: `OTHERS`, where something is in the way."""
+
+OTHERS = ("along", "left", "right", "back-left", "back-right", "wait")
+"""What is worth a try beside the last plan, most useful first."""
+
+NAMES = ("along", *SWEEPS)
+"""Every starting point that can be named."""
 
 RESERVE = 0.1
 """Share of the deadline that is kept for checking the results and for falling back. A solver that
@@ -134,65 +159,51 @@ class MultiStart:
     starts: Starts
     budget: Budget
 
-    def run(
-        self, ladder: Ladder, check: InstanceCheck, first: Guess, obstacle_in_way: bool
-    ) -> Outcome:
+    def run(self, check: InstanceCheck, first: Guess, obstacle_in_way: bool) -> Outcome:
         """Solve; ``obstacle_in_way`` is what the last outcome said."""
         try:
-            return self._run(ladder, check, first, obstacle_in_way)
+            return self._run(check, first, obstacle_in_way)
         except (LeftBehind, Refused) as error:
-            message = f"{self.watch.name} {error}"
-            return Outcome(
-                (), (first,), obstacle_in_way, obstacle_in_way, Status.DEADLINE, message
-            )
+            status, message = Status.DEADLINE, f"{self.watch.name} {error}"
         except Exception as error:  # a plug-in's solver may fail in any way; the ladder goes on
-            message = f"{type(error).__name__}: {error}"
-            return Outcome((), (first,), obstacle_in_way, obstacle_in_way, Status.FAILED, message)
+            status, message = Status.FAILED, f"{type(error).__name__}: {error}"
+        return Outcome((), (first,), obstacle_in_way, obstacle_in_way, status, message)
 
-    def _run(
-        self, ladder: Ladder, check: InstanceCheck, first: Guess, obstacle_in_way: bool
-    ) -> Outcome:
+    def _run(self, check: InstanceCheck, first: Guess, before: bool) -> Outcome:
+        parameters = check.parameters
         if self.budget.left() <= 0.0:
             message = "no time was left to solve"
-            return Outcome(
-                (), (first,), obstacle_in_way, obstacle_in_way, Status.DEADLINE, message
-            )
-        where = np.concatenate([ladder.start, check.parameters.reference.ravel()])
+            return Outcome((), (first,), before, before, Status.DEADLINE, message)
+        where = np.concatenate([parameters.initial, parameters.reference.ravel()])
         if not np.abs(where).max() <= FARTHEST:
             message = f"state or reference exceed {FARTHEST:g}: nothing was solved"
-            return Outcome((), (first,), obstacle_in_way, obstacle_in_way, Status.FAILED, message)
-        reference = ladder.guess(*along(ladder.robot, check.parameters, ladder.dt))
+            return Outcome((), (first,), before, before, Status.FAILED, message)
         solutions = self._solve(check, [first])
-        candidates = [ladder.assess(check, one) for one in solutions]
-        there = _in_the_way(ladder, check, reference, candidates[0])
-        names = self._names(ladder, check, candidates[0], there, obstacle_in_way)
-        found = other_starts(ladder.robot, check.problem, check.parameters, first, names)
-        others = [ladder.suited(check.parameters, guess) for guess in found]
+        candidates = [check.assess(one) for one in solutions]
+        there = _in_the_way(check, candidates[0])
+        names = self._names(check, candidates[0], there, before)
+        found = other_starts(check.robot, check.problem, parameters, first, names)
+        others = [check.suited(guess) for guess in found]
         solutions, note = self._others(check, others, solutions[0].seconds)
-        candidates += [ladder.assess(check, one) for one in solutions]
+        candidates += [check.assess(one) for one in solutions]
         guesses = (first, *others[: len(solutions)])
         solved = candidates[0].solution
         assert solved is not None
         status, message = solved.status, solved.message
-        return Outcome(tuple(candidates), guesses, there, obstacle_in_way, status, message, note)
+        return Outcome(tuple(candidates), guesses, there, before, status, message, note)
 
     def _names(
-        self,
-        ladder: Ladder,
-        check: InstanceCheck,
-        first: Candidate,
-        there: bool,
-        obstacle_in_way: bool,
+        self, check: InstanceCheck, first: Candidate, there: bool, before: bool
     ) -> Sequence[str]:
         """Return the starts that this situation asks for."""
         if self.starts != "auto":
             return self.starts
-        if first.rung is not Rung.OPTIMAL:
+        if not first.optimal:
             return OTHERS
         if not there:
             return ()
-        anew = ladder.inputs is None or not obstacle_in_way
-        return OTHERS if anew or _stuck(ladder, check, first) else ("along",)
+        anew = check.last_inputs is None or not before
+        return OTHERS if anew or _stuck(check, first) else ("along",)
 
     def _others(
         self, check: InstanceCheck, guesses: Sequence[Guess], longest: float
@@ -215,22 +226,199 @@ class MultiStart:
         return self.watch.solve(check, guesses, self.budget)
 
 
-def _stuck(ladder: Ladder, check: InstanceCheck, solved: Candidate) -> bool:
+def _stuck(check: InstanceCheck, solved: Candidate) -> bool:
     """Whether a plan ends where it begins, measured by the way to where its reference ends."""
     begin, end = (
-        np.array(ladder.robot.pose(tuple(state)).position, dtype=np.float64)
+        np.array(check.robot.pose(tuple(state)).position, dtype=np.float64)
         for state in (solved.point.states[0], solved.point.states[-1])
     )
     way = np.linalg.norm(check.parameters.reference[-1] - begin)
     return bool(np.linalg.norm(end - begin) < STUCK * way)
 
 
-def _in_the_way(ladder: Ladder, check: InstanceCheck, reference: Guess, solved: Candidate) -> bool:
+def _in_the_way(check: InstanceCheck, solved: Candidate) -> bool:
     """Whether something stands on the reference, or makes the level give way."""
-    parameters = check.parameters
+    parameters, problem = check.parameters, check.problem
     if not any(one.active.any() for one in parameters.slots):
         return False
-    point = ladder.suited(parameters, reference)
-    if violation(check.problem, parameters, point).regions.max(initial=0.0) > 0.0:
+    point = check.guess(*along(check.robot, parameters, problem.dt))
+    if violation(problem, parameters, point).regions.max(initial=0.0) > 0.0:
         return True
-    return check.problem.shared and solved.point.level < parameters.target - 1e-3
+    return problem.shared and solved.point.level < parameters.target - 1e-3
+
+
+def remaining_inputs(
+    robot: Robot, plan: Plan, stamp: float, start: Array, *, standing: bool
+) -> Array | None:
+    """Return the inputs that are left of a plan at ``stamp``, (N, m); None before it begins.
+
+    Parameters
+    ----------
+    robot, start : whom, and its state at ``stamp``, (n,).
+    plan : the last one.
+    stamp : s.
+    standing : whether it brakes and stands beyond its end; else it goes on without input.
+    """
+    share = min((stamp - plan.stamp) / plan.dt, len(plan.inputs))
+    if share < 0.0:
+        return None
+    inputs = shift(plan.inputs, share)
+    return stand(robot, start, inputs, share, plan.dt) if standing else inputs
+
+
+def first_trajectory(
+    robot: Robot, start: Array, inputs: Array | None, steps: int, dt: float
+) -> tuple[Array, Array]:
+    """Return what to solve from first: the last plan's inputs driven from here, or coasting.
+
+    Parameters
+    ----------
+    robot, start : whom, and from which state (n,).
+    inputs : (N, m), of the last plan from now on; None without one.
+    steps, dt : N and s.
+
+    Returns
+    -------
+    states : (N + 1, n). inputs : (N, m).
+    """
+    if inputs is not None:
+        return follow(robot, start, inputs, dt), inputs
+    return steer(robot, start, sweep(robot, start, "coast", 0.0), steps, dt)
+
+
+def checked_starts(starts: Starts) -> None:
+    """Refuse names that are no starting point.
+
+    Raises
+    ------
+    WideberthError : another word than auto, or unknown names.
+    """
+    if starts == "auto":
+        return
+    unknown = [starts] if isinstance(starts, str) else sorted(set(starts) - set(NAMES))
+    if unknown:
+        raise WideberthError(f"planner.starts holds {unknown}; wanted some of {NAMES}, or auto")
+
+
+def other_starts(
+    robot: Robot,
+    problem: Problem,
+    parameters: Parameters,
+    guess: Guess,
+    names: Sequence[str] = OTHERS,
+) -> list[Guess]:
+    """Return further starting points for an instance, in the order of their names.
+
+    ``along`` lies on the reference, through whatever stands there, which leaves the choice of
+    side to the solver. Every other holds a twist from x_0 on, see `rollout.sweep`, and is driven
+    within the limits. A point equal to an earlier one is left out.
+
+    Parameters
+    ----------
+    robot : of the problem.
+    problem, parameters : the instance.
+    guess : what is solved from first; it gives the shared level. Auxiliaries are filled in
+        later, see `bodies.with_auxiliaries`.
+    names : of `NAMES`.
+    """
+    found: list[Guess] = []
+    pace = max(float(np.abs(parameters.speed).max()), 1e-3)
+    moving = _under_way(robot, parameters, pace)
+    start = parameters.initial
+    for name in dict.fromkeys(names):
+        if name == "along":
+            states, inputs = along(robot, parameters, problem.dt)
+        else:
+            now = None if name == "coast" else moving
+            twist = sweep(robot, start, name, pace, now)
+            states, inputs = steer(robot, start, twist, problem.horizon, problem.dt)
+        known = [guess, *found]
+        if not any(np.array_equal(states, one.states) for one in known):
+            found.append(replace(Guess.bare(states, inputs, guess.level), slack=guess.slack))
+    if isinstance(robot, ProgressRobot):
+        arc = float(parameters.initial[-1])
+        return [add_progress(robot, point, parameters, arc, problem.dt) for point in found]
+    return found
+
+
+def _under_way(robot: Robot, parameters: Parameters, pace: float) -> Twist:
+    """Return the twist of x_0 if it kept its pace: ahead, or, without a heading, along the path.
+
+    A turn of a robot that stands leads nowhere.
+    """
+    if robot.pose(tuple(parameters.initial)).heading is not None:
+        return Twist((pace, 0.0))
+    return Twist(tuple(float(pace * part) for part in parameters.direction[0]))
+
+
+def along(robot: Robot, parameters: Parameters, dt: float) -> tuple[Array, Array]:
+    """Lay states (N + 1, n) and inputs (N, m) on the reference, whether or not they can be driven.
+
+    State i is at the reference's place with the velocity that leads there from the one before;
+    the heading, if there is one, looks that way. The inputs are those that bring each twist to
+    the next.
+    """
+    start = parameters.initial
+    here = robot.pose(tuple(start))
+    places = np.concatenate([[np.array(here.position, dtype=np.float64)], parameters.reference])
+    velocities = np.diff(places, axis=0) / dt
+    twists = [Twist(tuple(float(v) for v in velocity)) for velocity in velocities]
+    headings: list[float | None] = [None] * len(velocities)
+    if here.heading is not None:
+        speeds = np.linalg.norm(velocities, axis=1)
+        headings = list(_headings(velocities, speeds, float(here.heading)))
+        twists = [Twist((float(speed), 0.0)) for speed in speeds]
+    states = np.array(
+        [
+            start,
+            *(
+                robot.state_at(Pose(tuple(float(p) for p in place), heading), twist)
+                for place, heading, twist in zip(places[1:], headings, twists, strict=True)
+            ),
+        ],
+        dtype=np.float64,
+    )
+    bounds = robot.state_bounds()
+    states[1:] = np.clip(states[1:], np.asarray(bounds.lower), np.asarray(bounds.upper))
+    inputs = [
+        robot.drive(tuple(state.tolist()), twist, dt)
+        for state, twist in zip(states[:-1], twists, strict=True)
+    ]
+    return states, clip(robot, np.array(inputs, dtype=np.float64))
+
+
+def _headings(velocities: Array, speeds: Array, first: float) -> Array:
+    """Directions of travel without a jump by a turn; standing keeps the one before."""
+    angles = np.arctan2(velocities[:, 1], velocities[:, 0])
+    moving = speeds > 1e-6
+    last = np.maximum.accumulate(np.where(moving, np.arange(len(speeds)) + 1, 0))
+    kept = np.concatenate([[first], angles])[last]
+    return np.asarray(np.unwrap(np.concatenate([[first], kept]))[1:])
+
+
+def add_progress(
+    robot: ProgressRobot, guess: Guess, reference: Reference | Parameters, arc: float, dt: float
+) -> Guess:
+    """Fill in theta and its rate, whether or not a trajectory has them already.
+
+    theta starts at ``arc`` and moves by what each step covers in the direction of the reference
+    there.
+    """
+    states = guess.states[:, : len(robot.robot.states)]
+    places = np.stack(robot.pose(tuple(states.T)).position, axis=-1)
+    theta, pace = np.full(len(places), arc), max(float(reference.speed.max()) * dt, 1e-9)
+    for i, step in enumerate(np.diff(places, axis=0)):
+        nearest = int(np.clip((theta[i] - arc) / pace, 0, len(reference.direction) - 1))
+        theta[i + 1] = theta[i] + step @ reference.direction[nearest]
+    inputs = guess.inputs[:, : len(robot.robot.inputs)]
+    return replace(
+        guess,
+        states=np.column_stack([states, theta]),
+        inputs=np.column_stack([inputs, np.diff(theta) / dt]),
+    )
+
+
+def strip_progress(robot: Robot, plan: Plan) -> Plan:
+    """Leave the plan with the states and inputs of the robot itself."""
+    states, inputs = plan.states[:, : len(robot.states)], plan.inputs[:, : len(robot.inputs)]
+    return replace(plan, states=states, inputs=inputs)

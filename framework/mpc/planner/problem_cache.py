@@ -1,25 +1,21 @@
 """The problems of one planner, one for each number of things of each kind that it has met."""
 
-from typing import TYPE_CHECKING
-
 from ..assembly import assemble
 from ..ocp.problem import Problem
 from ..slots.base import Room
-
-if TYPE_CHECKING:
-    from .planner import Planner
+from .settings import PlannerSettings
 
 
 class ProblemCache:
-    """Assembles a planner's problem of each size once.
+    """Assembles the problem of each size once.
 
     Parameters
     ----------
-    planner : whose plug-ins and settings are used.
+    settings : the plug-ins and numbers of the problems.
     """
 
-    def __init__(self, planner: "Planner") -> None:
-        self._planner = planner
+    def __init__(self, settings: PlannerSettings) -> None:
+        self._settings = settings
         self._made: dict[tuple[Room, ...], Problem] = {}
 
     def __bool__(self) -> bool:
@@ -29,7 +25,7 @@ class ProblemCache:
     def of(self, rooms: tuple[Room, ...]) -> Problem:
         """Return the problem with room for so many things of each kind."""
         if rooms not in self._made:
-            own = self._planner
+            own = self._settings
             self._made[rooms] = assemble(
                 own.robot,
                 own.kinds,

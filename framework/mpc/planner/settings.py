@@ -1,22 +1,123 @@
-"""What a planner's settings have to keep, checked before any work."""
+"""Settings of the planner, and their validation."""
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import Any
 
+import numpy as np
+
+from ...predictor import Predictor
+from ...region import Region
 from ...robot import Robot
-from ...values.arrays import positive, whole
+from ...static_region import StaticRegion
+from ...values.arrays import Array, positive, whole
 from ...values.errors import WideberthError
-from ...values.path import Path
-from ..slots.base import CAPACITIES
-from .starting_points import checked_starts
+from ..costs.base import Cost
+from ..costs.tracking import Tracking
+from ..fallback.rungs import RUNGS, rungs_of
+from ..instance.own_uncertainty import Growth
+from ..levels.base import LevelPolicy
+from ..slots.base import CAPACITIES, SlotKind
+from ..slots.built_in import built_in
+from ..solvers.base import Solver
+from .multistart import PATIENCE, Starts, checked_starts
 
 MOST_STEPS, MOST_SAMPLES = 1000, 10_000
 """Of a plan, and of a track or a forecast: more means that a unit is wrong."""
 
-if TYPE_CHECKING:
-    from .planner import Planner
+
+@dataclass(frozen=True, eq=False)
+class PlannerSettings:
+    """Settings of a planning cycle; a `Planner` takes the same.
+
+    Parameters
+    ----------
+    robot, region, predictor, level, solver : the plug-ins.
+    horizon : N, steps; the paper's 15.
+    dt : s per MPC step; the paper's 0.5.
+    period : s between calls; the paper's 0.5.
+    reference_speed : m/s along the path; the paper's 0.5.
+    cost : of each stage of a plan; the paper's tracking of a timed reference by default.
+    penalty : price of one unit of slack on soft regions; None for hard ones, the paper's.
+    deadline : s by the clock for one call, forecast and checks included; None leaves the limit to
+        iteration counts, which is reproducible. The paper has none for the call: its 0.45 s are
+        `Ipopt.max_cpu_time`.
+    patience : s that one solve may take where there is no deadline. A solver that has not
+        returned by then is left behind, and the plan comes from the next rung. The first use of
+        a problem, which compiles it, may take ten times as long. Far more than solvers need:
+        it changes nothing but what would hold the loop.
+    latency : s between observation and the moment the command takes effect; the plan
+        starts where the robot will be by then. 0 is the paper's.
+    track_dt : s between the samples that the predictor sees.
+    history : how many of those samples are kept.
+    forget : s after which an obstacle that is no longer reported is dropped.
+    most_obstacles : capacity; the nearest are kept, the others named in the plan.
+    margin : m, added to r + r_d; 0 is the paper's. The regions hold at the steps alone:
+        between two of them, a straight pass at relative speed w comes closer by up to
+        (w dt)^2 / (8 (r + r_d)), 0.02 m at the paper's numbers.
+    starts : starting points of the solver beside the shifted last plan, always tried, or
+        ``auto``: where something is in the way, see `wideberth.framework.mpc.planner.multistart`.
+    static_region : what keeps clear of the observation's polygons; needed where there are any.
+    further_kinds : of things to keep clear of, besides the forecast's obstacles and polygons.
+    own_uncertainty : how the covariance of the observed state grows over the horizon, see
+        `OwnUncertainty`; without one in the observation the state is taken as exact.
+    stop_at_end : whether every plan ends at rest. Then the last one, continued by standing,
+        is there to fall back on for as long as the forecast it was made for comes true.
+    rungs : of the fallback ladder, best first: names of built-in ones, or "module:Class" of a
+        `FallbackRung` of your own, see `wideberth.framework.mpc.fallback.rungs`.
+
+    Raises
+    ------
+    WideberthError : a value out of range, or robot and region of different dimensions.
+    """
+
+    robot: Robot
+    region: Region
+    predictor: Predictor
+    level: LevelPolicy
+    solver: Solver
+    horizon: int = 15
+    dt: float = 0.5
+    period: float = 0.5
+    reference_speed: float = 0.5
+    cost: Cost = field(default_factory=Tracking)
+    penalty: float | None = None
+    deadline: float | None = None
+    patience: float = PATIENCE
+    latency: float = 0.0
+    track_dt: float = 0.5
+    history: int = 80
+    forget: float = 3.0
+    most_obstacles: int = 20
+    margin: float = 0.0
+    starts: Starts = "auto"
+    static_region: StaticRegion | None = None
+    further_kinds: tuple[SlotKind, ...] = ()
+    own_uncertainty: Growth = "open-loop"
+    stop_at_end: bool = False
+    rungs: tuple[str, ...] = tuple(RUNGS)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+    @cached_property
+    def kinds(self) -> tuple[SlotKind, ...]:
+        """Kinds of things that plans keep clear of, in the order of the problem's slots."""
+        return (*built_in(self.region, self.static_region), *self.further_kinds)
+
+    @property
+    def grid(self) -> Array:
+        """Times of the plan's steps 1..N after its first state, s."""
+        return self.dt * np.arange(1, self.horizon + 1, dtype=np.float64)
 
 
-def check_settings(planner: "Planner") -> None:
+def changed(settings: PlannerSettings, **changes: Any) -> PlannerSettings:
+    """Return a copy of some settings, also of a planner's, with changes."""
+    kept = {entry.name: getattr(settings, entry.name) for entry in fields(PlannerSettings)}
+    return PlannerSettings(**{**kept, **changes})
+
+
+def check_settings(planner: PlannerSettings) -> None:
     """Refuse settings out of range, and plug-ins that do not fit together.
 
     Raises
@@ -39,6 +140,7 @@ def check_settings(planner: "Planner") -> None:
             positive(f"planner.{name}", getattr(planner, name))
     _check_sizes(planner)
     checked_starts(planner.starts)
+    rungs_of(planner.rungs)
     if planner.robot.dimension not in planner.region.dimensions:
         raise WideberthError(
             f"the robot moves in {planner.robot.dimension} dimensions; the region "
@@ -53,7 +155,7 @@ def check_settings(planner: "Planner") -> None:
         )
 
 
-def _check_sizes(planner: "Planner") -> None:
+def _check_sizes(planner: PlannerSettings) -> None:
     """Refuse settings that ask for tracks, forecasts or plans of absurd length.
 
     Raises
@@ -73,19 +175,3 @@ def _check_sizes(planner: "Planner") -> None:
     for name, (count, most) in counts.items():
         if count > most:
             raise WideberthError(f"{name} is {count:.6g}; wanted at most {most}")
-
-
-def checked_path(robot: Robot, path: Path) -> Path:
-    """Return a path, which may come as its points, if the robot can move along it.
-
-    Raises
-    ------
-    WideberthError : it has another dimension.
-    """
-    path = path if isinstance(path, Path) else Path(path)
-    if path.points.shape[1] != robot.dimension:
-        raise WideberthError(
-            f"the path has {path.points.shape[1]} columns; the robot moves in "
-            f"{robot.dimension} dimensions"
-        )
-    return path

@@ -102,5 +102,6 @@ def test_a_feasible_iterate_beats_a_dearer_optimum(status: Status) -> None:
     assert plan is not None
     assert plan.rung is (Rung.OPTIMAL if status is Status.SOLVED else Rung.FEASIBLE)
     assert plan.positions[-1, 0] > 3.0
-    case, point = planner._decision.check, planner._decision.point  # type: ignore[union-attr]
-    assert plan.cost == pytest.approx(price(case.problem, case.parameters, point))
+    record = planner.explain()
+    priced = price(record.problem(), record.parameters, record.point)
+    assert plan.cost == pytest.approx(priced)

@@ -10,7 +10,7 @@ import pytest
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.planner import multistart as attempts
+from wideberth.framework.mpc.planner import multistart
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.solvers.base import Solution, Solver
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
@@ -37,7 +37,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     made = Clock()
-    monkeypatch.setattr(attempts, "perf_counter", made)
+    monkeypatch.setattr(multistart, "perf_counter", made)
     return made
 
 

@@ -6,14 +6,18 @@ import numpy as np
 import pytest
 
 from wideberth.framework.mpc.fallback.emergency import command_of_plan, emergency
-from wideberth.framework.mpc.fallback.ladder import Ladder
 from wideberth.framework.mpc.fallback.rollout import sweep
 from wideberth.framework.mpc.fallback.stopping import stops
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.ocp.progress_robot import progress_robot_of
 from wideberth.framework.mpc.ocp.reference import Reference
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.planner.starting_points import add_progress, other_starts
+from wideberth.framework.mpc.planner.multistart import (
+    add_progress,
+    first_trajectory,
+    other_starts,
+    remaining_inputs,
+)
 from wideberth.framework.mpc.slots.static_polygons import nearness
 from wideberth.framework.tracking.perception import completed
 from wideberth.framework.values.forecast import Forecast
@@ -145,13 +149,13 @@ def test_the_last_plan_goes_on_from_where_time_has_come() -> None:
     plan = replace(emergency(Holonomic(), seen, "a test", 3, 0.5)[0], stamp=1.0)
     plan = replace(plan, inputs=0.1 * np.array([[1.0, 0.0], [2.0, 0.0], [3.0, 0.0]]))
     start = np.array([0.0, 0.0, 0.3, 0.0])
-    ladder = Ladder(Holonomic(), MahalanobisEllipse(), Fixed(0.1), 1.25, 0.5, 3, start)
-    found = ladder.shifted(plan, standing=False).inputs
-    assert found is not None
-    np.testing.assert_allclose(found, 0.1 * np.array([[1.5, 0.0], [2.5, 0.0], [1.5, 0.0]]))
-    at_once = replace(ladder, stamp=1.0).shifted(plan, standing=False).inputs
-    np.testing.assert_array_equal(at_once, plan.inputs)
-    assert replace(ladder, stamp=0.9).shifted(plan, standing=False).inputs is None  # not yet begun
+
+    def left(stamp: float) -> np.ndarray | None:
+        return remaining_inputs(Holonomic(), plan, stamp, start, standing=False)
+
+    np.testing.assert_allclose(left(1.25), 0.1 * np.array([[1.5, 0.0], [2.5, 0.0], [1.5, 0.0]]))
+    np.testing.assert_array_equal(left(1.0), plan.inputs)
+    assert left(0.9) is None  # not yet begun
 
 
 def test_beyond_its_end_a_plan_coasts_or_stands() -> None:
@@ -160,10 +164,10 @@ def test_beyond_its_end_a_plan_coasts_or_stands() -> None:
     plan, _ = emergency(Holonomic(), seen, "a test", 4, 0.5)
     plan = replace(plan, inputs=np.zeros((4, 2)))
     start = np.array([0.0, 0.0, 0.3, 0.0])
-    ladder = Ladder(Holonomic(), MahalanobisEllipse(), Fixed(0.1), 1.0, 0.5, 4, start)
-    speeds = [
-        ladder.shifted(plan, standing=standing).first().states[:, 2] for standing in (False, True)
-    ]
+    speeds = []
+    for standing in (False, True):
+        inputs = remaining_inputs(Holonomic(), plan, 1.0, start, standing=standing)
+        speeds.append(first_trajectory(Holonomic(), start, inputs, 4, 0.5)[0][:, 2])
     np.testing.assert_allclose(speeds[0], 0.3)
     np.testing.assert_allclose(speeds[1][:3], 0.3)
     np.testing.assert_allclose(speeds[1][3:], 0.0, atol=1e-9)

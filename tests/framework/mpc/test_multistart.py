@@ -5,26 +5,23 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.planner.multistart import Budget, MultiStart
-from wideberth.framework.mpc.planner.starting_points import OTHERS
-from wideberth.framework.values.plan import Rung
+from wideberth.framework.mpc.planner.multistart import OTHERS, Budget, MultiStart
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
 
 TEN_METRES = np.stack([np.zeros(20), np.linspace(0.5, 10.0, 20)], axis=1)
 
 
-def asked(
-    gone, *, inputs=True, there=True, obstacle_in_way=True, rung=Rung.OPTIMAL, starts="auto"
-):
+def asked(gone, *, inputs=True, there=True, obstacle_in_way=True, optimal=True, starts="auto"):
     """Names of the starts, for a plan whose last state is ``gone`` m ahead of its first."""
-    ladder = SimpleNamespace(
-        robot=HolonomicVelocity(), inputs=np.zeros((20, 2)) if inputs else None
-    )
     states = np.stack([np.zeros(21), np.linspace(0.0, gone, 21)], axis=1)
-    first = SimpleNamespace(rung=rung, point=SimpleNamespace(states=states))
-    case = SimpleNamespace(parameters=SimpleNamespace(reference=TEN_METRES))
+    first = SimpleNamespace(optimal=optimal, point=SimpleNamespace(states=states))
+    check = SimpleNamespace(
+        robot=HolonomicVelocity(),
+        last_inputs=np.zeros((20, 2)) if inputs else None,
+        parameters=SimpleNamespace(reference=TEN_METRES),
+    )
     attempts = MultiStart(None, starts, Budget(None, 0.0))
-    return attempts._names(ladder, case, first, there, obstacle_in_way)
+    return attempts._names(check, first, there, obstacle_in_way)
 
 
 @pytest.mark.parametrize(
@@ -33,7 +30,7 @@ def asked(
         ((), {"there": False}),
         (OTHERS, {"obstacle_in_way": False}),
         (OTHERS, {"inputs": False}),
-        (OTHERS, {"rung": Rung.LEAST, "there": False}),
+        (OTHERS, {"optimal": False, "there": False}),
         (("along",), {}),
         (("wait",), {"starts": ("wait",)}),
     ],

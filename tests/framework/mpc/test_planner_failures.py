@@ -99,8 +99,7 @@ def test_numbers_that_are_none_stop_the_robot_with_a_reason() -> None:
 @pytest.mark.parametrize("speed", [0.75, 5.0, -30.0, 1e200])
 def test_an_emergency_brake_from_beyond_the_limits_commands_within_them(speed: float) -> None:
     """The plant brakes towards it as hard as it can; a speed of its own is no excuse."""
-    made = planner(predictor=Odd("nothing"))
-    made.latency = 0.1
+    made = planner(predictor=Odd("nothing"), latency=0.1)
     for k in range(3):
         seen = at(0.5 * k, 0.0, ("other", 4.0, 0.0), v=speed)
         command = made.command(seen)

@@ -11,6 +11,7 @@ import pytest
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
+from wideberth.framework.tracking import perception
 from wideberth.framework.values.motion import Detection, Observation, Truth
 from wideberth.framework.values.plan import Rung
 from wideberth.predictors.constant_velocity import ConstantVelocity
@@ -37,13 +38,12 @@ def test_a_noise_is_logged_at_first_and_where_it_has_changed_by_a_fifth(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     caplog.set_level(logging.INFO, "wideberth.perception")
-    perception = planner()._perception
+    logged: dict[str, float] = {}
     for deviation in (0.0, 0.1, 0.115, 0.13, 0.15, 0.11, 0.1):
         found = SimpleNamespace(
             samples=int(100 * deviation), deviation=deviation, text=str(deviation)
         )
-        perception._history = cast(Any, SimpleNamespace(noise={"lidar": found}))
-        perception._log_noise()
+        logged = perception._logged(cast(Any, {"lidar": found}), logged)
     assert caplog.messages == [f"sensor lidar: {one}" for one in (0.1, 0.13, 0.1)]
 
 

@@ -13,8 +13,8 @@ from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
+from wideberth.framework.mpc.planner.multistart import NAMES, OTHERS, other_starts
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.planner.starting_points import NAMES, OTHERS, other_starts
 from wideberth.framework.mpc.slots.gaussian_discs import Obstacles
 from wideberth.framework.mpc.solvers.base import Solution, Solver, unwrapped
 from wideberth.framework.mpc.solvers.fatrop import Fatrop

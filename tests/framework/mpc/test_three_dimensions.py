@@ -114,7 +114,8 @@ def test_progress_on_a_helix_needs_the_height() -> None:
     helix = Way(np.stack([2.0 * np.cos(angle), 2.0 * np.sin(angle), 0.3 * angle], axis=1))
     progress = Progress(helix)
     for arc in np.arange(0.0, helix.length, 0.7):
-        assert progress.update(helix.at(np.array(arc))) == pytest.approx(arc, abs=1e-9)
+        progress, found = progress.advanced(helix.at(np.array(arc)))
+        assert found == pytest.approx(arc, abs=1e-9)
     ahead = lay_reference(helix, 5.0, 1.0, 8, 0.3)
     assert np.linalg.norm(ahead.direction, axis=1) == pytest.approx(1.0)
     climb = 0.3 / np.hypot(2.0, 0.3)
@@ -218,7 +219,7 @@ def test_planner_is_warm_before_its_first_decision(flight: Flight) -> None:
     planner = replace(flight.planner)  # type: ignore[type-var]
     assert isinstance(planner, Planner)
     planner.set_path(SHORT.cast(0).placements[0].path)
-    assert planner._problems
+    assert planner._services.problems
 
 
 @pytest.mark.parametrize("name", names("predictors"))

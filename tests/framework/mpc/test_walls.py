@@ -9,7 +9,7 @@ import pytest
 import shapely
 
 from wideberth.framework.mpc.assembly import assemble as make
-from wideberth.framework.mpc.fallback.ladder import InstanceCheck
+from wideberth.framework.mpc.fallback.instance_check import InstanceCheck
 from wideberth.framework.mpc.fallback.rollout import steer
 from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.fixed import Fixed
@@ -209,7 +209,7 @@ def test_a_thin_wall_is_not_passed_between_two_steps(region: StaticRegion) -> No
         problem, parameters, point = instance(robot, region, walls, states)
         none = Obstacles.none(len(states) - 1, 2)
         around = surroundings(robot, MahalanobisEllipse(), region, none, walls, 0.0)
-        found = InstanceCheck(problem, parameters, around).check(point)
+        found = InstanceCheck(problem, parameters, around, Fixed()).check(point)
         assert not found.regions.any()
         assert np.flatnonzero(found.touched).tolist() == [4]
         assert found.worst > 0.05 and "'sheet' touched" in found.where(walls.names)

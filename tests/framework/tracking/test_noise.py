@@ -151,10 +151,10 @@ def test_absurd_windows_are_left_out() -> None:
     assert evidence.estimate.samples == 0
 
 
-def seen(history: History, positions: Array, dt: float, **stated: Array) -> None:
-    """Let a history see tracks; ``stated`` is the covariance of some obstacles."""
+def seen(history: History, positions: Array, dt: float, **stated: Array) -> History:
+    """Show tracks to a history; ``stated`` is the covariance of some obstacles."""
     for tick in range(positions.shape[1]):
-        history.add(
+        history = history.add(
             dt * tick,
             tuple(
                 Detection(f"o{i}", track[tick], stated.get(f"o{i}"), 0.3, sensor=f"s{i % 2}")
@@ -162,6 +162,7 @@ def seen(history: History, positions: Array, dt: float, **stated: Array) -> None
                 if np.isfinite(track[tick]).all()
             ),
         )
+    return history
 
 
 def test_sensors_that_state_no_noise_have_it_estimated_as_they_measure() -> None:
@@ -173,7 +174,7 @@ def test_sensors_that_state_no_noise_have_it_estimated_as_they_measure() -> None
     positions[rng.random((8, 60)) < 0.1] = np.nan
     history = History(dt=0.4, samples=20, forget=3.0, gap=1.0)
     stated = np.diag([0.09, 0.04])
-    seen(history, positions, 0.2, o4=stated)
+    history = seen(history, positions, 0.2, o4=stated)
     tracks = history.tracks()
     assert tracks is not None
     assert np.array_equal(tracks.noise[4], stated)
@@ -186,7 +187,7 @@ def test_sensors_that_state_no_noise_have_it_estimated_as_they_measure() -> None
 
 def test_before_anything_is_measured_the_usual_noise_is_taken() -> None:
     history = History(dt=0.4, samples=20, forget=3.0, gap=1.0)
-    seen(history, np.zeros((1, 3, 2)), 0.4)
+    history = seen(history, np.zeros((1, 3, 2)), 0.4)
     tracks = history.tracks()
     assert tracks is not None
     assert np.allclose(tracks.noise, USUAL**2 * np.eye(2))

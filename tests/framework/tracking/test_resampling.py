@@ -67,7 +67,7 @@ def test_it_agrees_with_what_a_controller_remembers() -> None:
     times, positions = irregular(4, 40)
     history = History(dt=0.5, samples=12, forget=100.0, gap=0.5)
     for time, place in zip(times, positions, strict=True):
-        history.add(float(time), (Detection("a", place, 0.01 * np.eye(2), 0.3, 0.0),))
+        history = history.add(float(time), (Detection("a", place, 0.01 * np.eye(2), 0.3, 0.0),))
     wanted = history.tracks()
     assert wanted is not None
     got = resampled_tracks({"a": (times, positions)}, 0.5, bridge=0.5, length=12)

@@ -157,7 +157,7 @@ def test_history_lays_detections_on_a_grid() -> None:
     assert history.tracks() is None
     for k in range(13):
         if k != 6:
-            history.add(0.25 * k, (detection("b", 0.25 * k), detection("a", 1.0)))
+            history = history.add(0.25 * k, (detection("b", 0.25 * k), detection("a", 1.0)))
     tracks = history.tracks()
     assert tracks is not None
     assert tracks.ids == ("a", "b")
@@ -167,18 +167,18 @@ def test_history_lays_detections_on_a_grid() -> None:
 def test_history_marks_gaps_forgets_and_keeps_order() -> None:
     history = History(dt=0.5, samples=6, forget=2.0, gap=1.25)
     for time in (0.0, 0.5, 2.5):
-        history.add(time, (detection("a", time),))
-    history.add(2.5, (detection("a", 9.0, age=1.0),))
+        history = history.add(time, (detection("a", time),))
+    history = history.add(2.5, (detection("a", 9.0, age=1.0),))
     tracks = history.tracks()
     assert tracks is not None
     seen = ~np.isnan(tracks.positions[0, :, 0])
     assert seen.tolist() == [True, True, False, False, False, True]
-    history.add(4.0, (detection("c", 0.0, age=0.5),))
+    history = history.add(4.0, (detection("c", 0.0, age=0.5),))
     late = history.tracks()
     assert late is not None
     assert late.stamp == 3.5
     assert np.isnan(late.positions[0, -1]).all()
-    history.add(9.0, (detection("c", 0.0),))
+    history = history.add(9.0, (detection("c", 0.0),))
     last = history.tracks()
     assert last is not None
     assert last.ids == ("c",)

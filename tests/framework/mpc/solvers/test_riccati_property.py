@@ -22,7 +22,7 @@ from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.progress_robot import progress_robot_of
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.planner.starting_points import add_progress
+from wideberth.framework.mpc.planner.multistart import add_progress
 from wideberth.framework.mpc.slots.static_polygons import NONE, choose_walls
 from wideberth.framework.mpc.solvers.base import Solution
 from wideberth.framework.mpc.solvers.ipopt import Ipopt

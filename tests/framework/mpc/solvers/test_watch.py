@@ -8,19 +8,23 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from threading import Event, get_ident
 from time import sleep
+from typing import Any
 
 import numpy as np
 import pytest
 
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
+from wideberth.framework.mpc.planner.cycle import PlannerState, Services, step
+from wideberth.framework.mpc.planner.settings import changed
 from wideberth.framework.mpc.solvers import base
 from wideberth.framework.mpc.solvers import watchdog as watch
 from wideberth.framework.mpc.solvers.base import Solution, Solver
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.mpc.solvers.watchdog import LeftBehind, Refused, left_behind, watched
-from wideberth.framework.values.plan import Rung, Status
-from wideberth.tests.helpers.planning import at, planner
+from wideberth.framework.values.motion import Observation
+from wideberth.framework.values.plan import Plan, Rung, Status
+from wideberth.tests.helpers.planning import STRAIGHT, at, planner
 
 
 @pytest.fixture
@@ -115,51 +119,53 @@ class Asleep(Solver):
         return Fatrop().solve(problem, parameters, guesses, deadline)
 
 
+class Cycle:
+    """Planning cycles of one planner whose settings may change from call to call."""
+
+    def __init__(self, **settings: Any) -> None:
+        self.settings = planner(**settings)
+        self.services = Services.of(self.settings)
+        self.state = PlannerState.initial(self.settings, STRAIGHT)
+
+    def plan(self, seen: Observation, **changes: Any) -> Plan:
+        settings = changed(self.settings, **changes)
+        self.state, decision = step(settings, self.state, seen, self.services)
+        return decision.plan
+
+
 @pytest.mark.parametrize("native", [False, True], ids=["python", "native"])
 @pytest.mark.parametrize("limit", ["deadline", "patience"])
 def test_a_solver_that_never_returns_does_not_hold_the_loop(
     native: bool, limit: str, end: Event
 ) -> None:
     solver = Asleep(end, native)
-    settings = {"deadline": 60.0} if limit == "deadline" else {"patience": 3.0}
-    made = planner(solver=solver, starts=(), **settings)
-    made.command(at(0.0, 0.0))
+    long, short = ({"deadline": 60.0}, {"deadline": 0.3}) if limit == "deadline" else ({}, {})
+    made = Cycle(solver=solver, starts=(), **(long or {"patience": 3.0}))
+    made.plan(at(0.0, 0.0))
     solver.asleep.append(1)
-    if limit == "deadline":
-        made.deadline = 0.3
-    made.command(at(0.5, 0.25))
-    plan = made.plan
-    assert plan is not None
+    plan = made.plan(at(0.5, 0.25), **short)
     assert (plan.rung, plan.status) == (Rung.SHIFTED, Status.DEADLINE)
     assert "Asleep did not return within" in plan.reason
     assert plan.violation <= 1e-4
     assert left_behind() == 1
     solver.asleep.clear()
-    if limit == "deadline":
-        made.deadline = 60.0
-    made.command(at(1.0, 0.5))
-    assert made.plan is not None and made.plan.rung is Rung.OPTIMAL
+    assert made.plan(at(1.0, 0.5), **long).rung is Rung.OPTIMAL
 
 
 def test_with_too_many_left_behind_the_planner_drives_on_lower_rungs(end: Event) -> None:
     solver = Asleep(end)
-    made = planner(solver=solver, starts=(), deadline=60.0)
-    made.command(at(0.0, 0.0))
+    made = Cycle(solver=solver, starts=(), deadline=60.0)
+    made.plan(at(0.0, 0.0))
     solver.asleep.append(1)
-    made.deadline = 0.3
     for k in range(1, watch.MOST_LEFT + 2):
-        made.command(at(0.5 * k, 0.25 * k))
-    plan = made.plan
-    assert plan is not None
+        plan = made.plan(at(0.5 * k, 0.25 * k), deadline=0.3)
     assert left_behind() == watch.MOST_LEFT
     assert plan.rung is Rung.SHIFTED
     assert "no other is begun until one ends" in plan.reason
     end.set()
     while left_behind():
         sleep(0.001)
-    made.deadline = 60.0
-    made.command(at(3.0, 1.5))
-    assert made.plan is not None and made.plan.rung is Rung.OPTIMAL
+    assert made.plan(at(3.0, 1.5)).rung is Rung.OPTIMAL
 
 
 def test_who_is_left_behind_at_another_start_is_named(end: Event) -> None:
@@ -198,19 +204,19 @@ def test_a_program_in_use_is_not_shared(end: Event) -> None:
     """The thread left behind keeps its own; the next solve gets another."""
     made = planner()
     made.command(at(0.0, 0.0))
-    case = made._decision.check  # type: ignore[union-attr]
+    problem = made.explain().problem()
     taken: list[base.Compiled] = []
 
     def hold() -> None:
-        with base.compiled("fatrop", case.problem, {}, staged=True) as program:
+        with base.compiled("fatrop", problem, {}, staged=True) as program:
             taken.append(program)
             end.wait()
 
     with pytest.raises(LeftBehind):
         watched(hold, 0.5)
-    with base.compiled("fatrop", case.problem, {}, staged=True) as second:
+    with base.compiled("fatrop", problem, {}, staged=True) as second:
         assert second is not taken[0]
-    with base.compiled("fatrop", case.problem, {}, staged=True) as third:
+    with base.compiled("fatrop", problem, {}, staged=True) as third:
         assert third is second  # the returned one is used again
 
 

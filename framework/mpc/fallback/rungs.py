@@ -1,0 +1,344 @@
+"""The fallback ladder: rungs, best first, each of which offers a plan or says why it has none.
+
+1. `Optimal`: the solver converged and the plan keeps every constraint;
+2. `FeasibleIterate`: the solver did not converge, but its last point keeps every constraint;
+3. `ShiftedPlan`: the last plan, while it still keeps every constraint against the new forecast;
+4. `LeastViolation`: the last point of a solve that the robot can drive, where that enters regions
+   less than any way to stop;
+5. `Brake`: the way to stop within the limits, straight on or after getting out of the way, that
+   enters regions least.
+
+`choose` takes the first rung of a tuple that holds. A planner's setting ``rungs`` names
+that tuple: put a rung of your own where it belongs.
+
+The paper has no such ladder: it leaves late and failed solves to Nav2. Every setting has it here,
+those called ``paper`` too.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from importlib import import_module
+from typing import ClassVar, final
+
+import numpy as np
+
+from ...plugins.registry import unknown
+from ...values.arrays import Array
+from ...values.errors import WideberthError
+from ...values.plan import Plan, Rung
+from ..ocp.transcription import Guess
+from .giving_way import aimed, auxiliaries, content, held
+from .instance_check import TOLERANCE, Candidate, InstanceCheck, Outcome, contact
+from .rollout import follow
+from .stopping import stops
+
+SWITCHING_MARGIN = 0.05
+"""Share of 1 + |cost| that another start has to save before the last plan is given up for it. Head
+on, 2 cm of noise on the obstacle are worth 2 % to 4 %; the wrong side of one that stands 0.3 m off
+the middle, 70 %."""
+
+
+@final
+@dataclass(frozen=True)
+class NotHeld:
+    """A rung has no plan to offer.
+
+    Attributes
+    ----------
+    reasons : why not, in words; they become part of the plan's reason.
+    """
+
+    reasons: tuple[str, ...] = ()
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """What the rungs choose from in one planning cycle.
+
+    Attributes
+    ----------
+    check : the instance that plans are held against.
+    outcome : of the solver: its re-checked solutions.
+    """
+
+    check: InstanceCheck
+    outcome: Outcome
+
+    @cached_property
+    def near(self) -> tuple[Candidate, ...]:
+        """Solutions that keep every constraint and cost at most `SWITCHING_MARGIN` too much."""
+        feasible = [one for one in self.outcome.candidates if one.feasible]
+        least = min((one.cost for one in feasible), default=0.0)
+        within = SWITCHING_MARGIN * (1.0 + abs(least))
+        return tuple(one for one in feasible if one.cost - least <= within)
+
+    def cheapest(self, candidates: Sequence[Candidate]) -> Candidate:
+        """Return the cheapest of some solutions.
+
+        While something stays in the way, the one that continues the last plan is kept, so that
+        the side is not changed for noise.
+        """
+        loyal = self.outcome.before and self.check.last_inputs is not None
+        if loyal and candidates[0] is self.outcome.candidates[0]:
+            return candidates[0]
+        return min(candidates, key=lambda one: one.cost)
+
+    @cached_property
+    def drivable(self) -> tuple[Candidate, ...]:
+        """Solutions that keep the limits of motion, held against the lowest level."""
+        return tuple(
+            replace(
+                self.at_lowest_level(one.point.states, one.point.inputs),
+                solution=one.solution,
+                cost=one.cost,
+            )
+            for one in self.outcome.candidates
+            if one.found.motion.max() <= TOLERANCE
+        )
+
+    @cached_property
+    def least_harmful(self) -> Candidate:
+        """Of drivable solutions and ways to stop, the one that enters regions least."""
+        return self.gentlest(self.drivable)
+
+    def gentlest(self, others: Sequence[Candidate]) -> Candidate:
+        """Return what enters regions least: a way to stop, or one of ``others``.
+
+        What touches somebody before a stop ends comes last, whatever else it keeps. Braking
+        straight on wins a tie.
+        """
+        check = self.check
+        ways = (
+            replace(self.at_lowest_level(states, inputs), way=name)
+            for name, states, inputs in stops(
+                check.robot, check.parameters.initial, check.problem.horizon, check.problem.dt
+            )
+        )
+        straight = next(ways)
+        states = straight.point.states
+        window = int((np.abs(states - states[-1]).max(axis=1) > 1e-3).sum()) + 1
+        depth = contact(check, straight, window)
+        if max(depth, straight.found.total) == 0.0:
+            return straight
+        every = [(straight, depth)]
+        every += [(one, contact(check, one, window)) for one in (*others, *ways)]
+        least = min(depth for _, depth in every) + TOLERANCE
+        return min(
+            (one for one, depth in every if depth <= least), key=lambda one: one.found.total
+        )
+
+    def at_lowest_level(self, states: Array, inputs: Array) -> Candidate:
+        """Re-check a trajectory at the lowest level that the policy allows."""
+        problem = self.check.problem
+        level = max(problem.minimum, 0.0) if problem.shared else float("nan")
+        point = self.check.suited(Guess.bare(states, inputs, level))
+        return Candidate(point, self.check.check(point))
+
+
+class FallbackRung(ABC):
+    """One rung of the fallback ladder.
+
+    A rung is a frozen dataclass without fields that must be given. It must not raise: a plan
+    from a rung that does is an emergency stop.
+    """
+
+    name: ClassVar[str]
+    """Stands in plans, reasons and logs."""
+
+    @abstractmethod
+    def attempt(self, trial: Trial) -> Candidate | NotHeld:
+        """Return the plan that this rung offers, or why it does not hold."""
+
+
+@final
+@dataclass(frozen=True)
+class Optimal(FallbackRung):
+    """A converged plan that keeps every constraint, unless an iterate is clearly cheaper."""
+
+    name: ClassVar[str] = Rung.OPTIMAL
+
+    def attempt(self, trial: Trial) -> Candidate | NotHeld:
+        """Take the cheapest converged plan within `SWITCHING_MARGIN` of the cheapest of all."""
+        converged = [one for one in trial.near if one.optimal]
+        if converged:
+            return trial.cheapest(converged)
+        reasons = [f"solver: {trial.outcome.message}"]
+        if not trial.near and trial.outcome.candidates:
+            first = trial.outcome.candidates[0]
+            reasons.append(f"its plan: {first.found.where(trial.check.names)}")
+        return NotHeld(tuple(reasons))
+
+
+@final
+@dataclass(frozen=True)
+class FeasibleIterate(FallbackRung):
+    """The last point of a solve that did not converge, and keeps every constraint.
+
+    Where none does, a solution that keeps the lowest level of the policy is feasible after all.
+    """
+
+    name: ClassVar[str] = Rung.FEASIBLE
+
+    def attempt(self, trial: Trial) -> Candidate | NotHeld:
+        """Take the cheapest feasible point."""
+        if trial.near:
+            return trial.cheapest(trial.near)
+        return next((one for one in trial.drivable if one.feasible), NotHeld())
+
+
+@final
+@dataclass(frozen=True)
+class ShiftedPlan(FallbackRung):
+    """The last plan from now on, while it keeps the lowest level against the new forecast."""
+
+    name: ClassVar[str] = Rung.SHIFTED
+
+    def attempt(self, trial: Trial) -> Candidate | NotHeld:
+        """Drive the last plan's inputs from the present state, and check that."""
+        check, inputs = trial.check, trial.check.last_inputs
+        if inputs is None:
+            return NotHeld()
+        states = follow(check.robot, check.parameters.initial, inputs, check.problem.dt)
+        shifted = trial.at_lowest_level(states, inputs)
+        if shifted.feasible:
+            return shifted
+        return NotHeld((f"{self.name}: {shifted.found.where(check.names)}",))
+
+
+@final
+@dataclass(frozen=True)
+class LeastViolation(FallbackRung):
+    """A drivable solution that enters regions less than any way to stop."""
+
+    name: ClassVar[str] = Rung.LEAST
+
+    def attempt(self, trial: Trial) -> Candidate | NotHeld:
+        """Compare drivable solutions with all ways to stop."""
+        best = trial.least_harmful
+        return best if any(best is one for one in trial.drivable) else NotHeld()
+
+
+@final
+@dataclass(frozen=True)
+class Brake(FallbackRung):
+    """The way to stop that enters regions least; it always holds."""
+
+    name: ClassVar[str] = Rung.BRAKE
+
+    def attempt(self, trial: Trial) -> Candidate | NotHeld:
+        """Compare all ways to stop."""
+        best = trial.least_harmful
+        return trial.gentlest(()) if any(best is one for one in trial.drivable) else best
+
+
+RUNGS: dict[str, type[FallbackRung]] = {
+    str(one.name): one for one in (Optimal, FeasibleIterate, ShiftedPlan, LeastViolation, Brake)
+}
+"""The built-in rungs by name, best first."""
+
+
+def rungs_of(names: Sequence[str]) -> tuple[FallbackRung, ...]:
+    """Return the rungs of their names, in the same order.
+
+    Parameters
+    ----------
+    names : built-in ones, or "module:Class" of a `FallbackRung`.
+
+    Raises
+    ------
+    WideberthError : none, an unknown name, or a class that is no rung.
+    """
+    if isinstance(names, str) or not names:
+        raise WideberthError(
+            f"planner.rungs is {names!r}; wanted some of {list(RUNGS)}, or 'module:Class'"
+        )
+    return tuple(_rung(name)() for name in names)
+
+
+@cache
+def _rung(name: str) -> type[FallbackRung]:
+    module, colon, own = name.partition(":")
+    if not colon:
+        if name not in RUNGS:
+            raise WideberthError(f"planner.rungs: {unknown('rung', name, RUNGS)}")
+        return RUNGS[name]
+    try:
+        found = vars(import_module(module))[own]
+    except Exception as error:  # somebody else's module may fail in any way
+        raise WideberthError(
+            f"planner.rungs names {name!r}, which cannot be imported ({type(error).__name__}: "
+            f"{error}); wanted 'module:Class'"
+        ) from error
+    if not (isinstance(found, type) and issubclass(found, FallbackRung)):
+        raise WideberthError(f"planner.rungs names {name!r}, which is no FallbackRung")
+    return found
+
+
+def choose(rungs: Sequence[FallbackRung], trial: Trial, stamp: float) -> tuple[Plan, Guess]:
+    """Take the first rung that holds, and write down why no better one does.
+
+    Parameters
+    ----------
+    rungs : best first.
+    trial : what they choose from.
+    stamp : s, time of the plan's first state.
+
+    Returns
+    -------
+    The plan, and its point as the problem states it.
+
+    Raises
+    ------
+    WideberthError : no rung holds.
+    """
+    words: list[str] = []
+    for rung in rungs:
+        found = rung.attempt(trial)
+        if isinstance(found, Candidate):
+            return _plan(rung.name, found, words, trial, stamp), found.point
+        words += found.reasons
+    raise WideberthError(
+        f"no rung of {[str(rung.name) for rung in rungs]} holds ({'; '.join(words)}); end the "
+        f"tuple with {str(Rung.BRAKE)!r}, which always does"
+    )
+
+
+def _plan(rung: str, best: Candidate, words: list[str], trial: Trial, stamp: float) -> Plan:
+    """Write down the plan of a rung with all that is known about it."""
+    check, outcome = trial.check, trial.outcome
+    level, given_way = held(check, best, optimal=rung == Rung.OPTIMAL)
+    breach = None if best.feasible else best.found.breach(check.names)
+    if breach is not None:
+        words = [*words, f"{best.named(rung)} taken: {breach}"]
+    words = [] if rung == Rung.OPTIMAL else words
+    if given_way is not None:
+        words = [str(given_way), *words]
+    runs = [one.solution for one in outcome.candidates if one.solution is not None]
+    own = best.solution or (runs[0] if runs else None)
+    robot, point = check.robot, best.point
+    return Plan(
+        stamp=stamp,
+        dt=check.problem.dt,
+        states=point.states,
+        inputs=point.inputs,
+        positions=np.stack(robot.pose(tuple(point.states.T)).position, axis=-1),
+        reference=check.parameters.reference,
+        auxiliaries=auxiliaries(check, point),
+        level=level,
+        target=aimed(check),
+        content=content(check, level, robot.dimension),
+        ids=tuple(name for *_, name in check.around.levelled()),
+        status=outcome.status if own is None else own.status,
+        rung=rung,
+        reason="; ".join(words),
+        iterations=sum(one.iterations for one in runs),
+        seconds=sum(one.seconds for one in runs),
+        violation=best.found.worst,
+        cost=best.cost,
+        left_out=check.around.left_out,
+        breach=breach,
+        given_way=given_way,
+    )

@@ -1,0 +1,336 @@
+"""One planning cycle: from an observation to a command, as a function of settings and state.
+
+`step` tells it from top to bottom: perceive, lay the reference, forecast, fill the problem, solve
+from several starts, take the best rung, command. Settings and state are values that it does not
+change; what it may share between calls (compiled problems, the solver's watchdog) are `Services`.
+"""
+
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+
+from ...control.command_limits import broken_limit, within_bounds, within_reach
+from ...control.velocity_smoother import VelocitySmoother
+from ...controller import checked_ready, checked_use
+from ...robot import Robot, start_state
+from ...tracking.history import viewpoint
+from ...tracking.perception import Perception, scene_of
+from ...values.arrays import Array
+from ...values.forecast import Forecast
+from ...values.motion import Command, Detection, Observation, checked_numbers
+from ...values.path import Path
+from ...values.plan import Plan
+from ...values.tracks import Tracks
+from ..costs.base import ProgressCost
+from ..fallback.emergency import command_of_plan, emergency
+from ..fallback.instance_check import InstanceCheck, shared_target
+from ..fallback.rollout import carry
+from ..fallback.rungs import Trial, choose, rungs_of
+from ..instance.own_uncertainty import OwnUncertainty, carried
+from ..ocp.problem import Parameters
+from ..ocp.progress_robot import progress_robot_of
+from ..ocp.reference import Progress, Reference
+from ..ocp.transcription import Guess
+from ..slots.base import CAPACITIES, Surroundings, View, reach_of_bodies
+from .multistart import (
+    COMPILING,
+    Budget,
+    MultiStart,
+    Watch,
+    add_progress,
+    first_trajectory,
+    remaining_inputs,
+    strip_progress,
+)
+from .problem_cache import ProblemCache
+from .settings import PlannerSettings, changed
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PlannerState:
+    """All that changes from one planning cycle to the next.
+
+    Attributes
+    ----------
+    perception : remembered detections, and the predictor with what it has learnt.
+    progress : the path and how far along it the robot has come; None before a path is set.
+    plan : the last one.
+    smoother : of the last command; None after an emergency.
+    obstacle_in_way : whether something was in the way of the reference, see `MultiStart`.
+    """
+
+    perception: Perception
+    progress: Progress | None = None
+    plan: Plan | None = None
+    smoother: VelocitySmoother | None = None
+    obstacle_in_way: bool = False
+
+    @classmethod
+    def initial(cls, settings: PlannerSettings, path: Path | None = None) -> "PlannerState":
+        """Return the state before the first observation."""
+        perception = Perception.initial(
+            settings.predictor,
+            settings.robot.dimension,
+            settings.track_dt,
+            settings.history,
+            settings.period,
+            settings.forget,
+        )
+        return cls(perception, None if path is None else Progress(path))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Services:
+    """What cycles of the same settings share; it changes no result.
+
+    Attributes
+    ----------
+    problems : compiled once for each size.
+    watch : calls the solver in a thread that can be left behind.
+    own : compiled growth of the robot's own uncertainty.
+    """
+
+    problems: ProblemCache
+    watch: Watch
+    own: OwnUncertainty
+
+    @classmethod
+    def of(cls, settings: PlannerSettings) -> "Services":
+        """Make those of some settings."""
+        robot = settings.robot
+        reach = reach_of_bodies(robot, settings.kinds)
+        return cls(
+            ProblemCache(settings),
+            Watch(settings.solver, settings.patience),
+            OwnUncertainty(robot, settings.dt, settings.own_uncertainty, reach),
+        )
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """The problem of one cycle, and the plan that came of it.
+
+    Attributes
+    ----------
+    check : the instance. guesses : starting points of the solver.
+    point : the plan taken, as the problem states it. plan : the same, with its reasons.
+    seconds : of the cycle.
+    """
+
+    check: InstanceCheck
+    guesses: tuple[Guess, ...]
+    point: Guess
+    plan: Plan
+    seconds: float
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """What one planning cycle decided.
+
+    Attributes
+    ----------
+    command : within the robot's limits.
+    plan : behind it.
+    notes : what was refused of the observation, and of the command.
+    solved : the problem that was solved; None where the cycle did not get that far.
+    """
+
+    command: Command
+    plan: Plan
+    notes: tuple[str, ...]
+    solved: Solved | None
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """An observation, with tracks and forecast of its obstacles; None where none is known."""
+
+    observation: Observation
+    tracks: Tracks | None
+    forecast: Forecast | None
+
+
+def remember(
+    settings: PlannerSettings, state: PlannerState, observation: Observation
+) -> PlannerState:
+    """Take note of what is seen without planning."""
+    checked_use(settings.robot, observation)
+    here = viewpoint(settings.robot, observation)
+    return replace(state, perception=state.perception.take(observation, here))
+
+
+def step(
+    settings: PlannerSettings, state: PlannerState, observation: Observation, services: Services
+) -> tuple[PlannerState, Decision]:
+    """Plan from an observation; raises nothing but what wrong use deserves.
+
+    Whatever a plug-in throws ends in a braking plan whose reason names it, and where even braking
+    cannot be planned, in the command to stand still.
+
+    Raises
+    ------
+    WideberthError : no path is set, or something else than an observation of this robot.
+    """
+    progress = checked_ready(state.progress)
+    checked_use(settings.robot, observation)
+    budget, solved, robot = Budget.start(settings.deadline), None, settings.robot
+    try:
+        state = remember(settings, state, observation)
+        checked_numbers(observation)
+        stamp = observation.stamp + settings.latency
+        start = _delayed(settings, state, observation.stamp, observation.state)
+        start = within_bounds(robot, start)
+        progress, arc = progress.advanced(_place(robot, start))
+        state = replace(state, progress=progress)
+        reference = settings.cost.lay(
+            progress.path, arc, settings.reference_speed, settings.horizon, settings.dt
+        )
+        scene = scene_of(observation, state.plan, robot.radius)
+        tracks = state.perception.history.tracks()
+        state = replace(state, perception=state.perception.learnt(tracks, scene))
+        forecast = state.perception.forecast(tracks, stamp, settings.grid, scene)
+        seen = Seen(observation, tracks, forecast)
+        check, first = _fill(settings, state, services, seen, start, arc, reference)
+        starts = MultiStart(services.watch, settings.starts, budget)
+        outcome = starts.run(check, first, state.obstacle_in_way)
+        state = replace(state, obstacle_in_way=outcome.obstacle_in_way)
+        plan, point = choose(rungs_of(settings.rungs), Trial(check, outcome), stamp)
+        plan = replace(
+            strip_progress(robot, plan),
+            forecast=forecast,
+            tracked=() if tracks is None else tracks.ids,
+            reason=joined(plan.reason, outcome.note),
+        )
+        solved = Solved(check, outcome.guesses, point, plan, budget.spent())
+        command, note = _limited(robot, command_of_plan(robot, plan))
+        smoother = _smoothed(state.smoother, command, stamp)
+    except Exception as error:
+        words = f"{type(error).__name__}: {error}"
+        plan, command = emergency(robot, observation, words, settings.horizon, settings.dt)
+        note, smoother = "", None
+    perception, notes = state.perception.drained()
+    state = replace(state, perception=perception, plan=plan, smoother=smoother)
+    return state, Decision(command, plan, (*filter(None, (note,)), *notes), solved)
+
+
+def _delayed(settings: PlannerSettings, state: PlannerState, stamp: float, now: Array) -> Array:
+    """State in which the command takes effect, of a robot that was observed at ``stamp``."""
+    if not settings.latency:
+        return now
+    return carry(settings.robot, now, state.smoother, stamp, settings.latency)
+
+
+def _fill(
+    settings: PlannerSettings,
+    state: PlannerState,
+    services: Services,
+    seen: Seen,
+    start: Array,
+    arc: float,
+    reference: Reference,
+) -> tuple[InstanceCheck, Guess]:
+    """Fill the problem with all that is there; return it with the first starting point."""
+    robot = settings.robot
+    inputs = None
+    if state.plan is not None:
+        stamp, standing = seen.observation.stamp + settings.latency, settings.stop_at_end
+        inputs = remaining_inputs(robot, state.plan, stamp, start, standing=standing)
+    trajectory = first_trajectory(robot, start, inputs, settings.horizon, settings.dt)
+    target = shared_target(settings.kinds, settings.level, robot.dimension)
+    first = Guess.bare(*trajectory, target)
+    here = np.broadcast_to(_place(robot, start), reference.position.shape)
+    known = _spread(settings, state, seen.observation)
+    view = View(
+        observation=seen.observation,
+        tracks=seen.tracks,
+        forecast=seen.forecast,
+        reference=reference,
+        route=np.stack([reference.position, here]),
+        planned=_place(robot, first.states[1:].T).T,
+        own=services.own.spread(known, first.states, first.inputs),
+        level=settings.level,
+        margin=settings.margin,
+        aside=0.5 * settings.reference_speed * settings.horizon * settings.dt,
+        most=settings.most_obstacles,
+    )
+    chosen = tuple(kind.choose(robot, view) for kind in settings.kinds)
+    if isinstance(settings.cost, ProgressCost):
+        robot, start = progress_robot_of(robot), np.append(start, arc)
+        first = add_progress(robot, first, reference, arc, settings.dt)
+        inputs = None if inputs is None else first.inputs
+    numbers = tuple(one.numbers for one in chosen)
+    laid = reference.position, reference.direction, reference.speed
+    parameters = Parameters(start, *laid, numbers, reference.curve)
+    problem = services.problems.of(tuple(one.room for one in chosen))
+    around = Surroundings(robot, settings.kinds, chosen)
+    check = InstanceCheck(problem, parameters, around, settings.level, inputs)
+    first = check.suited(first)
+    return replace(check, parameters=first.pull(parameters)), first
+
+
+def _spread(
+    settings: PlannerSettings, state: PlannerState, observation: Observation
+) -> Array | None:
+    """Covariance of the plan's first state."""
+    known = observation.covariance
+    if known is None or not settings.latency:
+        return known
+    return carried(
+        known, lambda x: _delayed(settings, state, observation.stamp, x), observation.state
+    )
+
+
+def _place(robot: Robot, state: Array) -> Array:
+    return np.array(robot.pose(tuple(state)).position, dtype=np.float64)
+
+
+def _limited(robot: Robot, command: Command) -> tuple[Command, str]:
+    """Return the command as the robot can follow it, and what was wrong with it."""
+    wrong = broken_limit(robot, command)
+    return (within_reach(robot, command), f"command: {wrong}") if wrong else (command, "")
+
+
+def _smoothed(before: VelocitySmoother | None, command: Command, since: float) -> VelocitySmoother:
+    """Follow what the smoother puts out: the robot drives with it until the next command."""
+    return (before or VelocitySmoother.at_rest(command.twist, since)).aim(command, since)
+
+
+def joined(*words: str) -> str:
+    """Join reasons; empty ones are left out."""
+    return "; ".join(filter(None, words))
+
+
+def warm_up(settings: PlannerSettings, services: Services, path: Path) -> None:
+    """Import and compile before the first decision: decide with obstacles far behind the robot.
+
+    What goes wrong here goes wrong again in `step`, which turns it into a reason. With a deadline
+    the first decision of every number of obstacles has to be quick.
+    """
+    timed = None if settings.deadline is None else COMPILING * settings.patience
+    crowds = [1] if timed is None else [n for n in CAPACITIES if n <= settings.most_obstacles]
+    settings, samples = changed(settings, deadline=timed), settings.history
+    with suppress(Exception):  # a plug-in that raises here is named by `step`
+        state = PlannerState.initial(settings, path)
+        direction = path.direction(np.zeros(1))[0]
+        ego, _ = start_state(settings.robot, path.points[0], direction, settings.reference_speed)
+        size, rng = settings.robot.dimension, np.random.default_rng(0)
+        for tick in range(samples + 2 * len(crowds)):
+            count = 1 if tick < samples else crowds[(tick - samples) // 2]
+            far = []
+            for index in range(count):
+                away = 100.0 + 0.3 * settings.period * tick + 10.0 * index
+                place = path.points[0] - away * direction + 0.01 * rng.standard_normal(size)
+                far.append(Detection(f"warm-up {index}", place, 1e-4 * np.eye(size), 0.5))
+            seen = Observation(settings.period * tick, np.array(ego, float), tuple(far))
+            if tick < samples:
+                state = remember(settings, state, seen)
+            else:
+                state, _ = step(settings, state, seen, services)
