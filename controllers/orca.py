@@ -84,7 +84,7 @@ class Orca(Reactive):
         wanted = self._guide.velocity(place, self.look_ahead, self.reference_speed)
         best = self._solve(observation, place, own, wanted)
         command = steer(self.robot, observation.state, best, self.turn_gain)
-        if now is None:  # a robot without inertia moves as it was told
+        if now is None:  # a robot without inertia moves as commanded
             self._velocity = np.array(command.linear)
         return command
 

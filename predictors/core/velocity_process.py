@@ -1,7 +1,7 @@
 """A vector autoregression of velocities: where it leads and how its uncertainty grows.
 
 One process per obstacle, all obstacles at once. Exact for known coefficients, to first order
-for estimated ones; the paper's own recursions stand in `paper_recursion`. Notation: dT is the
+for estimated ones; the paper's own recursions stand in `predictors.var`. Notation: dT is the
 step, h counts steps ahead, D is the dimension of a position, p the order, N the number of
 steps, O the number of obstacles.
 

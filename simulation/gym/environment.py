@@ -105,7 +105,7 @@ class Navigation(gymnasium.Env[dict[str, Any], Array]):
         self._sight = sight or ObservationSpec()
         self._reward: Reward = reward or CrowdNavReward()
         self.render_mode = render_mode
-        self._told = _Told(PolicyObserver(self._robot, period, self._sight), period)
+        self._told = _ExternalCommand(PolicyObserver(self._robot, period, self._sight), period)
         high = self._told.view.box.high
         self.action_space = Box(-high, high, dtype=np.float64)
         self.observation_space = Dict(
@@ -255,14 +255,14 @@ def _known(gap: Array) -> bool:
 
 
 @final
-class _Told(Controller):
-    """Does as it is told, and keeps the view of the robot up to date."""
+class _ExternalCommand(Controller):
+    """Returns the command set from outside, and keeps the robot's observer up to date."""
 
     def __init__(self, view: PolicyObserver, period: float) -> None:
         self.view, self.period = view, period
 
     def reset(self) -> None:
-        """Forget what was seen."""
+        """Forget all observations."""
         self.view.reset()
 
     def set_path(self, path: Path) -> None:
@@ -270,21 +270,21 @@ class _Told(Controller):
         self.view.follow(path)
 
     def remember(self, observation: Observation) -> None:
-        """Take note of who is seen."""
+        """Record the detections."""
         self.view.take(observation)
 
     def aim(self, command: Command) -> None:
-        """Tell what to do at the decision that is due."""
+        """Set the command of the next decision."""
         self._next = command
         self.view.commanded(command)
 
     def command(self, observation: Observation) -> Command:
-        """Do it."""
+        """Return the command that was set."""
         return self._next
 
     @property
     def plan(self) -> Plan | None:
-        """None: nobody knows what comes next."""
+        """None: the commands come from outside."""
         return None
 
 

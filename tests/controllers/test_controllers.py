@@ -1,15 +1,16 @@
 """Every controller in the room keeps the contract, and the robot's limits."""
 
 from importlib.util import find_spec
+from inspect import isfunction
 
 import numpy as np
 import pytest
 
-from wideberth.controllers.neighbours import Neighbours
 from wideberth.controllers.presets import Preset
-from wideberth.controllers.reactive import Reactive
+from wideberth.controllers.reactive import Neighbours, Reactive
 from wideberth.controllers.steering import Guide, steer, top_speed, velocity_of
 from wideberth.framework.control.command_limits import attained
+from wideberth.framework.controller import Controller
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.plugins.registry import load, names
 from wideberth.framework.testing import check_controller
@@ -176,3 +177,14 @@ def test_guide_looks_ahead_along_the_path_and_slows_down():
 def test_presets_drive_in_space():
     for name in PRESETS:
         assert build("controllers", {"type": name, "robot": "holonomic_3d"}).robot == Holonomic3D()
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_at_most_one_class_stands_between_a_controller_and_the_interface(name):
+    """It defines each of its methods once: no final class overrides another's code."""
+    above = [kind for kind in KINDS[name].__mro__ if issubclass(kind, Controller)]
+    assert above[0] is KINDS[name] and above[-1] is Controller and len(above) <= 3
+    for method, own in vars(KINDS[name]).items():
+        inherited = next((vars(kind)[method] for kind in above[1:] if method in vars(kind)), None)
+        if isfunction(own) and isfunction(inherited) and not method.startswith("__"):
+            assert getattr(inherited, "__isabstractmethod__", False), method

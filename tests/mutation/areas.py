@@ -43,13 +43,14 @@ AREAS: dict[str, list[str]] = {
         *(
             f"{CORE}/{name}.py"
             for name in (
-                "kalman_filter", "mode_bank", "paper_recursion", "propagation", "small_matrices",
-                "turn_filter", "velocity_forecast", "velocity_process",
+                "kalman_filter", "propagation", "small_matrices", "velocity_forecast",
+                "velocity_process",
             )
         ),
+        "predictors/coordinated_turn.py", "predictors/interacting_models.py", "predictors/var.py",
     ],
     "calibration": [
-        f"{CORE}/calibration.py", f"{CORE}/error_table.py", "predictors/conformal.py",
+        f"{CORE}/calibration.py", "predictors/conformal.py",
         "predictors/adaptive_conformal.py", "predictors/empirical.py",
         "framework/tracking/windows.py",
     ],

@@ -15,8 +15,7 @@ from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.constant_velocity import ConstantVelocity
 from wideberth.predictors.core.calibration import replayed, squared_distances
-from wideberth.predictors.core.error_table import FLOOR, Motion, learn_table
-from wideberth.predictors.empirical import Empirical
+from wideberth.predictors.empirical import FLOOR, Empirical, Motion, learn_table
 from wideberth.predictors.static import Static
 
 DT = 0.4

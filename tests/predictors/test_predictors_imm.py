@@ -10,9 +10,14 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.core.history import gather
 from wideberth.predictors.core.kalman_filter import AxisModel, filter_axes, on_all_axes
-from wideberth.predictors.core.mode_bank import ModeBank, filter_modes, merged_joint
 from wideberth.predictors.core.propagation import step_covariances, white_acceleration
-from wideberth.predictors.interacting_models import MODES, InteractingModels
+from wideberth.predictors.interacting_models import (
+    MODES,
+    InteractingModels,
+    ModeBank,
+    filter_modes,
+    merged_joint,
+)
 
 DT = 0.4
 NAN = np.nan

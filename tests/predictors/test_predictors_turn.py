@@ -7,10 +7,8 @@ from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.constant_acceleration import singer
-from wideberth.predictors.coordinated_turn import CoordinatedTurn
-from wideberth.predictors.core.history import gather
-from wideberth.predictors.core.propagation import white_acceleration
-from wideberth.predictors.core.turn_filter import (
+from wideberth.predictors.coordinated_turn import (
+    CoordinatedTurn,
     TurnModel,
     extended_step,
     filter_turns,
@@ -18,6 +16,8 @@ from wideberth.predictors.core.turn_filter import (
     position_update,
     unscented_step,
 )
+from wideberth.predictors.core.history import gather
+from wideberth.predictors.core.propagation import white_acceleration
 from wideberth.predictors.kalman import Kalman
 
 DT = 0.5

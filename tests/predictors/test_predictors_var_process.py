@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from wideberth.predictors.core.paper_recursion import paper_covariances, velocity_covariances
 from wideberth.predictors.core.propagation import joint_covariance
 from wideberth.predictors.core.velocity_process import (
     Estimation,
@@ -14,6 +13,7 @@ from wideberth.predictors.core.velocity_process import (
     process_joint,
     velocity_path,
 )
+from wideberth.predictors.var import paper_covariances, velocity_covariances
 
 DT, STEPS, RUNS = 0.5, 15, 20_000
 QUANTILE = 5.991464547107979  # 95 % of chi-squared with two degrees of freedom
