@@ -5,7 +5,7 @@ Each is our planner with another author's choice of predictor, region, level and
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar, final
 
 from ..framework.controller import Controller
@@ -50,19 +50,9 @@ class Preset(Controller):
     def __post_init__(self) -> None:
         # By name: this room does not know the others. Polygons lie in the plane.
         walls = "separating_line" if self.robot.dimension == 2 else None
-        settings = {
-            "robot": self.robot,
-            "solver": self.solver,
-            "horizon": self.horizon,
-            "dt": self.dt,
-            "period": self.period,
-            "reference_speed": self.reference_speed,
-            "penalty": self.penalty,
-            "track_dt": self.track_dt,
-            "margin": self.margin,
-            "static_region": walls,
-        }
-        made = build("controllers", {"type": "mpc", **settings, **self.parts()})
+        settings = {field.name: getattr(self, field.name) for field in fields(Preset)}
+        config = {"type": "mpc", **settings, "static_region": walls, **self.parts()}
+        made = build("controllers", config)
         assert isinstance(made, Planner)
         self._planner = made
 
