@@ -1,9 +1,9 @@
 """Contract checks that every plug-in can run on itself.
 
 Each room of plug-ins has one: `check_predictor`, `check_region`, `check_static_region`,
-`check_robot`, `check_level`, `check_cost`, `check_controller`, `check_scenario`. They are imported
-on first use, since each needs libraries of its own; that of scenarios, which play in another
-room, stands there.
+`check_robot`, `check_level`, `check_cost`, `check_slot_kind`, `check_controller`,
+`check_scenario`. They are imported on first use, since each needs libraries of its own; that of
+scenarios, which play in another room, stands there.
 """
 
 from importlib import import_module
@@ -16,6 +16,7 @@ CHECKS = {
     "check_robot": ".robot",
     "check_level": ".level",
     "check_cost": ".cost",
+    "check_slot_kind": ".slot_kind",
     "check_controller": ".controller",
     "check_scenario": "wideberth.simulation.scenarios.checking",
 }

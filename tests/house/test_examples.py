@@ -19,6 +19,7 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
     [
         ("my_predictor", "my_predictor.png", "Braking keeps the laws of a predictor"),
         ("my_region", "my_region.png", "Disc keeps every law of a region"),
+        ("my_slot_kind", "my_slot_kind.png", "Carts keeps every law of a kind"),
         ("my_robot", "my_robot.png", "The plan is optimal"),
         ("my_rung", "my_rung.png", "The plan is on the rung slow down: solver: RuntimeError"),
         ("static_polygons", "gap.png", "The plan is optimal"),

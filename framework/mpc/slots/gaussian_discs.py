@@ -166,7 +166,7 @@ def _levels(policy: LevelPolicy, region: Region, obstacles: Obstacles, capacity:
 @final
 @dataclass(frozen=True, eq=False)
 class KnownDiscs(Known):
-    """Discs around the forecast's means, which are held against a plan at its steps alone."""
+    """Discs that have a slot, at the forecast's means, which are known at the steps alone."""
 
     kind: "GaussianDiscs"
     obstacles: Obstacles
