@@ -5,14 +5,16 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from threading import Lock
 from time import perf_counter
-from typing import Any, cast
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 
 from ...numerics.symbolic import ca
 from ...values.arrays import Array
+from ...values.errors import WideberthError
 from ...values.plan import Status
 from ..ocp.problem import Parameters, Problem
 from ..ocp.transcription import Guess, Transcription
@@ -43,10 +45,10 @@ class Solution:
 class Solver(ABC):
     """Solves a problem from several starting points.
 
-    A solver never raises for what a problem holds: failure is the status of the solution. It
-    takes every guess through `unwrapped` first.
-    The same problem, parameters and guesses give the same solution unless a deadline cuts
-    it short.
+    A solver never raises for the numbers of an instance: failure is the status of the solution.
+    Arrays of another problem are refused, see `refuse_misfits`, and every guess is taken through
+    `unwrapped` first. The same problem, parameters and guesses give the same solution unless a
+    deadline cuts it short. `wideberth.framework.testing.check_solver` states the laws.
 
     The planner calls a solver in a thread of its own, and leaves it behind where it does not
     return (see `wideberth.framework.mpc.solvers.watchdog`): another call may begin while one still
@@ -67,6 +69,115 @@ class Solver(ABC):
 
         A solution that took longer has `Status.DEADLINE`, however the solver ended.
         """
+
+
+class ManySolver(Solver):
+    """A solver that solves many instances of one problem together, see `solve_many`."""
+
+    @abstractmethod
+    def solve_many(
+        self,
+        problem: Problem,
+        parameters: Sequence[Parameters],
+        guesses: Sequence[Guess],
+        workers: int | None = None,
+    ) -> list[Solution]:
+        """Solve each instance from its guess; ``workers`` cores, by default all.
+
+        Raises
+        ------
+        WideberthError : as many parameters as guesses are needed.
+        """
+
+
+def solve_many(
+    solver: Solver,
+    problem: Problem,
+    parameters: Sequence[Parameters],
+    guesses: Sequence[Guess],
+    workers: int | None = None,
+) -> list[Solution]:
+    """Solve many instances of one problem with any solver, each from its guess.
+
+    A `ManySolver` takes them together, any other one after the other.
+
+    Raises
+    ------
+    WideberthError : as many parameters as guesses are needed.
+    """
+    if isinstance(solver, ManySolver):
+        return solver.solve_many(problem, parameters, guesses, workers)
+    refuse_unequal(parameters, guesses)
+    pairs = zip(parameters, guesses, strict=True)
+    return [solver.solve(problem, one, [guess])[0] for one, guess in pairs]
+
+
+def refuse_unequal(parameters: Sequence[Parameters], guesses: Sequence[Guess]) -> None:
+    """Refuse more or fewer guesses than instances."""
+    if len(parameters) != len(guesses):
+        raise WideberthError(
+            f"got {len(parameters)} parameters and {len(guesses)} guesses; wanted one of each per "
+            "instance: repeat the parameters for several starts"
+        )
+
+
+def refuse_misfits(problem: Problem, parameters: Parameters, guesses: Sequence[Guess]) -> None:
+    """Refuse arrays that do not fit the problem; every solver does so first.
+
+    A guess without auxiliaries fits, see `Guess.bare`.
+
+    Raises
+    ------
+    WideberthError : names the array, its shape and the shape wanted.
+    """
+    numbers, slots, start = _shapes(problem)
+    for name, wanted in numbers:
+        _refuse_misfit(f"parameters.{name}", getattr(parameters, name), wanted)
+    if len(parameters.slots) != len(slots):
+        raise WideberthError(
+            f"parameters hold {len(parameters.slots)} kinds of slots; wanted {len(slots)}, those "
+            "of the problem"
+        )
+    for kind, own in zip(slots, parameters.slots, strict=True):
+        for name, wanted in kind:
+            _refuse_misfit(f"parameters.slots.{name}", np.asarray(getattr(own, name)), wanted)
+    for guess in guesses:
+        for name, wanted in start:
+            _refuse_misfit(f"guess.{name}", getattr(guess, name), wanted)
+
+
+def _refuse_misfit(name: str, values: Array, wanted: tuple[int, ...]) -> None:
+    if values.shape != wanted and (values.size or 0 not in wanted):
+        raise WideberthError(
+            f"{name} is {values.shape}; wanted {wanted}: fill it for the same problem"
+        )
+
+
+_Shapes: TypeAlias = tuple[tuple[str, tuple[int, ...]], ...]
+
+
+@lru_cache(maxsize=8)
+def _shapes(problem: Problem) -> tuple[_Shapes, tuple[_Shapes, ...], _Shapes]:
+    """Shapes of the arrays of parameters, of the slots of each kind, and of a guess."""
+    steps, size = problem.horizon, problem.dimension
+    parameters = (
+        ("initial", (problem.states,)),
+        ("reference", (steps, size)),
+        ("direction", (steps, size)),
+        ("speed", (steps,)),
+        ("curve", (steps, problem.curve)),
+    )
+    slots = tuple(
+        (
+            ("parameters", (steps, own.count, own.width)),
+            ("active", (own.count,)),
+            ("auxiliaries", (steps, own.count, len(own.auxiliary))),
+            *((("level", (steps, own.count)),) if own.levelled else ()),
+        )
+        for own in problem.slots
+    )
+    guess = (("states", (steps + 1, problem.states)), ("inputs", (steps, problem.inputs)))
+    return parameters, slots, guess
 
 
 def on_time(solution: Solution, taken: float, deadline: float | None) -> Solution:
@@ -285,6 +396,10 @@ def run(
     begin = perf_counter()
     form = program.form
     guess = unwrapped(form.problem, parameters, guess)
+    if not all(np.isfinite(one).all() for one in (form.pack(guess), form.parameters(parameters))):
+        # fatrop does not come back from a guess or a region of NaN
+        words, spent = "the guess or the parameters are not finite", perf_counter() - begin
+        return Solution(guess, Status.FAILED, words, float("nan"), 0, spent)
     flat, cost, stats = program(parameters, guess)
     seconds = perf_counter() - begin
     outcome, message = status(stats)

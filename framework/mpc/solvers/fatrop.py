@@ -9,7 +9,7 @@ from ...values.arrays import positive, whole
 from ...values.plan import Status
 from ..ocp.problem import Parameters, Problem
 from ..ocp.transcription import Guess
-from .base import Solution, Solver, compiled, on_time, run
+from .base import Solution, Solver, compiled, on_time, refuse_misfits, run
 
 
 @final
@@ -49,6 +49,7 @@ class Fatrop(Solver):
         is reported as late, with its result.
         """
         begin = perf_counter()
+        refuse_misfits(problem, parameters, guesses)
         options: dict[str, Any] = {
             "fatrop.print_level": 0,
             "fatrop.max_iter": self.iterations,

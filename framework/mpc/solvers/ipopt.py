@@ -10,7 +10,7 @@ from ...values.errors import WideberthError
 from ...values.plan import Status
 from ..ocp.problem import Parameters, Problem
 from ..ocp.transcription import Guess
-from .base import Solution, Solver, compiled, on_time, run
+from .base import Solution, Solver, compiled, on_time, refuse_misfits, run
 
 _STATUS = {
     "Solve_Succeeded": Status.SOLVED,
@@ -61,6 +61,7 @@ class Ipopt(Solver):
     ) -> list[Solution]:
         """Solve from each guess; IPOPT stops after the iteration in which the deadline passes."""
         begin = perf_counter()
+        refuse_misfits(problem, parameters, guesses)
         options: dict[str, Any] = {
             "ipopt.print_level": 0,
             "ipopt.sb": "yes",

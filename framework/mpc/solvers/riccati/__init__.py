@@ -1,1 +1,1 @@
-"""The pieces of the structured interior-point solver."""
+"""The solver ``riccati``: `core` iterates, `kernels` differentiate, `compiled` compiles both."""

@@ -1,4 +1,4 @@
-"""The structured solver's compiled code: one core for all problems, and kernels for each.
+"""Compile the solver: one core for all problems, and kernels for each.
 
 The kernels know nothing of the horizon and the number of slots, the core nothing of a robot or a
 region: it takes the kernels by their addresses. Compiling the core takes about a minute, once
@@ -8,10 +8,11 @@ per machine; the kernels of a new pair of robot and region take seconds. Both ar
 
 import sys
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from hashlib import sha256
+from itertools import chain
 from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -27,56 +28,67 @@ from ....region import Auxiliary
 from ....values.arrays import Array
 from ....values.errors import WideberthError
 from ...ocp.problem import Problem, Slots
-from .elimination import Slot, eliminate, expand
-from .kernels import Kernels, SlotShape, build, slot_name
-from .sweep import carried, sweep
+from . import protocol
+from .kernels import Kernels, Slot, SlotShape, build, carried, eliminate, expand, slot_name, sweep
+from .protocol import SlotKernels
 
-NAMES = (
-    "drive", "node", "node_values", "level",
-    "slot0", "slot0_values", "slot0_eliminate", "slot0_expand",
-    "slot1", "slot1_values", "slot1_eliminate", "slot1_expand", "sweep",
-)  # fmt: skip
-"""Kernels in the order of their addresses, see `point`."""
-
-KINDS = 2
-"""Kinds of slots that the core takes."""
+_KINDS = ("moving", "standing")
+KINDS = len(_KINDS)
+"""Kinds of slots that the core takes, and what they are called inside: as a rule that is what
+they do, but any kinds will do."""
 
 MOST_OPERATIONS = 10_000
 """Size of a kernel that is still compiled; the compiler needs a second for a thousand."""
 
+_CORE_FILES = ("core.py", "protocol.py", "../interior_point.py")
+"""Files that the compiled core consists of: a change of any of them compiles it anew."""
+
 _OPTIONS = (
     'error_model="numpy", nogil=True, fastmath={"contract", "reassoc", "nsz", "arcp"}, cache=True'
 )
-_KIND = (
-    "i8[::1], i8[::1], f8[:, ::1], f8[::1], f8[:, :, ::1], f8[:, ::1], f8[::1], f8[:, :, ::1], "
-    "f8[:, :, ::1]"
-)
-_SIGNATURE = (
-    "void(i8[::1], i8[::1], f8[:, ::1], f8[::1], "
-    "f8[::1], f8[:, ::1], f8[:, ::1], f8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], "
-    f"{_KIND}, {_KIND}, "
-    "f8[:, ::1], f8[:, ::1], f8[::1], f8[:, :, ::1], f8[:, :, ::1], f8[::1], f8[::1])"
-)
-_CORE = f'''# DIGEST
+_VECTOR, _MATRIX, _CUBE, _PLACES = "f8[::1]", "f8[:, ::1]", "f8[:, :, ::1]", "i8[::1]"
+
+_TYPES: dict[str, Any] = {
+    "head": protocol.Head(_MATRIX, _MATRIX, _VECTOR, _MATRIX),
+    "start": protocol.Start(_VECTOR, _MATRIX, _MATRIX),
+    **{
+        kind: protocol.SlotArguments(
+            kernels=_PLACES, depends=_PLACES, rows=_PLACES, limits=_MATRIX, regularisation=_VECTOR,
+            numbers=_CUBE, levels=_MATRIX, active=_VECTOR, drawn=_CUBE, begun=_CUBE, found=_CUBE,
+        )
+        for kind in _KINDS
+    },
+    "found": protocol.Found(_MATRIX, _MATRIX, _VECTOR, _VECTOR),
+}  # fmt: skip
+"""Arrays of the core by group, with their types."""
+
+_PLAIN = {"kernels": _PLACES, "sizes": _PLACES, "limits": _MATRIX, "settings": _VECTOR}
+
+
+def _source(digest: str) -> str:
+    """Write the module that compiles the core for flat arguments."""
+    groups, types, given = {}, list(_PLAIN.values()), list(_PLAIN)
+    for group, kinds in _TYPES.items():
+        names = [f"{group}_{field}" for field in kinds._fields]
+        groups[group] = f"{type(kinds).__name__}({', '.join(names)})"
+        types += kinds
+        given += names
+    return f"""# {digest}
 from numba import njit
 
-from wideberth.framework.mpc.solvers.riccati.core import solve as core
+from wideberth.framework.mpc.solvers.riccati import core
+from wideberth.framework.mpc.solvers.riccati.protocol import Found, Head, SlotArguments, Start
+
+iterate = core.solve
 
 
-@njit("{_SIGNATURE}", {_OPTIONS})
-def solve(
-    kernels, sizes, limits, settings,
-    initial, reference, direction, speed, curve, states, inputs,
-    a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, q, r,
-    found_states, found_inputs, slack, own, still, numbers, stop,
-):
-    core(
-        kernels, sizes, limits, settings, (reference, direction, speed, curve),
-        (initial, states, inputs),
-        ((a, b, c, d, e, f, g, h, i), (j, k, l, m, n, o, p, q, r)),
-        (found_states, found_inputs, slack, own, still, numbers), stop,
+@njit("void({", ".join([*types, _VECTOR])})", {_OPTIONS})
+def solve({", ".join([*given, "stop"])}):
+    iterate(
+        {", ".join(_PLAIN)}, {groups["head"]}, {groups["start"]},
+        ({", ".join(groups[kind] for kind in _KINDS)}), {groups["found"]}, stop,
     )
-'''
+"""
 
 
 def announce(line: str) -> None:
@@ -99,10 +111,11 @@ def core() -> Callable[..., None]:
 
 @cache
 def _core() -> Callable[..., None] | WideberthError:
-    here = Path(__file__).parent
-    text = "".join(path.read_text(encoding="utf-8") for path in sorted(here.glob("*.py")))
+    text = "".join(
+        (Path(__file__).parent / name).read_text(encoding="utf-8") for name in _CORE_FILES
+    )
     try:
-        source = _CORE.replace("DIGEST", sha256(text.encode()).hexdigest())
+        source = _source(sha256(text.encode()).hexdigest())
         solve: Callable[..., None] = load("solver", source, announce).solve
     except WideberthError as error:
         return error
@@ -110,25 +123,28 @@ def _core() -> Callable[..., None] | WideberthError:
 
 
 @dataclass(frozen=True, eq=False)
-class Kind:
-    """What the core wants to know of one kind of slots.
+class CompiledSlots:
+    """One kind of slots as the core takes it, see `protocol.SlotArguments`.
 
     Attributes
     ----------
+    kernels : addresses, by the names of `protocol.SlotKernels`.
     depends : entries of x. rows : inequalities, equalities, whether slots have a level.
     limits : (2, A) of the own variables. regularisation : (1,).
     """
 
+    kernels: NDArray[np.int64]
     depends: NDArray[np.int64]
     rows: NDArray[np.int64]
     limits: Array
     regularisation: Array
 
     @classmethod
-    def of(cls, shape: SlotShape, slots: Slots) -> "Kind":
-        """Gather it from a problem's slots and the shape of their kernel."""
+    def of(cls, kernels: NDArray[np.int64], shape: SlotShape, slots: Slots) -> "CompiledSlots":
+        """Gather the arrays from a problem's slots and the shape of their kernels."""
         own = slots.auxiliary
         return cls(
+            kernels,
             np.array(shape.depends, dtype=np.int64),
             np.array([shape.inequalities, shape.equalities, int(slots.levelled)]),
             np.array([own.lower, own.upper], dtype=np.float64),
@@ -136,114 +152,123 @@ class Kind:
         )
 
     @cached_property
-    def about(self) -> tuple[Any, ...]:
-        """All of it, as arguments of the core."""
-        return self.depends, self.rows, self.limits, self.regularisation
+    def arguments(self) -> tuple[Any, ...]:
+        """The first arguments of the core, those that do not change from solve to solve."""
+        return self.kernels, self.depends, self.rows, self.limits, self.regularisation
 
 
 @dataclass(frozen=True, eq=False)
-class Program:
+class CompiledProblem:
     """Compiled kernels of a problem.
 
     Attributes
     ----------
     module : holds the kernels as long as their addresses are in use.
-    addresses : in the order of `NAMES`.
-    sizes : n, m, whether a level is shared, rows of input, node and final constraints.
+    kernels, sizes : by the names of `protocol.Kernels` and `protocol.Sizes`.
     limits : (2, n + m), bounds of states and inputs.
     kinds : of the slots; empty ones behind those of the problem.
     """
 
     module: Any
-    addresses: NDArray[np.int64]
+    kernels: NDArray[np.int64]
     sizes: NDArray[np.int64]
     limits: Array
-    kinds: tuple[Kind, ...]
+    kinds: tuple[CompiledSlots, ...]
 
 
-_PROGRAMS: OrderedDict[str, Program | WideberthError] = OrderedDict()
-_KNOWN: WeakKeyDictionary[Problem, Program | WideberthError] = WeakKeyDictionary()
-_MOST_PROGRAMS = 64
+_PROBLEMS: OrderedDict[str, CompiledProblem | WideberthError] = OrderedDict()
+_KNOWN: WeakKeyDictionary[Problem, CompiledProblem | WideberthError] = WeakKeyDictionary()
+_MOST_PROBLEMS = 64
 
 
-def program(problem: Problem) -> Program:
+def compiled_problem(problem: Problem) -> CompiledProblem:
     """Compile the kernels of a problem, or take them from this process's cache.
 
     Raises
     ------
     WideberthError : they cannot be compiled here, or are too large.
     """
-    if problem in _KNOWN:
-        return _sound(_KNOWN[problem])
-    key = repr((problem.stage_key, problem.state_bounds, problem.input_bounds))
-    if key not in _PROGRAMS:
-        try:
-            _PROGRAMS[key] = _made(problem)
-        except WideberthError as error:  # it would fail the same way at every solve
-            _PROGRAMS[key] = error
-    if len(_PROGRAMS) > _MOST_PROGRAMS:
-        _PROGRAMS.popitem(last=False)
-    _KNOWN[problem] = _PROGRAMS[key]
-    return _sound(_PROGRAMS[key])
-
-
-def _sound(found: Program | WideberthError) -> Program:
+    if problem not in _KNOWN:
+        key = repr((problem.stage_key, problem.state_bounds, problem.input_bounds))
+        if key not in _PROBLEMS:
+            try:
+                _PROBLEMS[key] = _compile(problem)
+            except WideberthError as error:  # it would fail the same way at every solve
+                _PROBLEMS[key] = error
+        if len(_PROBLEMS) > _MOST_PROBLEMS:
+            _PROBLEMS.popitem(last=False)
+        _KNOWN[problem] = _PROBLEMS[key]
+    found = _KNOWN[problem]
     if isinstance(found, WideberthError):
         raise found
     return found
 
 
-def _newton(problem: Problem, made: Kernels) -> dict[str, Any]:
-    """Functions that solve the Newton step, from the derivatives that ``made`` gives."""
-    found = {"sweep": sweep(problem.states, problem.inputs, made.functions["drive"])}
+def _slot_kernels(place: int) -> SlotKernels:
+    """Names of the kernels of one kind of slots."""
+    name = slot_name(place)
+    return SlotKernels(name, f"{name}_values", f"{name}_eliminate", f"{name}_expand")
+
+
+def _functions(problem: Problem, made: Kernels) -> dict[str, Any]:
+    """Return the stage functions with derivatives, and those that solve the Newton step."""
+    found = {**made.functions}
+    found["sweep"] = sweep(problem.states, problem.inputs, made.functions["drive"])
     for k, (slots, shape) in enumerate(zip(problem.slots, made.slots, strict=True)):
-        name = slot_name(k)
         outer = len(shape.depends) + int(problem.shared)
         own = slots.auxiliary
         slot = Slot(outer, own.lower, own.upper, shape.inequalities, shape.equalities)
-        found[f"{name}_eliminate"], found[f"{name}_expand"] = eliminate(slot), expand(slot)
+        names = _slot_kernels(k)
+        found[names.eliminate], found[names.expand] = eliminate(slot), expand(slot)
     return found
 
 
-def _made(problem: Problem) -> Program:
-    """Compile the kernels of a problem."""
+def _compile(problem: Problem) -> CompiledProblem:
     problem = _filled_up(problem)
     made = build(problem)
-    functions = {**made.functions, **_newton(problem, made)}
+    functions = _functions(problem, made)
     longest = max(one.n_instructions() for one in functions.values())
     if longest > MOST_OPERATIONS:
         raise WideberthError(
             f"a kernel of this problem has {longest} operations; up to {MOST_OPERATIONS} are "
             "compiled"
         )
+    kinds = [_slot_kernels(k) for k in range(KINDS)]
     text = ["from numba import njit", NUMBA_IMPORTS]
-    for name in NAMES:
-        source = numba_source(functions[name], name)
-        if name == "sweep":
-            source = recursion_source(functions[name], name, carried(problem.states))
+    stages = [name for name in protocol.Kernels._fields if name != "sweep"]
+    names = [*stages, *chain.from_iterable(kinds)]
+    sources = [numba_source(functions[name], name) for name in names]
+    sources.append(recursion_source(functions["sweep"], "sweep", carried(problem.states)))
+    for source in sources:
         text += ["", f'@njit("{KERNEL}", {_OPTIONS})', source]
     module = load("kernels", "\n".join(text), announce)
+
+    def addresses(names: Iterable[str]) -> NDArray[np.int64]:
+        return np.array([address(getattr(module, name)) for name in names])
+
     state, control = problem.state_bounds, problem.input_bounds
-    return Program(
+    sizes = protocol.Sizes(
+        problem.states, problem.inputs, problem.shared, made.input_rows, made.node_rows,
+        made.final_rows,
+    )  # fmt: skip
+    return CompiledProblem(
         module,
-        np.array([address(getattr(module, name)) for name in NAMES]),
-        np.array(
-            [
-                problem.states,
-                problem.inputs,
-                problem.shared,
-                made.input_rows,
-                made.node_rows,
-                made.final_rows,
-            ]
-        ),
+        addresses(protocol.Kernels._fields),
+        np.array(sizes, dtype=np.int64),
         np.array([state.lower + control.lower, state.upper + control.upper], dtype=np.float64),
-        tuple(Kind.of(*pair) for pair in zip(made.slots, problem.slots, strict=True)),
+        tuple(
+            CompiledSlots.of(addresses(names), shape, slots)
+            for names, shape, slots in zip(kinds, made.slots, problem.slots, strict=True)
+        ),
     )
 
 
 def _filled_up(problem: Problem) -> Problem:
     """Add empty kinds of slots until there are as many as the core takes."""
+    if len(problem.slots) > KINDS:
+        raise WideberthError(
+            f"this problem has {len(problem.slots)} kinds of slots; up to {KINDS} are compiled"
+        )
     x, s = ca.SX.sym("x", problem.states), ca.SX.sym("s", int(problem.shared))
     none = [ca.SX(0, 1), ca.SX(0, 1)]
     constraint = ca.Function("constraint", [x, ca.SX(0, 1), s, ca.SX.sym("numbers")], none)

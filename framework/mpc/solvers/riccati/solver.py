@@ -1,4 +1,4 @@
-"""Our own solver: a structured interior point, compiled without a compiler."""
+"""The solver ``riccati``: an interior point along the horizon, compiled by Numba."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -15,18 +15,35 @@ from ....values.errors import WideberthError
 from ....values.plan import Status
 from ...ocp.problem import Parameters, Problem, SlotNumbers
 from ...ocp.transcription import Guess
-from ..base import Solution, Solver, on_time, unwrapped
+from ..base import ManySolver, Solution, on_time, refuse_misfits, refuse_unequal, unwrapped
 from ..fatrop import Fatrop
+from ..interior_point import (
+    ITERATIONS,
+    LARGEST_GRADIENT,
+    MOST_PENALTY,
+    START_BARRIER,
+    START_DISTANCE,
+    START_PENALTY,
+    TOLERANCE,
+)
+from .protocol import Numbers, Outcomes, Settings
 
 if TYPE_CHECKING:
-    from .compiled import Program
+    from .compiled import CompiledProblem
 
-_STATUS = (Status.SOLVED, Status.LIMIT, Status.INFEASIBLE, Status.FAILED, Status.DEADLINE)
+_STATUS = Outcomes(
+    solved=Status.SOLVED,
+    limit=Status.LIMIT,
+    infeasible=Status.INFEASIBLE,
+    failed=Status.FAILED,
+    stopped=Status.DEADLINE,
+)
+"""What each outcome of the core is called outside."""
 
 
 @final
 @dataclass(frozen=True)
-class Riccati(Solver):
+class Riccati(ManySolver):
     """Primal-dual interior point whose Newton steps are a Riccati recursion over the horizon.
 
     Exact Hessians, regularised where the reduced one is not positive definite; a filter line
@@ -51,13 +68,13 @@ class Riccati(Solver):
     gradient : largest entry of the cost's gradient after scaling.
     """
 
-    iterations: int = 200
-    tolerance: float = 1e-6
-    start_barrier: float = 0.1
-    start_distance: float = 0.1
-    start_penalty: float = 1e4
-    most_penalty: float = 1e7
-    gradient: float = 10.0
+    iterations: int = ITERATIONS
+    tolerance: float = TOLERANCE
+    start_barrier: float = START_BARRIER
+    start_distance: float = START_DISTANCE
+    start_penalty: float = START_PENALTY
+    most_penalty: float = MOST_PENALTY
+    gradient: float = LARGEST_GRADIENT
 
     def __post_init__(self) -> None:
         whole("riccati.iterations", self.iterations)
@@ -78,6 +95,7 @@ class Riccati(Solver):
     ) -> list[Solution]:
         """Solve from each guess."""
         begin = perf_counter()
+        refuse_misfits(problem, parameters, guesses)
         try:
             made, run = _compiled(problem)
         except WideberthError as error:
@@ -105,10 +123,7 @@ class Riccati(Solver):
         """
         from concurrent.futures import ThreadPoolExecutor
 
-        if len(parameters) != len(guesses):
-            raise WideberthError(
-                f"{len(parameters)} instances and {len(guesses)} guesses; wanted one for each"
-            )
+        refuse_unequal(parameters, guesses)
         if parameters:
             self.solve(problem, parameters[0], [])  # compiles, once and not in every thread
         pairs = list(zip(parameters, guesses, strict=True))
@@ -127,76 +142,87 @@ class Riccati(Solver):
         parameters: Parameters,
         guess: Guess,
         deadline: float | None,
-        made: "Program",
+        made: "CompiledProblem",
         run: Callable[..., None],
         begin: float,
     ) -> Solution:
         """Call the compiled core and read its result."""
-        guess = _suited(parameters, _turned(problem, parameters, guess))
-        found, numbers = _room(problem, guess, len(made.kinds)), np.zeros(7)
-        stop = numbers[6:]
+        guess = _with_auxiliaries(parameters, _with_wrapped_heading(problem, parameters, guess))
+        states, inputs, slack, own = _allocate(problem, guess, len(made.kinds))
+        numbers, stop = np.zeros(len(Numbers._fields)), np.zeros(1)
         arguments = (
-            *(made.addresses, made.sizes, made.limits, self._settings(problem, guess)),
+            *(made.kernels, made.sizes, made.limits, self._settings(problem, guess)),
             *_arrays(
-                parameters.initial, parameters.reference, parameters.direction,
-                parameters.speed, parameters.curve, guess.states, guess.inputs,
+                parameters.reference, parameters.direction, parameters.speed, parameters.curve,
+                parameters.initial, guess.states, guess.inputs,
             ),
-            *_slots(made, parameters, guess),
-            *(*found, numbers, stop),
+            *_slots(made, parameters, guess, own),
+            *(states, inputs, slack, numbers, stop),
         )  # fmt: skip
         if deadline is None:
             run(*arguments)
         else:
             _until(begin + deadline, stop, run, arguments)
-        states, inputs, slack, *own = found
-        kind, iterations, cost, level, error = numbers[:5].tolist()
-        status = _STATUS[int(kind)]
+        ended = Numbers(*numbers.tolist())
+        status, cost = _STATUS[int(ended.status)], ended.cost
         if problem.penalty is not None:
             cost += problem.penalty * float(slack.sum())
             if status is Status.INFEASIBLE:
                 status = Status.SOLVED  # its slack is paid for
-        level = level if problem.shared else float("nan")
+        level = ended.level if problem.shared else float("nan")
         point = Guess(states, inputs, tuple(own[: len(problem.slots)]), level, slack)
-        words = _words(status, iterations, error)
-        return Solution(point, status, words, cost, int(iterations), perf_counter() - begin)
+        words, spent = _words(status, ended.iterations, ended.error), perf_counter() - begin
+        return Solution(point, status, words, cost, int(ended.iterations), spent)
 
     def _settings(self, problem: Problem, guess: Guess) -> Array:
-        """Numbers of the core, in its order."""
-        price, highest = self.start_penalty, self.most_penalty
-        if problem.penalty is not None:
-            price = highest = problem.penalty
-        level = (problem.minimum, guess.level) if problem.shared else (-np.inf, 0.0)
-        barrier = (self.iterations, self.tolerance, self.start_barrier, self.start_distance)
-        return np.array([*barrier, price, highest, self.gradient, *level])
+        """Collect the settings of the core."""
+        price = highest = problem.penalty
+        if price is None:
+            price, highest = self.start_penalty, self.most_penalty
+        minimum, level = (problem.minimum, guess.level) if problem.shared else (-np.inf, 0.0)
+        settings = Settings(
+            iterations=self.iterations,
+            tolerance=self.tolerance,
+            barrier=self.start_barrier,
+            push=self.start_distance,
+            penalty=price,
+            most_penalty=highest,
+            gradient=self.gradient,
+            minimum=minimum,
+            guess=level,
+        )
+        return np.array(settings)
 
 
 @lru_cache(maxsize=8)
-def _compiled(problem: Problem) -> "tuple[Program, Callable[..., None]]":
-    """Return what a problem is compiled to; the latest ones without a look into `program`."""
-    from .compiled import core, program
+def _compiled(problem: Problem) -> "tuple[CompiledProblem, Callable[..., None]]":
+    """Kernels of a problem and the core; the latest problems are looked up by identity."""
+    from .compiled import compiled_problem, core
 
-    return program(problem), core()
+    return compiled_problem(problem), core()
 
 
-def _room(problem: Problem, guess: Guess, kinds: int) -> tuple[Array, ...]:
+def _allocate(
+    problem: Problem, guess: Guess, kinds: int
+) -> tuple[Array, Array, Array, list[Array]]:
     """Arrays for the result; empty slots keep the auxiliaries of the guess."""
     horizon = problem.horizon
     states, inputs = np.empty((horizon + 1, problem.states)), np.empty((horizon, problem.inputs))
     own = [one.copy() for one in guess.auxiliaries]
     own += [np.zeros((horizon, 0, 0))] * (kinds - len(own))
-    return states, inputs, np.empty(horizon), *own
+    return states, inputs, np.empty(horizon), own
 
 
-def _turned(problem: Problem, parameters: Parameters, guess: Guess) -> Guess:
-    """Send a guess through the door of all solvers, but for the one that is let through there."""
+def _with_wrapped_heading(problem: Problem, parameters: Parameters, guess: Guess) -> Guess:
+    """Wrap the initial heading unless it is within pi of that of x_0."""
     where = problem.heading
     if where is None or abs(guess.states[0, where] - parameters.initial[where]) <= np.pi:
         return guess
     return unwrapped(problem, parameters, guess)
 
 
-def _suited(parameters: Parameters, guess: Guess) -> Guess:
-    """Give a bare guess the auxiliaries that the regularisation pulls to."""
+def _with_auxiliaries(parameters: Parameters, guess: Guess) -> Guess:
+    """Add the auxiliaries that the regularisation draws to where the guess has none."""
     wanted = tuple(one.auxiliaries for one in parameters.slots)
     own = guess.auxiliaries or wanted
     pairs = zip(own, wanted, strict=True)
@@ -206,11 +232,13 @@ def _suited(parameters: Parameters, guess: Guess) -> Guess:
     )
 
 
-_NONE = np.zeros((0, 0))
+_NO_LEVELS = np.zeros((0, 0))
 """Levels of slots that have none."""
 
 
-def _slots(made: "Program", parameters: Parameters, guess: Guess) -> list[object]:
+def _slots(
+    made: "CompiledProblem", parameters: Parameters, guess: Guess, found: Sequence[Array]
+) -> list[object]:
     """Return the arguments of the core about every kind of slots."""
     none = SlotNumbers.none(len(parameters.speed))
     arguments: list[object] = []
@@ -218,9 +246,10 @@ def _slots(made: "Program", parameters: Parameters, guess: Guess) -> list[object
         there = k < len(parameters.slots)
         own = parameters.slots[k] if there else none
         start = guess.auxiliaries[k] if there else none.auxiliaries
-        level = _NONE if own.level is None else own.level
-        arguments += kind.about
+        level = _NO_LEVELS if own.level is None else own.level
+        arguments += kind.arguments
         arguments += _arrays(own.parameters, level, own.active, own.auxiliaries, start)
+        arguments.append(found[k])
     return arguments
 
 
@@ -248,7 +277,7 @@ def _until(
 
 
 def _words(status: Status, iterations: float, error: float) -> str:
-    """Say how it ended."""
+    """How the solve ended, in words."""
     if status is Status.INFEASIBLE:
         return "no plan keeps every region; this one enters them least, as far as was found"
     return f"{status} after {iterations:.0f} iterations, error {error:.1e}"

@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.solvers.riccati import memory
-from wideberth.framework.mpc.solvers.riccati import recursion as riccati
-from wideberth.framework.mpc.solvers.riccati.sweep import carried, sweep
+from wideberth.framework.mpc.solvers.riccati import core, protocol
+from wideberth.framework.mpc.solvers.riccati.kernels import carried, sweep
 from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.values.arrays import Array
 from wideberth.tests.helpers.interpreted import Kernel, interpret
@@ -20,7 +19,7 @@ RECURSION = [(4, 2, 5, 1), (5, 2, 3, 0), (6, 3, 4, 1), (2, 2, 1, 1), (5, 1, 6, 1
 @pytest.fixture(autouse=True)
 def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is compiled here, which would take longer than the tests."""
-    interpret(monkeypatch, memory, riccati)
+    interpret(monkeypatch, core)
 
 
 def recursion(function: Any, handed: int) -> Kernel:
@@ -51,12 +50,12 @@ class Linear:
     def drawn(
         cls, n: int, m: int, steps: int, shared: int, rng: np.random.Generator, convex: float
     ) -> "Linear":
-        size = memory.size_of(n, m, shared, steps, 0, 0, 0)
-        block = memory.make_block(size, 1)
+        size = core.size_of(protocol.Sizes(n, m, shared, 0, 0, 0), steps)
+        block = core.make_block(size, 1)
         limits = np.array([[-np.inf] * (n + m), [np.inf] * (n + m)])
-        path, step, block = memory.make_path(size, limits, block)
-        model, _, block = memory.make_model(size, block)
-        quadratic, gains, _ = memory.make_newton(size, np.arange(n), block)
+        path, step, block = core.make_path(size, limits, block)
+        model, _, block = core.make_model(size, block)
+        quadratic, gains, _ = core.make_newton(size, np.arange(n), block)
         rows = slice(size.jacobian, size.jacobian + n * size.w)
         model.drive[rows] = rng.normal(scale=0.7, size=(n * size.w, size.wide))
         model.drive[size.jacobian] = 1.0  # which the recursion is told
@@ -72,7 +71,7 @@ class Linear:
         told = ca.vertcat(results[: size.jacobian], 1.0, results[size.jacobian + 1 :])
         drive = ca.Function("drive", [results, ca.SX.sym("p", 0)], [told])
         kernel = recursion(sweep(n, m, drive), carried(n))
-        return cls(size, np.zeros(13), path, step, model, quadratic, gains, kernel)
+        return cls(size, np.zeros(core.SCALARS), path, step, model, quadratic, gains, kernel)
 
     def dense(self) -> tuple[Array, Array, Array, Array]:
         """Hessian and gradient in (dw_0, .., dw_N, ds); rows and right-hand side, dx_0 = 0."""
@@ -101,11 +100,11 @@ class Linear:
 
     @property
     def delta(self) -> float:
-        return float(self.state[memory.DELTA])
+        return float(self.state[core.DELTA])
 
     def backward(self) -> bool:
         given = self.size, self.model, self.quadratic, self.gains, self.state
-        return bool(riccati.backward(*given, self.kernel))
+        return bool(core.backward(*given, self.kernel))
 
 
 @pytest.mark.parametrize("delta", [0.0, 0.3])
@@ -114,10 +113,10 @@ def test_the_recursion_solves_the_dense_system(
     shape: tuple[int, int, int, int], delta: float
 ) -> None:
     made = Linear.drawn(*shape, np.random.default_rng(sum(shape)), 12.0)
-    made.state[memory.DELTA] = delta
+    made.state[core.DELTA] = delta
     assert made.backward()
-    ds = made.state[memory.DS]
-    riccati.forward(made.size, made.path, made.step, made.model, made.gains, ds)
+    ds = made.state[core.DS]
+    core.forward(made.size, made.path, made.step, made.model, made.gains, ds)
     hessian, gradient, rows, right = made.dense()
     none = np.zeros((len(rows), len(rows)))
     matrix = np.block([[hessian, rows.T], [rows, none]])

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.solvers.riccati import condense, memory, slack, slots
-from wideberth.framework.mpc.solvers.riccati.elimination import Slot, eliminate, expand
+from wideberth.framework.mpc.solvers.riccati import core, protocol
+from wideberth.framework.mpc.solvers.riccati.kernels import Slot, eliminate, expand
 from wideberth.framework.values.arrays import Array
 from wideberth.tests.helpers.interpreted import Kernel, interpret
 
@@ -19,7 +19,7 @@ SEEN, OWN, UNEQUAL, EQUAL, ACTIVE = (0, 2), 3, 2, 1, 2
 @pytest.fixture(autouse=True)
 def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is compiled here, which would take longer than the tests."""
-    interpret(monkeypatch, condense, memory, slack, slots)
+    interpret(monkeypatch, core)
 
 
 def columns(function: Any) -> Kernel:
@@ -42,8 +42,6 @@ class Crowd:
     hessian: Array
     slack: Any
     quadratic: Any
-    eliminate: Kernel
-    expand: Kernel
     mu: float
     rho: float
     delta: float
@@ -51,19 +49,20 @@ class Crowd:
     @classmethod
     def drawn(cls, own: int, equal: int, shared: int, curved: float = 8.0) -> "Crowd":
         n, steps, rng = 4, 3, np.random.default_rng(10 * own + shared)
-        size = memory.size_of(n, 2, shared, steps, 0, 0, 0)
+        size = core.size_of(protocol.Sizes(n, 2, shared, 0, 0, 0), steps)
         active = np.array([1.0, 0.0, 1.0])
         lower, upper = np.full(own, -np.inf), np.full(own, np.inf)
         lower[:2], upper[1:2] = -1.5, 2.0
-        kind = (
-            np.array(SEEN), np.array([UNEQUAL, equal, 1]), np.array([lower, upper]),
-            np.array([0.4]), rng.normal(size=(steps, 3, 2)), np.ones((steps, 3)), active,
-            *rng.uniform(-1.0, 1.0, (2, steps, 3, own)),
-        )  # fmt: skip
-        made = slots.make_slots(size, kind, 0.5, 1e-2)
-        assert len(made.active) == ACTIVE
         first = len(SEEN) + shared
         wide, slot = first + own, Slot(first, tuple(lower), tuple(upper), UNEQUAL, equal)
+        kind = protocol.SlotArguments(
+            (None, None, columns(eliminate(slot)), columns(expand(slot))),
+            np.array(SEEN), np.array([UNEQUAL, equal, 1]), np.array([lower, upper]),
+            np.array([0.4]), rng.normal(size=(steps, 3, 2)), np.ones((steps, 3)), active,
+            *rng.uniform(-1.0, 1.0, (2, steps, 3, own)), None,
+        )  # fmt: skip
+        made = core.make_slots(size, kind, 0.5, 1e-2)
+        assert len(made.active) == ACTIVE
         last = len(made.out) - len(made.condensed)
         hessian = made.out[last - wide**2 : last].reshape(wide, wide, -1)
         for values in (made.value, made.slope, hessian):
@@ -75,15 +74,14 @@ class Crowd:
         for values in (made.t, made.zl, made.zu):
             values[:] = rng.uniform(0.2, 2.0, values.shape)
         made.zl[lower == -np.inf], made.zu[upper == np.inf] = 0.0, 0.0
-        block = memory.make_block(size, 1)
-        slacks, _ = memory.make_slack(rng.uniform(0.2, 2.0, block.shape))
-        quadratic, _, _ = memory.make_newton(size, np.array(SEEN), block)
-        kernels = columns(eliminate(slot)), columns(expand(slot))
-        return cls(size, made, hessian, slacks, quadratic, *kernels, 0.05, 3.0, 0.2)
+        block = core.make_block(size, 1)
+        slacks, _ = core.make_slack(rng.uniform(0.2, 2.0, block.shape))
+        quadratic, _, _ = core.make_newton(size, np.array(SEEN), block)
+        return cls(size, made, hessian, slacks, quadratic, 0.05, 3.0, 0.2)
 
     def condense(self) -> bool:
         given = self.size, self.slots, self.quadratic, self.slack.eps, self.mu, self.delta
-        return bool(condense.condense(*given, self.eliminate))
+        return bool(core.condense_slots(*given))
 
     def newton(self, i: int, dx: Array, ds: float) -> SimpleNamespace:
         """Dense Newton step of all that belongs to stage i, and its force on (x, s).
@@ -143,11 +141,11 @@ def test_condensing_solves_the_full_newton_system(own: int, equal: int, shared: 
     crowd = Crowd.drawn(own, equal, shared)
     size, mine, n = crowd.size, crowd.slots, crowd.size.n
     assert crowd.condense()
-    slack.close(size, crowd.quadratic, crowd.slack, crowd.mu, crowd.rho)
+    core.eliminate_slack(size, crowd.quadratic, crowd.slack, crowd.mu, crowd.rho)
     rng = np.random.default_rng(3)
     dv, ds = rng.normal(size=(n, size.wide)), float(shared * rng.normal())
-    slack.open_slack(size, crowd.quadratic, crowd.slack, dv, ds, crowd.mu)
-    condense.expand(size, mine, crowd.slack, dv, ds, crowd.expand)
+    core.recover_slack(size, crowd.quadratic, crowd.slack, dv, ds, crowd.mu)
+    core.expand_slots(size, mine, crowd.slack, dv, ds)
     first = len(SEEN) + shared
     lam = mine.v[first + own : first + own + UNEQUAL]
     for i in range(size.steps):

@@ -143,12 +143,16 @@ def test_a_deadline_covers_each_guess(recorded: list[Instance]) -> None:
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("name", ["initial", "reference", "regions", "level", "guess"])
+@pytest.mark.parametrize("name", ["initial", "reference", "parameters", "level", "guess"])
 def test_what_is_not_finite_fails(name: str, value: float, recorded: list[Instance]) -> None:
     instance = recorded[0]
     if name == "guess":
         states = np.full_like(instance.guess.states, value)
         found = solved(replace(instance, guess=replace(instance.guess, states=states)))
+    elif name in ("parameters", "level"):
+        broken = getattr(instance.parameters.slots[0], name).copy()
+        broken[(0,) * broken.ndim] = value
+        found = solved(instance, slots_of(instance.parameters, **{name: broken}))
     else:
         broken = getattr(instance.parameters, name).copy()
         broken[(0,) * broken.ndim] = value
@@ -175,7 +179,7 @@ def test_fatrop_solves_where_nothing_can_be_compiled(
     def refuse(*_: object) -> None:
         raise WideberthError("this machine compiles nothing")
 
-    monkeypatch.setattr(compiled, "_PROGRAMS", OrderedDict())
+    monkeypatch.setattr(compiled, "_PROBLEMS", OrderedDict())
     monkeypatch.setattr(compiled, "load", refuse)
     instance = recorded[0]
     found = solved(instance)
@@ -229,5 +233,5 @@ def test_the_same_bytes_for_any_number_of_workers(recorded: list[Instance]) -> N
         found = Riccati().solve_many(problem, *given, workers=workers)
         assert [digest(one) for one in found] == [digest(one) for one in alone]
     assert Riccati().solve_many(problem, [], []) == []
-    with pytest.raises(WideberthError, match="8 instances and 1 guesses"):
+    with pytest.raises(WideberthError, match="8 parameters and 1 guesses"):
         Riccati().solve_many(problem, given[0], given[1][:1])
