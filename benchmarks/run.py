@@ -13,7 +13,6 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from zipfile import BadZipFile
 
 import report
 import solver_speed
@@ -48,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _refuse(f"{error.filename}: {error.strerror}; check --instances, --hard and --out")
     except WideberthError as error:
         return _refuse(error)
-    except (ValueError, TypeError, BadZipFile):  # NumPy on files of another kind
+    except (ValueError, TypeError):  # the right names, arrays of other shapes
         return _refuse(f"{file} is no file of recorded instances; wanted a .npz")
     console = Console()
     paper = Console(width=max(console.width, 180))  # the widest table is not cut

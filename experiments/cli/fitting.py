@@ -15,7 +15,7 @@ from ...framework.tracking.recordings import Recording
 from ...framework.values.arrays import positive
 from ...framework.values.errors import WideberthError
 from ...framework.values.tracks import Tracks
-from ..engine.showing import fault
+from ..engine.errors import describe_error
 from ..studies.crowd import TrackFile
 from ..studies.prediction_data import FAST, usual_speed
 
@@ -170,7 +170,7 @@ def fitted(unfitted: Fittable, dataset: Sequence[Tracks]) -> tuple[Fittable, lis
     try:
         after = unfitted.fit(dataset)
     except Exception as error:  # a plug-in may fail in any way
-        raise WideberthError(f"the fit of {name} failed: {fault(error)}") from error
+        raise WideberthError(f"the fit of {name} failed: {describe_error(error)}") from error
     if type(after) is not type(unfitted):
         raise WideberthError(
             f"the fit of {name} returned {after!r:.60}; wanted a fitted copy of it, as from "

@@ -1,6 +1,6 @@
 """What the closed-loop experiments share: playing one episode, and condensing many."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Sized
 from itertools import product
 from pathlib import Path
 from typing import Any, TypeVar
@@ -11,14 +11,15 @@ from ...controllers.reactive import Reactive
 from ...framework.controller import Controller, fresh
 from ...framework.numerics.statistics import known_mean
 from ...framework.robot import Robot
-from ...framework.values.arrays import Array
+from ...framework.values.arrays import Array, probability, whole
+from ...framework.values.errors import WideberthError
 from ...simulation.engine.episode import Run
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
 from ...simulation.measures.summary import summarise, time_rows
 from ...simulation.scenarios.base import Cast, Scenario
 from .base import Outcome, Row, Task
-from .showing import told
+from .errors import as_user_error
 
 T = TypeVar("T")
 
@@ -36,13 +37,33 @@ def play(
     return run.episode()
 
 
+def check_settings(seeds: int, tail: float, **named: Sized) -> None:
+    """Validate what studies of closed loops have in common.
+
+    Parameters
+    ----------
+    seeds : number of episodes, at least 1.
+    tail : in (0, 1).
+    named : fields of the study that must hold an entry at least.
+
+    Raises
+    ------
+    WideberthError : one of them is out of range or empty.
+    """
+    whole("seeds", seeds)
+    probability("tail", tail)
+    for name, entries in named.items():
+        if not len(entries):
+            raise WideberthError(f"{name} is empty; name at least one")
+
+
 def check_starts(
     scenarios: Mapping[str, Scenario],
     robot: Robot,
     controllers: Mapping[str, Controller],
     seed: int = 0,
 ) -> None:
-    """Put every controller at the start of an episode in every scenario, and go no further.
+    """Initialise every controller in every scenario without stepping.
 
     Parameters
     ----------
@@ -54,10 +75,10 @@ def check_starts(
     """
     for label, scenario in scenarios.items():
         place = f"{'scenarios.' if label else 'scenario'}{label}, seed {seed}"
-        with told(f"{place}: no situation can be drawn: "):
+        with as_user_error(f"{place}: no situation can be drawn: "):
             cast = scenario.cast(seed)
         for name, controller in controllers.items():
-            with told(f"{place}: no episode of {name} can begin: "):
+            with as_user_error(f"{place}: no episode of {name} can begin: "):
                 _begun(cast, robot, controller, Settings(history=0.0), seed)
 
 

@@ -17,8 +17,7 @@ from uuid import uuid4
 
 from ...framework.values.errors import WideberthError
 from .progress import say
-from .sweep import Returned
-from .worker import Chunk, Done, check, do_chunk
+from .worker import Chunk, Done, Returned, check, do_chunk
 
 Future: TypeAlias = Any
 """Of Dask, whose methods carry no types."""
@@ -107,7 +106,7 @@ def reached(
 
 
 class Cluster:
-    """A pool of Dask workers; see `wideberth.experiments.engine.sweep.Pool`.
+    """A pool of Dask workers; see `wideberth.experiments.engine.worker.Pool`.
 
     Workers may come and go while the work goes on.
 

@@ -1,34 +1,47 @@
-"""Workers on this machine: processes of their own, one chunk of tasks at a time each.
+"""Workers on this machine: one process each, with one chunk of tasks at a time.
 
-They start clean (nothing is forked) and read the environment that `threads` states. A process
-that ends in the middle of a chunk gives the chunk back; the next one takes its place. When the
-driver is killed, a worker finds nobody to report to, and ends.
+Processes start clean (nothing is forked, the main script is not imported) with the environment
+that `threads` states, and in a session of their own, out of reach of a Ctrl-C: the driver stops
+its workers. A process that ends in the middle of a chunk gives the chunk back, and another one
+takes its place. When the driver is killed, its workers find nobody to report to, and end.
 """
 
-import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
+import os
+import subprocess
+import sys
 from dataclasses import dataclass
+from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
+from signal import Signals
 from typing import Any
 
 from . import threads
-from .sweep import Returned
-from .worker import Chunk, do_chunk
+from .worker import Chunk, Returned, do_chunk
 
 _CHECK = 5.0
 """s between looks whether processes live whose pipe something else may hold open."""
 
+_CODE = f"""
+import sys
+from multiprocessing.connection import Connection
+pipe = Connection(int(sys.argv[1]))
+job = pipe.recv_bytes()  # before the imports below, which take a second: the driver waits
+sys.path[:] = sys.argv[2:]
+from {__name__} import serve
+serve(pipe, job)
+"""
+"""Source of a worker; its arguments are its pipe's number and the driver's module path."""
+
 
 @dataclass
 class _Worker:
-    process: Any
+    process: "subprocess.Popen[bytes]"
     pipe: "Connection[Any, Any]"
     chunk: Chunk | None = None
 
 
-class Processes:
-    """A pool of processes; see `wideberth.experiments.engine.sweep.Pool`."""
+class LocalPool:
+    """A pool of processes; see `wideberth.experiments.engine.worker.Pool`."""
 
     patience = 3
 
@@ -57,14 +70,14 @@ class Processes:
         self._workers[place].chunk = chunk
 
     def finished(self) -> list[Returned]:
-        """Wait until a worker has something to say, or has died."""
+        """Wait until a worker has returned its chunk, or has died."""
         busy = {
             worker.pipe: place
             for place, worker in enumerate(self._workers) if worker.chunk is not None
         }  # fmt: skip
         ready = wait(list(busy), _CHECK)
         dead = [
-            pipe for pipe, place in busy.items() if not self._workers[place].process.is_alive()
+            pipe for pipe, place in busy.items() if self._workers[place].process.poll() is not None
         ]
         return [self._take(busy[pipe]) for pipe in busy if pipe in ready or pipe in dead]
 
@@ -76,54 +89,48 @@ class Processes:
                 return Returned(chunk, worker.pipe.recv())
         except (EOFError, OSError):
             pass
-        worker.process.join(_CHECK)
-        code = worker.process.exitcode
-        self._replace(place)
+        code = self._replace(place)
         return Returned(chunk, None, _ending(code))
 
     def _start(self) -> _Worker:
-        from joblib.externals.loky.backend import get_context
-
-        context: Any = get_context("loky")
-        ours, theirs = context.Pipe()
-        pinned = dict.fromkeys(threads.WORKER, "1")
-        process = context.Process(target=serve, args=(theirs, self._job), env=pinned)
-        with _deaf():
-            process.start()
+        ours, theirs = Pipe()
+        number = theirs.fileno()
+        process = subprocess.Popen(
+            [sys.executable, "-c", _CODE, str(number), *sys.path],
+            env=os.environ | dict.fromkeys(threads.WORKER, "1"),
+            stdin=subprocess.DEVNULL,
+            pass_fds=[number],
+            start_new_session=True,
+        )
         theirs.close()
-        return _Worker(process, ours)
+        worker = _Worker(process, ours)
+        worker.pipe.send_bytes(self._job)
+        return worker
 
-    def _replace(self, place: int) -> None:
-        self._end(self._workers[place])
+    def _replace(self, place: int) -> int:
+        """Start another worker in the place of one that is lost; return how that one ended."""
+        code = self._end(self._workers[place])
         self._workers[place] = self._start()
+        return code
 
-    def _end(self, worker: _Worker) -> None:
+    def _end(self, worker: _Worker) -> int:
         worker.pipe.close()
-        worker.process.terminate()
-        worker.process.join()
+        try:
+            return worker.process.wait(_CHECK if worker.process.poll() is None else 0.0)
+        except subprocess.TimeoutExpired:
+            worker.process.kill()
+            return worker.process.wait()
 
     def close(self) -> None:
         """End all workers at once."""
         for worker in self._workers:
+            worker.process.terminate()
+        for worker in self._workers:
             self._end(worker)
-
-
-@contextmanager
-def _deaf() -> Iterator[None]:
-    """Have processes that start here never hear a Ctrl-C: the driver stops its workers."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def serve(pipe: "Connection[Any, Any]", job: bytes) -> None:
     """Do chunks until the driver is gone; runs in a worker."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         while True:
             pipe.send(do_chunk(job, pipe.recv()))
@@ -131,9 +138,9 @@ def serve(pipe: "Connection[Any, Any]", job: bytes) -> None:
         return
 
 
-def _ending(code: int | None) -> str:
-    if code is None or code >= 0:
+def _ending(code: int) -> str:
+    if code >= 0:
         return f"it ended with code {code}"
-    name = signal.Signals(-code).name
+    name = Signals(-code).name
     why = ": the memory may be full" if name == "SIGKILL" else ""
     return f"it was ended by {name}{why}"

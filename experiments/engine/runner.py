@@ -8,8 +8,11 @@ complete.
 """
 
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from math import ceil
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +21,7 @@ from ...framework.plugins.io import read_rows, table_text, write_bytes, write_ta
 from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError
 from .base import Experiment, Result, Row, Task
-from .markdown import markdown_table
+from .errors import as_user_error, describe_error
 from .progress import Progress, say
 from .provenance import foreign_sources, provenance
 from .result_folder import (
@@ -32,12 +35,35 @@ from .result_folder import (
     shard_files,
 )
 from .shards import Packed, checked_tasks, finished, read_shard, shard_keys, write_shard
-from .showing import fault, told
-from .sweep import Pool, Sweep
-from .worker import do_task, pack_job
+from .showing import markdown_table
+from .worker import Chunk, Pool, Returned, do_task, pack_job
 
 if TYPE_CHECKING:
     from .dask_pool import Scheduler
+
+
+@dataclass(frozen=True)
+class _Work:
+    """An experiment and its tasks, ready to be measured.
+
+    Attributes
+    ----------
+    experiment, plugins : what to measure, and the modules that workers import first.
+    config : the resolved config.
+    tasks : by the names of their shards.
+    origin : versions, commit, source and machine, as stored beside the result.
+    """
+
+    experiment: Experiment
+    plugins: tuple[str, ...]
+    config: dict[str, Any]
+    tasks: dict[str, Task]
+    origin: dict[str, Any]
+
+    @property
+    def source(self) -> str:
+        """Fingerprint of the source code and the data."""
+        return str(self.origin["source"])
 
 
 def run(
@@ -77,51 +103,48 @@ def run(
             f"workers is {workers}, and a scheduler has its own; give one of them"
         )
     check_folder(out)
-    with told():
-        if quick:
-            experiment = experiment.quick()
-        config: dict[str, Any] = {**describe(experiment), "plugins": list(plugins)}
-        keys = shard_keys(config, checked_tasks(experiment.tasks()))
-        origin = provenance([*foreign_sources(experiment, plugins), *experiment.inputs()])
-    result = Result(out)
+    with as_user_error():
+        work = _work(experiment.quick() if quick else experiment, plugins)
     if (out / "table.csv").exists() and not fresh:
-        prepare(out, config, origin)
-        return result
-    with told():
-        experiment.check()
-    crew = _pool(experiment, plugins, min(workers, len(keys)), scheduler, origin["source"])
-    with crew as pool:  # before the folder: where there is no scheduler, no result is thrown away
-        prepare(out, config, origin, fresh)
+        prepare(out, work.config, work.origin)  # refuses another result
+        return Result(out)
+    with as_user_error():
+        work.experiment.check()
+    # The pool comes before the folder: without a scheduler no old result is thrown away.
+    with _pool(work, min(workers, len(work.tasks)), scheduler) as pool:
+        prepare(out, work.config, work.origin, fresh)
         if not (out / "table.csv").exists():
             with locked(out):
                 for path in half_written(out):
                     path.unlink(missing_ok=True)
-                _work(experiment, keys, out, origin["source"], pool)
+                _measure(work, out, pool)
                 try:
-                    _collect(experiment, list(keys), out, origin["source"])
+                    _collect(work, out)
                 except Exception as error:  # a summary may fail in any way
-                    raise _kept(error, len(keys), len(keys), out) from error
-    return result
+                    raise _kept(error, len(work.tasks), work, out) from error
+    return Result(out)
+
+
+def _work(experiment: Experiment, plugins: Sequence[str]) -> _Work:
+    """Resolve the config, list the tasks and record where they come from."""
+    config = {**describe(experiment), "plugins": list(plugins)}
+    tasks = shard_keys(config, checked_tasks(experiment.tasks()))
+    origin = provenance([*foreign_sources(experiment, plugins), *experiment.inputs()])
+    return _Work(experiment, tuple(plugins), config, tasks, origin)
 
 
 @contextmanager
-def _pool(
-    experiment: Experiment,
-    plugins: Sequence[str],
-    workers: int,
-    scheduler: "Scheduler | None",
-    source: str,
-) -> Iterator[Pool | None]:
+def _pool(work: _Work, workers: int, scheduler: "Scheduler | None") -> Iterator[Pool | None]:
     """Yield the workers, ready; None means this process. They end with the block."""
     if scheduler is None and workers == 1:
         yield None
         return
-    job = pack_job(experiment, plugins, source)
+    job = pack_job(work.experiment, work.plugins, work.source)
     pool: Pool
     if scheduler is None:
-        from .local_pool import Processes
+        from .local_pool import LocalPool
 
-        pool = Processes(job, workers)
+        pool = LocalPool(job, workers)
     else:
         from .dask_pool import Cluster
 
@@ -132,18 +155,16 @@ def _pool(
         pool.close()
 
 
-def _work(
-    experiment: Experiment, keys: Mapping[str, Task], out: Path, source: str, pool: Pool | None
-) -> None:
-    """Do the tasks that are missing, and write the shard of each when it is done."""
-    folder = out / "shards"
-    usable, reasons = finished(folder, keys, source)
+def _measure(work: _Work, out: Path, pool: Pool | None) -> None:
+    """Do the tasks without a shard, and write the shard of each when it is done."""
+    folder = out / SHARDS
+    usable, reasons = finished(folder, work.tasks, work.source)
+    total, done = len(work.tasks), len(usable)
     for reason, number in reasons.items():
-        say(f"{number} of {len(keys)} tasks of {out} are done again: their shards are {reason}")
-    missing = {key: task for key, task in keys.items() if key not in usable}
+        say(f"{number} of {total} tasks of {out} are done again: their shards are {reason}")
+    missing = {key: task for key, task in work.tasks.items() if key not in usable}
     if not missing:
         return
-    done = len(usable)
 
     def keep(key: str, packed: Packed) -> None:
         nonlocal done
@@ -152,38 +173,122 @@ def _work(
         advance()
 
     try:
-        with Progress(len(keys), done) as advance:
+        with Progress(total, done) as advance:
             if pool is not None:
                 Sweep(pool, missing).run(keep)
             else:
                 for key, task in missing.items():
-                    keep(key, do_task(experiment, task, source))
+                    keep(key, do_task(work.experiment, task, work.source))
     except KeyboardInterrupt:
         raise KeyboardInterrupt(
-            f"stopped with {done} of {len(keys)} tasks done; they are kept in {out}: "
+            f"stopped with {done} of {total} tasks done; they are kept in {out}: "
             "the same command goes on from there"
         ) from None
     except WideberthError as error:
-        raise _kept(error, done, len(keys), out) from error
+        raise _kept(error, done, work, out) from error
 
 
-def _kept(error: Exception, done: int, total: int, out: Path) -> WideberthError:
-    """Add to an error what it left."""
+def _kept(error: Exception, done: int, work: _Work, out: Path) -> WideberthError:
+    """Return the error with the number of finished tasks, which are kept."""
     if not done:
-        return WideberthError(fault(error))
+        return WideberthError(describe_error(error))
     return WideberthError(
-        f"{fault(error)}; {done} of {total} tasks are done and kept in {out}: once that is "
-        "mended, the same command goes on from there"
+        f"{describe_error(error)}; {done} of {len(work.tasks)} tasks are done and kept in {out}: "
+        "once that is mended, the same command goes on from there"
     )
 
 
-def _collect(experiment: Experiment, keys: Sequence[str], out: Path, source: str) -> None:
-    """Bring the shards together in the order of the tasks; table.csv comes last."""
+CHUNK = 0.2
+"""s of work that travel together: little beside what sending costs, little to do again."""
+LARGEST_CHUNK = 100
+"""Tasks."""
+
+
+class Sweep:
+    """Tasks on their way through a pool.
+
+    A chunk that is lost with its worker is done again task by task, each while nothing else is
+    out: a Dask worker holds chunks in its queue, which are lost with it through no fault of
+    theirs. Whatever then ends a worker as often as the pool's ``patience`` allows is named.
+    """
+
+    def __init__(self, pool: Pool, tasks: Mapping[str, Task]) -> None:
+        self._pool = pool
+        self._waiting = deque(tasks.items())
+        self._suspects: set[str] = set()
+        self._tried: str | None = None  # the suspect that is out, alone
+        self._lost: Counter[str] = Counter()
+        self._out = 0
+        self._pace = 0.0  # s per task, of late
+
+    def run(self, keep: Callable[[str, Packed], None]) -> None:
+        """Do all tasks; ``keep`` is called here with each shard, in the order of their ends.
+
+        Raises
+        ------
+        WideberthError : a task failed, or ends every worker that tries it.
+        """
+        self._fill()
+        while self._out:
+            back = self._pool.finished()
+            self._out -= len(back)
+            faults = [reason for reason in map(self._fault, back) if reason]
+            self._fill()  # the workers go on while the driver writes
+            for returned in back:
+                shards = returned.done.packed if returned.done else []
+                for (key, _), packed in zip(returned.chunk, shards, strict=False):
+                    keep(key, packed)
+            if faults:
+                raise WideberthError(faults[0])
+
+    def _fault(self, returned: Returned) -> str | None:
+        """Learn from a chunk that came back; return why the sweep cannot go on, if so."""
+        if returned.done is None:
+            return self._again(returned)
+        if returned.done.packed:
+            pace = returned.done.seconds / len(returned.done.packed)
+            self._pace = 0.5 * (self._pace + pace) if self._pace else pace
+        return returned.done.failed
+
+    def _again(self, returned: Returned) -> str | None:
+        key, task = returned.chunk[0]
+        if key == self._tried:
+            self._lost[key] += 1
+            if self._lost[key] >= self._pool.patience:
+                return f"task {task.name!r} ends every worker that does it ({returned.loss})"
+        self._suspects.update(key for key, _ in returned.chunk)
+        self._waiting.extendleft(reversed(returned.chunk))
+        return None
+
+    def _fill(self) -> None:
+        if self._out == 0:
+            self._tried = None
+        while self._waiting and self._pool.free and self._tried is None:
+            key = self._waiting[0][0]
+            if key in self._suspects:  # they wait in front
+                if self._out:
+                    return
+                self._tried = key
+            self._pool.submit(self._next())
+            self._out += 1
+
+    def _next(self) -> Chunk:
+        # half of each worker's share of what is left: at the end none waits long for another
+        share = ceil(len(self._waiting) / (2 * max(self._pool.slots, 1)))
+        size = min(LARGEST_CHUNK, share, int(CHUNK / self._pace) if self._pace else 1)
+        chunk = [self._waiting.popleft()]
+        while len(chunk) < size and self._tried is None:
+            chunk.append(self._waiting.popleft())
+        return chunk
+
+
+def _collect(work: _Work, out: Path) -> None:
+    """Write tables and files from the shards, in the order of the tasks; table.csv comes last."""
     rows: list[Row] = []
     times: list[Row] = []
     owner: dict[str, str] = {}
-    for key in keys:
-        outcome = read_shard(out / "shards", key, source)
+    for key in work.tasks:
+        outcome = read_shard(out / "shards", key, work.source)
         if outcome is None:
             raise WideberthError(f"{out}/shards/{key}.json vanished")
         rows += outcome.rows
@@ -195,7 +300,9 @@ def _collect(experiment: Experiment, keys: Sequence[str], out: Path, source: str
     tables = ["table.csv", "summary.csv", "summary.md", *(["times.csv"] if times else [])]
     claim_files(out, [*tables, *map(str, files.values())])
     for key in dict.fromkeys(owner.values()):
-        outcome = read_shard(out / "shards", key, source)  # not all are held in memory at once
+        outcome = read_shard(
+            out / "shards", key, work.source
+        )  # not all are held in memory at once
         for name, data in outcome.files.items() if outcome else ():
             path = out / files[name]
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -203,9 +310,9 @@ def _collect(experiment: Experiment, keys: Sequence[str], out: Path, source: str
     if times:
         write_table(out / "times.csv", times)
     table = table_text(rows)
-    summary = experiment.summary(read_rows(table, "the table"))
+    summary = work.experiment.summary(read_rows(table, "the table"))
     write_table(out / "summary.csv", summary)
-    write_text(out / "summary.md", f"{experiment.claim}\n\n{markdown_table(summary)}\n")
+    write_text(out / "summary.md", f"{work.experiment.claim}\n\n{markdown_table(summary)}\n")
     write_text(out / "table.csv", table)
     for path in shard_files(out):
         path.unlink()
@@ -239,7 +346,7 @@ def draw(folder: Path) -> list[Path]:
     """
     experiment, result = reopen(folder)
     head = f"the result in {folder} is complete, its figures cannot be drawn: "
-    with told(head), tempfile.TemporaryDirectory() as name:
+    with as_user_error(head), tempfile.TemporaryDirectory() as name:
         drawn = Path(name)
         returned = experiment.figures(result, drawn)
         made = {path: folder / "figures" / path.relative_to(drawn) for path in written(drawn)}

@@ -1,13 +1,9 @@
-"""How results are shown in a terminal: tables that fit, files that can be counted."""
+"""Tables of results as text: in a terminal that they fit, and as Markdown."""
 
-import sysconfig
-import traceback
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ...framework.values.errors import WideberthError
 from .base import Row
 
 WIDEST = 36
@@ -16,41 +12,11 @@ LISTED = 8
 """Files of one folder that are named; more are counted."""
 
 
-def shown(value: Any) -> str:
-    """Return a cell as a reader wants it: four digits, and nothing for None."""
+def format_cell(value: Any) -> str:
+    """Return a cell as text: a float with four digits, None empty."""
     if isinstance(value, float):
         return f"{value:.4g}"
     return "" if value is None else str(value)
-
-
-def fault(error: BaseException) -> str:
-    """Say what an exception says; of anything but our own also its type and where it arose."""
-    if isinstance(error, WideberthError):
-        return str(error)
-    frames = traceback.extract_tb(error.__traceback__)
-    own = [frame for frame in frames if not _of_a_library(Path(frame.filename))]
-    place = "".join(f" ({frame.filename}, line {frame.lineno})" for frame in (own or frames)[-1:])
-    text = f": {error}" if str(error) else ""
-    return f"{type(error).__name__}{text}{place}"
-
-
-@contextmanager
-def told(head: str = "") -> Iterator[None]:
-    """Turn whatever a plug-in raises, or an exit, into one message that begins with ``head``.
-
-    Raises
-    ------
-    WideberthError : the block has raised anything but a KeyboardInterrupt.
-    """
-    try:
-        yield
-    except (Exception, SystemExit) as error:
-        raise WideberthError(f"{head}{fault(error)}") from error
-
-
-def _of_a_library(file: Path) -> bool:
-    """Whether a file is of an installed library or of Python itself, not somebody's own."""
-    return "site-packages" in file.parts or file.is_relative_to(sysconfig.get_path("stdlib"))
 
 
 def print_table(rows: Sequence[Row]) -> None:
@@ -62,7 +28,9 @@ def print_table(rows: Sequence[Row]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    lines = [[name, *(shown(row[name]) for row in rows)] for name in (rows[0] if rows else ())]
+    lines = [
+        [name, *(format_cell(row[name]) for row in rows)] for name in (rows[0] if rows else ())
+    ]
     upright = len(rows) > 4 or len(lines) <= 8
     columns = lines if upright else [list(line) for line in zip(*lines, strict=True)]
     names = _naming(rows) if upright else 1
@@ -119,3 +87,45 @@ def list_files(folder: Path, files: Sequence[Path]) -> list[str]:
         many = top != folder and len(some) > LISTED and top.name == "files"
         lines += [f"{top}: {len(some)} files"] if many else [str(path) for path in some]
     return lines
+
+
+def markdown_table(rows: Sequence[Row]) -> str:
+    r"""Return rows as a Markdown table; words stand left, numbers right.
+
+    Examples
+    --------
+    >>> print(markdown_table([{"planner": "a|b", "share": 0.123456}]))
+    | planner | share |
+    | :-- | --: |
+    | a\|b | 0.1235 |
+    """
+    columns = columns_of(rows)
+    marks = [":--" if has_words(rows, name) else "--:" for name in columns]
+    lines = [[plain(name) for name in columns], marks]
+    lines += [[plain(format_cell(row.get(name))) for name in columns] for row in rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def columns_of(rows: Sequence[Row]) -> list[str]:
+    """Return the names of all columns, in the order in which they first appear."""
+    return list(dict.fromkeys(name for row in rows for name in row))
+
+
+def has_words(rows: Sequence[Row], name: str) -> bool:
+    """Whether a column holds words, which stand left."""
+    return any(isinstance(row.get(name), str) for row in rows)
+
+
+def plain(text: str) -> str:
+    r"""Return text that means nothing to Markdown or HTML but itself, in one line.
+
+    Examples
+    --------
+    >>> plain("<b>a_b*</b> `x` [y]")
+    '&lt;b&gt;a_b\\*&lt;/b&gt; \\`x\\` \\[y\\]'
+    """
+    for sign, written in (("\\", "\\\\"), ("&", "&amp;"), ("<", "&lt;"), (">", "&gt;")):
+        text = text.replace(sign, written)
+    for sign in "|*`[]":  # an underscore inside a word is one
+        text = text.replace(sign, f"\\{sign}")
+    return " ".join(text.split())

@@ -1,4 +1,6 @@
-"""What a worker does, wherever it runs: check that it is the driver's twin, then do tasks.
+"""What driver and workers agree on: jobs, chunks of tasks, pools; and what a worker does.
+
+A worker checks that it runs the same program as the driver, then does tasks.
 
 A `Job` travels to every worker with every chunk of tasks and is opened once per process. Tasks
 come back as packed shards, which only the driver writes: workers need no folder in common,
@@ -19,16 +21,16 @@ from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 from ...framework.control.notices import quiet
 from ...framework.plugins.config import import_plugins
 from ...framework.values.errors import WideberthError
 from . import threads
 from .base import Experiment, Task
+from .errors import describe_error
 from .provenance import LIBRARIES, fingerprint, foreign_sources
 from .shards import Packed, pack
-from .showing import fault
 
 Chunk: TypeAlias = Sequence[tuple[str, Task]]
 """Tasks that go to a worker together, each with the name of its shard."""
@@ -68,12 +70,59 @@ class Done:
     seconds: float
 
 
+@dataclass(frozen=True)
+class Returned:
+    """A chunk that came back.
+
+    Attributes
+    ----------
+    chunk : as it was submitted.
+    done : what the worker made of it; None if the worker was lost.
+    loss : how.
+    """
+
+    chunk: Chunk
+    done: Done | None
+    loss: str = ""
+
+
+class Pool(Protocol):
+    """Workers somewhere.
+
+    Attributes
+    ----------
+    patience : workers that a task, done with nothing beside it, may cost before it is given up.
+    """
+
+    patience: int
+
+    @property
+    def slots(self) -> int:
+        """Chunks that are worked at at the same time."""
+        ...
+
+    @property
+    def free(self) -> bool:
+        """Whether a chunk can be taken now."""
+        ...
+
+    def submit(self, chunk: Chunk) -> None:
+        """Give a chunk to a worker."""
+
+    def finished(self) -> list[Returned]:
+        """Wait a few seconds at most for chunks that came back, or were lost."""
+        ...
+
+    def close(self) -> None:
+        """Stop the work that is left and let go of the workers."""
+
+
 def pack_job(experiment: Experiment, plugins: Sequence[str], source: str) -> bytes:
     """Return a `Job` as bytes; classes of a script travel by value, those of modules by name."""
-    from joblib.externals.loky.backend.reduction import dumps
+    from joblib import wrap_non_picklable_objects
 
-    opened = bytes(dumps(experiment))
-    job = Job(opened, tuple(plugins), source, twin(experiment, plugins))
+    wrapped = wrap_non_picklable_objects(experiment, keep_wrapper=False)
+    job = Job(pickle.dumps(wrapped), tuple(plugins), source, twin(experiment, plugins))
     return pickle.dumps(job)
 
 
@@ -206,7 +255,7 @@ def do_task(experiment: Experiment, task: Task, source: str) -> Packed:
                 outcome = experiment.measure(task)
         except (Exception, SystemExit) as error:  # a plug-in may fail in any way; say where
             interrupt.check()
-            raise WideberthError(f"task {task.name!r}: {fault(error)}") from error
+            raise WideberthError(f"task {task.name!r}: {describe_error(error)}") from error
         interrupt.check()
     return pack(task, outcome, source)
 

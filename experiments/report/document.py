@@ -10,9 +10,8 @@ from typing import Any
 from ...framework.plugins.io import check_target, read_json, read_table, table_text, write_text
 from ...framework.values.errors import WideberthError
 from ..engine.base import Row
-from ..engine.markdown import columns_of, has_words, markdown_table, plain
 from ..engine.runner import draw, reopen
-from ..engine.showing import WIDEST, shown
+from ..engine.showing import WIDEST, columns_of, format_cell, has_words, markdown_table, plain
 from ..engine.timing import condense_times
 from .page import MARK, PLAYER, data_uri, page, template
 from .player import episode_planner, kept_episodes, packed, player, read_episode, result_tail
@@ -241,7 +240,7 @@ def html_table(rows: Sequence[Row], caption: str) -> str:
 
 
 def _cell(value: Any, words: bool) -> str:
-    text = shown(value)
+    text = format_cell(value)
     side = _class(words, len(text) > WIDEST)
     if isinstance(value, int | float):  # a truth value is 1 or 0
         return f'<td{side} data-value="{float(value)!r}">{escape(text)}</td>'
@@ -322,8 +321,10 @@ def _origin(one: Report) -> str:
     facts = []
     for name, value in one.provenance.items():
         if isinstance(value, dict):
-            value = ", ".join(f"{key} {shown(number) or 'none'}" for key, number in value.items())
-        facts.append(f"<dt>{escape(name)}</dt><dd>{escape(shown(value) or 'none')}</dd>")
+            value = ", ".join(
+                f"{key} {format_cell(number) or 'none'}" for key, number in value.items()
+            )
+        facts.append(f"<dt>{escape(name)}</dt><dd>{escape(format_cell(value) or 'none')}</dd>")
     return (
         f'<p class="quiet">{escape(origin(one.provenance))}</p>\n'
         "<details><summary>Versions and machine</summary>"

@@ -24,8 +24,8 @@ from ..drawing import episode_artists as artists
 from ..drawing.kept_out import kept_out_of, planner_behind, region_name
 from ..drawing.plotting import COLOURS
 from ..engine.closed_loop import log_name
+from ..engine.errors import as_user_error
 from ..engine.runner import reopen
-from ..engine.showing import told
 from .page import MARK, PLAYER, page, template
 
 TAIL = 0.05
@@ -431,7 +431,7 @@ def episode_planner(path: Path) -> Planner | None:
     controller.
     """
     try:
-        with told():
+        with as_user_error():
             experiment, _ = reopen(path.resolve().parent.parent)
             task = next((one for one in experiment.tasks() if log_name(one) == path.name), None)
     except WideberthError:

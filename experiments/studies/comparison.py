@@ -17,7 +17,7 @@ from ...framework.numerics.statistics import (
 )
 from ...framework.plugins.io import write_bytes, write_table
 from ...framework.robot import Robot
-from ...framework.values.arrays import Array, probability, whole
+from ...framework.values.arrays import Array, whole
 from ...framework.values.errors import WideberthError
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
@@ -35,6 +35,7 @@ from ..drawing.trade_off_markers import (
 )
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 from ..engine.closed_loop import (
+    check_settings,
     check_starts,
     column,
     first_of,
@@ -104,12 +105,10 @@ class Comparison(Experiment):
     tail: float = 0.05
 
     def __post_init__(self) -> None:
-        whole("seeds", self.seeds)
+        check_settings(
+            self.seeds, self.tail, **{name: getattr(self, name) for name in AXES.values()}
+        )
         whole("first_seed", self.first_seed, least=0)
-        probability("tail", self.tail)
-        for name in AXES.values():
-            if not getattr(self, name):
-                raise WideberthError(f"{name} is empty; name at least one")
         for name in ("baseline", "oracle"):
             named = getattr(self, name)
             if named and named not in self.controllers:

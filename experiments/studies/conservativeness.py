@@ -11,13 +11,14 @@ from ...framework.numerics.statistics import known_mean
 from ...framework.predictor import Predictor
 from ...framework.region import Region
 from ...framework.robot import Robot
-from ...framework.values.arrays import Array, probability, whole
+from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import AgentLog, Episode
 from ...simulation.scenarios.base import Scenario
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 from ..engine.closed_loop import (
+    check_settings,
     check_starts,
     column,
     condense,
@@ -80,16 +81,13 @@ class Conservativeness(Experiment):
     tail: float = 0.05
 
     def __post_init__(self) -> None:
-        whole("seeds", self.seeds)
-        probability("tail", self.tail)
+        check_settings(self.seeds, self.tail, regions=self.regions, scenarios=self.scenarios)
         planner_of(self.planner)
         if ORACLE not in self.predictors:
             raise WideberthError(
                 f"predictors are {sorted(self.predictors)}; one must be named {ORACLE!r}: the "
                 "extra time and path of the others are relative to it"
             )
-        if not self.regions or not self.scenarios:
-            raise WideberthError("regions and scenarios must each name at least one")
 
     def tasks(self) -> list[Task]:
         """One per scenario, region, covariance rule and seed."""

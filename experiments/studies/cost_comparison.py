@@ -10,14 +10,13 @@ from ...framework.controller import Controller
 from ...framework.mpc.costs.base import Cost
 from ...framework.plugins.io import write_table
 from ...framework.robot import Robot
-from ...framework.values.arrays import probability, whole
-from ...framework.values.errors import WideberthError
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
 from ...simulation.measures.summary import robot_rows, summarise
 from ...simulation.scenarios.base import Scenario
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 from ..engine.closed_loop import (
+    check_settings,
     check_starts,
     column,
     condense,
@@ -81,11 +80,8 @@ class CostComparison(Experiment):
     tail: float = 0.05
 
     def __post_init__(self) -> None:
-        whole("seeds", self.seeds)
-        probability("tail", self.tail)
+        check_settings(self.seeds, self.tail, costs=self.costs, scenarios=self.scenarios)
         planner_of(self.planner)
-        if not self.costs or not self.scenarios:
-            raise WideberthError("costs and scenarios must each name at least one")
 
     def tasks(self) -> list[Task]:
         """One per scenario and seed, for all costs."""

@@ -7,12 +7,11 @@ from typing import ClassVar, Self, final
 from ...framework.controller import Controller
 from ...framework.predictor import Predictor
 from ...framework.robot import Robot
-from ...framework.values.arrays import probability, whole
-from ...framework.values.errors import WideberthError
 from ...simulation.engine.settings import Settings
 from ...simulation.scenarios.base import Scenario
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 from ..engine.closed_loop import (
+    check_settings,
     check_starts,
     condense,
     grid,
@@ -70,11 +69,8 @@ class DynamicMatters(Experiment):
     tail: float = 0.05
 
     def __post_init__(self) -> None:
-        whole("seeds", self.seeds)
-        probability("tail", self.tail)
+        check_settings(self.seeds, self.tail, predictors=self.predictors, scenarios=self.scenarios)
         planner_of(self.planner)
-        if not self.predictors or not self.scenarios:
-            raise WideberthError("predictors and scenarios must each name at least one")
 
     def tasks(self) -> list[Task]:
         """One per scenario, predictor and seed."""

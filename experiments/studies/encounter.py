@@ -7,13 +7,22 @@ from typing import ClassVar, Self, final
 from ...framework.controller import Controller
 from ...framework.plugins.io import write_bytes
 from ...framework.robot import Robot
-from ...framework.values.arrays import positive, probability, whole
+from ...framework.values.arrays import positive
 from ...framework.values.errors import WideberthError
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
 from ...simulation.scenarios.base import Scenario
 from ..engine.base import Experiment, Outcome, Result, Row, Task
-from ..engine.closed_loop import check_starts, condense, grid, group, inputs_of, outcome, play
+from ..engine.closed_loop import (
+    check_settings,
+    check_starts,
+    condense,
+    grid,
+    group,
+    inputs_of,
+    outcome,
+    play,
+)
 
 
 @final
@@ -49,11 +58,8 @@ class Encounter(Experiment):
     view_distance: float = 5.0
 
     def __post_init__(self) -> None:
-        whole("seeds", self.seeds)
-        probability("tail", self.tail)
+        check_settings(self.seeds, self.tail, planners=self.planners)
         positive("view_distance", self.view_distance)
-        if not self.planners:
-            raise WideberthError("planners is empty; name at least one setting of the planner")
         if not 0 <= self.show < self.seeds:
             raise WideberthError(f"show is {self.show}; wanted a seed in [0, {self.seeds})")
 

@@ -11,7 +11,7 @@ from ...framework.numerics.statistics import known_mean
 from ...framework.predictor import Predictor
 from ...framework.region import Region
 from ...framework.robot import Robot
-from ...framework.values.arrays import positive, probability, whole
+from ...framework.values.arrays import positive
 from ...framework.values.errors import WideberthError
 from ...framework.values.forecast import GaussianObstacle
 from ...regions.minkowski_sum import MinkowskiSum
@@ -20,6 +20,7 @@ from ...simulation.log.episode_log import Episode
 from ...simulation.scenarios.base import Scenario
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 from ..engine.closed_loop import (
+    check_settings,
     check_starts,
     column,
     condense,
@@ -91,12 +92,9 @@ class Flight(Experiment):
     lead: float = 1.5
 
     def __post_init__(self) -> None:
-        whole("seeds", self.seeds)
-        probability("tail", self.tail)
+        check_settings(self.seeds, self.tail, regions=self.regions, predictors=self.predictors)
         positive("lead", self.lead)
         planner_of(self.planner)
-        if not self.regions or not self.predictors:
-            raise WideberthError("regions and predictors must each name at least one")
         if not 0 <= self.show < self.seeds:
             raise WideberthError(f"show is {self.show}; wanted a seed in [0, {self.seeds})")
         if self.robot.dimension != 3:

@@ -11,8 +11,6 @@ from ...framework.mpc.levels.base import LevelPolicy, level_of
 from ...framework.mpc.planner.planner import Planner
 from ...framework.predictor import Predictor
 from ...framework.robot import Robot
-from ...framework.values.arrays import probability, whole
-from ...framework.values.errors import WideberthError
 from ...framework.values.plan import Plan, Rung
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import AgentLog, Episode
@@ -22,6 +20,7 @@ from ..drawing.episode_artists import pairs
 from ..drawing.trade_off_markers import front_legend, front_looks, mark, widen
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 from ..engine.closed_loop import (
+    check_settings,
     check_starts,
     column,
     condense,
@@ -82,12 +81,14 @@ class LevelPolicies(Experiment):
     tail: float = 0.05
 
     def __post_init__(self) -> None:
-        whole("seeds", self.seeds)
-        probability("tail", self.tail)
+        check_settings(
+            self.seeds,
+            self.tail,
+            scenarios=self.scenarios,
+            predictors=self.predictors,
+            levels=self.levels,
+        )
         planner_of(self.planner)
-        for name in ("scenarios", "predictors", "levels"):
-            if not getattr(self, name):
-                raise WideberthError(f"{name} is empty; name at least one")
         for predictor in self.predictors.values():
             for level in self.levels.values():
                 replace(planner_of(self.planner), predictor=predictor, level=level)

@@ -11,13 +11,13 @@ from ...framework.controller import Controller
 from ...framework.predictor import Predictor
 from ...framework.region import Region
 from ...framework.robot import Robot
-from ...framework.values.arrays import Array, probability, whole
+from ...framework.values.arrays import Array, whole
 from ...framework.values.errors import WideberthError
 from ...simulation.engine.settings import Settings
 from ...simulation.scenarios.base import Scenario
 from ..drawing.plotting import PAGE
 from ..engine.base import Experiment, Outcome, Result, Row, Task
-from ..engine.closed_loop import check_starts, first_of, grid, group, inputs_of
+from ..engine.closed_loop import check_settings, check_starts, first_of, grid, group, inputs_of
 from .comparison import SOURCES, against, check_robots, condensed, driving, measured
 
 
@@ -56,12 +56,8 @@ class PlannerParts(Experiment):
     tail: float = 0.05
 
     def __post_init__(self) -> None:
-        whole("seeds", self.seeds)
+        check_settings(self.seeds, self.tail, predictors=self.predictors, regions=self.regions)
         whole("first_seed", self.first_seed, least=0)
-        probability("tail", self.tail)
-        for name in ("predictors", "regions"):
-            if not getattr(self, name):
-                raise WideberthError(f"{name} is empty; name at least one")
         own: Any = fields(self.planner) if is_dataclass(self.planner) else ()
         missing = sorted({"predictor", "region"} - {entry.name for entry in own if entry.init})
         if missing:

@@ -15,7 +15,7 @@ from ...framework.plugins.io import write_table
 from ...framework.predictor import Predictor
 from ...framework.region import Region
 from ...framework.robot import Robot
-from ...framework.values.arrays import Array, probability, whole
+from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
 from ...framework.values.forecast import GaussianObstacle
 from ...regions.minkowski_sum import MinkowskiSum
@@ -26,6 +26,7 @@ from ...simulation.scenarios.base import Scenario
 from ..drawing.plotting import COLOURS, PAGE, few, note
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 from ..engine.closed_loop import (
+    check_settings,
     check_starts,
     column,
     condense,
@@ -96,11 +97,8 @@ class RegionPrice(Experiment):
     tail: float = 0.05
 
     def __post_init__(self) -> None:
-        whole("seeds", self.seeds)
-        probability("tail", self.tail)
+        check_settings(self.seeds, self.tail, predictors=self.predictors)
         planner_of(self.planner)
-        if not self.predictors:
-            raise WideberthError("predictors is empty; name at least one")
         if ELLIPSE not in self.regions:
             raise WideberthError(
                 f"regions are {sorted(self.regions)}; one must be named {ELLIPSE!r}: the price "

@@ -13,15 +13,14 @@ from ...framework.numerics.statistics import pareto
 from ...framework.plugins.config import build, describe
 from ...framework.plugins.yamlfile import assign
 from ...framework.robot import Robot
-from ...framework.values.arrays import probability, whole
 from ...framework.values.errors import WideberthError
 from ...simulation.engine.settings import Settings
 from ...simulation.scenarios.base import Scenario
 from ..drawing.plotting import COLOURS, PAGE
 from ..drawing.trade_off_markers import bars_note, mark, say_empty, widen
 from ..engine.base import Experiment, Outcome, Result, Row, Task
-from ..engine.closed_loop import check_starts, group, inputs_of
-from ..engine.showing import shown
+from ..engine.closed_loop import check_settings, check_starts, group, inputs_of
+from ..engine.showing import format_cell
 from .comparison import SOURCES, against, check_robots, condensed, driving, measured
 
 BASE = "base"
@@ -63,8 +62,7 @@ class Tuning(Experiment):
     tail: float = 0.05
 
     def __post_init__(self) -> None:
-        whole("seeds", self.seeds)
-        probability("tail", self.tail)
+        check_settings(self.seeds, self.tail)
         if not self.factors:
             raise WideberthError("factors is empty; name a key of the planner and its values")
         if not all(self.factors.values()):
@@ -120,7 +118,11 @@ class Tuning(Experiment):
         played = group(rows, "factor", "value")
         base = next(iter(played.values()))
         lines = [
-            {"factor": factor, "value": "" if value is None else shown(value), **condensed(own)}
+            {
+                "factor": factor,
+                "value": format_cell(value),
+                **condensed(own),
+            }
             | against(own, base)
             for (factor, value), own in played.items()
         ]
@@ -210,7 +212,7 @@ def draw_fronts(lines: Sequence[Row], rows: Sequence[Row]) -> Any:
 def _value(panel: Any, rows: Sequence[Row], key: tuple[Any, ...], colour: str) -> None:
     place = mark(panel, rows, "success_time", ("o", colour))
     if place is not None:
-        panel.annotate(shown(key[1]), place, (3, -8), textcoords="offset points", fontsize=6)
+        panel.annotate(format_cell(key[1]), place, (3, -8), textcoords="offset points", fontsize=6)
 
 
 def _front(lines: Sequence[Row]) -> Any:
