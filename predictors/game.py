@@ -10,6 +10,7 @@ import numpy as np
 from ..framework.mpc.planner.best_response import Agent, BestResponsePlanner, state_of
 from ..framework.mpc.planner.planner import Planner
 from ..framework.plugins.config import build, describe
+from ..framework.plugins.yamlfile import shared_settings
 from ..framework.predictor import Predictor
 from ..framework.values.arrays import Array, positive, whole
 from ..framework.values.errors import WideberthError
@@ -31,20 +32,8 @@ NEAR = 0.5
 
 
 def _recommended() -> Planner:
-    """Return the planner of the shipped encounters."""
-    planner = build(
-        "controllers",
-        {
-            "type": "mpc",
-            "robot": "unicycle",
-            "region": "mahalanobis_ellipse",
-            "predictor": {"type": "kalman", "acceleration_density": 0.01},
-            "level": "relaxed",
-            "solver": "fatrop",
-            "penalty": 1e5,
-            "margin": 0.1,
-        },
-    )
+    """Return the recommended planner of a unicycle."""
+    planner = build("controllers", {**shared_settings("recommended"), "robot": "unicycle"})
     assert isinstance(planner, Planner)
     return planner
 

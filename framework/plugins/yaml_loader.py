@@ -5,12 +5,13 @@ counted while they are composed; an alias counts as much as what it repeats.
 """
 
 import re
+from collections.abc import Callable
 from math import isinf
 from typing import Any, NoReturn
 
 import yaml
 
-from ..values.errors import short
+from ..values.errors import WideberthError, short
 
 _LONGEST_NUMBER = 100
 """Characters."""
@@ -24,11 +25,12 @@ class Loader(yaml.SafeLoader):
     text : YAML.
     most : values and keys that it may hold, those that aliases repeat counted each time.
     deepest : lists and mappings that may stand inside each other.
+    shared : returns the text of the settings that ``<<: NAME`` names.
     """
 
-    def __init__(self, text: str, most: int, deepest: int) -> None:
+    def __init__(self, text: str, most: int, deepest: int, shared: Callable[[str], str]) -> None:
         super().__init__(text)
-        self.most, self.deepest = most, deepest
+        self.most, self.deepest, self.shared = most, deepest, shared
         self.nodes = 0
         self.depth = 0
         self.known: dict[int, tuple[int, int]] = {}  # what an alias stands for: nodes, depth
@@ -59,15 +61,29 @@ class Loader(yaml.SafeLoader):
         """Compose a mapping as PyYAML does, and refuse a key that stands twice."""
         node: Any = super().compose_mapping_node(anchor)
         seen = set()
-        for key, _ in node.value:
+        for place, (key, value) in enumerate(node.value):
             if not isinstance(key, yaml.ScalarNode):
                 self._refuse(key, "a key must be one word, no list or mapping")
             if key.tag == "tag:yaml.org,2002:merge":  # <<: takes over what is not stated here
+                if isinstance(value, yaml.ScalarNode):
+                    node.value[place] = key, self._shared(value)
                 continue
             name = self.construct_object(key, deep=True)
             if name in seen:
                 self._refuse(key, f"key {short(name)} stands twice")
             seen.add(name)
+        return node
+
+    def _shared(self, name: Any) -> Any:
+        """Return the node of the shared settings that ``<<: NAME`` names."""
+        try:
+            text = self.shared(str(name.value))
+        except WideberthError as error:
+            self._refuse(name, str(error))
+        inner = Loader(text, self.most - self.nodes, self.deepest, self.shared)
+        node = inner.get_single_node()
+        self._count(name, inner.nodes, inner.known[id(node)][1])
+        self.known |= inner.known
         return node
 
     def _count(self, event: Any, nodes: int, depth: int) -> None:

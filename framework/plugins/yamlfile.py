@@ -14,6 +14,8 @@ STORED = 100
 """Times as large may be the config that a run has stored: it holds what predictors have learnt."""
 DEEPEST = 30
 """Lists and mappings inside each other, and parts of a dotted key."""
+SHARED = ("recommended",)
+"""Names of the settings that configs share: ``framework/NAME.yaml``."""
 
 
 def read_config(
@@ -63,6 +65,11 @@ def parse(text: str, place: str, times: int = 1) -> Any:
 
     >>> parse("first: &first {weight: 1, tail: 0.1}\nsecond: {<<: *first, tail: 0.2}", "example")
     {'first': {'weight': 1, 'tail': 0.1}, 'second': {'weight': 1, 'tail': 0.2}}
+
+    and shipped settings have names (`SHARED`):
+
+    >>> parse("planner: {<<: recommended, margin: 0.3}", "example")["planner"]["margin"]
+    0.3
     """
     import yaml
 
@@ -73,7 +80,7 @@ def parse(text: str, place: str, times: int = 1) -> Any:
             f"{place} has {len(text)} characters; wanted at most {times * MOST_CHARACTERS}"
         )
     try:
-        loader = Loader(text, times * MOST, DEEPEST)
+        loader = Loader(text, times * MOST, DEEPEST, shared_text)
         return loader.get_single_data()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
@@ -81,6 +88,32 @@ def parse(text: str, place: str, times: int = 1) -> Any:
         raise WideberthError(f"{place}{where} is not YAML: {error.problem}") from None
     except yaml.YAMLError as error:
         raise WideberthError(f"{place} is not YAML: {' '.join(str(error).split())}") from None
+
+
+def shared_text(name: str) -> str:
+    """Return the YAML text of settings that configs share, by their name in `SHARED`.
+
+    Raises
+    ------
+    WideberthError : no settings of this name.
+    """
+    from .registry import unknown
+
+    if name not in SHARED:
+        raise WideberthError(unknown("shared settings", name, SHARED))
+    return read_text(Path(__file__).parents[1] / f"{name}.yaml", "a YAML file", LARGEST)
+
+
+def shared_settings(name: str) -> dict[str, Any]:
+    """Return the settings that ``<<: NAME`` takes over in a config.
+
+    Examples
+    --------
+    >>> shared_settings("recommended")["margin"]
+    0.1
+    """
+    settings: dict[str, Any] = parse(shared_text(name), name)
+    return settings
 
 
 def dump(config: dict[str, Any]) -> str:
