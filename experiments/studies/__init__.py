@@ -19,6 +19,7 @@ BUILT_IN: dict[str, str] = {
     "planner_parts": f"{_HERE}.planner_parts:PlannerParts",
     "region_price": f"{_HERE}.region_price:RegionPrice",
     "tuning": f"{_HERE}.tuning:Tuning",
+    "convex_certificates": f"{_HERE}.convex_certificates:ConvexCertificates",
     "cost_comparison": f"{_HERE}.cost_comparison:CostComparison",
     "level_policies": f"{_HERE}.level_policies:LevelPolicies",
 }
