@@ -47,7 +47,7 @@ QUICK: tuple[Case, ...] = (
 
 @dataclass
 class Tally:
-    """What was counted of one part under test."""
+    """Counts of one part under test."""
 
     calls: int = 0
     faults: Counter[str] = field(default_factory=Counter)

@@ -191,7 +191,7 @@ def robot_of(made: Controller) -> Robot:
 
 
 def controller_case(kind: str, index: int, seed: int) -> Iterator[Call]:
-    """Let a controller decide `TICKS` times about what nobody should ever see."""
+    """Call a controller `TICKS` times with absurd observations."""
     rng = np.random.default_rng([1, index, seed])
     made = controller(kind, index)
     made.reset()
@@ -289,7 +289,7 @@ def draw_detection(rng: Rng, size: int, here: Array) -> Detection:
 
 
 def draw_polygon(rng: Rng) -> Polygon | None:
-    """Draw a polygon, thin, tiny, huge or starred; None where the door refuses it."""
+    """Draw a polygon, thin, tiny, huge or starred; None where validation refuses it."""
     corners = int(one_of(rng, 3, 4, 8, 40))
     angles = np.sort(rng.uniform(0.0, 2 * np.pi, corners))
     reach = rng.uniform(0.2, 1.0, corners)

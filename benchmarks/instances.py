@@ -43,7 +43,7 @@ class Made:
 
 @dataclass(frozen=True)
 class Recipe:
-    """What instances are made for.
+    """Kind of instances to make.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a plan is worth, in plain NumPy that shares no code with the MPC."""
+"""Quality of a plan, in plain NumPy that shares no code with the MPC."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What the planner makes of an instance: several starts, a deadline, and the fallback ladder."""
+"""Answer of the planner to an instance: several starts, a deadline and the fallback ladder."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

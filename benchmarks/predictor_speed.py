@@ -29,14 +29,14 @@ BRIEF_TRAINING = {
     "mixture_density": {"rounds": 1},
     "single_gaussian": {"base": {"type": "mixture_density", "rounds": 1}},
 }
-"""What learns is fitted first; how well a network is trained does not change its speed."""
+"""Short training of predictors that learn: the quality of a fit does not change the speed."""
 Call: TypeAlias = Callable[[], float | None]
-"""What is timed; a forecast returns the share of obstacles that fell back."""
+"""A timed call; a forecast returns the share of obstacles that fell back."""
 
 
 @dataclass
 class Candidate:
-    """What is timed.
+    """A predictor and its timed calls.
 
     Attributes
     ----------

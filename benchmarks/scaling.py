@@ -19,7 +19,7 @@ from wideberth.framework.values.plan import Status
 
 @dataclass(frozen=True)
 class Sizes:
-    """What is made.
+    """Sizes of the problems.
 
     Attributes
     ----------

@@ -40,7 +40,7 @@ Starts: TypeAlias = Callable[[Problem, Parameters, Guess], Sequence[Guess]]
 
 @dataclass(frozen=True)
 class SetUp:
-    """What takes part.
+    """A solver with its settings.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the solver was built to reach, beside what a run measured."""
+"""Design targets of the solver beside the measured values."""
 
 from collections.abc import Mapping, Sequence
 from typing import TypeAlias

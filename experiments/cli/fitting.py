@@ -1,4 +1,4 @@
-"""What `wideberth fit` and `wideberth check` are given on the shell, and what a fit has done."""
+"""Inputs of `wideberth fit` and `wideberth check`, and the report of a fit."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
@@ -23,7 +23,7 @@ FEWEST = 2
 """Samples that at least one track of a file must have in a row; how many a predictor needs it says
 itself."""
 LARGEST_NOISE = 1.0
-"""m; nobody fits to positions as uncertain as that."""
+"""m; positions as uncertain as that cannot be fitted to."""
 PATTERN = "*.txt"
 """The recordings of a folder."""
 

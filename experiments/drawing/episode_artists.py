@@ -117,7 +117,7 @@ def outlines(forecast: Forecast | None, tail: float, count: int = 96, every: int
     forecast : as in the plan; None gives no outlines.
     tail : 1 - content, in (0, 1).
     count : points of an outline.
-    every : draw every so manieth step only, the last one among them.
+    every : steps from one drawn step to the next; the last one is drawn.
 
     Returns
     -------

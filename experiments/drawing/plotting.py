@@ -17,7 +17,7 @@ PAGE = 7.16
 """Width of two printed columns with the gap between them, inch."""
 
 COLOURS = ("#1b1b1b", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00")
-"""Black and five of Okabe and Ito's colours, told apart by most colour-blind readers."""
+"""Black and five of Okabe and Ito's colours, which most colour-blind readers distinguish."""
 
 LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 2)))
 """Line styles, one per colour: in grey print the style alone tells lines apart."""

@@ -36,7 +36,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one task found.
+    """Result of one task.
 
     Attributes
     ----------

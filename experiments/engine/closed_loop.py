@@ -1,4 +1,4 @@
-"""What the closed-loop experiments share: playing one episode, and condensing many."""
+"""Closed-loop studies: settings, tasks, one episode played, many condensed."""
 
 from collections.abc import Iterable, Mapping, Sequence, Sized
 from itertools import product
@@ -110,7 +110,7 @@ def grid(axes: Mapping[str, Iterable[str]], seeds: Iterable[int]) -> list[Task]:
 
 
 KEPT_BY = ("scenario", "robot", "settings", "planner", "controller")
-"""What the names of kept episodes are made of, where a task has it."""
+"""Settings of a task that make up the name of a kept episode, where it has them."""
 
 
 def log_name(task: Task) -> str:

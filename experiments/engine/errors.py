@@ -39,5 +39,5 @@ def as_user_error(head: str = "") -> Iterator[None]:
 
 
 def _of_a_library(file: Path) -> bool:
-    """Whether a file is of an installed library or of Python itself, not somebody's own."""
+    """Return whether a file belongs to an installed library or to Python itself."""
     return "site-packages" in file.parts or file.is_relative_to(sysconfig.get_path("stdlib"))

@@ -35,7 +35,7 @@ class Progress:
         self.timer.daemon = True
 
     def __enter__(self) -> Any:
-        self.began = self.told = time.monotonic()
+        self.began = self.reported = time.monotonic()
         self.timer.start()
         return self._advance
 
@@ -48,8 +48,8 @@ class Progress:
         self.done += 1
         self.bar.advance(self.task)
         now = time.monotonic()
-        if not self.console.is_terminal and now > self.told + _EVERY:
-            self.told = now
+        if not self.console.is_terminal and now > self.reported + _EVERY:
+            self.reported = now
             left = (now - self.began) / (self.done - self.earlier) * (self.total - self.done)
             say(f"{self.done} of {self.total} tasks; about {span(left)} left")
 
@@ -69,5 +69,5 @@ def span(seconds: float) -> str:
 
 
 def say(text: str) -> None:
-    """Tell whoever watches, beside the output proper."""
+    """Print a note to standard error."""
     print(text, file=sys.stderr, flush=True)

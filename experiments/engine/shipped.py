@@ -19,7 +19,7 @@ DEMO = (
     "chicken_game",
     "crossing",
 )
-"""What ``wideberth demo`` runs, in this order."""
+"""Configs that ``wideberth demo`` runs, in this order."""
 
 
 def shipped() -> list[str]:
@@ -62,7 +62,7 @@ def _check_names(kind: object, path: Path, overrides: list[str]) -> None:
     Raises
     ------
     WideberthError : ``settings.nominl.time_limit=5`` where ``settings`` holds only ``nominal``;
-        ``factors.level.tail.0=0.1``, whose name, ``level.tail``, cannot be told from a way down.
+        ``factors.level.tail.0=0.1``, whose name, ``level.tail``, reads like a path of keys.
     """
     try:
         hints = get_type_hints(load("experiments", str(kind)))

@@ -1,4 +1,4 @@
-"""What driver and workers agree on: jobs, chunks of tasks, pools; and what a worker does.
+"""The contract of driver and workers: jobs, chunks of tasks and pools; and the work itself.
 
 A worker checks that it runs the same program as the driver, then does tasks.
 
@@ -38,7 +38,7 @@ Chunk: TypeAlias = Sequence[tuple[str, Task]]
 
 @dataclass(frozen=True)
 class Job:
-    """What every task of a run has in common.
+    """The experiment of a run, packed for its workers.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Done:
-    """What a worker made of a chunk.
+    """Result of a chunk of tasks.
 
     Attributes
     ----------
@@ -195,11 +195,11 @@ def open_job(packed: bytes) -> tuple[Job, Experiment]:
     here = twin(experiment, job.plugins)
     differing = [name for name in {**job.twin, **here} if job.twin.get(name) != here.get(name)]
     if differing:
-        told = ", ".join(
+        named = ", ".join(
             f"{name} ({here.get(name)} instead of {job.twin.get(name)})" for name in differing
         )
         raise WideberthError(
-            f"it differs from the driver in: {told}; install the same there and restart it"
+            f"it differs from the driver in: {named}; install the same there and restart it"
         )
     return job, experiment
 

@@ -22,7 +22,7 @@ TABLES = "<!-- tables of a report by wideberth -->"
 
 @dataclass(frozen=True)
 class Report:
-    """What a report says of one result.
+    """Contents of a report on one result.
 
     Attributes
     ----------

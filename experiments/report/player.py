@@ -29,7 +29,7 @@ from ..engine.runner import reopen
 from .page import MARK, PLAYER, page, template
 
 TAIL = 0.05
-"""1 - content of drawn regions where nobody states another."""
+"""1 - content of drawn regions by default."""
 
 
 def play(path: Path, out: Path, tail: float | None = None) -> Path:
@@ -155,7 +155,7 @@ _EVERY = (1, 2, 3, 5, 8)  # steps from one kept region to the next
 @final
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """What of the forecasts is shown.
+    """Choice of forecast regions that a page shows.
 
     Attributes
     ----------
@@ -262,7 +262,7 @@ def _extent(episode: Episode, axes: list[int]) -> list[float]:
 
 
 def _unwrapped(headings: Array) -> Array:
-    """Headings without jumps of a full turn; NaN while somebody is absent."""
+    """Headings without jumps of a full turn; NaN while the agent is absent."""
     known, found = np.isfinite(headings), headings.copy()
     found[known] = np.unwrap(headings[known])
     return found
@@ -455,7 +455,7 @@ def spacing(episode: Episode, every: int) -> int:
 def outlined(
     episode: Episode, log: AgentLog, plan: Plan, shown: Shown, steps: list[int]
 ) -> dict[tuple[int, int], list[Array | None]]:
-    """`kept_out_of` at the last of some steps and every so manieth before; None at the others."""
+    """Return `kept_out_of` at the last step and every ``apart``-th before; None elsewhere."""
     if shown.planner is None:
         return {}
     chosen = range((len(steps) - 1) % shown.apart, len(steps), shown.apart)

@@ -1,4 +1,4 @@
-"""What risk a closed loop takes, beside what it states, where the forecasts' model is true."""
+"""Risk that a closed loop takes against the risk it states, under a true forecast model."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -46,7 +46,7 @@ RATIOS = {
     "near_touched": ("near_touched", "near"),
     "ratio": ("touched", "expected"),
 }
-"""What is divided by what in the summary."""
+"""Ratio of the summary -> its numerator and denominator."""
 
 
 @final

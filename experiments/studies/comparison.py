@@ -399,7 +399,7 @@ TRENDS = {
     "time_median_s": "time to the goals (s),\nmedian",
     "clearance_median_m": "least clearance (m),\nmedian",
 }
-"""What is drawn over the places."""
+"""Column of the summary -> label of its panel of trends."""
 
 
 def draw_summary(

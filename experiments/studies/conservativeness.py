@@ -1,4 +1,4 @@
-"""What each region and each covariance costs in closed loop, and what it keeps."""
+"""Time and path that each region and covariance costs in closed loop, and the share it keeps."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path

@@ -41,7 +41,7 @@ PANELS = {
     "peak_speed": "highest speed (m/s)",
     "deviation": "largest distance\nfrom path (m)",
 }
-"""What is drawn of each episode."""
+"""Column of the table -> label of its panel."""
 
 
 @final

@@ -674,9 +674,9 @@ class PredictionBenchmark(Experiment):
             return predictor, f"{UNFITTED}: no other scene{lacking}"
         try:
             plural = "s" if len(training) > 1 else ""
-            told = f"{FITTED} {len(training)} recording{plural}{lacking}"
+            text = f"{FITTED} {len(training)} recording{plural}{lacking}"
             after = predictor.fit(training)
-            return after, NOTHING if after == predictor else told
+            return after, NOTHING if after == predictor else text
         except WideberthError as error:
             return predictor, f"{UNFITTED}: {error}{lacking}"
 
@@ -735,7 +735,7 @@ MEANS = {
 AREAS = ("area_m2", "area_90_m2", "area_mean_m2")
 """Columns of the table whose mean over the scenes, at the last step, is in the summary."""
 AS_GIVEN, NOTHING, FITTED, UNFITTED = "as given", "nothing to fit", "fitted to", "not fitted"
-"""What the table's texts on fitting are or begin with."""
+"""Texts of the table's column ``fitted``, or how they begin."""
 
 
 def summary(rows: list[Row]) -> list[Row]:

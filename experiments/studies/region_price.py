@@ -1,4 +1,4 @@
-"""What each region costs in closed loop: clearance, time, way and solve time."""
+"""Price of each region in closed loop: clearance, time, path and solve time."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
