@@ -33,7 +33,7 @@ _FORMER = {
         "sensing": "channel localisation",
         "gym": "gymnasium_environment=environment",
     },
-    "experiments": {"engine": "base runner sweep"},
+    "experiments": {"engine": "base closed_loop runner sweep=runner", "drawing": "plotting"},
 }
 """Package -> group -> names of modules that stood in the package, ``old=new`` where renamed."""
 

@@ -101,7 +101,7 @@ def shared_text(name: str) -> str:
 
     if name not in SHARED:
         raise WideberthError(unknown("shared settings", name, SHARED))
-    return read_text(Path(__file__).parents[1] / f"{name}.yaml", "a YAML file", LARGEST)
+    return read_text(Path(__file__).parents[1] / f"{name}.yaml", "a YAML file", MOST_CHARACTERS)
 
 
 def shared_settings(name: str) -> dict[str, Any]:
