@@ -194,8 +194,7 @@ def sum_support(axes: Array, margin: float, normals: Array) -> Array:
     Maximise sum_k n_k . (diag(axes) u_k + margin v_k) over |u_k| <= 1, |v_k| <= 1: the terms
     have no variable in common, so that each is at its own maximum.
     """
-    import cvxpy
-
+    cvxpy = _cvxpy()
     unit = float(max(axes.max(), margin))  # of length, so that the solver sees numbers near 1
     first, second = cvxpy.Variable(normals.shape), cvxpy.Variable(normals.shape)
     image = cvxpy.multiply(first, (axes / unit)[None]) + (margin / unit) * second
@@ -218,8 +217,7 @@ def distances(points: Array, support: Callable[[Array], Array], normals: Array) 
     support : function h, (K, 2) -> (K,), m.
     normals : n_k to begin with, (K, 2).
     """
-    import cvxpy
-
+    cvxpy = _cvxpy()
     unit = float(np.abs(points).max())
     scaled = points / unit
     turn = 2.0 * np.pi / len(normals)
@@ -245,8 +243,7 @@ def smallest_ellipse(axes: Array, margin: float) -> Array:
 
         [[T - t_1 P, T], [T, T - t_2 I]] <= 0.
     """
-    import cvxpy
-
+    cvxpy = _cvxpy()
     size = len(axes)
     inverse = np.diag((margin / axes) ** 2)
     shape = cvxpy.Variable((size, size), PSD=True)
@@ -255,6 +252,13 @@ def smallest_ellipse(axes: Array, margin: float) -> Array:
     limits = [first + second <= 1.0, 0.5 * (block + block.T) << 0]
     _solve(cvxpy.Problem(cvxpy.Maximize(cvxpy.log_det(shape)), limits))
     return margin / np.sqrt(np.linalg.eigvalsh(np.asarray(shape.value)))
+
+
+def _cvxpy() -> Any:
+    """Return CVXPY, imported late, whose functions carry no types."""
+    import cvxpy
+
+    return cvxpy
 
 
 def _solve(problem: Any) -> None:
