@@ -13,8 +13,8 @@ from ..framework.robot import Robot
 from ..framework.tracking.history import MOST, admitted, named_apart, viewpoint
 from ..framework.values.arrays import Array, positive
 from ..framework.values.errors import WideberthError
-from ..framework.values.magnitudes import SHORTEST
 from ..framework.values.motion import Command, Detection, Observation, checked_numbers
+from ..framework.values.number_limits import SHORTEST
 from ..framework.values.path import Path
 from ..framework.values.plan import Plan
 from .steering import Guide

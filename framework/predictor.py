@@ -7,7 +7,7 @@ from functools import wraps
 from typing import Any, ClassVar, Self
 
 from .values.forecast import Forecast, Scene
-from .values.magnitudes import bounded
+from .values.number_limits import bounded
 from .values.tracks import Tracks
 
 
@@ -59,7 +59,7 @@ class Predictor(ABC):
 
     The last law is kept here for every subclass: its `predict` (and `Adaptive.update`) is
     called with tracks and scene within the limits of
-    `wideberth.framework.values.magnitudes`, and the
+    `wideberth.framework.values.number_limits`, and the
     obstacles that were beyond them have that as their reason. Within these limits a method's own
     arithmetic must neither overflow nor divide by zero.
     """

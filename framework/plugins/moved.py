@@ -14,7 +14,8 @@ from types import ModuleType
 
 _FORMER = {
     "framework": {
-        "values": "arrays errors motion tracks forecast plan path footprint polygon magnitudes",
+        "values": "arrays errors motion tracks forecast plan path footprint polygon"
+        " magnitudes=number_limits",
         "plugins": "registry config saved=config yamlfile io reading=io",
         "numerics": "geometry eigenframe integration statistics symbolic",
         "tracking": "history resampling windows recordings noise",
@@ -42,6 +43,9 @@ MOVED = {
     for package, groups in _FORMER.items()
     for group, names in groups.items()
     for old, _, new in (name.partition("=") for name in names.split())
+} | {
+    f"wideberth.controllers.{old}": "wideberth.controllers.presets"
+    for old in ("preset", "lmpcc", "linearized_chance", "mpc_constant_velocity")
 }
 """Old module name -> new one."""
 

@@ -11,8 +11,8 @@ from ..predictor import Adaptive, Predictor
 from ..values.arrays import Array
 from ..values.errors import WideberthError
 from ..values.forecast import Forecast, Scene, resample
-from ..values.magnitudes import bounded
 from ..values.motion import Observation
+from ..values.number_limits import bounded
 from ..values.plan import Plan
 from ..values.tracks import Tracks
 from .history import History, admitted

@@ -15,8 +15,8 @@ from wideberth.framework.tracking.history import MOST, History, named_apart
 from wideberth.framework.values.arrays import Array, checked_covariance
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast, Scene
-from wideberth.framework.values.magnitudes import FARTHEST, bounded
 from wideberth.framework.values.motion import Detection, Observation
+from wideberth.framework.values.number_limits import FARTHEST, bounded
 from wideberth.framework.values.plan import Plan, Rung
 from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.adaptive_conformal import AdaptiveConformal
