@@ -8,8 +8,8 @@ from typing import Any, final
 from numpy.typing import ArrayLike
 
 from ..framework.control.command_limits import within_reach
-from ..framework.control.notices import NOTICES
 from ..framework.control.policy_observer import ObservationSpec, PolicyObserver, Shown
+from ..framework.control.rate_limited_warnings import WARNINGS
 from ..framework.controller import Controller, checked_path, checked_ready, checked_use
 from ..framework.robot import Robot
 from ..framework.values.arrays import positive
@@ -67,7 +67,7 @@ class Policy(Controller):
     def remember(self, observation: Observation) -> None:
         """Record the detections."""
         for words in self._view.take(checked_use(self.robot, observation)):
-            NOTICES.warn(type(self).__name__, "detection", words)
+            WARNINGS.warn(type(self).__name__, "detection", words)
 
     def command(self, observation: Observation) -> Command:
         """Evaluate the policy; raises for wrong use alone, see `reason` for other failures.
@@ -86,7 +86,7 @@ class Policy(Controller):
             command = within_reach(self.robot, command)
         except Exception as error:  # a policy may fail in any way
             self._reason = f"{type(error).__name__}: {error}"
-            NOTICES.warn(type(self).__name__, "stands still", self._reason)
+            WARNINGS.warn(type(self).__name__, "stands still", self._reason)
             command = Command((0.0,) * self.robot.dimension)
         self._view.commanded(command)
         return command

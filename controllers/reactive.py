@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from ..framework.control.command_limits import within_reach
-from ..framework.control.notices import NOTICES
+from ..framework.control.rate_limited_warnings import WARNINGS
 from ..framework.controller import Controller, checked_path, checked_ready, checked_use
 from ..framework.robot import Robot
 from ..framework.tracking.history import MOST, admitted, named_apart, viewpoint
@@ -176,7 +176,7 @@ class Reactive(Controller):
         """Record the detected neighbours."""
         checked_use(self.robot, observation)
         for words in self._neighbours.take(observation, viewpoint(self.robot, observation)):
-            NOTICES.warn(type(self).__name__, "detection", words)
+            WARNINGS.warn(type(self).__name__, "detection", words)
 
     def command(self, observation: Observation) -> Command:
         """Decide; raises for wrong use alone, see `reason` for other failures.
@@ -198,7 +198,7 @@ class Reactive(Controller):
             command = within_reach(self.robot, command)
         except Exception as error:
             self._reason = f"{type(error).__name__}: {error}"
-            NOTICES.warn(type(self).__name__, "stands still", self._reason)
+            WARNINGS.warn(type(self).__name__, "stands still", self._reason)
             return Command((0.0, 0.0))
         return command
 

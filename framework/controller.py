@@ -28,7 +28,7 @@ class Controller(ABC):
       ones, states beyond the limits, covariances that are none, a clock that jumps, obstacles
       that come, go and have another dimension. Nor does anything that a plug-in throws. The
       command is then a safe one, and a status or reason says why; it is also logged, see
-      `wideberth.framework.control.notices`.
+      `wideberth.framework.control.rate_limited_warnings`.
     - Every command is one that the robot can follow: finite, of D linear components, and a
       velocity within the robot's limits, see
       `wideberth.framework.control.command_limits.broken_limit`.

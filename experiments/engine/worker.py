@@ -23,7 +23,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
-from ...framework.control.notices import quiet
+from ...framework.control.rate_limited_warnings import quiet
 from ...framework.plugins.config import import_plugins
 from ...framework.values.errors import WideberthError
 from . import threads

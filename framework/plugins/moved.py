@@ -19,7 +19,8 @@ _FORMER = {
         "plugins": "registry config saved=config yamlfile io reading=io",
         "numerics": "geometry eigenframe integration statistics symbolic",
         "tracking": "history resampling windows recordings noise",
-        "control": "command_limits smoother=velocity_smoother velocity_box notices",
+        "control": "command_limits smoother=velocity_smoother velocity_box"
+        " notices=rate_limited_warnings",
         "risk": "risk_meter",
         "metrics": "metrics_comfort=comfort metrics_motion=motion metrics_plan=plan scoring",
     },

@@ -107,7 +107,7 @@ TESTS = (
     "values",
     "extent",
     "reference_speed",
-    "notices",
+    "rate_limited_warnings",
     "summary",
 )
 """Parts of the names of the test files that are tried; others test other modules, play whole

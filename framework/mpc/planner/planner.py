@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import final
 
-from ...control.notices import NOTICES
+from ...control.rate_limited_warnings import WARNINGS
 from ...controller import Controller, checked_path
 from ...values.errors import WideberthError
 from ...values.motion import Command, Observation
@@ -119,10 +119,10 @@ class Planner(PlannerSettings, Controller):
 def _warn(name: str, plan: Plan, notes: Sequence[str]) -> None:
     """Warn of a plan that is not the one that was asked for, and of what was refused."""
     if plan.rung is not Rung.OPTIMAL:
-        NOTICES.warn(name, str(plan.rung), plan.reason)
+        WARNINGS.warn(name, str(plan.rung), plan.reason)
     elif plan.given_way is not None:
-        NOTICES.warn(name, "gave way", str(plan.given_way))
+        WARNINGS.warn(name, "gave way", str(plan.given_way))
     if plan.left_out:
-        NOTICES.warn(name, "no room in the problem", ", ".join(plan.left_out))
+        WARNINGS.warn(name, "no room in the problem", ", ".join(plan.left_out))
     for note in notes:
-        NOTICES.warn(name, note.split()[0].rstrip(":"), note)  # its first word is its kind
+        WARNINGS.warn(name, note.split()[0].rstrip(":"), note)  # its first word is its kind

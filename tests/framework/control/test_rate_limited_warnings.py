@@ -10,8 +10,8 @@ import pytest
 from wideberth.controllers.pure_pursuit import PurePursuit
 from wideberth.experiments.engine.base import Experiment, Outcome, Task
 from wideberth.experiments.engine.worker import do_task
-from wideberth.framework.control import notices
-from wideberth.framework.control.notices import Notices, quiet
+from wideberth.framework.control import rate_limited_warnings as notices
+from wideberth.framework.control.rate_limited_warnings import RateLimitedWarnings, quiet
 from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.planner.best_response import Agent, BestResponsePlanner
 from wideberth.framework.values.forecast import Forecast
@@ -35,10 +35,10 @@ class Clock:
 def clock(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> Iterator[Clock]:
     """Start without memory of what was said in other tests."""
     made = Clock()
-    fresh = Notices(clock=made)
-    monkeypatch.setattr(notices.NOTICES, "_last", fresh._last)
-    monkeypatch.setattr(notices.NOTICES, "_held", fresh._held)
-    monkeypatch.setattr(notices.NOTICES, "_clock", made)
+    fresh = RateLimitedWarnings(clock=made)
+    monkeypatch.setattr(notices.WARNINGS, "_last", fresh._last)
+    monkeypatch.setattr(notices.WARNINGS, "_held", fresh._held)
+    monkeypatch.setattr(notices.WARNINGS, "_clock", made)
     caplog.set_level(logging.WARNING, notices.ROOT)
     yield made
 
@@ -48,9 +48,9 @@ def test_the_first_is_said_at_once_and_repeats_are_counted(
 ) -> None:
     for k in range(25):
         clock.now = 0.5 * k
-        notices.NOTICES.warn("Planner", "brake", f"number {k}")
-    notices.NOTICES.warn("Planner", "gave way", "asked much")
-    notices.NOTICES.warn("PurePursuit", "brake", "another class")
+        notices.WARNINGS.warn("Planner", "brake", f"number {k}")
+    notices.WARNINGS.warn("Planner", "gave way", "asked much")
+    notices.WARNINGS.warn("PurePursuit", "brake", "another class")
     assert caplog.messages == [
         "brake: number 0",
         "brake: number 20 (and 19 times since the last warning of this kind)",
@@ -133,7 +133,7 @@ def test_a_handler_that_fails_stops_nothing(caplog: pytest.LogCaptureFixture) ->
     logger = logging.getLogger(f"{notices.ROOT}.Planner")
     logger.addFilter(fails)
     try:
-        notices.NOTICES.warn("Planner", "brake", "anything")
+        notices.WARNINGS.warn("Planner", "brake", "anything")
     finally:
         logger.removeFilter(fails)
 
@@ -142,7 +142,7 @@ class Braking:
     """One task that makes a controller warn."""
 
     def measure(self, task: Task) -> Outcome:
-        notices.NOTICES.warn("Planner", "brake", "in an experiment")
+        notices.WARNINGS.warn("Planner", "brake", "in an experiment")
         return Outcome(rows=[{"seed": task.seed}])
 
 
@@ -151,8 +151,8 @@ def test_an_experiment_warns_of_nothing_and_then_all_is_as_before(
 ) -> None:
     do_task(cast(Experiment, Braking()), Task("one", 0, {}), "")
     assert caplog.messages == []
-    notices.NOTICES.warn("Planner", "brake", "after it")
+    notices.WARNINGS.warn("Planner", "brake", "after it")
     assert caplog.messages == ["brake: after it"]
     with quiet():
-        notices.NOTICES.warn("Planner", "shift", "quiet")
+        notices.WARNINGS.warn("Planner", "shift", "quiet")
     assert len(caplog.messages) == 1

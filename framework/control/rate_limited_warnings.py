@@ -17,7 +17,7 @@ PAUSE = 10.0
 """s between two warnings of one kind."""
 
 
-class Notices:
+class RateLimitedWarnings:
     """Logs a new warning at once, and its repeats at most once in `PAUSE` seconds.
 
     One for the process, whatever the number of controllers: the limit is for the reader. It goes
@@ -57,7 +57,7 @@ class Notices:
             logger.warning("%s: %s%s", kind, words, more)
 
 
-NOTICES = Notices()
+WARNINGS = RateLimitedWarnings()
 """The warnings of this process."""
 
 
