@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.diagnosis.explain import Solve
+from wideberth.framework.mpc.diagnosis.explain import SolveRecord
 from wideberth.framework.mpc.diagnosis.solve_record import read_solve, write_solve
 from wideberth.framework.mpc.export.bundle import bundle, write_folder
 from wideberth.framework.mpc.export.subject import Subject
@@ -230,18 +230,18 @@ def test_a_law_can_fail(law: str, kind: Spoilt) -> None:
 
 
 @pytest.fixture(scope="module")
-def solve() -> Solve:
+def solve() -> SolveRecord:
     """What the planner of the example solves: discs, no polygon, and a cart."""
     made = carts.planner(penalty=1e4)
     plan = carts.drive(made)
     assert plan.rung is Rung.OPTIMAL, plan.reason
-    found: Solve = made.explain()
+    found: SolveRecord = made.explain()
     assert [one.name for one in found.problem().slots] == ["obstacle", "polygon", "cart"]
     return found
 
 
 @pytest.mark.parametrize("solver", [Ipopt(), Fatrop()], ids=repr)
-def test_every_solver_takes_it(solver: Solver, solve: Solve) -> None:
+def test_every_solver_takes_it(solver: Solver, solve: SolveRecord) -> None:
     problem = solve.problem()
     (found,) = solver.solve(problem, solve.parameters, solve.guesses[:1])
     assert found.status is Status.SOLVED, found.message
@@ -252,7 +252,7 @@ def test_every_solver_takes_it(solver: Solver, solve: Solve) -> None:
         assert own.shape == wanted.shape
 
 
-def test_the_batch_takes_it(solve: Solve) -> None:
+def test_the_batch_takes_it(solve: SolveRecord) -> None:
     problem = solve.problem()
     found = solve_batch(problem, [solve.parameters], solve.guesses[:1])
     assert found.status == (Status.SOLVED,)
@@ -261,7 +261,7 @@ def test_the_batch_takes_it(solve: Solve) -> None:
     assert violation(problem, solve.parameters, found.point(0)).worst < 1e-4
 
 
-def test_the_cart_matters_and_the_re_check_sees_it(solve: Solve) -> None:
+def test_the_cart_matters_and_the_re_check_sees_it(solve: SolveRecord) -> None:
     problem, *slots = solve.problem(), *solve.parameters.slots
     off = replace(slots[2], active=np.zeros_like(slots[2].active))
     free = replace(solve.parameters, slots=(slots[0], slots[1], off))
@@ -284,7 +284,7 @@ def test_a_cart_on_the_way_is_touched_between_the_steps() -> None:
     assert not touch.depth[2:].any() and not around.overlap(states).any()
 
 
-def test_it_is_recorded_and_opens_again(solve: Solve, tmp_path: File) -> None:
+def test_it_is_recorded_and_opens_again(solve: SolveRecord, tmp_path: File) -> None:
     again = read_solve(write_solve(tmp_path / "one", solve))
     assert again.rooms == solve.rooms and again.problem().key == solve.problem().key
     np.testing.assert_array_equal(again.parameters.stages(), solve.parameters.stages())
@@ -295,7 +295,7 @@ def test_it_is_recorded_and_opens_again(solve: Solve, tmp_path: File) -> None:
     shutil.which("cc") is None or shutil.which("make") is None,
     reason="no C compiler with make here",
 )
-def test_the_exported_c_knows_it(solve: Solve, tmp_path: File) -> None:
+def test_the_exported_c_knows_it(solve: SolveRecord, tmp_path: File) -> None:
     made = carts.planner(penalty=1e4)
     subject = Subject(
         solve.problem(), solve.parameters, solve.guesses[0], made.robot, made.kinds, made.cost,
