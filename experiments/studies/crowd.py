@@ -8,7 +8,7 @@ import numpy as np
 
 from ...framework.plugins.registry import unknown
 from ...framework.tracking.recordings import (
-    TRACK,
+    TRACK_COLUMNS,
     Recording,
     read_robot_log,
     read_rows,
@@ -112,7 +112,7 @@ class TrackFile:
 def guess_kind(file: File) -> Literal["tracks", "robot-log"]:
     """Tell the two formats apart by their numbers; see `TrackFile`."""
     first, second = [], []
-    for _, words in read_rows(file, TRACK):
+    for _, words in read_rows(file, TRACK_COLUMNS):
         try:
             first.append(float(words[0]))
             second.append(float(words[1]))

@@ -26,11 +26,11 @@ MOST_BYTES = 200 * 2**20
 """Bytes of a recording."""
 LONGEST_IDENTITY = 100
 """Characters."""
-FARTHEST = 1e8
+LARGEST_COORDINATE = 1e8
 """m; a coordinate beyond it is no position on the earth, in whatever frame."""
 
-TRACK = ("frame", "id", "x", "y")
-ROBOT = ("time", "x", "y", "theta")
+TRACK_COLUMNS = ("frame", "id", "x", "y")
+ROBOT_COLUMNS = ("time", "x", "y", "theta")
 
 
 def read_rows(path: Path, columns: tuple[str, ...]) -> Iterator[tuple[int, list[str]]]:
@@ -74,9 +74,9 @@ def number(word: str, name: str, path: str | Path, line: int) -> float:
         raise WideberthError(
             f"{path}, line {line}: {name} is {word[:40]}; leave a row out where nothing was seen"
         )
-    if name in ("x", "y") and abs(value) > FARTHEST:
+    if name in ("x", "y") and abs(value) > LARGEST_COORDINATE:
         raise WideberthError(
-            f"{path}, line {line}: {name} is {value:g} m; wanted at most {FARTHEST:g}"
+            f"{path}, line {line}: {name} is {value:g} m; wanted at most {LARGEST_COORDINATE:g}"
         )
     return value
 
@@ -85,7 +85,7 @@ def read_samples(path: Path) -> Samples:
     """Read identity -> rows of (frame, x, y, line), frames increasing."""
     samples: Samples = {}
     seen: dict[tuple[str, int], int] = {}
-    for line, words in read_rows(path, TRACK):
+    for line, words in read_rows(path, TRACK_COLUMNS):
         frame = number(words[0], "frame", path, line)
         if frame != round(frame):
             raise WideberthError(
@@ -93,7 +93,7 @@ def read_samples(path: Path) -> Samples:
                 "log of `time x y theta` is read by read_robot_log)"
             )
         ident = _identity(words[1], path, line)
-        x, y = (number(words[i], TRACK[i], path, line) for i in (2, 3))
+        x, y = (number(words[i], TRACK_COLUMNS[i], path, line) for i in (2, 3))
         key = (ident, round(frame))
         if key in seen:
             raise WideberthError(
@@ -337,8 +337,14 @@ def read_robot_log(
 def _log(path: Path) -> list[tuple[int, list[float]]]:
     """Read (line, [time, x, y, theta]) of each row, times increasing."""
     rows = [
-        (line, [number(word, name, path, line) for word, name in zip(words, ROBOT, strict=True)])
-        for line, words in read_rows(path, ROBOT)
+        (
+            line,
+            [
+                number(word, name, path, line)
+                for word, name in zip(words, ROBOT_COLUMNS, strict=True)
+            ],
+        )
+        for line, words in read_rows(path, ROBOT_COLUMNS)
     ]
     for (before, old), (line, new) in pairwise(rows):
         if new[0] <= old[0]:
