@@ -9,11 +9,11 @@ from typing import TypeAlias
 import numpy as np
 from judging import LOOSE, judged
 from measuring import Row, Tick, rotated, timed
-from set_ups import ELLIPSE, OWN, TOLERANCE, paper_problem, registered
+from set_ups import ELLIPSE, MANY, OWN, TOLERANCE, paper_problem, registered
 
 from wideberth.framework.mpc.ocp.problem import Problem
-from wideberth.framework.mpc.solvers.base import Solution, Solver
-from wideberth.framework.mpc.solvers.riccati.solver import Riccati
+from wideberth.framework.mpc.solvers.base import Solution, Solver, solve_many
+from wideberth.framework.plugins.config import build
 from wideberth.tests.oracles.recorded_instances import Instance
 
 ROUNDS = 3
@@ -44,11 +44,11 @@ def ways(accelerated: bool) -> list[Way]:
     found = [
         Way(f"{name}, one by one", partial(_alone, one), (1,)) for name, one in solvers.items()
     ]
-    own = solvers.get(OWN)
-    if isinstance(own, Riccati):
-        found.append(Way(f"{OWN}, threads", partial(_threads, own), every))
+    if OWN in solvers:
+        found.append(Way(f"{OWN}, threads", partial(_together, solvers[OWN]), every))
     if accelerated:
-        found.append(Way("jax, all at once", _jax, every[-1:]))
+        jax = build("solvers", {"type": MANY, "tolerance": TOLERANCE})
+        found.append(Way("jax, all at once", partial(_together, jax), every[-1:]))
     return found
 
 
@@ -102,25 +102,11 @@ def _alone(
     return [_one(solver, problem, instance) for instance in batch]
 
 
-def _threads(
-    solver: Riccati, problem: Problem, batch: Sequence[Instance], cores: int
+def _together(
+    solver: Solver, problem: Problem, batch: Sequence[Instance], cores: int
 ) -> list[Solution]:
     parameters, guesses = [one.parameters for one in batch], [one.guess for one in batch]
-    return solver.solve_many(problem, parameters, guesses, cores)
-
-
-def _jax(problem: Problem, batch: Sequence[Instance], cores: int) -> list[Solution]:
-    from wideberth.framework.mpc.solvers.batch import solve_batch
-
-    parameters = [instance.parameters for instance in batch]
-    guesses = [instance.guess for instance in batch]
-    found = solve_batch(problem, parameters, guesses, tolerance=TOLERANCE)
-    return [
-        Solution(found.point(i), status, "", cost, count, found.seconds)
-        for i, (status, cost, count) in enumerate(
-            zip(found.status, found.cost.tolist(), found.iterations.tolist(), strict=True)
-        )
-    ]
+    return solve_many(solver, problem, parameters, guesses, cores)
 
 
 def _one(solver: Solver, problem: Problem, instance: Instance) -> Solution:

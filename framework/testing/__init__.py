@@ -18,6 +18,7 @@ CHECKS = {
     "check_cost": ".cost",
     "check_slot_kind": ".slot_kind",
     "check_controller": ".controller",
+    "check_solver": ".solver",
     "check_scenario": "wideberth.simulation.scenarios.checking",
 }
 

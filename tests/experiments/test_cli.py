@@ -75,6 +75,8 @@ def test_check(shell) -> None:  # type: ignore[no-untyped-def]
     assert code == 0 and "keeps the laws of robots" in out, error
     code, out, error = shell("check", "scenario", "crossing", "--set", "speed=0.7")
     assert code == 0 and "keeps the laws of scenarios" in out, error
+    code, out, error = shell("check", "solver", "fatrop", "--set", "iterations=200")
+    assert code == 0 and "keeps the laws of solvers" in out, error
     Path("odd.py").write_text(
         "from dataclasses import dataclass\n"
         "from wideberth.framework.values.forecast import Forecast\n"
@@ -133,7 +135,7 @@ def test_demo_names_shipped_configs() -> None:
         (["figures", "coinz"], "unknown config 'coinz'"),
         (["list", "robotz"], "did you mean 'robots'"),
         (["check", "robot", "unicicle"], "did you mean 'unicycle'"),
-        (["check", "solver", "fatrop"], "unknown contract check 'solver'"),
+        (["check", "experiment", "crossing"], "unknown contract check 'experiment'"),
         (["show", "results/none"], "holds no result"),
         (["cite", "none"], "unknown config 'none'"),
     ],

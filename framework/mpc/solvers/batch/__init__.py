@@ -1,4 +1,5 @@
-"""Many instances of a problem solved at once, on a GPU where JAX has one."""
+"""The solver ``batch``: many instances of a problem at once, on a GPU where JAX has one."""
 
-from .solve import BatchSolution as BatchSolution
-from .solve import solve_batch as solve_batch
+from .solver import Batch as Batch
+from .solver import BatchSolution as BatchSolution
+from .solver import solve_batch as solve_batch

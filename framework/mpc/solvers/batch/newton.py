@@ -1,23 +1,161 @@
 """The Newton step of a batch: slots, slack, inputs and level eliminated one after the other.
 
-The condensed system of slot, stage and horizon is each a quadratic in a few variables, see
-`wideberth.framework.mpc.solvers.batch.elimination`. Eliminating the inputs stage by stage from the
-end
-is the Riccati recursion; the shared level is carried along as a state that never changes.
+A quadratic in z is kept as a symmetric matrix over (z, 1): the Hessian, bordered by the
+gradient. Arrays are (L, L, ...): the trailing axes are stages, slots and instances, over which
+everything is vectorised; the small matrices are worked on row by row. The condensed system of
+slot, stage and horizon is each a quadratic in a few variables. Eliminating the inputs stage by
+stage from the end is the Riccati recursion; the shared level is carried along as a state that
+never changes.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from .elimination import behind, eliminate, product, shifted, spread, substitute
-from .evaluation import softened
-from .iterate import Dual, Instances, Iterate, Primal, Slopes
-from .model import System
-from .program import DRIVE, LEVEL, NODE, SLACK, Kind, Program
+from ..interior_point import (
+    EQUALITY_REGULARISATION,
+    FIRST_GROWTH,
+    FIRST_SHIFT,
+    LARGEST_SHIFT,
+    SHIFT_DECREASE,
+    SHIFT_GROWTH,
+    SMALLEST_OWN_PIVOT,
+    SMALLEST_PIVOT,
+    SMALLEST_SHIFT,
+)
+from .program import (
+    DRIVE,
+    LEVEL,
+    NODE,
+    SLACK,
+    Dual,
+    Instances,
+    Iterate,
+    Kind,
+    Primal,
+    Program,
+    Slopes,
+    Values,
+    apart,
+    softened,
+)
 
-LEAST, LEAST_OF_SLOTS = 1e-10, 1e-13
-"""Smallest pivots of inputs and level, and of what slots eliminate."""
-FIRST_SHIFT, LARGEST_SHIFT = 1e-4, 1e20
+
+class System(NamedTuple):
+    """The quadratic models, before anything is eliminated.
+
+    Attributes
+    ----------
+    slots : kind -> (L, L, N, K, B), over (auxiliaries, multipliers, x's entries, s, slack, 1).
+    stages : (L, L, N, B), over (slack, x, s, 1) of stages 1..N; without slack where it is hard.
+    drives : (L, L, N, B), over (u, x, s, 1) of stages 0..N-1.
+    motion : (n, L, N, B), x_{i+1} as linear function of the same.
+    level : (L, L, B), over (s, 1).
+    """
+
+    slots: Mapping[str, Any]
+    stages: Any
+    drives: Any
+    motion: Any
+    level: Any
+
+
+def model(
+    program: Program, given: Instances, at: Iterate, values: Values, slopes: Slopes, rest: Any
+) -> System:
+    """Quadratic models at an iterate; ``rest`` are the residuals of the inequalities."""
+    masks, distance, mu = program.masks(given.active), at.primal.distance, at.barrier
+    bend = {name: at.dual.force[name] / t for name, t in distance.items()}
+    pull = {name: masks[name] * (mu / t - bend[name] * rest[name]) for name, t in distance.items()}
+    gap = values.following - at.primal.states
+    return System(
+        slots={
+            kind.name: _slots(kind, given, at, values, slopes, bend[kind.name], pull[kind.name])
+            for kind in program.kinds
+        },
+        stages=_stages(program, at, slopes, bend, pull),
+        drives=_drives(program, slopes, bend[DRIVE], pull[DRIVE]),
+        motion=_motion(slopes.dynamics, gap, int(program.problem.shared)),
+        level=_level(program, slopes, bend, pull),
+    )
+
+
+def _stages(
+    program: Program, at: Iterate, slopes: Slopes, bend: Mapping[str, Any], pull: Mapping[str, Any]
+) -> Any:
+    """Quadratic of every stage over (slack, x, s, 1), but for the slots."""
+    soft = int(bool(program.kinds))
+    top = soft + program.problem.states + int(program.problem.shared)
+    own = quadratic(
+        slopes.node_hessian, slopes.node_gradient, slopes.jacobians[NODE], bend[NODE], pull[NODE]
+    )
+    stages = spread(own, [*range(soft, soft + program.problem.states), top], top + 1)
+    if not soft:
+        return stages
+    price = bordered(bend[SLACK][None], at.penalty - pull[SLACK])
+    return stages + spread(price, [0, top], top + 1)
+
+
+def _drives(program: Program, slopes: Slopes, bend: Any, pull: Any) -> Any:
+    """Quadratic of every stage's input over (u, x, s, 1)."""
+    n, m = program.problem.states, program.problem.inputs
+    own = quadratic(
+        slopes.drive_hessian, slopes.drive_gradient, slopes.jacobians[DRIVE], bend, pull
+    )
+    top = m + n + int(program.problem.shared)
+    return spread(own, [*range(m, m + n), *range(m), top], top + 1)
+
+
+def _level(
+    program: Program, slopes: Slopes, bend: Mapping[str, Any], pull: Mapping[str, Any]
+) -> Any:
+    """Quadratic over (s, 1)."""
+    hessian, gradient = slopes.level_hessian, slopes.level_gradient
+    if program.levelled:
+        hessian, gradient = hessian + bend[LEVEL][0], gradient - pull[LEVEL][0]
+    first = 1 - int(program.problem.shared)
+    return bordered(hessian[None, None], gradient[None])[first:, first:]
+
+
+def _motion(dynamics: Any, gap: Any, shared: int) -> Any:
+    """x_{i+1} as linear function of (u, x, s, 1), (n, m + n + 2, N, B); s where it is shared."""
+    import jax.numpy as jnp
+
+    n = len(gap)
+    level = [jnp.zeros_like(gap[:, None])] * shared
+    return jnp.concatenate([dynamics[:, n:], dynamics[:, :n], *level, gap[:, None]], axis=1)
+
+
+def _slots(
+    kind: Kind, given: Instances, at: Iterate, values: Values, slopes: Slopes, bend: Any, pull: Any
+) -> Any:
+    """Quadratic of every slot of a kind over (a, z, x's entries, s, slack, 1)."""
+    import jax.numpy as jnp
+
+    name, a, q = kind.name, kind.shape.auxiliaries, kind.shape.equalities
+    hessian, jacobian, tied = slopes.hessians[name], slopes.jacobians[name], slopes.ties[name]
+    width = len(hessian)
+    order = jnp.array([*range(width - a, width), *range(width - a)], dtype=int)
+    hessian = hessian[order][:, order]
+    soft = jnp.zeros_like(jacobian[:, :1]).at[: kind.soft].set(1.0)
+    jacobian = jnp.concatenate([jacobian[:, order], soft], axis=1)
+    weight = 2.0 * kind.regularisation * at.scale
+    gradient = jnp.zeros((width + 1, *hessian.shape[2:]))
+    gradient = gradient.at[:a].set(weight * apart(kind, given, at.primal))
+    hessian = jnp.pad(hessian, [(0, 1), (0, 1), (0, 0), (0, 0), (0, 0)])
+    hessian = shifted(hessian, [1.0] * a + [0.0] * (width + 1 - a), weight)
+    found = quadratic(hessian, gradient, jacobian, bend, pull)
+    if not q:
+        return found
+    tie = jnp.concatenate(
+        [tied[:, order], jnp.zeros_like(tied[:, :1]), values.ties[name][:, None]], axis=1
+    )
+    held = jnp.broadcast_to(
+        -EQUALITY_REGULARISATION * jnp.eye(q)[:, :, None, None, None], (q, q, *tie.shape[2:])
+    )
+    across = jnp.concatenate([tie[:, :a], held, tie[:, a:]], axis=1)
+    upright = jnp.swapaxes(tie, 0, 1)
+    found = jnp.concatenate([found[:, :a], upright, found[:, a:]], axis=1)
+    return jnp.concatenate([found[:a], across, found[a:]])
 
 
 class Factors(NamedTuple):
@@ -50,7 +188,7 @@ def factor(program: Program, given: Instances, system: System, shift: Any) -> Fa
     for kind in program.kinds:
         rows, found, well = _condensed(program, kind, given, system.slots[kind.name], shift)
         stages, slots[kind.name], fine = stages + found, rows, fine & well
-    slack, stages, well = eliminate(stages, [1] * bool(program.kinds), LEAST)
+    slack, stages, well = eliminate(stages, [1] * bool(program.kinds), SMALLEST_PIVOT)
     fine = fine & jnp.all(well, axis=0) if program.kinds else fine
     stages = shifted(stages, [1.0] * n + [0.0] * (shared + 1), shift)
     held = jnp.pad(stages[:, :, :-1], [(m, 0), (m, 0), (1, 0), (0, 0)])
@@ -60,7 +198,7 @@ def factor(program: Program, given: Instances, system: System, shift: Any) -> Fa
         ahead, fine = carry
         drive, motion = own
         whole = drive + behind(ahead, motion)
-        rows, left, well = eliminate(whole, [1] * m, LEAST)
+        rows, left, well = eliminate(whole, [1] * m, SMALLEST_PIVOT)
         return (left, fine & well), (rows, ahead)
 
     along = jnp.moveaxis(drives, 2, 0), jnp.moveaxis(system.motion, 2, 0)
@@ -68,7 +206,7 @@ def factor(program: Program, given: Instances, system: System, shift: Any) -> Fa
         back, (stages[:, :, -1], fine), along, reverse=True
     )
     whole = shifted(whole[n:, n:] + system.level, [1.0] * shared + [0.0], shift)
-    level, _, well = eliminate(whole, [1] * shared, LEAST)
+    level, _, well = eliminate(whole, [1] * shared, SMALLEST_PIVOT)
     return Factors(slots, slack, inputs, level, ahead, fine & well)
 
 
@@ -80,7 +218,7 @@ def _condensed(program: Program, kind: Kind, given: Instances, matrix: Any, shif
     inner = [1] * a + [-1] * q
     if a:
         matrix = shifted(matrix, [1.0] * a + [0.0] * (len(matrix) - a), shift)
-    rows, rest, well = eliminate(matrix, inner, LEAST_OF_SLOTS)
+    rows, rest, well = eliminate(matrix, inner, SMALLEST_OWN_PIVOT)
     fine = jnp.all(well | ~active, axis=(0, 1)) if inner else True
     n, shared = program.problem.states, int(program.problem.shared)
     places = [*(1 + entry for entry in kind.shape.depends), *[1 + n] * shared, 0, 1 + n + shared]
@@ -185,8 +323,8 @@ def regular(
     shapes = jax.eval_shape(lambda shift: factor(program, given, system, shift), at.scale)
     none = jax.tree.map(lambda one: jnp.zeros(one.shape, one.dtype), shapes)
     known = at.shift > 0.0
-    first = jnp.where(known, jnp.maximum(1e-20, at.shift / 3.0), FIRST_SHIFT)
-    growth = jnp.where(known, 8.0, 100.0)
+    first = jnp.where(known, jnp.maximum(SMALLEST_SHIFT, at.shift / SHIFT_DECREASE), FIRST_SHIFT)
+    growth = jnp.where(known, SHIFT_GROWTH, FIRST_GROWTH)
 
     def better(carry: Any) -> Any:
         shift, factors, tries = carry
@@ -207,3 +345,105 @@ def regular(
     none = none._replace(fine=at.code > 0)
     shift, factors, _ = jax.lax.while_loop(goes_on, better, (0.0 * at.scale, none, 0))
     return factors, shift
+
+
+def eliminate(matrix: Any, signs: Sequence[int], least: float) -> tuple[tuple[Any, ...], Any, Any]:
+    """Eliminate the first variables at the stationary point of the quadratic.
+
+    Parameters
+    ----------
+    matrix : (L, L, ...).
+    signs : of the pivots wanted, one per variable to eliminate: 1 for a minimum, -1 for a
+        multiplier.
+    least : size that a pivot must exceed.
+
+    Returns
+    -------
+    rows : of each variable, its dependence on what stands behind it, for `substitute`.
+    rest : the quadratic of the rest.
+    fine : (...), whether all pivots have their signs.
+    """
+    rows, fine = [], True
+    for sign in signs:
+        pivot = matrix[0, 0]
+        fine &= sign * pivot > least
+        row = matrix[0, 1:] / pivot
+        rows.append(row)
+        matrix = matrix[1:, 1:] - matrix[0, 1:][:, None] * row[None]
+    return tuple(rows), matrix, fine
+
+
+def substitute(rows: Sequence[Any], known: Any) -> Any:
+    """Values of the eliminated variables, (len(rows), ...); ``known`` are the rest and 1."""
+    import jax.numpy as jnp
+
+    for row in reversed(rows):
+        value = -(row * known).sum(axis=0)
+        known = jnp.concatenate([jnp.broadcast_to(value, known.shape[1:])[None], known])
+    return known[: len(rows)]
+
+
+def product(left: Any, right: Any) -> Any:
+    """Matrix products (L, M, ...) x (M, P, ...)."""
+    return sum(left[:, j][:, None] * right[j][None] for j in range(left.shape[1]))
+
+
+def behind(matrix: Any, motion: Any) -> Any:
+    """Take a quadratic of (y, r), where y = F (z, r), as one of (z, r).
+
+    Parameters
+    ----------
+    matrix : (n + L, n + L, ...), with r the last L entries.
+    motion : F, (n, Z + L, ...).
+    """
+    import jax.numpy as jnp
+
+    n, rest = len(motion), ((0, 0),) * (matrix.ndim - 2)
+    more = motion.shape[1] - (len(matrix) - n)
+    half = product(matrix[:, :n], motion) + jnp.pad(matrix[:, n:], ((0, 0), (more, 0), *rest))
+    below = jnp.pad(half[n:], ((more, 0), (0, 0), *rest))
+    return product(jnp.swapaxes(motion, 0, 1), half[:n]) + below
+
+
+def quadratic(hessian: Any, gradient: Any, jacobian: Any, curvature: Any, pull: Any) -> Any:
+    """H + J' diag(curvature) J bordered by g - J' pull, (L + 1, L + 1, ...).
+
+    Parameters
+    ----------
+    hessian, gradient : (L, L, ...) and (L, ...).
+    jacobian : (rows, L, ...).
+    curvature, pull : (rows, ...).
+    """
+    for j in range(jacobian.shape[0]):
+        row = jacobian[j]
+        hessian = hessian + (curvature[j] * row)[:, None] * row[None]
+        gradient = gradient - pull[j] * row
+    return bordered(hessian, gradient)
+
+
+def bordered(hessian: Any, gradient: Any) -> Any:
+    """Symmetric matrix of a quadratic, its constant 0."""
+    import jax.numpy as jnp
+
+    below = jnp.concatenate([gradient, jnp.zeros_like(gradient[:1])])[None]
+    return jnp.concatenate([jnp.concatenate([hessian, gradient[:, None]], axis=1), below])
+
+
+def spread(matrix: Any, places: Sequence[int], size: int) -> Any:
+    """Take a quadratic as one of ``size`` - 1 variables, of which it sees those at ``places``."""
+    import jax.numpy as jnp
+
+    where = [len(matrix)] * size  # the row of zeros that is appended
+    for own, place in enumerate(places):
+        where[place] = own
+    found = jnp.pad(matrix, [(0, 1), (0, 1), *[(0, 0)] * (matrix.ndim - 2)])
+    order = jnp.array(where)
+    return found[order][:, order]
+
+
+def shifted(matrix: Any, diagonal: Sequence[float], weight: Any) -> Any:
+    """Add a weight (B,) times a diagonal to matrices (L, L, ..., B)."""
+    import jax.numpy as jnp
+
+    where = jnp.diag(jnp.asarray(diagonal, dtype=float))
+    return matrix + where.reshape(*where.shape, *(1,) * (matrix.ndim - 2)) * weight

@@ -1,11 +1,13 @@
-"""What is compiled of a problem for batches: its kernels in JAX, and their sizes.
+"""A problem in JAX: its kernels, the arrays of a batch, and all functions with derivatives.
 
-Bounds are stated as constraints, so that the solver knows one kind of inequality alone.
+The last axis of each array is the instance, B. Bounds are stated as constraints, so that the
+method knows one kind of inequality alone.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from math import prod
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,7 +15,9 @@ from ....jit import JAX_IMPORTS, jax_source
 from ....numerics.symbolic import ca
 from ....values.arrays import Array
 from ....values.errors import WideberthError
-from ...ocp.problem import Problem, Slots
+from ...ocp.problem import Parameters, Problem, Slots
+from ...ocp.transcription import Guess
+from ..base import unwrapped
 from ..riccati.kernels import SlotShape, build, slot_name
 
 DRIVE, NODE, LEVEL, SLACK = "drive", "node", "level", "slack"
@@ -50,7 +54,7 @@ class Kind:
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """A problem ready for `wideberth.framework.mpc.solvers.batch.solve`.
+    """A problem ready for `method`.
 
     Attributes
     ----------
@@ -140,12 +144,12 @@ def _bounded(problem: Problem) -> Problem:
         problem,
         input_constraints=ca.Function("input_constraints", [x, u], [by_input]),
         state_constraints=ca.Function("state_constraints", [x], [by_state]),
-        slots=tuple(_lifted(problem, slots) for slots in problem.slots),
+        slots=tuple(_bounded_slots(problem, slots) for slots in problem.slots),
     )
 
 
-def _lifted(problem: Problem, slots: Slots) -> Slots:
-    """Append those of the auxiliaries."""
+def _bounded_slots(problem: Problem, slots: Slots) -> Slots:
+    """Append the bounds of the auxiliaries."""
     x, s = ca.SX.sym("x", problem.states), ca.SX.sym("s", int(problem.shared))
     own = slots.auxiliary
     a, numbers = ca.SX.sym("a", len(own)), ca.SX.sym("numbers", slots.size)
@@ -171,3 +175,327 @@ def pushed(values: Array, lower: Any, upper: Any, push: float) -> Array:
         room = push * np.minimum(np.maximum(1.0, np.abs(bound[finite])), range_[finite])
         edge[finite] = bound[finite] + sign * room
     return np.clip(values, floor, roof)
+
+
+class Instances(NamedTuple):
+    """Numbers of the instances.
+
+    Attributes
+    ----------
+    initial : (n, B).
+    head : (H, N, B), of stages 1..N.
+    target : (B,).
+    numbers : kind -> (size, N, K, B), of every slot.
+    active : kind -> (K, B), 1 or 0.
+    """
+
+    initial: Any
+    head: Any
+    target: Any
+    numbers: Mapping[str, Any]
+    active: Mapping[str, Any]
+
+
+class Primal(NamedTuple):
+    """Variables, or a step of them.
+
+    Attributes
+    ----------
+    states, inputs : (n, N, B) of stages 1..N, and (m, N, B).
+    level : (1, B), or (0, B) where none is shared.
+    slack : (N, B).
+    lifted : kind -> (A, N, K, B), auxiliaries.
+    distance : group -> (rows, ..., B), t > 0 of every inequality h - t = 0.
+    """
+
+    states: Any
+    inputs: Any
+    level: Any
+    slack: Any
+    lifted: Mapping[str, Any]
+    distance: Mapping[str, Any]
+
+
+class Dual(NamedTuple):
+    """Multipliers, or a step of them.
+
+    Attributes
+    ----------
+    dynamics : (n, N, B).
+    ties : kind -> (q, N, K, B), of the slots' equalities.
+    force : group -> (rows, ..., B), >= 0, of the inequalities.
+    """
+
+    dynamics: Any
+    ties: Mapping[str, Any]
+    force: Mapping[str, Any]
+
+
+class Iterate(NamedTuple):
+    """State of the iteration; every entry but the first two is (B,) unless stated.
+
+    Attributes
+    ----------
+    scale : factor of the cost.
+    penalty : price of slack, scaled.
+    barrier : mu.
+    shift : last positive shift of the Hessian.
+    filter : (F, 2, B), pairs of residual and barrier function; filled : how many.
+    highest, lowest : residuals beyond which nothing is accepted, and below which the barrier
+        function has to fall; negative: to be set.
+    fails : line searches without success.
+    count : iterations.
+    code : of `Code`.
+    """
+
+    primal: Primal
+    dual: Dual
+    scale: Any
+    penalty: Any
+    barrier: Any
+    shift: Any
+    filter: Any
+    filled: Any
+    highest: Any
+    lowest: Any
+    fails: Any
+    count: Any
+    code: Any
+
+
+class Values(NamedTuple):
+    """Functions at a point.
+
+    Attributes
+    ----------
+    following : (n, N, B), f(x_i, u_i).
+    cost : (B,), scaled, without the price of slack.
+    rows : group -> (rows, ..., B), inequalities, not softened.
+    ties : kind -> (q, N, K, B).
+    """
+
+    following: Any
+    cost: Any
+    rows: Mapping[str, Any]
+    ties: Mapping[str, Any]
+
+
+class Slopes(NamedTuple):
+    """Derivatives at a point, z = (x, u) and w = (x's entries, s, auxiliaries) of a slot.
+
+    Attributes
+    ----------
+    drive_gradient, drive_hessian : (z, N, B) and (z, z, N, B), of the Lagrangian's parts.
+    dynamics : (n, z, N, B), Jacobian.
+    node_gradient, node_hessian : (n, N, B) and (n, n, N, B).
+    level_gradient, level_hessian : (B,).
+    hessians : kind -> (w, w, N, K, B), of the constraints' part of the Lagrangian.
+    jacobians : group -> (rows, variables, ..., B).
+    ties : kind -> (q, w, N, K, B).
+    """
+
+    drive_gradient: Any
+    drive_hessian: Any
+    dynamics: Any
+    node_gradient: Any
+    node_hessian: Any
+    level_gradient: Any
+    level_hessian: Any
+    hessians: Mapping[str, Any]
+    jacobians: Mapping[str, Any]
+    ties: Mapping[str, Any]
+
+
+def packed(
+    program: Program, parameters: Sequence[Parameters], guesses: Sequence[Guess], push: float
+) -> tuple[Instances, Primal]:
+    """Stack instances and starting points, which are moved inside their bounds."""
+    problem = program.problem
+    pairs = zip(parameters, guesses, strict=True)
+    starts = [unwrapped(problem, one, guess) for one, guess in pairs]
+    stages = np.stack([one.stages() for one in parameters], axis=-1).swapaxes(0, 1)
+    head, pieces = problem.cut(stages)
+    numbers, active = {}, {}
+    for kind in program.kinds:
+        own, part = problem.slots[kind.place], pieces[kind.place]
+        cut = part.reshape(own.count, own.size, *part.shape[1:])
+        numbers[kind.name] = np.ascontiguousarray(np.moveaxis(cut, 0, 2))
+        active[kind.name] = numbers[kind.name][own.active, 0]
+    given = Instances(
+        initial=_stack([one.initial for one in parameters]),
+        head=np.ascontiguousarray(head),
+        target=np.array([one.target for one in parameters]),
+        numbers=numbers,
+        active=active,
+    )
+    return given, _started(program, starts, push)
+
+
+def _started(program: Program, guesses: Sequence[Guess], push: float) -> Primal:
+    """Stack starting points; distances and slack come later."""
+    problem = program.problem
+    state, control = problem.state_bounds, problem.input_bounds
+    states = pushed(np.stack([one.states[1:] for one in guesses]), state.lower, state.upper, push)
+    inputs = pushed(np.stack([one.inputs for one in guesses]), control.lower, control.upper, push)
+    level = np.array([[one.level] for one in guesses])[:, : int(problem.shared)]
+    level = pushed(level, [problem.minimum] * level.shape[1], [np.inf] * level.shape[1], push)
+    lifted = {kind.name: _lifted(kind, guesses, push) for kind in program.kinds}
+    slack = np.zeros((problem.horizon, len(guesses)))
+    return Primal(states.T, inputs.T, level.T, slack, lifted, {})
+
+
+def _lifted(kind: Kind, guesses: Sequence[Guess], push: float) -> Array:
+    """Auxiliaries of the slots of one kind, (A, N, K, B)."""
+    if not kind.lower:  # a bare guess has no slots either
+        return np.zeros((0, len(guesses[0].inputs), kind.count, len(guesses)))
+    values = [guess.auxiliaries[kind.place] for guess in guesses]
+    return np.transpose(pushed(np.stack(values), kind.lower, kind.upper, push), (3, 1, 2, 0))
+
+
+def _stack(values: Sequence[Any]) -> Array:
+    """Instances along the last axis."""
+    return np.stack(values, axis=-1)
+
+
+def evaluate(program: Program, given: Instances, primal: Primal, scale: Any) -> Values:
+    """Functions without derivatives."""
+    import jax.numpy as jnp
+
+    kernels, n = program.kernels, program.problem.states
+    head = _with_scale(given, scale)
+    drive = kernels["drive_values"](jnp.concatenate([before(given, primal), primal.inputs]), head)
+    node = kernels["node_values"](primal.states, head)
+    cost = drive[n].sum(axis=0) + node[0].sum(axis=0) + _level(program, given, primal, scale)[0]
+    rows = {DRIVE: drive[n + 1 :], NODE: node[1:]} | _own_rows(program, primal)
+    ties = {}
+    for kind in program.kinds:
+        out = kernels[f"{kind.name}_values"](
+            jnp.concatenate(_variables(kind, primal)), given.numbers[kind.name]
+        )
+        rows[kind.name] = out[: kind.shape.inequalities]
+        ties[kind.name] = out[kind.shape.inequalities :]
+        if kind.shape.auxiliaries:
+            away = (apart(kind, given, primal) ** 2).sum(axis=0) * given.active[kind.name]
+            cost = cost + kind.regularisation * scale * away.sum(axis=(0, 1))
+    return Values(drive[:n], cost, rows, ties)
+
+
+def differentiate(
+    program: Program, given: Instances, primal: Primal, dual: Dual, scale: Any
+) -> tuple[Values, Slopes]:
+    """Functions with derivatives; the cost is left out, 0."""
+    import jax.numpy as jnp
+
+    n, z = program.problem.states, program.problem.states + program.problem.inputs
+    head, force = _with_scale(given, scale), dual.force
+    v = jnp.concatenate([before(given, primal), primal.inputs, dual.dynamics, force[DRIVE]])
+    c, g = program.inputs, program.always + program.final
+    f, _, drive_gradient, dynamics, drive_hessian, on_input, by_input = _cut(
+        program.kernels["drive"](v, head), [(n,), (), (z,), (n, z), (z, z), (c,), (c, z)]
+    )
+    v = jnp.concatenate([primal.states, force[NODE]])
+    _, node_gradient, node_hessian, on_state, by_state = _cut(
+        program.kernels["node"](v, head), [(), (n,), (n, n), (g,), (g, n)]
+    )
+    rows = {DRIVE: on_input, NODE: on_state} | _own_rows(program, primal)
+    jacobians, ties = {DRIVE: by_input, NODE: by_state}, {}
+    hessians, tied = {}, {}
+    for kind in program.kinds:
+        name = kind.name
+        rows[name], ties[name], jacobians[name], tied[name], hessians[name] = _slots(
+            program, kind, given, primal, dual
+        )
+    level = _level(program, given, primal, scale)
+    slopes = Slopes(
+        drive_gradient, drive_hessian, dynamics, node_gradient, node_hessian,
+        level[1], level[2], hessians, jacobians, tied,
+    )  # fmt: skip
+    return Values(f, jnp.zeros_like(scale), rows, ties), slopes
+
+
+def before(given: Instances, primal: Primal) -> Any:
+    """States of stages 0..N-1, (n, N, B)."""
+    import jax.numpy as jnp
+
+    return jnp.concatenate([given.initial[:, None], primal.states[:, :-1]], axis=1)
+
+
+def apart(kind: Kind, given: Instances, primal: Primal) -> Any:
+    """Auxiliaries minus the guess they are drawn to, (A, N, K, B)."""
+    first = kind.shape.guess
+    guess = given.numbers[kind.name][first : first + kind.shape.auxiliaries]
+    return primal.lifted[kind.name] - guess
+
+
+def softened(program: Program, rows: Any, slack: Any) -> dict[str, Any]:
+    """Inequalities with the slack added where it softens them."""
+    import jax.numpy as jnp
+
+    found = dict(rows)
+    for kind in program.kinds:
+        own = found[kind.name]
+        soft = own[: kind.soft] + slack[:, None]
+        found[kind.name] = jnp.concatenate([soft, own[kind.soft :]])
+    return found
+
+
+def _slots(
+    program: Program, kind: Kind, given: Instances, primal: Primal, dual: Dual
+) -> tuple[Any, ...]:
+    """Inequalities, equalities, their Jacobians, and the Hessian of slots of one kind."""
+    import jax.numpy as jnp
+
+    shape, name = kind.shape, kind.name
+    w = len(shape.depends) + int(program.problem.shared) + shape.auxiliaries
+    h, q = shape.inequalities, shape.equalities
+    v = jnp.concatenate([*_variables(kind, primal), dual.force[name], dual.ties[name]])
+    out = program.kernels[name](v, given.numbers[name])
+    values, jacobian, hessian = _cut(out, [(h + q,), (h + q, w), (w, w)])
+    return values[:h], values[h:], jacobian[:h], jacobian[h:], hessian
+
+
+def _variables(kind: Kind, primal: Primal) -> list[Any]:
+    """Arguments of a slot's kernel: x's entries, s, auxiliaries."""
+    import jax.numpy as jnp
+
+    lifted = primal.lifted[kind.name]
+    entries = primal.states[jnp.asarray(kind.shape.depends, dtype=int)][:, :, None]
+    level = primal.level[:, None, None]
+    return [
+        jnp.broadcast_to(part, (part.shape[0], *lifted.shape[1:])) for part in (entries, level)
+    ] + [lifted]
+
+
+def _own_rows(program: Program, primal: Primal) -> dict[str, Any]:
+    """Inequalities that need no kernel."""
+    rows = {}
+    if program.levelled:
+        rows[LEVEL] = primal.level - program.problem.minimum
+    if program.kinds:
+        rows[SLACK] = primal.slack[None]
+    return rows
+
+
+def _level(program: Program, given: Instances, primal: Primal, scale: Any) -> Any:
+    """Cost of the level with its two derivatives, (3, B)."""
+    import jax.numpy as jnp
+
+    s = primal.level if program.problem.shared else jnp.zeros_like(scale)[None]
+    return program.kernels["level"](s, jnp.stack([given.target, scale]))
+
+
+def _with_scale(given: Instances, scale: Any) -> Any:
+    import jax.numpy as jnp
+
+    steps, count = given.head.shape[1:]
+    return jnp.concatenate([given.head, jnp.broadcast_to(scale, (1, steps, count))])
+
+
+def _cut(out: Any, shapes: Sequence[tuple[int, ...]]) -> list[Any]:
+    """Pieces of a kernel's result, in rows of the given shapes."""
+    pieces, first = [], 0
+    for shape in shapes:
+        size = prod(shape)
+        pieces.append(out[first : first + size].reshape(*shape, *out.shape[1:]))
+        first += size
+    return pieces

@@ -16,8 +16,10 @@ from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.slots.gaussian_discs import Obstacles
 from wideberth.framework.mpc.slots.static_polygons import choose_walls, fill_walls
-from wideberth.framework.mpc.solvers.batch import BatchSolution, solve_batch
+from wideberth.framework.mpc.solvers.base import solve_many
+from wideberth.framework.mpc.solvers.batch import Batch, BatchSolution, solve_batch
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
+from wideberth.framework.mpc.solvers.riccati.solver import Riccati
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.framework.values.motion import Pose, Twist
@@ -182,3 +184,17 @@ def test_the_caller_s_settings_of_jax_are_left_alone(
     found = solved(paper, recorded[:1])
     assert found.states.dtype == np.float64
     assert jax.config.jax_enable_x64 == before
+
+
+def test_many_instances_have_one_entry_for_every_solver(
+    paper: Problem, recorded: list[Instance], together: BatchSolution
+) -> None:
+    parameters, guesses = zip(*((one.parameters, one.guess) for one in recorded), strict=True)
+    for solver in (Batch(), Riccati(), Fatrop()):
+        found = solve_many(solver, paper, parameters, guesses)
+        assert [one.status for one in found] == [Status.SOLVED] * len(recorded)
+        costs = np.array([one.cost for one in found])
+        same = np.abs(costs - together.cost) <= 1e-5 * (1.0 + together.cost)
+        assert same.mean() >= 0.8, solver  # some pass an obstacle on the other side
+        with pytest.raises(WideberthError, match="got 8 parameters and 1 guesses"):
+            solve_many(solver, paper, parameters, guesses[:1])

@@ -1,4 +1,4 @@
-"""Many instances of a problem at once, in JAX, on whatever device it finds."""
+"""The solver ``batch``: many instances of a problem at once, in JAX, on the device it finds."""
 
 from collections import OrderedDict
 from collections.abc import Sequence
@@ -15,10 +15,10 @@ from ....values.errors import WideberthError
 from ....values.plan import Status
 from ...ocp.problem import Parameters, Problem
 from ...ocp.transcription import Guess
-from .method import Code, Settings, advance, start
-from .packing import packed
-from .program import program
-from .report import report
+from ..base import ManySolver, Solution, on_time, refuse_misfits, refuse_unequal
+from ..interior_point import ITERATIONS, START_DISTANCE, TOLERANCE
+from .method import Code, Settings, advance, report, start
+from .program import packed, program
 
 _STATUS = {
     Code.RUNNING: Status.LIMIT,
@@ -74,6 +74,21 @@ class BatchSolution:
         """Count the instances."""
         return len(self.status)
 
+    def solutions(self) -> list[Solution]:
+        """Return the solutions one by one; each has the wall time of all together."""
+        numbers = zip(self.status, self.cost.tolist(), self.iterations.tolist(), strict=True)
+        return [
+            Solution(
+                self.point(i),
+                status,
+                f"{status} after {count} iterations",
+                cost,
+                count,
+                self.seconds,
+            )
+            for i, (status, cost, count) in enumerate(numbers)
+        ]
+
     def point(self, index: int) -> Guess:
         """Return one solution as a starting point for other solves."""
         return Guess(
@@ -85,57 +100,97 @@ class BatchSolution:
         )
 
 
+@final
+@dataclass(frozen=True)
+class Batch(ManySolver):
+    """Primal-dual interior point in JAX that solves many instances of one problem at once.
+
+    ``width`` of them advance in step on JAX's default device, in double precision whether or not
+    the caller has set JAX to it; where one has ended, another begins. Each ends as it would
+    alone, but for rounding, and its status says how. The first call for a problem and a width
+    compiles for seconds: for studies, not for the robot. The method and its constants are those of
+    `Riccati`.
+
+    Parameters
+    ----------
+    iterations : limit.
+    tolerance : of the optimality conditions.
+    width : instances computed at once, rounded up to a power of two; None for what suits the
+        device. Fewer instances are computed at the power of two that holds them.
+    """
+
+    iterations: int = ITERATIONS
+    tolerance: float = TOLERANCE
+    width: int | None = None
+
+    def __post_init__(self) -> None:
+        whole("batch.iterations", self.iterations)
+        positive("batch.tolerance", self.tolerance)
+        if self.width is not None:
+            whole("batch.width", self.width)
+
+    def solve(
+        self,
+        problem: Problem,
+        parameters: Parameters,
+        guesses: Sequence[Guess],
+        deadline: float | None = None,
+    ) -> list[Solution]:
+        """Solve from each guess, all at once; a deadline stops nothing, but is reported."""
+        begin = perf_counter()
+        found = self.solve_many(problem, [parameters] * len(guesses), guesses)
+        return [on_time(one, perf_counter() - begin, deadline) for one in found]
+
+    def solve_many(
+        self,
+        problem: Problem,
+        parameters: Sequence[Parameters],
+        guesses: Sequence[Guess],
+        workers: int | None = None,
+    ) -> list[Solution]:
+        """Solve many instances at once; JAX takes the cores it likes, not ``workers``."""
+        return self.arrays(problem, parameters, guesses).solutions() if len(guesses) else []
+
+    def arrays(
+        self, problem: Problem, parameters: Sequence[Parameters], guesses: Sequence[Guess]
+    ) -> BatchSolution:
+        """Solve many instances at once, one at least, into arrays whose first axis is theirs.
+
+        Raises
+        ------
+        WideberthError : as many parameters as guesses are needed, arrays do not fit the problem,
+            or its expressions are too long to be compiled.
+        """
+        begin = perf_counter()
+        refuse_unequal(parameters, guesses)
+        if not parameters:
+            raise WideberthError("got no instance to solve; wanted one at least")
+        for one, guess in zip(parameters, guesses, strict=True):
+            refuse_misfits(problem, one, [guess])
+        import jax
+
+        with jax.enable_x64(True):
+            width = self.width or WIDTHS.get(jax.default_backend(), WIDE)
+            size = min(_power(len(parameters)), _power(width))
+            own = Settings(self.iterations, self.tolerance)
+            found = _compiled(problem, own)(parameters, guesses, size)
+        status = tuple(_STATUS[Code(code)] for code in found.pop("code"))
+        lifted = tuple(found.pop(f"auxiliaries{k}") for k in range(len(problem.slots)))
+        seconds = perf_counter() - begin
+        return BatchSolution(**found, auxiliaries=lifted, status=status, seconds=seconds)
+
+
 def solve_batch(
     problem: Problem,
     parameters: Sequence[Parameters],
     guesses: Sequence[Guess],
     *,
-    iterations: int = 150,
-    tolerance: float = 1e-6,
+    iterations: int = ITERATIONS,
+    tolerance: float = TOLERANCE,
     width: int | None = None,
 ) -> BatchSolution:
-    """Solve many instances of one problem, each from its own starting point.
-
-    ``width`` of them advance in step on JAX's default device, in double precision whether or not
-    the caller has set JAX to it; where one has ended, another begins. Each ends as it would
-    alone, and its status says how. The first call for a problem and a width compiles.
-
-    Parameters
-    ----------
-    problem : of all.
-    parameters, guesses : one per instance, B of each.
-    iterations : limit.
-    tolerance : of the optimality conditions.
-    width : instances computed at once, rounded up to a power of two; None for what suits the
-        device. Fewer instances are computed at the power of two that holds them.
-
-    Raises
-    ------
-    WideberthError : B differs between the two or is 0, a setting out of range, or expressions too
-        long to be compiled.
-    """
-    if len(parameters) != len(guesses):
-        raise WideberthError(
-            f"got {len(parameters)} parameters and {len(guesses)} guesses; wanted one of each "
-            "per instance: repeat the parameters for several starts"
-        )
-    import jax
-
-    begin = perf_counter()
-    own = Settings(
-        iterations=whole("iterations", iterations), tolerance=positive("tolerance", tolerance)
-    )
-    if not parameters:
-        raise WideberthError("got no instance to solve; wanted one at least")
-    with jax.enable_x64(True):
-        given = WIDTHS.get(jax.default_backend(), WIDE) if width is None else whole("width", width)
-        size = min(_power(len(parameters)), _power(given))
-        found = _compiled(problem, own)(parameters, guesses, size)
-    status = tuple(_STATUS[Code(code)] for code in found.pop("code"))
-    lifted = tuple(found.pop(f"auxiliaries{k}") for k in range(len(problem.slots)))
-    return BatchSolution(
-        **found, auxiliaries=lifted, status=status, seconds=perf_counter() - begin
-    )
+    """Solve many instances of one problem, see `Batch.arrays`."""
+    return Batch(iterations, tolerance, width).arrays(problem, parameters, guesses)
 
 
 class _Method:
@@ -162,7 +217,7 @@ class _Method:
     ) -> dict[str, Array]:
         """Solve instances on ``size`` lanes: fields of the solution and ``code``."""
         count = len(guesses)
-        queue = packed(self._program, parameters, guesses, self._settings.push)
+        queue = packed(self._program, parameters, guesses, START_DISTANCE)
         lanes = self._begin(queue, np.arange(size) % count, np.arange(size) < count)
         owner, waiting = np.minimum(np.arange(size), count), min(size, count)
         found: dict[str, Array] = {}

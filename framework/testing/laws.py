@@ -1,0 +1,79 @@
+"""The common form of contract checks: the laws of a plug-in, each with a name of its own."""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import TypeVar, final
+
+T = TypeVar("T")
+
+
+@final
+@dataclass(frozen=True)
+class Law:
+    """A property that a plug-in has to keep.
+
+    Attributes
+    ----------
+    name : of the law, unique among those of one plug-in.
+    check : raises an `AssertionError` where the law does not hold. It may be called alone: no law
+        needs another one to be checked before it.
+    exception : reason why the plug-in is exempt; empty where the law applies.
+    """
+
+    name: str
+    check: Callable[[], None]
+    exception: str = ""
+
+
+def each(check: Callable[[T], None], subjects: Callable[[], Iterable[T]]) -> Callable[[], None]:
+    """Return a check that applies another one to every subject, made when it is called."""
+
+    def check_all() -> None:
+        for subject in subjects():
+            check(subject)
+
+    return check_all
+
+
+def findings(laws: Iterable[Law]) -> Iterator[tuple[Law, Exception | None]]:
+    """Check laws one after the other, each with the error that breaks it.
+
+    Any exception breaks a law. A law with an exception is not checked.
+    """
+    for law in laws:
+        problem: Exception | None = None
+        try:
+            if not law.exception:
+                law.check()
+        except Exception as error:
+            problem = error
+        yield law, problem
+
+
+def require(laws: Iterable[Law]) -> None:
+    """Check all laws, and name every one that does not hold.
+
+    Raises
+    ------
+    AssertionError : one line per broken law, with its name and where it broke.
+
+    Examples
+    --------
+    >>> def holds() -> None: ...
+    >>> def fails() -> None:
+    ...     raise AssertionError("2 is odd")
+    >>> require([Law("first", holds), Law("second", fails, "it is exempt")])
+    >>> require([Law("first", holds), Law("second", fails)])
+    Traceback (most recent call last):
+    AssertionError: second: 2 is odd
+    """
+    broken = [(law, error) for law, error in findings(laws) if error is not None]
+    if broken:
+        lines = [f"{law.name}: {described(error)}" for law, error in broken]
+        raise AssertionError("\n".join(lines)) from broken[0][1]
+
+
+def described(error: Exception) -> str:
+    """Return the message of a broken law; an exception of another kind by its type too."""
+    kind = "" if isinstance(error, AssertionError) else f"raised {type(error).__name__}: "
+    return f"{kind}{error}"
