@@ -35,6 +35,7 @@ from wideberth.framework.mpc.solvers.base import Solver
 from wideberth.framework.mpc.solvers.batch import solve_batch
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.mpc.solvers.ipopt import Ipopt
+from wideberth.framework.mpc.solvers.riccati.solver import Riccati
 from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.robot import Robot
 from wideberth.framework.testing.slot_kind import LAWS, check_slot_kind, sample_view
@@ -240,7 +241,7 @@ def solve() -> SolveRecord:
     return found
 
 
-@pytest.mark.parametrize("solver", [Ipopt(), Fatrop()], ids=repr)
+@pytest.mark.parametrize("solver", [Ipopt(), Fatrop(), Riccati()], ids=repr)
 def test_every_solver_takes_it(solver: Solver, solve: SolveRecord) -> None:
     problem = solve.problem()
     (found,) = solver.solve(problem, solve.parameters, solve.guesses[:1])
