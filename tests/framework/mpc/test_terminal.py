@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.assembly import REST, assemble
+from wideberth.framework.mpc.assembly import REST
 from wideberth.framework.mpc.fallback.rollout import follow, shift, stand, steer
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
@@ -25,6 +25,7 @@ from wideberth.predictors.oracle import Oracle
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.helpers.problems import assemble
 
 ROBOTS = [build("robots", name) for name in names("robots")]
 DT, RADIUS = 0.5, 0.3
