@@ -32,7 +32,7 @@ from wideberth.regions.risk_contour import RiskContour
 from wideberth.regions.static.separating_line import SeparatingLine
 from wideberth.robots.holonomic import Holonomic
 from wideberth.robots.unicycle import Unicycle
-from wideberth.tests.helpers.problems import assemble, fill, with_auxiliaries
+from wideberth.tests.helpers.problems import assemble, fill, slots_of, with_auxiliaries
 from wideberth.tests.oracles.recorded_instances import (
     Instance,
     read_instances,
@@ -99,7 +99,7 @@ def test_bad_ones_do_not_spoil_the_others(
     centre = np.broadcast_to(first.initial[:2], (15, 1, 2))
     vast = GaussianObstacle(centre, np.broadcast_to(np.eye(2), (15, 1, 2, 2)))
     within = MahalanobisEllipse().parameters(vast, np.full((15, 1), 9.0))
-    caught = replace(first, regions=within)
+    caught = slots_of(first, parameters=within)
     cases = list(recorded[:4])
     cases[1] = replace(cases[1], parameters=broken)
     cases[3] = replace(cases[3], parameters=caught)
@@ -107,7 +107,7 @@ def test_bad_ones_do_not_spoil_the_others(
     assert found.status[1] is Status.FAILED
     assert found.status[3] is Status.INFEASIBLE and found.violation[3] > 0.1
     point = found.point(3)  # still a plan that keeps dynamics and limits
-    assert violation(paper, replace(caught, active=np.zeros(1)), point).worst < 1e-6
+    assert violation(paper, slots_of(caught, active=np.zeros(1)), point).worst < 1e-6
     for i in (0, 2):
         assert found.status[i] is Status.SOLVED
         np.testing.assert_allclose(found.states[i], together.states[i], atol=1e-9)
@@ -151,8 +151,9 @@ def test_auxiliaries_walls_levels_of_their_own_soft_regions_and_the_end() -> Non
         assert other.status is Status.SOLVED
         least = violation(problem, own, other.point).worst  # the third begins within the margin
         assert violation(problem, own, found.point(i)).worst < least + 1e-6
-        # fatrop lets the slack of each step fall to -1e-8, which saves it 1e-4 each
-        assert found.cost[i] == pytest.approx(other.cost, rel=1e-7, abs=1e-3)
+        # fatrop lets the slack of each step fall to -1e-8, which saves it 1e-4 each; the
+        # tolerance is that of a cost scaled to a gradient of 10
+        assert found.cost[i] == pytest.approx(other.cost, rel=2e-6, abs=1e-3)
         np.testing.assert_allclose(found.states[i], other.point.states, atol=2e-4)
 
 
