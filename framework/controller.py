@@ -72,6 +72,7 @@ class DrivesRobot(Protocol):
     """A controller that knows the robot it drives."""
 
     @property
+    @abstractmethod
     def robot(self) -> Robot:
         """Model of the robot."""
 
@@ -81,6 +82,7 @@ class NeedsStaticRegion(Protocol):
     """A controller that keeps clear of polygons by a static region, and ignores them without."""
 
     @property
+    @abstractmethod
     def static_region(self) -> StaticRegion | None:
         """The region, or None."""
 
@@ -90,6 +92,7 @@ class WrapsController(Protocol):
     """A controller that passes observations to another one."""
 
     @property
+    @abstractmethod
     def controller(self) -> Controller:
         """The other one."""
 

@@ -98,10 +98,12 @@ class SpeedLimited(Protocol):
     """A robot with a largest speed among its settings."""
 
     @property
+    @abstractmethod
     def radius(self) -> float:
         """Radius of the enclosing disc, m."""
 
     @property
+    @abstractmethod
     def max_speed(self) -> float:
         """Largest speed, m/s."""
 

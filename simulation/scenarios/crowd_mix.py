@@ -1,5 +1,6 @@
 """Crowds: kinds of controllers, and the share of people with each."""
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, Protocol, cast, final, runtime_checkable
@@ -79,6 +80,7 @@ class Hurrying(Protocol):
     """A controller that may drive faster than its reference speed."""
 
     @property
+    @abstractmethod
     def haste(self) -> float:
         """Highest speed over the reference speed."""
 
