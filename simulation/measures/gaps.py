@@ -92,7 +92,4 @@ def _pieces(body: Moving) -> list[tuple[Array, float]]:
 
 def _apart(first: Array, second: Array) -> Array:
     """Signed distance at each instant, (T,); NaN where a body is absent."""
-    known = np.isfinite(first).all(axis=(1, 2)) & np.isfinite(second).all(axis=(1, 2))
-    distance = np.full(len(first), np.nan)
-    distance[known] = separation(first[known], second[known])[0]
-    return distance
+    return separation(first, second)[0]

@@ -1,6 +1,6 @@
 """CrowdNav's verdict on logs of which the answer is known."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -74,6 +74,11 @@ def test_danger_is_counted_and_measured_on_the_way():
     gaps = [np.hypot(x, 0.7) - 0.6 for x in (0.25, 0.0, 0.0, 0.25)]
     assert judged["danger_share"] == pytest.approx(4 / 7)
     assert judged["distance_m"] == pytest.approx(np.mean(gaps))
+    assert verdict(episode(still(1.0, 0.9)))["danger_share"] == 0.0  # 0.3 m beside it
+
+
+def test_nobody_has_a_velocity_before_the_first_step():
+    assert verdict(episode(still(-1.0, -1.0)))["outcome"] == "success"
 
 
 def test_collision_comes_before_the_goal():
@@ -98,4 +103,8 @@ def test_a_collision_is_by_the_previous_velocity():
 def test_timeout():
     assert verdict(episode(limit=30.0, speed=0.01))["outcome"] == "timeout"
     assert verdict(episode(limit=30.0, speed=0.01))["time_s"] == 24.25
-    assert verdict(episode(limit=5.0, speed=0.01))["outcome"] == "timeout"
+    brief = episode(limit=5.0, speed=0.01)
+    assert verdict(brief)["outcome"] == "timeout" and verdict(brief)["time_s"] == 5.0
+    longer = replace(brief, times=brief.times * 1.0002)  # 1 ms of a further step
+    assert verdict(longer)["time_s"] == 5.25
+    assert verdict(episode(limit=0.25, speed=0.01))["time_s"] == 0.25

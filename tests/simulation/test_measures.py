@@ -1,10 +1,12 @@
 """The columns of an episode written by hand: of whom, until when, and of which plan."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from wideberth.framework.metrics import comfort
 from wideberth.framework.risk.collision_probability import collision_probability
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.forecast import Forecast
@@ -136,3 +138,94 @@ def test_promises_that_were_wrong(episode: Episode) -> None:
 def test_without_plans_nothing_is_promised(episode: Episode) -> None:
     row = promises(episode, episode.robots[0], 0.05)
     assert all(np.isnan(value) for value in row.values())
+
+
+def drives(times: Array, *knots: tuple[float, float, float]) -> Array:
+    """Positions of one who goes straight from knot to knot, each (time, x, y)."""
+    time, *places = np.array(knots).T
+    return np.stack([np.interp(times, time, place) for place in places], axis=-1)
+
+
+def of_two(times: Array, robot: Array, other: Array, reached: float = np.nan) -> Episode:
+    """A robot and somebody else over any instants."""
+    one, two = (
+        replace(
+            agent(name, places, kind, reached if kind == "robot" else np.nan),
+            headings=np.zeros(len(times)), yaw_rates=np.zeros(len(times)),
+        )
+        for name, places, kind in (("robot", robot, "robot"), ("other", other, "person"))
+    )  # fmt: skip
+    return Episode(times, (one, two), "time limit", 0.25, 0)
+
+
+def of_robot(played: Episode, **changes: Any) -> Episode:
+    """Say otherwise what the log of the robot holds."""
+    return replace(played, agents=(replace(played.robots[0], **changes), *played.agents[1:]))
+
+
+def test_a_robot_that_meets_somebody_head_on() -> None:
+    """Both at 1 m/s on one line, 10 m apart, with 1 m of both radii, seen every 0.25 s."""
+    times = 0.25 * np.arange(17)
+    played = of_two(
+        times, drives(times, (0, 0, 0), (4, 4, 0)), drives(times, (0, 10, 0), (4, 6, 0))
+    )
+    row = measures(played, 0.05, 60.0)
+    assert row["time_to_collision_min"] == pytest.approx((10.0 - 2.0 * 3.75 - 1.0) / 2.0)
+    ahead = np.exp(-0.5 * ((10.0 - 2.0 * times[:-1]) / 2.0) ** 2)  # 2 s of its way, in front
+    assert row["personal_space"] == pytest.approx(ahead.mean())
+    sampled = Sampled.of(played, played.robots[0])
+    assert sampled.step == 0.25 and len(sampled.positions) == 17
+    work = comfort.social_work(sampled.positions, sampled.others, 0.25)
+    assert row["social_work"] == pytest.approx(work) and work > 0.0
+    wide = ((0, 0), (0, 1))
+    aloft = [replace(one, positions=np.pad(one.positions, wide)) for one in played.agents]
+    high = replace(played, agents=tuple(aloft))
+    up = ((0.0, Path(np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0]]))),)
+    flown = measures(of_robot(high, paths=up), 0.05, 60.0)
+    assert np.isnan(flown["social_work"])
+    assert flown["distance_min"] == pytest.approx(row["distance_min"]) == pytest.approx(1.0)
+
+
+def test_a_robot_that_stands_still_for_5_s_is_frozen() -> None:
+    """It drifts aside by 0.5 m in 2 s, then turns by a right angle where it stands."""
+    times = 0.25 * np.arange(29)
+    played = of_two(times, drives(times, (0, 0, 0), (2, 2, 0.5)), np.full((29, 2), 9.0))
+    turning = of_robot(played, headings=np.interp(times, [0.0, 2.0, 7.0], [0.0, 0.0, np.pi / 2]))
+    row = measures(turning, 0.05, 60.0)
+    assert row["frozen"] and row["freeze_share"] == pytest.approx(5.0 / 7.0)
+    assert row["heading_change"] == pytest.approx(np.pi / 2)
+    assert row["cross_track_max"] == pytest.approx(0.5)
+    assert row["cross_track_mean"] == pytest.approx((0.0625 * 36 + 0.5 * 20) / 29)
+    in_part = of_robot(played, headings=np.where(times < 6.9, turning.robots[0].headings, np.nan))
+    assert measures(in_part, 0.05, 60.0)["heading_change"] == 0.0  # of its course, then
+    # A moment less on end is not 5 s.
+    assert not measures(replace(played, times=times * (1.0 - 1e-6)), 0.05, 60.0)["frozen"]
+    late = of_two(times, drives(times, (0, 0, 0), (2.25, 2, 0.5)), np.full((29, 2), 9.0))
+    assert not measures(late, 0.05, 60.0)["frozen"]
+
+
+def test_contacts_count_until_the_robot_is_there() -> None:
+    """At 1 m/s it drives into somebody who stands: 1 m apart from 3.5 s on."""
+    times = 0.5 * np.arange(9)
+    way = drives(times, (0, 0, 0), (4, 4, 0))
+    for reached, met in ((3.0, 0), (3.5, 1), (np.nan, 1)):
+        played = of_two(times, way, np.tile([4.25, 0.0], (9, 1)), reached)
+        row = measures(replace(played, ended="goals"), 0.05, 60.0)
+        assert (row["contacts_by_robot"], row["contacts_by_other"]) == (met, 0), reached
+        assert row["outcome"] == "collision" and row["penalised_time"] == 60.0
+    there = of_two(times, way, np.full((9, 2), 9.0), 3.5)
+    row = measures(replace(there, ended="goals"), 0.05, 60.0)
+    assert row["outcome"] == "success" and row["penalised_time"] == row["success_time"] == 3.5
+
+
+def test_a_robot_that_is_there_at_once_counts_for_one_step() -> None:
+    """Somebody whom it touches later is no contact; below two samples the step is the usual."""
+    times = 0.25 * np.arange(9)
+    way = drives(times, (0, 0, 0), (2, 2, 0))
+    at_once = of_two(times, way, np.tile([1.2, 0.0], (9, 1)), 0.0)
+    sampled = Sampled.of(at_once, at_once.robots[0])
+    assert sampled.positions.tolist() == [[0.0, 0.0], [0.25, 0.0]] and sampled.step == 0.25
+    assert sampled.contacts == (0, 0)
+    brief = of_two(np.array([0.0, 0.05]), way[:2], way[:2] + 5.0)
+    one = Sampled.of(brief, brief.robots[0])
+    assert len(one.positions) == 1 and one.step == 0.1
