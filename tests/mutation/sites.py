@@ -143,7 +143,15 @@ def _slots(node: ast.AST, scope: _Scope) -> Iterator[_Slot]:
                 inside = scope.of(child)
                 place = index if isinstance(value, list) else None
                 yield _Slot(child, node, field, place, inside)
-                yield from _slots(child, inside)
+                if not _reshaped_by(node, child):
+                    yield from _slots(child, inside)
+
+
+def _reshaped_by(parent: ast.AST, child: ast.AST) -> bool:
+    """Whether it is -1 in a call of reshape, where any number below 0 means the same."""
+    called = parent.func if isinstance(parent, ast.Call) else None
+    reshapes = isinstance(called, ast.Attribute) and called.attr == "reshape"
+    return reshapes and isinstance(child, ast.UnaryOp)
 
 
 def _left_alone(parent: ast.AST, field: str, child: ast.AST) -> bool:

@@ -67,6 +67,19 @@ def test_an_arc_is_the_textbooks_and_has_no_hole_at_zero():
     np.testing.assert_allclose(straight, wanted, atol=1e-14)
 
 
+def test_noise_acts_along_the_heading_and_on_the_turn():
+    """Q = G diag(Q_along, Q_turn) G' with the heading's direction in G; told apart by sizes."""
+    along, turn = np.array([[0.7, 0.2], [0.2, 0.3]]), np.array([[0.05, 0.02], [0.02, 0.04]])
+    model = TurnModel(DT, along, np.eye(2), turn)
+    state, _ = states(6)
+    for one, noise in zip(state, model.process(state), strict=True):
+        lead = np.zeros((5, 4))
+        lead[:2, 0] = np.cos(one[2]), np.sin(one[2])
+        lead[3, 1] = lead[2, 2] = lead[4, 3] = 1.0
+        wanted = lead @ np.block([[along, np.zeros((2, 2))], [np.zeros((2, 2)), turn]]) @ lead.T
+        np.testing.assert_allclose(noise, wanted, atol=1e-15)
+
+
 @pytest.mark.parametrize("rate", [None, 0.0, 1e-9, 1e-3, 0.039, 0.041])
 def test_the_jacobian_is_the_derivative(rate):
     model = model_of()

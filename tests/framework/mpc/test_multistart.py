@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from wideberth.framework.mpc.planner import multistart
 from wideberth.framework.mpc.planner.multistart import OTHERS, Budget, MultiStart
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
 
@@ -44,3 +45,14 @@ def test_a_plan_that_waits_for_ever_is_not_the_only_one_looked_at():
     assert asked(0.9) == OTHERS
     assert asked(0.0) == OTHERS
     assert asked(-2.0) == ("along",)  # backs off: it is on its way
+
+
+def test_a_tenth_of_the_deadline_is_kept_and_half_of_it_waited(monkeypatch):
+    clock = iter([100.0, 102.0, 102.0, 102.0])
+    monkeypatch.setattr(multistart, "perf_counter", lambda: next(clock))
+    budget = Budget.start(4.0)
+    assert budget.spent() == 2.0
+    assert budget.left() == pytest.approx(0.9 * 4.0 - 2.0)
+    assert budget.wait() == pytest.approx(0.95 * 4.0 - 2.0)
+    free = Budget(None, 0.0)
+    assert free.left() == free.wait() == np.inf

@@ -154,6 +154,19 @@ def test_half_plane_level_of_what_cannot_be_reached() -> None:
     tangent = float(half_plane_level([3.0, 0.8], line, 1.0))
     assert tangent == pytest.approx(2.4, rel=1e-9)
     assert math.isinf(float(half_plane_level([3.0, 0.8], np.zeros((2, 2)), 1.0)))
+    # What has no size is not reached by what has no width, not even on the line itself.
+    assert math.isinf(float(half_plane_level([2.0, 0.0], np.diag([0.25, 0.0]), 0.0)))
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e-2, 1e3])
+def test_the_unit_of_length_changes_nothing(scale: float) -> None:
+    rng = np.random.default_rng(11)
+    points, radii = 3.0 * rng.standard_normal((50, 2)), rng.uniform(0.0, 1.5, 50)
+    spreads = np.stack([turned(rng.uniform(0, 3), 1.0, 10 ** rng.uniform(-2, 0)) for _ in points])
+    for level in (half_plane_level, collision_probability):
+        metres = level(points, spreads, radii)
+        other = level(scale * points, scale**2 * spreads, scale * radii)
+        np.testing.assert_allclose(other, metres, rtol=1e-9)
 
 
 def test_bad_input_is_named() -> None:

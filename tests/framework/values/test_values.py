@@ -105,6 +105,51 @@ def test_resampling_interpolates_and_starts_at_the_newest_position() -> None:
     assert np.array_equal(same.mean, forecast().mean)
 
 
+def test_resampling_two_modes_of_two_obstacles_is_linear_between_the_steps() -> None:
+    rng = np.random.default_rng(5)
+    mean = rng.standard_normal((2, 2, 4, 2))
+    root = rng.standard_normal((2, 2, 4, 2, 2))
+    covariance = root @ root.swapaxes(-1, -2)
+    weight = np.array([[0.3, 0.7], [1.0, 0.0]])
+    reasons = ("a", None)
+    own = Forecast(mean, covariance, weight, 0.5, reasons, np.tile(np.eye(8), (2, 2, 1, 1)))
+    origin, spread = rng.standard_normal((2, 2)), np.tile(0.1 * np.eye(2), (2, 1, 1))
+    for times in (
+        [0.0, 0.3, 0.6],
+        [0.5, 1.0, 1.5],
+        [0.5, 1.0, 1.5, 2.0 - 1e-7],
+        [1.9],
+        [0.0, 2.0],
+    ):
+        asked = np.array(times)
+        found = resample(own, origin, spread, asked)
+        for o in range(2):
+            for m in range(2):
+                means = np.concatenate([origin[o][None], mean[o, m]])
+                spreads = np.concatenate([spread[o][None], covariance[o, m]])
+                grid = 0.5 * np.arange(5)
+                for i in range(2):
+                    wanted = np.interp(asked, grid, means[:, i])
+                    np.testing.assert_allclose(found.mean[o, m, :, i], wanted, atol=1e-12)
+                    for j in range(2):
+                        wanted = np.interp(asked, grid, spreads[:, i, j])
+                        got = found.covariance[o, m, :, i, j]
+                        np.testing.assert_allclose(got, wanted, atol=1e-12)
+        assert found.dt == pytest.approx(times[1] - times[0] if len(times) > 1 else 0.5)
+        assert np.array_equal(found.weight, weight) and found.fallback == reasons
+        assert found.joint is None
+    grid = 0.5 * np.arange(1, 5)
+    assert (
+        resample(own, origin, spread, grid) is resample(own, origin, spread, grid + 1e-10) is own
+    )
+    ends = resample(own, origin, spread, np.array([-4e-10, 2.0 + 4e-10])).mean
+    np.testing.assert_array_equal(ends[:, :, 1], mean[:, :, 3])
+    np.testing.assert_array_equal(ends[:, 0, 0], origin)
+    for time in (-1e-8, 2.0 + 1e-8):
+        with pytest.raises(WideberthError, match="predict more steps"):
+            resample(own, origin, spread, np.array([1.0, time]))
+
+
 def test_samples_have_the_forecast_s_moments() -> None:
     count = 20_000
     draws = forecast().sample(np.random.default_rng(1), count)
