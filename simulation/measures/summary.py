@@ -149,7 +149,7 @@ def forecast_coverage(episode: Episode, tail: float) -> tuple[Array, Array, floa
     share, number = metrics.coverage(
         np.array(means), np.array(covariances), np.array(truths), tail
     )
-    overall = np.nansum(share * number) / number.sum() if number.sum() else np.nan
+    overall = np.nansum(share * number) / number.sum() if number.any() else np.nan
     return share, number, float(overall)
 
 

@@ -14,7 +14,7 @@ from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Plan, Rung, Status
 from wideberth.simulation.log.episode_log import AgentLog, CommandLog, Episode
 from wideberth.simulation.measures.episode_measures import Sampled, measures
-from wideberth.simulation.measures.plan_calibration import promises
+from wideberth.simulation.measures.plan_calibration import Judged, promises
 
 TIMES = np.linspace(0.0, 4.0, 41)
 EMPTY = CommandLog(np.zeros(0), np.zeros(0), np.zeros((0, 2)), np.zeros(0), np.zeros(0))
@@ -229,3 +229,103 @@ def test_a_robot_that_is_there_at_once_counts_for_one_step() -> None:
     brief = of_two(np.array([0.0, 0.05]), way[:2], way[:2] + 5.0)
     one = Sampled.of(brief, brief.robots[0])
     assert len(one.positions) == 1 and one.step == 0.1
+
+
+def many_steps(rng: np.random.Generator) -> tuple[Episode, AgentLog]:
+    """A robot whose three plans of three steps of 0.5 s go among six who move.
+
+    Kept clear of by one mode are a, b, and "late" from where it is known.
+    """
+    east_ward = np.stack([np.linspace(0.0, 4.0, 41), np.zeros(41)], axis=1)
+    moving = {
+        name: rng.uniform(-3.0, 3.0, 2) + TIMES[:, None] * rng.uniform(-1.0, 1.0, 2)
+        for name in ("a", "b", "late", "mixed", "nearly", "twice")
+    }
+    moving["late"][TIMES < 1.3] = np.nan
+    moving["late"][TIMES < 1.3, 1] = 0.0  # one coordinate is not enough
+    plans = []
+    for stamp, forecast_steps in ((0.5, 4), (1.7, 2), (3.0 - 4e-10, 3)):
+        mean = rng.uniform(-3.0, 3.0, (6, 2, forecast_steps, 2))
+        root = rng.uniform(-0.7, 0.7, (6, 2, forecast_steps, 2, 2))
+        covariance = root @ root.swapaxes(-1, -2) + 0.05 * np.eye(2)
+        weight = np.array(
+            [[0.0, 1.0], [1.0, 0.0], [1.0, 0.0], [0.4, 0.6], [1.0 - 1e-7, 1e-7], [1.0, 0.0]]
+        )
+        start = np.array([stamp, 0.2])
+        positions = start + 0.5 * np.arange(4)[:, None] * rng.uniform(0.5, 1.5, 2)
+        ids = ("twice", "b", "late", "a", "twice", "mixed", "nearly")
+        plans.append(
+            replace(
+                plan(stamp, positions, np.zeros((3, 2)), CERTAIN, 0.5), dt=0.5, ids=ids,
+                content=rng.uniform(0.3, 0.7, (3, 7)), tracked=tuple(moving),
+                forecast=Forecast(mean, covariance, weight, 0.5, (None,) * 6),
+            )
+        )  # fmt: skip
+    log = replace(agent("robot", east_ward), plans=tuple(plans))
+    others = [replace(agent(name, way, "person"), radius=0.2) for name, way in moving.items()]
+    return Episode(TIMES, (log, *others), "time limit", 0.25, 0), log
+
+
+def judged_by_hand(episode: Episode, log: AgentLog, own: Plan) -> dict[str, Any]:
+    """What `Judged` holds, obstacle by obstacle and step by step."""
+    forecast = own.forecast
+    assert forecast is not None
+    found: dict[str, Any] = {"risk": [], "touched": [], "known": [], "tail": [], "outside": []}
+    for step in range(min(3, forecast.steps)):
+        time, place, free, hit = own.stamp + 0.5 * (step + 1), own.positions[step + 1], 1.0, False
+        for o, name in enumerate(own.tracked):
+            truth = episode.at(episode.agent(name), np.array([time]))[0]
+            chance = collision_probability(
+                forecast.mean[o, :, step] - place, forecast.covariance[o, :, step], 0.7
+            )
+            free *= 1.0 - float(forecast.weight[o] @ chance)
+            hit |= bool(np.hypot(*(truth - place)) < 0.7)
+        found["risk"].append(1.0 - free)
+        found["touched"].append(hit)
+        found["known"].append(time < 4.0 + 9e-10)
+    for name, mode in (("a", 1), ("b", 0), ("late", 0)):
+        o, content = own.tracked.index(name), own.content[0, own.ids.index(name)]
+        there = episode.at(episode.agent(name), np.array([own.stamp + 0.5]))[0]
+        if np.isnan(there).any():
+            continue
+        gap = there - forecast.mean[o, mode, 0]
+        square = gap @ np.linalg.solve(forecast.covariance[o, mode, 0], gap)
+        found["tail"].append(1.0 - content)
+        found["outside"].append(1.0 - np.exp(-0.5 * square) > content)
+    return found
+
+
+def test_plans_are_judged_as_by_hand() -> None:
+    """Their forecasts reach further than the plan, less far, and beyond the episode's end."""
+    for seed in range(12):
+        episode, log = many_steps(np.random.default_rng(seed))
+        by_hand = [judged_by_hand(episode, log, one) for one in log.plans]
+        for own, wanted in zip(log.plans, by_hand, strict=True):
+            judged = Judged.of(episode, log, own, 0.05)
+            assert judged is not None and judged.area.shape[2] == len(wanted["risk"])
+            for name, values in wanted.items():
+                np.testing.assert_allclose(
+                    getattr(judged, name), values, 1e-4, 1e-12, err_msg=name
+                )
+        row = promises(episode, log, 0.05)
+        risks = [np.array(one["risk"]) for one in by_hand]
+        assert row["plan_risk_max"] == pytest.approx(max(r.max() for r in risks), rel=1e-4)
+        safe = np.prod([1.0 - r[0] for r in risks])
+        assert row["episode_risk"] == pytest.approx(1.0 - safe, rel=1e-4)
+        touched = [one["touched"] for one in by_hand]
+        assert row["episode_touched"] == float(any(one[0] for one in touched))
+        assert row["step_touched"] == np.mean(np.concatenate([*touched[:2], touched[2][:2]]))
+        outside = np.concatenate([one["outside"] for one in by_hand])
+        assert row["tail_observed"] == outside.mean()
+
+
+def test_a_plan_whose_first_step_alone_is_known_counts(episode: Episode) -> None:
+    """And one of which the clock is a moment too late does not."""
+    still = np.array([[3.0, 0.0], [3.5, 0.0], [3.5, 0.0]])
+    own = plan(3.0, still, np.full((2, 2), 2.0), 0.3 * np.eye(2), 0.9)
+    for stamp, driven in ((3.0, True), (3.0 + 1e-6, False)):
+        log = replace(episode.robots[0], plans=(replace(own, stamp=stamp),))
+        row = promises(replace(episode, agents=(log, episode.agents[1])), log, 0.05)
+        assert np.isfinite(row["episode_risk"]) == driven == np.isfinite(row["episode_touched"])
+    without = [replace(own, forecast=None), replace(own, tracked=())]
+    assert [Judged.of(episode, episode.robots[0], one, 0.05) for one in without] == [None, None]

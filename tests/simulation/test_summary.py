@@ -12,7 +12,13 @@ from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import GivenWay, Plan, Rung, Status
 from wideberth.framework.values.polygon import Polygon
 from wideberth.simulation.log.episode_log import AgentLog, CommandLog, Episode
-from wideberth.simulation.measures.summary import clearances, passing, robot_rows, summarise
+from wideberth.simulation.measures.summary import (
+    clearances,
+    forecast_coverage,
+    passing,
+    robot_rows,
+    summarise,
+)
 
 TIMES = np.linspace(0.0, 8.0, 33)
 NOBODY = np.zeros((2, 0))
@@ -153,3 +159,98 @@ def test_head_on_who_goes_further_aside_yields() -> None:
     assert passing(swapped) == {"first": "north", "yields": "east"}
     away = replace(north, positions=north.positions[:1].repeat(len(TIMES), axis=0))
     assert passing(replace(swapped, agents=(away, east))) == {"first": "east", "yields": "north"}
+
+
+def forecasting(offsets: list[float], weight: list[float], covariance: float = 0.01) -> Episode:
+    """A robot that once forecast the walker, who stays; each mode and step off by so much."""
+    places = np.array([9.0, 9.0]) + np.stack([offsets, np.zeros(len(offsets))], axis=-1)
+    modes = np.stack([places, places + 50.0])[None]
+    spread = np.tile(covariance * np.eye(2), (1, 2, len(offsets), 1, 1))
+    own = replace(
+        plan(Rung.SHIFTED, 0.95),
+        forecast=Forecast(modes, spread, np.array([weight]), 0.5, (None,)),
+    )
+    alone, *_ = episode().agents
+    stays = at((0, 9, 9), (8, 9, 9))
+    walker = replace(alone, name="walker", kind="person", plans=(), paths=(), positions=stays)
+    return Episode(TIMES, (replace(alone, plans=(own,)), walker), "time limit", 0.25, 0)
+
+
+def test_coverage_is_of_the_heaviest_mode_at_each_step() -> None:
+    """A content of 95 % unless another is asked for; each offset is of a tail known exactly."""
+    offsets = [float(0.1 * np.sqrt(-2.0 * np.log(tail))) for tail in (0.2, 0.04, 0.07, 0.01)]
+    held = forecasting(offsets, [0.7, 0.3])
+    found = summarise(held)
+    assert found["coverage"] == pytest.approx(0.5) and found["coverage_first"] == 1.0
+    assert found["coverage_last"] == 0.0
+    assert summarise(forecasting(offsets[:3], [0.7, 0.3]))["coverage_last"] == 1.0
+    assert summarise(held, 0.1)["coverage"] == pytest.approx(0.25)
+    assert summarise(forecasting(offsets, [0.3, 0.7]))["coverage"] == 0.0
+    share, number, overall = forecast_coverage(held, 0.05)
+    assert share.tolist() == [1.0, 0.0, 1.0, 0.0] and number.tolist() == [1.0] * 4
+    assert overall == pytest.approx(0.5)
+    (one, walker) = held.agents
+    late = replace(one, plans=(replace(one.plans[0], stamp=7.0),))  # two steps are known
+    assert summarise(replace(held, agents=(late, walker)))["coverage"] == pytest.approx(0.5)
+    over = replace(one, plans=(replace(one.plans[0], stamp=8.0),))
+    assert isnan(summarise(replace(held, agents=(over, walker)))["coverage"])
+    none = replace(held, agents=(replace(one, plans=()), walker))
+    share, number, overall = forecast_coverage(none, 0.05)
+    assert share.size == number.size == 0 and isnan(overall)
+    row = summarise(none)
+    assert isnan(row["coverage_first"]) and isnan(row["coverage_last"])
+    assert row["violation_worst"] == 0.0 and row["fallbacks"] == 0
+    assert summarise(held)["fallbacks"] == 1
+
+
+def test_who_was_never_there_is_never_near() -> None:
+    held = forecasting([0.0], [1.0, 0.0])
+    one, walker = held.agents
+    gone = np.full_like(walker.positions, np.nan)
+    assert clearances(replace(held, agents=(one, replace(walker, positions=gone)))) == {
+        ("east", "walker"): inf
+    }
+    gone[4:9] = walker.positions[4:9]
+    partly = clearances(replace(held, agents=(one, replace(walker, positions=gone))))
+    assert 5.0 < partly["east", "walker"] < 20.0
+
+
+def test_a_robot_that_never_arrives_is_later_than_one_of_unknown_speed() -> None:
+    east, north, walker = episode(8.0).agents
+    unknown, never = replace(east, speed=nan), replace(north, reached=nan)
+    for both in ((unknown, never), (never, unknown)):
+        found = summarise(replace(episode(), agents=(*both, walker)))
+        assert found["time_ratio_worst"] == found["extra_time_worst"] == inf
+
+
+def test_the_commonest_of_several_reasons_is_named() -> None:
+    east, *others = episode().agents
+    stops = [replace(east.plans[2], reason=words) for words in ("a", "b", "b", "c")]
+    found = summarise(replace(episode(), agents=(replace(east, plans=tuple(stops)), *others)))
+    assert found["errors"] == "4 plans: b"
+
+
+def test_nobody_passes_a_crossing_that_nobody_reaches() -> None:
+    """Nor one that both pass at once; in space, where paths miss, the wider one yields."""
+    east, north, _ = episode().agents
+    stood = [
+        replace(one, positions=one.positions[:1].repeat(len(TIMES), axis=0))
+        for one in (east, north)
+    ]
+    met = Episode(TIMES, tuple(stood), "time limit", 0.25, 0)
+    assert passing(met) == {"first": "", "yields": ""}
+    along = [
+        robot("one", at((0, -2, 0), (8, 2, 0)), np.array([[-2.0, 0.0], [2.0, 0.0]]), 8.0),
+        robot("two", at((0, 0, -2), (8, 0, 2)), np.array([[0.0, -2.0], [0.0, 2.0]]), 8.0),
+    ]
+    at_once = replace(met, agents=tuple(along))
+    assert passing(at_once) == {"first": "", "yields": ""}
+    wide = ((0, 0), (0, 1))
+    aloft = [
+        replace(
+            one, positions=np.pad(one.positions, wide) + np.array([0.0, 0.0, height]),
+            paths=((0.0, Path(np.pad(one.paths[0][1].points, wide))),),
+        )
+        for one, height in zip(along, (0.0, 0.2), strict=True)
+    ]  # fmt: skip
+    assert passing(replace(met, agents=tuple(aloft))) == {"first": "", "yields": "two"}
