@@ -103,7 +103,7 @@ def trajectory_energy_score(draws: Array, truth: Array) -> Array:
     """
     known = np.isfinite(truth).all(axis=-1, keepdims=True)
     share = np.sqrt(known / np.maximum(known.sum(axis=1, keepdims=True), 1))
-    flat = np.where(known, draws, 0.0) * share
+    flat = draws * share
     aim = np.where(known, truth, 0.0) * share
     count = len(truth)
     return energy_score(flat.reshape(len(draws), count, -1), aim.reshape(count, -1))

@@ -3,7 +3,13 @@
 import numpy as np
 
 from wideberth.framework.values.tracks import Tracks
-from wideberth.predictors.adaptive_conformal import AdaptiveConformal, _position
+from wideberth.predictors.adaptive_conformal import (
+    LIMIT,
+    AdaptiveConformal,
+    _position,
+    _quantile,
+    _starts,
+)
 from wideberth.predictors.static import Static
 
 
@@ -40,3 +46,38 @@ def test_a_fit_takes_the_class_of_speed_from_the_newest_sample_on() -> None:
     both = AdaptiveConformal(Static(), observed=4, steps=1, speeds=(0.5,)).fit([scene])
     whole = AdaptiveConformal(Static(), observed=4, steps=1, speeds=()).fit([scene])
     assert whole.start is not None and both.start == whole.start * 2
+
+
+def test_the_weighted_quantile_against_its_definition() -> None:
+    rng = np.random.default_rng(3)
+    for count in (1, 2, 7, 40):
+        values, weights = rng.standard_normal(count), rng.random(count)
+        for share in (0.0, 0.05, 0.5, 0.95, 1.0, 1.0 + 1e-9):
+            held = [weights[values <= one].sum() >= share * weights.sum() for one in values]
+            wanted = min(values[held], default=values.max())
+            assert _quantile(values, weights, share) == wanted
+
+
+def test_a_class_starts_by_its_own_windows_where_it_has_a_hundred() -> None:
+    for few in (99, 100):
+        kinds = np.repeat([0, 1], [few, 300])
+        ratio = np.where(kinds == 0, 4.0, 1.0)[:, None] * np.array([1.0, 2.0])
+        found = _starts(ratio, kinds, np.ones(len(kinds)), 3, 0.7)
+        own = 4.0 if few == 100 else 1.0
+        np.testing.assert_allclose(found, np.log([own, 2.0 * own, 1.0, 2.0, 1.0, 2.0]))
+    bounds = _starts(np.array([[0.0, 1e30]]), np.zeros(1, dtype=int), np.ones(1), 1, 0.5)
+    np.testing.assert_allclose(bounds, [np.maximum(np.log(1e-12), -LIMIT), LIMIT])
+
+
+def test_the_class_is_that_of_the_mean_speed_of_the_forecast() -> None:
+    own = AdaptiveConformal(Static(), speeds=(0.5, 1.5))
+    newest = np.array([[0.0, 1.0]] * 3)
+    for steps, times in ((1, [1.0]), (4, [1.0, 2.0, 9.0, 9.0])):
+        mean = np.zeros((3, 2, steps, 2))
+        for o, (one, two) in enumerate(((0.25, 0.5), (0.375, 0.875), (1.0, 3.0))):
+            mean[o, :, :, 0] = np.array([[one], [two]]) * np.array(times)
+        mean[..., 1] = 1.0
+        weight = np.tile([0.75, 0.25], (3, 1))
+        # Mean displacements 0.3125, 0.5 and 1.5 m in 0.5 s, and in 1 s.
+        for dt, wanted in ((0.5, [1, 1, 2]), (1.0, [0, 1, 2]), (1.001, [0, 0, 1])):
+            assert own._kinds(mean, weight, newest, dt).tolist() == wanted

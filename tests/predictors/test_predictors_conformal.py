@@ -10,13 +10,14 @@ from scipy.stats import chi2
 from wideberth.framework.plugins.config import build, describe, load_plugin, save_plugin
 from wideberth.framework.predictor import Fittable, Predictor
 from wideberth.framework.testing.predictor import check_predictor
+from wideberth.framework.tracking.windows import cut_windows
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.adaptive_conformal import AdaptiveConformal
-from wideberth.predictors.conformal import Conformal, Scales
+from wideberth.predictors.conformal import Conformal, Scales, _halves
 from wideberth.predictors.constant_velocity import ConstantVelocity
-from wideberth.predictors.core.calibration import scaled, squared_distances
+from wideberth.predictors.core.calibration import replayed, scaled, seen_at, squared_distances
 from wideberth.predictors.empirical import Empirical
 from wideberth.predictors.kalman import Kalman
 from wideberth.predictors.static import Static
@@ -241,3 +242,63 @@ def test_scenes_of_one_track_are_dealt_to_both_halves():
     fitted = Conformal(base=base, observed=8, steps=4).fit(scenes)
     assert fitted.base == base.fit(scenes[::2])
     assert fitted.fitted.windows == 2 * (120 - 11)
+
+
+@dataclass(frozen=True)
+class AsManyModes(Predictor):
+    """As many modes as there are obstacles, of equal weight, i metres apart."""
+
+    def predict(self, tracks, steps, scene=None):
+        count, size = len(tracks), tracks.dimension
+        mean = np.zeros((count, count, steps, size))
+        mean[..., 0] = np.arange(count)[:, None]
+        covariance = np.tile(np.eye(size), (count, count, steps, 1, 1))
+        weight = np.full((count, count), 1.0 / count)
+        return Forecast(mean, covariance, weight, tracks.dt, (None,) * count)
+
+
+def test_rows_of_fewer_modes_are_filled_with_modes_of_no_weight():
+    positions = np.zeros((2, 6, 2))
+    positions[1, :2] = np.nan
+    scene = tracks_of(positions)
+    windows = cut_windows(scene, 2, 1)
+    mean, covariance, weight = replayed(AsManyModes(), scene, windows)
+    assert mean.shape == (len(windows), 2, 1, 2) and covariance.shape == (len(windows), 2, 1, 2, 2)
+    many = np.isfinite(positions[:, :, 0]).sum(axis=0)[windows.row]
+    assert set(many.tolist()) == {1, 2}
+    for own, places, count in zip(weight, mean[:, :, 0, 0], many, strict=True):
+        assert own.tolist() == ([1.0, 0.0] if count == 1 else [0.5, 0.5])
+        assert places.tolist() == ([0.0, 0.0] if count == 1 else [0.0, 1.0])
+
+
+def test_a_mode_counts_that_plans_heed():
+    """The heaviest, and every one of a weight of 0.01 at least."""
+    mean = np.array([0.0, 5.0, 9.0])[None, :, None, None] * np.ones((1, 3, 1, 2))
+    covariance = np.tile(np.eye(2), (1, 3, 1, 1, 1))
+    for weight, wanted in (((0.6, 0.39, 0.01), 0.0), ((0.6, 0.391, 0.009), 32.0)):
+        found = squared_distances(mean, covariance, np.array([weight]), np.full((1, 1, 2), 9.0))
+        assert found[0, 0] == pytest.approx(wanted)
+    light = np.full((1, 3), 0.001)
+    light[0, 1] = 0.002
+    found = squared_distances(mean, covariance, light, np.full((1, 1, 2), 9.0))
+    assert found[0, 0] == pytest.approx(32.0)
+
+
+def test_what_had_been_seen_carries_the_stamp_of_its_row():
+    scene = replace(tracks_of(np.zeros((2, 7, 2))), stamp=100.0)
+    for row in (0, 3, 6):
+        now, present = seen_at(scene, row, 4)
+        assert now.stamp == pytest.approx(100.0 - DT * (6 - row))
+        assert now.positions.shape == (2, min(row + 1, 4), 2) and present.tolist() == [0, 1]
+
+
+def test_tracks_are_dealt_in_turn_over_all_scenes():
+    scenes = [tracks_of(np.zeros((count, 2, 2))) for count in (3, 2, 1)]
+    assert _halves(scenes) == ([[0, 2], [1], []], [[1], [0], [0]])
+
+
+def test_a_scene_without_a_window_is_passed_over():
+    rng = np.random.default_rng(14)
+    scene, brief = walkers(60, rng), tracks_of(np.zeros((1, 2, 2)))
+    own = Conformal(Walk(), observed=OBSERVED, steps=STEPS)
+    assert own.fit([brief, scene]).fitted == own.fit([scene]).fitted

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal
 
 from wideberth.framework.metrics.scoring import negative_log_likelihood
 from wideberth.framework.testing.predictor import check_predictor
@@ -18,7 +19,7 @@ from wideberth.predictors.core.kalman_filter import (
     measured_update,
     scalar_update,
 )
-from wideberth.predictors.core.propagation import white_acceleration
+from wideberth.predictors.core.propagation import joint_covariance, white_acceleration
 from wideberth.predictors.interacting_models import InteractingModels
 from wideberth.predictors.kalman import Kalman, filter_one_by_one
 
@@ -219,3 +220,24 @@ def test_too_little_to_fit_to_is_said():
         Kalman().fit([drifting(0.1, 0.1, count=5)])
     with pytest.raises(WideberthError, match=r"kalman\.backend is 'simd'"):
         Kalman(backend="simd")
+
+
+@pytest.mark.parametrize("size", [2, 3])
+def test_the_likelihood_is_that_of_all_samples_together(size):
+    """Of one joint Gaussian, z_k = x_k + e_k with x_0 ~ N(z_0, R); a missing sample drops out."""
+    tracks = wandering(3, 5, size, seed=4)
+    positions = tracks.positions.copy()
+    positions[1, 2] = NAN
+    tracks = replace(tracks, positions=positions)
+    model = model_of()
+    found = filter_axes(gather(tracks), tracks.noise, model).log_likelihood
+    whole = [np.kron(matrix, np.eye(size)) for matrix in (model.transition, model.process)]
+    for o in range(3):
+        start = np.zeros_like(whole[0])
+        start[:size, :size] = tracks.noise[o]
+        start[size:, size:] = np.kron(np.diag(model.start), np.eye(size))
+        spread = joint_covariance(*whole, start, size, 4) + np.kron(np.eye(4), tracks.noise[o])
+        gap = (positions[o, 1:] - positions[o, 0]).ravel()
+        known = np.isfinite(gap)
+        wanted = multivariate_normal(np.zeros(known.sum()), spread[np.ix_(known, known)])
+        assert found[o] == pytest.approx(wanted.logpdf(gap[known]), rel=1e-9)

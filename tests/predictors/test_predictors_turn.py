@@ -1,5 +1,7 @@
 """Turning bodies: both filters against filterpy and closed forms, and when they step aside."""
 
+from math import factorial
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from wideberth.predictors.constant_acceleration import singer
 from wideberth.predictors.coordinated_turn import (
     CoordinatedTurn,
     TurnModel,
+    _sinc_slope,
     extended_step,
     filter_turns,
     floored_root,
@@ -261,3 +264,37 @@ def test_settings():
         CoordinatedTurn(filter="ckf")
     with pytest.raises(WideberthError, match=r"coordinated_turn\.yaw_rate is 0"):
         CoordinatedTurn(yaw_rate=0.0)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, -3e-3, 9.99e-3, 0.4])
+def test_the_slope_of_the_chord_keeps_all_digits(angle):
+    """sin(u)/u = sum (-1)^k u^2k / (2k+1)!, term by term."""
+    terms = [(-1) ** k * 2 * k * angle ** (2 * k - 1) / factorial(2 * k + 1) for k in range(1, 12)]
+    assert float(_sinc_slope(np.array(angle))) == pytest.approx(sum(terms), rel=3e-12, abs=0.0)
+
+
+def test_filtering_together_is_filtering_one_by_one():
+    """With samples missing and histories that begin later; the fit counts what was seen."""
+    rng = np.random.default_rng(6)
+    positions = np.stack([circle(9), circle(9, 0.5, -0.4), circle(9, 2.0, 0.1)])
+    positions += 0.01 * rng.standard_normal(positions.shape)
+    positions[1, :3] = NAN
+    positions[1, 5] = positions[2, 4:6] = NAN
+    tracks = tracks_of(positions)
+    past, model = gather(tracks), model_of()
+    start = states(3, 2)
+    found = filter_turns(past, tracks.noise, start, model, extended_step)
+    for o, (state, spread) in enumerate(zip(*start, strict=True)):
+        state, spread, fit = state[None], spread[None], []
+        for column in range(int(past.began[o]) + 1, 9):
+            state, spread, _ = extended_step(state, spread, model)
+            if past.observed[o, column]:
+                place = past.positions[o, column][None]
+                state, spread, surprise = position_update(
+                    state, spread, place, tracks.noise[o][None]
+                )
+                fit.append(float(surprise[0]))
+                assert np.array_equal(spread, spread.swapaxes(1, 2))
+        np.testing.assert_allclose(found[0][o], state[0], rtol=1e-10, atol=1e-12)
+        np.testing.assert_allclose(found[1][o], spread[0], rtol=1e-9, atol=1e-14)
+        assert found[2][o] == pytest.approx(np.mean(fit) / 2.0, rel=1e-9)

@@ -9,8 +9,11 @@ import shapely
 
 from wideberth.framework.numerics import geometry
 from wideberth.framework.region import Convex, Signed
+from wideberth.framework.values.forecast import GaussianObstacle
+from wideberth.framework.values.motion import Pose
 from wideberth.regions.luetkepohl_rectangle import LuetkepohlRectangle
 from wideberth.regions.minkowski_sum import MinkowskiSum
+from wideberth.regions.separating_line import SeparatingLine
 from wideberth.tests.helpers.region_samples import COVARIANCE, PAPER, packed
 from wideberth.tests.oracles.polygons import max_face, polygon_signed_distance
 
@@ -147,3 +150,16 @@ def test_polygon_distances_against_shapely() -> None:
     face, true = max_face(points, convex), polygon_signed_distance(points, convex)
     assert (face <= true + 1e-12).all()
     np.testing.assert_allclose(face[true < 0], true[true < 0], atol=1e-12)
+
+
+def test_the_separating_line_is_measured_in_sizes_of_the_region() -> None:
+    """(n . (corner - mean) - level sigma - margin) / (margin + sigma + reach of the body)."""
+    region, side = SeparatingLine(), 0.2
+    parameters = region.parameters(GaussianObstacle(np.zeros(2), np.diag([0.09, 0.01])), 0.5)
+    outline = ((side, side), (-side, side), (-side, -side), (side, -side))
+    for body, reach in (((), 0.0), (outline, math.hypot(side, side))):
+        pose = Pose((3.0, 0.4), 0.0, body)
+        found = region.constraint(pose, parameters, 2.0, (0.0,)).inequalities
+        rooms = [3.0 + x - 2.0 * 0.3 - 0.5 for x, _ in body or ((0.0, 0.0),)]
+        wanted = np.array(rooms) / (0.5 + 0.3 + reach)
+        np.testing.assert_allclose(np.array(found, dtype=float).ravel(), wanted, rtol=1e-9)

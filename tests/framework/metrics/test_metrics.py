@@ -130,3 +130,10 @@ def test_plane_quantile_is_the_closed_form():
     assert inside.tolist() == [True, False]
     with pytest.raises(WideberthError, match="tail"):
         metrics.inside_content(np.zeros((2, 2)), np.eye(2)[None], points, 0.0)
+
+
+def test_paths_of_several_parts_cross_in_any_of_them():
+    bent = Path(np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 5.0]]))
+    other = Path(np.array([[-1.0, 9.0], [-1.0, 3.0], [6.0, 3.0]]))
+    assert metrics.crossing_point(bent, other) == pytest.approx((5.0, 9.0))
+    assert metrics.crossing_point(other, bent) == pytest.approx((9.0, 5.0))

@@ -127,3 +127,8 @@ def test_social_work_of_one_pair() -> None:
     alone = comfort.social_work(robot, sides[:1], 0.1)
     assert alone == pytest.approx(2.0 * 5.1 * 2.0 * np.exp(-1.0 / 0.35))
     assert comfort.social_work(robot, sides, 0.1) == pytest.approx(alone)
+
+
+def test_one_instant_too_near_is_all_the_time() -> None:
+    assert comfort.intrusion(np.array([0.15])) == pytest.approx((1.0, 0.05))
+    assert comfort.proxemics(np.array([0.45]))["personal"] == 1.0

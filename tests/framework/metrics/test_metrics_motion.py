@@ -137,3 +137,17 @@ def test_nothing_to_measure_is_unknown() -> None:
     assert np.isnan(motion.jerk_rms(np.zeros((3, 2)), STEP))
     assert motion.course_change(np.zeros((1, 2))) == 0.0
     assert motion.heading_change(np.zeros(1)) == 0.0
+
+
+def test_a_heading_that_is_not_known_throughout_is_that_of_the_motion() -> None:
+    way = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
+    headings, goal = np.array([1.0, np.nan, 1.0]), np.array([9.0, 0.0])
+    assert motion.irregularity(way, headings, goal) == 0.0
+    assert motion.irregularity(way, np.ones(3), goal) == pytest.approx(1.0)
+
+
+def test_thresholds_of_standing() -> None:
+    """Slower than 1 cm/s and 0.02 rad/s at once; the sign of less than that is none."""
+    way = 0.1 * np.array([[0.0, 0.0], [0.009, 0.0], [0.02, 0.0], [0.02, 0.0]])
+    assert motion.not_moving(way, np.array([0.019, 0.0, 0.021, 0.0]), 0.1) == pytest.approx(0.1)
+    assert motion.sign_changes(np.array([0.021, -0.019, 0.03, -0.021])) == 1

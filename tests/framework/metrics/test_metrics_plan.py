@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from wideberth.framework.metrics import plan as metrics
 from wideberth.framework.risk.collision_probability import collision_probability
@@ -110,3 +111,24 @@ def test_outside_as_often_as_the_content_says() -> None:
     assert ends.tolist() == [True, False]
     exact = metrics.outside_content(mean[:1], np.zeros((1, 2, 2)), mean[:1], np.array([0.0]))
     assert exact.tolist() == [False]  # a certain forecast that came true
+
+
+def test_plans_that_have_one_instant_in_common() -> None:
+    """Within a nanosecond, at either end."""
+    times, plan = np.array([0.0, 1.0]), np.array([[0.0, 0.0], [1.0, 0.0]])
+    for later in (1.0, 1.0 + 5e-10, -1.0, -1.0 - 5e-10):
+        found = metrics.plan_change(times, plan, times + later, plan + np.array([0.0, 2.0]))
+        apart = np.hypot(1.0, 2.0)  # the later one begins where it would have ended
+        assert found == pytest.approx(apart, rel=1e-6)
+    for later in (1.0 + 1e-7, -1.0 - 1e-7):
+        assert np.isnan(metrics.plan_change(times, plan, times + later, plan))
+
+
+def test_contents_are_those_of_as_many_coordinates_as_there_are() -> None:
+    rng = np.random.default_rng(9)
+    for size in (2, 3):
+        shape = (4, 5, size)
+        truth, content = rng.standard_normal(shape), rng.random((4, 5))
+        covariance = np.tile(np.eye(size), (4, 5, 1, 1))
+        found = metrics.outside_content(np.zeros(shape), covariance, truth, content)
+        np.testing.assert_array_equal(found, chi2(size).cdf((truth**2).sum(axis=-1)) > content)

@@ -165,30 +165,6 @@ def test_coverage_is_of_the_densest_region_of_a_mixture() -> None:
     assert middle[0, 0] == 0.0 and peak[0, 0] > 0.99
 
 
-@pytest.mark.parametrize("size", [2, 3])
-def test_coverage_of_an_overconfident_mixture_has_no_bias(size: int) -> None:
-    """Against ranks among 50 000 draws. Ranks among 99 would let 0.005 too many be inside."""
-    rng, count, gaps = np.random.default_rng(13), 2000, []
-    for _ in range(12):
-        mean = 1.5 * rng.standard_normal((1, 3, 1, size))
-        covariance = covariances(rng, 1, 3, 1, size=size)
-        weight = rng.dirichlet(np.ones(3), size=1)
-        wide = Forecast(mean, 2.0 * covariance, weight, 0.4, (None,))
-        truth = wide.sample(rng, count)[:, 0]
-        draws = Forecast(mean, covariance, weight, 0.4, (None,)).sample(rng, 50_000)
-        drawn = np.sort(log_density(mean, covariance, weight, draws), axis=None)
-        density = log_density(mean, covariance, weight, truth[:, None])[:, 0, 0]
-        below = np.searchsorted(drawn, density) / len(drawn)
-        many = (np.repeat(one, count, axis=0) for one in (mean, covariance, weight))
-        found = reached_tail(*many, truth)[:, 0]
-        near = below < 0.3
-        assert np.sqrt(np.mean((found - below)[near] ** 2)) < 0.006
-        shares = [covered(one, 0.05).mean() for one in (found, below)]
-        assert shares[1] < 0.93  # overconfident
-        gaps.append(shares[0] - shares[1])
-    assert np.mean(gaps) == pytest.approx(0.0, abs=0.003)
-
-
 @pytest.mark.parametrize(("size", "ball"), [(2, pi), (3, 4 * pi / 3)])
 def test_area_of_an_ellipse(size: int, ball: float) -> None:
     rng = np.random.default_rng(9)
@@ -274,3 +250,46 @@ def test_bad_settings_are_named() -> None:
         covered(np.zeros((1, 1)), 1.0)
     with pytest.raises(WideberthError, match="tail is 0"):
         region_area(mean, covariance, ONE, 0.0)
+
+
+def test_energy_scores_against_their_definitions() -> None:
+    """Pairs of neighbours around the circle of draws; trajectories by their known steps."""
+    rng = np.random.default_rng(21)
+    draws, truth = rng.standard_normal((5, 3, 4, 2)), rng.standard_normal((3, 4, 2))
+    found = energy_score(draws, truth)
+    for k in range(3):
+        for n in range(4):
+            error = np.mean([np.hypot(*(one[k, n] - truth[k, n])) for one in draws])
+            pairs = [np.hypot(*(draws[s, k, n] - draws[s - 1, k, n])) for s in range(5)]
+            assert found[k, n] == pytest.approx(error - 0.5 * np.mean(pairs))
+    truth[1, 2:] = np.nan
+    whole = trajectory_energy_score(draws, truth)
+    for k, steps in enumerate((4, 2, 4)):
+        flat, aim = draws[:, k, :steps].reshape(5, -1), truth[k, :steps].ravel()
+        error = np.mean([np.linalg.norm(one - aim) for one in flat])
+        pairs = np.mean([np.linalg.norm(flat[s] - flat[s - 1]) for s in range(5)])
+        assert whole[k] == pytest.approx((error - 0.5 * pairs) / sqrt(steps))
+
+
+@pytest.mark.parametrize("size", [2, 3])
+def test_coverage_of_an_overconfident_mixture_has_no_bias(size: int) -> None:
+    """Against ranks among 50 000 draws. Ranks among 99 would let 0.005 too many be inside."""
+    rng, count, gaps = np.random.default_rng(13), 2000, []
+    for _ in range(12):
+        mean = 1.5 * rng.standard_normal((1, 3, 1, size))
+        covariance = covariances(rng, 1, 3, 1, size=size)
+        weight = rng.dirichlet(np.ones(3), size=1)
+        wide = Forecast(mean, 2.0 * covariance, weight, 0.4, (None,))
+        truth = wide.sample(rng, count)[:, 0]
+        draws = Forecast(mean, covariance, weight, 0.4, (None,)).sample(rng, 50_000)
+        drawn = np.sort(log_density(mean, covariance, weight, draws), axis=None)
+        density = log_density(mean, covariance, weight, truth[:, None])[:, 0, 0]
+        below = np.searchsorted(drawn, density) / len(drawn)
+        many = (np.repeat(one, count, axis=0) for one in (mean, covariance, weight))
+        found = reached_tail(*many, truth)[:, 0]
+        near = below < 0.3
+        assert np.sqrt(np.mean((found - below)[near] ** 2)) < 0.006
+        shares = [covered(one, 0.05).mean() for one in (found, below)]
+        assert shares[1] < 0.93  # overconfident
+        gaps.append(shares[0] - shares[1])
+    assert np.mean(gaps) == pytest.approx(0.0, abs=0.003)

@@ -14,7 +14,7 @@ from wideberth.framework.values.arrays import (
     whole,
 )
 from wideberth.framework.values.errors import WideberthError
-from wideberth.framework.values.forecast import Forecast, GaussianObstacle, resample
+from wideberth.framework.values.forecast import Forecast, GaussianObstacle, Scene, resample
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.tracks import Tracks
@@ -91,6 +91,19 @@ def test_bad_forecasts() -> None:
     good = forecast()
     with pytest.raises(WideberthError, match="sum to 1"):
         Forecast(good.mean, good.covariance, np.array([[0.5]]), 0.5, (None,))
+    two = Forecast.single(good.mean.repeat(2, 1)[0, :, None, 0], np.zeros((2, 1, 2, 2)), 0.5)
+    for weight in ([[-0.5, 1.5]], [[0.5, 0.5 + 1e-8]]):
+        with pytest.raises(WideberthError, match="sum to 1"):
+            Forecast(
+                two.mean.swapaxes(0, 1), np.zeros((1, 2, 1, 2, 2)), np.array(weight), 0.5, (None,)
+            )
+    with pytest.raises(WideberthError, match=r"forecast\.joint"):
+        Forecast(good.mean, good.covariance, good.weight, 0.5, (None,), np.zeros((1, 1, 3, 3)))
+    with pytest.raises(WideberthError, match="increase"):
+        Scene(plan_times=np.array([1.0, 1.0]))
+    with pytest.raises(WideberthError, match=r"scene\.plan_times"):
+        Scene(plan=np.zeros((3, 2)), plan_times=np.array([1.0, 2.0]))
+    assert Scene().plan_times is None and Scene(plan_times=np.array([1.0, 1.5])).radius == 0.0
     with pytest.raises(WideberthError, match="fallback"):
         Forecast(good.mean, good.covariance, good.weight, 0.5, ())
     with pytest.raises(WideberthError, match="predict more steps"):
