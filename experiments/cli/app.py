@@ -180,9 +180,10 @@ def check(
     ],
     set_: SetPlugin = None,
 ) -> None:
-    """Check that a plug-in keeps the laws of its room."""
+    """Check that a plug-in keeps the laws of its room, one line per law."""
     from ...framework import testing
     from ...framework.plugins.registry import room_name, unknown
+    from ...framework.testing.laws import described, findings
     from .fitting import read_plugin
 
     kind = room_name(room).removesuffix("s")
@@ -190,11 +191,15 @@ def check(
     if kind not in checks:
         raise WideberthError(unknown("contract check", kind, checks))
     plugin = read_plugin(room_name(room), target, set_ or [])
-    try:
-        getattr(testing, f"check_{kind}")(plugin)
-    except AssertionError as broken:
-        typer.secho(f"{target} breaks a law of {room_name(room)}: {broken}", fg="red", err=True)
-        raise typer.Exit(1) from None
+    broken = []
+    for law, error in findings(testing.laws_of(kind, plugin)):
+        verdict = f"exempt: {law.exception}" if law.exception else "broken" if error else "holds"
+        typer.echo(f"{law.name}: {verdict}")
+        broken += [f"{law.name}: {described(error)}"] if error else []
+    for line in broken:
+        typer.secho(f"{target} breaks a law of {room_name(room)}: {line}", fg="red", err=True)
+    if broken:
+        raise typer.Exit(1)
     typer.echo(f"{target} keeps the laws of {room_name(room)}.")
 
 

@@ -1,7 +1,8 @@
 """The laws of `Controller` as a check that any controller can run on itself."""
 
 from collections.abc import Iterator
-from dataclasses import is_dataclass, replace
+from dataclasses import dataclass, is_dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from ..values.arrays import Array
 from ..values.errors import WideberthError
 from ..values.motion import Detection, Observation, Pose, Twist
 from ..values.path import Path
+from .laws import Law, require
 
 
 def check_controller(
@@ -41,64 +43,137 @@ def check_controller(
 
     Raises
     ------
-    AssertionError : a law does not hold; the message names it.
+    AssertionError : names every law that does not hold.
     WideberthError : no robot given or found.
     """
+    require(laws(controller, robot, cycles=cycles, rng=rng))
+
+
+def laws(
+    controller: Controller,
+    robot: Robot | None = None,
+    *,
+    cycles: int = 8,
+    rng: np.random.Generator | None = None,
+) -> tuple[Law, ...]:
+    """Return the laws of a controller; the arguments are those of `check_controller`."""
     model = controller.robot if robot is None and isinstance(controller, DrivesRobot) else robot
     if not isinstance(model, Robot):
         raise WideberthError("check_controller needs the robot that the controller drives")
-    assert controller.period > 0, f"period is {controller.period}; wanted above 0"
-    _check_unready(controller, model)
     seed = np.random.default_rng(0) if rng is None else rng
-    ordinary = list(_meeting(controller, model, cycles, seed))
-    first = _run(controller, model, ordinary)
-    _check_strange(controller, model)
-    second = _run(controller, model, ordinary)
-    assert np.array_equal(first, second), (
-        f"after reset the same observations give other commands (by up to "
-        f"{np.abs(first - second).max():.3g}): something is kept, or a clock is read"
+    days = _Days(controller, model, list(_meeting(controller, model, cycles, seed)))
+    unmade = "" if is_dataclass(controller) else "it is no dataclass that could be made anew"
+    return (
+        Law("period", days.check_period),
+        Law("refuses to command without a path", days.check_unready, unmade),
+        Law("an ordinary day", days.check_ordinary),
+        Law("remember leaves the plan alone", days.check_remembering),
+        Law("odd observations", days.check_odd),
+        Law("numbers beyond limits and no numbers", days.check_numbers),
+        Law("refuses what is no observation", days.check_wrong_use),
+        Law("same commands after reset", days.check_repeats),
     )
 
 
-def _run(controller: Controller, robot: Robot, observations: list[Observation]) -> Array:
-    controller.reset()
-    assert controller.plan is None, "reset leaves a plan behind; wanted None"
-    controller.set_path(_line(robot, 10.0))
-    before = len(observations) // 2
-    for observation in observations[:before]:
-        controller.remember(observation)
-        assert controller.plan is None, "remember makes a plan; it must only take note"
-    return np.array([_asked(controller, robot, seen) for seen in observations[before:]])
+@dataclass(frozen=True, eq=False)
+class _Days:
+    """A controller, what it sees on an ordinary day, and what it sees on bad ones."""
 
+    controller: Controller
+    robot: Robot
+    ordinary: list[Observation]
 
-def _check_strange(controller: Controller, robot: Robot) -> None:
-    """Feed what a simulation does not, but a bad day does."""
-    controller.reset()
-    origin = np.zeros(robot.dimension)
-    controller.set_path(_line(robot, 10.0))
-    here = [_detection("here", origin, 0.01)]
-    near = [_detection("near", origin + 0.8 * robot.radius, 0.5)]
-    crowd = [_detection(f"c{i}", origin + 3.0 + i, 0.01) for i in range(25)]
-    certain = [_detection("certain", origin + 4.0, 0.0)]
-    late = [_detection("late", origin + 4.0, 0.01, age=1.0)]
-    stamp = 0.0
-    for detections in (here, near, [], crowd, certain, late):
-        stamp += controller.period
-        _asked(controller, robot, _seen(robot, stamp, detections))
-    _asked(controller, robot, _seen(robot, stamp + 1000.0, near))
-    _asked(controller, robot, _seen(robot, stamp, near))
-    _asked(controller, robot, _seen(robot, stamp, [*near, *here, *near]))
-    _check_numbers(controller, robot, stamp + controller.period, near)
-    controller.set_path(_line(robot, -10.0))
-    _asked(controller, robot, _seen(robot, stamp + 1000.0 + controller.period, near))
-    _check_refused(controller, Observation(stamp, np.zeros(len(robot.states) + 1)))
-    _check_refused(controller, {"stamp": 0.0})
+    @cached_property
+    def first(self) -> Array:
+        """Commands of the first ordinary day, before any bad one."""
+        return self._run()
 
+    def _run(self) -> Array:
+        self._begin()
+        before = len(self.ordinary) // 2
+        for observation in self.ordinary[:before]:
+            self.controller.remember(observation)
+        return np.array([self._asked(seen) for seen in self.ordinary[before:]])
 
-def _check_unready(controller: Controller, robot: Robot) -> None:
-    """Ask a controller that nobody gave a path."""
-    if is_dataclass(controller):
-        _check_refused(fresh(controller), _seen(robot, 0.0, []))
+    def _begin(self) -> None:
+        self.controller.reset()
+        self.controller.set_path(_line(self.robot, 10.0))
+
+    def _asked(self, observation: Observation) -> Array:
+        return _asked(self.controller, self.robot, observation)
+
+    @property
+    def near(self) -> list[Detection]:
+        """One obstacle that touches the robot."""
+        return [_detection("near", np.full(self.robot.dimension, 0.8 * self.robot.radius), 0.5)]
+
+    def check_period(self) -> None:
+        period = self.controller.period
+        assert period > 0, f"period is {period}; wanted above 0"
+
+    def check_unready(self) -> None:
+        """Ask a controller that nobody gave a path."""
+        _check_refused(fresh(self.controller), _seen(self.robot, 0.0, []))
+
+    def check_ordinary(self) -> None:
+        assert len(self.first) == len(self.ordinary) - len(self.ordinary) // 2
+
+    def check_remembering(self) -> None:
+        self.controller.reset()
+        assert self.controller.plan is None, "reset leaves a plan behind; wanted None"
+        self.controller.set_path(_line(self.robot, 10.0))
+        for observation in self.ordinary[: len(self.ordinary) // 2]:
+            self.controller.remember(observation)
+            assert self.controller.plan is None, "remember makes a plan; it must only take note"
+
+    def check_odd(self) -> None:
+        """Feed what a simulation does not, but a bad day does."""
+        self._begin()
+        robot, near = self.robot, self.near
+        origin = np.zeros(robot.dimension)
+        here = [_detection("here", origin, 0.01)]
+        crowd = [_detection(f"c{i}", origin + 3.0 + i, 0.01) for i in range(25)]
+        certain = [_detection("certain", origin + 4.0, 0.0)]
+        late = [_detection("late", origin + 4.0, 0.01, age=1.0)]
+        stamp = 0.0
+        for detections in (here, near, [], crowd, certain, late):
+            stamp += self.controller.period
+            self._asked(_seen(robot, stamp, detections))
+        self._asked(_seen(robot, stamp + 1000.0, near))
+        self._asked(_seen(robot, stamp, near))
+        self._asked(_seen(robot, stamp, [*near, *here, *near]))
+        self.controller.set_path(_line(robot, -10.0))
+        self._asked(_seen(robot, stamp + 1000.0 + self.controller.period, near))
+
+    def check_numbers(self) -> None:
+        """Feed states beyond every limit, and numbers that are none, of robot and obstacles."""
+        self._begin()
+        stamp = 0.0
+        for observation in _wild(self.robot, self.near):
+            stamp += self.controller.period
+            self._asked(replace(observation, stamp=stamp))
+        self._asked(replace(_seen(self.robot, 0.0, self.near), stamp=np.nan))
+        self._asked(_seen(self.robot, stamp + self.controller.period, self.near))
+
+    def check_wrong_use(self) -> None:
+        self._begin()
+        wrong = np.zeros(len(self.robot.states) + 1)
+        _check_refused(self.controller, Observation(0.0, wrong))
+        _check_refused(self.controller, {"stamp": 0.0})
+
+    def check_repeats(self) -> None:
+        """Run an ordinary day, a bad one with every kind of harm, and the ordinary one again."""
+        first = self.first
+        self._asked(_seen(self.robot, 0.0, self.near))
+        state = np.full(len(self.robot.states), np.nan)
+        self._asked(Observation(1000.0, state, tuple(self.near)))
+        self.controller.set_path(_line(self.robot, -10.0))
+        self._asked(_seen(self.robot, 500.0, [*self.near, *self.near]))
+        second = self._run()
+        assert np.array_equal(first, second), (
+            f"after reset the same observations give other commands (by up to "
+            f"{np.abs(first - second).max():.3g}): something is kept, or a clock is read"
+        )
 
 
 def _check_refused(controller: Controller, observation: object) -> None:
@@ -114,35 +189,26 @@ def _check_refused(controller: Controller, observation: object) -> None:
     raise AssertionError("command accepts wrong use without a word; wanted a WideberthError")
 
 
-def _check_numbers(
-    controller: Controller, robot: Robot, stamp: float, around: list[Detection]
-) -> None:
-    """Feed states beyond every limit, and numbers that are none, of the robot and of others."""
-    rest = _seen(robot, stamp, []).state
+def _wild(robot: Robot, around: list[Detection]) -> Iterator[Observation]:
+    """Observe states beyond every limit, and numbers that are none; stamps are still zero."""
+    rest = _seen(robot, 0.0, []).state
     beyond = [rest + sign * size for sign in (-1.0, 1.0) for size in (1.0, 30.0, 1e9, 1e200)]
-    beyond += [np.full_like(rest, np.nan), np.full_like(rest, np.inf)]
-    for state in beyond:
-        _asked(controller, robot, Observation(stamp, state, tuple(around)))
-        stamp += controller.period
+    for state in (*beyond, np.full_like(rest, np.nan), np.full_like(rest, np.inf)):
+        yield Observation(0.0, state, tuple(around))
     one, size = around[0], robot.dimension
-    unknown = np.full((size, size), np.nan)
-    wild = [
+    for detection in (
         replace(one, position=np.full(size, np.nan)),
-        replace(one, covariance=unknown),
+        replace(one, covariance=np.full((size, size), np.nan)),
         replace(one, covariance=-np.eye(size)),
         replace(one, covariance=1e30 * np.eye(size)),
         replace(one, radius=np.nan),
         replace(one, age=-1.0),
         replace(one, position=np.full(size, 1e200)),
         replace(one, position=np.zeros(size + 1), covariance=np.eye(size + 1)),
-    ]
-    for detection in wild:
-        _asked(controller, robot, _seen(robot, stamp, [detection]))
-        stamp += controller.period
-    _asked(controller, robot, replace(_seen(robot, stamp, around), stamp=np.nan))
+    ):
+        yield _seen(robot, 0.0, [detection])
     spread = np.full((len(rest), len(rest)), np.nan)
-    _asked(controller, robot, replace(_seen(robot, stamp, around), covariance=spread))
-    _asked(controller, robot, _seen(robot, stamp, around))
+    yield replace(_seen(robot, 0.0, around), covariance=spread)
 
 
 def _asked(controller: Controller, robot: Robot, observation: Observation) -> Array:

@@ -1,5 +1,8 @@
 """The contract of a Cost, checked with every registered robot."""
 
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,6 +16,7 @@ from ..plugins.registry import load, names
 from ..robot import Robot, start_state
 from ..values.arrays import Array
 from ..values.path import Path
+from .laws import Law, each, require
 
 _STEPS, _DT, _SPEED = 6, 0.4, 0.6
 _NUDGE = 1e-6
@@ -29,18 +33,71 @@ def check_cost(cost: Cost) -> None:
 
     Raises
     ------
-    AssertionError : a law does not hold; the message names it.
+    AssertionError : names every law that does not hold, and where.
     """
-    for name in names("robots"):
-        robot: Robot = load("robots", name)()
-        size = robot.dimension
-        corner = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 3.0, 1.0]])[:, :size]
-        bent, straight = Path(corner), Path(100.0 * np.eye(3)[:2, :size] - 50.0)
-        problem = _problem(cost, robot)
-        for path, arc in ((straight, 20.0), (bent, 0.0), (bent, 1.5), (bent, bent.length)):
-            reference = _check_reference(cost, path, arc)
-            _check_prices(cost, problem, robot, reference, arc)
-        _check_free(cost, problem, robot, straight)
+    require(laws(cost))
+
+
+def laws(cost: Cost) -> tuple[Law, ...]:
+    """Return the laws of a cost."""
+    rides = _Rides(cost)
+    return (
+        Law("reference", each(_check_reference, lambda: rides.places)),
+        Law("same reference each time", each(_check_repeats, lambda: rides.places)),
+        Law("price", each(_check_price, lambda: rides.priced)),
+        Law("gradient", each(_check_gradient, lambda: rides.priced)),
+        Law("free at the reference speed", each(_check_free, lambda: rides.problems)),
+    )
+
+
+@dataclass(frozen=True)
+class _Place:
+    """A robot at a place on a path."""
+
+    cost: Cost
+    problem: Problem
+    robot: Robot
+    path: Path
+    arc: float
+
+    def lay(self) -> Reference:
+        return self.cost.lay(self.path, self.arc, _SPEED, _STEPS, _DT)
+
+
+@dataclass(frozen=True)
+class _Priced:
+    """A price as a function of one vector, and a point to ask it at."""
+
+    cost: Cost
+    price: Callable[[Any], Any]
+    point: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Rides:
+    """Problems of all registered robots without obstacles, and places on paths."""
+
+    cost: Cost
+
+    @cached_property
+    def problems(self) -> list[tuple[Problem, Robot, Cost]]:
+        robots: list[Robot] = [load("robots", name)() for name in names("robots")]
+        return [(_problem(self.cost, robot), robot, self.cost) for robot in robots]
+
+    @cached_property
+    def places(self) -> list[_Place]:
+        found = []
+        for problem, robot, _ in self.problems:
+            size = robot.dimension
+            corner = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 3.0, 1.0]])[:, :size]
+            bent, straight = Path(corner), _straight(size)
+            for path, arc in ((straight, 20.0), (bent, 0.0), (bent, 1.5), (bent, bent.length)):
+                found.append(_Place(self.cost, problem, robot, path, arc))
+        return found
+
+    @cached_property
+    def priced(self) -> list[_Priced]:
+        return [one for place in self.places for one in _prices(place)]
 
 
 def _problem(cost: Cost, robot: Robot) -> Problem:
@@ -48,9 +105,12 @@ def _problem(cost: Cost, robot: Robot) -> Problem:
     return assemble(robot, (), Fixed(), horizon=_STEPS, dt=_DT, rooms=(), cost=cost)
 
 
-def _check_reference(cost: Cost, path: Path, arc: float) -> Reference:
-    size = path.points.shape[1]
-    found, again = (cost.lay(path, arc, _SPEED, _STEPS, _DT) for _ in range(2))
+def _straight(size: int) -> Path:
+    return Path(100.0 * np.eye(3)[:2, :size] - 50.0)
+
+
+def _check_reference(place: _Place) -> None:
+    cost, size, found = place.cost, place.path.points.shape[1], place.lay()
     shapes = {
         "position": (_STEPS, size),
         "direction": (_STEPS, size),
@@ -61,24 +121,26 @@ def _check_reference(cost: Cost, path: Path, arc: float) -> Reference:
         values = getattr(found, name)
         _demand(cost, values.shape == shape, f"{name} is {values.shape}; wanted {shape}")
         _demand(cost, bool(np.isfinite(values).all()), f"{name} must be finite")
-        same = np.array_equal(values, getattr(again, name))
-        _demand(cost, same, f"{name} must be the same each time")
     length = np.linalg.norm(found.direction, axis=1)
     _demand(cost, bool(np.allclose(length, 1.0)), "directions are unit vectors")
-    return found
 
 
-def _check_prices(
-    cost: Cost, problem: Problem, robot: Robot, reference: Reference, arc: float
-) -> None:
+def _check_repeats(place: _Place) -> None:
+    first, second = place.lay(), place.lay()
+    for name in ("position", "direction", "speed", "curve"):
+        same = np.array_equal(getattr(first, name), getattr(second, name))
+        _demand(place.cost, same, f"{name} must be the same each time")
+
+
+def _prices(place: _Place) -> Iterator[_Priced]:
     """Price random stages around a place on the path."""
     rng = np.random.default_rng(0)
-    size = problem.states
+    problem, size, reference = place.problem, place.problem.states, place.lay()
     for head in _heads(reference):
         x, u = rng.uniform(-0.5, 0.5, size), rng.uniform(-0.5, 0.5, problem.inputs)
-        x[: robot.dimension] += reference.position[0]
-        if isinstance(cost, ProgressCost):
-            x[-1] += arc + 0.5
+        x[: place.robot.dimension] += reference.position[0]
+        if isinstance(place.cost, ProgressCost):
+            x[-1] += place.arc + 0.5
 
         def by_input(z: Any, head: Array = head) -> Any:
             return problem.input_cost(z[:size], z[size:], head)
@@ -86,16 +148,21 @@ def _check_prices(
         def by_state(z: Any, head: Array = head) -> Any:
             return problem.state_cost(z, head)
 
-        for price, point in ((by_input, np.append(x, u)), (by_state, x)):
-            value = float(price(point))
-            _demand(cost, np.isfinite(value) and value >= 0.0, f"a stage's price is {value}")
-            _check_gradient(cost, price, point)
+        yield _Priced(place.cost, by_input, np.append(x, u))
+        yield _Priced(place.cost, by_state, x)
 
 
-def _check_gradient(cost: Cost, price: Any, point: Array) -> None:
+def _check_price(one: _Priced) -> None:
+    value = float(one.price(one.point))
+    holds = bool(np.isfinite(value)) and value >= 0.0
+    _demand(one.cost, holds, f"a stage's price is {value}")
+
+
+def _check_gradient(one: _Priced) -> None:
     """CasADi's gradient against central differences."""
     from ..numerics.symbolic import ca
 
+    cost, price, point = one.cost, one.price, one.point
     z = ca.SX.sym("z", len(point))
     slope = ca.Function("slope", [z], [ca.gradient(price(z), z)])
     exact = np.asarray(slope(point)).ravel()
@@ -107,9 +174,10 @@ def _check_gradient(cost: Cost, price: Any, point: Array) -> None:
     _demand(cost, error < 1e-5 * scale, f"the gradient is off by {error:.2g} of {scale:.2g}")
 
 
-def _check_free(cost: Cost, problem: Problem, robot: Robot, path: Path) -> None:
-    """Let each robot move along a straight path at the reference speed, at no price."""
-    arc = 30.0
+def _check_free(ride: tuple[Problem, Robot, Cost]) -> None:
+    """Let a robot move along a straight path at the reference speed, at no price."""
+    problem, robot, cost = ride
+    path, arc = _straight(robot.dimension), 30.0
     reference = cost.lay(path, arc, _SPEED, _STEPS, _DT)
     total = 0.0
     for i, head in enumerate(_heads(reference)):

@@ -1,6 +1,8 @@
 """The contract of a LevelPolicy, checked with every registered region."""
 
-from dataclasses import FrozenInstanceError, fields, is_dataclass, replace
+from collections.abc import Callable
+from dataclasses import FrozenInstanceError, dataclass, fields, is_dataclass, replace
+from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
@@ -10,6 +12,7 @@ from ..plugins.registry import load, names
 from ..region import Guarantee, Region
 from ..values.arrays import Array
 from ..values.errors import WideberthError
+from .laws import Law, each, require
 
 _SIZES = ((1, 1), (1, 4), (15, 1), (15, 3), (60, 20), (3, 0))
 """Steps and obstacles."""
@@ -26,23 +29,32 @@ def check_level(policy: LevelPolicy) -> None:
 
     Raises
     ------
-    AssertionError : a law does not hold; the message names it and says where.
+    AssertionError : names every law that does not hold, and where.
     """
-    _check_fields(policy)
-    served = 0
-    for name in names("regions"):
-        region: Region = load("regions", name)()
-        for dimension in region.dimensions:
-            try:
-                policy.levels(region, 1, 1, dimension)
-            except WideberthError:
-                continue
-            served += 1
-            hollow = policy.promise == "risk" and region.guarantee is Guarantee.NONE
-            _demand(policy, not hollow, f"{name} guarantees no risk, and it has to be refused")
-            for steps, obstacles in _SIZES:
-                _check_levels(policy, region, steps, obstacles, dimension)
-    _demand(policy, served > 0, "it must serve some registered region")
+    require(laws(policy))
+
+
+def laws(policy: LevelPolicy) -> tuple[Law, ...]:
+    """Return the laws of a level policy."""
+    served = _Served(policy)
+    shared = isinstance(policy, SharedLevel)
+    separate = "" if shared else "each obstacle and step has a level of its own"
+    fixed = "" if _has_tail(policy) else "its tail is no field"
+
+    def law(name: str, check: Callable[[_Levels], None], exception: str = "") -> Law:
+        return Law(name, each(check, lambda: served.levels), exception)
+
+    return (
+        Law("fields", lambda: _check_fields(policy)),
+        Law("frozen", lambda: _check_frozen(policy)),
+        Law("serves some region", lambda: _check_serves(policy, served)),
+        Law("refuses a risk that no region keeps", lambda: _check_promise(policy, served)),
+        law("shape and finite", _Levels.check_values),
+        law("same input, same levels", _Levels.check_repeats),
+        law("one variable, one level", _Levels.check_constant, separate),
+        law("not below the minimum", _Levels.check_least),
+        law("half the tail, no lower level", _Levels.check_tail, fixed),
+    )
 
 
 def _check_fields(policy: LevelPolicy) -> None:
@@ -52,6 +64,9 @@ def _check_fields(policy: LevelPolicy) -> None:
         _demand(policy, policy.weight >= 0.0, "the weight must not be negative")
         _demand(policy, policy.minimum < np.inf, "the minimum must be below infinity")
     _demand(policy, replace(cast(Any, policy)) == policy, "its fields must rebuild it")
+
+
+def _check_frozen(policy: LevelPolicy) -> None:
     for one in fields(cast(Any, policy)):
         try:
             setattr(policy, one.name, getattr(policy, one.name))
@@ -60,25 +75,88 @@ def _check_fields(policy: LevelPolicy) -> None:
         _demand(policy, False, f"it must be frozen, and {one.name} can be set")
 
 
-def _check_levels(
-    policy: LevelPolicy, region: Region, steps: int, obstacles: int, dimension: int
-) -> None:
-    where = f" ({type(region).__name__}, {steps} steps, {obstacles} obstacles, {dimension}-D)"
-    found = policy.levels(region, steps, obstacles, dimension)
-    again = policy.levels(region, steps, obstacles, dimension)
-    _demand(policy, found.shape == (steps, obstacles), f"levels are (steps, obstacles){where}")
-    _demand(policy, found.dtype == np.float64, f"levels are float64{where}")
-    _demand(policy, bool(np.isfinite(found).all()), f"levels are finite{where}")
-    _demand(policy, np.array_equal(found, again), f"the same input gives the same{where}")
-    least = 0.0
-    if isinstance(policy, SharedLevel):
-        _demand(policy, _constant(found), f"one variable has one aim{where}")
-        least = policy.minimum
-    _demand(policy, bool((found >= least).all()), f"no level is below {least:g}{where}")
-    if any(one.name == "tail" and one.init for one in fields(cast(Any, policy))):
-        strict = replace(cast(Any, policy), tail=0.5 * policy.tail)
-        higher = strict.levels(region, steps, obstacles, dimension)
-        _demand(policy, bool((higher >= found).all()), f"half the tail, no lower level{where}")
+def _has_tail(policy: LevelPolicy) -> bool:
+    return any(one.name == "tail" and one.init for one in fields(cast(Any, policy)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Served:
+    """The registered regions that a policy does not refuse."""
+
+    policy: LevelPolicy
+
+    @cached_property
+    def regions(self) -> list[tuple[Region, int]]:
+        """Each region with a number of dimensions."""
+        every: list[Region] = [load("regions", name)() for name in names("regions")]
+        return [(one, size) for one in every for size in one.dimensions if self._serves(one, size)]
+
+    def _serves(self, region: Region, dimension: int) -> bool:
+        try:
+            self.policy.levels(region, 1, 1, dimension)
+        except WideberthError:
+            return False
+        return True
+
+    @cached_property
+    def levels(self) -> list["_Levels"]:
+        return [_Levels(self.policy, *one, *size) for one in self.regions for size in _SIZES]
+
+
+def _check_serves(policy: LevelPolicy, served: _Served) -> None:
+    _demand(policy, len(served.regions) > 0, "it must serve some registered region")
+
+
+def _check_promise(policy: LevelPolicy, served: _Served) -> None:
+    for region, _ in served.regions:
+        hollow = policy.promise == "risk" and region.guarantee is Guarantee.NONE
+        name = type(region).__name__
+        _demand(policy, not hollow, f"{name} guarantees no risk, and it has to be refused")
+
+
+@dataclass(frozen=True, eq=False)
+class _Levels:
+    """What a policy gives for one region and one size of the problem."""
+
+    policy: LevelPolicy
+    region: Region
+    dimension: int
+    steps: int
+    obstacles: int
+
+    def of(self, policy: LevelPolicy) -> Array:
+        return policy.levels(self.region, self.steps, self.obstacles, self.dimension)
+
+    @cached_property
+    def found(self) -> Array:
+        return self.of(self.policy)
+
+    def check_values(self) -> None:
+        shape = (self.steps, self.obstacles)
+        self._demand(self.found.shape == shape, "levels are (steps, obstacles)")
+        self._demand(self.found.dtype == np.float64, "levels are float64")
+        self._demand(bool(np.isfinite(self.found).all()), "levels are finite")
+
+    def check_repeats(self) -> None:
+        again = self.of(self.policy)
+        self._demand(np.array_equal(self.found, again), "the same input gives the same")
+
+    def check_constant(self) -> None:
+        self._demand(_constant(self.found), "one variable has one aim")
+
+    def check_least(self) -> None:
+        least = self.policy.minimum if isinstance(self.policy, SharedLevel) else 0.0
+        self._demand(bool((self.found >= least).all()), f"no level is below {least:g}")
+
+    def check_tail(self) -> None:
+        strict = replace(cast(Any, self.policy), tail=0.5 * self.policy.tail)
+        higher = self.of(strict)
+        self._demand(bool((higher >= self.found).all()), "half the tail, no lower level")
+
+    def _demand(self, holds: bool, law: str) -> None:
+        region = type(self.region).__name__
+        where = f"{region}, {self.steps} steps, {self.obstacles} obstacles, {self.dimension}-D"
+        _demand(self.policy, holds, f"{law} ({where})")
 
 
 def _constant(levels: Array) -> bool:

@@ -1,16 +1,19 @@
 """The laws of `Predictor`, as a check that any predictor can be put through."""
 
 import warnings
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, partial
 
 import numpy as np
 
 from ..plugins.config import rebuilt
 from ..predictor import Adaptive, Fittable, Predictor
+from ..values.arrays import Array
 from ..values.errors import WideberthError
 from ..values.forecast import Forecast, Scene
 from ..values.tracks import Tracks
+from .laws import Law, each, require
 from .predictor_cases import (
     ABSURD,
     NEVER,
@@ -60,34 +63,120 @@ def check_predictor(
 
     Raises
     ------
-    AssertionError : names the law that is broken, and where.
+    AssertionError : names every law that does not hold, and where.
 
     Examples
     --------
     >>> from wideberth.predictors.static import Static
     >>> check_predictor(Static())
     """
+    require(laws(predictor, dimensions=dimensions, rng=rng, dataset=dataset))
+
+
+def laws(
+    predictor: Predictor,
+    *,
+    dimensions: Iterable[int] = (2, 3),
+    rng: np.random.Generator | None = None,
+    dataset: Sequence[Tracks] | None = None,
+) -> tuple[Law, ...]:
+    """Return the laws of a predictor; the arguments are those of `check_predictor`."""
     generator = np.random.default_rng(0) if rng is None else rng
     sizes = tuple(dimensions)
-    for size in sizes:
-        tracks = draw_tracks(size, generator)
-        scene = draw_scene(tracks, generator)
-        for given in (None, scene):
-            where = f"D = {size}, {'without' if given is None else 'with'} scene"
-            forecast = _predict(predictor, tracks, given, where)
-            _check_values(forecast, tracks, where)
-            _check_purity(predictor, tracks, given, forecast, where)
-            _check_motion(predictor, tracks, given, forecast, generator, where)
-            _check_order(predictor, tracks, given, forecast, generator, where)
-        _check_odd(predictor, tracks, f"D = {size}")
-        _check_magnitudes(predictor, tracks, generator, f"D = {size}")
-        if isinstance(predictor, Adaptive):
-            _check_updates(predictor, tracks, f"D = {size}")
+    found = _plain_laws(lambda: predictor, isinstance(predictor, Adaptive), sizes, generator)
     if isinstance(predictor, Fittable):
-        if dataset is None:
-            dataset = draw_recordings(2 if 2 in sizes else sizes[0], generator)
-        if dataset:
-            _check_fit(predictor, dataset, sizes, generator)
+        found += _fit_laws(predictor, dataset, sizes, generator)
+    return found
+
+
+def _plain_laws(
+    made: Callable[[], Predictor],
+    adapts: bool,
+    sizes: tuple[int, ...],
+    rng: np.random.Generator,
+    label: str = "",
+) -> tuple[Law, ...]:
+    """Return the laws that a predictor keeps, fitted or not."""
+    drawn, *seeds = rng.spawn(4)
+    turning, ordering, absurd = seeds
+
+    @cache
+    def worlds() -> list[_World]:
+        return [world for size in sizes for world in _worlds(made(), size, drawn)]
+
+    def law(name: str, check: Callable[[_World], None], exception: str = "") -> Law:
+        return Law(f"{label}{name}", each(check, worlds), exception)
+
+    def bare() -> list[_World]:
+        return [world for world in worlds() if world.scene is None]
+
+    @cache
+    def giants() -> list[_World]:
+        return [_World(one.predictor, world, None, f"{name}, {one.where}") for one in bare()
+                for name, world in absurd_worlds(one.tracks, absurd).items()]  # fmt: skip
+
+    steady = "" if adapts else "it does not adapt"
+    return (
+        law("shapes, finite, symmetric, PSD", _check_world),
+        law("pure", _check_pure),
+        law("translation equivariant", _check_translation),
+        law("rotation equivariant", partial(_check_rotation, rng=turning)),
+        law("order independent", partial(_check_order, rng=ordering)),
+        Law(f"{label}odd histories", each(_check_odd, bare)),
+        Law(f"{label}numbers of any magnitude", each(_check_magnitude, giants)),
+        Law(f"{label}an absurd obstacle changes no other", each(_check_apart, giants)),
+        Law(f"{label}keeps its laws while it adapts", each(_check_updates, bare), steady),
+    )
+
+
+def _fit_laws(
+    predictor: Fittable,
+    dataset: Sequence[Tracks] | None,
+    sizes: tuple[int, ...],
+    rng: np.random.Generator,
+) -> tuple[Law, ...]:
+    """Return the laws of a predictor that learns, and those of what it returns."""
+    left = "no recordings to fit to are given" if dataset is not None and not dataset else ""
+    drawn, seed = rng.spawn(2)
+    fits = _Fits(predictor, dataset, 2 if 2 in sizes else sizes[0], drawn)
+    inner = _plain_laws(
+        lambda: fits.fitted, isinstance(predictor, Adaptive), sizes, seed, label="fitted, "
+    )
+    return (
+        Law("fit leaves the predictor as it was", fits.check_left_alone, left),
+        Law("fit is pure", fits.check_pure, left),
+        Law("what fit returns can be saved", fits.check_saved, left),
+        *(replace(law, exception=left or law.exception) for law in inner),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _World:
+    """A predictor with tracks of one dimension, with or without a scene."""
+
+    predictor: Predictor
+    tracks: Tracks
+    scene: Scene | None
+    where: str
+
+    @cached_property
+    def forecast(self) -> Forecast:
+        return _predict(self.predictor, self.tracks, self.scene, self.where)
+
+
+def _worlds(predictor: Predictor, size: int, rng: np.random.Generator) -> Iterator[_World]:
+    tracks = draw_tracks(size, rng)
+    scene = draw_scene(tracks, rng)
+    yield _World(predictor, tracks, None, f"D = {size}, without scene")
+    yield _World(predictor, tracks, scene, f"D = {size}, with scene")
+
+
+def _check_world(world: _World) -> None:
+    _check_values(world.forecast, world.tracks, world.where)
+
+
+def _check_pure(world: _World) -> None:
+    _check_purity(world.predictor, world.tracks, world.scene, world.forecast, world.where)
 
 
 def _predict(predictor: Predictor, tracks: Tracks, scene: Scene | None, where: str) -> Forecast:
@@ -159,49 +248,44 @@ def _check_purity(
     assert np.array_equal(before, tracks.positions, equal_nan=True), f"tracks changed ({where})"
 
 
-def _check_motion(
-    predictor: Predictor,
-    tracks: Tracks,
-    scene: Scene | None,
-    still: Forecast,
-    rng: np.random.Generator,
-    where: str,
-) -> None:
+def _check_translation(world: _World) -> None:
+    size = world.tracks.dimension
+    shift = np.random.default_rng(size).normal(scale=50.0, size=size)
+    _check_motion(world, "translation", np.eye(size), shift)
+
+
+def _check_rotation(world: _World, rng: np.random.Generator) -> None:
+    size = world.tracks.dimension
+    _check_motion(world, "rotation", draw_rotation(size, rng), np.zeros(size))
+
+
+def _check_motion(world: _World, law: str, turn: Array, shift: Array) -> None:
     """Check that turning or shifting the world turns or shifts the forecast."""
-    size = tracks.dimension
-    turns = {"translation": np.eye(size), "rotation": draw_rotation(size, rng)}
-    for law, turn in turns.items():
-        shift = rng.normal(scale=50.0, size=size) * (law == "translation")
-        other = None if scene is None else move_scene(scene, turn, shift)
-        moved = _predict(predictor, move_tracks(tracks, turn, shift), other, where)
-        mean = still.mean @ turn.T + shift
-        spread = turn @ still.covariance @ turn.T
-        for index, ident in enumerate(tracks.ids):
-            if ident == NEVER:
-                continue
-            place = f"{law} equivariant: track {ident!r}, {where}"
-            # Coordinates of 1e6 m have lost six digits before they get here.
-            scale = 1.0 + np.abs(mean[index]).max() + np.sqrt(spread[index].max())
-            gap = np.abs(mean[index] - moved.mean[index]).max()
-            assert gap <= TOLERANCE * scale, f"{place}: mean differs by {gap:.3g} m"
-            gap = np.abs(spread[index] - moved.covariance[index]).max()
-            limit = TOLERANCE * (1.0 + spread[index].max())
-            assert gap <= limit, f"{place}: covariance differs by {gap:.3g} m^2"
+    still, tracks, where = world.forecast, world.tracks, world.where
+    other = None if world.scene is None else move_scene(world.scene, turn, shift)
+    moved = _predict(world.predictor, move_tracks(tracks, turn, shift), other, where)
+    mean = still.mean @ turn.T + shift
+    spread = turn @ still.covariance @ turn.T
+    for index, ident in enumerate(tracks.ids):
+        if ident == NEVER:
+            continue
+        place = f"{law} equivariant: track {ident!r}, {where}"
+        # Coordinates of 1e6 m have lost six digits before they get here.
+        scale = 1.0 + np.abs(mean[index]).max() + np.sqrt(spread[index].max())
+        gap = np.abs(mean[index] - moved.mean[index]).max()
+        assert gap <= TOLERANCE * scale, f"{place}: mean differs by {gap:.3g} m"
+        gap = np.abs(spread[index] - moved.covariance[index]).max()
+        limit = TOLERANCE * (1.0 + spread[index].max())
+        assert gap <= limit, f"{place}: covariance differs by {gap:.3g} m^2"
 
 
-def _check_order(
-    predictor: Predictor,
-    tracks: Tracks,
-    scene: Scene | None,
-    first: Forecast,
-    rng: np.random.Generator,
-    where: str,
-) -> None:
-    """Check that what is said of an obstacle does not depend on its place in the list."""
+def _check_order(world: _World, rng: np.random.Generator) -> None:
+    """Check that the forecast of an obstacle does not depend on its place in the list."""
+    tracks, first, scene, where = world.tracks, world.forecast, world.scene, world.where
     order = [int(i) for i in rng.permutation(len(tracks))]
     if scene is not None and scene.goals is not None:
         scene = replace(scene, goals=scene.goals[order])
-    other = _predict(predictor, tracks.select(order), scene, where)
+    other = _predict(world.predictor, tracks.select(order), scene, where)
     for place, index in enumerate(order):
         gap = np.abs(other.mean[place] - first.mean[index]).max()
         scale = 1.0 + np.abs(first.mean[index]).max()
@@ -212,47 +296,49 @@ def _check_order(
         )
 
 
-def _check_odd(predictor: Predictor, tracks: Tracks, where: str) -> None:
+def _check_odd(one: _World) -> None:
     """Check zero obstacles, histories of 0 to 3 rows, no noise, and odd time steps."""
-    empty = _predict(predictor, tracks.select([]), None, f"no obstacles, {where}")
-    assert len(empty.mean) == 0 and empty.steps == STEPS, f"zero obstacles ({where})"
-    for name, world in odd_worlds(tracks).items():
-        note = f"{name}, {where}"
-        _check_values(_predict(predictor, world, None, note), world, note)
+    empty = _predict(one.predictor, one.tracks.select([]), None, f"no obstacles, {one.where}")
+    assert len(empty.mean) == 0 and empty.steps == STEPS, f"zero obstacles ({one.where})"
+    for name, world in odd_worlds(one.tracks).items():
+        note = f"{name}, {one.where}"
+        _check_values(_predict(one.predictor, world, None, note), world, note)
 
 
-def _check_magnitudes(
-    predictor: Predictor, tracks: Tracks, rng: np.random.Generator, where: str
-) -> None:
-    """Check that numbers of any magnitude are served, and that no one else suffers from them."""
-    for name, world in absurd_worlds(tracks, rng).items():
-        note = f"{name}, {where}"
-        forecast = _predict(predictor, world, None, note)
-        _check_values(forecast, world, note)
-        if isinstance(predictor, Adaptive):
-            updated = _updated(predictor, world, note)
-            _check_values(_predict(updated, world, None, note), world, f"updated, {note}")
-        if ABSURD not in world.ids or world.radius[-1] > 1.0:  # a giant is in everybody's way
-            continue
-        rest = world.select(list(range(len(world) - 1)))
-        alone = _predict(predictor, rest, None, note)
-        for index, ident in enumerate(rest.ids):
-            place = f"an absurd obstacle is its own affair: track {ident!r}, {note}"
-            assert forecast.fallback[index] == alone.fallback[index], place
-            middles = (np.einsum("m,mnd->nd", said.weight[index], said.mean[index])
-                       for said in (forecast, alone))  # fmt: skip
-            gap = np.abs(np.subtract(*middles)).max()
-            assert gap <= TOLERANCE * (1.0 + np.abs(alone.mean[index]).max()), place
+def _check_magnitude(one: _World) -> None:
+    """Check that the predictor serves numbers of any magnitude."""
+    _check_values(one.forecast, one.tracks, one.where)
+    if isinstance(one.predictor, Adaptive):
+        updated, note = _updated(one.predictor, one.tracks, one.where), f"updated, {one.where}"
+        _check_values(_predict(updated, one.tracks, None, note), one.tracks, note)
 
 
-def _check_updates(predictor: Adaptive, tracks: Tracks, where: str) -> None:
+def _check_apart(one: _World) -> None:
+    """Check that an obstacle of absurd numbers leaves the other forecasts as they were."""
+    world, forecast, note = one.tracks, one.forecast, one.where
+    if ABSURD not in world.ids or world.radius[-1] > 1.0:  # a giant is in everybody's way
+        return
+    rest = world.select(list(range(len(world) - 1)))
+    alone = _predict(one.predictor, rest, None, note)
+    for index, ident in enumerate(rest.ids):
+        place = f"an absurd obstacle is its own affair: track {ident!r}, {note}"
+        assert forecast.fallback[index] == alone.fallback[index], place
+        middles = (np.einsum("m,mnd->nd", said.weight[index], said.mean[index])
+                   for said in (forecast, alone))  # fmt: skip
+        gap = np.abs(np.subtract(*middles)).max()
+        assert gap <= TOLERANCE * (1.0 + np.abs(alone.mean[index]).max()), place
+
+
+def _check_updates(world: _World) -> None:
     """Check that updating keeps the laws, serves any tracks and changes no earlier copy."""
+    predictor, tracks, where = world.predictor, world.tracks, world.where
+    assert isinstance(predictor, Adaptive)
     before = _predict(predictor, tracks, None, where)
     current = predictor
     for seen in draw_run(tracks):
         current = _updated(current, seen, where)
-    for name, world in {"zero obstacles": tracks.select([]), **odd_worlds(tracks)}.items():
-        _updated(current, world, f"{name}, {where}")
+    for name, odd in {"zero obstacles": tracks.select([]), **odd_worlds(tracks)}.items():
+        _updated(current, odd, f"{name}, {where}")
     after = _predict(current, tracks, None, f"updated, {where}")
     _check_values(after, tracks, f"updated, {where}")
     _check_purity(current, tracks, None, after, f"updated, {where}")
@@ -273,27 +359,46 @@ def _updated(predictor: Adaptive, tracks: Tracks, where: str) -> Adaptive:
     return updated
 
 
-def _check_fit(
-    predictor: Fittable,
-    dataset: Sequence[Tracks],
-    sizes: tuple[int, ...],
-    rng: np.random.Generator,
-) -> None:
-    """Check that a fitted copy keeps the laws and the predictor stays as it was."""
-    tracks = draw_tracks(dataset[0].dimension, rng)
-    told, before = repr(predictor), _predict(predictor, tracks, None, "before the fit")
-    fitted = _fitted(predictor, dataset)
-    assert repr(predictor) == told, "fit leaves the predictor as it was: its repr has changed"
-    again = repr(_fitted(predictor, dataset))
-    assert again == repr(fitted), "fit is pure: a second one learns something else"
-    _check_purity(predictor, tracks, None, before, "after the fit of a copy")
-    try:
-        copy = rebuilt("predictors", fitted)
-    except WideberthError as error:
-        raise AssertionError(f"what fit returns can be saved: {error}") from error
-    check_predictor(fitted, dimensions=sizes, rng=rng, dataset=())
-    said = _predict(fitted, tracks, None, "fitted")
-    _check_purity(copy, tracks, None, said, "fitted, as saved and built again")
+@dataclass(frozen=True, eq=False)
+class _Fits:
+    """A predictor that learns, recordings, and tracks to compare its copies on."""
+
+    predictor: Fittable
+    given: Sequence[Tracks] | None
+    size: int
+    rng: np.random.Generator
+
+    @cached_property
+    def dataset(self) -> Sequence[Tracks]:
+        return draw_recordings(self.size, self.rng) if self.given is None else self.given
+
+    @cached_property
+    def tracks(self) -> Tracks:
+        return draw_tracks(self.dataset[0].dimension, self.rng)
+
+    @cached_property
+    def fitted(self) -> Fittable:
+        return _fitted(self.predictor, self.dataset)
+
+    def check_left_alone(self) -> None:
+        predictor, tracks = self.predictor, self.tracks
+        written, before = repr(predictor), _predict(predictor, tracks, None, "before the fit")
+        _fitted(predictor, self.dataset)
+        changed = repr(predictor) != written
+        assert not changed, "fit leaves the predictor as it was: its repr has changed"
+        _check_purity(predictor, tracks, None, before, "after the fit of a copy")
+
+    def check_pure(self) -> None:
+        again = repr(_fitted(self.predictor, self.dataset))
+        assert again == repr(self.fitted), "fit is pure: a second one learns something else"
+
+    def check_saved(self) -> None:
+        try:
+            copy = rebuilt("predictors", self.fitted)
+        except WideberthError as error:
+            raise AssertionError(f"what fit returns can be saved: {error}") from error
+        said = _predict(self.fitted, self.tracks, None, "fitted")
+        _check_purity(copy, self.tracks, None, said, "fitted, as saved and built again")
 
 
 def _fitted(predictor: Fittable, dataset: Sequence[Tracks]) -> Fittable:

@@ -1,7 +1,8 @@
 """The contract of a Region, checked on random obstacles."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from ..region import Guarantee, Region, Relation
 from ..risk.collision_probability import collision_probability
 from ..values.arrays import Array, BoolArray
 from ..values.errors import WideberthError
+from .laws import Law, each, require
 from .region_cases import RegionCase, Sides, random_auxiliaries, sphere, turned
 from .twin import Twin, compile_twin
 
@@ -40,47 +42,113 @@ def check_region(
 
     Raises
     ------
-    AssertionError : a law does not hold; the message names it and says where.
+    AssertionError : names every law that does not hold, and where.
     """
-    rng = np.random.default_rng(0) if rng is None else rng
-    for size in region.dimensions if dimensions is None else dimensions:
-        _check_level(region, size)
-        twin = compile_twin(region, size)
-        for case, usual in _cases(region, size, rng):
-            rays = case.rays(sphere(rng, _RAYS, size))
+    require(laws(region, dimensions=dimensions, rng=rng))
+
+
+def laws(
+    region: Region,
+    *,
+    dimensions: Sequence[int] | None = None,
+    rng: np.random.Generator | None = None,
+) -> tuple[Law, ...]:
+    """Return the laws of a region; the arguments are those of `check_region`."""
+    sizes = tuple(region.dimensions if dimensions is None else dimensions)
+    drawn, *seeds = (np.random.default_rng(0) if rng is None else rng).spawn(6)
+    around = _Surroundings(region, sizes, drawn)
+    guessing, moving, turning, area, beyond = seeds
+    flat = "" if any(len(region.auxiliary(size)) for size in sizes) else "it has no auxiliaries"
+    fixed = "" if region.rotation_invariant else "it declares rotation_invariant = False"
+    unrelated = "it declares no relation" if region.relation is Relation.NONE else ""
+    unsafe = "it declares no guarantee" if region.guarantee is Guarantee.NONE else ""
+
+    def law(name: str, check: Callable[[_Probe], None], exception: str = "") -> Law:
+        return Law(name, each(check, lambda: around.probes), exception)
+
+    return (
+        Law("level and tail are inverse", each(partial(_check_level, region), lambda: sizes)),
+        law("symbolic constraint and contains agree", _Probe.check_sides),
+        law("no auxiliary proves too much", partial(_Probe.check_guesses, rng=guessing), flat),
+        law("finite beyond the bounds", partial(_check_beyond, rng=beyond)),
+        law("gradient at the boundary", _check_gradient),
+        law("grows with margin and level", _check_growth),
+        law("moves with the obstacle", partial(_check_shift, rng=moving)),
+        law("turns with the obstacle", partial(_check_turn, rng=turning), fixed),
+        law("relation to the exact sum", _check_relation, unrelated),
+        law("guarantee of the risk", _check_guarantee, unsafe),
+        law("area", partial(_check_area, rng=area)),
+        Law("degenerate covariances", lambda: _check_degenerate(around)),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Probe:
+    """An obstacle with points around it, and points on the region's boundary.
+
+    Attributes
+    ----------
+    case : the region for this obstacle.
+    twin : its symbolic constraint.
+    usual : whether the obstacle is one without extremes.
+    reach : (R, D) m, from the mean to the boundary.
+    points : (K, D) m.
+    """
+
+    case: RegionCase
+    twin: Twin
+    usual: bool
+    reach: Array
+    points: Array
+
+    @cached_property
+    def sides(self) -> Sides:
+        return self.case.bracket(self.points)
+
+    @cached_property
+    def inside(self) -> BoolArray:
+        return self.case.contains(self.points)
+
+    def check_sides(self) -> None:
+        check_sides(self.case, self.twin, self.points, self.sides)
+
+    def check_guesses(self, rng: np.random.Generator) -> None:
+        check_guesses(self.case, self.twin, self.points, self.sides, rng)
+
+
+@dataclass(frozen=True, eq=False)
+class _Surroundings:
+    """The obstacles and points that the laws of one region share."""
+
+    region: Region
+    sizes: tuple[int, ...]
+    rng: np.random.Generator
+
+    @cached_property
+    def twins(self) -> dict[int, Twin]:
+        return {size: compile_twin(self.region, size) for size in self.sizes}
+
+    @cached_property
+    def probes(self) -> list[_Probe]:
+        return [probe for size in self.sizes for probe in self._drawn(size)]
+
+    def _drawn(self, size: int) -> Iterator[_Probe]:
+        for axis_ratio, margin, tail, usual in (
+            (1.0, 1.5, 0.05, True),
+            (0.5, 0.4, 0.1, True),
+            (0.1, 1.0, 0.3, True),
+            (1e-4, 0.5, 1e-12, False),
+            (0.3, 0.7, 1.0 - 1e-9, False),
+        ):
+            covariance = turned(self.rng, np.linspace(1.0, axis_ratio, size))
+            mean = self.rng.uniform(-3.0, 3.0, size)
+            case = RegionCase(self.region, mean, covariance, np.asarray(margin), np.asarray(tail))
+            rays = case.rays(sphere(self.rng, _RAYS, size))
             reach = case.reach(rays)[1][:, None] * rays
-            spread = case.mean + (_FACTORS[:, None, None] * reach).reshape(-1, size)
-            scattered = case.mean + rng.uniform(-1.5, 1.5, (_RAYS, size)) * case.extents[0]
+            spread = mean + (_FACTORS[:, None, None] * reach).reshape(-1, size)
+            scattered = mean + self.rng.uniform(-1.5, 1.5, (_RAYS, size)) * case.extents[0]
             points = np.concatenate([spread, scattered])
-            sides, inside = case.bracket(points), case.contains(points)
-            check_sides(case, twin, points, sides)
-            check_guesses(case, twin, points, sides, rng)
-            _check_growth(case, points, inside)
-            _check_motion(case, points, sides, rng)
-            _check_relation(case, points, inside)
-            _check_guarantee(case, reach)
-            _check_beyond(case, twin, points, rng)
-            if usual:
-                _check_gradient(case, twin, case.mean + reach)
-                _check_area(case, rng)
-        _check_degenerate(region, size, twin, rng)
-
-
-def _cases(region: Region, size: int, rng: np.random.Generator) -> list[tuple[RegionCase, bool]]:
-    """Obstacles, each with whether it is a usual one, without extremes."""
-    cases = []
-    for axis_ratio, margin, tail, usual in (
-        (1.0, 1.5, 0.05, True),
-        (0.5, 0.4, 0.1, True),
-        (0.1, 1.0, 0.3, True),
-        (1e-4, 0.5, 1e-12, False),
-        (0.3, 0.7, 1.0 - 1e-9, False),
-    ):
-        covariance = turned(rng, np.linspace(1.0, axis_ratio, size))
-        mean = rng.uniform(-3.0, 3.0, size)
-        case = RegionCase(region, mean, covariance, np.asarray(margin), np.asarray(tail))
-        cases.append((case, usual))
-    return cases
+            yield _Probe(case, self.twins[size], usual, reach, points)
 
 
 def _check_level(region: Region, size: int) -> None:
@@ -137,16 +205,18 @@ def check_guesses(
         raise case.fail("no auxiliary may make a point inside look outside")
 
 
-def _check_gradient(case: RegionCase, twin: Twin, edge: Array) -> None:
-    if not case.contains(case.mean[None])[0]:
+def _check_gradient(probe: _Probe) -> None:
+    case = probe.case
+    if not probe.usual or not case.contains(case.mean[None])[0]:
         return  # an empty region has no boundary
-    _, gradients, _ = twin(edge, case.parameters, float(case.level))
+    _, gradients, _ = probe.twin(case.mean + probe.reach, case.parameters, float(case.level))
     size = np.linalg.norm(gradients, axis=1) * case.extents[0]
     if not (np.isfinite(size).all() and size.min() > 1e-3):
         raise case.fail("the gradient must be finite and must not vanish at the boundary")
 
 
-def _check_growth(case: RegionCase, points: Array, inside: BoolArray) -> None:
+def _check_growth(probe: _Probe) -> None:
+    case, points, inside = probe.case, probe.points, probe.inside
     if (inside & ~replace(case, margin=1.2 * case.margin).contains(points)).any():
         raise case.fail("the region must grow with the margin")
     level = case.level + 0.3
@@ -154,37 +224,42 @@ def _check_growth(case: RegionCase, points: Array, inside: BoolArray) -> None:
         raise case.fail("the region must grow with the level")
 
 
-def _check_motion(case: RegionCase, points: Array, sides: Sides, rng: np.random.Generator) -> None:
-    surely, maybe = sides
-
-    def differ(other: RegionCase, places: Array) -> bool:
-        inside = other.contains(places)
-        return bool(((surely & ~inside) | (~maybe & inside)).any())
-
+def _check_shift(probe: _Probe, rng: np.random.Generator) -> None:
+    case = probe.case
     shift = rng.uniform(-5.0, 5.0, case.size)
-    if differ(replace(case, mean=case.mean + shift), points + shift):
+    if _differ(probe, replace(case, mean=case.mean + shift), probe.points + shift):
         raise case.fail("the region must move with the obstacle")
-    if not case.region.rotation_invariant:
-        return
+
+
+def _check_turn(probe: _Probe, rng: np.random.Generator) -> None:
+    case = probe.case
     turn = np.linalg.qr(rng.standard_normal((case.size, case.size)))[0]
     covariance = turn @ case.covariance @ turn.T
     covariance = 0.5 * (covariance + covariance.T)
-    if differ(replace(case, mean=turn @ case.mean, covariance=covariance), points @ turn.T):
+    other = replace(case, mean=turn @ case.mean, covariance=covariance)
+    if _differ(probe, other, probe.points @ turn.T):
         raise case.fail("the region must turn with the obstacle, or declare that it does not")
 
 
-def _check_relation(case: RegionCase, points: Array, inside: BoolArray) -> None:
-    relation, gauge = case.region.relation, case.gauge(points)
+def _differ(probe: _Probe, other: RegionCase, places: Array) -> bool:
+    """Return whether points changed sides when the obstacle moved along with them."""
+    surely, maybe = probe.sides
+    inside = other.contains(places)
+    return bool(((surely & ~inside) | (~maybe & inside)).any())
+
+
+def _check_relation(probe: _Probe) -> None:
+    case, inside = probe.case, probe.inside
+    relation, gauge = case.region.relation, case.gauge(probe.points)
     if relation in (Relation.INNER, Relation.EXACT) and (gauge[inside] > 1 + _NEAR).any():
         raise case.fail(f"declared {relation}, but it holds points outside the exact sum")
     if relation in (Relation.OUTER, Relation.EXACT) and (gauge[~inside] < 1 - _NEAR).any():
         raise case.fail(f"declared {relation}, but it leaves out points of the exact sum")
 
 
-def _check_guarantee(case: RegionCase, reach: Array) -> None:
-    if case.region.guarantee is Guarantee.NONE:
-        return
-    worst = float(collision_probability(reach, case.covariance, case.margin).max())
+def _check_guarantee(probe: _Probe) -> None:
+    case = probe.case
+    worst = float(collision_probability(probe.reach, case.covariance, case.margin).max())
     if worst > case.tail * (1 + 1e-6):
         raise case.fail(
             f"declared guarantee {case.region.guarantee}, but the collision risk on the boundary "
@@ -192,7 +267,10 @@ def _check_guarantee(case: RegionCase, reach: Array) -> None:
         )
 
 
-def _check_area(case: RegionCase, rng: np.random.Generator) -> None:
+def _check_area(probe: _Probe, rng: np.random.Generator) -> None:
+    case = probe.case
+    if not probe.usual:
+        return
     area = float(case.region.area(case.parameters, case.level))
     if case.size == 2:
         edge = case.region.boundary(case.parameters, float(case.level), 1000)
@@ -220,12 +298,13 @@ def _refuses(case: RegionCase) -> bool:
         return True
 
 
-def _check_beyond(case: RegionCase, twin: Twin, points: Array, rng: np.random.Generator) -> None:
+def _check_beyond(probe: _Probe, rng: np.random.Generator) -> None:
     """Look beyond the bounds: fatrop keeps them only in the end, and never ends on a NaN."""
+    case, points = probe.case, probe.points
     start = np.array(case.region.auxiliary(len(case.mean)).start)
     spread = rng.uniform(-3.0, 3.0, (len(points), len(start)))
     for level in (-3.0, 0.0, float(case.level), 30.0):
-        values, gradients, _ = twin(points, case.parameters, level, start + spread)
+        values, gradients, _ = probe.twin(points, case.parameters, level, start + spread)
         if not (np.isfinite(values).all() and np.isfinite(gradients).all()):
             raise case.fail(
                 "constraint and gradient must be finite also where auxiliaries and level are "
@@ -233,19 +312,26 @@ def _check_beyond(case: RegionCase, twin: Twin, points: Array, rng: np.random.Ge
             )
 
 
-def _check_degenerate(region: Region, size: int, twin: Twin, rng: np.random.Generator) -> None:
+def _check_degenerate(around: _Surroundings) -> None:
+    for size in around.sizes:
+        for deviations in ([0.0] * size, [1.0] + [0.0] * (size - 1), [1.0] * (size - 1) + [1e-4]):
+            for margin, tail in ((0.0, 0.05), (1.0, 0.05), (0.0, 1e-12), (1.0, 1.0 - 1e-9)):
+                _check_flat(around, np.array(deviations), margin, tail)
+
+
+def _check_flat(around: _Surroundings, deviations: Array, margin: float, tail: float) -> None:
+    """Check one obstacle whose covariance is singular, or nearly so."""
+    region, size = around.region, len(deviations)
     mean = np.ones(size)
     points = np.stack([mean, mean + 0.7, mean + np.eye(size)[0], mean + 30.0])
-    for deviations in ([0.0] * size, [1.0] + [0.0] * (size - 1), [1.0] * (size - 1) + [1e-4]):
-        covariance = turned(rng, np.array(deviations))
-        for margin, tail in ((0.0, 0.05), (1.0, 0.05), (0.0, 1e-12), (1.0, 1.0 - 1e-9)):
-            case = RegionCase(region, mean, covariance, np.asarray(margin), np.asarray(tail))
-            if min(deviations) == 0.0 and not region.singular_covariances and _refuses(case):
-                continue
-            if not np.isfinite(case.parameters).all():
-                raise case.fail("parameters must be finite for degenerate covariances")
-            values, gradients, _ = twin(points, case.parameters, float(case.level))
-            if not (np.isfinite(values).all() and np.isfinite(gradients).all()):
-                raise case.fail("constraint and gradient must be finite, at the centre too")
-            if tail == 0.05 and values[-1] < 0.0:
-                raise case.fail("a point 30 standard deviations away must be outside")
+    covariance = turned(np.random.default_rng(size), deviations)
+    case = RegionCase(region, mean, covariance, np.asarray(margin), np.asarray(tail))
+    if deviations.min() == 0.0 and not region.singular_covariances and _refuses(case):
+        return
+    if not np.isfinite(case.parameters).all():
+        raise case.fail("parameters must be finite for degenerate covariances")
+    values, gradients, _ = around.twins[size](points, case.parameters, float(case.level))
+    if not (np.isfinite(values).all() and np.isfinite(gradients).all()):
+        raise case.fail("constraint and gradient must be finite, at the centre too")
+    if tail == 0.05 and values[-1] < 0.0:
+        raise case.fail("a point 30 standard deviations away must be outside")

@@ -1,7 +1,8 @@
 """The laws of `Robot` as a check that any robot can run on itself."""
 
 from collections.abc import Sequence
-from typing import Any
+from functools import cache, partial
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -9,7 +10,13 @@ from ..numerics.integration import runge_kutta
 from ..robot import Bounds, Robot
 from ..values.arrays import Array
 from ..values.motion import Pose, Twist
+from .laws import Law, each, require
 
+State: TypeAlias = tuple[float, ...]
+Pair: TypeAlias = tuple[State, tuple[float, ...]]
+"""A state and an input."""
+_STEP = 1e-4
+"""s, of central differences."""
 _SAMPLES = 40
 _REACH = 5.0
 """m (or rad): states without limits are drawn up to here."""
@@ -31,20 +38,36 @@ def check_robot(robot: Robot, *, rng: np.random.Generator | None = None) -> None
 
     Raises
     ------
-    AssertionError : a law does not hold; the message names it.
+    AssertionError : names every law that does not hold, and where.
     """
-    rng = np.random.default_rng(0) if rng is None else rng
-    _check_bounds(robot)
-    pairs = [_draw(robot, rng) for _ in range(_SAMPLES)]
-    _check_casadi(robot, pairs)
-    _check_order(robot, pairs)
-    for state, control in pairs:
-        _check_rates(robot, state, control)
-        _check_inverse(robot, state, control)
-    for (start, _), (state, control) in zip(pairs[::2], pairs[1::2], strict=True):
-        wanted = robot.twist(state, control)
-        _check_drive(robot, start, wanted)
-        _check_turned(robot, start, wanted, float(rng.uniform(-np.pi, np.pi)))
+    require(laws(robot, rng=rng))
+
+
+def laws(robot: Robot, *, rng: np.random.Generator | None = None) -> tuple[Law, ...]:
+    """Return the laws of a robot; the arguments are those of `check_robot`."""
+    drawn, turned = (np.random.default_rng(0) if rng is None else rng).spawn(2)
+
+    @cache
+    def pairs() -> list[Pair]:
+        return [_draw(robot, drawn) for _ in range(_SAMPLES)]
+
+    def drives() -> list[tuple[State, Twist]]:
+        """Return states to drive from, and twists that the robot can have."""
+        both = zip(pairs()[::2], pairs()[1::2], strict=True)
+        return [(start, robot.twist(*goal)) for (start, _), goal in both]
+
+    return (
+        Law("names and bounds", lambda: _check_bounds(robot)),
+        Law("NumPy and CasADi agree", lambda: _check_casadi(robot, pairs())),
+        Law("Runge-Kutta converges with order four", lambda: _check_order(robot, pairs())),
+        Law("pose changes as twist says", each(partial(_check_twist, robot), pairs)),
+        Law(
+            "twist changes as acceleration says", each(partial(_check_acceleration, robot), pairs)
+        ),
+        Law("state_at inverts pose and twist", each(partial(_check_inverse, robot), pairs)),
+        Law("drive", each(partial(_check_drive, robot), drives)),
+        Law("turning the start", each(partial(_check_turned, robot, turned), drives)),
+    )
 
 
 def _check_bounds(robot: Robot) -> None:
@@ -71,7 +94,7 @@ def _check_bounds(robot: Robot) -> None:
         assert len({q.name for q in names}) == count, f"{what} names repeat"
 
 
-def _draw(robot: Robot, rng: np.random.Generator) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _draw(robot: Robot, rng: np.random.Generator) -> Pair:
     """Draw a state and an input that keep all limits."""
     for _ in range(1000):
         state = _within(robot.state_bounds(), rng, _REACH)
@@ -105,7 +128,7 @@ def _everything(robot: Robot, state: Sequence[Any], control: Sequence[Any]) -> l
     ]
 
 
-def _check_casadi(robot: Robot, pairs: list[tuple[tuple[float, ...], tuple[float, ...]]]) -> None:
+def _check_casadi(robot: Robot, pairs: list[Pair]) -> None:
     from ..numerics.symbolic import ca
 
     x, u = ca.SX.sym("x", len(robot.states)), ca.SX.sym("u", len(robot.inputs))
@@ -128,7 +151,7 @@ def _check_casadi(robot: Robot, pairs: list[tuple[tuple[float, ...], tuple[float
         )
 
 
-def _check_order(robot: Robot, pairs: list[tuple[tuple[float, ...], tuple[float, ...]]]) -> None:
+def _check_order(robot: Robot, pairs: list[Pair]) -> None:
     """One step of 1 s against two of half a second: the error falls by about 2^4."""
     errors = np.zeros(2)
     for state, control in pairs:
@@ -143,16 +166,20 @@ def _check_order(robot: Robot, pairs: list[tuple[tuple[float, ...], tuple[float,
     )
 
 
-def _check_rates(robot: Robot, state: tuple[float, ...], control: tuple[float, ...]) -> None:
-    h = 1e-4
-    after = runge_kutta(robot.derivative, state, control, h)
-    before = runge_kutta(robot.derivative, state, control, -h)
-    rate = (_pose(robot, after) - _pose(robot, before)) / (2 * h)
+def _check_twist(robot: Robot, pair: Pair) -> None:
+    state, control = pair
+    before, after = _around(robot, pair)
+    rate = (_pose(robot, after) - _pose(robot, before)) / (2 * _STEP)
     wanted = _world(robot, state, control)
     assert np.allclose(rate, wanted, atol=1e-6), (
         f"pose changes by {rate} per second and twist says {wanted}, at state {state}"
     )
-    change = (_twist(robot, after, control) - _twist(robot, before, control)) / (2 * h)
+
+
+def _check_acceleration(robot: Robot, pair: Pair) -> None:
+    state, control = pair
+    before, after = _around(robot, pair)
+    change = (_twist(robot, after, control) - _twist(robot, before, control)) / (2 * _STEP)
     acceleration = _flat(robot.acceleration(state, control))
     assert np.allclose(change, acceleration, atol=1e-6), (
         f"twist changes by {change} per second and acceleration says {acceleration}, "
@@ -160,7 +187,14 @@ def _check_rates(robot: Robot, state: tuple[float, ...], control: tuple[float, .
     )
 
 
-def _check_inverse(robot: Robot, state: tuple[float, ...], control: tuple[float, ...]) -> None:
+def _around(robot: Robot, pair: Pair) -> tuple[Sequence[Any], Sequence[Any]]:
+    """Return the states `_STEP` before and after."""
+    before, after = (runge_kutta(robot.derivative, *pair, h) for h in (-_STEP, _STEP))
+    return before, after
+
+
+def _check_inverse(robot: Robot, pair: Pair) -> None:
+    state, control = pair
     again = robot.state_at(robot.pose(state), robot.twist(state, control))
     twist = robot.twist(tuple(map(float, again)), control)
     assert np.allclose(_pose(robot, again), _pose(robot, state), atol=1e-9) and np.allclose(
@@ -168,8 +202,9 @@ def _check_inverse(robot: Robot, state: tuple[float, ...], control: tuple[float,
     ), f"state_at does not lead back to pose and twist of state {state}"
 
 
-def _check_drive(robot: Robot, start: tuple[float, ...], wanted: Twist) -> None:
-    state, control = start, (0.0,) * len(robot.inputs)
+def _check_drive(robot: Robot, drive: tuple[State, Twist]) -> None:
+    state, wanted = drive
+    control = (0.0,) * len(robot.inputs)
     bounds, inputs = robot.state_bounds(), robot.input_bounds()
     for _ in range(800):
         control = tuple(map(float, robot.drive(state, wanted, 0.05)))
@@ -184,8 +219,10 @@ def _check_drive(robot: Robot, start: tuple[float, ...], wanted: Twist) -> None:
     )
 
 
-def _check_turned(robot: Robot, start: tuple[float, ...], wanted: Twist, angle: float) -> None:
+def _check_turned(robot: Robot, rng: np.random.Generator, drive: tuple[State, Twist]) -> None:
     """Drive from a turned and shifted start; the end must be turned and shifted as well."""
+    start, wanted = drive
+    angle = float(rng.uniform(-np.pi, np.pi))
     pose = robot.pose(start)
     twist = robot.twist(start, (0.0,) * len(robot.inputs))
     shift = np.arange(1.0, robot.dimension + 1.0)

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from ..values.forecast import Forecast
 from ..values.motion import Detection, Observation
 from ..values.polygon import Polygon
 from ..values.tracks import Tracks
+from .laws import Law
 
 STEPS, COUNT = 40, 3
 PLACES = np.array([[2.0, 0.4], [-1.5, 1.5], [0.5, -2.2]])
@@ -304,6 +305,11 @@ LAWS: Mapping[str, Callable[[Sample], None]] = {
     "explanation": _is_explained,
 }
 """Laws of a kind by name."""
+
+
+def laws(kind: SlotKind, view: View | None = None, robot: Robot | None = None) -> tuple[Law, ...]:
+    """Return the laws of a kind; the arguments are those of `check_slot_kind`."""
+    return tuple(Law(name, partial(check_slot_kind, kind, view, robot, name)) for name in LAWS)
 
 
 def check_slot_kind(

@@ -1,7 +1,8 @@
 """The contract of a StaticRegion, checked on random convex polygons and bodies."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache, partial
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -10,6 +11,7 @@ from ..static_region import StaticRegion
 from ..values.arrays import Array
 from ..values.motion import Pose
 from ..values.polygon import best_direction
+from .laws import Law, each, require
 
 _NEAR = 1e-6
 """m. Bodies closer to touching than this may count as either."""
@@ -41,16 +43,28 @@ def check_static_region(region: StaticRegion, *, rng: np.random.Generator | None
 
     Raises
     ------
-    AssertionError : a law does not hold; the message names it and says where.
+    AssertionError : names every law that does not hold, and where.
     """
-    rng = np.random.default_rng(0) if rng is None else rng
-    for outline in _BODIES:
-        function = _compiled(region, outline)
-        for case in _cases(region, outline, rng):
-            case.check_numbers()
-            case.check_sides(function)
-            case.check_others(function, rng)
-            case.check_slope(function)
+    require(laws(region, rng=rng))
+
+
+def laws(region: StaticRegion, *, rng: np.random.Generator | None = None) -> tuple[Law, ...]:
+    """Return the laws of a static region; the arguments are those of `check_static_region`."""
+    drawn, moved = (np.random.default_rng(0) if rng is None else rng).spawn(2)
+
+    @cache
+    def cases() -> list[_Case]:
+        return [case for outline in _BODIES for case in _cases(region, outline, drawn)]
+
+    def law(name: str, check: Callable[[_Case], None]) -> Law:
+        return Law(name, each(check, cases))
+
+    return (
+        law("counts, shapes and bounds", _Case.check_numbers),
+        law("holds exactly where the body is clear", _Case.check_sides),
+        law("no auxiliary proves too much", partial(_Case.check_others, rng=moved)),
+        law("slope at the boundary", _Case.check_slope),
+    )
 
 
 def _compiled(region: StaticRegion, outline: tuple[tuple[float, float], ...]) -> Function:
@@ -75,6 +89,7 @@ class _Case:
     """One polygon and one body at many poses."""
 
     region: StaticRegion
+    function: Function
     outline: tuple[tuple[float, float], ...]
     polygon: Array
     margin: float
@@ -99,16 +114,14 @@ class _Case:
         distance, normal = best_direction(bodies, self.polygon, self.spread)
         return distance - self.margin, normal
 
-    def state(
-        self, function: Function, places: Array, auxiliaries: Array | None = None
-    ) -> tuple[Array, Array, Array]:
+    def state(self, places: Array, auxiliaries: Array | None = None) -> tuple[Array, Array, Array]:
         """Smallest inequality, equalities and slope of the former, each per pose."""
         start = self.start(places) if auxiliaries is None else auxiliaries
         count = len(places)
         numbers = np.tile(self.parameters[:, None], count)
         given = [places.T, self.headings[None], numbers, start.T]
         free, tied, east, north, bends = (
-            np.asarray(out.full()) for out in function.map(count)(*given)
+            np.asarray(out.full()) for out in self.function.map(count)(*given)
         )
         if not all(np.isfinite(part).all() for part in (free, tied, east, north, bends)):
             raise self.fail("values and gradients must be finite everywhere")
@@ -131,9 +144,9 @@ class _Case:
         if (start < declared.lower).any() or (start > declared.upper).any():
             raise self.fail("auxiliary_start must keep the bounds of the auxiliaries")
 
-    def check_sides(self, function: Function) -> None:
+    def check_sides(self) -> None:
         """Check equalities, and that the constraint holds exactly where the body is clear."""
-        values, ties, _ = self.state(function, self.places)
+        values, ties, _ = self.state(self.places)
         if np.abs(ties).max(initial=0.0) > _TIED:
             raise self.fail("auxiliary_start must satisfy the equalities")
         free, _ = self.clearance(self.places)
@@ -142,15 +155,15 @@ class _Case:
             where = self.places[wrong][0].tolist()
             raise self.fail(f"the constraint and the true clearance differ at {where}")
 
-    def check_others(self, function: Function, rng: np.random.Generator) -> None:
+    def check_others(self, rng: np.random.Generator) -> None:
         """Check that auxiliaries of other positions, same heading, prove nothing false."""
         moved = self.places + rng.normal(0.0, 1.0, self.places.shape)
-        other, _, _ = self.state(function, self.places, self.start(moved))
+        other, _, _ = self.state(self.places, self.start(moved))
         free, _ = self.clearance(self.places)
         if ((other >= 0.0) & (free < -_NEAR)).any():
             raise self.fail("auxiliaries that are not the best must not prove more than they do")
 
-    def check_slope(self, function: Function) -> None:
+    def check_slope(self) -> None:
         """Check that the slope where a body touches the margin leads away from the polygon."""
         places = self.places.copy()
         for _ in range(4):  # one would do but for rounding: the normal leads to the boundary
@@ -160,7 +173,7 @@ class _Case:
         touching = np.abs(free) < _NEAR
         if not touching.any():
             raise self.fail("no pose touches the margin: the polygon is out of reach")
-        _, _, slopes = self.state(function, places)
+        _, _, slopes = self.state(places)
         size = np.hypot(slopes[:, 0], slopes[:, 1])[:, None]
         extent = self.margin + float(np.ptp(self.polygon, axis=0).max())
         if (size[touching] * extent < 1e-3).any():
@@ -181,6 +194,7 @@ def _cases(
     region: StaticRegion, outline: tuple[tuple[float, float], ...], rng: np.random.Generator
 ) -> Iterator[_Case]:
     """Draw polygons of every number of vertices, with margins and spreads in turn."""
+    function = _compiled(region, outline)
     for count in range(3, _MOST + 1):
         for deviations in ((0.0, 0.0), (0.4, 0.1), (0.5, 0.0)):
             turn = np.linalg.qr(rng.standard_normal((2, 2)))[0]
@@ -192,7 +206,8 @@ def _cases(
             places = np.concatenate([polygon.mean(axis=0) + reach, polygon])
             headings = rng.uniform(-np.pi, np.pi, len(places))
             margin = 0.0 if outline and count % 2 else float(rng.uniform(0.05, 0.8))
-            yield _Case(region, outline, padded, margin, root @ root.T, places, headings)
+            spread = root @ root.T
+            yield _Case(region, function, outline, padded, margin, spread, places, headings)
 
 
 def _convex(count: int, rng: np.random.Generator) -> Array:

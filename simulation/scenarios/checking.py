@@ -1,12 +1,14 @@
 """The laws of `Scenario` as a check that any scenario can run on itself."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import cache
 from itertools import combinations, product
 from typing import Any
 
 import numpy as np
 
 from ...framework.plugins.config import describe
+from ...framework.testing.laws import Law, each, require
 from ...framework.values.arrays import Array
 from ..engine.agents import Bystander, ReplayAgent, RobotAgent
 from .base import Cast, Placement, Scenario
@@ -40,23 +42,50 @@ def check_scenario(
 
     Raises
     ------
-    AssertionError : a law does not hold; the message names it and the seed.
+    AssertionError : names every law that does not hold, and the seed.
     """
+    require(laws(scenario, seeds, robot_radius=robot_radius, varied=varied))
+
+
+def laws(
+    scenario: Scenario,
+    seeds: Iterable[int] = range(8),
+    *,
+    robot_radius: float | None = None,
+    varied: bool = True,
+) -> tuple[Law, ...]:
+    """Return the laws of a scenario; the arguments are those of `check_scenario`."""
     radius = scenario.robot_radius if robot_radius is None else robot_radius
-    seen = []
-    for seed in seeds:
-        cast = scenario.cast(seed)
-        seen.append(fingerprint(cast))
-        assert seen[-1] == fingerprint(scenario.cast(seed)), f"seed {seed} gives two casts"
-        _check_parts(scenario, seed)
-        _check_values(cast, seed)
-        if _dimension(cast) == 2:
-            _check_room(cast, radius, seed)
-    if varied and len(seen) > 1:
-        assert len({repr(one) for one in seen}) > 1, (
+    numbers = tuple(seeds)
+
+    @cache
+    def casts() -> dict[int, Cast]:
+        return {seed: scenario.cast(seed) for seed in numbers}
+
+    def law(name: str, check: Callable[[Cast, int], None]) -> Law:
+        return Law(name, each(lambda one: check(one[1], one[0]), lambda: casts().items()))
+
+    def check_same(cast: Cast, seed: int) -> None:
+        again = fingerprint(scenario.cast(seed))
+        assert fingerprint(cast) == again, f"seed {seed} gives two casts"
+
+    def check_varied() -> None:
+        seen = {repr(fingerprint(cast)) for cast in casts().values()}
+        assert len(seen) > 1, (
             "all seeds give the same situation; where the fields fix everything, check with "
             "varied=False"
         )
+
+    alike = "its fields fix everything" if not varied else ""
+    return (
+        law("same seed, same cast", check_same),
+        Law("parts depend on their generator alone",
+            each(lambda seed: _check_parts(scenario, seed), lambda: numbers)),
+        law("names, speeds and phases", _check_values),
+        law("nobody overlaps at time 0", lambda cast, seed: _check_room(cast, radius, seed)),
+        Law("other seeds, other situations", check_varied,
+            alike or ("" if len(numbers) > 1 else "one seed alone")),
+    )  # fmt: skip
 
 
 def fingerprint(cast: Cast) -> list[Any]:
@@ -122,7 +151,9 @@ def _check_values(cast: Cast, seed: int) -> None:
 
 
 def _check_room(cast: Cast, radius: float, seed: int) -> None:
-    """Nobody overlaps at time 0; goals can be stood on."""
+    """Nobody overlaps at time 0 in the plane; goals can be stood on."""
+    if _dimension(cast) != 2:
+        return
     deciding = [
         *((p.name, p.path.points[0], radius) for p in cast.placements),
         *((p.name, p.path.points[0], p.radius) for p in cast.people),

@@ -1,5 +1,6 @@
 """Every controller in the room keeps the contract, and the robot's limits."""
 
+from functools import partial
 from importlib.util import find_spec
 from inspect import isfunction
 
@@ -13,7 +14,7 @@ from wideberth.framework.control.command_limits import attained
 from wideberth.framework.controller import Controller
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.plugins.registry import load, names
-from wideberth.framework.testing import check_controller
+from wideberth.framework.testing.controller import laws
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Detection, Observation, Pose, Twist
 from wideberth.framework.values.path import Path
@@ -22,6 +23,7 @@ from wideberth.robots.holonomic import Holonomic
 from wideberth.robots.holonomic_3d import Holonomic3D
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.helpers.contracts import Contract
 
 ROBOTS = ["unicycle", "differential_drive", "bicycle", "holonomic", "holonomic_velocity"]
 KINDS = {name: load("controllers", name) for name in names("controllers")}
@@ -46,10 +48,19 @@ def ready(name, robot, **settings):
     return made
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
-@pytest.mark.parametrize("name", REACTIVE)
-def test_contract(name, robot):
-    check_controller(build("controllers", {"type": name, "robot": robot}))
+CONTRACT = Contract(
+    {
+        f"{name}, {robot}": partial(build, "controllers", {"type": name, "robot": robot})
+        for name in REACTIVE
+        for robot in ROBOTS
+    },
+    laws,
+)
+
+
+@pytest.mark.parametrize(("name", "law"), CONTRACT.cases())
+def test_contract(name, law):
+    CONTRACT.check(name, law)
 
 
 @pytest.mark.parametrize("name", [*REACTIVE, *PRESETS])

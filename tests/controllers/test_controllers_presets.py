@@ -1,11 +1,13 @@
 """Presets: the planners that they say, and what these keep."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.plugins.config import build, describe
-from wideberth.framework.testing import check_controller
+from wideberth.framework.testing.controller import laws
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.framework.values.motion import Detection, Observation
@@ -16,6 +18,7 @@ from wideberth.robots.unicycle import Unicycle
 from wideberth.simulation.engine.agents import RobotAgent
 from wideberth.simulation.engine.episode import run_episode
 from wideberth.simulation.engine.settings import Settings
+from wideberth.tests.helpers.contracts import Contract
 
 PARTS = {
     "linearized_chance": ("kalman", "half_plane", 0.03, "tracking"),
@@ -51,10 +54,18 @@ def test_without_covariance_the_region_is_the_disc():
         assert not made.region.contains(1.5001 * around, numbers, level).any()
 
 
-@pytest.mark.parametrize("name", PARTS)
-def test_contract(name):
-    made = build("controllers", {"type": name, "robot": "unicycle", **SHORT})
-    check_controller(made, cycles=2)
+CONTRACT = Contract(
+    {
+        name: partial(build, "controllers", {"type": name, "robot": "unicycle", **SHORT})
+        for name in PARTS
+    },
+    partial(laws, cycles=2),
+)
+
+
+@pytest.mark.parametrize(("name", "law"), CONTRACT.cases())
+def test_contract(name, law):
+    CONTRACT.check(name, law)
 
 
 def test_everything_is_delegated():

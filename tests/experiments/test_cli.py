@@ -73,6 +73,10 @@ def test_list(shell) -> None:  # type: ignore[no-untyped-def]
 def test_check(shell) -> None:  # type: ignore[no-untyped-def]
     code, out, error = shell("check", "robot", "wideberth.robots.unicycle:Unicycle")
     assert code == 0 and "keeps the laws of robots" in out, error
+    assert "drive: holds\n" in out and "turning the start: holds\n" in out
+    code, out, error = shell("check", "region", "whitened_box")
+    assert code == 0, error
+    assert "turns with the obstacle: exempt: it declares rotation_invariant = False\n" in out
     code, out, error = shell("check", "scenario", "crossing", "--set", "speed=0.7")
     assert code == 0 and "keeps the laws of scenarios" in out, error
     code, out, error = shell("check", "solver", "fatrop", "--set", "iterations=200")
@@ -88,8 +92,9 @@ def test_check(shell) -> None:  # type: ignore[no-untyped-def]
         "        raise RuntimeError('always')\n"
     )
     with warnings.catch_warnings():
-        code, _, error = shell("check", "predictor", "odd:Odd", "--set", "power=2")
+        code, out, error = shell("check", "predictor", "odd:Odd", "--set", "power=2")
     assert code == 1 and "odd:Odd breaks a law of predictors" in error
+    assert "pure: broken\n" in out and "RuntimeError: always" in error
 
 
 def test_cite(shell) -> None:  # type: ignore[no-untyped-def]

@@ -8,7 +8,7 @@ from scipy.stats import chi2
 
 from wideberth.framework.plugins.registry import load
 from wideberth.framework.predictor import Predictor
-from wideberth.framework.testing.predictor import check_predictor
+from wideberth.framework.testing.predictor import check_predictor, laws
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast, Scene
 from wideberth.framework.values.motion import Truth
@@ -20,6 +20,7 @@ from wideberth.predictors.kalman import Kalman
 from wideberth.predictors.oracle import Oracle
 from wideberth.predictors.static import Static
 from wideberth.predictors.var import VectorAutoregression
+from wideberth.tests.helpers.contracts import Contract
 
 DT = 0.5
 NAN = np.nan
@@ -38,14 +39,24 @@ def line(samples, velocity=(0.5, -0.2), offset=(3.0, 1.0)):
     return np.asarray(offset) + time * np.asarray(velocity)
 
 
-@pytest.mark.parametrize("name", BUILT_IN)
-def test_every_built_in_keeps_the_laws(name):
-    trains = name in ("mixture_density", "single_gaussian")  # fitted in test_predictors_mixture*
-    check_predictor(load("predictors", name)(), **({"dataset": ()} if trains else {}))
+TRAINED_ELSEWHERE = ("MixtureDensity", "SingleGaussian")
+"""Trainings are long; test_predictors_mixture* fit these once and hold the copies to the laws."""
 
 
-@pytest.mark.parametrize(
-    "predictor",
+def built_in_laws(predictor):
+    trains = type(predictor).__name__ in TRAINED_ELSEWHERE
+    return laws(predictor, dataset=() if trains else None)
+
+
+CONTRACT = Contract({name: load("predictors", name) for name in BUILT_IN}, built_in_laws)
+
+
+@pytest.mark.parametrize(("name", "law"), CONTRACT.cases())
+def test_every_built_in_keeps_the_laws(name, law):
+    CONTRACT.check(name, law)
+
+
+SETTINGS = Contract.of(
     [
         Static(spread_rate=1.0),
         ConstantVelocity(window=1),
@@ -55,10 +66,13 @@ def test_every_built_in_keeps_the_laws(name):
         VectorAutoregression(covariance="paper", integration="trapezoid", trend="c"),
         VectorAutoregression(covariance="paper-literal", order=1, fallback=ConstantVelocity()),
     ],
-    ids=repr,
+    lambda one: laws(one, dimensions=(2,), rng=np.random.default_rng(8)),
 )
-def test_settings_keep_the_laws(predictor):
-    check_predictor(predictor, dimensions=(2,), rng=np.random.default_rng(8))
+
+
+@pytest.mark.parametrize(("predictor", "law"), SETTINGS.cases())
+def test_settings_keep_the_laws(predictor, law):
+    SETTINGS.check(predictor, law)
 
 
 def test_same_answer_on_a_straight_line():
@@ -287,9 +301,25 @@ class Broken(Predictor):
 
 
 @pytest.mark.parametrize(
-    "law", ["never raises", "shape", "pure", "translation", "rotation", "order"]
+    ("broken", "law"),
+    [
+        ("never raises", "shapes, finite, symmetric, PSD"),
+        ("shape", "shapes, finite, symmetric, PSD"),
+        ("pure", "pure"),
+        ("translation", "translation equivariant"),
+        ("rotation", "rotation equivariant"),
+        ("order", "order independent"),
+    ],
 )
-def test_the_check_finds_each_broken_law(law):
-    with pytest.raises(AssertionError, match=law):
-        check_predictor(Broken(law), dimensions=(2,))
+def test_the_check_finds_each_broken_law(broken, law):
+    found = {one.name: one for one in laws(Broken(broken), dimensions=(2,))}
+    with pytest.raises(AssertionError, match=broken):
+        found[law].check()
+
+
+def test_the_check_names_the_broken_laws_and_no_other():
     check_predictor(Broken("none"), dimensions=(2,))
+    with pytest.raises(AssertionError) as caught:
+        check_predictor(Broken("translation"), dimensions=(2,))
+    (line,) = str(caught.value).splitlines()
+    assert line.startswith("translation equivariant: ")

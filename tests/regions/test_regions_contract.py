@@ -8,20 +8,22 @@ import pytest
 
 from wideberth.framework.plugins import registry
 from wideberth.framework.region import Auxiliary, Constraint, Guarantee, Region, Relation
-from wideberth.framework.testing.region import check_region
+from wideberth.framework.testing.region import check_region, laws
 from wideberth.framework.testing.region_cases import variants
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.framework.values.motion import Pose
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
+from wideberth.tests.helpers.contracts import Contract
 
 BUILT_IN = [
     one for name in registry.names("regions") for one in variants(registry.load("regions", name))
 ]
+CONTRACT = Contract.of(BUILT_IN, laws)
 
 
-@pytest.mark.parametrize("region", BUILT_IN, ids=repr)
-def test_contract(region: Region) -> None:
-    check_region(region)
+@pytest.mark.parametrize(("region", "law"), CONTRACT.cases())
+def test_contract(region: str, law: str) -> None:
+    CONTRACT.check(region, law)
 
 
 @dataclass(frozen=True)

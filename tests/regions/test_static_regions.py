@@ -11,12 +11,13 @@ from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.plugins.registry import load, names
 from wideberth.framework.region import Auxiliary, Constraint
 from wideberth.framework.static_region import StaticRegion
-from wideberth.framework.testing import check_static_region
+from wideberth.framework.testing.static_region import check_static_region, laws
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Pose
 from wideberth.framework.values.polygon import best_direction
 from wideberth.regions.static.dual import Dual
 from wideberth.regions.static.separating_line import SeparatingLine
+from wideberth.tests.helpers.contracts import Contract
 
 BUILT_IN = [load("static_regions", name)() for name in names("static_regions")]
 EXACT = [SeparatingLine(), Dual()]
@@ -26,9 +27,12 @@ CAR = ((0.6, 0.3), (-0.6, 0.3), (-0.6, -0.3), (0.6, -0.3))
 NONE = np.zeros((2, 2))
 
 
-@pytest.mark.parametrize("region", BUILT_IN, ids=repr)
-def test_contract(region: StaticRegion) -> None:
-    check_static_region(region)
+CONTRACT = Contract.of(BUILT_IN, laws)
+
+
+@pytest.mark.parametrize(("region", "law"), CONTRACT.cases())
+def test_contract(region: str, law: str) -> None:
+    CONTRACT.check(region, law)
 
 
 @dataclass(frozen=True)

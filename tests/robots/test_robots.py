@@ -1,5 +1,6 @@
 """Robots: the contract, closed forms, and limits that couple."""
 
+from functools import partial
 from importlib import import_module
 from math import atan, cos, pi, sin, tan
 
@@ -9,7 +10,7 @@ import pytest
 from wideberth.framework.control.velocity_smoother import VelocitySmoother
 from wideberth.framework.numerics.integration import runge_kutta
 from wideberth.framework.robot import step
-from wideberth.framework.testing import check_robot
+from wideberth.framework.testing.robot import check_robot, laws
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Command, Pose, Twist
 from wideberth.robots import BUILT_IN
@@ -18,6 +19,7 @@ from wideberth.robots.differential_drive import DifferentialDrive
 from wideberth.robots.holonomic import Holonomic
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.helpers.contracts import Contract
 
 
 def robot_of(name):
@@ -25,10 +27,16 @@ def robot_of(name):
     return getattr(import_module(module), cls)
 
 
-@pytest.mark.parametrize("name", sorted(BUILT_IN))
-def test_contract(name):
-    check_robot(robot_of(name)())
-    check_robot(robot_of(name)(radius=0.2, max_speed=1.7), rng=np.random.default_rng(5))
+ROBOTS = {name: robot_of(name) for name in sorted(BUILT_IN)} | {
+    f"{name}, small": partial(robot_of(name), radius=0.2, max_speed=1.7)
+    for name in sorted(BUILT_IN)
+}
+CONTRACT = Contract(ROBOTS, laws)
+
+
+@pytest.mark.parametrize(("name", "law"), CONTRACT.cases())
+def test_contract(name, law):
+    CONTRACT.check(name, law)
 
 
 @pytest.mark.parametrize("name", sorted(BUILT_IN))

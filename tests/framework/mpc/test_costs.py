@@ -17,13 +17,14 @@ from wideberth.framework.mpc.ocp.stage import ReferenceSymbols
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.plugins import config, registry
 from wideberth.framework.plugins.registry import ROOMS, load, register
-from wideberth.framework.testing import check_cost
+from wideberth.framework.testing.cost import check_cost, laws
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Rung
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.helpers.contracts import Contract
 from wideberth.tests.helpers.problems import assemble
 
 COSTS = [
@@ -34,9 +35,12 @@ COSTS = [
 ]
 
 
-@pytest.mark.parametrize("cost", COSTS, ids=repr)
-def test_costs_keep_their_laws(cost: Cost) -> None:
-    check_cost(cost)
+CONTRACT = Contract.of(COSTS, laws)
+
+
+@pytest.mark.parametrize(("cost", "law"), CONTRACT.cases())
+def test_costs_keep_their_laws(cost: str, law: str) -> None:
+    CONTRACT.check(cost, law)
 
 
 @final

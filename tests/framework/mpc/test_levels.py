@@ -23,7 +23,7 @@ from wideberth.framework.mpc.slots.gaussian_discs import Obstacles
 from wideberth.framework.plugins.registry import load
 from wideberth.framework.plugins.yamlfile import read_config
 from wideberth.framework.region import Region
-from wideberth.framework.testing import check_level
+from wideberth.framework.testing.level import check_level, laws
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.path import Path
@@ -32,6 +32,7 @@ from wideberth.regions.half_plane import HalfPlane
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.helpers.contracts import Contract
 from wideberth.tests.helpers.problems import assemble, fill
 
 POLICIES = [
@@ -47,9 +48,12 @@ POLICIES = [
 TAILS = st.floats(1e-12, 0.999)
 
 
-@pytest.mark.parametrize("policy", POLICIES, ids=repr)
-def test_policies_keep_their_laws(policy: LevelPolicy) -> None:
-    check_level(policy)
+CONTRACT = Contract.of(POLICIES, laws)
+
+
+@pytest.mark.parametrize(("policy", "law"), CONTRACT.cases())
+def test_policies_keep_their_laws(policy: str, law: str) -> None:
+    CONTRACT.check(policy, law)
 
 
 def test_who_names_relaxed_gets_what_is_recommended_and_the_paper_by_its_name() -> None:
