@@ -1,8 +1,10 @@
 """Options of the test run, and what several test files share."""
 
+import ctypes
+import gc
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
@@ -11,6 +13,8 @@ import pytest
 
 GOLDEN = Path(__file__).with_name("golden_regions.json")
 DENSE = Path(__file__).parent / "data" / "dense"
+LARGE, PAGE = 600e6, 4096
+"""Bytes: of a test process that drops what it has compiled, and of a page of memory."""
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 
 
@@ -65,6 +69,26 @@ def instances() -> ModuleType:
     sys.modules[spec.name] = module
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _memory_given_back() -> Iterator[None]:
+    """Drop compiled programs and figures after a test file that leaves its process large."""
+    yield
+    pages = Path("/proc/self/statm")
+    if not pages.exists() or int(pages.read_text().split()[1]) * PAGE < LARGE:
+        return
+    solvers = sys.modules.get("wideberth.framework.mpc.solvers.base")
+    if solvers is not None:
+        solvers._CACHE.clear()
+    pyplot = sys.modules.get("matplotlib.pyplot")
+    if pyplot is not None:
+        pyplot.close("all")
+    jax = sys.modules.get("jax")
+    if jax is not None:
+        jax.clear_caches()
+    gc.collect()
+    getattr(ctypes.CDLL(None), "malloc_trim", int)(0)  # glibc keeps freed blocks otherwise
 
 
 @pytest.fixture

@@ -76,7 +76,8 @@ def _check_frozen(policy: LevelPolicy) -> None:
 
 
 def _has_tail(policy: LevelPolicy) -> bool:
-    return any(one.name == "tail" and one.init for one in fields(cast(Any, policy)))
+    known = fields(cast(Any, policy)) if is_dataclass(policy) else ()
+    return any(one.name == "tail" and one.init for one in known)
 
 
 @dataclass(frozen=True, eq=False)

@@ -377,16 +377,23 @@ class _Fits:
         return draw_tracks(self.dataset[0].dimension, self.rng)
 
     @cached_property
+    def fits(self) -> tuple[str, Forecast, Fittable]:
+        """The predictor's repr and forecast before its fit, and the fitted copy."""
+        before = (
+            repr(self.predictor),
+            _predict(self.predictor, self.tracks, None, "before the fit"),
+        )
+        return *before, _fitted(self.predictor, self.dataset)
+
+    @property
     def fitted(self) -> Fittable:
-        return _fitted(self.predictor, self.dataset)
+        return self.fits[2]
 
     def check_left_alone(self) -> None:
-        predictor, tracks = self.predictor, self.tracks
-        written, before = repr(predictor), _predict(predictor, tracks, None, "before the fit")
-        _fitted(predictor, self.dataset)
-        changed = repr(predictor) != written
+        written, before, _ = self.fits
+        changed = repr(self.predictor) != written
         assert not changed, "fit leaves the predictor as it was: its repr has changed"
-        _check_purity(predictor, tracks, None, before, "after the fit of a copy")
+        _check_purity(self.predictor, self.tracks, None, before, "after the fit of a copy")
 
     def check_pure(self) -> None:
         again = repr(_fitted(self.predictor, self.dataset))

@@ -1,6 +1,7 @@
 """The structured solver finds the same optimum as IPOPT, for any horizon, level and slots."""
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path as File
 from types import ModuleType
 from typing import Any
@@ -47,15 +48,13 @@ def recorded() -> list[Instance]:
 
 
 def problem_for(instance: Instance, penalty: float | None = None, capacity: int = 0) -> Problem:
-    return assemble(
-        Unicycle(),
-        MahalanobisEllipse(),
-        PAPER,
-        horizon=15,
-        dt=0.5,
-        capacity=capacity or instance.obstacles,
-        penalty=penalty,
-    )
+    return paper_problem(capacity or instance.obstacles, penalty)
+
+
+@cache
+def paper_problem(capacity: int, penalty: float | None) -> Problem:
+    sizes: Any = {"horizon": 15, "dt": 0.5, "capacity": capacity}
+    return assemble(Unicycle(), MahalanobisEllipse(), PAPER, penalty=penalty, **sizes)
 
 
 def solved(problem: Problem, parameters: Parameters, guess: Guess, **settings: Any) -> Solution:

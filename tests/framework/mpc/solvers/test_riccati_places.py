@@ -10,6 +10,7 @@ holds, depends on all that the process did before.
 import os
 import subprocess
 import sys
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ import numpy as np
 import pytest
 
 from wideberth.framework.mpc.levels.paper import Paper
+from wideberth.framework.mpc.ocp.problem import Problem
 from wideberth.framework.mpc.solvers.riccati.solver import Riccati
 from wideberth.framework.values.arrays import Array
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
@@ -47,11 +49,16 @@ def recorded() -> list[Instance]:
     return recorded_instances()
 
 
+@cache
+def problem_for(obstacles: int) -> Problem:
+    level = Paper(tail=float(np.exp(-5.991 / 2)))
+    sizes: Any = {"horizon": 15, "dt": 0.5, "capacity": obstacles}
+    return assemble(Unicycle(), MahalanobisEllipse(), level, **sizes)
+
+
 def digest(one: Instance) -> str:
     """Solve; hash of the solution."""
-    level = Paper(tail=float(np.exp(-5.991 / 2)))
-    sizes: Any = {"horizon": 15, "dt": 0.5, "capacity": one.obstacles}
-    problem = assemble(Unicycle(), MahalanobisEllipse(), level, **sizes)
+    problem = problem_for(one.obstacles)
     (found,) = Riccati().solve(problem, one.parameters, [one.guess])
     arrays = (found.point.states, found.point.inputs, found.point.slack)
     numbers = np.array([found.point.level, found.cost, found.iterations], dtype=np.float64)
