@@ -13,10 +13,10 @@ import pytest
 import wideberth
 
 MODULES = sorted(
-    f"wideberth.{room}.{info.name}"
+    info.name
     for room in ("framework", "predictors", "regions", "robots", "controllers", "simulation",
                  "experiments")
-    for info in pkgutil.walk_packages([f"{wideberth.__path__[0]}/{room}"])
+    for info in pkgutil.walk_packages([f"{wideberth.__path__[0]}/{room}"], f"wideberth.{room}.")
 )  # fmt: skip
 
 
