@@ -76,8 +76,9 @@ def _check_frozen(policy: LevelPolicy) -> None:
 
 
 def _has_tail(policy: LevelPolicy) -> bool:
-    known = fields(cast(Any, policy)) if is_dataclass(policy) else ()
-    return any(one.name == "tail" and one.init for one in known)
+    if not is_dataclass(policy):
+        return False
+    return any(one.name == "tail" and one.init for one in fields(cast(Any, policy)))
 
 
 @dataclass(frozen=True, eq=False)
