@@ -131,26 +131,25 @@ def refuse_misfits(problem: Problem, parameters: Parameters, guesses: Sequence[G
     WideberthError : names the array, its shape and the shape wanted.
     """
     numbers, slots, start = _shapes(problem)
-    for name, wanted in numbers:
-        _refuse_misfit(f"parameters.{name}", getattr(parameters, name), wanted)
     if len(parameters.slots) != len(slots):
         raise WideberthError(
             f"parameters hold {len(parameters.slots)} kinds of slots; wanted {len(slots)}, those "
             "of the problem"
         )
+    _refuse_misfit("parameters", parameters, numbers)
     for kind, own in zip(slots, parameters.slots, strict=True):
-        for name, wanted in kind:
-            _refuse_misfit(f"parameters.slots.{name}", np.asarray(getattr(own, name)), wanted)
+        _refuse_misfit("parameters.slots", own, kind)
     for guess in guesses:
-        for name, wanted in start:
-            _refuse_misfit(f"guess.{name}", getattr(guess, name), wanted)
+        _refuse_misfit("guess", guess, start)
 
 
-def _refuse_misfit(name: str, values: Array, wanted: tuple[int, ...]) -> None:
-    if values.shape != wanted and (values.size or 0 not in wanted):
-        raise WideberthError(
-            f"{name} is {values.shape}; wanted {wanted}: fill it for the same problem"
-        )
+def _refuse_misfit(name: str, owner: object, shapes: "_Shapes") -> None:
+    for field, wanted in shapes:
+        values = getattr(owner, field)
+        if values.shape != wanted and (values.size or 0 not in wanted):
+            raise WideberthError(
+                f"{name}.{field} is {values.shape}; wanted {wanted}: fill it for the same problem"
+            )
 
 
 _Shapes: TypeAlias = tuple[tuple[str, tuple[int, ...]], ...]

@@ -223,29 +223,34 @@ def _with_wrapped_heading(problem: Problem, parameters: Parameters, guess: Guess
 
 def _with_auxiliaries(parameters: Parameters, guess: Guess) -> Guess:
     """Add the auxiliaries that the regularisation draws to where the guess has none."""
-    wanted = tuple(one.auxiliaries for one in parameters.slots)
-    own = guess.auxiliaries or wanted
-    pairs = zip(own, wanted, strict=True)
-    return replace(
-        guess,
-        auxiliaries=tuple(one if one.shape == other.shape else other for one, other in pairs),
+    own = guess.auxiliaries or [None] * len(parameters.slots)
+    found = tuple(
+        one if one is not None and one.shape == other.auxiliaries.shape else other.auxiliaries
+        for one, other in zip(own, parameters.slots, strict=True)
     )
+    same = all(one is other for one, other in zip(found, own, strict=True))
+    return guess if same else replace(guess, auxiliaries=found)
 
 
 _NO_LEVELS = np.zeros((0, 0))
 """Levels of slots that have none."""
 
 
+@lru_cache(maxsize=8)
+def _no_slots(steps: int) -> SlotNumbers:
+    """Numbers of a kind that the problem does not have."""
+    return SlotNumbers.none(steps)
+
+
 def _slots(
     made: "CompiledProblem", parameters: Parameters, guess: Guess, found: Sequence[Array]
 ) -> list[object]:
     """Return the arguments of the core about every kind of slots."""
-    none = SlotNumbers.none(len(parameters.speed))
     arguments: list[object] = []
     for k, kind in enumerate(made.kinds):
         there = k < len(parameters.slots)
-        own = parameters.slots[k] if there else none
-        start = guess.auxiliaries[k] if there else none.auxiliaries
+        own = parameters.slots[k] if there else _no_slots(len(parameters.speed))
+        start = guess.auxiliaries[k] if there else own.auxiliaries
         level = _NO_LEVELS if own.level is None else own.level
         arguments += kind.arguments
         arguments += _arrays(own.parameters, level, own.active, own.auxiliaries, start)
