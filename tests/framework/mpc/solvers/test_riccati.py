@@ -153,7 +153,7 @@ def test_without_obstacles(penalty: float | None, instances: ModuleType) -> None
     for slots in (0, 2):
         recipe = instances.Recipe(Unicycle(), MahalanobisEllipse(), Fixed(), slots, 15)
         for made in recipe.make(range(2)):
-            parameters = replace(made.parameters, active=np.zeros(slots))
+            parameters = slots_of(made.parameters, active=np.zeros(slots))
             found = solved(replace(made.problem, penalty=penalty), parameters, made.guess)
             assert found.status is Status.SOLVED
             # slack that is not needed costs nothing
