@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from operator import attrgetter
 from threading import Lock
 from time import perf_counter
 from typing import Any, TypeAlias, cast
@@ -136,15 +137,22 @@ def refuse_misfits(problem: Problem, parameters: Parameters, guesses: Sequence[G
             f"parameters hold {len(parameters.slots)} kinds of slots; wanted {len(slots)}, those "
             "of the problem"
         )
-    _refuse_misfit("parameters", parameters, numbers)
+    if _NUMBERS(parameters) != tuple(numbers.values()):
+        _refuse_misfit("parameters", parameters, numbers)
+    if parameters.curve.size != problem.horizon * problem.curve:
+        _refuse_misfit("parameters", parameters, {"curve": (problem.horizon, problem.curve)})
     for kind, own in zip(slots, parameters.slots, strict=True):
-        _refuse_misfit("parameters.slots", own, kind)
+        if _SLOTS(own) != tuple(kind.values()):
+            _refuse_misfit("parameters.slots", own, kind)
+        if own.level is not None and own.level.shape != own.parameters.shape[:2]:
+            _refuse_misfit("parameters.slots", own, {"level": own.parameters.shape[:2]})
     for guess in guesses:
-        _refuse_misfit("guess", guess, start)
+        if _GUESS(guess) != tuple(start.values()):
+            _refuse_misfit("guess", guess, start)
 
 
 def _refuse_misfit(name: str, owner: object, shapes: "_Shapes") -> None:
-    for field, wanted in shapes:
+    for field, wanted in shapes.items():
         values = getattr(owner, field)
         if values.shape != wanted and (values.size or 0 not in wanted):
             raise WideberthError(
@@ -152,30 +160,33 @@ def _refuse_misfit(name: str, owner: object, shapes: "_Shapes") -> None:
             )
 
 
-_Shapes: TypeAlias = tuple[tuple[str, tuple[int, ...]], ...]
+_Shapes: TypeAlias = dict[str, tuple[int, ...]]
+
+_NUMBERS = attrgetter("initial.shape", "reference.shape", "direction.shape", "speed.shape")
+_SLOTS = attrgetter("parameters.shape", "active.shape", "auxiliaries.shape")
+_GUESS = attrgetter("states.shape", "inputs.shape")
+"""All shapes at once, since every solve looks at them; in the order of `_shapes`."""
 
 
 @lru_cache(maxsize=8)
 def _shapes(problem: Problem) -> tuple[_Shapes, tuple[_Shapes, ...], _Shapes]:
     """Shapes of the arrays of parameters, of the slots of each kind, and of a guess."""
     steps, size = problem.horizon, problem.dimension
-    parameters = (
-        ("initial", (problem.states,)),
-        ("reference", (steps, size)),
-        ("direction", (steps, size)),
-        ("speed", (steps,)),
-        ("curve", (steps, problem.curve)),
-    )
+    parameters = {
+        "initial": (problem.states,),
+        "reference": (steps, size),
+        "direction": (steps, size),
+        "speed": (steps,),
+    }
     slots = tuple(
-        (
-            ("parameters", (steps, own.count, own.width)),
-            ("active", (own.count,)),
-            ("auxiliaries", (steps, own.count, len(own.auxiliary))),
-            *((("level", (steps, own.count)),) if own.levelled else ()),
-        )
+        {
+            "parameters": (steps, own.count, own.width),
+            "active": (own.count,),
+            "auxiliaries": (steps, own.count, len(own.auxiliary)),
+        }
         for own in problem.slots
     )
-    guess = (("states", (steps + 1, problem.states)), ("inputs", (steps, problem.inputs)))
+    guess: _Shapes = {"states": (steps + 1, problem.states), "inputs": (steps, problem.inputs)}
     return parameters, slots, guess
 
 

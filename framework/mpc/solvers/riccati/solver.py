@@ -223,13 +223,17 @@ def _with_wrapped_heading(problem: Problem, parameters: Parameters, guess: Guess
 
 def _with_auxiliaries(parameters: Parameters, guess: Guess) -> Guess:
     """Add the auxiliaries that the regularisation draws to where the guess has none."""
-    own = guess.auxiliaries or [None] * len(parameters.slots)
-    found = tuple(
-        one if one is not None and one.shape == other.auxiliaries.shape else other.auxiliaries
-        for one, other in zip(own, parameters.slots, strict=True)
-    )
-    same = all(one is other for one, other in zip(found, own, strict=True))
-    return guess if same else replace(guess, auxiliaries=found)
+    own = guess.auxiliaries or tuple(one.auxiliaries for one in parameters.slots)
+    for one, other in zip(own, parameters.slots, strict=True):
+        if one.shape != other.auxiliaries.shape:
+            break
+    else:
+        return guess if own is guess.auxiliaries else replace(guess, auxiliaries=own)
+    pairs = zip(own, parameters.slots, strict=True)
+    found = [
+        one if one.shape == other.auxiliaries.shape else other.auxiliaries for one, other in pairs
+    ]
+    return replace(guess, auxiliaries=tuple(found))
 
 
 _NO_LEVELS = np.zeros((0, 0))
@@ -237,9 +241,10 @@ _NO_LEVELS = np.zeros((0, 0))
 
 
 @lru_cache(maxsize=8)
-def _no_slots(steps: int) -> SlotNumbers:
-    """Numbers of a kind that the problem does not have."""
-    return SlotNumbers.none(steps)
+def _no_slots(steps: int) -> tuple[Array, ...]:
+    """Arguments of the core about a kind that the problem does not have."""
+    none = SlotNumbers.none(steps)
+    return none.parameters, _NO_LEVELS, none.active, none.auxiliaries, none.auxiliaries
 
 
 def _slots(
@@ -248,12 +253,14 @@ def _slots(
     """Return the arguments of the core about every kind of slots."""
     arguments: list[object] = []
     for k, kind in enumerate(made.kinds):
-        there = k < len(parameters.slots)
-        own = parameters.slots[k] if there else _no_slots(len(parameters.speed))
-        start = guess.auxiliaries[k] if there else own.auxiliaries
-        level = _NO_LEVELS if own.level is None else own.level
         arguments += kind.arguments
-        arguments += _arrays(own.parameters, level, own.active, own.auxiliaries, start)
+        if k < len(parameters.slots):
+            own = parameters.slots[k]
+            level = _NO_LEVELS if own.level is None else own.level
+            start = guess.auxiliaries[k]
+            arguments += _arrays(own.parameters, level, own.active, own.auxiliaries, start)
+        else:
+            arguments += _no_slots(len(parameters.speed))
         arguments.append(found[k])
     return arguments
 
