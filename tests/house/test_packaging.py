@@ -55,7 +55,7 @@ def test_wheel_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
     configs = {f"wideberth/experiments/configs/{path.name}"
                for path in (ROOT / "experiments/configs").glob("*.yaml")}  # fmt: skip
     wanted = modules | configs | {"wideberth/__init__.py", "wideberth/py.typed"}
-    wanted |= {"wideberth/framework/references.bib"}
+    wanted |= {f"wideberth/framework/{name}" for name in ("references.bib", "recommended.yaml")}
     assert wanted <= names
     other = {name for name in names - wanted if ".dist-info/" not in name}
     assert all(name.startswith("wideberth/experiments/data/") for name in other), other

@@ -166,7 +166,11 @@ def test_settings_without_a_type_change_the_default() -> None:
 
 @pytest.mark.parametrize(
     ("room", "name"),
-    [(room, name) for room in ROOMS if room != "experiments" for name in names(room)],
+    [
+        (room, name)
+        for room in sorted({*ROOMS} - {"experiments", "slot_kinds"})
+        for name in names(room)
+    ],
 )
 def test_every_built_in_survives_describe(room: str, name: str) -> None:
     if (room, name) == ("controllers", "mpc"):

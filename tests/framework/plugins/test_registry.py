@@ -46,7 +46,7 @@ def test_built_in_loads(room: str, name: str) -> None:
     assert inspect.getdoc(found)
 
 
-@pytest.mark.parametrize("room", ROOMS)
+@pytest.mark.parametrize("room", sorted({*ROOMS} - {"slot_kinds"}))  # every planner has its own
 def test_table_agrees_with_the_folder(room: str) -> None:
     module = importlib.import_module(ROOMS[room].module)
     inside = {
