@@ -4,7 +4,7 @@ ROOMS := framework predictors regions robots controllers simulation experiments
 WORKERS ?= 2
 FIGURES ?= ellipse_construction approximation_error forecast_regions chicken_game crossing
 
-.PHONY: help demo test lint bench fuzz mutants figures lock
+.PHONY: help demo test lint bench fuzz mutants figures graph lock
 .DEFAULT_GOAL := help
 
 help:                   ## list the targets
@@ -35,6 +35,9 @@ mutants: .venv/ready    ## change the code for the worse and count what no test 
 
 figures: .venv/ready    ## draw the figures of FIGURES="name ..." (run first where need be)
 	$(BIN)/wideberth figures $(FIGURES) --workers 2
+
+graph: .venv/ready      ## draw which groups of modules import which
+	$(BIN)/python docs/draw_import_graph.py
 
 lock: .venv/ready       ## write requirements.lock anew: versions and hashes, no address
 	$(BIN)/uv pip compile pyproject.toml --all-extras --universal --python-version 3.11 \
