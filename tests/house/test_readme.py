@@ -38,6 +38,52 @@ def test_a_scenario_is_written_as_the_page_says(tmp_path: Path) -> None:
     run_page(tmp_path, "Gate", "Gate", check)
 
 
+def test_a_level_policy_is_written_as_the_page_says(tmp_path: Path) -> None:
+    check = """
+from wideberth import build
+
+levels = TwoStage().levels(build("regions", "minkowski_sum"), 6, 2, 2)
+assert levels.shape == (6, 2) and (levels[:3] > levels[3:]).all()
+"""
+    run_page(tmp_path, "TwoStage", "TwoStage", check)
+
+
+def test_a_solver_is_written_as_the_page_says(tmp_path: Path) -> None:
+    """The block that defines `AdaptiveIpopt`; a planner reaches its first rung with it."""
+    check = """
+from wideberth import Observation, Path, build
+
+planner = build("controllers", {"type": "mpc", "robot": "unicycle", "predictor": "kalman",
+    "region": "mahalanobis_ellipse", "level": "fixed", "solver": {"type": "adaptive_ipopt"}})
+planner.set_path(Path([(0, 0), (12, 0)]))
+planner.command(Observation(0.0, (0, 0.2, 0, 0.5, 0)))
+assert planner.plan.rung == "optimal", planner.plan.reason
+"""
+    run_page(tmp_path, "AdaptiveIpopt", "AdaptiveIpopt", check)
+
+
+def test_a_study_is_written_as_the_page_says(tmp_path: Path) -> None:
+    """The block that defines `AreaByTail` runs from the config on the page, with a figure."""
+    page = (ROOT / "docs" / "write-your-own.md").read_text(encoding="utf-8")
+    (config,) = [
+        one for one in re.findall(r"```yaml\n(.*?)```", page, re.DOTALL) if "my_study" in one
+    ]
+    (tmp_path / "area.yaml").write_text(config, encoding="utf-8")
+    (block,) = [
+        one for one in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "AreaByTail" in one
+    ]
+    (tmp_path / "my_study.py").write_text(block, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-c", "from wideberth.experiments.cli.app import main; main()",
+         "run", "area.yaml", "--out", "found"],
+        cwd=tmp_path, text=True, capture_output=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-2000:]
+    table = (tmp_path / "found" / "table.csv").read_text(encoding="utf-8")
+    assert len(table.splitlines()) == 6 and "area_m2" in table
+    assert (tmp_path / "found" / "figures" / "area_by_tail.png").exists()
+
+
 def run_page(folder: Path, first: str, last: str, check: str) -> None:
     """Run the blocks from the one that defines a class to that of another, and a check."""
     page = (ROOT / "docs" / "write-your-own.md").read_text(encoding="utf-8")
