@@ -39,12 +39,7 @@ def test_a_scenario_is_written_as_the_page_says(tmp_path: Path) -> None:
 
 
 def test_a_level_policy_is_written_as_the_page_says(tmp_path: Path) -> None:
-    check = """
-from wideberth import build
-
-levels = TwoStage().levels(build("regions", "minkowski_sum"), 6, 2, 2)
-assert levels.shape == (6, 2) and (levels[:3] > levels[3:]).all()
-"""
+    check = "from wideberth.framework.testing import check_level\ncheck_level(TwoStage())\n"
     run_page(tmp_path, "TwoStage", "TwoStage", check)
 
 
@@ -105,6 +100,29 @@ def test_links_lead_somewhere() -> None:
     for page in pages:
         for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_files_and_modules_that_pages_name_exist() -> None:
+    """Paths such as framework/region.py, and names such as wideberth.framework.testing."""
+    pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")]
+    rooms = "framework|predictors|regions|robots|controllers|simulation|experiments"
+    for page in pages:
+        text = page.read_text(encoding="utf-8")
+        for name in re.findall(rf"`((?:{rooms}|benchmarks|examples|tests|docs)/[\w./-]*)`", text):
+            assert (ROOT / name).exists(), f"{page.name} names {name}"
+        for name in re.findall(r"wideberth((?:\.\w+)+)", text):
+            parts = name.strip(".").split(".")
+            if parts[0] not in rooms.split("|"):
+                continue
+            found = [
+                ROOT.joinpath(*parts[:n])
+                for n in range(len(parts), 0, -1)
+                if ROOT.joinpath(*parts[:n]).is_dir()
+                or ROOT.joinpath(*parts[:n]).with_suffix(".py").is_file()
+            ]
+            assert found and len(found[0].relative_to(ROOT).parts) >= len(parts) - 1, (
+                f"{page.name} names wideberth{name}"
+            )
 
 
 def test_commands_are_known() -> None:
