@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from wideberth.tests.house.test_imports import ROOMS
+from wideberth.tests.house.test_imports import ROOMS, imported
 
 ROOT = Path(__file__).resolve().parents[2]
 GRAPH: dict[str, Any] = runpy.run_path(str(ROOT / "docs" / "draw_import_graph.py"))
@@ -18,6 +18,18 @@ def test_rooms_import_what_the_rules_allow() -> None:
     assert set(found) == set(ROOMS)
     for room, others in found.items():
         assert others <= ROOMS[room], f"{room} imports {others - ROOMS[room]}"
+
+
+def test_the_same_imports_as_the_rules_are_held_against() -> None:
+    """A package beside a module of it in one statement is no import of its own here."""
+    files = GRAPH["modules"]()
+    for name, targets in IMPORTS.items():
+        if Path(name).name == "__init__":
+            continue
+        named = {one.removeprefix("wideberth.").replace(".", "/") for one in imported(files[name])}
+        wanted = {one for path in named for one in (path, f"{path}/__init__") if one in files}
+        assert targets <= wanted, f"{name}: {targets - wanted}"
+        assert all(Path(one).name == "__init__" for one in wanted - targets), f"{name}: {wanted}"
 
 
 def test_every_import_statement_is_found(tmp_path: Path) -> None:

@@ -57,6 +57,28 @@ assert planner.plan.rung == "optimal", planner.plan.reason
     run_page(tmp_path, "AdaptiveIpopt", "AdaptiveIpopt", check)
 
 
+def test_a_rung_is_written_as_the_page_says(tmp_path: Path) -> None:
+    """The block that defines `SlowDown`; it holds where the solver fails and the road is free."""
+    check = """
+from wideberth import Observation, Path, build
+from wideberth.framework.mpc.solvers.base import Solver
+
+
+class Unavailable(Solver):
+    def solve(self, problem, parameters, guesses, deadline=None):
+        raise RuntimeError("no licence")
+
+
+planner = build("controllers", {"type": "mpc", "robot": "unicycle", "predictor": "static",
+    "region": "mahalanobis_ellipse", "level": "fixed", "solver": Unavailable(),
+    "rungs": ["optimal", "page:SlowDown", "brake"]})
+planner.set_path(Path([(0, 0), (12, 0)]))
+planner.command(Observation(0.0, (0, 0, 0, 0.5, 0)))
+assert planner.plan.rung == "slow down", planner.plan.reason
+"""
+    run_page(tmp_path, "SlowDown", "SlowDown", check)
+
+
 def test_a_study_is_written_as_the_page_says(tmp_path: Path) -> None:
     """The block that defines `AreaByTail` runs from the config on the page, with a figure."""
     page = (ROOT / "docs" / "write-your-own.md").read_text(encoding="utf-8")
