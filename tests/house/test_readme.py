@@ -93,7 +93,7 @@ def test_a_study_is_written_as_the_page_says(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", "from wideberth.experiments.cli.app import main; main()",
          "run", "area.yaml", "--out", "found"],
-        cwd=tmp_path, text=True, capture_output=True, timeout=120,
+        cwd=tmp_path, text=True, capture_output=True, timeout=300,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr[-2000:]
     table = (tmp_path / "found" / "table.csv").read_text(encoding="utf-8")
@@ -112,7 +112,7 @@ def run_page(folder: Path, first: str, last: str, check: str) -> None:
     script = folder / "page.py"
     script.write_text("\n".join([*blocks[ends[0] : ends[1] + 1], check]), encoding="utf-8")
     done = subprocess.run(
-        [sys.executable, str(script)], cwd=folder, text=True, capture_output=True, timeout=120
+        [sys.executable, str(script)], cwd=folder, text=True, capture_output=True, timeout=300
     )
     assert done.returncode == 0, done.stderr[-2000:]
 
