@@ -220,7 +220,7 @@ def distances(points: Array, support: Callable[[Array], Array], normals: Array) 
     cvxpy = _cvxpy()
     unit = float(np.abs(points).max())
     scaled = points / unit
-    turn = 2.0 * np.pi / len(normals)
+    length, turn = np.zeros(len(points)), 2.0 * np.pi / len(normals)
     for _ in range(CUTS + 1):
         nearest = cvxpy.Variable(points.shape)
         height = np.broadcast_to(support(normals) / unit, (len(points), len(normals)))

@@ -208,7 +208,7 @@ def _check_drive(robot: Robot, drive: tuple[State, Twist]) -> None:
     state, wanted = drive
     control = (0.0,) * len(robot.inputs)
     bounds, inputs = robot.state_bounds(), robot.input_bounds()
-    held = 0
+    held, reached = 0, _twist(robot, state, control)
     for _ in range(800):
         control = tuple(map(float, robot.drive(state, wanted, 0.05)))
         _assert_within("an input bound", control, inputs)
