@@ -55,7 +55,7 @@ def paper_covariances(
 
     The paper: Sigma_{k+i} = Sigma_{k+i-1} + dT^2/4 (Sigma_{v,k} + Sigma_{v,k+i-1}),
     "neglecting the covariances between the summands". ``literal`` does just that, with
-    Sigma_{v,k} = 0, as the velocity at k is known. Otherwise the index is mended so that it
+    Sigma_{v,k} = 0, as the velocity at k is known. Otherwise the index is corrected so that it
     matches the paper's mean: Sigma_{v,k} becomes Sigma_{v,k+i}. With ``integration``
     "rectangle" (and not literal) the same neglect is made on the rectangle rule,
     Sigma_{k+i} = Sigma_{k+i-1} + dT^2 Sigma_{v,k+i}.

@@ -50,7 +50,7 @@ class Detecting:
     ) -> tuple[Detection, ...]:
         """Return the detections of a driver at a time, s, up to the last instant of the clock.
 
-        Without noise and loss everybody is told the same, which is made only once.
+        Without noise and loss all agents observe the same, which is made only once.
         """
         measured = time - self._channel.delay
         if not self._channel.exact:

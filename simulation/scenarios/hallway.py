@@ -355,7 +355,7 @@ def _free(place: Array, others: list[Array], least: Array, lines: Array, wall: f
 HEAD_START_STEP = 0.05
 """s, step of the plants meanwhile."""
 ARRIVED = 1e-3
-"""m; whoever is nearer to the goal keeps a way of this length, for a path needs one."""
+"""m; a robot nearer to its goal keeps a path of this length, since a path needs two points."""
 
 
 def head_start(
@@ -420,7 +420,7 @@ def _last_free(log: Episode, polygons: Sequence[Polygon]) -> int:
     for one in log.robots:
         for part in parts:
             clear = separation(one.positions[:, None], part)[0] >= one.radius
-            free &= np.logical_and.accumulate(clear)  # whoever is behind a wall came through it
+            free &= np.logical_and.accumulate(clear)  # behind a wall: passed through it
     return int(np.flatnonzero(free)[-1]) if free.any() else 0
 
 
