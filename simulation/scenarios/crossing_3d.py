@@ -18,7 +18,9 @@ ROOM = 0.5
 CALM = 3.0
 """s after time 0 during which it leaves that much to the robots."""
 DRAWS = 1000
-"""Tries to place a passer-by before the ranges are said to leave no room."""
+"""Tries to place a passer-by before all of them are drawn anew."""
+ATTEMPTS = 10
+"""Times that all are drawn before the ranges are said to leave no room."""
 
 
 @final
@@ -109,12 +111,27 @@ class Crossing3D(Scenario):
     def bystanders(
         self, rng: np.random.Generator, placements: tuple[Placement, ...]
     ) -> tuple[ScriptedAgent, ...]:
-        """Draw the passers-by.
+        """Draw the passers-by one after the other; all anew where the last ones find no room.
 
         Raises
         ------
-        WideberthError : one of them finds no room in 1000 draws.
+        WideberthError : no room in `ATTEMPTS` attempts of 1000 draws a passer-by.
         """
+        fullest = 0
+        for _ in range(ATTEMPTS):
+            found = self._passers(rng, placements)
+            if len(found) == self.passers:
+                return tuple(found)
+            fullest = max(fullest, len(found))
+        raise WideberthError(
+            f"passer {fullest + 1} of {self.passers} found no room between the others in "
+            f"{ATTEMPTS} attempts of {DRAWS} draws; state fewer passers or a larger reach"
+        )
+
+    def _passers(
+        self, rng: np.random.Generator, placements: tuple[Placement, ...]
+    ) -> list[ScriptedAgent]:
+        """Draw passers-by until all are there, or the next one finds no room."""
         found: list[ScriptedAgent] = []
         for number in range(self.passers):
             target = placements[number % len(placements)]
@@ -122,12 +139,9 @@ class Crossing3D(Scenario):
             fitting = (one for one in tries if self._has_room(one, placements, found))
             passer = next(fitting, None)
             if passer is None:
-                raise WideberthError(
-                    f"passer {number + 1} finds no room between the others in {DRAWS} draws; "
-                    "state fewer passers or a larger reach"
-                )
+                break
             found.append(passer)
-        return tuple(found)
+        return found
 
     def _passer(self, rng: np.random.Generator, target: Placement, name: str) -> ScriptedAgent:
         """Draw a way through the place where the robot would be at some time."""

@@ -173,10 +173,16 @@ def test_bad_values_name_themselves(build: object, message: str) -> None:
         build()  # type: ignore[operator]
 
 
-def test_no_room_is_said() -> None:
+def test_no_room_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("wideberth.simulation.scenarios.crossing_3d.DRAWS", 50)
     crowd = Crossing3D(passers=60, reach=(3.0, 3.0), passer_radius=1.0, share=(0.5, 0.5))
-    with pytest.raises(WideberthError, match="finds no room"):
-        crowd.bystanders(np.random.default_rng(0), crowd.cast(0).placements)
+    with pytest.raises(WideberthError, match="passer 1 of 60 found no room"):
+        crowd.cast(0)
+
+
+def test_passers_are_drawn_anew_where_the_last_finds_no_room() -> None:
+    # The first five that this seed draws leave no room for a sixth.
+    assert len(Crossing3D(passers=6).cast(2).bystanders) == 6
 
 
 def test_levels_are_those_of_three_degrees_of_freedom(episode: Episode) -> None:
