@@ -3,10 +3,13 @@
 import ast
 
 import numpy as np
+import pytest
 
+from wideberth.framework.metrics import motion
 from wideberth.framework.numerics import geometry
 from wideberth.tests.mutation import areas, forked
 from wideberth.tests.mutation.sites import changed, sites
+from wideberth.tests.mutation.study import stale
 
 SOURCE = '''"""Words 1."""
 from math import pi
@@ -80,3 +83,30 @@ def test_a_function_gets_its_new_code_wherever_it_is_known() -> None:
     finally:
         area.__code__ = old
     assert area(*given) == before
+
+
+def test_a_changed_default_is_left_to_a_new_import() -> None:
+    """The code is the same with it and without."""
+    path = "framework/metrics/motion.py"
+    source = (areas.ROOT / path).read_text()
+    mine = [one for one in sites(path, source) if one.owner == "course_change"]
+    default = next(one for one in mine if "0.001 ->" in one.text)
+    before = motion.course_change.__code__
+    assert not forked.given(default, compile(changed(source, default.number), "changed", "exec"))
+    assert motion.course_change.__code__ is before
+
+
+@pytest.mark.parametrize("area", areas.AREAS)
+def test_every_name_of_an_area_is_a_module(area: str) -> None:
+    for name in areas.AREAS[area]:
+        assert list(areas.ROOT.glob(name)), name
+
+
+def test_every_part_of_a_name_is_that_of_a_test_file() -> None:
+    names = [one.name for one in (areas.ROOT / "tests").rglob("test_*.py")]
+    for part in areas.TESTS:
+        assert any(f"test_{part}" in name for name in names), part
+
+
+def test_every_known_survivor_is_a_change() -> None:
+    assert list(stale({})) == []

@@ -25,12 +25,13 @@ AREAS: dict[str, list[str]] = {
         ),
     ],
     "ladder": [
-        f"{MPC}/fallback/rungs.py", f"{MPC}/fallback/verify.py", f"{MPC}/instance/contact.py",
-        f"{MPC}/diagnosis/explain.py",
+        f"{MPC}/fallback/giving_way.py", f"{MPC}/fallback/rungs.py", f"{MPC}/fallback/verify.py",
+        f"{MPC}/slots/contact.py", f"{MPC}/diagnosis/explain.py",
     ],
     "filling": [
-        *(f"{MPC}/instance/{name}.py" for name in ("obstacles", "own_uncertainty", "polygons")),
-        *(f"{MPC}/ocp/{name}.py" for name in ("bodies", "problem", "transcription")),
+        *(f"{MPC}/slots/{name}.py" for name in ("base", "gaussian_discs", "static_polygons")),
+        f"{MPC}/instance/own_uncertainty.py",
+        *(f"{MPC}/ocp/{name}.py" for name in ("bodies", "problem", "stage", "transcription")),
         f"{MPC}/assembly.py",
         *(
             f"{MPC}/levels/{name}.py"
@@ -79,6 +80,7 @@ TESTS = (
     "windows",
     "gaps",
     "explain",
+    "slot_kinds",
     "contouring",
     "costs",
     "crowdnav_verdict",
@@ -102,7 +104,6 @@ TESTS = (
     "simulation_",
     "footprints",
     "terminal",
-    "emergency",
     "deadline",
     "values",
     "extent",

@@ -82,7 +82,10 @@ def _kind(report: Any) -> str:
 
 
 def given(site: Site, module: CodeType) -> bool:
-    """Give every function of that name its new code; whether there was one."""
+    """Give every function of that name its new code; whether there was one.
+
+    A change outside of the code, such as that of a default argument, is left to `anew`.
+    """
     new = _code_of(module, site.owner.split("."))
     path, done = str(ROOT / site.path), False
     if new is None:
@@ -94,7 +97,7 @@ def given(site: Site, module: CodeType) -> bool:
             old = one.__code__
             if old.co_qualname == new.co_qualname and old.co_freevars == new.co_freevars:
                 # A property's getter and setter share the name, not the line.
-                if old.co_firstlineno == new.co_firstlineno:
+                if old.co_firstlineno == new.co_firstlineno and old != new:
                     one.__code__, done = new, True
     return done
 
