@@ -60,12 +60,6 @@ class Cart(Robot):
         upper = (self.max_speed, self.max_yaw_rate)
         return Bounds(tuple(-limit for limit in upper), upper)
 
-    def constraints(
-        self, state: Sequence[Scalar], control: Sequence[Scalar]
-    ) -> tuple[Scalar, ...]:
-        """None: the bounds say everything."""
-        return ()
-
     def pose(self, state: Sequence[Scalar]) -> Pose:
         """Position and heading are the state."""
         return Pose((state[0], state[1]), state[2])

@@ -27,6 +27,11 @@ class Bounds:
     lower: tuple[float, ...]
     upper: tuple[float, ...]
 
+    @classmethod
+    def symmetric(cls, *upper: float) -> "Bounds":
+        """Limits -u <= value <= u."""
+        return cls(tuple(-u for u in upper), upper)
+
 
 class Robot(ABC):
     """A robot model, written once for NumPy and CasADi.
@@ -62,11 +67,11 @@ class Robot(ABC):
     def input_bounds(self) -> Bounds:
         """Limits of the input."""
 
-    @abstractmethod
     def constraints(
         self, state: Sequence[Scalar], control: Sequence[Scalar]
     ) -> tuple[Scalar, ...]:
-        """Limits that bounds cannot say, each >= 0 when kept; () if there are none."""
+        """Limits that bounds cannot say, each >= 0 when kept; none unless a robot states some."""
+        return ()
 
     @abstractmethod
     def pose(self, state: Sequence[Scalar]) -> Pose:

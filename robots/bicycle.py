@@ -91,19 +91,11 @@ class Bicycle(Robot):
 
     def state_bounds(self) -> Bounds:
         """Position and heading are free; speed and steering angle are limited."""
-        upper = (np.inf, np.inf, np.inf, self.max_speed, self.max_steering)
-        return Bounds(tuple(-u for u in upper), upper)
+        return Bounds.symmetric(np.inf, np.inf, np.inf, self.max_speed, self.max_steering)
 
     def input_bounds(self) -> Bounds:
         """Limits of acceleration and steering rate."""
-        upper = (self.max_acceleration, self.max_steering_rate)
-        return Bounds(tuple(-u for u in upper), upper)
-
-    def constraints(
-        self, state: Sequence[Scalar], control: Sequence[Scalar]
-    ) -> tuple[Scalar, ...]:
-        """None: the bounds say everything."""
-        return ()
+        return Bounds.symmetric(self.max_acceleration, self.max_steering_rate)
 
     def pose(self, state: Sequence[Scalar]) -> Pose:
         """Position of the rear axle's middle, and heading."""

@@ -84,13 +84,11 @@ class DifferentialDrive(Robot):
 
     def state_bounds(self) -> Bounds:
         """Position and heading are free; the wheel speeds are limited."""
-        upper = (np.inf, np.inf, np.inf, self.max_wheel_speed, self.max_wheel_speed)
-        return Bounds(tuple(-u for u in upper), upper)
+        return Bounds.symmetric(np.inf, np.inf, np.inf, self.max_wheel_speed, self.max_wheel_speed)
 
     def input_bounds(self) -> Bounds:
         """Limits of the wheel accelerations."""
-        upper = (self.max_wheel_acceleration, self.max_wheel_acceleration)
-        return Bounds(tuple(-u for u in upper), upper)
+        return Bounds.symmetric(self.max_wheel_acceleration, self.max_wheel_acceleration)
 
     def constraints(
         self, state: Sequence[Scalar], control: Sequence[Scalar]

@@ -31,12 +31,12 @@ class DoubleIntegrator(Robot):
     def state_bounds(self) -> Bounds:
         """Give the box around the allowed velocities."""
         upper = (np.inf,) * self.dimension + (self.max_speed,) * self.dimension
-        return Bounds(tuple(-u for u in upper), upper)
+        return Bounds.symmetric(*upper)
 
     def input_bounds(self) -> Bounds:
         """Give the box around the allowed accelerations."""
         upper = (self.max_acceleration,) * self.dimension
-        return Bounds(tuple(-u for u in upper), upper)
+        return Bounds.symmetric(*upper)
 
     def constraints(
         self, state: Sequence[Scalar], control: Sequence[Scalar]

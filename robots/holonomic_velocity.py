@@ -55,8 +55,7 @@ class HolonomicVelocity(Robot):
 
     def input_bounds(self) -> Bounds:
         """Give the box around the disc of allowed velocities."""
-        upper = (self.max_speed, self.max_speed)
-        return Bounds(tuple(-u for u in upper), upper)
+        return Bounds.symmetric(self.max_speed, self.max_speed)
 
     def constraints(
         self, state: Sequence[Scalar], control: Sequence[Scalar]

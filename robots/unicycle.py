@@ -71,19 +71,11 @@ class Unicycle(Robot):
 
     def state_bounds(self) -> Bounds:
         """Position and heading are free; v and omega are limited."""
-        upper = (np.inf, np.inf, np.inf, self.max_speed, self.max_yaw_rate)
-        return Bounds(tuple(-u for u in upper), upper)
+        return Bounds.symmetric(np.inf, np.inf, np.inf, self.max_speed, self.max_yaw_rate)
 
     def input_bounds(self) -> Bounds:
         """Limits of the two accelerations."""
-        upper = (self.max_acceleration, self.max_yaw_acceleration)
-        return Bounds(tuple(-u for u in upper), upper)
-
-    def constraints(
-        self, state: Sequence[Scalar], control: Sequence[Scalar]
-    ) -> tuple[Scalar, ...]:
-        """None: the bounds say everything."""
-        return ()
+        return Bounds.symmetric(self.max_acceleration, self.max_yaw_acceleration)
 
     def pose(self, state: Sequence[Scalar]) -> Pose:
         """Position of the axle's middle, and heading."""
