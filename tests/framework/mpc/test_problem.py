@@ -1,6 +1,7 @@
 """The assembled problem: the same meaning for every robot, region, size and form."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,25 +13,30 @@ from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.base import LevelPolicy, SharedLevel
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
+from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess, Transcription
 from wideberth.framework.mpc.slots.gaussian_discs import Obstacles
+from wideberth.framework.mpc.slots.static_polygons import choose_walls, fill_walls
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.mpc.solvers.ipopt import Ipopt
-from wideberth.framework.numerics.symbolic import ca
+from wideberth.framework.numerics.symbolic import ca, evaluated
 from wideberth.framework.region import Region
 from wideberth.framework.robot import Robot
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Twist
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Status
+from wideberth.framework.values.polygon import Polygon
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
+from wideberth.regions.separating_line import SeparatingLine
+from wideberth.regions.static.dual import Dual
 from wideberth.robots.bicycle import Bicycle
 from wideberth.robots.differential_drive import DifferentialDrive
 from wideberth.robots.holonomic import Holonomic
 from wideberth.robots.unicycle import Unicycle
-from wideberth.tests.helpers.problems import DT, STEPS, assemble, fill, set_up
+from wideberth.tests.helpers.problems import DT, STEPS, assemble, fill, set_up, with_auxiliaries
 from wideberth.tests.helpers.region_samples import PAPER
 
 ROBOTS = [Unicycle(), DifferentialDrive(), Bicycle(), Holonomic()]
@@ -188,3 +194,120 @@ def test_a_stop_is_one_row_more() -> None:
         for stop in (False, True)
     ]  # fmt: skip
     assert rows[1] - rows[0] == 1
+
+
+def full(rng: np.random.Generator) -> tuple[Problem, Parameters, Guess]:
+    """A problem with everything that one can have, and a point that keeps nothing of it."""
+    robot, region, walls = DifferentialDrive(), SeparatingLine(), Dual()
+    level = Relaxed(0.05, weight=3.0, minimum=0.2)
+    _, parameters, guess = set_up(robot, region, level, 2, penalty=7.0)
+    problem = assemble(
+        robot, region, level, horizon=STEPS, dt=DT, capacity=2, penalty=7.0, static_region=walls,
+        statics=2, corners=4, stop_at_end=True,
+    )  # fmt: skip
+    square = Polygon(((6.0, -2.0), (7.0, -2.0), (7.0, -1.0), (6.0, -1.0)))
+    near = choose_walls([square, square], walls, np.zeros((1, 2)), 50.0, 9)
+    own = np.tile(0.01 * np.eye(2), (STEPS, 1, 1))
+    still = fill_walls(near, walls, 0.3, own)
+    parameters = replace(parameters, slots=(*parameters.slots, still))
+    point = with_auxiliaries(robot, region, parameters, guess, walls)
+
+    def moved(values: Any) -> Any:
+        return values + 0.1 * rng.standard_normal(np.shape(values))
+
+    point = Guess(
+        moved(point.states), moved(point.inputs), tuple(map(moved, point.auxiliaries)),
+        float(moved(point.level)), moved(point.slack),
+    )  # fmt: skip
+    assert all(one.size for one in point.auxiliaries)
+    aim = replace(point, auxiliaries=tuple(map(moved, point.auxiliaries)))
+    return problem, aim.pull(replace(parameters, initial=point.states[0] + 0.5)), point
+
+
+@pytest.mark.parametrize("symbol", [ca.SX, ca.MX], ids=["SX", "MX"])
+@pytest.mark.parametrize("staged", [False, True])
+def test_both_forms_hold_the_same_problem(staged: bool, symbol: Any) -> None:
+    """Constraints, cost and bounds against `Problem.residuals`, with which plans are checked."""
+    problem, parameters, point = full(np.random.default_rng(4))
+    form = Transcription(problem, staged=staged, symbol=symbol)
+    flat = form.pack(point)
+    first = point.states[0] if staged else parameters.initial
+    back = form.unpack(flat, parameters)
+    np.testing.assert_array_equal(back.states[0], parameters.initial)
+    for name in ("inputs", "level", "slack"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(point, name), err_msg=name)
+    for one, other in zip(back.auxiliaries, point.auxiliaries, strict=True):
+        np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(back.states[1:], point.states[1:])
+
+    stages = (
+        np.concatenate([[first], point.states[1:-1]]), point.inputs, point.states[1:],
+        np.full((STEPS, 1), point.level), parameters.stages(),
+        *(one.reshape(STEPS, -1) for one in point.auxiliaries),
+    )  # fmt: skip
+    gap, limits, cost, *rows = evaluated(problem.residuals, stages)
+    nlp = form.nlp()
+    program = ca.Function("program", [nlp["x"], nlp["p"]], [nlp["f"], nlp["g"]])
+    objective, found = (
+        np.array(one).ravel() for one in program(flat, form.parameters(parameters))
+    )
+    total = cost.sum() + 7.0 * point.slack.sum()
+    total += float(problem.level_cost(point.level, parameters.target))
+    assert objective[0] == pytest.approx(total, rel=1e-12)
+    stop = np.array(problem.terminal_constraints(point.states[-1])).ravel()
+    soft = np.concatenate(rows[::2], axis=1) + point.slack[:, None]
+    positive = np.concatenate([limits.ravel(), soft.ravel(), stop])
+    again = np.zeros(STEPS + problem.states) if staged else np.zeros(0)  # levels, first state
+    again[: problem.states] += (first - parameters.initial)[: len(again)]
+    zero = np.concatenate([gap.ravel(), *(one.ravel() for one in rows[1::2]), again])
+    lower, upper = np.array(form.row_lower), np.array(form.row_upper)
+    assert not lower.any() and set(upper) == {0.0, np.inf}
+    np.testing.assert_allclose(np.sort(found[upper > 0.0]), np.sort(positive), atol=1e-12)
+    np.testing.assert_allclose(np.sort(found[upper == 0.0]), np.sort(zero), atol=1e-12)
+    ahead = STEPS * problem.states + (problem.states + STEPS + 1 if staged else 0)
+    sizes = [ahead, len(flat) - ahead - (not staged), len(found)]  # the level stands in front
+    assert np.sum(form.sizes, axis=0).tolist() == sizes
+
+
+@pytest.mark.parametrize("staged", [False, True])
+def test_both_forms_hold_the_bounds_of_the_problem(staged: bool) -> None:
+    problem, parameters, _ = full(np.random.default_rng(4))
+    form = Transcription(problem, staged=staged, symbol=ca.SX)
+    for values, side, slack in ((form.lower, "lower", 0.0), (form.upper, "upper", np.inf)):
+        bounds = form.unpack(np.array(values), parameters)
+        for found, wanted in (
+            (bounds.states[1:], getattr(problem.state_bounds, side)),
+            (bounds.inputs, getattr(problem.input_bounds, side)),
+            *(
+                (own, getattr(one.auxiliary, side))
+                for own, one in zip(bounds.auxiliaries, problem.slots, strict=True)
+            ),
+        ):
+            np.testing.assert_array_equal(found, np.broadcast_to(wanted, found.shape))
+        assert set(bounds.slack) == {slack}
+    free = problem.states + 1  # the first state and its level, which equations fix
+    begin = form.lower[:free] if staged else form.lower[:1]
+    assert begin == ([-np.inf] * free if staged else [0.2])
+
+
+def test_a_violation_stands_at_the_step_where_it_is() -> None:
+    """A first state that is another one, an input and a state beyond bounds, a last that moves."""
+    robot, region = DifferentialDrive(), MahalanobisEllipse()
+    problem, parameters, guess = set_up(robot, region, Fixed(), 1, y=9.0)
+    stopping = assemble(robot, region, Fixed(), horizon=STEPS, dt=DT, capacity=1, stop_at_end=True)
+    assert not violation(problem, parameters, guess).motion.max() > 1e-9
+    off = replace(parameters, initial=guess.states[0] + [0.0, -0.7, 0.0, 0.0, 0.0])
+    motion = violation(problem, off, guess).motion
+    assert motion[0] == pytest.approx(0.7) and not motion[1:].max() > 1e-9
+    moving = violation(stopping, parameters, guess).motion
+    wanted = -np.array(stopping.terminal_constraints(guess.states[-1])).min()
+    assert moving[-1] == pytest.approx(wanted) and wanted > 0.1
+    assert not moving[:-1].max() > 1e-9
+    for side, sign in (("lower", -1.0), ("upper", 1.0)):
+        inputs = guess.inputs.copy()
+        inputs[3, 0] = getattr(problem.input_bounds, side)[0] + sign * 20.0
+        assert violation(problem, parameters, replace(guess, inputs=inputs)).motion.argmax() == 3
+        states = guess.states.copy()
+        states[6, 3] = getattr(problem.state_bounds, side)[3] + sign * 20.0
+        broken = violation(problem, parameters, replace(guess, states=states)).motion
+        assert broken[5] >= 20.0 and broken.argmax() in (5, 6)

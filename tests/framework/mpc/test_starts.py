@@ -2,12 +2,14 @@
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path as File
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from wideberth.framework.mpc.costs.contouring import Contouring
+from wideberth.framework.mpc.fallback.rollout import carry
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
@@ -28,6 +30,7 @@ from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Rung, Status
 from wideberth.predictors.static import Static
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
+from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.robots.unicycle import Unicycle
 from wideberth.tests.helpers.problems import assemble, fill, with_auxiliaries
 from wideberth.tests.oracles.recorded_instances import read_instances, worst_violation
@@ -209,3 +212,36 @@ def test_names_that_are_no_start_are_refused() -> None:
         planner(Fatrop(), starts=("up", "left"))
     with pytest.raises(WideberthError, match="or auto"):
         planner(Fatrop(), starts="always")
+
+
+def test_a_robot_that_is_carried_along_follows_the_smoother_s_ramp() -> None:
+    """In steps of at most 0.05 s, each towards the twist at its end; without one it coasts."""
+    for duration, count in ((1e-12, 1), (0.05, 1), (0.1, 2), (0.12, 3), (0.10001, 3), (1.0, 20)):
+        asked: list[float] = []
+
+        def at(time: float, asked: list[float] = asked) -> Twist:
+            asked.append(time)
+            return Twist((0.1 * len(asked), 0.0))
+
+        ramp: Any = SimpleNamespace(at=at)
+        robot = HolonomicVelocity(max_speed=9.0)
+        moved = carry(robot, np.array([1.0, 2.0]), ramp, 7.0, duration)
+        piece = duration / count
+        np.testing.assert_allclose(asked, 7.0 + piece * np.arange(1, count + 1), rtol=1e-15)
+        way = 0.1 * piece * count * (count + 1) / 2.0
+        np.testing.assert_allclose(moved, [1.0 + way, 2.0], rtol=1e-12)
+    coasting = carry(Unicycle(), np.array([1.0, 2.0, np.pi / 2, 0.5, 0.0]), None, 7.0, 1.2)
+    np.testing.assert_allclose(coasting, [1.0, 2.6, np.pi / 2, 0.5, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize(("speeds", "pace"), [((0.2, 0.6, 0.4), 0.6), ((-0.3, 0.1, 0.0), 0.3)])
+def test_backing_is_at_the_greatest_speed_of_the_reference(
+    speeds: tuple[float, ...], pace: float
+) -> None:
+    """And of a robot that is to stand, at a millimetre a second."""
+    robot = Unicycle()
+    problem, parameters, guess = straight(robot, 0.0)
+    for asked, wanted in ((np.resize(speeds, STEPS), pace), (np.zeros(STEPS), 1e-3)):
+        there = replace(parameters, speed=asked, initial=np.zeros(5))
+        (back,) = other_starts(robot, problem, there, guess, ("back-left",))
+        assert back.states[-1, 3] == pytest.approx(-wanted)

@@ -77,6 +77,15 @@ def test_the_nearest_parts_are_kept_and_the_others_named() -> None:
     assert near.names == ("first",) and near.left_out == ()
     assert len(choose_walls([away], SeparatingLine(), route, 5.0, 9)) == 0
     assert choose_walls([], None, route, 5.0, 9) is NONE
+    assert NONE.parts.shape == NONE.known.shape == (0, 4, 2)
+
+
+def test_problems_are_compiled_for_few_numbers_of_vertices() -> None:
+    rooms = {3: 4, 4: 4, 5: 6, 6: 6, 7: 8, 8: 8, 9: 12, 12: 12, 13: 16, 16: 16}
+    for count, room in rooms.items():
+        angle = 2.0 * pi * np.arange(count) / count
+        gone = Polygon(tuple(zip(np.cos(angle), np.sin(angle), strict=True)), "round")
+        assert choose_walls([gone], SeparatingLine(), HERE, 50.0, 9).parts.shape == (1, room, 2)
 
 
 def test_polygons_that_are_not_convex_come_in_parts() -> None:
@@ -259,3 +268,28 @@ def test_only_the_corner_between_two_steps_may_be_cut(box: bool, stride: float) 
         depth = touch.depth
         assert set(touch.names) == {"beam" if beyond > 0.0 else ""}
         np.testing.assert_allclose(depth, cut + beyond if beyond > 0.0 else 0.0, atol=1e-9)
+
+
+def test_what_is_touched_is_seen_wherever_the_plan_is() -> None:
+    """Far from the origin, long walls of which one end alone is near, against Shapely."""
+    robot = Unicycle(radius=0.3)
+    rng = np.random.default_rng(8)
+    met = 0
+    for _ in range(40):
+        states = np.zeros((9, 5))
+        turn, begin = rng.uniform(-pi, pi), rng.uniform(-60.0, 60.0, 2)
+        ahead = np.array([np.cos(turn), np.sin(turn)])
+        states[:, :2] = begin + 0.4 * np.arange(9)[:, None] * ahead
+        end = begin + rng.uniform(-1.0, 5.0) * ahead + rng.uniform(-1.0, 1.0, 2)
+        way = rng.uniform(-pi, pi)
+        along = np.array([np.cos(way), np.sin(way)])
+        aside = 0.05 * np.array([-along[1], along[0]])
+        far = end + 20.0 * along
+        bar = Polygon(tuple(map(tuple, (end - aside, far - aside, far + aside, end + aside))))
+        walls = choose_walls([bar], REGIONS[0], states[:, :2], 100.0, 9)
+        touch = surroundings(robot, MahalanobisEllipse(), REGIONS[0], walls=walls).touched(states)
+        body, wall = shapely.LineString(states[:, :2]).buffer(0.3), shapely.Polygon(bar.vertices)
+        deep = shapely.intersection(body, wall).area
+        assert (touch.depth.any() or deep < 0.1) and (deep > 0.0 or not touch.depth.any())
+        met += bool(touch.depth.any())
+    assert 5 < met < 35
