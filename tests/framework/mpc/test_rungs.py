@@ -1,19 +1,52 @@
 """The tuple of rungs: names, order, a user's own, and what happens where none holds."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, final
+from types import SimpleNamespace
+from typing import Any, ClassVar, final
 
+import numpy as np
 import pytest
 
-from wideberth.framework.mpc.fallback.instance_check import Candidate
-from wideberth.framework.mpc.fallback.rungs import RUNGS, FallbackRung, NotHeld, Trial, rungs_of
+from wideberth.framework.mpc.fallback import rungs as ladder
+from wideberth.framework.mpc.fallback.instance_check import (
+    TOLERANCE,
+    Candidate,
+    InstanceCheck,
+    Outcome,
+    contact,
+)
+from wideberth.framework.mpc.fallback.rollout import brake, clip, follow, steer
+from wideberth.framework.mpc.fallback.rungs import (
+    RUNGS,
+    FallbackRung,
+    FeasibleIterate,
+    NotHeld,
+    Optimal,
+    ShiftedPlan,
+    Trial,
+    choose,
+    rungs_of,
+)
+from wideberth.framework.mpc.fallback.verify import Violation, price
+from wideberth.framework.mpc.levels.base import LevelPolicy
+from wideberth.framework.mpc.levels.fixed import Fixed
+from wideberth.framework.mpc.levels.relaxed import Relaxed
+from wideberth.framework.mpc.ocp.transcription import Guess
+from wideberth.framework.mpc.slots.base import Chosen, Surroundings
+from wideberth.framework.mpc.slots.contact import Touch
+from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs, Obstacles
+from wideberth.framework.mpc.solvers.base import Solution
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.values.errors import WideberthError
+from wideberth.framework.values.motion import Twist
 from wideberth.framework.values.plan import Rung, Status
+from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
+from wideberth.robots.unicycle import Unicycle
 from wideberth.simulation.log.episode_log import read_episode, write_episode
 from wideberth.simulation.measures.summary import robot_rows
 from wideberth.tests.framework.mpc.test_judged_in_time import AWAY, clock, episode, plan, runner
 from wideberth.tests.helpers.planning import Failing, approach, at, planner
+from wideberth.tests.helpers.problems import DT, STEPS, set_up
 
 BUILT_IN = tuple(str(one) for one in Rung)
 OWN = f"{__name__}:Still"
@@ -95,3 +128,260 @@ def test_a_plan_on_a_rung_of_ones_own_is_logged_and_counted() -> None:
     assert [one.rung for one in again.robots[0].plans] == ["still", Rung.SHIFTED]
     (row,) = robot_rows(played)
     assert row["fallbacks"] == 2 and row["rung_shifted"] == 1
+
+
+# what the rungs choose from, without a solver
+
+
+def instance(level: LevelPolicy, last: Any = None, y: float = 9.0) -> tuple[InstanceCheck, Guess]:
+    """Somebody stands at (4, y) beside the straight path of a robot at 0.4 m/s."""
+    robot, region = Unicycle(), MahalanobisEllipse()
+    problem, parameters, guess = set_up(robot, region, level, 2, y=y)
+    mean = np.tile([4.0, y], (STEPS, 1, 1))
+    spread = np.tile(0.01 * np.eye(2), (STEPS, 1, 1, 1))
+    kind = GaussianDiscs(region)
+    known = KnownDiscs(kind, Obstacles(mean, spread, np.array([0.4]), ("a",)), 0.0)
+    chosen = Chosen((2,), ("a",), ("far",), parameters.slots[0], known)
+    around = Surroundings(robot, (kind,), (chosen,))
+    return InstanceCheck(problem, parameters, around, level, last), guess
+
+
+def ended(point: Guess, status: Status, cost: float = 5.0, count: int = 3) -> Solution:
+    return Solution(point, status, "as told", cost, count, 0.1 * count)
+
+
+def outcome(*candidates: Candidate, before: bool = False) -> Outcome:
+    return Outcome(candidates, (), before, before, Status.FAILED, "as told")
+
+
+def judged(
+    cost: float = 0.0, broken: float = 0.0, motion: float = 0.0, status: Status = Status.SOLVED
+) -> Candidate:
+    """A plan of two steps that enters a region, or breaks its motion, at the second."""
+    found = Violation(np.array([0.0, motion]), np.array([[0.0], [broken]]))
+    point = Guess.bare(np.zeros((3, 1)), np.zeros((2, 1)), 0.0)
+    return Candidate(point, found, ended(point, status, cost), cost=cost)
+
+
+@pytest.mark.parametrize(("level", "kept"), [(-3.0, 0.2), (0.7, 0.7)])
+def test_a_converged_plan_is_taken_as_it_is_but_for_its_level(level: float, kept: float) -> None:
+    check, guess = instance(Relaxed(0.05, weight=3.0, minimum=0.2))
+    for point, wanted in (
+        (replace(guess, level=level), kept),
+        (replace(guess, states=guess.states + 5.0, level=level), kept),
+    ):
+        solution = ended(point, Status.SOLVED)
+        found = check.assess(solution)
+        assert found.point.level == wanted and found.cost == 5.0 and found.solution is solution
+        assert found.point.states is point.states and found.point.inputs is point.inputs
+        assert found.feasible == found.optimal == (point.states is guess.states)
+        np.testing.assert_array_equal(found.found.touched, np.zeros(STEPS))
+    check, guess = instance(Fixed())
+    assert check.assess(ended(guess, Status.SOLVED)).point is guess
+
+
+def test_an_iterate_is_driven_within_the_limits_and_priced_anew() -> None:
+    for y, feasible in ((9.0, True), (0.0, False)):
+        check, guess = instance(Fixed(), y=y)
+        inputs = guess.inputs.copy()
+        inputs[0] = 50.0, -50.0
+        wild = replace(guess, states=guess.states * 7.0, inputs=inputs)
+        found = check.assess(ended(wild, Status.FAILED, cost=-4.0))
+        driven = clip(check.robot, inputs)
+        np.testing.assert_array_equal(found.point.inputs, driven)
+        states = follow(check.robot, check.parameters.initial, driven, DT)
+        np.testing.assert_array_equal(found.point.states, states)
+        slow = replace(guess, states=guess.states + 1.0)
+        found = check.assess(ended(slow, Status.FAILED, cost=-4.0))
+        assert found.feasible is feasible and not found.optimal
+        wanted = price(check.problem, check.parameters, found.point) if feasible else -4.0
+        assert found.cost == wanted != (-4.0 if feasible else 0.0)
+
+
+@pytest.mark.parametrize("least", [10.0, -10.0, 0.0])
+def test_what_costs_little_more_than_the_cheapest_is_near_it(least: float) -> None:
+    """0.05 (1 + |cost|) more; what breaks a constraint does not count, however cheap."""
+    room = 0.05 * (1.0 + abs(least))
+    kept = [judged(least + room - 1e-9), judged(least), judged(least, broken=TOLERANCE)]
+    gone = [judged(least + room + 1e-6), judged(least - 50.0, broken=2.0 * TOLERANCE)]
+    check: Any = None
+    assert Trial(check, outcome(*kept, *gone)).near == tuple(kept)
+    assert Trial(check, outcome(*gone[1:])).near == Trial(check, outcome()).near == ()
+
+
+def test_the_side_is_kept_while_something_is_in_the_way() -> None:
+    first, second, third = judged(3.0), judged(1.0), judged(2.0)
+    for before, last, wanted in (
+        (True, np.zeros((2, 1)), first), (False, np.zeros((2, 1)), second), (True, None, second),
+    ):  # fmt: skip
+        check: Any = SimpleNamespace(last_inputs=last)
+        trial = Trial(check, outcome(first, second, third, before=before))
+        assert trial.cheapest([first, second, third]) is wanted
+        assert trial.cheapest([third, second]) is second
+
+
+def test_solutions_that_can_be_driven_are_held_against_the_lowest_level() -> None:
+    level = Relaxed(0.05, weight=3.0, minimum=0.2)
+    check, guess = instance(level)
+    kept = replace(judged(7.0, broken=1.0, motion=TOLERANCE), point=replace(guess, level=2.0))
+    gone = replace(judged(motion=2.0 * TOLERANCE), point=guess)
+    (found,) = Trial(check, outcome(gone, kept)).drivable
+    assert found.point.level == 0.2 and found.cost == 7.0 and found.solution is kept.solution
+    assert found.feasible and found.point.states is guess.states
+    below = Relaxed(0.05, weight=3.0, minimum=-np.inf)
+    assert Trial(instance(below)[0], outcome(kept)).drivable[0].point.level == 0.0
+    assert np.isnan(Trial(instance(Fixed())[0], outcome(kept)).drivable[0].point.level)
+
+
+def test_what_is_entered_before_a_stop_ends_is_counted() -> None:
+    """Things without a level are themselves in their regions; others count where expected."""
+    slots = [SimpleNamespace(levelled=True, count=2), SimpleNamespace(levelled=False, count=1)]
+    regions = np.array([[9.0, 9.0, 0.1], [9.0, 9.0, 0.2], [9.0, 9.0, 0.9]])
+    for depth, touched, wanted in (
+        ([0.0, 0.0, 5.0], [0.0, 0.0, 5.0], 0.2),
+        ([0.3, 0.0, 5.0], [0.0, 0.0, 5.0], 0.3),
+        ([0.0, 0.0, 5.0], [0.0, 0.4, 5.0], 0.4),
+    ):
+        check: Any = SimpleNamespace(
+            problem=SimpleNamespace(slots=slots),
+            around=SimpleNamespace(overlap=lambda states, depth=depth: np.array(depth)),
+        )
+        touch = Touch(np.array(touched), ("",) * 3)
+        one: Any = SimpleNamespace(
+            found=Violation(np.zeros(3), regions, touch), point=SimpleNamespace(states=None)
+        )
+        assert contact(check, one, 2) == wanted
+        assert contact(check, one, 3) == 5.0
+
+
+def ways(
+    monkeypatch: pytest.MonkeyPatch, straight: tuple[float, float], *others: tuple[float, float]
+) -> tuple[Trial, list[Candidate]]:
+    """Stops, and solutions, that touch so deep and enter regions so far in all.
+
+    The robot stands still in its third state: what it touches later can still be braked for.
+    """
+    values: dict[float, tuple[float, float]] = {}
+
+    def states(number: float, entry: tuple[float, float]) -> Any:
+        values[number] = entry
+        return np.array(
+            [[number, 2.0], [number, 1.0], [number, 0.0], [number, 0.0], [number, 0.0]]
+        )
+
+    def stops(*given: Any) -> Any:
+        yield "straight", states(0.0, straight), np.zeros((4, 1))
+        for number, entry in enumerate(others[:-1]):
+            yield f"way {number}", states(1.0 + number, entry), np.zeros((4, 1))
+
+    def check(point: Guess) -> Violation:
+        return Violation(np.zeros(4), np.array([[values[point.states[0, 0]][1]]] + [[0.0]] * 3))
+
+    def overlap(found: Any) -> Any:  # at the third step, the last that counts
+        return np.array([0.0, 0.0, values[found[0, 0]][0], 8.0])
+
+    monkeypatch.setattr(ladder, "stops", stops)
+    slot = SimpleNamespace(levelled=True, count=1)
+    problem = SimpleNamespace(horizon=4, dt=0.5, shared=False, minimum=0.0, slots=[slot])
+    made: Any = SimpleNamespace(
+        problem=problem, check=check, suited=lambda point: point,
+        robot=None, parameters=SimpleNamespace(initial=None),
+        around=SimpleNamespace(overlap=overlap),
+    )  # fmt: skip
+    trial = Trial(made, outcome())
+    return trial, [trial.at_lowest_level(states(9.0, others[-1]), np.zeros((4, 1)))]
+
+
+@pytest.mark.parametrize(
+    ("entries", "wanted"),
+    [
+        ([(0.0, 0.0), (0.0, 0.0), (0.0, 0.0)], "straight"),
+        ([(0.0, 0.5), (0.0, 0.5), (0.0, 0.5)], "straight"),
+        ([(0.0, 0.5), (0.0, 0.4), (0.0, 0.3)], "solution"),
+        ([(0.0, 0.5), (0.0, 0.2), (0.0, 0.3)], "way 0"),
+        ([(0.2, 0.1), (0.1, 0.9), (0.3, 0.0)], "way 0"),
+        ([(0.2, 0.5), (0.2 + 0.5 * TOLERANCE, 0.4), (0.2, 0.6)], "way 0"),
+        ([(0.2, 0.5), (0.2 + 2.0 * TOLERANCE, 0.4), (0.2, 0.6)], "straight"),
+        ([(0.2, 0.0), (0.3, 0.0), (0.1, 0.0)], "solution"),
+    ],
+)
+def test_the_gentlest_way_touches_least_and_then_enters_least(
+    entries: list[tuple[float, float]], wanted: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trial, others = ways(monkeypatch, *entries)
+    assert (trial.gentlest(others).way or "solution") == wanted
+
+
+def test_the_last_plan_is_driven_from_here_at_the_lowest_level() -> None:
+    robot = Unicycle()
+    for y, feasible in ((9.0, True), (0.0, False)):
+        check, _ = instance(Fixed(), y=y)
+        assert ShiftedPlan().attempt(Trial(check, outcome())) == NotHeld()
+        _, inputs = steer(robot, check.parameters.initial, Twist((0.5, 0.0), 0.01), STEPS, DT)
+        check = replace(check, last_inputs=inputs)
+        found = ShiftedPlan().attempt(Trial(check, outcome()))
+        if feasible:
+            assert isinstance(found, Candidate) and found.point.inputs is inputs
+            wanted = follow(robot, check.parameters.initial, inputs, DT)
+            np.testing.assert_array_equal(found.point.states, wanted)
+        else:
+            assert isinstance(found, NotHeld)
+            assert found.reasons[0].startswith("shifted last plan: region of 'a'")
+
+
+def test_an_iterate_that_keeps_the_lowest_level_is_feasible_after_all() -> None:
+    check, guess = instance(Fixed())
+    entering = replace(judged(3.0, broken=1.0), point=guess)
+    found = FeasibleIterate().attempt(Trial(check, outcome(entering)))
+    assert isinstance(found, Candidate) and found.cost == 3.0
+    cheaper = replace(judged(2.0, status=Status.FAILED), point=guess)
+    trial = Trial(check, outcome(judged(2.01), cheaper))
+    assert FeasibleIterate().attempt(trial) is cheaper
+    assert Optimal().attempt(trial) is trial.near[0]
+    check, guess = instance(Fixed(), y=0.0)
+    into = replace(entering, point=replace(guess, states=guess.states))
+    assert FeasibleIterate().attempt(Trial(check, outcome(into))) == NotHeld()
+
+
+def test_why_no_plan_is_optimal() -> None:
+    check, guess = instance(Fixed())
+    broken = replace(judged(broken=0.5), point=guess)
+    near = replace(judged(status=Status.FAILED), point=guess)
+    said = [Optimal().attempt(Trial(check, outcome(*given))) for given in ((), (broken,), (near,))]
+    assert said[0] == said[2] == NotHeld(("solver: as told",))
+    assert isinstance(said[1], NotHeld) and said[1].reasons[0] == "solver: as told"
+    assert said[1].reasons[1].startswith("its plan: region of 'a' entered by 0.5")
+
+
+def test_a_plan_tells_what_it_took_and_why() -> None:
+    check, guess = instance(Fixed())
+    robot, start = check.robot, check.parameters.initial
+    one = check.assess(ended(guess, Status.SOLVED, cost=9.0, count=3))
+    two = check.assess(ended(guess, Status.SOLVED, cost=8.0, count=4))
+    plan, point = choose(rungs_of(BUILT_IN), Trial(check, outcome(one, two)), 4.5)
+    assert point is two.point and plan.cost == 8.0 and plan.rung is Rung.OPTIMAL
+    assert (plan.stamp, plan.dt, plan.iterations, plan.reason) == (4.5, DT, 7, "")
+    assert plan.seconds == pytest.approx(0.7) and plan.status is Status.SOLVED
+    assert plan.ids == ("a",) and plan.left_out == ("far",) and plan.violation < TOLERANCE
+    assert plan.breach is plan.given_way is None
+    np.testing.assert_array_equal(plan.positions, guess.states[:, :2])
+    np.testing.assert_array_equal(plan.reference, check.parameters.reference)
+    level = np.full((STEPS, 1), MahalanobisEllipse().level(Fixed().tail))
+    np.testing.assert_allclose(plan.level, level)
+    np.testing.assert_array_equal(plan.level, plan.target)
+    np.testing.assert_allclose(plan.content, 1.0 - Fixed().tail)
+
+    inside = np.array([3.6, 0.0, 0.0, 0.4, 0.0])  # of the region, and no way leads out in time
+    check, _ = instance(Fixed(), y=0.0)
+    check = replace(check, parameters=replace(check.parameters, initial=inside))
+    first = check.guess(*brake(robot, inside, STEPS, DT))
+    lost = check.assess(ended(replace(first, inputs=first.inputs + 9.0), Status.FAILED))
+    for candidates, status in (((lost,), Status.FAILED), ((), Status.NOT_RUN)):
+        told = replace(outcome(*candidates), status=Status.NOT_RUN)
+        plan, _ = choose(rungs_of(("optimal", "brake")), Trial(check, told), 0.0)
+        assert plan.rung is Rung.BRAKE and plan.status is status and plan.breach is not None
+        words = plan.reason.split("; ")
+        assert words[0] == str(plan.given_way) and words[1] == "solver: as told"
+        assert words[-1].startswith("brake (") and f" taken: {plan.breach}" in words[-1]
+        assert plan.iterations == 3 * len(candidates) and np.isnan(plan.cost)
+        assert start is not inside and plan.violation == plan.breach.amount
