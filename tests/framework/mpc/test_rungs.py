@@ -14,12 +14,15 @@ from wideberth.framework.mpc.fallback.instance_check import (
     InstanceCheck,
     Outcome,
     contact,
+    shared_target,
 )
 from wideberth.framework.mpc.fallback.rollout import brake, clip, follow, steer
 from wideberth.framework.mpc.fallback.rungs import (
     RUNGS,
+    Brake,
     FallbackRung,
     FeasibleIterate,
+    LeastViolation,
     NotHeld,
     Optimal,
     ShiftedPlan,
@@ -259,37 +262,37 @@ def ways(
 ) -> tuple[Trial, list[Candidate]]:
     """Stops, and solutions, that touch so deep and enter regions so far in all.
 
-    The robot stands still in its third state: what it touches later can still be braked for.
+    The robot stands in its fifth state, to a millimetre: what it touches after the step that
+    leads there can still be braked for.
     """
     values: dict[float, tuple[float, float]] = {}
 
     def states(number: float, entry: tuple[float, float]) -> Any:
         values[number] = entry
-        return np.array(
-            [[number, 2.0], [number, 1.0], [number, 0.0], [number, 0.0], [number, 0.0]]
-        )
+        speed = [2.0, 1.5, 1.0, 0.0015, 0.0, 0.0009, 0.0]
+        return np.stack([np.full(7, number), 5.0 + np.array(speed)], axis=1)
 
     def stops(*given: Any) -> Any:
-        yield "straight", states(0.0, straight), np.zeros((4, 1))
+        yield "straight", states(0.0, straight), np.zeros((6, 1))
         for number, entry in enumerate(others[:-1]):
-            yield f"way {number}", states(1.0 + number, entry), np.zeros((4, 1))
+            yield f"way {number}", states(1.0 + number, entry), np.zeros((6, 1))
 
     def check(point: Guess) -> Violation:
-        return Violation(np.zeros(4), np.array([[values[point.states[0, 0]][1]]] + [[0.0]] * 3))
+        return Violation(np.zeros(6), np.array([[values[point.states[0, 0]][1]]] + [[0.0]] * 5))
 
-    def overlap(found: Any) -> Any:  # at the third step, the last that counts
-        return np.array([0.0, 0.0, values[found[0, 0]][0], 8.0])
+    def overlap(found: Any) -> Any:  # at the fifth step, the last that counts
+        return np.array([0.0, 0.0, 0.0, 0.0, values[found[0, 0]][0], 8.0])
 
     monkeypatch.setattr(ladder, "stops", stops)
     slot = SimpleNamespace(levelled=True, count=1)
-    problem = SimpleNamespace(horizon=4, dt=0.5, shared=False, minimum=0.0, slots=[slot])
+    problem = SimpleNamespace(horizon=6, dt=0.5, shared=False, minimum=0.0, slots=[slot])
     made: Any = SimpleNamespace(
         problem=problem, check=check, suited=lambda point: point,
         robot=None, parameters=SimpleNamespace(initial=None),
         around=SimpleNamespace(overlap=overlap),
     )  # fmt: skip
     trial = Trial(made, outcome())
-    return trial, [trial.at_lowest_level(states(9.0, others[-1]), np.zeros((4, 1)))]
+    return trial, [trial.at_lowest_level(states(9.0, others[-1]), np.zeros((6, 1)))]
 
 
 @pytest.mark.parametrize(
@@ -298,6 +301,7 @@ def ways(
         ([(0.0, 0.0), (0.0, 0.0), (0.0, 0.0)], "straight"),
         ([(0.0, 0.5), (0.0, 0.5), (0.0, 0.5)], "straight"),
         ([(0.0, 0.5), (0.0, 0.4), (0.0, 0.3)], "solution"),
+        ([(0.0, 1.0), (0.0, 0.4), (0.0, 0.3)], "solution"),
         ([(0.0, 0.5), (0.0, 0.2), (0.0, 0.3)], "way 0"),
         ([(0.2, 0.1), (0.1, 0.9), (0.3, 0.0)], "way 0"),
         ([(0.2, 0.5), (0.2 + 0.5 * TOLERANCE, 0.4), (0.2, 0.6)], "way 0"),
@@ -385,3 +389,44 @@ def test_a_plan_tells_what_it_took_and_why() -> None:
         assert words[-1].startswith("brake (") and f" taken: {plan.breach}" in words[-1]
         assert plan.iterations == 3 * len(candidates) and np.isnan(plan.cost)
         assert start is not inside and plan.violation == plan.breach.amount
+
+
+def test_a_solution_and_a_way_to_stop_stand_on_rungs_of_their_own() -> None:
+    one, two, way, other = judged(), judged(), judged(), judged()
+    for best, least, brakes in ((two, two, other), (way, NotHeld(), way)):
+        trial: Any = SimpleNamespace(
+            drivable=(one, two), least_harmful=best, gentlest=lambda others: other
+        )
+        assert LeastViolation().attempt(trial) is least or least == LeastViolation().attempt(trial)
+        assert Brake().attempt(trial) is brakes
+
+
+def test_a_little_is_no_breach_and_an_optimal_plan_needs_no_reason(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[bool] = []
+
+    def held(check: InstanceCheck, best: Candidate, *, optimal: bool) -> Any:
+        asked.append(optimal)
+        return np.zeros((STEPS, 1)), None
+
+    monkeypatch.setattr(ladder, "held", held)
+    check, guess = instance(Fixed())
+    entered = np.full((STEPS, 2), 0.5 * TOLERANCE)
+    for status, above in ((Status.SOLVED, Still()), (Status.FAILED, Optimal())):
+        point = replace(judged(status=status), point=guess)
+        point = replace(point, found=Violation(np.zeros(STEPS), entered))
+        rungs = (above, Optimal(), FeasibleIterate())
+        plan, _ = choose(rungs, Trial(check, outcome(point)), 0.0)
+        assert plan.breach is None and plan.violation == 0.5 * TOLERANCE
+        assert plan.reason == ("" if status is Status.SOLVED else "solver: as told")
+    assert asked == [True, False]
+
+
+def test_only_a_shared_level_is_aimed_at() -> None:
+    kinds = (GaussianDiscs(MahalanobisEllipse()),)
+    assert np.isnan(shared_target(kinds, Fixed(0.05), 2))
+    level = shared_target(kinds, Relaxed(0.05, weight=1.0), 2)
+    assert level == pytest.approx(MahalanobisEllipse().level(0.05))
+    assert judged().named("brake") == "brake"
+    assert replace(judged(), way="ahead").named("brake") == "brake (ahead)"
