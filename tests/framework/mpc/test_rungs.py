@@ -413,13 +413,15 @@ def test_a_little_is_no_breach_and_an_optimal_plan_needs_no_reason(
     monkeypatch.setattr(ladder, "held", held)
     check, guess = instance(Fixed())
     entered = np.full((STEPS, 2), 0.5 * TOLERANCE)
-    for status, above in ((Status.SOLVED, Still()), (Status.FAILED, Optimal())):
+    for status, rungs, reason in (
+        (Status.SOLVED, (Still(), Optimal()), ""),
+        (Status.FAILED, (Optimal(), FeasibleIterate()), "solver: as told"),
+    ):
         point = replace(judged(status=status), point=guess)
         point = replace(point, found=Violation(np.zeros(STEPS), entered))
-        rungs = (above, Optimal(), FeasibleIterate())
         plan, _ = choose(rungs, Trial(check, outcome(point)), 0.0)
         assert plan.breach is None and plan.violation == 0.5 * TOLERANCE
-        assert plan.reason == ("" if status is Status.SOLVED else "solver: as told")
+        assert plan.reason == reason
     assert asked == [True, False]
 
 
