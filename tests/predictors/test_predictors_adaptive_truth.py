@@ -1,6 +1,7 @@
 """When truth falls due for the online calibration, and where it was then."""
 
 import numpy as np
+from scipy.stats import chi2
 
 from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.adaptive_conformal import (
@@ -81,3 +82,24 @@ def test_the_class_is_that_of_the_mean_speed_of_the_forecast() -> None:
         # Mean displacements 0.3125, 0.5 and 1.5 m in 0.5 s, and in 1 s.
         for dt, wanted in ((0.5, [1, 1, 2]), (1.0, [0, 1, 2]), (1.001, [0, 0, 1])):
             assert own._kinds(mean, weight, newest, dt).tolist() == wanted
+
+
+def test_a_start_is_the_quantile_of_the_distances_over_that_of_chi_square() -> None:
+    """Every recording counts alike, however many windows it has."""
+    rng = np.random.default_rng(13)
+    walks = [rng.standard_normal((count, 8, 2)).cumsum(axis=1) for count in (30, 90)]
+    walks[0] *= 3.0
+    scenes = [tracks_of(one, stamp=3.5) for one in walks]
+    base = Static()
+    made = AdaptiveConformal(base, tail=0.3, observed=4, steps=4, speeds=()).fit(scenes)
+    assert made.start_dt == 0.5 and made.start is not None
+    squares, weights = [], []
+    for one, scene in zip(walks, scenes, strict=True):
+        past = tracks_of(one[:, :4], stamp=1.5)
+        spread = base.predict(past, 4).covariance[:, 0]
+        error = one[:, 4:] - one[:, 3:4]
+        squares.append(np.einsum("oni,onij,onj->on", error, np.linalg.inv(spread), error))
+        weights += [1.0 / len(scene)] * len(scene)
+    for step, column in enumerate(np.concatenate(squares).T):
+        wanted = np.log(_quantile(column, np.array(weights), 0.7) / chi2(2).ppf(0.7))
+        np.testing.assert_allclose(made.start[step], np.clip(wanted, -LIMIT, LIMIT), rtol=1e-9)

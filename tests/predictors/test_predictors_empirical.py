@@ -15,7 +15,17 @@ from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.constant_velocity import ConstantVelocity
 from wideberth.predictors.core.calibration import replayed, squared_distances
-from wideberth.predictors.empirical import FLOOR, Empirical, Motion, learn_table
+from wideberth.predictors.core.history import gather
+from wideberth.predictors.empirical import (
+    FLOOR,
+    SHRINKAGE,
+    STILL,
+    Empirical,
+    ErrorTable,
+    Motion,
+    _nearest_error,
+    learn_table,
+)
 from wideberth.predictors.static import Static
 
 DT = 0.4
@@ -237,3 +247,176 @@ def test_every_window_counts_alike_for_the_correlation():
     table = learn_table(motion, error, 0.5, 2, 1)
     for found in (table.along, table.across):
         assert found[0][1] == pytest.approx(0.5, abs=0.05)
+
+
+# against a second implementation, number by number
+
+
+def test_motion_is_read_from_the_samples_that_there_are():
+    positions = np.full((4, 5, 2), np.nan)
+    positions[0] = [[0.0, 0.0], [1.0, 0.0], [2.0, 0.5], [2.0, 2.0], [2.6, 2.8]]
+    positions[1, 2:] = [[5.0, 5.0], [5.0, 6.0], [6.0, 6.0]]
+    positions[2, 3:] = 7.0
+    positions[3, 4:] = 8.0
+    found = Motion.of(gather(tracks_of(positions)), DT)
+    for o in range(4):
+        seen = positions[o][np.isfinite(positions[o, :, 0])]
+        steps = np.diff(seen, axis=0) / DT
+        speed = np.hypot(*steps[-1]) if len(steps) else 0.0
+        assert found.speed[o] == pytest.approx(speed)
+        wanted = steps[-1] / speed if speed else np.zeros(2)
+        np.testing.assert_allclose(found.heading[o], wanted)
+        change = np.diff(steps, axis=0)
+        jitter = np.sqrt(np.sum(change**2) / len(change)) if len(change) else 0.0
+        assert found.jitter[o] == pytest.approx(jitter)
+    alone = Motion.of(gather(tracks_of(positions[:, -1:])), DT)
+    assert not alone.speed.any() and not alone.jitter.any() and not alone.heading.any()
+
+
+def motions(rng, count, size):
+    heading = rng.standard_normal((count, size))
+    heading /= np.linalg.norm(heading, axis=1)[:, None]
+    speed = rng.random(count)
+    speed[:3], heading[:3] = 0.0, 0.0
+    return Motion(speed, heading, rng.random(count))
+
+
+@pytest.mark.parametrize("size", [2, 3])
+def test_a_table_holds_the_means_of_its_classes(size):
+    rng = np.random.default_rng(31)
+    motion, error = motions(rng, 90, size), rng.standard_normal((90, 4, size))
+    table = learn_table(motion, error, 0.4, 3, 2)
+    assert (table.dt, table.windows) == (0.4, 90)
+    np.testing.assert_allclose(table.speeds, np.quantile(motion.speed, [1 / 3, 2 / 3]))
+    np.testing.assert_allclose(table.jitters, [np.median(motion.jitter)])
+    wide = np.maximum(motion.jitter / table.jitters[-1], 1.0) ** 2
+    squares, parts = np.zeros((90, 4, 2)), []
+    for w in range(90):
+        ahead = error[w] @ motion.heading[w]
+        side = error[w] - ahead[:, None] * motion.heading[w]
+        axes = size - 1 if motion.speed[w] else size
+        squares[w] = np.stack([ahead**2, (side**2).sum(axis=1) / axes], axis=1) / wide[w]
+        parts.append((ahead, side))
+    kinds = [
+        2 * sum(v > edge for edge in table.speeds) + int(j > table.jitters[0])
+        for v, j in zip(motion.speed, motion.jitter, strict=True)
+    ]
+    assert table.bins(motion).tolist() == kinds
+    np.testing.assert_allclose(table.growth(motion), wide)
+    known = np.zeros((6, 4, 2))
+    for kind in range(6):
+        mine = squares[np.array(kinds) == kind]
+        known[kind] = (mine.sum(axis=0) + SHRINKAGE * squares.mean(axis=0)) / (
+            len(mine) + SHRINKAGE
+        )
+    for kind in (0, 1):  # of the slow, in both columns the mean over the axes
+        mean = (known[kind, :, 0] + (size - 1) * known[kind, :, 1]) / size
+        known[kind] = mean[:, None]
+    np.testing.assert_allclose(table.variances, known)
+    for found, part in ((table.along, 0), (table.across, 1)):
+        moment = STILL * np.eye(4)
+        for w in range(90):
+            scale = np.sqrt(known[kinds[w], :, part] * wide[w])
+            one = parts[w][part].reshape(4, -1) / scale[:, None]
+            moment += one @ one.T
+        root = np.sqrt(np.diag(moment))
+        np.testing.assert_allclose(found, moment / np.outer(root, root))
+
+
+TABLE = ErrorTable(
+    0.5,
+    (0.4,),
+    (0.3,),
+    tuple(
+        tuple((k + 0.1 * h * (1 if k < 3 else -0.4), 0.5 * k + 0.2 * h) for h in range(1, 4))
+        for k in range(1, 5)
+    ),
+    ((1.0, 0.5, 0.2), (0.5, 1.0, 0.6), (0.2, 0.6, 1.0)),
+    ((1.0, 0.1, 0.0), (0.1, 1.0, 0.3), (0.0, 0.3, 1.0)),
+    7,
+)
+"""Errors that grow over the last step, and, in the two fast classes, shrink along the heading."""
+
+
+def spread_at(motion, o, time, axis):
+    """Linear between the steps, from 0; beyond the last as over the last, but no less."""
+    kind = 2 * int(motion.speed[o] > 0.4) + int(motion.jitter[o] > 0.3)
+    known = np.sqrt([0.0, *(row[axis] for row in TABLE.variances[kind])])
+    place = time / TABLE.dt
+    value = np.interp(place, range(4), known)
+    value += max(place - 3.0, 0.0) * max(known[3] - known[2], 0.0)
+    return np.hypot(value * max(motion.jitter[o] / 0.3, 1.0), FLOOR)
+
+
+def test_spreads_and_correlations_at_any_time():
+    rng = np.random.default_rng(32)
+    motion = motions(rng, 12, 2)
+    times = np.tile([0.1, 0.5, 0.8, 1.0, 1.5, 1.7, 2.9], (12, 1)) + 0.01 * np.arange(12)[:, None]
+    spread = TABLE.spreads(motion, times)
+    assert {int(k) for k in TABLE.bins(motion)} == {0, 1, 2, 3}
+    for o in range(12):
+        for h, time in enumerate(times[o]):
+            wanted = [spread_at(motion, o, time, axis) for axis in (0, 1)]
+            np.testing.assert_allclose(spread[o, h], wanted)
+    for found, table in zip(TABLE.correlations(times), (TABLE.along, TABLE.across), strict=True):
+        for o in range(12):
+            shares = np.zeros((7, 3))
+            for h, time in enumerate(times[o]):
+                place = min(max(time / 0.5 - 1.0, 0.0), 2.0)
+                below = min(int(place), 1)
+                shares[h, below : below + 2] = below + 1 - place, place - below
+            moment = shares @ np.array(table) @ shares.T
+            root = np.sqrt(np.diag(moment))
+            np.testing.assert_allclose(found[o], moment / np.outer(root, root), atol=1e-12)
+
+
+def test_the_joint_covariance_turns_with_the_heading():
+    """Blocks a_h a_j rho u u' + c_h c_j sigma (I - u u'); of who is short, the base's."""
+    rng = np.random.default_rng(33)
+    paths = rng.standard_normal((3, 4, 2)).cumsum(axis=1)
+    paths[2, :2] = np.nan
+    own = Empirical(STRAIGHT, observed=4, steps=3, fitted=TABLE)
+    scene = tracks_of(paths, dt=0.5)
+    forecast, base = own.predict(scene, 5), STRAIGHT.predict(scene, 5)
+    motion = Motion.of(gather(scene, length=4), 0.5)
+    times = 0.5 * np.arange(1.0, 6.0)
+    along, across = TABLE.correlations(np.tile(times, (3, 1)))
+    for o in range(2):
+        u = np.outer(motion.heading[o], motion.heading[o])
+        a, c = ([spread_at(motion, o, time, axis) for time in times] for axis in (0, 1))
+        for h in range(5):
+            for j in range(5):
+                wanted = a[h] * a[j] * along[o, h, j] * u
+                wanted = wanted + c[h] * c[j] * across[o, h, j] * (np.eye(2) - u)
+                block = forecast.joint[o, 0, 2 * h : 2 * h + 2, 2 * j : 2 * j + 2]
+                np.testing.assert_allclose(block, wanted, atol=1e-12)
+                if h == j:
+                    np.testing.assert_allclose(forecast.covariance[o, 0, h], wanted, atol=1e-12)
+    assert forecast.fallback == (None, None, "empirical: 2 samples, needs 3")
+    np.testing.assert_array_equal(forecast.joint[2], base.joint[2])
+    np.testing.assert_array_equal(forecast.covariance[2], base.covariance[2])
+
+
+@dataclass(frozen=True)
+class Three(Predictor):
+    """Three modes, the last of no weight, at places that do not move."""
+
+    def predict(self, tracks, steps, scene=None):
+        places = np.array([[0.0, 0.0], [3.0, 0.0], [1.0, 1.0]])
+        mean = np.tile(places[None, :, None], (len(tracks), 1, steps, 1))
+        covariance = np.tile(np.eye(2), (len(tracks), 3, steps, 1, 1))
+        weight = np.tile([0.5, 0.5, 0.0], (len(tracks), 1))
+        return Forecast(mean, covariance, weight, tracks.dt, (None,) * len(tracks))
+
+
+def test_an_error_is_that_of_the_mode_that_came_nearest_over_the_horizon():
+    """By squares: a way that is far off once is farther than one that is a little off twice."""
+    paths = np.zeros((3, 3, 2))
+    paths[0, 1:] = [[0.4, 0.0], [2.9, 0.0]]  # 0.16 + 8.41 from the first, 6.76 + 0.01
+    paths[1, 1:] = [[1.0, 1.0], [1.1, 1.0]]  # nearest to the one of no weight
+    paths[2, 1:] = [[-3.0, 0.0], [2.0, 0.0]]
+    scene = tracks_of(paths)
+    found = _nearest_error(Three(), scene, cut_windows(scene, 1, 2))
+    np.testing.assert_allclose(found[0], paths[0, 1:] - [3.0, 0.0])
+    np.testing.assert_allclose(found[1], paths[1, 1:])
+    np.testing.assert_allclose(found[2], paths[2, 1:])

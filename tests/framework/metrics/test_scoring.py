@@ -8,13 +8,16 @@ from scipy import stats
 
 from wideberth.framework.metrics.episode import inside_content
 from wideberth.framework.metrics.scoring import (
+    NODES,
     covered,
+    densest_area,
     displacement,
     energy_score,
     inside_throughout,
     joint_tail,
     last_known,
     log_density,
+    mass_below,
     negative_log_likelihood,
     reached_tail,
     reason_kind,
@@ -39,11 +42,16 @@ def test_displacement_is_from_the_mean_of_the_mixture() -> None:
     truth = np.array([[[1.0, 0.0], [2.0, 4.0]]])
     found = displacement(mean, np.array([[0.75, 0.25]]), truth)
     np.testing.assert_allclose(found, [[0.0, 4.0]], atol=1e-15)
+    aside = displacement(mean, np.array([[0.75, 0.25]]), truth + np.array([3.0, 0.0]))
+    np.testing.assert_allclose(aside, [[3.0, 5.0]], atol=1e-15)
 
 
 def test_final_error_is_the_last_known_one() -> None:
     values = np.array([[1.0, 2.0, 3.0], [1.0, 2.0, np.nan], [np.nan, np.nan, np.nan]])
     np.testing.assert_array_equal(last_known(values), [3.0, 2.0, np.nan])
+    for count in range(1, 5):
+        one = np.array([[7.0, *[np.nan] * (count - 1)]])
+        assert last_known(one)[0] == 7.0
 
 
 @pytest.mark.parametrize("size", [2, 3])
@@ -228,6 +236,7 @@ def test_staying_inside_throughout() -> None:
     np.testing.assert_array_equal(inside_throughout(tails, 0.05), [1, 0, np.nan, np.nan])
     np.testing.assert_array_equal(covered(tails, 0.05)[2], [1, np.nan])
     assert covered(np.array([[0.05]]), 1.0 - 0.95)[0, 0] == 1  # 0.05000000000000004
+    assert covered(np.array([[0.05 * (1 - 1e-6)]]), 0.05)[0, 0] == 0
 
 
 def test_reasons_are_of_one_kind_whatever_their_numbers() -> None:
@@ -250,6 +259,11 @@ def test_bad_settings_are_named() -> None:
         covered(np.zeros((1, 1)), 1.0)
     with pytest.raises(WideberthError, match="tail is 0"):
         region_area(mean, covariance, ONE, 0.0)
+    two = np.repeat(mean, 2, axis=1), np.repeat(covariance, 2, axis=1), np.full((1, 2), 0.5)
+    with pytest.raises(WideberthError, match=r"tail is 1\.5"):
+        region_area(*two, 1.5)
+    with pytest.raises(WideberthError, match="floor is 0"):
+        joint_tail(mean, covariance[:, :, 0], ONE, truth, np.zeros((2, 1, 1, 2)), 0.0)
 
 
 def test_energy_scores_against_their_definitions() -> None:
@@ -293,3 +307,85 @@ def test_coverage_of_an_overconfident_mixture_has_no_bias(size: int) -> None:
         assert shares[1] < 0.93  # overconfident
         gaps.append(shares[0] - shares[1])
     assert np.mean(gaps) == pytest.approx(0.0, abs=0.003)
+
+
+def test_energy_score_of_a_trajectory_known_at_one_step_is_that_of_the_step() -> None:
+    """A step of which one coordinate is known is not known."""
+    rng = np.random.default_rng(22)
+    draws, truth = rng.standard_normal((5, 1, 4, 2)), np.full((1, 4, 2), np.nan)
+    truth[0, 2], truth[0, 1, 0] = (0.3, -0.4), 0.5
+    found = trajectory_energy_score(draws, truth)
+    assert found[0] == pytest.approx(float(energy_score(draws[:, 0, 2], truth[0, 2])), rel=1e-12)
+
+
+@pytest.mark.parametrize("size", [1, 2, 3])
+def test_nodes_are_the_quantiles_of_chi_in_turning_directions(size: int) -> None:
+    """Point by point, as they are described."""
+    nodes = standard_nodes(size)
+    assert nodes.shape == (NODES, size)
+    plastic = np.roots([1.0, 0.0, -1.0, -1.0])[0].real  # g^3 = g + 1
+    for j in (0, 1, 2, 17, NODES - 1):
+        radius = stats.chi(size).ppf((j + 0.5) / NODES)
+        if size == 1:
+            wanted = [-radius if j % 2 == 0 else radius]
+        elif size == 2:
+            turn = pi + 2.0 * pi * j * 0.5 * (sqrt(5.0) - 1.0)
+            wanted = [radius * np.cos(turn), radius * np.sin(turn)]
+        else:
+            turn, height = pi + 2.0 * pi * j / plastic**2, 1.0 - 2.0 * ((0.5 + j / plastic) % 1.0)
+            flat = sqrt(1.0 - height**2)
+            wanted = [radius * flat * np.cos(turn), radius * flat * np.sin(turn), radius * height]
+        np.testing.assert_allclose(nodes[j], wanted, atol=1e-9)
+
+
+@pytest.mark.parametrize("size", [2, 3])
+def test_mass_and_area_are_sums_over_the_nodes_of_every_mode(size: int) -> None:
+    """The density at each node from `log_density`, which is held against scipy's."""
+    rng = np.random.default_rng(23)
+    modes = 5 - size
+    mean, covariance = (
+        rng.standard_normal((2, modes, 2, size)),
+        covariances(rng, 2, modes, 2, size=size),
+    )
+    weight = rng.dirichlet(np.ones(modes), size=2)
+    limits, tail = np.array([[-4.0, -5.0], [-3.0, np.nan]]), 0.2
+    mass, area = (
+        mass_below(mean, covariance, weight, limits),
+        densest_area(mean, covariance, weight, tail),
+    )
+    values, vectors = np.linalg.eigh(covariance)
+    roots = vectors * np.sqrt(values)[..., None, :]
+    places = mean[..., None, :] + np.einsum("kmnij,pj->kmnpi", roots, standard_nodes(size))
+    density = np.stack(
+        [log_density(mean, covariance, weight, places[:, m].transpose(2, 0, 1, 3))
+         for m in range(modes)]
+    )  # fmt: skip
+    for k in range(2):
+        for n in range(2):
+            found = np.concatenate(list(density[:, :, k, n]))
+            share = np.repeat(weight[k] / NODES, NODES)
+            wanted = share[found < limits[k, n]].sum() if np.isfinite(limits[k, n]) else np.nan
+            assert mass[k, n] == pytest.approx(wanted, rel=1e-9, nan_ok=True)
+            total, below = 0.0, 0.0
+            for i in np.argsort(found):
+                below += share[i]
+                total += min(max(below - tail, 0.0), share[i]) * exp(-found[i])
+            assert area[k, n] == pytest.approx(total, rel=1e-9)
+
+
+def test_joint_tail_of_a_mixture_is_a_rank_among_draws() -> None:
+    rng = np.random.default_rng(24)
+    mean, joint = rng.standard_normal((2, 3, 2, 2)), covariances(rng, 2, 3, size=4)
+    weight = rng.dirichlet(np.ones(3), size=2)
+    draws, truth = rng.standard_normal((9, 2, 2, 2)), rng.standard_normal((2, 2, 2))
+    truth[1, 0, 1] = np.nan
+    found = joint_tail(mean, joint, weight, truth, draws, 0.3)
+
+    def density(point: Array) -> float:
+        return float(sum(
+            w * stats.multivariate_normal(m.ravel(), c + 0.09 * np.eye(4)).pdf(point.ravel())
+            for w, m, c in zip(weight[0], mean[0], joint[0], strict=True)
+        ))  # fmt: skip
+
+    below = sum(density(one) < density(truth[0]) for one in draws[:, 0])
+    assert 0 < below < 9 and found[0] == below / 10 and np.isnan(found[1])

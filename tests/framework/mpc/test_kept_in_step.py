@@ -188,6 +188,22 @@ def test_ways_out_of_a_body_without_a_heading_are_along_and_across_its_motion() 
         np.testing.assert_allclose(speed / np.hypot(*speed), way, atol=1e-3)
 
 
+def test_ways_out_of_a_robot_with_a_heading_turn_swerve_and_drive_on() -> None:
+    """For a sixth, a third and half of the horizon, each then to a stop."""
+    start = np.array([0.0, 0.0, 0.3, 0.4, 0.0])
+    found = {name: states for name, states, _ in stops(Unicycle(), start, 12, 0.5)}
+    ways = ("turning left", "turning right", "swerving left", "swerving right", "ahead", "back")
+    lengths = ("1", "2", "3")
+    assert list(found) == ["straight", *(f"{way} for {one} s" for way in ways for one in lengths)]
+    for way, sign in (("left", 1.0), ("right", -1.0)):
+        turning, swerving = found[f"turning {way} for 3 s"], found[f"swerving {way} for 3 s"]
+        np.testing.assert_allclose(swerving[:7, 3], 0.4, atol=1e-9)
+        assert swerving[6, 4] == pytest.approx(sign * min(1.0, Unicycle().state_bounds().upper[4]))
+        assert turning[6, 3] == pytest.approx(0.0, abs=1e-9)
+        assert np.sign(turning[6, 2] - 0.3) == sign
+    assert found["ahead for 3 s"][6, 3] > 0.4 > 0.0 > found["back for 3 s"][6, 3]
+
+
 def test_who_has_no_forecast_stays_where_he_was_seen() -> None:
     """Sigma = R + (1 m/s * t)^2 I with t since he was seen, here two steps of 0.5 s ago."""
     places = np.array(

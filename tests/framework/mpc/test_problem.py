@@ -13,11 +13,18 @@ from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.base import LevelPolicy, SharedLevel
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
-from wideberth.framework.mpc.ocp.problem import Parameters, Problem
+from wideberth.framework.mpc.ocp.problem import Parameters, Problem, SlotNumbers
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess, Transcription
+from wideberth.framework.mpc.slots.base import level_at_first
+from wideberth.framework.mpc.slots.base import with_auxiliaries as with_auxiliaries_of
+from wideberth.framework.mpc.slots.built_in import built_in
 from wideberth.framework.mpc.slots.gaussian_discs import Obstacles
-from wideberth.framework.mpc.slots.static_polygons import choose_walls, fill_walls
+from wideberth.framework.mpc.slots.static_polygons import (
+    StaticPolygons,
+    choose_walls,
+    fill_walls,
+)
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.mpc.solvers.ipopt import Ipopt
 from wideberth.framework.numerics.symbolic import ca, evaluated
@@ -311,3 +318,17 @@ def test_a_violation_stands_at_the_step_where_it_is() -> None:
         states[6, 3] = getattr(problem.state_bounds, side)[3] + sign * 20.0
         broken = violation(problem, parameters, replace(guess, states=states)).motion
         assert broken[5] >= 20.0 and broken.argmax() in (5, 6)
+
+
+def test_kinds_without_slots_or_levels_are_passed_over() -> None:
+    robot, region, level = Unicycle(), MahalanobisEllipse(), Relaxed(0.05, weight=1.0)
+    discs, polygons = built_in(region)
+    wanted = region.level(0.05)
+    assert level_at_first((polygons, discs), level, 2) == pytest.approx(wanted)
+    assert np.isnan(level_at_first((polygons,), level, 2))
+    assert isinstance(polygons, StaticPolygons) and polygons.region is None
+    _, parameters, guess = set_up(robot, region, level, 1)
+    none = SlotNumbers.none(STEPS)
+    both = replace(parameters, slots=(*parameters.slots, none))
+    found = with_auxiliaries_of(robot, (discs, polygons), both, guess)
+    assert [one.shape for one in found.auxiliaries] == [(STEPS, 1, 0), (STEPS, 0, 0)]
