@@ -22,5 +22,6 @@ BUILT_IN: dict[str, str] = {
     "convex_certificates": f"{_HERE}.convex_certificates:ConvexCertificates",
     "cost_comparison": f"{_HERE}.cost_comparison:CostComparison",
     "level_policies": f"{_HERE}.level_policies:LevelPolicies",
+    "known_futures": f"{_HERE}.known_futures:KnownFutures",
 }
 """Name of a study -> where its class is."""
