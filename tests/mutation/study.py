@@ -33,11 +33,13 @@ import pytest
 import yaml
 
 from wideberth.tests.mutation.areas import AREAS, ROOT, TESTS, Found, draw, paths, reaching
-from wideberth.tests.mutation.forked import OPTIONS, Job, Watch, anew, given, in_processes
+from wideberth.tests.mutation.forked import LONGEST, OPTIONS, Job, Watch, anew, given, in_processes
 from wideberth.tests.mutation.sites import Site, changed, sites
 
-ENOUGH = 15.0
-"""CPU seconds of one test file, after which its other tests are left out."""
+ENOUGH = 8.0
+"""CPU seconds of one test file, after which its other tests may take `SHORT` alone; after twice as
+many they are left out."""
+SHORT = 0.5
 PATIENCE = (0.0, 5.0, 40.0)
 """CPU seconds of tests, as measured, that are run against one change: in a first round over all
 changes, and in a second one over those that have survived."""
@@ -137,7 +139,12 @@ class _Study:
     def _measurer(self, name: str, modules: set[str]) -> Job:
         def run() -> tuple[int, str]:
             self.watch = watch = Watch(modules)
-            self._run(self._items[name], lambda: watch.total > ENOUGH)
+
+            def enough() -> bool:
+                watch.longest = SHORT if watch.total > ENOUGH else LONGEST
+                return watch.total > 2.0 * ENOUGH
+
+            self._run(self._items[name], enough)
             return SURVIVED, json.dumps(watch.found)
 
         return run
