@@ -47,6 +47,7 @@ from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.regions.static.dual import Dual
 from wideberth.regions.static.separating_line import SeparatingLine
 from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.helpers.interpreted import interpret_solver
 
 EXAMPLES = File(__file__).resolve().parents[3] / "examples"
 sys.path.insert(0, str(EXAMPLES))
@@ -241,11 +242,24 @@ def solve() -> SolveRecord:
     return found
 
 
-@pytest.mark.parametrize("solver", [Ipopt(), Fatrop(), Riccati()], ids=repr)
+@pytest.mark.parametrize(
+    "solver",
+    [Ipopt(), Fatrop(), pytest.param(Riccati(), marks=pytest.mark.slow)],  # compiles for minutes
+    ids=repr,
+)
 def test_every_solver_takes_it(solver: Solver, solve: SolveRecord) -> None:
+    _takes(solver, solve)
+
+
+def test_riccati_takes_it_interpreted(solve: SolveRecord, monkeypatch: pytest.MonkeyPatch) -> None:
+    interpret_solver(monkeypatch)
+    _takes(Riccati(), solve)
+
+
+def _takes(solver: Solver, solve: SolveRecord) -> None:
     problem = solve.problem()
     (found,) = solver.solve(problem, solve.parameters, solve.guesses[:1])
-    assert found.status is Status.SOLVED, found.message
+    assert found.status is Status.SOLVED and "fatrop" not in found.message, found.message
     assert violation(problem, solve.parameters, found.point).worst < 1e-4
     (other,) = Fatrop(tolerance=1e-8).solve(problem, solve.parameters, solve.guesses[:1])
     np.testing.assert_allclose(found.point.states, other.point.states, atol=2e-4)

@@ -32,10 +32,8 @@ from . import protocol
 from .kernels import Kernels, Slot, SlotShape, build, carried, eliminate, expand, slot_name, sweep
 from .protocol import SlotKernels
 
-_KINDS = ("moving", "standing")
-KINDS = len(_KINDS)
-"""Kinds of slots that the core takes, and what they are called inside: as a rule that is what
-they do, but any kinds will do."""
+LEAST_KINDS = 2
+"""Kinds of slots for which the core is compiled at least; as many as a planner has anyway."""
 
 MOST_OPERATIONS = 10_000
 """Size of a kernel that is still compiled; the compiler needs a second for a thousand."""
@@ -51,27 +49,27 @@ _VECTOR, _MATRIX, _CUBE, _PLACES = "f8[::1]", "f8[:, ::1]", "f8[:, :, ::1]", "i8
 _TYPES: dict[str, Any] = {
     "head": protocol.Head(_MATRIX, _MATRIX, _VECTOR, _MATRIX),
     "start": protocol.Start(_VECTOR, _MATRIX, _MATRIX),
-    **{
-        kind: protocol.SlotArguments(
-            kernels=_PLACES, depends=_PLACES, rows=_PLACES, limits=_MATRIX, regularisation=_VECTOR,
-            numbers=_CUBE, levels=_MATRIX, active=_VECTOR, drawn=_CUBE, begun=_CUBE, found=_CUBE,
-        )
-        for kind in _KINDS
-    },
     "found": protocol.Found(_MATRIX, _MATRIX, _VECTOR, _VECTOR),
 }  # fmt: skip
-"""Arrays of the core by group, with their types."""
+"""Arrays of the core by group, with their types; those of the slots come before ``found``."""
+_SLOT_TYPES = protocol.SlotArguments(
+    kernels=_PLACES, depends=_PLACES, rows=_PLACES, limits=_MATRIX, regularisation=_VECTOR,
+    numbers=_CUBE, levels=_MATRIX, active=_VECTOR, drawn=_CUBE, begun=_CUBE, found=_CUBE,
+)  # fmt: skip
 
 _PLAIN = {"kernels": _PLACES, "sizes": _PLACES, "limits": _MATRIX, "settings": _VECTOR}
 
 
-def _source(digest: str) -> str:
-    """Write the module that compiles the core for flat arguments."""
+def _source(digest: str, kinds: int) -> str:
+    """Write the module that compiles the core for flat arguments, for some kinds of slots."""
+    slots = [f"slots{k}" for k in range(kinds)]
+    typed = {"head": _TYPES["head"], "start": _TYPES["start"]}
+    typed |= {**dict.fromkeys(slots, _SLOT_TYPES), "found": _TYPES["found"]}
     groups, types, given = {}, list(_PLAIN.values()), list(_PLAIN)
-    for group, kinds in _TYPES.items():
-        names = [f"{group}_{field}" for field in kinds._fields]
-        groups[group] = f"{type(kinds).__name__}({', '.join(names)})"
-        types += kinds
+    for group, kinds_of in typed.items():
+        names = [f"{group}_{field}" for field in kinds_of._fields]
+        groups[group] = f"{type(kinds_of).__name__}({', '.join(names)})"
+        types += kinds_of
         given += names
     return f"""# {digest}
 from numba import njit
@@ -86,7 +84,7 @@ iterate = core.solve
 def solve({", ".join([*given, "stop"])}):
     iterate(
         {", ".join(_PLAIN)}, {groups["head"]}, {groups["start"]},
-        ({", ".join(groups[kind] for kind in _KINDS)}), {groups["found"]}, stop,
+        ({", ".join(groups[kind] for kind in slots)}), {groups["found"]}, stop,
     )
 """
 
@@ -96,26 +94,26 @@ def announce(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 
-def core() -> Callable[..., None]:
-    """Return the compiled iteration, the same for all problems.
+def core(kinds: int) -> Callable[..., None]:
+    """Return the compiled iteration, the same for all problems with so many kinds of slots.
 
     Raises
     ------
     WideberthError : it cannot be compiled here; that is tried once per process.
     """
-    found = _core()
+    found = _core(kinds)
     if isinstance(found, WideberthError):
         raise found
     return found
 
 
 @cache
-def _core() -> Callable[..., None] | WideberthError:
+def _core(kinds: int) -> Callable[..., None] | WideberthError:
     text = "".join(
         (Path(__file__).parent / name).read_text(encoding="utf-8") for name in _CORE_FILES
     )
     try:
-        source = _source(sha256(text.encode()).hexdigest())
+        source = _source(sha256(text.encode()).hexdigest(), kinds)
         solve: Callable[..., None] = load("solver", source, announce).solve
     except WideberthError as error:
         return error
@@ -233,7 +231,7 @@ def _compile(problem: Problem) -> CompiledProblem:
             f"a kernel of this problem has {longest} operations; up to {MOST_OPERATIONS} are "
             "compiled"
         )
-    kinds = [_slot_kernels(k) for k in range(KINDS)]
+    kinds = [_slot_kernels(k) for k in range(len(problem.slots))]
     text = ["from numba import njit", NUMBA_IMPORTS]
     stages = [name for name in protocol.Kernels._fields if name != "sweep"]
     names = [*stages, *chain.from_iterable(kinds)]
@@ -264,13 +262,9 @@ def _compile(problem: Problem) -> CompiledProblem:
 
 
 def _filled_up(problem: Problem) -> Problem:
-    """Add empty kinds of slots until there are as many as the core takes."""
-    if len(problem.slots) > KINDS:
-        raise WideberthError(
-            f"this problem has {len(problem.slots)} kinds of slots; up to {KINDS} are compiled"
-        )
+    """Add empty kinds of slots up to `LEAST_KINDS`, so that few cores are compiled."""
     x, s = ca.SX.sym("x", problem.states), ca.SX.sym("s", int(problem.shared))
     none = [ca.SX(0, 1), ca.SX(0, 1)]
     constraint = ca.Function("constraint", [x, ca.SX(0, 1), s, ca.SX.sym("numbers")], none)
     empty = Slots("empty", 0, 0, False, Auxiliary(), constraint)
-    return replace(problem, slots=(*problem.slots, *[empty] * (KINDS - len(problem.slots))))
+    return replace(problem, slots=(*problem.slots, *[empty] * (LEAST_KINDS - len(problem.slots))))

@@ -29,6 +29,7 @@ from typing import Any
 
 import numpy as np
 from numba import njit
+from numba.extending import overload
 
 from ....jit.columns import caller
 from ..interior_point import (
@@ -182,10 +183,7 @@ def solve(kernels, sizes, limits, settings, head, given, given_slots, found, sto
     if size.shared > 0:
         level.p[0, 0] = mean_level(given_slots)
     level.p[1, 0] = scale
-    kinds = (
-        make_slots(size, given_slots[0], scale, settings[SETTING.push]),
-        make_slots(size, given_slots[1], scale, settings[SETTING.push]),
-    )
+    kinds = make_kinds(size, given_slots, scale, settings[SETTING.push])
     slots, tolerance = count_slots(kinds), settings[SETTING.tolerance]
     status, iterations, error, present, length = -1, -1, 0.0, (0.0, 0.0, 0.0, 0.0), 0.0
     longest, reach, slope, attempt, forget = 0.0, 0.0, 0.0, 0, False
@@ -886,21 +884,20 @@ def refine_multipliers(size, kinds, slack, mu, rho):
     digits once it is multiplied by lambda / t. The slack's own equation,
     rho - nu - sum lambda = 0 after the step, gives the new lambda without that loss.
     """
-    moving, standing = kinds
     for i in range(size.steps):
         if slack.nu[i] > 0.9 * rho:
             continue
-        one, j, c = _largest_multiplier(size, moving, i)
-        two, k, d = _largest_multiplier(size, standing, i)
-        if max(one, two) < 0.1 * rho:
+        largest, which, row, column = -1.0, 0, 0, 0
+        for k in range(len(kinds)):
+            value, j, c = _largest_multiplier(size, kinds[k], i)
+            if value > largest:
+                largest, which, row, column = value, k, j, c
+        if largest < 0.1 * rho:
             continue
         new = rho - slack.nu[i] - slack.dnu[i]
-        new -= _sum_multipliers(size, moving, i, j if one >= two else -1, c)
-        new -= _sum_multipliers(size, standing, i, -1 if one >= two else k, d)
-        if one >= two:
-            _set_multiplier(moving, j, c, new, one, mu)
-        else:
-            _set_multiplier(standing, k, d, new, two, mu)
+        for k in range(len(kinds)):
+            new -= _sum_multipliers(size, kinds[k], i, row if k == which else -1, column)
+        _set_multiplier(kinds[which], row, column, new, largest, mu)
 
 
 @njit(**LEAN)
@@ -935,6 +932,18 @@ def _set_multiplier(slots, j, c, new, old, mu):
 
 
 # ---- Obstacles
+
+
+def make_kinds(size, given, scale, push):
+    """Call `make_slots` for each kind; ``given`` is a tuple of `SlotArguments`."""
+    return tuple(make_slots(size, kind, scale, push) for kind in given)
+
+
+@overload(make_kinds)
+def _make_kinds(size, given, scale, push):
+    """Write the tuple out: compiled code has no tuple whose length is found while it runs."""
+    entries = "".join(f"make_slots(size, given[{k}], scale, push), " for k in range(len(given)))
+    return eval(f"lambda size, given, scale, push: ({entries})", globals())
 
 
 @njit(**FAST)

@@ -199,7 +199,8 @@ def _compiled(problem: Problem) -> "tuple[CompiledProblem, Callable[..., None]]"
     """Kernels of a problem and the core; the latest problems are looked up by identity."""
     from .compiled import compiled_problem, core
 
-    return compiled_problem(problem), core()
+    made = compiled_problem(problem)
+    return made, core(len(made.kinds))
 
 
 def _allocate(

@@ -10,7 +10,7 @@ from wideberth.framework.mpc.solvers.riccati import core, protocol
 from wideberth.framework.mpc.solvers.riccati.kernels import carried, sweep
 from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.values.arrays import Array
-from wideberth.tests.helpers.interpreted import Kernel, interpret
+from wideberth.tests.helpers.interpreted import Kernel, interpret, recursion
 
 RECURSION = [(4, 2, 5, 1), (5, 2, 3, 0), (6, 3, 4, 1), (2, 2, 1, 1), (5, 1, 6, 1)]
 """n, m, N, whether a level is shared."""
@@ -20,17 +20,6 @@ RECURSION = [(4, 2, 5, 1), (5, 2, 3, 0), (6, 3, 4, 1), (2, 2, 1, 1), (5, 1, 6, 1
 def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is compiled here, which would take longer than the tests."""
     interpret(monkeypatch, core)
-
-
-def recursion(function: Any, handed: int) -> Kernel:
-    """What a CasADi function is compiled to by `recursion_source`."""
-
-    def kernel(offset: int, count: int, v: Array, p: Array, out: Array) -> None:
-        for c in range(count - 1, -1, -1):
-            found = function(np.concatenate([out[:handed, c + 1], v[:, offset + c]]), p[:, c])
-            out[:, c] = np.asarray(found).ravel()
-
-    return kernel
 
 
 @dataclass(frozen=True)

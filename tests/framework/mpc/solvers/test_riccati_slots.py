@@ -10,7 +10,7 @@ import pytest
 from wideberth.framework.mpc.solvers.riccati import core, protocol
 from wideberth.framework.mpc.solvers.riccati.kernels import Slot, eliminate, expand
 from wideberth.framework.values.arrays import Array
-from wideberth.tests.helpers.interpreted import Kernel, interpret
+from wideberth.tests.helpers.interpreted import columns, interpret
 
 SEEN, OWN, UNEQUAL, EQUAL, ACTIVE = (0, 2), 3, 2, 1, 2
 """Of the slots below: entries of x, own variables, inequalities, equalities; slots in use."""
@@ -20,17 +20,6 @@ SEEN, OWN, UNEQUAL, EQUAL, ACTIVE = (0, 2), 3, 2, 1, 2
 def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is compiled here, which would take longer than the tests."""
     interpret(monkeypatch, core)
-
-
-def columns(function: Any) -> Kernel:
-    """What a CasADi function is compiled to by `numba_source`."""
-
-    def kernel(offset: int, count: int, v: Array, p: Array, out: Array) -> None:
-        for c in range(count):
-            found = function(v[: function.numel_in(0), offset + c], p[: function.numel_in(1), c])
-            out[:, c] = np.asarray(found).ravel()
-
-    return kernel
 
 
 @dataclass(frozen=True)
