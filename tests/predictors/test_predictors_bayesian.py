@@ -229,8 +229,8 @@ def test_fit_learns_the_spread_and_how_much_obstacles_differ(prior_mean):
 
 def test_laws():
     check_predictor(BayesianVectorAutoregression(deviation=0.3, history=12))
-    check_predictor(BayesianVectorAutoregression(order=1, acceleration_density=0.5))
-    check_predictor(predictor_of(LAW, 0.02, 3.0))
+    check_predictor(BayesianVectorAutoregression(order=1, acceleration_density=0.5), dataset=())
+    check_predictor(predictor_of(LAW, 0.02, 3.0), dataset=())
 
 
 def test_late_forecasts_drop_the_steps_gone_by():

@@ -10,13 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wideberth.framework.plugins.registry import load, names
-from wideberth.framework.predictor import Adaptive, Fittable, Predictor
+from wideberth.framework.predictor import Adaptive, Predictor
 from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.forecast import Forecast, Scene
 from wideberth.framework.values.tracks import Tracks
-from wideberth.predictors.mixture_density import MixtureDensity
-from wideberth.predictors.single_gaussian import SingleGaussian
 
 NAMES = names("predictors")
 SLOW = {"game": 5, "social_force": 15}
@@ -174,41 +172,6 @@ def test_who_has_stopped_is_not_sent_on(name: str) -> None:
     forecast = load("predictors", name)().predict(single(path), STEPS)
     mean = np.einsum("om,omnd->ond", forecast.weight, forecast.mean)
     assert np.linalg.norm(mean[0] - path[-1], axis=1).max() < 0.5
-
-
-def recordings() -> list[Tracks]:
-    """People who walk and turn, for 40 rows each."""
-    rng = np.random.default_rng(6)
-    made = []
-    for scene in range(2):
-        pace = 1.3 * rng.random((14, 1, 1))
-        turn = np.cumsum(rng.normal(0, 0.1, (14, 40)), axis=1)
-        heading = rng.uniform(-np.pi, np.pi, (14, 1)) + turn
-        steps = 0.4 * pace * np.stack([np.cos(heading), np.sin(heading)], axis=2)
-        positions = np.cumsum(steps + rng.normal(0, 0.02, steps.shape), axis=1)
-        positions[::7, 25:30] = NAN
-        ids = tuple(f"{scene}.{i}" for i in range(14))
-        noise = np.tile(1e-4 * np.eye(2), (14, 1, 1))
-        made.append(Tracks(positions, 0.4, ids, np.full(14, 0.3), noise))
-    return made
-
-
-LEARNERS = [name for name in NAMES if issubclass(load("predictors", name), Fittable)]
-SHORT: dict[str, Predictor] = {
-    "mixture_density": MixtureDensity(rounds=2),
-    "single_gaussian": SingleGaussian(MixtureDensity(rounds=2)),
-}
-"""The network is trained for a moment only: its laws do not depend on how well."""
-FEW = {"coordinated_turn": 3, "imm": 3}
-"""People per recording for those whose fit is a long search."""
-
-
-@pytest.mark.parametrize("name", LEARNERS)
-def test_fitted_copies_keep_the_laws(name: str) -> None:
-    predictor = SHORT.get(name) or load("predictors", name)()
-    people = list(range(FEW.get(name, 14)))
-    dataset = [scene.select(people) for scene in recordings()]
-    check_predictor(predictor, dimensions=(2,), dataset=dataset)
 
 
 @dataclass(frozen=True)

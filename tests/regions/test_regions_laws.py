@@ -26,10 +26,10 @@ ALL = [(one, size) for kind in KINDS for one in variants(kind) for size in one.d
 NAMES = [f"{one!r}-{size}D" for one, size in ALL]
 every = pytest.mark.parametrize(("region", "size"), ALL, ids=NAMES)
 
-EXAMPLES, RAYS = 16, 125
+EXAMPLES, RAYS = 10, 80
 FACTORS = (0.0, 0.5, 0.999, 1.0 - 1e-5, 1.0 + 1e-5, 1.001, 1.5)
 FACTORS_AT_RANDOM = 2
-"""Per ray also this many multiples at random: 16 * 125 * (7 + 2) = 18 000 points."""
+"""Per ray also this many multiples at random: 10 * 80 * (7 + 2) = 7200 points."""
 
 compiled: Any = cache(compile_twin)
 
@@ -74,7 +74,7 @@ def build(region: Region, size: int, given: dict[str, Any]) -> RegionCase | None
 
 @every
 def test_symbolic_equals_numeric(region: Region, size: int) -> None:
-    """At 18 000 points, most of them within 1e-5 to 1e-3 of the boundary."""
+    """At 7200 points, most of them within 1e-5 to 1e-3 of the boundary."""
     twin: Twin = compiled(region, size)
 
     @settings(max_examples=EXAMPLES, derandomize=True, deadline=None, database=None)
