@@ -1,5 +1,7 @@
 """When truth falls due for the online calibration, and where it was then."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.stats import chi2
 
@@ -7,10 +9,14 @@ from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.adaptive_conformal import (
     LIMIT,
     AdaptiveConformal,
+    Online,
+    Pending,
     _position,
     _quantile,
+    _slack,
     _starts,
 )
+from wideberth.predictors.constant_velocity import ConstantVelocity
 from wideberth.predictors.static import Static
 
 
@@ -31,7 +37,14 @@ def test_truth_is_looked_up_between_two_samples() -> None:
         (10, (6, 4)),
     ):
         np.testing.assert_allclose(_position(seen, time), [wanted], err_msg=str(time))
-    assert np.isnan(_position(seen, 8.9)).all()
+    assert np.isnan(_position(seen, 8.9)).all() and np.isnan(_position(seen, -np.inf)).all()
+    np.testing.assert_array_equal(_position(seen, 10.0 + 1e-9), [[6.0, 4.0]])
+    seen.positions.setflags(write=True)
+    seen.positions[0, 1] = np.nan
+    near, far = (_position(seen, 10.0 - 0.5 * share * 1e-6) for share in (0.8, 1.2))
+    np.testing.assert_array_equal(near, [[6.0, 4.0]])
+    assert np.isnan(far).all()
+    seen.positions[0, 1] = 2.0, 4.0
     alone = tracks_of(seen.positions[:, -1:], stamp=10.0)
     np.testing.assert_array_equal(_position(alone, 10.0), [[6.0, 4.0]])
     assert np.isnan(_position(alone, 9.9)).all()
@@ -103,3 +116,45 @@ def test_a_start_is_the_quantile_of_the_distances_over_that_of_chi_square() -> N
     for step, column in enumerate(np.concatenate(squares).T):
         wanted = np.log(_quantile(column, np.array(weights), 0.7) / chi2(2).ppf(0.7))
         np.testing.assert_allclose(made.start[step], np.clip(wanted, -LIMIT, LIMIT), rtol=1e-9)
+
+
+def test_a_clock_of_large_numbers_is_coarse() -> None:
+    for stamp, wanted in ((10.0, 0.5e-6), (1.7e9, 4.0 * 2.0**-22)):
+        assert _slack(tracks_of(np.zeros((1, 2, 2)), stamp)) == wanted
+
+
+def test_scales_are_those_learnt_last_else_those_of_the_fit() -> None:
+    """exp(l) of each step and class; on another grid those between."""
+    scene = tracks_of(np.zeros((2, 4, 2)), stamp=1.5)
+    scene.positions.setflags(write=True)
+    scene.positions[1, :, 0] = 2.0 * np.arange(4.0)
+    walking = ConstantVelocity(window=1)
+    base = walking.predict(scene, 3).covariance[:, 0]
+    start = (0.1, 0.2, 0.3, 1.1, 1.2, 1.3)
+    fit = AdaptiveConformal(walking, steps=3, speeds=(0.5,), start=start, start_dt=0.5)
+    other = Online(1.5, 0.5, tuple(2.0 * value for value in start))
+    for own, factor in ((fit, 1.0), (replace(fit, state=other), 2.0)):
+        found = own.predict(scene, 3).covariance[:, 0]
+        scale = np.exp(factor * np.reshape(start, (2, 3)))
+        np.testing.assert_allclose(found, base * scale[..., None, None])
+    plain = AdaptiveConformal(walking, steps=3, speeds=(0.5,))
+    np.testing.assert_array_equal(plain.predict(scene, 3).covariance[:, 0], base)
+    assert plain._first(0.5) == (0.0,) * 6 and fit._first(0.5) == start
+    np.testing.assert_allclose(fit._first(0.75), [0.15, 0.3, 0.3, 1.15, 1.3, 1.3])
+    np.testing.assert_allclose(fit._first(0.3), [0.1, 0.12, 0.18, 1.1, 1.12, 1.18])
+
+
+def test_who_is_known_when_a_step_falls_due_is_inside_or_outside() -> None:
+    """Of a unit circle around its forecast, at the second step; who is partly seen is not."""
+    mean = np.zeros((4, 1, 3, 2))
+    mean[:, 0, 1, 0] = 10.0 * np.arange(4.0)
+    pending = Pending(
+        5.0, ("o0", "o1", "gone", "o2"), (0, 1, 1, 2), mean,
+        np.tile(np.eye(2), (4, 1, 3, 1, 1)), np.ones((4, 1)),
+    )  # fmt: skip
+    places = np.zeros((3, 3, 2))
+    places[:, 1] = [[2.0, 0.0], [10.0 + 3.0, 0.0], [30.0, np.nan]]
+    seen = tracks_of(places, stamp=6.5)
+    own = AdaptiveConformal(Static(), tail=0.05)
+    found = own._missed(pending, 1, seen, {"o0": 0, "o1": 1, "o2": 2})
+    assert found[0].tolist() == [0, 1] and found[1].tolist() == [0.0, 1.0]

@@ -242,3 +242,17 @@ def test_the_likelihood_is_that_of_all_samples_together(size):
         known = np.isfinite(gap)
         wanted = multivariate_normal(np.zeros(known.sum()), spread[np.ix_(known, known)])
         assert found[o] == pytest.approx(wanted.logpdf(gap[known]), rel=1e-9)
+
+
+def test_the_density_of_a_position_is_that_of_its_innovation():
+    rng = np.random.default_rng(17)
+    root = rng.standard_normal((4, 4))
+    spread, state = root @ root.T, rng.standard_normal(4)
+    place, variance = rng.standard_normal(2), np.array([0.3, 0.7])
+    batch = [np.repeat(one[..., None], 3, axis=-1) for one in (state, spread, place, variance)]
+    after, left, density = measured_update(*batch)
+    wide = spread[:2, :2] + np.diag(variance)
+    gain = spread[:, :2] @ np.linalg.inv(wide)
+    np.testing.assert_allclose(density, multivariate_normal(state[:2], wide).logpdf(place))
+    np.testing.assert_allclose(after[:, 1], state + gain @ (place - state[:2]))
+    np.testing.assert_allclose(left[..., 2], spread - gain @ spread[:2], atol=1e-12)

@@ -10,8 +10,10 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.constant_acceleration import singer
 from wideberth.predictors.coordinated_turn import (
+    CHORD,
     CoordinatedTurn,
     TurnModel,
+    _chords,
     _sinc_slope,
     extended_step,
     filter_turns,
@@ -298,3 +300,18 @@ def test_filtering_together_is_filtering_one_by_one():
         np.testing.assert_allclose(found[0][o], state[0], rtol=1e-10, atol=1e-12)
         np.testing.assert_allclose(found[1][o], spread[0], rtol=1e-9, atol=1e-14)
         assert found[2][o] == pytest.approx(np.mean(fit) / 2.0, rel=1e-9)
+
+
+def test_the_first_chord_is_over_the_steps_that_it_takes():
+    """To the first sample seen at least `CHORD` steps on, else to the newest."""
+    paths = np.full((4, CHORD + 3, 2), np.nan)
+    paths[0] = np.arange(CHORD + 3.0)[:, None] ** 2 * [1.0, 0.5]
+    paths[1, -2:] = [[1.0, 1.0], [3.0, 1.0]]
+    paths[2, -1:] = 5.0
+    paths[3] = paths[0]
+    paths[3, CHORD] = np.nan
+    names, spread = ("a", "b", "c", "d"), np.tile(1e-4 * np.eye(2), (4, 1, 1))
+    chord, span = _chords(gather(Tracks(paths, 0.5, names, np.full(4, 0.3), spread)))
+    assert span.tolist() == [CHORD, 1.0, 1.0, CHORD + 1.0]
+    wanted = [[CHORD**2, 0.5 * CHORD**2], [2.0, 0.0], [0.0, 0.0]]
+    np.testing.assert_allclose(chord, [*wanted, [(CHORD + 1) ** 2, 0.5 * (CHORD + 1) ** 2]])

@@ -1,5 +1,7 @@
 """The paper's predictor against statsmodels, its own equations and simulation."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -234,3 +236,18 @@ def test_a_trackers_state_covariance_replaces_the_start():
 def test_bad_settings_are_refused_by_name(settings, words):
     with pytest.raises(WideberthError, match=words):
         VectorAutoregression(**settings)
+
+
+def test_the_gate_looks_at_the_steps_that_count():
+    """Of who is two steps late, at two more; nobody's beyond the forecast."""
+    own = SimpleNamespace(mean=np.zeros((3, 3, 2)), covariance=np.zeros((3, 3, 2, 2)), steps=3)
+    past = SimpleNamespace(origin=np.zeros((3, 2)), late=np.array([0, 2, 1]))
+    var = VectorAutoregression(max_speed=2.0, gate=True)
+    path = np.zeros((3, var.order + 5, 2))
+    path[:, var.order + 4] = 3.0, 4.0
+    found = var._judge(own, past, path)
+    assert found == [None, "predicted speed 5 m/s, at most 2", None]
+    path[:, var.order + 2] = 0.0, 2.0
+    assert var._judge(own, past, path)[0] is None
+    path[:, var.order + 2] = 0.0, 2.1
+    assert var._judge(own, past, path)[0] == "predicted speed 2.1 m/s, at most 2"

@@ -14,6 +14,8 @@ from wideberth.framework.testing.region_cases import variants
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.framework.values.polygon import Polygon
+from wideberth.regions.bhattacharyya import _inner
+from wideberth.regions.density import checked_spread
 
 REGIONS = [
     one for name in registry.names("regions") for one in variants(registry.load("regions", name))
@@ -132,3 +134,19 @@ def test_polygon(vertices: Any, words: str) -> None:
     """All cases stand with the polygons; these are the ones that regions rely on."""
     with pytest.raises(WideberthError, match=words):
         Polygon(vertices)
+
+
+def test_a_covariance_is_thin_below_a_share_of_1e_12() -> None:
+    for share, refused in ((1e-10, False), (1e-13, True)):
+        obstacle = GaussianObstacle(np.zeros(2), np.diag([1.0, share]))
+        if refused:
+            with pytest.raises(WideberthError, match="singular"):
+                checked_spread(obstacle, "density")
+        else:
+            np.testing.assert_allclose(checked_spread(obstacle, "density"), [1.0, share])
+
+
+def test_an_empty_ellipse_of_bhattacharyya_s_is_a_millionth_of_a_deviation() -> None:
+    rest, size = _inner(np.array([1.0, 2.0, 0.5]), np.array([0.4, 0.5, 1.0]))
+    assert rest.tolist() == [1.0, 2.0]
+    np.testing.assert_allclose(size, [1e-6, 1e-6, 2.0])

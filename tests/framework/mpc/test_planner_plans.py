@@ -134,6 +134,7 @@ def test_a_plan_tells_when_it_is_below_its_reference() -> None:
     ("change", "words"),
     [
         ({"horizon": 0}, "planner.horizon is 0"),
+        ({"horizon": 1001}, "planner.horizon"),
         ({"dt": -0.5}, "planner.dt is -0.5"),
         ({"latency": -0.1}, "planner.latency"),
         ({"deadline": 0.0}, "planner.deadline"),

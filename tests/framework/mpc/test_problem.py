@@ -332,3 +332,30 @@ def test_kinds_without_slots_or_levels_are_passed_over() -> None:
     both = replace(parameters, slots=(*parameters.slots, none))
     found = with_auxiliaries_of(robot, (discs, polygons), both, guess)
     assert [one.shape for one in found.auxiliaries] == [(STEPS, 1, 0), (STEPS, 0, 0)]
+
+
+def test_an_empty_slot_holds_its_auxiliaries_and_nothing_else() -> None:
+    """1 >= 0, and each auxiliary that has an equality at its start, moved off its bounds."""
+    problem, _, _ = full(np.random.default_rng(5))
+    rng, ties = np.random.default_rng(6), []
+    for slots in problem.slots:
+        own = slots.auxiliary
+        rest = []
+        for start, low, high in zip(own.start, own.lower, own.upper, strict=True):
+            room = min(1.0, 0.5 * (high - low))
+            rest.append(min(max(start, low + room), high - room))
+        lifted, numbers = rng.standard_normal(len(own)), rng.random(slots.size)
+        numbers[slots.active] = 0.0
+        keeps, tied = slots.constraint(rng.standard_normal(problem.states), lifted, 0.3, numbers)
+        assert set(np.array(keeps).ravel()) == {1.0}
+        ties.append(np.array(tied).ravel())
+        np.testing.assert_allclose(ties[-1], (lifted - rest)[: len(ties[-1])])
+    assert len(ties[1]) > 1
+
+
+def test_a_bare_plan_is_checked_as_one_with_no_auxiliaries() -> None:
+    problem, parameters, guess = set_up(Unicycle(), MahalanobisEllipse(), Fixed(), 1, y=0.0)
+    bare = Guess.bare(guess.states, guess.inputs, guess.level)
+    one, two = (violation(problem, parameters, point) for point in (bare, guess))
+    assert bare.auxiliaries == () and one.worst > 0.1
+    np.testing.assert_array_equal(one.regions, two.regions)

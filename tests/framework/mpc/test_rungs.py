@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from wideberth.framework.mpc.fallback import rungs as ladder
+from wideberth.framework.mpc.fallback.giving_way import held
 from wideberth.framework.mpc.fallback.instance_check import (
     TOLERANCE,
     Candidate,
@@ -432,3 +433,39 @@ def test_only_a_shared_level_is_aimed_at() -> None:
     assert level == pytest.approx(MahalanobisEllipse().level(0.05))
     assert judged().named("brake") == "brake"
     assert replace(judged(), way="ahead").named("brake") == "brake (ahead)"
+
+
+@pytest.mark.parametrize("y", [0.0, 0.4, 0.9, 1.6])
+def test_the_level_held_is_the_largest_share_that_enters_nothing(y: float) -> None:
+    check, guess = instance(Fixed(0.05), y=y)
+    (slot,), region = check.parameters.slots, MahalanobisEllipse()
+    candidate = Candidate(guess, check.check(guess))
+    level, way = held(check, candidate, optimal=False)
+    asked = region.level(0.05)
+    numbers, places = slot.parameters[:, 0], guess.states[1:, :2]
+
+    def inside(share: float) -> Any:
+        return region.contains(places, numbers, np.full(STEPS, share * asked))
+
+    entered = inside(1.0)
+    if not entered.any():
+        assert way is None and (level == asked).all()
+        return
+    assert way is not None and way.name == "a" and way.asked == pytest.approx(0.05)
+    assert way.step == int(entered.argmax()) + 1
+    np.testing.assert_allclose(level[~entered, 0], asked)
+    share = level[entered, 0].min() / asked
+    np.testing.assert_allclose(level[entered, 0], share * asked)
+    if inside(0.0).any():  # even the margin alone is entered
+        assert share == 0.0 and way.held == 1.0
+        return
+    assert not inside(share - 2e-3).any() and inside(share + 2e-3).any()
+    assert way.held == pytest.approx(region.tail(share * asked))
+
+
+def test_the_level_of_an_optimal_plan_is_the_solver_s() -> None:
+    check, guess = instance(Relaxed(0.05, weight=1.0, minimum=0.0), y=0.4)
+    candidate = Candidate(replace(guess, level=0.7), check.check(guess))
+    level, way = held(check, candidate, optimal=True)
+    assert (level == 0.7).all() and way is not None
+    assert way.held == pytest.approx(MahalanobisEllipse().tail(0.7))

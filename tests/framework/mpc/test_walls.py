@@ -13,16 +13,19 @@ from wideberth.framework.mpc.fallback.instance_check import InstanceCheck
 from wideberth.framework.mpc.fallback.rollout import steer
 from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.fixed import Fixed
+from wideberth.framework.mpc.ocp.bodies import Body
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.slots.built_in import built_in
+from wideberth.framework.mpc.slots.contact import Way
 from wideberth.framework.mpc.slots.gaussian_discs import Obstacles
 from wideberth.framework.mpc.slots.static_polygons import (
     CORNERS,
     NONE,
     Walls,
     choose_walls,
+    fill_walls,
     padded,
 )
 from wideberth.framework.mpc.solvers.base import Solver
@@ -293,3 +296,35 @@ def test_what_is_touched_is_seen_wherever_the_plan_is() -> None:
         assert (touch.depth.any() or deep < 0.1) and (deep > 0.0 or not touch.depth.any())
         met += bool(touch.depth.any())
     assert 5 < met < 35
+
+
+@pytest.mark.parametrize(("stride", "looks"), [(0.3, 1), (0.31, 2), (1.0, 4), (99.0, 32)])
+def test_the_way_is_looked_at_every_half_width(stride: float, looks: int) -> None:
+    states = np.zeros((3, 5))
+    states[1:, 0], states[2, 2] = stride, 0.5
+    found = Way.of(Unicycle(), Body(0.3), states)
+    np.testing.assert_allclose(found.share, np.arange(1, looks + 1) / looks)
+    assert found.corners.shape == (2, looks, 1, 2)
+    np.testing.assert_allclose(found.corners[0, :, 0, 0], stride * found.share)
+    np.testing.assert_allclose(found.corners[1, :, 0], [[stride, 0.0]] * looks)
+    cut = 0.3 - np.sqrt(max(0.3**2 - 0.25 * stride**2, 0.25 * 0.3**2))
+    np.testing.assert_allclose(found.cut, [cut, 0.0], atol=1e-12)
+    turned = Way.of(Unicycle(), Body(0.0, outline=((0.5, 0.2), (-0.5, 0.2), (0.0, -0.4))), states)
+    last = turned.corners[1, -1]
+    np.testing.assert_allclose(
+        last[0], [stride + 0.5 * np.cos(0.5) - 0.2 * np.sin(0.5),
+                  0.5 * np.sin(0.5) + 0.2 * np.cos(0.5)],
+    )  # fmt: skip
+
+
+def test_an_empty_slot_holds_a_triangle() -> None:
+    parts = np.stack([np.array(block(k, 5.0, "a").vertices) for k in range(3)])
+    walls = Walls(parts, ("a",) * 3, parts, ("a",) * 3)
+    spread = np.tile(0.01 * np.eye(2), (2, 1, 1))
+    for region in REGIONS:
+        found = fill_walls(walls, region, 0.4, spread)
+        assert found.active.tolist() == [1.0, 1.0, 1.0, 0.0, 0.0] and found.level is None
+        triangle = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.0, 1.0]])
+        for slot, part in enumerate([*parts, triangle, triangle]):
+            wanted = region.parameters(part, np.array(0.4), spread[0])
+            np.testing.assert_allclose(found.parameters[1, slot], wanted)
