@@ -64,6 +64,7 @@ AREAS: dict[str, list[str]] = {
 }  # fmt: skip
 TESTS = (
     "alignment",
+    "cycle.py",
     "multistart",
     "kept_in_step",
     "judged_in_time",

@@ -420,3 +420,14 @@ def test_an_error_is_that_of_the_mode_that_came_nearest_over_the_horizon():
     np.testing.assert_allclose(found[0], paths[0, 1:] - [3.0, 0.0])
     np.testing.assert_allclose(found[1], paths[1, 1:])
     np.testing.assert_allclose(found[2], paths[2, 1:])
+
+
+@pytest.mark.parametrize("edges", ["speeds", "jitters"])
+def test_edges_of_a_table_do_not_decrease(edges):
+    rows = (TABLE.variances[0],) * 6
+    for values, refused in (((0.3, 0.3), False), ((0.4, 0.3), True)):
+        if refused:
+            with pytest.raises(WideberthError, match="edges must not decrease"):
+                replace(TABLE, variances=rows, **{edges: values})
+        else:
+            assert getattr(replace(TABLE, variances=rows, **{edges: values}), edges) == values

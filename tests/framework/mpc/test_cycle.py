@@ -1,20 +1,26 @@
 """The planning cycle is a function: settings and state in, a new state and a decision out."""
 
 from dataclasses import FrozenInstanceError, fields
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.planner.best_response import Agent, BestResponsePlanner
+from wideberth.framework.mpc.planner import best_response, cycle
+from wideberth.framework.mpc.planner import planner as shell
+from wideberth.framework.mpc.planner.best_response import Agent, BestResponsePlanner, state_of
 from wideberth.framework.mpc.planner.cycle import PlannerState, Services, remember, step
 from wideberth.framework.mpc.planner.settings import PlannerSettings, changed
 from wideberth.framework.plugins.config import describe
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast
-from wideberth.framework.values.motion import Observation
-from wideberth.framework.values.plan import Rung
+from wideberth.framework.values.motion import Command, Observation
+from wideberth.framework.values.plan import Rung, Status
 from wideberth.predictors.adaptive_conformal import AdaptiveConformal
 from wideberth.predictors.kalman import Kalman
+from wideberth.robots.holonomic import Holonomic
+from wideberth.robots.unicycle import Unicycle
 from wideberth.tests.helpers.planning import STRAIGHT, at, planner
 
 
@@ -103,3 +109,114 @@ def test_a_best_response_leaves_its_planner_as_it_is() -> None:
     np.testing.assert_array_equal(first[1], second[1])
     assert not isinstance(alone, str) and np.abs(first[1] - alone[1]).max() > 1e-3
     assert describe(made) == before and made.plan is None
+
+
+@pytest.mark.parametrize("robot", [Unicycle(), Holonomic()], ids=repr)
+def test_a_best_response_is_planned_in_the_agent_s_own_frame(
+    robot: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The agent at the origin, its goal on the x axis, the difference of the radii with theirs."""
+    asked: list[Any] = []
+    made = planner(robot=robot, horizon=5, dt=0.4)
+
+    def step(settings: Any, state: Any, observation: Any, services: Any) -> Any:
+        asked.append((settings, state, observation))
+        positions = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.5]])
+        known = dict(dt=0.4, status=Status.SOLVED, violation=0.0, reason="told", iterations=0)
+        known |= {"positions": positions, **told}
+        return None, SimpleNamespace(plan=SimpleNamespace(**known))
+
+    monkeypatch.setattr(best_response, "step", step)
+    model = BestResponsePlanner(made)
+    assert model.steps(0.25) == 8 and model.steps(0.4) == 5 and model.steps(2.0) == 1
+    place, north = np.array([1.0, 2.0]), np.array([0.0, 1.0])
+    state = state_of(robot, place, 0.3 * north, np.array([1.0, 0.0]))
+    one = Agent(state, north, 0.3, robot.radius + 0.1)
+    spread = np.diag([0.04, 0.09])
+    ahead = Forecast.single(
+        np.array([[[1.0, 5.0]] * 9, [[0.0, 2.0]] * 9]), np.tile(spread, (2, 9, 1, 1)), 0.25
+    )
+    told: dict[str, Any] = {}
+    times, places = model.respond(one, ahead, [0.5, 0.0])
+    np.testing.assert_allclose(times, [0.0, 0.4, 0.8])
+    np.testing.assert_allclose(places, [[1.0, 2.0], [1.0, 3.0], [0.5, 4.0]])
+    ((used, begun, seen),) = asked
+    assert used.reference_speed == 0.3 and used.track_dt == 0.25 and used.latency == 0.0
+    assert used.deadline is None and used.starts == () and used.horizon == 5
+    assert begun.progress.path.length == pytest.approx(2.0 * 0.3 * 5 * 0.4)
+    np.testing.assert_allclose(
+        seen.state, state_of(robot, np.zeros(2), np.array([0.3, 0.0]), north), atol=1e-12
+    )
+    assert [one.ident for one in seen.detections] == ["0000", "0001"]
+    np.testing.assert_allclose([one.position for one in seen.detections], [[3.0, 0.0], [0.0, 1.0]])
+    assert [one.radius for one in seen.detections] == pytest.approx([0.6, 0.1])
+    assert not any(np.any(one.covariance) for one in seen.detections)
+    forecast = used.predictor.predict(None, 3)
+    np.testing.assert_allclose(forecast.mean[:, 0], [[[3.0, 0.0]] * 3, [[0.0, 1.0]] * 3])
+    np.testing.assert_allclose(forecast.covariance[0, 0], [np.diag([0.09, 0.04])] * 3)
+
+    small = Agent(state, north, 0.3, 0.0)
+    model.respond(small, ahead, [0.0, robot.radius + 0.2])
+    assert [one.radius for one in asked[-1][2].detections] == pytest.approx([0.0, 0.2])
+    model.respond(one, None, ())
+    assert asked[-1][2].detections == ()
+    for change, fails in (
+        ({"status": Status.FAILED}, True),
+        ({"status": Status.FAILED, "iterations": 3}, False),
+        ({"violation": float("nan")}, True),
+    ):
+        told = change
+        assert (model.respond(one, None, ()) == "told") is fails
+
+
+def test_a_state_looks_where_it_moves_or_is_told() -> None:
+    robot, place = Unicycle(), np.array([1.0, 2.0])
+    moving = state_of(robot, place, np.array([0.0, -0.3]), np.array([1.0, 0.0]))
+    np.testing.assert_allclose(moving, [1.0, 2.0, -0.5 * np.pi, 0.3, 0.0])
+    still = state_of(robot, place, np.zeros(2), np.array([-0.6, 0.8]))
+    np.testing.assert_allclose(still[2:], [np.arctan2(0.8, -0.6), 0.0, 0.0])
+
+
+def test_a_path_is_warmed_up_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[Any] = []
+    monkeypatch.setattr(shell, "warm_up", lambda *given: calls.append(given))
+    made = planner()
+    assert len(calls) == 1 and calls[0][0] is made and calls[0][2] is STRAIGHT
+    made._services.problems.of(((0,), (0, 4)))
+    made.set_path(STRAIGHT)
+    assert len(calls) == 1
+
+
+def test_commands_follow_one_another_and_stay_within_limits() -> None:
+    robot = Unicycle()
+    first = cycle._smoothed(None, Command((0.4, 0.0), ramp=0.5), 2.0)
+    assert first.at(2.0).linear[0] == first.at(9.0).linear[0] == pytest.approx(0.4)
+    then = cycle._smoothed(first, Command((0.2, 0.0), ramp=0.5), 3.0)
+    assert [then.at(t).linear[0] for t in (3.0, 3.25, 3.5, 9.0)] == pytest.approx(
+        [0.4, 0.3, 0.2, 0.2]
+    )
+    fine = Command((0.2, 0.0), 0.1, 0.5)
+    assert cycle._limited(robot, fine) == (fine, "")
+    fast, note = cycle._limited(robot, Command((50.0, 0.0), 0.1, 0.5))
+    assert note.startswith("command: ") and 0.0 < fast.linear[0] < 50.0
+    assert cycle.joined("a", "", "b") == "a; b" and cycle.joined("", "") == ""
+
+
+def test_a_delay_carries_state_and_covariance() -> None:
+    """At 0.5 m/s for 0.2 s: 0.1 m on, and the variance of the speed times 0.2 s squared beside."""
+    late = changed(planner(), latency=0.2)
+    state = PlannerState.initial(late, STRAIGHT)
+    here = at(0.0, 1.0).state
+    moved = cycle._delayed(late, state, 0.0, here)
+    np.testing.assert_allclose(moved, here + np.array([0.1, 0.0, 0.0, 0.0, 0.0]), atol=1e-12)
+    known = np.diag([0.01, 0.02, 0.0, 0.04, 0.0])
+    seen = Observation(0.0, here, covariance=known)
+    spread = cycle._spread(late, state, seen)
+    assert spread is not None
+    np.testing.assert_allclose(spread[0, 0], 0.01 + 0.04 * 0.2**2, rtol=1e-4)
+    np.testing.assert_allclose(spread[0, 3], 0.04 * 0.2, rtol=1e-4)
+    assert cycle._spread(late, state, Observation(0.0, here)) is None
+    now = planner()
+    assert cycle._delayed(now, state, 0.0, here) is here
+    assert cycle._spread(now, state, seen) is seen.covariance
+    assert cycle._place(now.robot, here).tolist() == [1.0, 0.0]

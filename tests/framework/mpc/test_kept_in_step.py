@@ -1,6 +1,7 @@
 """What plans are made from and fall back on, to the step: shapes, clocks, sides, directions."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,9 +20,11 @@ from wideberth.framework.mpc.planner.multistart import (
     remaining_inputs,
 )
 from wideberth.framework.mpc.slots.static_polygons import nearness
-from wideberth.framework.tracking.perception import completed
-from wideberth.framework.values.forecast import Forecast
-from wideberth.framework.values.motion import Observation
+from wideberth.framework.predictor import Adaptive, Predictor
+from wideberth.framework.tracking.perception import Perception, completed, narrowed, scene_of
+from wideberth.framework.values.errors import WideberthError
+from wideberth.framework.values.forecast import Forecast, Scene
+from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.tracks import Tracks
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.holonomic import Holonomic
@@ -219,3 +222,133 @@ def test_who_has_no_forecast_stays_where_he_was_seen() -> None:
     wide = np.array([1.5, 2.0, 2.5])[:, None, None] ** 2 * np.eye(2)
     np.testing.assert_allclose(found.covariance[1, 0], noise[1] + wide)
     assert found.fallback == (None, "out of order") and found.weight.tolist() == [[1.0], [1.0]]
+
+
+@dataclass(frozen=True)
+class Told(Adaptive):
+    """Forecasts what it is told, in so many steps; raises for names that are in ``bad``."""
+
+    bad: tuple[str, ...] = ()
+    change: Any = None
+    learnt: int = 0
+
+    def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
+        if set(self.bad) & set(tracks.ids):
+            raise ValueError("told to")
+        if scene is not None and scene.goals is not None:
+            assert len(scene.goals) == len(tracks)
+        mean = np.tile(np.arange(1.0, steps + 1)[:, None], (len(tracks), 1, 2))
+        mean = mean + np.array([10.0 * ord(name) for name in tracks.ids])[:, None, None]
+        wide = np.tile(np.eye(2), (len(tracks), steps, 1, 1))
+        forecast = Forecast.single(mean, wide, tracks.dt)
+        return forecast if self.change is None else self.change(forecast)
+
+    def update(self, tracks: Tracks, scene: Scene | None = None) -> "Told":
+        if self.bad:
+            raise ValueError("told to")
+        return replace(self, learnt=self.learnt + 1)
+
+
+def perceiving(predictor: Predictor) -> Perception:
+    return Perception.initial(predictor, 2, 0.5, 4, 0.25, 3.0)
+
+
+def observed(time: float, *names: str) -> Observation:
+    around = tuple(
+        Detection(name, np.array([5.0 * k, 1.0]), 0.01 * np.eye(2), 0.3)
+        for k, name in enumerate(names)
+    )
+    return Observation(time, np.array([0.0, 0.0, 0.0, 0.5, 0.0]), around)
+
+
+def test_perception_notes_what_the_clock_does() -> None:
+    one = perceiving(Told()).take(observed(2.0, "a"))
+    assert one.stamp == 2.0 and one.notes == () and list(one.history.logs) == ["a"]
+    back = one.take(observed(1.5, "b"))
+    assert back.notes == ("clock went back by 0.5 s",) and list(back.history.logs) == ["b"]
+    again = back.take(observed(1.5, "b"))
+    assert again.notes == back.notes
+    empty, notes = again.drained()
+    assert empty.notes == () and notes == again.notes and empty.stamp == 1.5
+    assert one.take(replace(observed(2.5, "a"), stamp=2.5)).stamp == 2.5
+    unknown = observed(3.0, "a")
+    object.__setattr__(unknown, "stamp", float("nan"))
+    assert one.take(unknown) is one
+    coarse = perceiving(Told()).take(observed(2.0**46, "a"))  # steps of 2^-6 s
+    assert coarse.notes == (f"clock counts in steps of 0.0156 s at {2.0**46:.3g} s",)
+    assert perceiving(Told()).take(observed(2.0**44, "a")).notes == ()
+
+
+def test_a_predictor_that_raises_while_it_learns_stays_as_it_was() -> None:
+    seen = perceiving(Told()).take(observed(0.0, "a"))
+    tracks, scene = seen.history.tracks(), Scene(np.zeros(5))
+    learnt = seen.learnt(tracks, scene).predictor
+    assert isinstance(learnt, Told) and learnt.learnt == 1
+    assert seen.learnt(None, scene) is seen
+    bad = perceiving(Told(bad=("a",))).take(observed(0.0, "a"))
+    after = bad.learnt(tracks, scene)
+    assert after.predictor is bad.predictor
+    assert after.notes == ("not adapted: ValueError: told to",)
+
+
+def test_a_forecast_reaches_the_last_step_of_the_plan() -> None:
+    """0.25 s late, steps of 0.4 s from tracks of 0.5 s: between what was forecast for them."""
+    seen = perceiving(Told()).take(observed(0.0, "a", "b"))
+    tracks, scene = seen.history.tracks(), Scene(np.zeros(5))
+    assert tracks is not None and seen.forecast(None, 0.0, np.ones(1), scene) is None
+    grid = 0.4 * np.arange(1.0, 4.0)
+    found = seen.forecast(tracks, 0.25, grid, scene)
+    assert found is not None and found.dt == pytest.approx(0.4)
+    place = (0.25 + grid) / 0.5
+    for row, name in enumerate(tracks.ids):
+        wanted = np.repeat(10.0 * ord(name) + place[:, None], 2, axis=1)
+        np.testing.assert_allclose(found.mean[row, 0], wanted)
+    exact = seen.forecast(tracks, 0.0, np.array([0.5, 1.0]), scene)
+    assert exact is not None and exact.steps == 2
+
+
+def test_who_cannot_be_forecast_is_told_apart() -> None:
+    seen = perceiving(Told(bad=("b",))).take(observed(0.0, "a", "b", "c"))
+    tracks = seen.history.tracks()
+    assert tracks is not None
+    scene = Scene(np.zeros(5), goals=np.arange(6.0).reshape(3, 2))
+    found = seen.forecast(tracks, 0.0, np.array([0.5, 1.0]), scene)
+    assert found is not None and found.fallback == (None, "ValueError: told to", None)
+    np.testing.assert_allclose(found.mean[1, 0], tracks.positions[1, -1:].repeat(2, axis=0))
+    np.testing.assert_allclose(found.mean[2, 0, :, 0], 990.0 + np.array([1.0, 2.0]))
+    with pytest.raises(ValueError, match="told to"):
+        broken = perceiving(Told(bad=("a", "b", "c")))
+        broken.take(observed(0.0, "a", "b", "c")).forecast(tracks, 0.0, np.array([0.5]), scene)
+    assert narrowed(scene, [2, 0]).goals.tolist() == [[4.0, 5.0], [0.0, 1.0]]
+    plain = Scene(np.zeros(5))
+    assert narrowed(plain, [0]) is plain
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda one: one.mean, "Told.predict returned ndarray"),
+        (lambda one: replace(one, dt=0.4), "steps of 0.4 s; asked for 0.5 s"),
+        (
+            lambda one: Forecast.single(one.mean[:, 0, :1], one.covariance[:, 0, :1], one.dt),
+            "forecast 1 obstacles, 1 steps, 2 coordinates; asked for 1, 2, 2",
+        ),
+    ],
+)
+def test_a_forecast_of_another_kind_is_refused(change: Any, words: str) -> None:
+    seen = perceiving(Told(change=change)).take(observed(0.0, "a"))
+    with pytest.raises(WideberthError, match=words):
+        seen.forecast(seen.history.tracks(), 0.0, np.array([0.5, 1.0]), Scene(np.zeros(5)))
+
+
+def test_a_predictor_is_shown_the_last_plan_with_its_times() -> None:
+    plan, _ = emergency(Unicycle(), Observation(0.0, np.zeros(5)), "a test", 3, 0.5)
+    seen = observed(2.5, "a")
+    scene = scene_of(seen, replace(plan, stamp=2.0), 0.4)
+    assert scene.radius == 0.4
+    np.testing.assert_array_equal(scene.plan, plan.positions)
+    np.testing.assert_allclose(scene.plan_times, [2.0, 2.5, 3.0, 3.5])
+    np.testing.assert_array_equal(scene.ego, seen.state)
+    for known in (None, replace(plan, stamp=2.0**54)):
+        bare = scene_of(seen, known, 0.4)
+        assert bare.plan is None and bare.plan_times is None
