@@ -17,6 +17,7 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.motion import Command, Observation
 from wideberth.framework.values.plan import Rung, Status
+from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.adaptive_conformal import AdaptiveConformal
 from wideberth.predictors.kalman import Kalman
 from wideberth.robots.holonomic import Holonomic
@@ -151,7 +152,9 @@ def test_a_best_response_is_planned_in_the_agent_s_own_frame(
     np.testing.assert_allclose([one.position for one in seen.detections], [[3.0, 0.0], [0.0, 1.0]])
     assert [one.radius for one in seen.detections] == pytest.approx([0.6, 0.1])
     assert not any(np.any(one.covariance) for one in seen.detections)
-    forecast = used.predictor.predict(None, 3)
+    names, apart = ("0000", "0001"), np.array([[[3.0, 0.0]], [[0.0, 1.0]]])
+    theirs = Tracks(apart, 0.25, names, np.full(2, 0.3), np.zeros((2, 2, 2)))
+    forecast = used.predictor.predict(theirs, 3)
     np.testing.assert_allclose(forecast.mean[:, 0], [[[3.0, 0.0]] * 3, [[0.0, 1.0]] * 3])
     np.testing.assert_allclose(forecast.covariance[0, 0], [np.diag([0.09, 0.04])] * 3)
 
