@@ -8,7 +8,7 @@ from typing import Any
 
 from ...framework.plugins.config import build, describe, import_plugins, load_plugin
 from ...framework.plugins.io import expanded
-from ...framework.plugins.registry import class_path, load, name_of, names, room_of, unknown
+from ...framework.plugins.registry import class_path, home_of, load, name_of, names, unknown
 from ...framework.plugins.yamlfile import apply, read_config
 from ...framework.predictor import Fittable, Predictor
 from ...framework.tracking.recordings import Recording
@@ -238,12 +238,9 @@ def _modules(value: Any) -> Iterator[str]:
         for entry in value:
             yield from _modules(entry)
     elif is_dataclass(value) and not isinstance(value, type):
-        found = type(value)
-        room = room_of(found)
-        home = found.__module__
-        if room is not None and not home.startswith("wideberth."):
-            if ":" not in name_of(room, found):
-                yield home
+        home = home_of(type(value))
+        if home is not None:
+            yield home
         yield from _modules([getattr(value, field.name) for field in fields(value)])
 
 

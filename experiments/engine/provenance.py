@@ -9,6 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from ...framework.plugins.registry import home_of
 from .citing import parts
 
 PACKAGE = Path(__file__).resolve().parents[2]
@@ -58,6 +59,12 @@ def foreign_sources(experiment: Any, plugins: Sequence[str]) -> list[Path]:
     own = {name for name in names if name.partition(".")[0] == "wideberth"}
     files = [getattr(sys.modules.get(name), "__file__", None) for name in sorted(names - own)]
     return [Path(file) for file in files if file]
+
+
+def plugin_modules(experiment: Any) -> set[str]:
+    """Return the modules whose import registers the names of an experiment's plug-ins."""
+    homes = {home_of(type(part)) for part in parts(experiment)}
+    return {home for home in homes if home is not None}
 
 
 def commit() -> str | None:

@@ -161,10 +161,9 @@ def _check_same(out: Path, config: Mapping[str, Any], source: str) -> None:
         stored = read_json(out / "provenance.json", "provenance", 1)
     except WideberthError as error:
         raise WideberthError(f"{error}; {cure}") from None
-    if found != config:
-        differing = sorted(
-            str(key) for key in {*found, *config} if found.get(key) != config.get(key)
-        )
+    keys = {*found, *config} - {"plugins"}  # their names stand in the config, their code in source
+    differing = sorted(str(key) for key in keys if found.get(key) != config.get(key))
+    if differing:
         raise WideberthError(
             f"{out} holds the result of another config (it differs in {', '.join(differing)}); "
             f"{cure}"

@@ -23,7 +23,7 @@ from ...framework.values.errors import WideberthError
 from .base import Experiment, Result, Row, Task
 from .errors import as_user_error, describe_error
 from .progress import Progress, say
-from .provenance import foreign_sources, provenance
+from .provenance import foreign_sources, plugin_modules, provenance
 from .result_folder import (
     SHARDS,
     check_folder,
@@ -127,8 +127,10 @@ def run(
 
 def _work(experiment: Experiment, plugins: Sequence[str]) -> _Work:
     """Resolve the config, list the tasks and record where they come from."""
-    config = {**describe(experiment), "plugins": list(plugins)}
-    tasks = shard_keys(config, checked_tasks(experiment.tasks()))
+    settings = describe(experiment)
+    given = {**settings, "plugins": list(plugins)}
+    tasks = shard_keys(given, checked_tasks(experiment.tasks()))
+    config = {**settings, "plugins": sorted({*plugins, *plugin_modules(experiment)})}
     origin = provenance([*foreign_sources(experiment, plugins), *experiment.inputs()])
     return _Work(experiment, tuple(plugins), config, tasks, origin)
 

@@ -94,7 +94,7 @@ class Encounter(Experiment):
         return lines
 
     def figures(self, result: Result, folder: Path) -> list[Path]:
-        """Both robots' views and the run of each planner, and an animation of the first."""
+        """Draw the run of each planner, the views of two robots, and an animation of the first."""
         from ..drawing.animation import animate
         from ..drawing.episodes import draw_run, draw_views
         from ..drawing.kept_out import planner_behind
@@ -106,10 +106,11 @@ class Encounter(Experiment):
             data = result.read(f"run-{name}-{self.show}.npz")
             episode = Episode.from_bytes(data)
             with paper_style():
-                views = draw_views(
-                    episode, distance=self.view_distance, tail=self.tail, planner=planner
-                )
-                files += save(views, folder, f"views_{name}")
+                if len(episode.robots) == 2:  # a scenario of one's own may have another number
+                    views = draw_views(
+                        episode, distance=self.view_distance, tail=self.tail, planner=planner
+                    )
+                    files += save(views, folder, f"views_{name}")
                 files += save(draw_run(episode), folder, f"run_{name}")
             if i == 0:
                 files.append(folder / f"animation_{name}.gif")

@@ -164,6 +164,18 @@ def name_of(room: str, found: type) -> str:
     return path
 
 
+def home_of(found: type) -> str | None:
+    """Return the module to import so that the registered name of a class is known.
+
+    None for a class of this package, for one that is named by its path, and for one of a script,
+    which no other process can import.
+    """
+    room, home = room_of(found), found.__module__
+    if room is None or home == "__main__" or home.partition(".")[0] == "wideberth":
+        return None
+    return None if ":" in name_of(room, found) else home
+
+
 def room_of(found: type) -> str | None:
     """Return the room whose base the class derives from; None for any other class."""
     for room, entry in ROOMS.items():

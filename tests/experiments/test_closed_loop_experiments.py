@@ -161,6 +161,14 @@ def test_encounters_count_who_yields(encounter: Encounter, tmp_path: File) -> No
     assert len(result.times) == 4
 
 
+def test_an_encounter_of_one_robot_draws_its_run(tmp_path: File) -> None:
+    settings = ["seeds=1", "settings.time_limit=2", "scenario={type: doorway}"]
+    follower = "planners={alone: {type: pure_pursuit, robot: unicycle, reference_speed: 0.5}}"
+    run(shipped("crossing", *settings, follower), tmp_path / "door")  # type: ignore[arg-type]
+    names = {path.name for path in draw(tmp_path / "door")}
+    assert names == {"run_alone.png", "run_alone.pdf", "animation_alone.gif"}
+
+
 def test_settings_that_make_no_experiment_are_refused(encounter: Encounter) -> None:
     with pytest.raises(WideberthError, match="planners is empty"):
         replace(encounter, planners={})

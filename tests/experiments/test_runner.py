@@ -139,6 +139,26 @@ def test_folder_of_another_config_is_refused_before_any_work(tmp_path: Path) -> 
     assert len(run(coins(seeds=1), tmp_path / "a", fresh=True).rows) == 1
 
 
+def test_a_name_that_a_module_registers_is_known_when_its_result_is_opened(tmp_path: Path) -> None:
+    text = (HERE / "sample_plugin.py").read_text(encoding="utf-8")
+    text += 'from wideberth import register\n\nregister("experiments", "own_coins")(Coins)\n'
+    (tmp_path / "named_coins.py").write_text(text, encoding="utf-8")
+    (tmp_path / "mine.yaml").write_text("type: named_coins:Coins\n")
+
+    def call(*arguments: str) -> None:
+        done = shell(*arguments, cwd=tmp_path)
+        message = done.communicate(timeout=60)[1]
+        assert done.returncode == 0, message
+
+    call("run", "mine.yaml", "--out", "out", "--no-figures")
+    stored = (tmp_path / "out" / "config.yaml").read_text()
+    assert "type: own_coins\n" in stored and stored.endswith("plugins:\n- named_coins\n")
+    call("show", "out")
+    older = stored.replace("plugins:\n- named_coins\n", "plugins: []\n")
+    (tmp_path / "out" / "config.yaml").write_text(older)
+    call("run", "mine.yaml", "--out", "out", "--no-figures")  # still the same config
+
+
 def test_folder_of_other_source_is_refused(tmp_path: Path) -> None:
     run(coins(), tmp_path / "a")
     path = tmp_path / "a" / "provenance.json"
