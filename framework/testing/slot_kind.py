@@ -51,6 +51,7 @@ def sample_view() -> View:
         observation=Observation(0.0, np.zeros(5), seen, polygons=polygons),
         tracks=_tracks(np.repeat(PLACES[:, None], 2, axis=1), names),
         forecast=Forecast.single(mean, covariance, 0.5),
+        times=0.5 * np.arange(1, STEPS + 1, dtype=np.float64),
         reference=Reference(position, direction, np.full(STEPS, 0.5), np.zeros((STEPS, 0))),
         route=np.stack([position, position]),
         planned=position,
@@ -214,11 +215,16 @@ def _inside_is_negative(sample: Sample) -> None:
 
 
 def _outside_is_positive(sample: Sample) -> None:
-    """Far from all things every inequality is positive; without levels, wherever it is clear."""
+    """Far away and clear every inequality is positive; without levels, wherever it is clear.
+
+    A thing without an end, such as a half plane, is not clear everywhere that is far away.
+    """
     away = sample.states.copy()
     away[:, :2] += FAR * np.where(away[:, :2] < 0.0, -1.0, 1.0)
-    lowest = sample.lowest(away, sample.chosen.numbers)
-    assert (lowest > 0.0).all(), f"{FAR:g} m away a row is {lowest.min():.2g}; wanted above 0"
+    clear = np.array([sample.depth(state) == 0.0 for state in away[1:]])
+    assert clear.any(), f"the robot stands in a thing wherever it is {FAR:g} m away"
+    least = float(sample.lowest(away, sample.chosen.numbers)[clear].min())
+    assert least > 0.0, f"{FAR:g} m away a row is {least:.2g}; wanted above 0"
     if isinstance(sample.kind, LevelledKind):
         return
     margin = replace(sample.view, margin=0.0)
@@ -332,8 +338,11 @@ def check_slot_kind(
     moved: Robot = load("robots", "unicycle")(radius=0.4) if robot is None else robot
     sample = Sample(kind, sample_view() if view is None else view, moved)
     try:
-        assert len(sample.chosen.names) > 1, (
-            "it chose fewer than two things; give a view with things of the kind"
+        found = len(sample.chosen.names)
+        assert found > 1, (
+            f"of the sample's things it chose {found}; wanted at least two. Set its fields so "
+            "that it does (obstacles and polygons are called a, b and c), or give "
+            "`check_slot_kind` a view with things of the kind"
         )
         for name in LAWS if law is None else (law,):
             LAWS[name](sample)

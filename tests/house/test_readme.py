@@ -79,6 +79,44 @@ assert planner.plan.rung == "slow down", planner.plan.reason
     run_page(tmp_path, "SlowDown", "SlowDown", check)
 
 
+def test_a_slot_kind_is_written_as_the_page_says(tmp_path: Path) -> None:
+    """The block that defines `Fronts`; a front that comes nearer pushes the robot ahead."""
+    check = """
+from wideberth import Observation, Path, build
+from wideberth.framework.testing import check_slot_kind
+
+check_slot_kind(Fronts(((0.0, -1.0, 0.0), (1.5, -1.5, 0.0))))
+planner = build("controllers", {"type": "mpc", "robot": {"type": "unicycle", "radius": 0.4},
+    "predictor": "static", "region": "mahalanobis_ellipse", "level": "fixed", "solver": "fatrop",
+    "horizon": 8, "reference_speed": 0.2, "margin": 0.1, "latency": 0.1,
+    "further_kinds": [{"type": "fronts", "fronts": [[0.0, -1.0, 0.4]]}]})
+planner.set_path(Path([(0, 0), (12, 0)]))
+planner.command(Observation(0.0, (0, 0, 0, 0.3, 0)))
+assert planner.plan.rung == "optimal", planner.plan.reason
+border = -1.0 + 0.4 * (0.1 + 0.5 * np.arange(1, 9))
+gap = planner.plan.positions[1:, 0] - border - 0.5
+assert gap.min() > -1e-6 and gap[-1] < 1e-2, gap
+"""
+    run_page(tmp_path, "Fronts", "Fronts", check)
+
+
+def test_a_scenario_is_played_from_the_config_on_the_page(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "write-your-own.md").read_text(encoding="utf-8")
+    (config,) = re.findall(r"```yaml\n(plugins: \[my_scenario\].*?)```", page, re.DOTALL)
+    (block,) = [
+        one for one in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "Gate" in one
+    ]
+    (tmp_path / "gate.yaml").write_text(config, encoding="utf-8")
+    (tmp_path / "my_scenario.py").write_text(block, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-c", "from wideberth.experiments.cli.app import main; main()",
+         "run", "gate.yaml", "--set", "seeds=1", "--set", "settings.time_limit=2", "--out", "found"],
+        cwd=tmp_path, text=True, capture_output=True, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert (tmp_path / "found" / "figures" / "run_ours.png").exists()
+
+
 def test_a_study_is_written_as_the_page_says(tmp_path: Path) -> None:
     """The block that defines `AreaByTail` runs from the config on the page, with a figure."""
     page = (ROOT / "docs" / "write-your-own.md").read_text(encoding="utf-8")

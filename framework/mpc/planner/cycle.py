@@ -238,10 +238,10 @@ def _fill(
     reference: Reference,
 ) -> tuple[InstanceCheck, Guess]:
     """Fill the problem with all that is there; return it with the first starting point."""
-    robot = settings.robot
-    inputs = None
+    robot, inputs = settings.robot, None
+    stamp = seen.observation.stamp + settings.latency
     if state.plan is not None:
-        stamp, standing = seen.observation.stamp + settings.latency, settings.stop_at_end
+        standing = settings.stop_at_end
         inputs = remaining_inputs(robot, state.plan, stamp, start, standing=standing)
     trajectory = first_trajectory(robot, start, inputs, settings.horizon, settings.dt)
     target = shared_target(settings.kinds, settings.level, robot.dimension)
@@ -252,6 +252,7 @@ def _fill(
         observation=seen.observation,
         tracks=seen.tracks,
         forecast=seen.forecast,
+        times=stamp + settings.grid,
         reference=reference,
         route=np.stack([reference.position, here]),
         planned=_place(robot, first.states[1:].T).T,

@@ -43,6 +43,7 @@ class View:
     ----------
     observation : of this cycle.
     tracks, forecast : of the observed obstacles, on the plan's grid 1..N; None without any.
+    times : (N,), s, of steps 1..N, on the clock of the observations.
     reference : along the path, at steps 1..N.
     route : (R, N, D), m, places where the robot may be at each step: the reference, and where it
         is now.
@@ -57,6 +58,7 @@ class View:
     observation: Observation
     tracks: Tracks | None
     forecast: Forecast | None
+    times: Array
     reference: Reference
     route: Array
     planned: Array
