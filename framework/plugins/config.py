@@ -137,8 +137,8 @@ def _construct(found: type, settings: Mapping[str, Any], path: str) -> Any:
         if name in settings:
             place = _join(path, name)
             arguments[name] = _convert(hints[name], settings[name], place, _default(field))
-        elif _default(field) is dataclasses.MISSING:
-            raise WideberthError(f"{_at(path)}key {name!r} is missing; it has no default")
+        else:
+            _check_default(found, field, hints[name], path)
     try:
         return found(**arguments)
     except (ValueError, TypeError) as error:
@@ -146,6 +146,20 @@ def _construct(found: type, settings: Mapping[str, Any], path: str) -> Any:
     except Exception as error:  # a plug-in may fail in any way
         what = f"{found.__qualname__} cannot be made ({type(error).__name__}: {error})"
         raise WideberthError(f"{_at(path)}{what}") from error
+
+
+def _check_default(found: type, field: "dataclasses.Field[Any]", hint: Any, path: str) -> None:
+    """Refuse a key without a default, and a default that names a plug-in instead of being one."""
+    default = _default(field)
+    if default is dataclasses.MISSING:
+        raise WideberthError(f"{_at(path)}key {field.name!r} is missing; it has no default")
+    room = room_of(hint) if isinstance(hint, type) else None
+    if room is not None and isinstance(default, str):
+        raise WideberthError(
+            f"{_at(path)}the default of {found.__qualname__}.{field.name} is the text "
+            f"{default!r}; wanted a {hint.__name__}, as in "
+            f"field(default_factory=partial(build, {room!r}, {default!r}))"
+        )
 
 
 def _default(field: "dataclasses.Field[Any]") -> Any:

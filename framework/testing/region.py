@@ -238,7 +238,9 @@ def _check_turn(probe: _Probe, rng: np.random.Generator) -> None:
     covariance = 0.5 * (covariance + covariance.T)
     other = replace(case, mean=turn @ case.mean, covariance=covariance)
     if _differ(probe, other, probe.points @ turn.T):
-        raise case.fail("the region must turn with the obstacle, or declare that it does not")
+        raise case.fail(
+            "the region must turn with the obstacle, or declare rotation_invariant = False"
+        )
 
 
 def _differ(probe: _Probe, other: RegionCase, places: Array) -> bool:

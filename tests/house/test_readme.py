@@ -110,7 +110,8 @@ def test_a_scenario_is_played_from_the_config_on_the_page(tmp_path: Path) -> Non
     (tmp_path / "my_scenario.py").write_text(block, encoding="utf-8")
     done = subprocess.run(
         [sys.executable, "-c", "from wideberth.experiments.cli.app import main; main()",
-         "run", "gate.yaml", "--set", "seeds=1", "--set", "settings.time_limit=2", "--out", "found"],
+         "run", "gate.yaml", "--out", "found", "--set", "seeds=1", "--set",
+         "settings.time_limit=2"],
         cwd=tmp_path, text=True, capture_output=True, timeout=300,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr[-2000:]

@@ -160,6 +160,24 @@ def test_missing_key_and_wrong_root() -> None:
         build("predictors", [])
 
 
+@final
+@dataclass(frozen=True)
+class Careless(Predictor):
+    inner: Predictor = "leaf"  # type: ignore[assignment]
+
+    def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
+        raise NotImplementedError
+
+
+def test_a_default_that_only_names_a_plug_in_is_refused() -> None:
+    wanted = r"^p: the default of Careless\.inner is the text 'leaf'; wanted a Predictor, as in "
+    with pytest.raises(WideberthError, match=wanted):
+        build("predictors", {"type": f"{__name__}:Careless"}, "p")
+    assert build("predictors", {"type": f"{__name__}:Careless", "inner": "leaf"}) == Careless(
+        Leaf()
+    )
+
+
 def test_settings_without_a_type_change_the_default() -> None:
     assert build("predictors", {"type": "holder", "leaf": {"tail": 0.5}}) == Holder(Leaf(3.0, 0.5))
 
