@@ -26,7 +26,7 @@ import numpy as np
 
 from ...plugins.registry import unknown
 from ...values.arrays import Array
-from ...values.errors import WideberthError
+from ...values.errors import WideberthError, short
 from ...values.plan import Plan, Rung
 from ..ocp.transcription import Guess
 from .giving_way import aimed, auxiliaries, content, held
@@ -249,13 +249,23 @@ def rungs_of(names: Sequence[str]) -> tuple[FallbackRung, ...]:
 
     Raises
     ------
-    WideberthError : none, an unknown name, or a class that is no rung.
+    WideberthError : none, an unknown name, a class that is no rung, or one that cannot be made.
     """
     if isinstance(names, str) or not names:
         raise WideberthError(
             f"planner.rungs is {names!r}; wanted some of {list(RUNGS)}, or 'module:Class'"
         )
-    return tuple(_rung(name)() for name in names)
+    return tuple(_made(name) for name in names)
+
+
+def _made(name: str) -> FallbackRung:
+    found = _rung(name)
+    try:
+        return found()
+    except Exception as error:  # somebody else's class may fail in any way
+        raise WideberthError(
+            f"planner.rungs names {name!r}, which cannot be made without arguments ({error})"
+        ) from error
 
 
 @cache
@@ -292,13 +302,18 @@ def choose(rungs: Sequence[FallbackRung], trial: Trial, stamp: float) -> tuple[P
 
     Raises
     ------
-    WideberthError : no rung holds.
+    WideberthError : no rung holds, or one returns something else.
     """
     words: list[str] = []
     for rung in rungs:
         found = rung.attempt(trial)
         if isinstance(found, Candidate):
             return _plan(rung.name, found, words, trial, stamp), found.point
+        if not isinstance(found, NotHeld):
+            raise WideberthError(
+                f"the rung {str(rung.name)!r} returned {short(found)}; wanted NotHeld(reasons), "
+                "or what trial.at_lowest_level returned"
+            )
         words += found.reasons
     raise WideberthError(
         f"no rung of {[str(rung.name) for rung in rungs]} holds ({'; '.join(words)}); end the "

@@ -70,6 +70,25 @@ class Still(FallbackRung):
         return trial.at_lowest_level(first.states, first.inputs)
 
 
+@final
+@dataclass(frozen=True)
+class Needy(FallbackRung):
+    """It has a field without a default, and returns no plan and no reason."""
+
+    name: ClassVar[str] = "needy"
+
+    share: float
+
+    def attempt(self, trial: Trial) -> Candidate | NotHeld:
+        return None  # type: ignore[return-value]
+
+
+def test_a_rung_that_returns_something_else_is_named() -> None:
+    wanted = r"the rung 'needy' returned None; wanted NotHeld\(reasons\), or what trial\.at_lowest"
+    with pytest.raises(WideberthError, match=wanted):
+        choose((Needy(0.5),), Trial(instance(Fixed(0.05))[0], outcome()), 0.0)
+
+
 def test_the_built_in_rungs_are_those_of_plans_best_first() -> None:
     assert tuple(RUNGS) == BUILT_IN == tuple(one.name for one in rungs_of(BUILT_IN))
     assert planner().rungs == BUILT_IN
@@ -117,6 +136,7 @@ def test_brake_holds_where_the_rung_above_was_left_out() -> None:
         (("optimum",), "did you mean 'optimal'"),
         (("nowhere.at_all:Rung",), "cannot be imported"),
         ((f"{__name__}:planner",), "no FallbackRung"),
+        ((f"{__name__}:Needy",), "cannot be made without arguments .*'share'"),
     ],
 )
 def test_names_that_are_no_rungs_are_refused(rungs: tuple[str, ...], words: str) -> None:
