@@ -14,8 +14,8 @@ from ...framework.values.forecast import LIGHT, GaussianObstacle
 from ...framework.values.plan import Plan
 from ...simulation.log.episode_log import AgentLog, Episode
 
-COUNT = 60
-"""Points of an outline."""
+COUNT = 64
+"""Points of an outline; a multiple of 8, so that the corners of a square are among them."""
 _DOUBLINGS, _HALVINGS = 12, 13  # within a mm
 _AT_ONCE = 500  # outlines whose points are tested in one call
 

@@ -109,6 +109,17 @@ def test_every_region_has_its_own_outline(name: str) -> None:
     np.testing.assert_allclose(area, region.area(numbers_of[:, 0], level), rtol=0.02)
 
 
+def test_the_corners_of_a_square_are_drawn() -> None:
+    region = build("regions", {"type": "luetkepohl_rectangle", "enlargement": "box"})
+    assert isinstance(region, Region)
+    obstacle, margin = GaussianObstacle(np.ones((1, 2)), 0.3 * np.eye(2)[None]), np.array([0.8])
+    level = np.array([region.level(0.05)])
+    (rim,) = np.abs(outlines(region, obstacle, margin, level) - 1.0)
+    half = 0.5 * float(np.sqrt(region.area(region.parameters(obstacle, margin), level))[0])
+    assert (np.abs(rim - half).max(axis=1) < 2e-3).sum() == 4
+    np.testing.assert_allclose(rim.max(axis=1), half, atol=2e-3)
+
+
 def test_an_empty_region_shrinks_to_the_mean() -> None:
     region = build("regions", "risk_contour")
     assert isinstance(region, Region)
