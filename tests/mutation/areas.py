@@ -65,6 +65,11 @@ AREAS: dict[str, list[str]] = {
 TESTS = (
     "alignment",
     "cycle.py",
+    "bounded_numbers",
+    "choice_by_cost",
+    "level_risk",
+    "regions_in_planner",
+    "number_limits",
     "multistart",
     "kept_in_step",
     "judged_in_time",

@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wideberth.framework.mpc.slots.gaussian_discs import FAR, WIDE, not_wider
+from wideberth.framework.mpc.slots.gaussian_discs import FAR, WIDE, choose_obstacles, not_wider
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.arrays import Array
+from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.plan import Rung, Status
 from wideberth.predictors.static import Static
@@ -91,3 +92,30 @@ def test_obstacles_of_any_size_and_place() -> None:
     made.command(Observation(0.0, np.array([0.0, 0.0, 0.0, 0.5, 0.0]), tuple(seen)))
     parameters = made.explain().parameters
     assert np.abs(parameters.slots[0].parameters).max() <= 2.0 * FAR
+
+
+def test_the_discs_that_come_closest_to_the_route_are_kept() -> None:
+    """Nearest over all steps and routes, edge to edge; light modes are named, empty ones not."""
+    mean = np.zeros((4, 2, 3, 2))
+    mean[:, 0, :, 0] = [[9.0, 5.0, 9.0], [4.0, 4.0, 4.0], [-6.0, -3.0, -9.0], [1.0, 1.0, 1.0]]
+    mean[:, 1, :, 1] = [[2.0] * 3, [50.0] * 3, [1.0] * 3, [0.0] * 3]
+    weight = np.array([[0.5, 0.5], [1.0, 0.0], [0.999, 0.001], [0.999, 0.001]])
+    spread = np.arange(1.0, 9.0).reshape(4, 2, 1, 1, 1) * np.eye(2) * np.ones((4, 2, 3, 1, 1))
+    forecast = Forecast(mean, spread, weight, 0.5, (None,) * 4)
+    route = np.zeros((2, 3, 2))
+    route[0, :, 0] = [-1.0, 0.0, 1.0]
+    radius = np.array([0.1, 3.9, 0.2, 0.3])
+    # Gaps: a 4.9 and 1.9, b -0.9, c 2.8, d -0.3.
+    names = ("a", "b", "c", "d")
+    for most, kept, gone in (
+        (9, "aabcd", ""), (4, "abcd", "a"), (3, "abd", "ac"), (2, "bd", "aac"), (0, "", "aabcd"),
+    ):  # fmt: skip
+        found = choose_obstacles(forecast, names, radius, route, most)
+        assert "".join(found.ids) == kept and found.left_out[:2] == ("c", "d")
+        assert sorted(found.left_out[2:]) == sorted(gone)
+        owner = [names.index(name) for name in found.ids]
+        np.testing.assert_array_equal(found.radius, radius[owner])
+        assert found.mean.shape == (3, len(kept), 2)
+    two = choose_obstacles(forecast, names, radius, route, 3)
+    np.testing.assert_array_equal(two.mean[:, 0], mean[0, 1])
+    np.testing.assert_array_equal(two.covariance[:, 2], spread[3, 0])

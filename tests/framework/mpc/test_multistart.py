@@ -1,13 +1,22 @@
 """Which starts a situation asks for."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from wideberth.framework.mpc.fallback.instance_check import InstanceCheck
+from wideberth.framework.mpc.levels.fixed import Fixed
+from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.planner import multistart
 from wideberth.framework.mpc.planner.multistart import OTHERS, Budget, MultiStart
+from wideberth.framework.mpc.slots.base import Chosen, Surroundings
+from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
+from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
+from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.helpers.problems import set_up, slots_of
 
 TEN_METRES = np.stack([np.zeros(20), np.linspace(0.5, 10.0, 20)], axis=1)
 
@@ -56,3 +65,25 @@ def test_a_tenth_of_the_deadline_is_kept_and_half_of_it_waited(monkeypatch):
     assert budget.wait() == pytest.approx(0.95 * 4.0 - 2.0)
     free = Budget(None, 0.0)
     assert free.left() == free.wait() == np.inf
+
+
+@pytest.mark.parametrize(
+    ("y", "level", "point", "wanted"),
+    [
+        (0.0, Fixed(), 0.0, True),
+        (9.0, Fixed(), 0.0, False),
+        (9.0, Relaxed(0.05, weight=1.0), 3.0, False),
+        (9.0, Relaxed(0.05, weight=1.0), 1.0, True),
+    ],
+)
+def test_something_is_in_the_way_of_the_reference_or_of_the_level(y, level, point, wanted):
+    robot, region = Unicycle(), MahalanobisEllipse()
+    problem, parameters, guess = set_up(robot, region, level, 1, y=y)
+    kinds = (GaussianDiscs(region),)
+    chosen = Chosen((1,), ("a",), (), parameters.slots[0], None)
+    around = Surroundings(robot, kinds, (chosen,))
+    check = InstanceCheck(problem, parameters, around, level)
+    solved = SimpleNamespace(point=replace(guess, level=point))
+    assert multistart._in_the_way(check, solved) is wanted
+    empty = slots_of(parameters, active=np.zeros(1))
+    assert not multistart._in_the_way(replace(check, parameters=empty), solved)

@@ -12,7 +12,9 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Observation
 from wideberth.framework.values.plan import Rung, Status
 from wideberth.regions.minkowski_sum import MinkowskiSum
+from wideberth.regions.static.dual import Dual
 from wideberth.robots.holonomic import Holonomic
+from wideberth.robots.holonomic_3d import Holonomic3D
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.tests.helpers.planning import approach, at, planner
 
@@ -135,6 +137,8 @@ def test_a_plan_tells_when_it_is_below_its_reference() -> None:
     [
         ({"horizon": 0}, "planner.horizon is 0"),
         ({"horizon": 1001}, "planner.horizon"),
+        ({"track_dt": 1e-3}, r"steps of the forecast.* is 13500"),
+        ({"robot": Holonomic3D(), "static_region": Dual()}, "polygons lie in the plane"),
         ({"dt": -0.5}, "planner.dt is -0.5"),
         ({"latency": -0.1}, "planner.latency"),
         ({"deadline": 0.0}, "planner.deadline"),

@@ -306,6 +306,11 @@ def test_a_violation_stands_at_the_step_where_it_is() -> None:
     off = replace(parameters, initial=guess.states[0] + [0.0, -0.7, 0.0, 0.0, 0.0])
     motion = violation(problem, off, guess).motion
     assert motion[0] == pytest.approx(0.7) and not motion[1:].max() > 1e-9
+    wheels = guess.states.copy()
+    wheels[5, 3:] = problem.state_bounds.upper[3:]  # each within its bounds, not both together
+    limit = min(float(v) for v in robot.constraints(tuple(wheels[5]), tuple(guess.inputs[5])))
+    found = violation(problem, parameters, replace(guess, states=wheels)).motion
+    assert limit < -0.1 and found[4] >= -limit
     moving = violation(stopping, parameters, guess).motion
     wanted = -np.array(stopping.terminal_constraints(guess.states[-1])).min()
     assert moving[-1] == pytest.approx(wanted) and wanted > 0.1
@@ -329,6 +334,7 @@ def test_kinds_without_slots_or_levels_are_passed_over() -> None:
     assert isinstance(polygons, StaticPolygons) and polygons.region is None
     _, parameters, guess = set_up(robot, region, level, 1)
     none = SlotNumbers.none(STEPS)
+    assert none.level is None and SlotNumbers.none(STEPS, levelled=True).level.shape == (STEPS, 0)
     both = replace(parameters, slots=(*parameters.slots, none))
     found = with_auxiliaries_of(robot, (discs, polygons), both, guess)
     assert [one.shape for one in found.auxiliaries] == [(STEPS, 1, 0), (STEPS, 0, 0)]

@@ -245,3 +245,13 @@ def test_backing_is_at_the_greatest_speed_of_the_reference(
         there = replace(parameters, speed=asked, initial=np.zeros(5))
         (back,) = other_starts(robot, problem, there, guess, ("back-left",))
         assert back.states[-1, 3] == pytest.approx(-wanted)
+
+
+def test_a_start_that_is_another_one_s_is_left_out() -> None:
+    """A robot that stands goes nowhere by waiting or coasting; each name counts once."""
+    robot = Unicycle()
+    problem, parameters, guess = straight(robot, 0.0)
+    (left,) = other_starts(robot, problem, parameters, guess, ("wait", "coast", "left", "left"))
+    assert not np.array_equal(left.states, guess.states)
+    (wait,) = other_starts(robot, problem, parameters, left, ("left", "wait", "coast"))
+    np.testing.assert_array_equal(wait.states, guess.states)

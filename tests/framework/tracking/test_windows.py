@@ -50,3 +50,14 @@ def test_a_small_dataset_is_refused_with_what_it_holds():
     other = scene(np.random.default_rng(2), size=3)
     with pytest.raises(WideberthError, match="2 and 3 coordinates"):
         windows_of([tracks, other], 8, 12, wanted=1, who="mine")
+
+
+@pytest.mark.parametrize(
+    ("numbers", "words"),
+    [((0, 1, 1), "observed is 0"), ((1, -1, 1), "predicted is -1"), ((1, 1, 0), "stride is 0")],
+)
+def test_numbers_that_cut_nothing_are_refused(numbers, words):
+    positions = np.zeros((1, 5, 2))
+    tracks = Tracks(positions, 0.5, ("a",), np.full(1, 0.3), np.zeros((1, 2, 2)))
+    with pytest.raises(WideberthError, match=words):
+        cut_windows(tracks, *numbers)
