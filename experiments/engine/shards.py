@@ -22,7 +22,7 @@ from ...framework.plugins.io import (
     unstamped,
     write_bytes,
 )
-from ...framework.values.errors import WideberthError
+from ...framework.values.errors import WideberthError, short
 from .base import Outcome, Row, Task
 
 VERSION = 2
@@ -82,8 +82,13 @@ def pack(task: Task, outcome: Outcome, source: str) -> Packed:
 
     Raises
     ------
-    WideberthError : a file name that leaves the folder, or a cell that no table can hold.
+    WideberthError : no outcome, a file name that leaves the folder, or a cell that no table can
+        hold.
     """
+    if not isinstance(outcome, Outcome):  # of somebody else's study
+        raise WideberthError(
+            f"task {task.name!r}: measure returned {short(outcome)}; wanted Outcome(rows=[...])"
+        )
     for name in outcome.files:
         place = PurePosixPath(name)
         if place.is_absolute() or ".." in place.parts or not name:

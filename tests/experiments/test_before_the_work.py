@@ -136,7 +136,8 @@ class Rude(Experiment):
     def measure(self, task: Task) -> Outcome:
         if task.seed:
             self._fail("measure")
-        return Outcome([{"one": object() if self.where == "cell" else 1}])
+        rows: list[Row] = [{"one": object() if self.where == "cell" else 1}]
+        return rows if self.where == "rows" else Outcome(rows)  # type: ignore[return-value]
 
     def summary(self, rows: list[Row]) -> list[Row]:
         self._fail("summary")
@@ -168,6 +169,7 @@ def test_a_plug_in_that_fails_before_the_work(where: str, tmp_path: Path) -> Non
         ("exit in measure", r"task 'second': SystemExit: 3.*; 1 of 2 tasks are done and kept"),
         ("summary", r"ZeroDivisionError: rude in summary.*; 2 of 2 tasks are done and kept"),
         ("cell", r"task 'first': column 'one' holds object"),
+        ("rows", r"task 'first': measure returned \[\{'one': 1\}\]; wanted Outcome\(rows="),
     ],
 )
 def test_a_plug_in_that_fails_at_work(where: str, message: str, tmp_path: Path) -> None:
