@@ -11,8 +11,24 @@ from wideberth.predictors.core.propagation import (
     step_joint,
     white_acceleration,
 )
+from wideberth.predictors.core.small_matrices import _inside, spectral_radius
 
 DT = 0.5
+
+
+@pytest.mark.parametrize("size", range(1, 7))
+def test_matrices_within_a_radius_are_told_by_their_eigenvalues(size):
+    rng = np.random.default_rng(size)
+    matrix = rng.standard_normal((400, size, size)) * 0.8 / np.sqrt(size)
+    largest = np.abs(np.linalg.eigvals(matrix)).max(axis=1)
+    for radius in (0.5, 0.9, 1.3):
+        clear = np.abs(largest - radius) > 1e-3
+        found = _inside(matrix, radius)
+        np.testing.assert_array_equal(found[clear], (largest < radius)[clear])
+        assert 0 < found.sum() < 400
+        wanted = np.maximum(largest, radius)
+        np.testing.assert_allclose(spectral_radius(matrix, radius), wanted, rtol=2e-3)
+    np.testing.assert_allclose(spectral_radius(matrix), largest)
 
 
 def test_white_acceleration_against_the_matrix_exponential():

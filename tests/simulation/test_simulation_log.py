@@ -10,7 +10,7 @@ from wideberth.framework.values.path import Path
 from wideberth.robots.holonomic import Holonomic
 from wideberth.simulation.engine.agents import ScriptedAgent
 from wideberth.simulation.engine.episode import run_episode
-from wideberth.simulation.log.episode_log import Episode
+from wideberth.simulation.log.episode_log import Episode, _Packer, _Unpacker
 from wideberth.simulation.measures.summary import summarise
 from wideberth.tests.helpers.pursuit import QUICK, agent, opposite
 
@@ -84,3 +84,13 @@ def test_coverage_and_forecast_share_come_from_the_log():
     fast = ScriptedAgent("s", Path(np.array([[-50.0, 9.0], [50.0, 9.0]])), 4.0, 0.3)
     row = summarise(run_episode([agent("a")], QUICK, others=[fast]))
     assert row["coverage_first"] == 1.0 and row["coverage_last"] == 0.0
+
+
+def test_arrays_are_put_into_one_vector_and_taken_out_again():
+    pack, arrays = _Packer(), (np.arange(6.0).reshape(2, 3), np.zeros((0, 2)), 7.0)
+    places = [pack.put(one) for one in arrays]
+    numbers = pack.numbers()
+    assert numbers.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 7.0]
+    for place, one in zip(places, arrays, strict=True):
+        np.testing.assert_array_equal(_Unpacker(numbers).get(place), one)
+    assert _Packer().numbers().shape == (0,)

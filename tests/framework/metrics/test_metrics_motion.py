@@ -151,3 +151,11 @@ def test_thresholds_of_standing() -> None:
     way = 0.1 * np.array([[0.0, 0.0], [0.009, 0.0], [0.02, 0.0], [0.02, 0.0]])
     assert motion.not_moving(way, np.array([0.019, 0.0, 0.021, 0.0]), 0.1) == pytest.approx(0.1)
     assert motion.sign_changes(np.array([0.021, -0.019, 0.03, -0.021])) == 1
+
+
+def test_who_is_slower_than_a_centimetre_a_second_and_turns_less_than_0_02_stands() -> None:
+    places = np.cumsum([[0.0, 0.0], [0.0009, 0.0], [0.0, 0.0011], [0.0, 0.0], [0.0, 0.0]], axis=0)
+    for rates, wanted in (([0.0] * 5, 3), ([0.019] * 5, 3), ([0.0, 0.0, 0.0, 0.021, 0.0], 2)):
+        assert motion.not_moving(places, np.array(rates), STEP) == pytest.approx(wanted * STEP)
+    turns = np.array([0.021, -0.019, -0.021, 0.019, -0.021, 0.021])
+    assert motion.sign_changes(turns) == 2

@@ -14,6 +14,7 @@ from wideberth.framework.mpc.ocp.progress_robot import progress_robot_of
 from wideberth.framework.mpc.ocp.reference import Reference
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.multistart import (
+    _headings,
     add_progress,
     first_trajectory,
     other_starts,
@@ -352,3 +353,15 @@ def test_a_predictor_is_shown_the_last_plan_with_its_times() -> None:
     for known in (None, replace(plan, stamp=2.0**54)):
         bare = scene_of(seen, known, 0.4)
         assert bare.plan is None and bare.plan_times is None
+
+
+def test_a_direction_of_travel_is_kept_while_standing_and_never_jumps() -> None:
+    """A millimetre a second is a motion; a turn past pi goes on past pi."""
+    velocities = np.array([[0.0, 0.0], [-1.0, 1e-3], [0.0, 0.0], [-1.0, -1e-3], [0.0, -1e-3]])
+    found = _headings(velocities, np.linalg.norm(velocities, axis=1), 3.0)
+    wanted = [3.0, np.pi - 1e-3, np.pi - 1e-3, np.pi + 1e-3, 1.5 * np.pi]
+    np.testing.assert_allclose(found, wanted, atol=1e-8)
+    tiny = np.array([[0.0, 1e-7], [0.0, 1e-5]])
+    np.testing.assert_allclose(
+        _headings(tiny, np.linalg.norm(tiny, axis=1), 0.3), [0.3, 0.5 * np.pi]
+    )

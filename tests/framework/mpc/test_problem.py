@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wideberth.framework.mpc.assembly import _heading
 from wideberth.framework.mpc.costs.base import Weights
 from wideberth.framework.mpc.costs.tracking import Tracking
 from wideberth.framework.mpc.fallback.rollout import steer
@@ -19,7 +20,7 @@ from wideberth.framework.mpc.ocp.transcription import Guess, Transcription
 from wideberth.framework.mpc.slots.base import level_at_first
 from wideberth.framework.mpc.slots.base import with_auxiliaries as with_auxiliaries_of
 from wideberth.framework.mpc.slots.built_in import built_in
-from wideberth.framework.mpc.slots.gaussian_discs import Obstacles
+from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs, Obstacles
 from wideberth.framework.mpc.slots.static_polygons import (
     StaticPolygons,
     choose_walls,
@@ -31,7 +32,8 @@ from wideberth.framework.numerics.symbolic import ca, evaluated
 from wideberth.framework.region import Region
 from wideberth.framework.robot import Robot
 from wideberth.framework.values.errors import WideberthError
-from wideberth.framework.values.motion import Twist
+from wideberth.framework.values.footprint import Outline
+from wideberth.framework.values.motion import Pose, Twist
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Status
 from wideberth.framework.values.polygon import Polygon
@@ -365,3 +367,29 @@ def test_a_bare_plan_is_checked_as_one_with_no_auxiliaries() -> None:
     one, two = (violation(problem, parameters, point) for point in (bare, guess))
     assert bare.auxiliaries == () and one.worst > 0.1
     np.testing.assert_array_equal(one.regions, two.regions)
+
+
+def test_the_heading_is_a_state_or_is_not_known() -> None:
+    """An angle that is computed from states cannot be shifted by full turns."""
+    x = ca.SX.sym("x", 3)
+    for heading, wanted in ((x[1], 1), (x[2], 2), (2.0 * x[2], None), (None, None)):
+        assert _heading(Pose((x[0], x[1]), heading), x) == wanted
+
+
+@pytest.mark.parametrize("outline", [False, True])
+def test_how_deep_a_body_is_where_discs_are_expected(outline: bool) -> None:
+    """Of the nearest disc, from the edge of the body: a disc or, with its corners, a car."""
+    corners = ((1.0, 0.5), (-1.0, 0.5), (-1.0, -0.5), (1.0, -0.5))
+    robot = Unicycle(1.2, footprint=Outline(corners)) if outline else Unicycle(0.5)
+    kind = GaussianDiscs(SeparatingLine() if outline else MahalanobisEllipse())
+    mean = np.array([[[2.0, 0.0], [0.0, 3.0]], [[9.0, 9.0], [3.0, 1.6]]])
+    known = Obstacles(mean, np.zeros((2, 2, 2, 2)), np.array([0.4, 0.7]), ("a", "b"))
+    states = np.zeros((3, 5))
+    states[2, :3] = 3.0, 0.0, 0.5 * np.pi
+    found = KnownDiscs(kind, known, 0.2).overlap(robot, states)
+    # Gaps: 1 and 2.5 m from the car at (0, 0), 0.6 m from the one that looks up at (3, 0).
+    gaps = [min(1.0 - 0.4, 2.5 - 0.7), 0.6 - 0.7] if outline else None
+    gaps = gaps or [min(2.0 - 0.5 - 0.4, 3.0 - 0.5 - 0.7), 1.6 - 0.5 - 0.7]
+    np.testing.assert_allclose(found, np.maximum(0.2 - np.array(gaps), 0.0), atol=1e-12)
+    none = KnownDiscs(kind, Obstacles.none(2, 2), 0.2).overlap(robot, states)
+    assert none.tolist() == [0.0, 0.0]

@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from wideberth.framework.numerics.statistics import bootstrap_interval, clopper_pearson, mcnemar
+from wideberth.framework.numerics.statistics import (
+    bootstrap_interval,
+    clopper_pearson,
+    known_mean,
+    mcnemar,
+    quartiles,
+)
 from wideberth.framework.values.errors import WideberthError
 
 
@@ -112,3 +118,9 @@ def test_bad_input_is_refused() -> None:
         mcnemar([0.5], [1])
     with pytest.raises(WideberthError, match="values"):
         bootstrap_interval([np.nan], np.random.default_rng(0))
+
+
+def test_what_is_not_known_does_not_count() -> None:
+    values = np.array([4.0, np.nan, 1.0, 2.0, np.inf, 3.0, 0.0])
+    assert quartiles(values) == (1.0, 2.0, 3.0) and known_mean(values) == 2.0
+    assert np.isnan([*quartiles(values[[1, 4]]), known_mean([]), known_mean([np.nan])]).all()
