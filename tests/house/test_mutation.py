@@ -110,3 +110,8 @@ def test_every_part_of_a_name_is_that_of_a_test_file() -> None:
 
 def test_every_known_survivor_is_a_change() -> None:
     assert list(stale({})) == []
+
+
+def test_a_statement_that_defines_several_names_is_reached_by_each() -> None:
+    found = sites("a.py", "FEW, MANY = 1, 2\nBOX = KIND = 3\n")
+    assert [one.names for one in found] == [("FEW", "MANY")] * 2 + [("BOX", "KIND")]

@@ -106,7 +106,8 @@ class _Scope:
             return _Scope(inside, isinstance(child, ast.FunctionDef))
         if isinstance(child, ast.Assign | ast.AnnAssign):
             targets = child.targets if isinstance(child, ast.Assign) else [child.target]
-            names = tuple(one.id for one in targets if isinstance(one, ast.Name))
+            inside = (one for target in targets for one in ast.walk(target))
+            names = tuple(one.id for one in inside if isinstance(one, ast.Name))
             return _Scope(self.owner, False, names)
         return self
 

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path as File
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from wideberth.experiments.cli.app import app
+from wideberth.framework.mpc.diagnosis.explain import SolveRecord
 from wideberth.framework.mpc.diagnosis.solve_record import Record, read_solve, write_solve
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.plugins.config import build, describe
@@ -19,7 +21,7 @@ from wideberth.framework.robot import start_state
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
-from wideberth.framework.values.plan import Plan, Rung, Status
+from wideberth.framework.values.plan import GivenWay, Plan, Rung, Status
 from wideberth.framework.values.polygon import Polygon
 
 PLAIN: dict[str, Any] = {
@@ -248,3 +250,24 @@ def test_the_command_line_explains_files_and_folders(tmp_path: File) -> None:
     empty = tmp_path / "empty"
     empty.mkdir()
     assert "no recorded solve" in str(CliRunner().invoke(app, ["explain", str(empty)]).exception)
+
+
+def test_a_record_says_what_its_plan_says() -> None:
+    way = GivenWay(0.05, 0.4, "content", 3, "a")
+    for given in (None, way):
+        plan = SimpleNamespace(
+            stamp=1.0, status=Status.SOLVED, rung=Rung.OPTIMAL, reason="why", iterations=4,
+            violation=0.1, cost=2.0, given_way=given,
+        )  # fmt: skip
+        check = SimpleNamespace(
+            around=SimpleNamespace(chosen=(SimpleNamespace(room=(2,)),)), parameters=None,
+            problem=SimpleNamespace(key="k"), names=("a", "?"),
+        )  # fmt: skip
+        solved: Any = SimpleNamespace(plan=plan, check=check, guesses=(), point=None, seconds=0.3)
+        found = SolveRecord.of(planner(), solved)
+        told = found.verdict
+        assert (told.stamp, told.status, told.rung) == (1.0, "solved", "optimal")
+        assert (told.reason, told.iterations, told.seconds) == ("why", 4, 0.3)
+        assert (told.violation, told.cost) == (0.1, 2.0)
+        assert told.given_way == ("" if given is None else str(way))
+        assert (found.rooms, found.key, found.names) == (((2,),), "k", ("a", "?"))
