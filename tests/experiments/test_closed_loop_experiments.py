@@ -139,6 +139,7 @@ def test_kept_counts_planned_positions_against_the_truth(episode: Episode) -> No
 def test_quick_settings_run_and_draw(name: str, tmp_path: File) -> None:
     experiment = shipped(name)
     assert isinstance(experiment, DynamicMatters | Conservativeness)
+    experiment = replace(experiment, scenarios={"crossing": experiment.scenarios["crossing"]})
     result = run(experiment, tmp_path / name, quick=True)
     assert len(result.rows) == len(experiment.quick().tasks())
     lines = experiment.summary(result.rows)

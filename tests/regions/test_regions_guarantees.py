@@ -26,7 +26,7 @@ def which(*guarantees: Guarantee) -> Any:
     return pytest.mark.parametrize(("region", "size"), chosen, ids=names)
 
 
-COUNT = {2: 10_000, 3: 2_000}
+COUNT = {2: 4_000, 3: 800}
 NEAR = 1e-6
 """Relative. At condition 1e8 the smallest eigenvalue keeps eight digits, and a tail of 1e-12
 changes sixty times as much as it does."""

@@ -291,7 +291,8 @@ def test_flat_episodes_are_refused(episode: Episode) -> None:
 
 
 def test_quick_run_keeps_apart_and_draws(tmp_path: Path) -> None:
-    experiment = shipped()
+    near = ("scenario.reach=[3.0, 3.0]", "scenario.passers=2", "planner.horizon=10")
+    experiment = shipped(*near)  # short ways, so that it is quick
     result = run(experiment, tmp_path / "flight", quick=True)
     rows = result.rows
     assert [row["region"] for row in rows] == ["exact_sum", "paper_ellipsoid"]
