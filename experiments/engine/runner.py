@@ -196,7 +196,7 @@ def _kept(error: Exception, done: int, work: _Work, out: Path) -> WideberthError
         return WideberthError(describe_error(error))
     return WideberthError(
         f"{describe_error(error)}; {done} of {len(work.tasks)} tasks are done and kept in {out}: "
-        "once that is mended, the same command goes on from there"
+        "once that is corrected, the same command goes on from there"
     )
 
 
