@@ -9,7 +9,7 @@ from functools import lru_cache
 from operator import attrgetter
 from threading import Lock
 from time import perf_counter
-from typing import Any, TypeAlias, cast
+from typing import Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
 
@@ -131,28 +131,33 @@ def refuse_misfits(problem: Problem, parameters: Parameters, guesses: Sequence[G
     ------
     WideberthError : names the array, its shape and the shape wanted.
     """
-    numbers, slots, start = _shapes(problem)
-    if len(parameters.slots) != len(slots):
+    wanted = _shapes(problem)
+    if len(parameters.slots) != len(wanted.slots):
         raise WideberthError(
-            f"parameters hold {len(parameters.slots)} kinds of slots; wanted {len(slots)}, those "
-            "of the problem"
+            f"parameters hold {len(parameters.slots)} kinds of slots; wanted {len(wanted.slots)}, "
+            "those of the problem"
         )
-    if _NUMBERS(parameters) != tuple(numbers.values()):
-        _refuse_misfit("parameters", parameters, numbers)
-    if parameters.curve.size != problem.horizon * problem.curve:
-        _refuse_misfit("parameters", parameters, {"curve": (problem.horizon, problem.curve)})
-    for kind, own in zip(slots, parameters.slots, strict=True):
-        if _SLOTS(own) != tuple(kind.values()):
-            _refuse_misfit("parameters.slots", own, kind)
+    if _NUMBERS(parameters) != wanted.numbers:
+        _refuse_misfit("parameters", parameters, _NUMBER_NAMES, wanted.numbers)
+    if parameters.curve.size != wanted.curve[0] * wanted.curve[1]:
+        _refuse_misfit("parameters", parameters, ("curve",), (wanted.curve,))
+    for shapes, own in zip(wanted.slots, parameters.slots, strict=True):
+        if _SLOTS(own) != shapes:
+            _refuse_misfit("parameters.slots", own, _SLOT_NAMES, shapes)
         if own.level is not None and own.level.shape != own.parameters.shape[:2]:
-            _refuse_misfit("parameters.slots", own, {"level": own.parameters.shape[:2]})
+            _refuse_misfit("parameters.slots", own, ("level",), (own.parameters.shape[:2],))
     for guess in guesses:
-        if _GUESS(guess) != tuple(start.values()):
-            _refuse_misfit("guess", guess, start)
+        if _GUESS(guess) != wanted.guess:
+            _refuse_misfit("guess", guess, _GUESS_NAMES, wanted.guess)
 
 
-def _refuse_misfit(name: str, owner: object, shapes: "_Shapes") -> None:
-    for field, wanted in shapes.items():
+_Shape: TypeAlias = tuple[int, ...]
+
+
+def _refuse_misfit(
+    name: str, owner: object, fields: Sequence[str], shapes: Sequence[_Shape]
+) -> None:
+    for field, wanted in zip(fields, shapes, strict=True):
         values = getattr(owner, field)
         if values.shape != wanted and (values.size or 0 not in wanted):
             raise WideberthError(
@@ -160,34 +165,39 @@ def _refuse_misfit(name: str, owner: object, shapes: "_Shapes") -> None:
             )
 
 
-_Shapes: TypeAlias = dict[str, tuple[int, ...]]
+def _shapes_in(names: Sequence[str]) -> Callable[[object], tuple[_Shape, ...]]:
+    """Return a function that reads the shapes of several arrays at once: every solve does so."""
+    return attrgetter(*(f"{name}.shape" for name in names))
 
-_NUMBERS = attrgetter("initial.shape", "reference.shape", "direction.shape", "speed.shape")
-_SLOTS = attrgetter("parameters.shape", "active.shape", "auxiliaries.shape")
-_GUESS = attrgetter("states.shape", "inputs.shape")
-"""All shapes at once, since every solve looks at them; in the order of `_shapes`."""
+
+_NUMBER_NAMES = ("initial", "reference", "direction", "speed")
+_SLOT_NAMES = ("parameters", "active", "auxiliaries")
+_GUESS_NAMES = ("states", "inputs")
+_NUMBERS, _SLOTS, _GUESS = map(_shapes_in, (_NUMBER_NAMES, _SLOT_NAMES, _GUESS_NAMES))
+
+
+class _Shapes(NamedTuple):
+    """Shapes of the arrays of parameters, of the slots of each kind, and of a guess."""
+
+    numbers: tuple[_Shape, ...]
+    curve: _Shape
+    slots: tuple[tuple[_Shape, ...], ...]
+    guess: tuple[_Shape, ...]
 
 
 @lru_cache(maxsize=8)
-def _shapes(problem: Problem) -> tuple[_Shapes, tuple[_Shapes, ...], _Shapes]:
-    """Shapes of the arrays of parameters, of the slots of each kind, and of a guess."""
+def _shapes(problem: Problem) -> _Shapes:
+    """Return the shapes that a problem wants, in the order of the names above."""
     steps, size = problem.horizon, problem.dimension
-    parameters = {
-        "initial": (problem.states,),
-        "reference": (steps, size),
-        "direction": (steps, size),
-        "speed": (steps,),
-    }
-    slots = tuple(
-        {
-            "parameters": (steps, own.count, own.width),
-            "active": (own.count,),
-            "auxiliaries": (steps, own.count, len(own.auxiliary)),
-        }
-        for own in problem.slots
+    return _Shapes(
+        ((problem.states,), (steps, size), (steps, size), (steps,)),
+        (steps, problem.curve),
+        tuple(
+            ((steps, own.count, own.width), (own.count,), (steps, own.count, len(own.auxiliary)))
+            for own in problem.slots
+        ),
+        ((steps + 1, problem.states), (steps, problem.inputs)),
     )
-    guess: _Shapes = {"states": (steps + 1, problem.states), "inputs": (steps, problem.inputs)}
-    return parameters, slots, guess
 
 
 def on_time(solution: Solution, taken: float, deadline: float | None) -> Solution:

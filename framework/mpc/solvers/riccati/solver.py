@@ -26,7 +26,7 @@ from ..interior_point import (
     START_PENALTY,
     TOLERANCE,
 )
-from .protocol import Numbers, Outcomes, Settings
+from .protocol import SETTING, Numbers, Outcomes, Settings
 
 if TYPE_CHECKING:
     from .compiled import CompiledProblem
@@ -39,6 +39,7 @@ _STATUS = Outcomes(
     stopped=Status.DEADLINE,
 )
 """What each outcome of the core is called outside."""
+_NAMES = {status: str(status) for status in _STATUS}
 
 
 @final
@@ -176,22 +177,30 @@ class Riccati(ManySolver):
 
     def _settings(self, problem: Problem, guess: Guess) -> Array:
         """Collect the settings of the core."""
-        price = highest = problem.penalty
-        if price is None:
-            price, highest = self.start_penalty, self.most_penalty
-        minimum, level = (problem.minimum, guess.level) if problem.shared else (-np.inf, 0.0)
-        settings = Settings(
-            iterations=self.iterations,
-            tolerance=self.tolerance,
-            barrier=self.start_barrier,
-            push=self.start_distance,
-            penalty=price,
-            most_penalty=highest,
-            gradient=self.gradient,
-            minimum=minimum,
-            guess=level,
-        )
-        return np.array(settings)
+        settings = _settings_of(self, problem).copy()
+        if problem.shared:
+            settings[SETTING.guess] = guess.level
+        return settings
+
+
+@lru_cache(maxsize=8)
+def _settings_of(solver: Riccati, problem: Problem) -> Array:
+    """Return the settings of the core for a problem, whatever the guess."""
+    price = highest = problem.penalty
+    if price is None or highest is None:
+        price, highest = solver.start_penalty, solver.most_penalty
+    settings = Settings(
+        iterations=solver.iterations,
+        tolerance=solver.tolerance,
+        barrier=solver.start_barrier,
+        push=solver.start_distance,
+        penalty=price,
+        most_penalty=highest,
+        gradient=solver.gradient,
+        minimum=problem.minimum if problem.shared else -np.inf,
+        guess=0.0,
+    )
+    return np.array(settings)
 
 
 @lru_cache(maxsize=8)
@@ -224,16 +233,11 @@ def _with_wrapped_heading(problem: Problem, parameters: Parameters, guess: Guess
 
 def _with_auxiliaries(parameters: Parameters, guess: Guess) -> Guess:
     """Add the auxiliaries that the regularisation draws to where the guess has none."""
-    own = guess.auxiliaries or tuple(one.auxiliaries for one in parameters.slots)
-    for one, other in zip(own, parameters.slots, strict=True):
-        if one.shape != other.auxiliaries.shape:
-            break
-    else:
-        return guess if own is guess.auxiliaries else replace(guess, auxiliaries=own)
-    pairs = zip(own, parameters.slots, strict=True)
-    found = [
-        one if one.shape == other.auxiliaries.shape else other.auxiliaries for one, other in pairs
-    ]
+    drawn = [one.auxiliaries for one in parameters.slots]
+    if [one.shape for one in guess.auxiliaries] == [one.shape for one in drawn]:
+        return guess
+    pairs = zip(guess.auxiliaries or drawn, drawn, strict=True)
+    found = [one if one.shape == other.shape else other for one, other in pairs]
     return replace(guess, auxiliaries=tuple(found))
 
 
@@ -266,12 +270,15 @@ def _slots(
     return arguments
 
 
+_DOUBLE = np.dtype(np.float64)
+
+
 def _arrays(*values: Array) -> list[Array]:
     """Return the arrays as the core takes them; most are so already."""
     return [
         value
-        if value.flags.carray and value.dtype == np.float64
-        else np.array(value, dtype=np.float64, order="C")
+        if value.dtype is _DOUBLE and value.flags.carray
+        else np.array(value, _DOUBLE, order="C")
         for value in values
     ]
 
@@ -293,4 +300,4 @@ def _words(status: Status, iterations: float, error: float) -> str:
     """How the solve ended, in words."""
     if status is Status.INFEASIBLE:
         return "no plan keeps every region; this one enters them least, as far as was found"
-    return f"{status} after {iterations:.0f} iterations, error {error:.1e}"
+    return f"{_NAMES[status]} after {iterations:.0f} iterations, error {error:.1e}"
