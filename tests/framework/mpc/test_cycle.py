@@ -223,3 +223,22 @@ def test_a_delay_carries_state_and_covariance() -> None:
     assert cycle._delayed(now, state, 0.0, here) is here
     assert cycle._spread(now, state, seen) is seen.covariance
     assert cycle._place(now.robot, here).tolist() == [1.0, 0.0]
+
+
+def test_what_is_not_as_asked_for_is_warned_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[tuple[str, ...]] = []
+    monkeypatch.setattr(shell, "WARNINGS", SimpleNamespace(warn=lambda *words: said.append(words)))
+    good = SimpleNamespace(rung=Rung.OPTIMAL, reason="", given_way=None, left_out=())
+    for changes, notes, wanted in (
+        ({}, (), []),
+        ({"rung": Rung.BRAKE, "reason": "why"}, (), [(str(Rung.BRAKE), "why")]),
+        ({"given_way": "less"}, (), [("gave way", "less")]),
+        ({"rung": Rung.BRAKE, "given_way": "less"}, (), [(str(Rung.BRAKE), "")]),
+        ({"left_out": ("a", "b")}, (), [("no room in the problem", "a, b")]),
+        ({}, ("clock: back", "command too fast"),
+         [("clock", "clock: back"), ("command", "command too fast")]),
+    ):  # fmt: skip
+        said.clear()
+        plan: Any = SimpleNamespace(**{**vars(good), **changes})
+        shell._warn("robot", plan, notes)
+        assert said == [("robot", *words) for words in wanted]
