@@ -1,4 +1,4 @@
-"""The half-plane chance constraint with the line turned to its best: the exact sum at level z."""
+"""The half-plane chance constraint with the best line: the exact sum at level z."""
 
 from dataclasses import dataclass
 from typing import ClassVar, final

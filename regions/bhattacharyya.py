@@ -1,4 +1,4 @@
-"""Distance between two Gaussians: robot and obstacle kept apart by the Bhattacharyya measure."""
+"""A bound on the Bhattacharyya distance between the Gaussians of robot and obstacle."""
 
 from dataclasses import dataclass
 from typing import ClassVar, final

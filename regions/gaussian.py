@@ -150,7 +150,7 @@ def line_risk(level: float) -> float:
 
 
 def circle(count: int, vectors: Array) -> Array:
-    """Give unit vectors in the eigenframe, counter-clockwise in the world, (count, 2)."""
+    """Return unit vectors in the eigenframe, counter-clockwise in the world, (count, 2)."""
     angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
     turn = np.sign(np.linalg.det(vectors))  # eigenvectors may form a left-handed frame
     return np.stack([np.cos(angle), turn * np.sin(angle)], axis=-1)

@@ -67,7 +67,7 @@ def log_interval(centre: Scalar, half: Scalar, deviation: Scalar) -> Scalar:
 
 
 def deep_inside(x: list[Scalar], longest: Scalar, margin: Scalar, level: Scalar) -> Scalar:
-    """Give a slope where the collision probability is 1 to all digits; 0 elsewhere.
+    """Return a term with a slope where the collision probability rounds to 1, 0 elsewhere.
 
     min(0, (|x| - margin + 4 sigma_1) / margin). Where it is below 0 the disc holds the ball of
     four deviations around the mean, so the probability is above 0.9988 (in 2-D 1 - exp(-8)). A

@@ -99,7 +99,7 @@ class Park(gaussian.ExponentLevel):
 
 
 def _inner(parameters: Array, level: Array) -> tuple[Array, Array, BoolArray]:
-    """Parameters and level of the sum, and whether it is there at all."""
+    """Parameters and level of the sum, and whether the sum is non-empty."""
     parameters = np.asarray(parameters, dtype=np.float64)
     q = np.asarray(level, dtype=np.float64) ** 2 - parameters[..., -1]
     return parameters[..., :-1], np.sqrt(np.maximum(q, _EMPTY)), np.asarray(q > _EMPTY)

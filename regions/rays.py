@@ -1,4 +1,4 @@
-"""Boundary and area of a region that has no closed form, by search along rays from its centre.
+"""Boundary and area of a region without a closed form, by search along rays from its centre.
 
 The region is symmetric in each coordinate of the eigenframe and star-shaped around its mean. The
 rays are those of a circle or sphere stretched by the region's own half-widths, so that thin

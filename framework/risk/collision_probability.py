@@ -1,4 +1,4 @@
-"""Collision risk: the probability that a disc (a ball in 3-D) meets one at a Gaussian place."""
+"""Collision risk: probability that a disc (a ball in 3-D) overlaps one at a Gaussian position."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -94,7 +94,7 @@ def scaled(
 
 
 def split(columns: Any) -> tuple[list[Any], list[Any], Any]:
-    """Ratios, squares and gap of `scaled`, one array per coordinate."""
+    """Split the columns of `scaled` into ratios and squares, one array per coordinate, and gap."""
     size = len(columns) // 2
     return list(columns[:size]), list(columns[size:-1]), columns[-1]
 

@@ -21,7 +21,7 @@ Form: TypeAlias = tuple[Sequence[Scalar], Sequence[Scalar], Scalar, Sequence[int
 def probability(
     ratios: Sequence[Any], squares: Sequence[Any], gap: Any, nodes: int, xp: Any
 ) -> Any:
-    """P of `logarithm`, (...), also where some ratios or all of them are zero.
+    """Probability from `logarithm`, (...), also where some or all ratios are zero.
 
     A known position is met or not; on the rim it is not. A coordinate without spread that alone
     is a radius off or more cannot be made up for.
@@ -33,7 +33,7 @@ def probability(
 
 
 def _kinds(ratios: Sequence[Any], squares: Sequence[Any], xp: Any) -> tuple[Any, Any, Any]:
-    """Tell whether any coordinate has spread, the disc can be reached, and just its rim."""
+    """Tell whether any coordinate has spread, the disc is reachable, and only its rim is."""
     solid = sum(ratios) > 0.0
     fixed = sum(xp.where(t > 0.0, 0.0, d) for t, d in zip(ratios, squares, strict=True))
     return solid, fixed < 1.0, solid & (fixed == 1.0)
@@ -42,7 +42,7 @@ def _kinds(ratios: Sequence[Any], squares: Sequence[Any], xp: Any) -> tuple[Any,
 def _masked(
     ratios: Sequence[Any], squares: Sequence[Any], gap: Any, where: Any, xp: Any
 ) -> tuple[list[Any], list[Any], Any]:
-    """Return the same numbers, and harmless ones where the integral does not exist."""
+    """Replace the arguments by valid constants where the integral does not exist."""
     return (
         [xp.where(where, t, 1.0) for t in ratios],
         [xp.where(where, d, 0.0) for d in squares],
@@ -109,7 +109,7 @@ def logarithm(form: Form, nodes: int, xp: Any = np) -> Any:
 
 
 def _summed(share: Callable[[Any], Any], points: Array, like: Any, xp: Any) -> Any:
-    """Sum over the nodes: in one array, or in JAX in a loop, whose numbers stay in the cache."""
+    """Sum over the nodes: in one array, or in JAX in a loop, whose data fit into the cache."""
     if xp is np:
         return share(points.reshape(-1, *[1] * like.ndim)).sum(axis=0)
     from jax.lax import fori_loop

@@ -1,4 +1,4 @@
-"""The risk meter: largest risk outside a region and its size, for one obstacle and margin.
+"""The largest risk outside a region, and the region's size, for one obstacle and margin.
 
 In the plane it walks along the boundary, in space it covers it with points; either way each point
 is found on its ray from the mean, and the extremes are refined.
@@ -46,7 +46,7 @@ _Kind = TypeVar("_Kind", bound=Readings)
 
 
 def joined(first: _Kind, *others: _Kind) -> _Kind:
-    """Return the points of all, one after the other."""
+    """Concatenate the points of several readings."""
     parts = (first, *others)
     return type(first)(
         **{
@@ -59,7 +59,7 @@ def joined(first: _Kind, *others: _Kind) -> _Kind:
 @final
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """A boundary covered by points and searched for its extremes, and the tail.
+    """Points on a boundary, refined around its extremes, and the region's tail.
 
     Attributes
     ----------
@@ -488,7 +488,7 @@ def _refined_outline(walk: Walk, coarse: Boundary) -> Boundary:
 
 
 def _at(walk: Walk, angles: Array) -> Boundary:
-    """Find the boundary in these directions and what holds there."""
+    """Find the boundary along these directions, with risk, clearance and gap."""
     found = walk.read(_circle(angles))
     return Boundary(**vars(found), angles=angles)
 
@@ -614,7 +614,7 @@ def measure(region: Region, obstacle: GaussianObstacle, margin: float, level: fl
 
 
 def _guaranteed() -> list[str]:
-    """Names of registered regions with a guarantee; a broken plug-in is passed over."""
+    """Names of registered regions with a guarantee; broken plug-ins are skipped."""
     found = []
     for name in names("regions"):
         try:

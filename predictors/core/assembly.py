@@ -42,7 +42,7 @@ class Gaussians:
 
 
 def finish(own: Gaussians, past: Histories, tracks: Tracks, name: str) -> Forecast:
-    """Turn Gaussians into a forecast of as many steps.
+    """Turn Gaussians into a forecast with the same number of steps.
 
     Obstacles never observed are seen to here. Nothing is known of them, so their mean is the
     world's origin (the one place where a forecast cannot turn and shift with the world) and
@@ -63,7 +63,7 @@ def _forecast(own: Gaussians, tracks: Tracks) -> Forecast:
 
 
 def _source(own: Gaussians | Forecast) -> Callable[[], Array] | None:
-    """Return what computes the joint covariance, (O, M, N*D, N*D), m^2, None if not known."""
+    """Return a function for the joint covariance, (O, M, N*D, N*D), m^2; None if not known."""
     if isinstance(own, Gaussians):
         return None if own.joint is None else partial(_single_mode, own.joint)
     return None if own.joint_source is None else partial(_joint, own)
@@ -81,7 +81,7 @@ def _single_mode(joint: Callable[[], Array]) -> Array:
 def _without(
     own: Gaussians, rows: BoolArray, spread: float, reasons: tuple[str | None, ...]
 ) -> Gaussians:
-    """Put an unknown place with this standard deviation, m, into some rows."""
+    """Set some rows to an unknown position with this standard deviation, m."""
     mean, covariance = own.mean.copy(), own.covariance.copy()
     mean[rows], covariance[rows] = 0.0, spread**2 * np.eye(own.mean.shape[2])
     joint = None if own.joint is None else partial(_joint_without, own.joint, rows, covariance)
@@ -123,7 +123,7 @@ def with_fallback(
     tracks: Tracks,
     scene: Scene | None,
 ) -> Forecast:
-    """Let another predictor fill in where the named one could not be used.
+    """Use the fallback predictor for obstacles that the named predictor cannot forecast.
 
     Parameters
     ----------
@@ -163,12 +163,12 @@ def with_fallback(
 
 
 def both_reasons(first: str, deeper: str | None) -> str:
-    """Return the named method's reason, and after it that of the predictor which filled in."""
+    """Join the reason of the named method and that of its fallback predictor."""
     return first if deeper is None else f"{first}; {deeper}"
 
 
 def refuse_adaptive(name: str, base: Predictor) -> None:
-    """Refuse a base that adapts where nothing would update it.
+    """Refuse an adaptive base where nothing would update it.
 
     Raises
     ------
@@ -182,7 +182,7 @@ def refuse_adaptive(name: str, base: Predictor) -> None:
 
 
 def narrowed(scene: Scene | None, index: list[int]) -> Scene | None:
-    """Return the scene for some of the obstacles."""
+    """Return the scene restricted to some of the obstacles."""
     if scene is None or scene.goals is None:
         return scene
     return replace(scene, goals=scene.goals[index])

@@ -1,4 +1,4 @@
-"""Rounds of a game in which everybody answers everybody's last plan."""
+"""Rounds of best responses: each agent plans against the last plans of all others."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from .social_rollout import RobotCourse
 
 @dataclass(frozen=True, eq=False)
 class Played:
-    """How the game went, per agent.
+    """Result of the game, per agent.
 
     Attributes
     ----------
@@ -28,7 +28,7 @@ class Played:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Who plays; the robot is agent 0, agent i the obstacle in row ``rows[i - 1]``.
+    """Agents of the game; the robot is agent 0, agent i is the obstacle in row ``rows[i - 1]``.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Table:
     grid: Array
 
     def play(self, iterations: int) -> Played:
-        """Let all respond at once to the last round, and go half the way there.
+        """Compute all best responses to the last round at once, and move half the way to them.
 
         An agent for which no plan is found keeps its way, and is still seen by the others;
         nothing bends the forecast of one that found none in the last round, nor any without the
@@ -74,7 +74,7 @@ class Table:
         return Played(bent, 0.5 * step, failures)
 
     def _answer(self, index: int, robot: Array, bent: Array) -> Array | str:
-        """Plan of an agent among the others, on the grid.
+        """Best response of one agent to the others, on the time grid.
 
         To an obstacle the robot is as uncertain as the obstacle is to the robot.
         """

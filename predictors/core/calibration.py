@@ -36,7 +36,7 @@ def squared_distances(mean: Array, covariance: Array, weight: Array, truth: Arra
 
 
 def scaled(forecast: Forecast, known: Array, known_dt: float, tracks: Tracks) -> Forecast:
-    """Multiply the covariance of each obstacle's steps by a number known per step.
+    """Multiply the covariances of each obstacle by one factor per step.
 
     Sigma_h -> s_h Sigma_h,   Cov(x_h, x_j) -> sqrt(s_h s_j) Cov(x_h, x_j)
 
@@ -75,7 +75,7 @@ def _scaled_joint(forecast: Forecast, scale: Array) -> Array:
 
 
 def replayed(predictor: Predictor, scene: Tracks, windows: Windows) -> tuple[Array, Array, Array]:
-    """Forecast every window from all that had been seen at its newest row.
+    """Forecast every window from all samples observed up to its newest row.
 
     Row by row and with all obstacles present there, so that a predictor which looks at
     neighbours sees the true ones.
@@ -111,7 +111,7 @@ def replayed(predictor: Predictor, scene: Tracks, windows: Windows) -> tuple[Arr
 
 
 def same_step(dataset: Sequence[Tracks], who: str) -> None:
-    """Refuse scenes that differ in dt: one step ahead would mean different times.
+    """Refuse scenes with different dt: one step ahead would mean different times.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Mixture density network: from an obstacle's newest velocities to the modes of its future.
+"""Mixture density network from newest velocities to the modes of each obstacle's future.
 
 The network sees velocities in the obstacle's own frame (x along its heading) and answers in that
 frame, so that its answer turns and shifts with the world whatever its weights are.
@@ -97,7 +97,7 @@ def _each_mode(basis: Array, weight: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Each obstacle's own frame.
+    """Coordinate frame of each obstacle.
 
     Attributes
     ----------
@@ -113,7 +113,7 @@ class Frames:
 
 
 def frames(velocities: Array, known: BoolArray, dt: float, standing: float) -> Frames:
-    """Lay each obstacle's frame along the weighted mean of its velocities.
+    """Align each obstacle's frame with the weighted mean of its velocities.
 
     d = sum_j w_j v_j,  w_j ~ exp(-age_j / MEMORY),  certain = |d|^2 / (|d|^2 + standing^2)
 
@@ -162,12 +162,12 @@ def forward(xp: Any, layers: Any, inputs: Any) -> Any:
 
 
 def output_count(modes: int) -> int:
-    """Return how many numbers the network says: per mode a weight, a path and a growth."""
+    """Return the number of outputs of the network: per mode a weight, a path and a growth."""
     return modes * (1 + 5 * POWERS)
 
 
 def decode(xp: Any, raw: Any, certain: Any, modes: int, length: float) -> tuple[Any, Any, Any]:
-    """Turn the network's outputs into modes in the own frame.
+    """Turn the network's outputs into modes in each obstacle's frame.
 
     Each growth matrix is G G' with G = [[a, 0], [b c, b]] of bounded entries, so that it is PSD
     and an input far from all training data gives a finite forecast. Without a certain heading
@@ -216,7 +216,7 @@ class Layer:
 @final
 @dataclass(frozen=True)
 class DensityNetwork:
-    """A trained network: plain numbers, so that it can stand in a config.
+    """A trained network as plain numbers, so that a config can contain it.
 
     Attributes
     ----------
@@ -262,7 +262,7 @@ class DensityNetwork:
 
     @cached_property
     def arrays(self) -> list[tuple[Array, Array]]:
-        """The layers as arrays, the inputs' centre and width worked into the first one."""
+        """Layers as arrays; the first one includes the inputs' centre and width."""
         layers = [(np.array(layer.weight), np.array(layer.bias)) for layer in self.layers]
         weight, bias = layers[0]
         weight = weight / np.array(self.width)[:, None]

@@ -116,7 +116,7 @@ class Material:
 
     @classmethod
     def of(cls, scenes: Sequence[Windows]) -> "Material":
-        """Put the windows of scenes together; all have the same dt."""
+        """Collect the windows of all scenes; all have the same dt."""
         scenes = [scene for scene in scenes if len(scene)]
         past = np.concatenate([scene.tracks.positions for scene in scenes])
         future = np.concatenate([scene.future for scene in scenes])
@@ -129,7 +129,7 @@ class Material:
         return cls(past, future, share / share.sum(), held, dt, max(speed, 1e-3))
 
     def examples(self, past: Array, future: Array) -> Examples:
-        """See windows as the network sees them."""
+        """Turn windows into the network's inputs and residual futures."""
         velocities = np.diff(past, axis=1) / self.dt
         known = np.ones(velocities.shape[:2], dtype=np.bool_)
         own = frames(velocities, known, self.dt, STANDING * self.scale)
@@ -139,7 +139,7 @@ class Material:
         return Examples(features(velocities, own, self.scale), own.certain, turned)
 
     def draw(self, rng: np.random.Generator, count: int) -> Examples:
-        """Draw windows to learn from; half of them noisy, half of them mirrored."""
+        """Draw training windows; half of them with noise, half of them mirrored."""
         share = np.where(self.held, 0.0, self.share)
         chosen = rng.choice(len(share), size=count, p=share / share.sum())
         past, future = self.past[chosen], self.future[chosen]
@@ -204,7 +204,7 @@ def _scaled(drawn: Examples, centre: Array, width: Array) -> tuple[Any, Any, Any
 
 
 def _start(rng: np.random.Generator, inputs: int, modes: int) -> list[tuple[Any, Any]]:
-    """Draw the layers to begin with.
+    """Draw the initial layers.
 
     All modes begin alike, but for a bend from right to left: modes that begin the same may
     part one way for slow obstacles and the other way for fast ones, and meet in between.
@@ -256,6 +256,6 @@ def _program(modes: int) -> tuple[Any, Any]:
 
 
 def _layer(weight: Array, bias: Array) -> Layer:
-    """Turn arrays into plain numbers; those of float32 are exact as float64."""
+    """Turn arrays into plain numbers; float32 values are exact as float64."""
     rows = tuple(tuple(map(float, row)) for row in weight)
     return Layer(rows, tuple(map(float, bias)))

@@ -20,7 +20,7 @@ ROUNDING = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Histories:
-    """The pasts of all obstacles, without holes, aligned at their newest observed samples.
+    """Past positions of all obstacles without gaps, aligned at their newest observed samples.
 
     Column T - 1 (T is at least 1) is the newest observed sample of each obstacle, whenever
     that was. Columns before ``began`` are not part of the history; they repeat its first
@@ -46,12 +46,12 @@ class Histories:
 
     @property
     def samples(self) -> IntArray:
-        """Number of samples that were truly observed, (O,)."""
+        """Number of observed samples, (O,)."""
         return np.asarray(self.observed.sum(axis=1), dtype=np.int64)
 
     @property
     def length(self) -> IntArray:
-        """Number of samples with those filled in, (O,)."""
+        """Number of samples, filled ones included, (O,)."""
         return np.asarray(self.positions.shape[1] - self.began, dtype=np.int64)
 
     @property
@@ -113,7 +113,7 @@ def gather(
 
 
 def _neighbours(seen: BoolArray) -> tuple[IntArray, IntArray]:
-    """Columns of the last seen sample up to each column, and of the next from it on, (O, T).
+    """Columns of the last observed sample up to each column and of the next from it on, (O, T).
 
     -1 and T where there is none.
     """
@@ -137,7 +137,7 @@ def _beginning(seen: BoolArray, longest_gap: int) -> IntArray:
 
 
 def _filled(relative: Array, seen: BoolArray) -> Array:
-    """Fill what was not seen: linearly between samples, before the first one with it."""
+    """Fill missing samples: linearly between samples, and with the first one before it."""
     count = seen.shape[1]
     before, after = _neighbours(seen)
     after = np.minimum(after, count - 1)

@@ -54,7 +54,7 @@ class Filtered:
 
 
 def filter_axes(past: Histories, noise: Array, model: AxisModel) -> Filtered:
-    """Filter all histories, from the first sample on; missing ones are predicted over.
+    """Filter all histories from the first sample on; missing samples are only predicted.
 
     The first sample starts the filter: position z_0 with covariance R, the rest 0 with the
     variances of the model.
@@ -114,7 +114,7 @@ def _distinct(variance: Array, seen: BoolArray) -> tuple[IntArray, IntArray]:
 
 @dataclass(frozen=True, eq=False)
 class _Tables:
-    """What does not depend on the measured values, for U kinds of axes.
+    """Gains and covariances, which do not depend on measured values, for U kinds of axes.
 
     gain : (T, s, U), 0 where nothing is measured.
     precision : (T, U), 1/m^2, inverse variance of the innovation, 0 as above.
@@ -204,7 +204,7 @@ def scalar_update(
 def measured_update(
     state: Array, covariance: Array, measured: Array, variance: Array
 ) -> tuple[Array, Array, Array]:
-    """Take in one position with independent errors on its axes, one axis after the other.
+    """Update with one position with independent errors on its axes, one axis after the other.
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ def measured_update(
 
 
 def _tracked(filtered: Filtered, tracker: Array, known: BoolArray) -> tuple[Array, Array]:
-    """States and covariances with what a tracker says of position and velocity, where known."""
+    """States and covariances, with the tracker's position and covariance where known."""
     state, start = filtered.state.copy(), filtered.covariance.copy()
     both = tracker.shape[1]
     state[known, : both // 2] = 0.0

@@ -132,7 +132,7 @@ def lagged(
 
 
 def complete_rows(seen: BoolArray, order: int) -> BoolArray:
-    """Tell which rows of `lagged` hold measured velocities alone, (O, T) -> (O, R)."""
+    """Tell which rows of `lagged` contain only measured velocities, (O, T) -> (O, R)."""
     rows = max(seen.shape[1] - order, 0)
     complete = np.ones((len(seen), rows), dtype=np.bool_)
     for lag in range(order + 1):

@@ -1,4 +1,4 @@
-"""Processes that belong to one time step, used on tracks of another."""
+"""Forecasts by a process of one time step for tracks of another."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -30,7 +30,7 @@ def at_own_step(
     noise_floor: float,
     who: str,
 ) -> Says:
-    """Let a process forecast at its own step, and carry the forecast to that of the tracks.
+    """Forecast at the process's own step, and resample the forecast to the tracks' step.
 
     Histories are read at the process's step back from each obstacle's newest sample, and means
     and covariances at the tracks' steps ahead, on straight lines between two samples or steps,
@@ -71,7 +71,7 @@ def at_own_step(
 
 
 def _between(values: Array, place: Array) -> Array:
-    """Read rows of (O, T, ...) at fractional places (O, N), on straight lines between them."""
+    """Interpolate rows of (O, T, ...) linearly at fractional indices (O, N)."""
     below = np.clip(np.floor(place + 1e-9).astype(np.int64), 0, values.shape[1] - 1)
     above = np.minimum(below + 1, values.shape[1] - 1)
     share = np.clip(place - below, 0.0, 1.0).reshape(*place.shape, *(1,) * (values.ndim - 2))

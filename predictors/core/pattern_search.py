@@ -1,4 +1,4 @@
-"""Fits a predictor's own numbers to recordings by the likelihood of its forecasts."""
+"""Fit of a predictor's parameters to recordings by the likelihood of its forecasts."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -33,7 +33,7 @@ Fitted = TypeVar("Fitted", bound=Predictor)
 def fit_numbers(
     predictor: Fitted, directions: Sequence[Powers], dataset: Sequence[Tracks]
 ) -> Fitted:
-    """Return a copy with the numbers of largest likelihood on the given windows.
+    """Return a copy with the parameters of largest likelihood on the given windows.
 
     Minimised is the mean over recordings of the mean over windows and steps of
     -log p(x_h), with 8 samples observed and 12 predicted. (The likelihood of the next sample

@@ -1,4 +1,4 @@
-"""How uncertainty grows along the horizon in a linear Gaussian model: pure functions.
+"""Growth of uncertainty over the horizon in a linear Gaussian model: pure functions.
 
 Notation: dT is the step, h counts steps ahead, D is the dimension of a position, S that of the
 state, N the number of steps, O the number of obstacles.
@@ -90,7 +90,7 @@ def cut_steps(joint: Array, steps: int, size: int, late: IntArray) -> Array:
 
 
 def after(values: Array, steps: int, late: IntArray) -> Array:
-    """Drop the steps gone by: late + 1 to late + N of values (O, late + N or more, ...)."""
+    """Keep the steps late + 1 to late + N of values (O, late + N or more, ...)."""
     if not late.any():
         return values[:, :steps]
     return np.asarray(values[np.arange(len(values))[:, None], late[:, None] + np.arange(steps)])

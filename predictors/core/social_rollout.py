@@ -100,7 +100,7 @@ class RobotCourse:
     radius: float
 
     def at(self, time: Array) -> tuple[Array, Array]:
-        """Positions and velocities (..., 2) at times (...), straight on before and beyond."""
+        """Positions and velocities (..., 2) at times (...), straight lines before and beyond."""
         last = len(self.times) - 2
         index = np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, last)
         span = self.times[index + 1] - self.times[index]
@@ -110,7 +110,7 @@ class RobotCourse:
 
 
 def course_of(scene: Scene | None, dt: float, stamp: float) -> RobotCourse | None:
-    """Return the robot's own plan as a course; None where the scene has none.
+    """Return the robot's own plan as a course; None if the scene has no plan.
 
     A plan without times is taken to be on the grid of the forecast, its first row one step
     of ``dt`` s after ``stamp``.
@@ -128,7 +128,7 @@ def course_of(scene: Scene | None, dt: float, stamp: float) -> RobotCourse | Non
 
 @dataclass(frozen=True, eq=False)
 class Walkers:
-    """Walkers, with the velocity that each of them wants.
+    """Walkers and their desired velocities.
 
     Attributes
     ----------
@@ -145,7 +145,7 @@ class Walkers:
     goals: Array | None
 
     def wanted(self, position: Array, soon: float) -> Array:
-        """Velocity that each wants at these positions (..., O, 2), m/s.
+        """Desired velocity of each walker at these positions (..., O, 2), m/s.
 
         Towards a goal it slows down as soon as it would be there within ``soon`` s.
         """
@@ -166,7 +166,7 @@ def roll_out(
     dt: float,
     steps: int,
 ) -> Array:
-    """Integrate the motion of all walkers under several assumptions of their wanted velocities.
+    """Integrate the motion of all walkers under several assumptions on their desired velocities.
 
     dv_i/dt = (u_i - v_i) / tau + sum over j of f_ij,   dp_i/dt = v_i
 
@@ -208,7 +208,7 @@ def roll_out(
 def _with_robot(
     place: Array, velocity: Array, robot: RobotCourse | None, time: float
 ) -> tuple[Array, Array]:
-    """Positions and velocities of the walkers, the robot's after them."""
+    """Positions and velocities of the walkers, followed by those of the robot."""
     if robot is None:
         return place, velocity
     where, how_fast = robot.at(np.asarray(time))
@@ -240,7 +240,7 @@ def _pushes(
 
 @dataclass(frozen=True, eq=False)
 class _Pairs:
-    """Who may push whom, sorted by walker; the robot is neighbour O.
+    """Pairs that may interact, sorted by walker; the robot is neighbour O.
 
     Attributes
     ----------
@@ -261,7 +261,7 @@ def _meeting(
     force: Force,
     dt: float,
 ) -> _Pairs:
-    """Find who can feel whom during the next ``dt`` s, under any assumption."""
+    """Find the pairs that can interact during the next ``dt`` s, under any assumption."""
     known = np.flatnonzero(walkers.known)
     place, velocity, radius = place[:, known], velocity[:, known], walkers.radius[known]
     astray = _length(place - place[0]).max(axis=0)

@@ -1,4 +1,4 @@
-"""From the velocity processes of all obstacles to Gaussians of where they will be."""
+"""Gaussian position forecasts from the velocity processes of all obstacles."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -35,7 +35,7 @@ def past_velocities(past: Histories, dt: float, order: int) -> tuple[Array, Arra
 
 
 def served(past: Histories, missing: Sequence[str | None]) -> Histories:
-    """Let obstacles that another predictor will see to (with a reason) ask for no extra steps.
+    """Set to 0 the extra steps of obstacles that a fallback predictor forecasts (with a reason).
 
     All are rolled out as far as the one that was last seen longest ago.
     """
@@ -76,7 +76,7 @@ def process_gaussians(
     integration: Integration = "rectangle",
     root: Array | None = None,
 ) -> Gaussians:
-    """Gaussians of these positions, with their exact covariance.
+    """Gaussians of the positions of `process_means`, with their exact covariance.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A vector autoregression of velocities: where it leads and how its uncertainty grows.
+"""A vector autoregression of velocities: its expected path and the growth of its uncertainty.
 
 One process per obstacle, all obstacles at once. Exact for known coefficients, to first order
 for estimated ones; the paper's own recursions stand in `predictors.var`. Notation: dT is the
@@ -56,14 +56,14 @@ class VelocityProcess:
         )
 
     def finite(self) -> BoolArray:
-        """Tell which processes consist of finite numbers alone, (O,)."""
+        """Tell which processes contain only finite numbers, (O,)."""
         axes = {2: (1,), 3: (1, 2), 4: (1, 2, 3)}
         parts = (self.coefficients, self.innovation, self.intercept)
         finite = [np.isfinite(part).all(axis=axes[part.ndim]) for part in parts]
         return np.asarray(np.all(finite, axis=0), dtype=np.bool_)
 
     def companion(self) -> Array:
-        """First-order form, (O, p*D, p*D): its eigenvalues say whether velocities explode."""
+        """First-order form, (O, p*D, p*D): its eigenvalues show whether velocities explode."""
         count, order, size = self.coefficients.shape[:3]
         matrix = np.tile(np.eye(order * size, k=-size), (count, 1, 1))
         matrix[:, :size] = self.coefficients.swapaxes(1, 2).reshape(count, size, order * size)

@@ -1,4 +1,4 @@
-"""Static regions: how to keep clear of polygons that stand still. One file per method."""
+"""Static regions: constraints that keep a robot clear of fixed polygons. One file per method."""
 
 BUILT_IN: dict[str, str] = {
     "dual": "wideberth.regions.static.dual:Dual",

@@ -61,7 +61,7 @@ def packed_count(corners: int) -> int:
 
 
 class Packed:
-    """Parameters of polygons of V vertices taken apart.
+    """Unpacked parameters of polygons of V vertices.
 
     They may be an array (..., P) or a CasADi vector, and more numbers may follow them.
     """

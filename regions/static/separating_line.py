@@ -1,4 +1,4 @@
-"""A line between body and polygon, turned by one angle."""
+"""A separating line between body and polygon, described by one angle."""
 
 from dataclasses import dataclass
 from typing import ClassVar, final
@@ -16,7 +16,7 @@ from . import packing
 @final
 @dataclass(frozen=True)
 class SeparatingLine(StaticRegion):
-    """Clear iff a line with unit normal n(theta) lies between body and polygon.
+    """Constraint that a line with unit normal n(theta) separates body and polygon.
 
         (n . (v_i - w_j) - sqrt(n^T M n) - margin) / scale >= 0
 
