@@ -86,4 +86,6 @@ def test_something_is_in_the_way_of_the_reference_or_of_the_level(y, level, poin
     solved = SimpleNamespace(point=replace(guess, level=point))
     assert multistart._in_the_way(check, solved) is wanted
     empty = slots_of(parameters, active=np.zeros(1))
-    assert not multistart._in_the_way(replace(check, parameters=empty), solved)
+    for low in (point, -1.0):
+        solved = SimpleNamespace(point=replace(guess, level=low))
+        assert not multistart._in_the_way(replace(check, parameters=empty), solved)
