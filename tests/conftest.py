@@ -13,9 +13,8 @@ import pytest
 
 GOLDEN = Path(__file__).with_name("golden_regions.json")
 DENSE = Path(__file__).parent / "data" / "dense"
-LARGE, GROWTH, PAGE = 600e6, 100e6, 4096
-"""Bytes: of a test process that drops what it has compiled, of what it has grown by since it did
-so the last time, and of a page of memory."""
+LARGE, PAGE = 600e6, 4096
+"""Bytes: of a test process that drops what it has compiled, and of a page of memory."""
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 
 
@@ -78,23 +77,12 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     gc.freeze()
 
 
-def _occupied() -> float:
-    """Memory of this process, bytes; 0 where the system does not say."""
-    pages = Path("/proc/self/statm")
-    return float(pages.read_text().split()[1]) * PAGE if pages.exists() else 0.0
-
-
-@pytest.fixture(scope="session")
-def _left() -> list[float]:
-    """What the process occupied after it dropped what it had compiled the last time."""
-    return [LARGE - GROWTH]
-
-
 @pytest.fixture(scope="module", autouse=True)
-def _memory_given_back(_left: list[float]) -> Iterator[None]:
+def _memory_given_back() -> Iterator[None]:
     """Drop compiled programs and figures after a test file that leaves its process large."""
     yield
-    if _occupied() < _left[0] + GROWTH:
+    pages = Path("/proc/self/statm")
+    if not pages.exists() or int(pages.read_text().split()[1]) * PAGE < LARGE:
         return
     solvers = sys.modules.get("wideberth.framework.mpc.solvers.base")
     if solvers is not None:
@@ -107,7 +95,6 @@ def _memory_given_back(_left: list[float]) -> Iterator[None]:
         jax.clear_caches()
     gc.collect()
     getattr(ctypes.CDLL(None), "malloc_trim", int)(0)  # glibc keeps freed blocks otherwise
-    _left[0] = max(_occupied(), LARGE - GROWTH)
 
 
 @pytest.fixture
