@@ -58,4 +58,5 @@ def test_departures_from_the_paper_are_written_where_the_code_does_them() -> Non
      "tail of exactly", "s >= 0"],
 )  # fmt: skip
 def test_departures_that_were_once_left_out_are_named(word: str) -> None:
-    assert word in (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
+    assert word in " ".join(text.split())  # a sentence may go on in the next line
