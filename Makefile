@@ -4,7 +4,7 @@ ROOMS := framework predictors regions robots controllers simulation experiments
 WORKERS ?= 2
 FIGURES ?= ellipse_construction approximation_error forecast_regions chicken_game crossing
 
-.PHONY: help demo test lint bench fuzz mutants figures graph lock
+.PHONY: help demo test lint types docs bench core fuzz mutants figures wheel pictures graph lock
 .DEFAULT_GOAL := help
 
 help:                   ## list the targets
@@ -23,9 +23,21 @@ lint: .venv/ready       ## check style and types
 	cd .venv/link && ../bin/mypy --config-file wideberth/pyproject.toml \
 	  --cache-dir ../../.mypy_cache wideberth/__init__.py $(ROOMS:%=wideberth/%)
 	$(BIN)/pyright
+	cd .venv/typed && PATH=$(CURDIR)/$(BIN):$$PATH PYTHONPATH=. pyright \
+	  --verifytypes wideberth --ignoreexternal
+
+types: .venv/ready      ## write what editors read of packages that import their names late
+	$(BIN)/python -m wideberth.tests.house.stubs
+
+docs: .venv/ready       ## build the site into docs/_build/html, warnings as errors
+	$(BIN)/codespell
+	$(BIN)/python -m sphinx -b html -W --keep-going -n -q docs docs/_build/html
 
 bench: .venv/ready      ## measure speed (see benchmarks/README.md)
 	$(BIN)/python benchmarks/run.py
+
+core: .venv/ready       ## compile the solver riccati to the object code that is shipped
+	$(BIN)/python -m wideberth.framework.mpc.solvers.riccati.emit
 
 fuzz: .venv/ready       ## absurd input for planners, predictors and configs (half an hour or more)
 	$(BIN)/python benchmarks/fuzz.py --workers $(WORKERS)
@@ -35,6 +47,14 @@ mutants: .venv/ready    ## change the code for the worse and count what no test 
 
 figures: .venv/ready    ## draw the figures of FIGURES="name ..." (run first where need be)
 	$(BIN)/wideberth figures $(FIGURES) --workers 2
+
+wheel: .venv/ready      ## build dist/*.whl and dist/*.tar.gz, and try the wheel in a fresh environment
+	rm -rf build dist
+	$(BIN)/python -m build -q
+	$(BIN)/python tests/house/smoke_wheel.py dist/*.whl
+
+pictures: .venv/ready   ## draw the film at the top of the README
+	$(BIN)/python docs/draw_pictures.py
 
 graph: .venv/ready      ## draw which groups of modules import which
 	$(BIN)/python docs/draw_import_graph.py
@@ -48,5 +68,7 @@ lock: .venv/ready       ## write requirements.lock anew: versions and hashes, no
 	$(BIN)/python -m pip install -q uv
 	$(BIN)/uv pip install --python .venv -q --require-hashes -r requirements.lock
 	$(BIN)/uv pip install --python .venv -q --no-deps -e .
-	mkdir -p .venv/link && ln -sfn ../.. .venv/link/wideberth
+	mkdir -p .venv/link .venv/typed/wideberth && ln -sfn ../.. .venv/link/wideberth
+	for part in __init__.py __init__.pyi py.typed $(ROOMS); do \
+	  ln -sfn ../../../$$part .venv/typed/wideberth/$$part; done
 	touch $@

@@ -8,7 +8,14 @@ import numpy as np
 from measuring import Row, labels, repeats
 from set_ups import CAP, PAPER, PERIOD
 
-from wideberth.experiments.drawing.plotting import COLOURS, LINES, PAGE, paper_style, save
+from wideberth.experiments.drawing.plotting import (
+    COLOURS,
+    LINES,
+    PAGE,
+    paper_style,
+    save,
+    subplots,
+)
 
 HATCHES = ("", "////", "....", "xxxx", "\\\\\\\\", "++++", "----")
 MARKERS = ("o", "s", "^", "v", "D", "x")
@@ -28,9 +35,7 @@ def draw(tables: Mapping[str, Sequence[Row]], folder: Path) -> list[Path]:
 
 def _times(solves: Sequence[Row]) -> Any:
     """Share of instances solved within a time, by their best repeat."""
-    from matplotlib import pyplot
-
-    figure, panel = pyplot.subplots(figsize=(PAGE, 2.8))
+    figure, panel = subplots(figsize=(PAGE, 2.8))
     shown = [label for label in labels(solves) if label != f"{PAPER}, 450 ms"]
     for i, label in enumerate(shown):
         own = [row for row in solves if row["set-up"] == label]
@@ -54,10 +59,8 @@ def _mark(panel: Any, place: float, name: str) -> None:
 
 def _growth(rows: Sequence[Row]) -> Any:
     """Time against the number of obstacles and against the horizon, on log axes."""
-    from matplotlib import pyplot
-
     axes = list(dict.fromkeys(row["axis"] for row in rows))
-    figure, panels = pyplot.subplots(1, len(axes), figsize=(PAGE, 2.4), sharey=True, squeeze=False)
+    figure, panels = subplots(1, len(axes), figsize=(PAGE, 2.4), sharey=True, squeeze=False)
     for axis, panel in zip(axes, panels[0], strict=True):
         size = "obstacles" if axis.startswith("K") else "steps"
         for i, label in enumerate(labels(rows)):
@@ -77,9 +80,7 @@ def _growth(rows: Sequence[Row]) -> Any:
 
 def _hard(rows: Sequence[Row]) -> Any:
     """Share solved of hard instances with a known feasible point, by kind."""
-    from matplotlib import pyplot
-
-    figure, panel = pyplot.subplots(figsize=(PAGE, 2.6))
+    figure, panel = subplots(figsize=(PAGE, 2.6))
     shown = [row for row in rows if row["known"]]
     kinds, names = list(dict.fromkeys(row["kind"] for row in shown)), labels(shown)
     width = 0.85 / max(len(names), 1)

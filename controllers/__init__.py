@@ -1,5 +1,7 @@
 """Controllers: ours and the rivals, one file each."""
 
+from ..framework.plugins.lazy import lazy
+
 BUILT_IN: dict[str, str] = {
     "constant_velocity": "wideberth.controllers.constant_velocity:ConstantVelocity",
     "dynamic_window": "wideberth.controllers.dynamic_window:DynamicWindow",
@@ -14,3 +16,5 @@ BUILT_IN: dict[str, str] = {
     "social_force": "wideberth.controllers.social_force:SocialForce",
 }
 """Name -> where the class is."""
+
+__getattr__, __dir__, __all__ = lazy(__name__, BUILT_IN.values())

@@ -53,12 +53,11 @@ class Cart(Robot):
 
     def state_bounds(self) -> Bounds:
         """Leave position and heading free."""
-        return Bounds((-np.inf,) * 3, (np.inf,) * 3)
+        return Bounds.symmetric(np.inf, np.inf, np.inf)
 
     def input_bounds(self) -> Bounds:
         """Limits of speed and yaw rate."""
-        upper = (self.max_speed, self.max_yaw_rate)
-        return Bounds(tuple(-limit for limit in upper), upper)
+        return Bounds.symmetric(self.max_speed, self.max_yaw_rate)
 
     def pose(self, state: Sequence[Scalar]) -> Pose:
         """Position and heading are the state."""

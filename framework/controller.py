@@ -117,8 +117,8 @@ def checked_use(robot: Robot, observation: Observation) -> Observation:
         )
     if len(observation.state) != len(robot.states):
         raise WideberthError(
-            f"the state has {len(observation.state)} entries; this robot has "
-            f"{[quantity.name for quantity in robot.states]}"
+            f"the state has {len(observation.state)} entries; wanted {len(robot.states)} of this "
+            f"robot: {', '.join(quantity.name for quantity in robot.states)}"
         )
     return observation
 

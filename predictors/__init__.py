@@ -3,6 +3,8 @@
 The table below is all that is needed to list them; nothing is imported until one is used.
 """
 
+from ..framework.plugins.lazy import lazy
+
 BUILT_IN: dict[str, str] = {
     "adaptive_conformal": "wideberth.predictors.adaptive_conformal:AdaptiveConformal",
     "bayesian_var": "wideberth.predictors.bayesian_var:BayesianVectorAutoregression",
@@ -25,3 +27,5 @@ BUILT_IN: dict[str, str] = {
     "static": "wideberth.predictors.static:Static",
     "var": "wideberth.predictors.var:VectorAutoregression",
 }
+
+__getattr__, __dir__, __all__ = lazy(__name__, BUILT_IN.values())

@@ -120,7 +120,7 @@ class AdaptiveConformal(Adaptive, Fittable):
     observed : samples in a row that an obstacle must have been seen for its forecast to count.
     steps : ahead, each with a scale of its own; later ones share the last.
     speeds : m/s, bounds between the classes, increasing; none for one class.
-    start : what `fit` has learnt, in the order of `Online.log_scale`, and its dt, s.
+    start, start_dt : what `fit` has learnt, in the order of `Online.log_scale`, and its dt, s.
     state : what `update` has learnt; None before.
 
     Raises

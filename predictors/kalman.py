@@ -46,7 +46,7 @@ class Kalman(Fittable):
         88 % on average with a nominal 95 %, with 2 cm 91 %; slow robots on a smooth floor have
         1e-4.
     speed : m/s per axis, standard deviation of the first velocity.
-    noise_floor : m.
+    noise_floor : m, standard deviation that the measurement noise has in addition.
     history : grid samples to filter; older ones no longer matter to the state.
     backend : "batched" filters all obstacles at once with NumPy; "filterpy" one after the
         other with the library, for reference: the same to rounding, and slow.

@@ -1,5 +1,7 @@
 """Regions: sets that the robot keeps out of. One file per method."""
 
+from ..framework.plugins.lazy import lazy
+
 BUILT_IN: dict[str, str] = {
     "best_half_plane": "wideberth.regions.best_half_plane:BestHalfPlane",
     "bhattacharyya": "wideberth.regions.bhattacharyya:Bhattacharyya",
@@ -19,3 +21,5 @@ BUILT_IN: dict[str, str] = {
     "whitened_box": "wideberth.regions.whitened_box:WhitenedBox",
 }
 """Name -> where the class is."""
+
+__getattr__, __dir__, __all__ = lazy(__name__, BUILT_IN.values())

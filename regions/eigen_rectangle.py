@@ -45,6 +45,11 @@ class EigenRectangle(gaussian.Eigenframe, Signed, Convex):
     differ, but a round covariance has no preferred axes, and the square around it stands as the
     eigen-decomposition happens to put it. Content and guarantee do not depend on that.
 
+    Parameters
+    ----------
+    correction : "sidak" or "bonferroni", of the half-widths for the number of components.
+    enlargement : "disc" for rounded corners, "box" for mitred ones.
+
     References
     ----------
     Z. Šidák, Rectangular confidence regions for the means of multivariate normal distributions,

@@ -67,6 +67,11 @@ class LuetkepohlRectangle(Signed, Convex):
     content 0.9, approached by thin covariances along a world axis), 0.997 for deviations of 1 m
     and 0.1 m and a margin of 1.5 m.
 
+    Parameters
+    ----------
+    correction : "sidak" or "bonferroni", of the half-widths for the number of components.
+    enlargement : "disc" for rounded corners, "box" for mitred ones.
+
     References
     ----------
     H. Lütkepohl, New Introduction to Multiple Time Series Analysis (2005), pp. 39-41.

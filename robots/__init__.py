@@ -1,5 +1,7 @@
 """Robots: one file per model, each a frozen dataclass behind `wideberth.framework.robot.Robot`."""
 
+from ..framework.plugins.lazy import lazy
+
 BUILT_IN: dict[str, str] = {
     "bicycle": "wideberth.robots.bicycle:Bicycle",
     "differential_drive": "wideberth.robots.differential_drive:DifferentialDrive",
@@ -8,3 +10,5 @@ BUILT_IN: dict[str, str] = {
     "holonomic_velocity": "wideberth.robots.holonomic_velocity:HolonomicVelocity",
     "unicycle": "wideberth.robots.unicycle:Unicycle",
 }
+
+__getattr__, __dir__, __all__ = lazy(__name__, BUILT_IN.values())

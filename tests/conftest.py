@@ -16,6 +16,9 @@ DENSE = Path(__file__).parent / "data" / "dense"
 LARGE, PAGE = 600e6, 4096
 """Bytes: of a test process that drops what it has compiled, and of a page of memory."""
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
+EARLY = ("framework/mpc/solvers", "predictors", "regions")
+"""Folders whose tests run first: one process compiles the solver meanwhile, the others start
+with tests that need none, and do not wait for it."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -43,7 +46,9 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave slow tests out unless they are asked for, as in ``-m slow``."""
+    """Leave slow tests out unless they are asked for, as in ``-m slow``; order the others."""
+    early = [Path(__file__).parent / folder for folder in EARLY]
+    items.sort(key=lambda item: [folder not in item.path.parents for folder in early])
     if "slow" not in str(config.getoption("markexpr")):
         for item in items:
             if item.get_closest_marker("slow"):
@@ -99,7 +104,7 @@ def _memory_given_back() -> Iterator[None]:
 
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty cache of compiled modules, and a process that has loaded none."""
+    """An empty cache of compiled code, and a process that has loaded none."""
     from wideberth.framework.jit import store
 
     monkeypatch.setenv("WIDEBERTH_CACHE", str(tmp_path / "cache"))
@@ -115,7 +120,8 @@ def again(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], list[str]]:
     def loaded(source: str) -> list[str]:
         monkeypatch.setattr(store, "_LOADED", {})
         said: list[str] = []
-        assert load("tested", source, said.append).double(4.0) == 8.0
+        place = load("tested", source, ["double"], said.append)["double"]
+        assert ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double)(place)(4.0) == 8.0
         return said
 
     return loaded

@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,19 +12,25 @@ import typer
 from ...framework.plugins.io import expanded
 from ...framework.values.errors import WideberthError
 from ..engine.threads import ROUNDING
+from . import completing
 
 if TYPE_CHECKING:
     from ..engine.base import Experiment
     from ..engine.dask_pool import Scheduler
 
-app = typer.Typer(
+app: typer.Typer = typer.Typer(
     help="Robot motion planning around moving obstacles with uncertain futures.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
 
 
-Config = Annotated[str, typer.Argument(help="A YAML file, or the name of a shipped config.")]
+Config = Annotated[
+    str,
+    typer.Argument(
+        help="A YAML file, or the name of a shipped config.", autocompletion=completing.configs
+    ),
+]
 Set = Annotated[
     list[str] | None, typer.Option("--set", help="KEY=VALUE, as in region.tail=0.1; repeatable.")
 ]
@@ -50,6 +57,26 @@ RESULTS = Path("results")
 """Folder of all results that no other is stated for."""
 
 
+def _print_version(asked: bool) -> None:
+    if asked:
+        from ... import __version__
+
+        typer.echo(f"wideberth {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", help="Print the version.", callback=_print_version, is_eager=True
+        ),
+    ] = False,
+) -> None:
+    """Offer what stands before any command."""
+
+
 def result_folder(name: str) -> Path:
     """Return the folder that a path or the name of a config means.
 
@@ -63,7 +90,7 @@ def result_folder(name: str) -> Path:
     return folder if own or (folder / "config.yaml").is_file() else RESULTS / folder.stem
 
 
-@app.command()
+@app.command(no_args_is_help=True)
 def run(
     config: Config,
     set_: Set = None,
@@ -77,6 +104,7 @@ def run(
     tls_cert: TlsCert = None,
     tls_key: TlsKey = None,
     parquet: Parquet = False,
+    watch: Annotated[bool, typer.Option("--watch", help="Show episodes in a window.")] = False,
 ) -> None:
     """Run an experiment: measure, print the table, draw the figures."""
     from ..engine import tables
@@ -90,7 +118,23 @@ def run(
     if out is None:
         out = RESULTS / (config_path(config).stem + ("-quick" if quick else ""))
     out = expanded(out)
-    _run(experiment, out, workers, quick, plugins, fresh, not no_figures, cluster, parquet)
+    with _window(workers, scheduler) if watch else nullcontext():
+        _run(experiment, out, workers, quick, plugins, fresh, not no_figures, cluster, parquet)
+
+
+def _window(workers: int, scheduler: str | None) -> "AbstractContextManager[None]":
+    """Show every episode that runs within a block in a window.
+
+    Raises
+    ------
+    WideberthError : several processes, or no screen.
+    """
+    from ...simulation.drawing.watch import Window
+    from ...simulation.engine.episode import watched
+
+    if workers > 1 or scheduler is not None:
+        raise WideberthError("--watch shows what one process does: leave --workers and such out")
+    return watched(Window())
 
 
 def _run(
@@ -105,6 +149,7 @@ def _run(
     parquet: bool = False,
 ) -> None:
     from ..engine import runner, tables
+    from ..engine.progress import working
 
     try:
         runner.run(experiment, out, workers, quick, plugins, fresh, cluster)
@@ -113,7 +158,8 @@ def _run(
     if parquet:
         tables.write_parquet(out)
     if figures:
-        runner.draw(out)
+        with working(f"drawing the figures of {out}"):
+            runner.draw(out)
     _show(out)
 
 
@@ -144,6 +190,7 @@ def figures(
     workers: Workers = 1,
 ) -> None:
     """Redraw figures from results; a name without a result is run first."""
+    from ..engine.progress import working
     from ..engine.runner import draw
     from ..engine.shipped import read_experiment
 
@@ -154,8 +201,9 @@ def figures(
         folder = result_folder(name)
         named = folder == expanded(name) and folder.is_dir()
         if (folder / "table.csv").is_file() or named:
-            for path in draw(folder):
-                typer.echo(path)
+            with working(f"drawing the figures of {folder}"):
+                drawn = draw(folder)
+            typer.echo("\n".join(map(str, drawn)))
         else:
             experiment, plugins = read_experiment(name, [])
             _run(experiment, folder, workers, False, plugins, False)
@@ -163,36 +211,82 @@ def figures(
 
 @app.command("list")
 def list_(
-    room: Annotated[str, typer.Argument(help="regions, predictors, robots, ..., or configs")],
+    room: Annotated[
+        str,
+        typer.Argument(
+            help="predictors, regions, robots, ..., or configs; every room by default.",
+            autocompletion=completing.rooms,
+        ),
+    ] = "",
 ) -> None:
-    """List the names in a room, or the shipped configs."""
-    from ...framework.plugins.registry import names
-    from ..engine.shipped import shipped
+    """List names, each with a line that says what it is: of a room, or of every room."""
+    from ...framework.plugins.registry import ROOMS
+    from . import describing
 
-    typer.echo("\n".join(shipped() if room in ("config", "configs") else names(room)))
+    if room:
+        typer.echo("\n".join(describing.lines(describing.listed(room))))
+        return
+    for name in (*ROOMS, describing.CONFIG_ROOM):
+        if found := describing.listed(name):
+            typer.secho(name, bold=True)
+            typer.echo("\n".join(f"  {line}" for line in describing.lines(found)))
 
 
-@app.command()
+@app.command(no_args_is_help=True)
+def describe(
+    what: Annotated[
+        list[str],
+        typer.Argument(
+            help="A name, a room and a name, or module:Class.", autocompletion=completing.described
+        ),
+    ],
+) -> None:
+    """Describe a plug-in: what it does and assumes, its fields, its source, how to use it."""
+    from . import describing
+
+    typer.echo(describing.described(what))
+
+
+@app.command(no_args_is_help=True)
 def check(
-    room: Annotated[str, typer.Argument(help="predictor, region, static_region, robot, ...")],
+    room: Annotated[
+        str,
+        typer.Argument(
+            help="predictor, region, static_region, robot, ...", autocompletion=completing.rooms
+        ),
+    ],
     target: Annotated[
-        str, typer.Argument(help="A name, module:Class, a YAML file, or a saved JSON file.")
+        str,
+        typer.Argument(
+            help="A name, module:Class, a YAML file, or a saved JSON file.",
+            autocompletion=completing.plug_ins,
+        ),
     ],
     set_: SetPlugin = None,
+    dimensions: Annotated[
+        list[int] | None,
+        typer.Option(help="2 or 3; repeatable. Of predictors and regions; all by default."),
+    ] = None,
 ) -> None:
     """Check that a plug-in keeps the laws of its room, one line per law."""
     from ...framework import testing
     from ...framework.plugins.registry import room_name, unknown
     from ...framework.testing.laws import described, findings
+    from ..engine.progress import working
     from .fitting import read_plugin
 
     kind = room_name(room).removesuffix("s")
     checks = [name.removeprefix("check_") for name in testing.CHECKS]
     if kind not in checks:
         raise WideberthError(unknown("contract check", kind, checks))
+    if dimensions and (kind not in ("predictor", "region") or not {*dimensions} <= {2, 3}):
+        raise WideberthError("--dimensions takes 2 or 3, for a predictor or a region")
     plugin = read_plugin(room_name(room), target, set_ or [])
+    choices = {"dimensions": tuple(dimensions)} if dimensions else {}
     broken = []
-    for law, error in findings(testing.laws_of(kind, plugin)):
+    for one in testing.laws_of(kind, plugin, **choices):
+        with working(f"checking: {one.name}"):
+            ((law, error),) = findings([one])
         verdict = f"exempt: {law.exception}" if law.exception else "broken" if error else "holds"
         typer.echo(f"{law.name}: {verdict}")
         broken += [f"{law.name}: {described(error)}"] if error else []
@@ -203,10 +297,14 @@ def check(
     typer.echo(f"{target} keeps the laws of {room_name(room)}.")
 
 
-@app.command()
+@app.command(no_args_is_help=True)
 def fit(
     predictor: Annotated[
-        str, typer.Argument(help="A name, module:Class, a YAML file, or a saved JSON file.")
+        str,
+        typer.Argument(
+            help="A name, module:Class, a YAML file, or a saved JSON file.",
+            autocompletion=completing.predictors,
+        ),
     ],
     recordings: Annotated[
         list[str],
@@ -224,30 +322,68 @@ def fit(
 ) -> None:
     """Fit a predictor to recordings and save it; `{saved: FILE}` names it in a config."""
     from ...framework.plugins.config import check_place, save_plugin
+    from ..engine.progress import working
     from . import fitting
 
     out = expanded(out)
     check_place(out)
     unfitted = fitting.read_predictor(predictor, set_ or [])
-    found = fitting.read_files(recordings, dt)
-    scenes = fitting.scenes(found, noise)
+    with working("reading the recordings"):
+        found = fitting.read_files(recordings, dt)
+        scenes = fitting.scenes(found, noise)
     for name, recording in found.items():
         typer.echo(f"{name}: {fitting.described(recording, noise)}")
-    fitted, changes = fitting.fitted(unfitted, scenes)
+    with working(f"fitting {predictor}"):
+        fitted, changes = fitting.fitted(unfitted, scenes)
     typer.echo("\n".join(f"learnt {change}" for change in changes))
     path = save_plugin(out, "predictors", fitted)
     typer.echo(f"written: {path}; in a config, {fitting.named(path, fitted)}")
 
 
-@app.command()
+@app.command(no_args_is_help=True)
 def show(
-    result: Annotated[str, typer.Argument(help="Folder of a result, or the name of its config.")],
+    result: Annotated[
+        str,
+        typer.Argument(
+            help="Folder of a result, or the name of its config.",
+            autocompletion=completing.results,
+        ),
+    ],
+    columns: Annotated[
+        str, typer.Option(help="Only these columns, as in planner,clearance_min_m.")
+    ] = "",
+    pivot: Annotated[
+        str, typer.Option(help="LINES,COLUMNS,MEASURE, as in predictor,region,clearance_min_m.")
+    ] = "",
+    latex: Annotated[bool, typer.Option("--latex", help="As a tabular with booktabs.")] = False,
+    markdown: Annotated[bool, typer.Option("--markdown", help="As Markdown.")] = False,
 ) -> None:
-    """Show a result: its claim, its table, its files."""
-    _show(result_folder(result))
+    """Show a result: its claim, its table, its files; or a part of its tables alone."""
+    folder = result_folder(result)
+    if not (columns or pivot or latex or markdown):
+        _show(folder)
+        return
+    from ..engine import extract, showing
+    from ..engine.progress import say
+    from ..engine.result import check_finished
+
+    if latex and markdown:
+        raise WideberthError("--latex and --markdown were both given; give one of them")
+    check_finished(folder)
+    chosen = extract.extract(
+        folder, *(text.split(",") if text else () for text in (columns, pivot))
+    )
+    if chosen.note:
+        say(chosen.note)
+    if latex or markdown:
+        typer.echo((extract.latex_text if latex else extract.markdown_text)(chosen))
+        return
+    if chosen.measure:
+        typer.echo(chosen.measure)
+    showing.print_table(chosen.rows)
 
 
-@app.command()
+@app.command(no_args_is_help=True)
 def explain(
     target: Annotated[
         Path, typer.Argument(help="A recorded solve (.json or .npz), or a folder of them.")
@@ -255,7 +391,11 @@ def explain(
     solver: Annotated[str | None, typer.Option(help="Solve again with this one.")] = None,
 ) -> None:
     """Say why a recorded solve failed or was slow, and solve it again."""
-    typer.echo("\n".join(_explained(target, solver)))
+    from ..engine.progress import working
+
+    with working("solving again"):
+        lines = _explained(target, solver)
+    typer.echo("\n".join(lines))
 
 
 def _explained(target: Path, solver: str | None) -> list[str]:
@@ -273,7 +413,10 @@ def _explained(target: Path, solver: str | None) -> list[str]:
     if target.is_dir():
         files = sorted(target.glob("solve-*.json"))
         if not files:
-            raise WideberthError(f"{target} holds no recorded solve (solve-*.json)")
+            raise WideberthError(
+                f"{target} holds no recorded solve (solve-*.json); a planner writes them with its "
+                "setting `record`; the plans of a result's episodes are in `wideberth play`"
+            )
         return [line for file in files for line in (*_explain_one(file, solver), "")][:-1]
     if target.suffix not in ("", ".json", ".npz"):
         raise WideberthError(
@@ -292,7 +435,7 @@ def _explain_one(path: Path, solver: str | None) -> list[str]:
     return [str(path.with_suffix(".json")), solve.text(), again, *compared(solve, solutions)]
 
 
-@app.command()
+@app.command(no_args_is_help=True)
 def cite(config: Config, set_: Set = None) -> None:
     """Print the BibTeX entries of everything that a config uses."""
     from ..engine.citing import bibliography, keys
@@ -318,6 +461,27 @@ def demo(
 
 
 @app.command()
+def warmup() -> None:
+    """Compile the fast solver `riccati`, so that its first use does not wait."""
+    import time
+    from dataclasses import replace
+
+    import numpy as np
+
+    from ...framework.mpc.planner.recommended import recommended
+    from ...framework.mpc.solvers.riccati.compiled import LEAST_KINDS, core
+    from ...framework.mpc.solvers.riccati.solver import Riccati
+    from ...framework.values.path import Path as Route
+    from ..engine.progress import span
+
+    begin = time.monotonic()
+    core(LEAST_KINDS)  # the same for all planners; raises where nothing can be compiled
+    planner = replace(recommended(quiet=True), solver=Riccati())
+    planner.set_path(Route(np.array([[0.0, 0.0], [5.0, 0.0]])))  # decides once, far from everybody
+    typer.echo(f"riccati is ready for the recommended planner; {span(time.monotonic() - begin)}")
+
+
+@app.command(no_args_is_help=True)
 def export(
     config: Config,
     out: Annotated[Path, typer.Option(help="Folder of the C files; it must not exist yet.")],
@@ -333,22 +497,24 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="Replace an older export.")] = False,
 ) -> None:
     """Write the planner's optimisation problem as C, with an example that checks it."""
+    from ..engine.progress import working
     from .export import export as write
 
-    source = write(
-        config,
-        set_ or [],
-        expanded(out),
-        planner=planner,
-        obstacles=obstacles,
-        polygons=polygons,
-        corners=corners,
-        force=force,
-    )
+    with working(f"writing {out}"):
+        source = write(
+            config,
+            set_ or [],
+            expanded(out),
+            planner=planner,
+            obstacles=obstacles,
+            polygons=polygons,
+            corners=corners,
+            force=force,
+        )
     typer.echo(f"written: {out} ({source}); `make -C {out}` compiles and checks the example")
 
 
-@app.command()
+@app.command(no_args_is_help=True)
 def report(
     results: Annotated[
         list[str], typer.Argument(help="Folders of results, or the names of their configs.")
@@ -358,18 +524,24 @@ def report(
     ] = Path("report.html"),
 ) -> None:
     """Write results as one page that needs nothing else, and as Markdown tables."""
+    from ..engine.progress import working
     from ..report.document import report as write
 
     folders = [Path(name) if Path(name).exists() else result_folder(name) for name in results]
-    for path in write(folders, expanded(out)):
+    with working("writing the report"):
+        written = write(folders, expanded(out))
+    for path in written:
         typer.echo(f"written: {path} ({path.stat().st_size / 1e6:.1f} MB)")
 
 
-@app.command()
+@app.command(no_args_is_help=True)
 def play(
     episode: Annotated[
         str,
-        typer.Argument(help="An episode (files/*.npz), a result's folder, or its config's name."),
+        typer.Argument(
+            help="An episode (files/*.npz), a result's folder, or its config's name.",
+            autocompletion=completing.results,
+        ),
     ],
     out: Annotated[
         Path | None, typer.Option(help="HTML file; the episode's name by default.")
@@ -383,12 +555,16 @@ def play(
     """Step through an episode with plans, forecasts and regions, in a browser."""
     import webbrowser
 
-    from ..report.player import find_episode
+    from ..engine.progress import working
+    from ..report.player import find_episodes
     from ..report.player import play as write
 
     path = expanded(episode)
-    found = find_episode(path if path.exists() else result_folder(episode))
-    page = write(found, expanded(out) if out else Path(f"{found.stem}.html"), tail)
+    path = path if path.exists() else result_folder(episode)
+    with working("writing the page"):
+        kept = find_episodes(path)
+        name = kept[0].stem if len(kept) == 1 else path.resolve().name
+        page = write(path, expanded(out) if out else Path(f"{name}.html"), tail)
     typer.echo(f"written: {page} ({page.stat().st_size / 1e6:.1f} MB)")
     if open_ and not webbrowser.open(page.resolve().as_uri()):
         typer.echo("no browser was found to open it with; open the file yourself")

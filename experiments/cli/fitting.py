@@ -8,7 +8,7 @@ from typing import Any
 
 from ...framework.plugins.config import build, describe, import_plugins, load_plugin
 from ...framework.plugins.io import expanded
-from ...framework.plugins.registry import class_path, home_of, load, name_of, names, unknown
+from ...framework.plugins.registry import class_path, load, name_of, names, unknown
 from ...framework.plugins.yamlfile import apply, read_config
 from ...framework.predictor import Fittable, Predictor
 from ...framework.tracking.recordings import Recording
@@ -16,6 +16,7 @@ from ...framework.values.arrays import positive
 from ...framework.values.errors import WideberthError
 from ...framework.values.tracks import Tracks
 from ..engine.errors import describe_error
+from ..engine.provenance import plugin_modules
 from ..studies.crowd import TrackFile
 from ..studies.prediction_data import FAST, usual_speed
 
@@ -225,23 +226,9 @@ def named(path: Path, predictor: Predictor) -> str:
 
     The modules that registered it, or a plug-in that it holds, must stand in the config too.
     """
-    modules = sorted(set(_modules(predictor)))
+    modules = sorted(plugin_modules(predictor))
     more = f" and plugins: [{', '.join(modules)}]" if modules else ""
     return f"predictor: {{saved: {path}}}{more}"
-
-
-def _modules(value: Any) -> Iterator[str]:
-    """Modules of the classes that a script registered."""
-    if isinstance(value, Mapping):
-        value = list(value.values())
-    if isinstance(value, list | tuple):
-        for entry in value:
-            yield from _modules(entry)
-    elif is_dataclass(value) and not isinstance(value, type):
-        home = home_of(type(value))
-        if home is not None:
-            yield home
-        yield from _modules([getattr(value, field.name) for field in fields(value)])
 
 
 def learnt(before: Any, after: Any) -> list[str]:

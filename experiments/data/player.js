@@ -83,6 +83,21 @@ function decisionFrom(episode, robot, index, way) {
   return wanted < 0 ? 0 : Math.max(lastAtMost(episode.frames, stamps[wanted] + 1e-6), 0);
 }
 
+/** How a plan came about: 0 optimal, 1 its level gave way, 2 it is not the optimal one. */
+function grade(plan) {
+  if (!plan.best) return 2;
+  return plan.gave_way ? 1 : 0;
+}
+
+/** The same in words; a sentence. */
+function verdict(plan) {
+  if (!plan) return "This controller makes no plans.";
+  const way = plan.gave_way ? ` It gave way: ${plan.gave_way}.` : "";
+  if (!plan.best) return `Not optimal: ${plan.rung}.${way}`;
+  return way ? `Optimal, but it gave way: ${plan.gave_way}.` :
+    `Optimal plan${plan.level ? "; it keeps the level asked for" : ""}.`;
+}
+
 /** Texts of the side panel: [label, text]. */
 function facts(episode, robot, index) {
   const time = episode.frames[index], plan = planAt(robot, time);
@@ -123,7 +138,8 @@ function facts(episode, robot, index) {
 /** Colours of the page, by name, for light and dark. */
 function palette(element) {
   const style = getComputedStyle(element);
-  const names = ["paper", "ink", "muted", "line", "other", "wall", "region", "reference"];
+  const names = ["paper", "ink", "muted", "line", "other", "wall", "region", "reference",
+    "gave-way", "lower"];
   for (let i = 0; i < 6; i += 1) names.push(`robot-${i}`);
   return Object.fromEntries(names.map((n) => [n, style.getPropertyValue(`--${n}`).trim()]));
 }
@@ -151,5 +167,5 @@ function prepared(canvas, height) {
 }
 
 if (typeof module !== "undefined") {
-  module.exports = { series, lastAtMost, ticks, decode, planAt, decisionFrom, facts };
+  module.exports = { series, lastAtMost, ticks, decode, planAt, decisionFrom, facts, grade, verdict };
 }

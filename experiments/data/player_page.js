@@ -7,16 +7,32 @@ class Player {
     this.sources = [...element.querySelectorAll("script.episode")];
     element.append(document.getElementById("player").content.cloneNode(true));
     this.part = (name) => element.querySelector(`.${name}`);
-    this.sources.forEach((source, i) => {
-      this.part("which select.episode").append(new Option(source.dataset.name, i));
-    });
-    this.part("which").hidden = this.sources.length < 2;
+    this.choice();
     this.listen();
     this.load(0);
   }
 
+  /** Several episodes open with a choice: what differs between them, and how each ended. */
+  choice() {
+    const group = `run-${document.querySelectorAll(".player .which input").length}`;
+    this.part("which").append(...this.sources.map((source, i) => {
+      const label = document.createElement("label"), input = document.createElement("input");
+      const name = document.createElement("b"), note = document.createElement("small");
+      if (source.dataset.note.endsWith("contact")) label.className = "flagged";
+      Object.assign(input, { type: "radio", name: group, value: i, checked: i === 0 });
+      input.addEventListener("change", () => this.load(i));
+      [name.textContent, note.textContent] = [source.dataset.label, source.dataset.note];
+      label.append(input, name, note);
+      return label;
+    }));
+    this.part("which").hidden = this.sources.length < 2;
+  }
+
   async load(number) {
     this.pause();
+    const { title, note } = this.sources[number].dataset;
+    this.part("what").textContent = `${title}; ${note}`;
+    if ("alone" in this.element.dataset) document.title = title;
     try {
       this.episode = await unpack(this.sources[number].textContent);
     } catch (error) {
@@ -29,13 +45,14 @@ class Player {
     const options = this.robots.map((robot, i) => new Option(robot.name, i));
     this.part("robot").replaceChildren(...options);
     this.part("regions").options[0].text = `of content ${+(100 * episode.content).toFixed(4)} %`;
-    for (const name of ["views", "charts"]) this.part(name).replaceChildren();
+    for (const name of ["views", "charts", "strip"]) this.part(name).replaceChildren();
     this.views = episode.axes.map((_, i) => new View(this.part("views"), episode, i));
     const jump = (share) => this.show(lastAtMost(episode.frames, share * episode.frames.at(-1)));
     const charts = this.part("charts");
     this.charts = [
       new Chart(charts, "clearance", "m", "clearance", jump),
       new Chart(charts, "speed", "m/s", "speeds", jump),
+      new Strip(this.part("strip"), jump),
     ];
     this.part("time").max = episode.frames.length - 1;
     this.show(0);
@@ -56,6 +73,7 @@ class Player {
     this.part("enlarged").parentElement.hidden = !enlarged;
     this.part("each").parentElement.hidden = this.episode.every > 1;
     if (enlarged) items.push(["region", words]);
+    if (!robot.plans.length) items.splice(1);
     items.push([`robot-${robot.color}`, `${robot.name}, its plan and trail`]);
     items.push(["other", "others", "dotted"]);
     const lines = items.map(([color, text, style, pale]) => {
@@ -80,7 +98,6 @@ class Player {
     on("back", "click", () => this.step(-1));
     on("next", "click", () => this.step(1));
     on("time", "input", () => this.show(Number(this.part("time").value)));
-    on("which select.episode", "change", (event) => this.load(Number(event.target.value)));
     for (const name of ["robot", "zoom", "regions", "each", "plan", "enlarged", "trails"]) {
       on(name, "change", () => this.show(this.index));
     }
@@ -100,7 +117,7 @@ class Player {
     const mine = this.element.contains(event.target) || (alone && event.target === document.body);
     if (!mine || !this.episode || event.ctrlKey || event.altKey || event.metaKey) return;
     const tag = event.target.tagName, native = tag === "BUTTON" || event.target.type === "checkbox";
-    if (tag === "SELECT" || (native && event.key === " ")) return;
+    if (tag === "SELECT" || event.target.type === "radio" || (native && event.key === " ")) return;
     const speed = this.part("speed"), robot = this.part("robot");
     const faster = (way) => {
       const wanted = speed.selectedIndex + way;
@@ -167,6 +184,7 @@ class Player {
     slider.setAttribute("aria-valuetext", `${time.toFixed(2)} s`);
     const robot = this.robots[this.part("robot").selectedIndex];
     this.tell(facts(this.episode, robot, this.index));
+    this.judge(planAt(robot, time));
     if (this.followed !== robot) this.key();
     this.followed = robot;
     this.redraw();
@@ -180,6 +198,13 @@ class Player {
     rows.flat().forEach((text, i) => {
       if (list.children[i].textContent !== text) list.children[i].textContent = text;
     });
+  }
+
+  /** Say how the plan came about, in words and by the colour beside them. */
+  judge(plan) {
+    const part = this.part("verdict"), words = verdict(plan);
+    if (part.textContent !== words) part.textContent = words;
+    part.dataset.grade = plan ? grade(plan) : "";
   }
 
   redraw() {

@@ -315,7 +315,7 @@ class Chart {
     c.textAlign = "center";
     c.textBaseline = "top";
     for (const t of ticks(0, end, Math.max(3, Math.min(8, width / 80)))) {
-      if (toX(t) < right - 30) c.fillText(String(t), toX(t), bottom + 4);
+      if (toX(t) < right - 42) c.fillText(String(t), toX(t), bottom + 4);
     }
     c.textAlign = "right";
     c.fillText("t (s)", right, bottom + 4);
@@ -332,5 +332,42 @@ class Chart {
     c.moveTo(toX(state.time), top);
     c.lineTo(toX(state.time), bottom);
     c.stroke();
+  }
+}
+
+const GRADES = ["optimal", "gave way", "not optimal"];
+
+/** How every plan of the chosen robot came about: the higher and darker a bar, the worse. */
+class Strip {
+  constructor(place, jump) {
+    this.canvas = document.createElement("canvas");
+    this.words = document.createElement("p");
+    this.words.className = "quiet";
+    this.canvas.setAttribute("role", "img");
+    this.canvas.addEventListener("click", (event) => {
+      const { left, width } = this.canvas.getBoundingClientRect();
+      jump((event.clientX - left) / width);
+    });
+    place.append(this.canvas, this.words);
+  }
+
+  draw({ episode, robot, time }, colors) {
+    const { plans, stamps } = robot;
+    this.canvas.hidden = this.words.hidden = !plans.length;
+    if (!plans.length || this.canvas.clientWidth < LEAST) return;
+    const grades = plans.map(grade), end = episode.frames.at(-1) || 1;
+    const counts = GRADES.map((_, i) => grades.filter((one) => one === i).length);
+    const words = counts.map((count, i) => `${count} ${GRADES[i]}`).join(", ");
+    this.words.textContent = `${plans.length} plans: ${words}`;
+    this.canvas.setAttribute("aria-label", this.words.textContent);
+    const { context: c, width, height } = prepared(this.canvas, 18);
+    const toX = (t) => width * t / end;
+    grades.forEach((one, i) => {
+      const high = [2, 9, height][one], until = stamps[i + 1] ?? end;
+      c.fillStyle = colors[["line", "gave-way", "lower"][one]];
+      c.fillRect(toX(stamps[i]), height - high, toX(until) - toX(stamps[i]) + 0.8, high);
+    });
+    c.fillStyle = colors.ink;
+    c.fillRect(toX(time) - 1, 0, 2, height);
   }
 }

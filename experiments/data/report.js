@@ -1,8 +1,8 @@
 "use strict";
 /* Tables sort by a column at a click: numbers by value, then words; once more turns it round. */
 
-for (const table of document.querySelectorAll(".table table")) {
-  const heads = [...table.tHead.rows[0].cells], body = table.tBodies[0];
+for (const table of document.querySelectorAll(".table:not(.sideways) table")) {
+  const heads = [...[...table.tHead.rows].at(-1).cells], body = table.tBodies[0];
   const key = (row, i) => {
     const { dataset, textContent } = row.cells[i];
     return "value" in dataset ? Number(dataset.value.replace("inf", "Infinity")) : textContent;

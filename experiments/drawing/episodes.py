@@ -7,23 +7,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...framework.drawing.style import BLACK, FORECAST, OTHER, PLANNED, REFERENCE, shades
 from ...framework.mpc.planner.planner import Planner
 from ...framework.values.arrays import Array, positive, probability
 from ...framework.values.errors import WideberthError
 from ...framework.values.plan import Plan, Rung
+from ...simulation.drawing import artists
+from ...simulation.drawing.pictures import draw_ways, once
 from ...simulation.log.episode_log import AgentLog, Episode
-from . import episode_artists as artists
-from .episode_artists import mark_closest
 from .kept_out import kept_out_of
-from .plotting import COLOURS, COLUMN, PAGE, paper_style
+from .plotting import COLUMN, PAGE, paper_style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-BLACK, PLANNED, OTHER, REFERENCE, FORECAST = COLOURS[:5]
-"""The paper's colours: green reference, blue plan, pink forecast."""
-
-_MARK = 5.0  # s between two time marks
 _EVERY = 3  # steps from one drawn region to the next
 _ORDER = (
     *("reference path", "reference points", "planned positions", "kept out of"),
@@ -104,14 +101,7 @@ def draw_run(episode: Episode) -> "Figure":
         low, high = artists.extent(episode)
         span = high - low
         figure.set_size_inches(COLUMN, min(2.98 * span[1] / span[0], 3.6) + 1.0)
-        artists.frame(panel, low, high)
-        artists.walls(panel, episode)
-        artists.courses(panel, episode)
-        styles = artists.looks(episode)
-        for log in episode.agents:
-            _way(panel, episode, log, styles[log.name])
-        taken = mark_closest(panel, episode)
-        write_times(panel, episode, taken, _MARK)
+        draw_ways(panel, episode, low, high)
         figure.legend(loc="outside lower center", ncols=2)
     return figure
 
@@ -145,14 +135,6 @@ def _steps(plan: Plan) -> list[int]:
     return list(range((count - 1) % _EVERY, count, _EVERY))
 
 
-def _shades(plan: Plan) -> list[tuple[float, float, float]]:
-    """One shade per drawn step, darker the later, so that grey print tells them apart too."""
-    count = len(_steps(plan))
-    pale, dark = np.array([0.86, 0.56, 0.72]), np.array([0.30, 0.03, 0.22])
-    shares = np.linspace(0.0, 1.0, count)[:, None]
-    return [tuple(one) for one in (1.0 - shares) * pale + shares * dark]
-
-
 def _kept_out(
     panel: Any, episode: Episode, ego: AgentLog, plan: Plan, planner: Planner | None
 ) -> list[Array]:
@@ -160,12 +142,12 @@ def _kept_out(
     from matplotlib.collections import PolyCollection
     from matplotlib.patheffects import withStroke
 
-    steps, shades = _steps(plan), _shades(plan)
+    steps = _steps(plan)
     found = {} if planner is None else kept_out_of(episode, ego, plan, planner, steps)
     if not found:
         return []
     rims = np.stack(list(found.values()))
-    for i, (step, shade) in enumerate(zip(steps, shades, strict=True)):
+    for i, (step, shade) in enumerate(zip(steps, shades(len(steps)), strict=True)):
         panel.add_collection(
             PolyCollection(
                 list(rims[:, i]), facecolor="none", edgecolor=shade, linewidth=1.1, zorder=1.8,
@@ -229,7 +211,7 @@ def _world(panel: Any, episode: Episode, ego: AgentLog, time: float) -> Array:
             artists.shapes(log, here, artists.heading_at(episode, log, time)), facecolor=face,
             edgecolor=colour, linewidth=0.9, linestyle=line, hatch=None if own else "/////",
             zorder=1.5,
-            label="robot and its trail" if own else _once(panel, "obstacle and its trail"),
+            label="robot and its trail" if own else once(panel, "obstacle and its trail"),
         )  # fmt: skip
         panel.add_collection(body, autolim=False)
         panel.plot(*artists.nose(episode, log, time).T, "-", color=colour, linewidth=2.0)
@@ -253,11 +235,6 @@ def _rank(label: str) -> int:
     return next(i for i, start in enumerate(_ORDER) if label.startswith(start))
 
 
-def _once(panel: Any, label: str) -> str | None:
-    """Return the label, unless the panel has it already."""
-    return None if label in panel.get_legend_handles_labels()[1] else label
-
-
 def _title(ego: AgentLog, plan: Plan | None, time: float, tail: float) -> str:
     head = f"{ego.name} robot's view, t = {time:.2f} s\n"
     if plan is None:
@@ -268,78 +245,3 @@ def _title(ego: AgentLog, plan: Plan | None, time: float, tail: float) -> str:
         return f"{head}{name} without obstacles"
     percent = f"{100 * content:.0f} %" if content >= 0.01 else "less than 1 %"
     return f"{head}{name} holds {percent} content, {100 * (1 - tail):g} % asked"
-
-
-def _way(panel: Any, episode: Episode, log: AgentLog, look: artists.Look) -> None:
-    """Draw where one agent drove, with a mark every 5 s."""
-    if log.kind == "robot":
-        label: str | None = f"{log.name}, marks every {_MARK:g} s"
-    else:
-        label = _once(panel, "replayed" if log.kind == "replay" else log.kind)
-    marks = episode.at(log, np.arange(_MARK, episode.duration, _MARK))
-    panel.plot(*log.positions[:, :2].T, color=look.color, linestyle=look.linestyle)
-    panel.plot(*marks[:, :2].T, look.marker, color=look.color, markersize=3)
-    panel.plot(
-        [], [], look.marker, color=look.color, linestyle=look.linestyle, markersize=3, label=label
-    )
-
-
-def write_times(panel: Any, episode: Episode, taken: Array, every: float) -> None:
-    """Write the time at the robots' marks where there is room; elsewhere the mark stands alone.
-
-    Parameters
-    ----------
-    panel : about 3 inches along its longer side, with its limits set.
-    taken : (K, 2), m, points that labels had better keep clear of, beside the robots' ways.
-    every : s between two marks.
-    """
-    from matplotlib.patheffects import withStroke
-
-    styles = artists.looks(episode)
-    ways = [log.positions[::10, :2] for log in episode.robots]
-    taken = np.concatenate([taken, *ways])
-    corners = np.array([panel.get_xlim(), panel.get_ylim()]).T
-    span = float((corners[1] - corners[0]).max())
-    # Half the size of a label in the panel's units: 215 points along the longer side.
-    half = 0.5 * span / 215.0 * np.array([3.6 * len(f"{episode.duration:.0f} s") + 1.5, 7.5])
-    boxes = np.zeros((0, 2))
-    times = np.arange(every, episode.duration, every)
-    for log in episode.robots:
-        places = episode.at(log, times)[:, :2]
-        last = log.positions[0, :2]
-        for time, place in zip(times, places, strict=True):
-            if np.linalg.norm(place - last) < 0.03 * span:  # the marks are one upon the other
-                continue
-            last = place
-            chosen = _spot(place, half, boxes, taken, corners)
-            if chosen is None:
-                continue
-            boxes = np.concatenate([boxes, chosen[None]])
-            panel.text(
-                *chosen, f"{time:g} s", ha="center", va="center", fontsize=6,
-                color=styles[log.name].color, zorder=3,
-                path_effects=[withStroke(linewidth=1.5, foreground="white")],
-            )  # fmt: skip
-
-
-def _spot(place: Array, half: Array, boxes: Array, taken: Array, corners: Array) -> Array | None:
-    """Choose the middle of a label beside a mark, off other labels; None without room.
-
-    Parameters
-    ----------
-    place : (2,), of the mark.
-    half : (2,), half the size of a label.
-    boxes : (K, 2), middles of the labels that are there.
-    taken : (M, 2), points that it had better keep clear of.
-    corners : (2, 2), of the panel, lower left and upper right.
-    """
-    angles = np.arange(16) * np.pi / 8.0
-    rays = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    spots = np.concatenate([place + reach * half * rays for reach in (1.7, 2.3)])
-    inside = np.all((spots - half >= corners[0]) & (spots + half <= corners[1]), axis=1)
-    apart = np.all((np.abs(spots[:, None] - boxes) >= 2.0 * half).any(axis=2), axis=1)
-    free = inside & apart
-    if not free.any():
-        return None
-    covered = np.all(np.abs(spots[:, None] - taken) < half, axis=2).sum(axis=1)
-    return np.asarray(spots[int(np.argmin(np.where(free, covered, np.inf)))])

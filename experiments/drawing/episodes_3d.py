@@ -4,22 +4,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...framework.metrics.episode import content_bound
+from ...framework.drawing import shapes
+from ...framework.drawing.style import FORECAST, frame_space
 from ...framework.values.arrays import Array, positive, probability
 from ...framework.values.errors import WideberthError
-from ...framework.values.forecast import GaussianObstacle, resample
+from ...framework.values.forecast import GaussianObstacle, content_bound, resample
 from ...framework.values.plan import Plan
-from ...simulation.log.episode_log import AgentLog, Episode
-from . import episode_artists as artists
-from .episode_artists import Closest, closest
-from .episodes import FORECAST
+from ...simulation.drawing import artists, pictures
+from ...simulation.drawing.artists import Closest, closest
+from ...simulation.log.episode_log import Episode
 from .plotting import COLOURS, LINES, PAGE, paper_style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-VIEW = {"elev": 24.0, "azim": -58.0}
-"""Degrees; both views in space are seen from there."""
 _BESIDE = 0.35  # m that the close view shows on each side beyond balls and ellipsoid
 
 
@@ -71,9 +69,7 @@ def ellipsoid(obstacle: GaussianObstacle, tail: float, count: int = 25) -> Array
     mu + sqrt(q) L n with L L^T = Sigma, n the unit vectors and q the quantile of chi^2 with
     three degrees of freedom that is exceeded with probability ``tail``.
     """
-    values, vectors = np.linalg.eigh(obstacle.covariance)
-    root = vectors * np.sqrt(content_bound(3, tail) * np.clip(values, 0.0, None))
-    return np.asarray(obstacle.mean + _sphere(count) @ root.T)
+    return shapes.ellipsoid(obstacle.mean, obstacle.covariance, content_bound(3, tail), count)
 
 
 def expected(plan: Plan, name: str, time: float) -> GaussianObstacle | None:
@@ -94,54 +90,13 @@ def expected(plan: Plan, name: str, time: float) -> GaussianObstacle | None:
     return GaussianObstacle(then.mean[row, mode, 0], then.covariance[row, mode, 0])
 
 
-def _sphere(count: int) -> Array:
-    """Give unit vectors on a grid of polar and azimuth angle, (count, count, 3)."""
-    polar, around = np.meshgrid(
-        np.linspace(0.0, np.pi, count), np.linspace(0.0, 2.0 * np.pi, count), indexing="ij"
-    )
-    level = np.sin(polar)
-    return np.stack([level * np.cos(around), level * np.sin(around), np.cos(polar)], axis=-1)
-
-
 def _volume(panel: Any, episode: Episode, found: Closest) -> None:
     """Draw the ways of all agents and their shadows."""
-    points = [log.positions for log in episode.robots]
-    points += [path.points for log in episode.robots for _, path in log.paths]
-    every = np.concatenate(points)
-    low, high = every.min(axis=0) - 0.8, every.max(axis=0) + 0.8
-    middle, span = 0.5 * (low + high), np.maximum(high - low, 0.5 * max(high - low))
-    low, high = middle - 0.5 * span, middle + 0.5 * span
-    _frame(panel, low, high)
-    styles = artists.looks(episode)
-    for log in episode.agents:
-        look, way = styles[log.name], _inside(log.positions, low, high)
-        shade = np.column_stack([way[:, :2], np.full(len(way), low[2])])
-        panel.plot(*shade.T, "-", color="0.88", linewidth=0.7)
-        robot = log.kind == "robot"
-        label = f"{log.name} robot" if robot else "passers-by"
-        panel.plot(
-            *way.T, linestyle=look.linestyle, color=look.color, linewidth=1.3 if robot else 1.0,
-            label=label,
-        )  # fmt: skip
-        if robot:
-            _course(panel, log, look.color)
-    for log in episode.agents:
-        place = episode.at(log, np.array([found.time]))[0]
-        if np.isfinite(place).all() and (place > low).all() and (place < high).all():
-            _ball(panel, place, log.radius, styles[log.name].color)
+    low, high = pictures.volume(episode)
+    frame_space(panel, low, high)
+    pictures.draw_ways_in_space(panel, episode, low, high)
+    pictures.draw_balls(panel, episode, found.time, low, high)
     panel.set_title(f"all at t = {found.time:.1f} s, the closest approach")
-
-
-def _course(panel: Any, log: AgentLog, color: str) -> None:
-    """Draw a robot's reference path, its start and its goal."""
-    for _, path in log.paths:
-        panel.plot(*path.points.T, "-", color="0.75", linewidth=0.7, label="reference path")
-        ends = ((path.points[0], "o", "start"), (path.goal, "x", "goal"))
-        for place, marker, label in ends:
-            panel.plot(
-                *place[:, None], linestyle="none", marker=marker, color=color, markersize=5,
-                markerfacecolor="none", label=label,
-            )  # fmt: skip
 
 
 def _encounter(panel: Any, episode: Episode, found: Closest, tail: float, lead: float) -> None:
@@ -168,33 +123,21 @@ def _encounter(panel: Any, episode: Episode, found: Closest, tail: float, lead: 
     low, high = np.min(seen, axis=0), np.max(seen, axis=0)
     half = 0.5 * float(np.max(high - low)) + _BESIDE
     low, high = 0.5 * (low + high) - half, 0.5 * (low + high) + half
-    _frame(panel, low, high)
+    frame_space(panel, low, high)
     for log, place in zip(found.pair, places, strict=True):
         look = styles[log.name]
-        way = _inside(log.positions, low, high)
+        way = pictures.inside(log.positions, low, high)
         panel.plot(*way.T, linestyle=look.linestyle, color=look.color)
-        _ball(panel, place, log.radius, look.color)
+        pictures.draw_ball(panel, place, log.radius, look.color)
     title = "near, "
     if plan is not None:
         panel.plot(
-            *_inside(plan.positions, low, high).T, "s", color=styles[ego.name].color,
+            *pictures.inside(plan.positions, low, high).T, "s", color=styles[ego.name].color,
             markersize=2.5, markerfacecolor="white", markeredgewidth=0.7,
             label=f"{ego.name} robot's plan",
         )  # fmt: skip
         title += f"with what was planned {found.time - plan.stamp:.1f} s before"
     panel.set_title(title.removesuffix(", "))
-
-
-def _inside(points: Array, low: Array, high: Array) -> Array:
-    """Return the points with NaN where they leave the box: what is drawn breaks there."""
-    outside = np.any((points < low) | (points > high), axis=1)
-    return np.where(outside[:, None], np.nan, points)
-
-
-def _ball(panel: Any, place: Array, radius: float, color: str) -> None:
-    panel.plot_surface(
-        *np.moveaxis(place + radius * _sphere(17), -1, 0), color=color, alpha=0.55, linewidth=0
-    )
 
 
 def _clearances(panel: Any, episode: Episode, found: Closest) -> None:
@@ -227,21 +170,6 @@ def _clearances(panel: Any, episode: Episode, found: Closest) -> None:
         loc="lower center", bbox_to_anchor=(0.45, 1.03), ncols=2, handlelength=2.2,
         columnspacing=1.0, borderaxespad=0.0, borderpad=0.2,
     )  # fmt: skip
-
-
-def _frame(panel: Any, low: Array, high: Array) -> None:
-    """Set limits, equal scale, the view and the labels."""
-    from matplotlib.ticker import MaxNLocator
-
-    for name, begin, end in zip("xyz", low, high, strict=True):
-        getattr(panel, f"set_{name}lim")(begin, end)
-        getattr(panel, f"set_{name}label")(f"{name} (m)", labelpad=-6)
-        axis = getattr(panel, f"{name}axis")
-        axis.set_major_locator(MaxNLocator(4))
-        axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
-        panel.tick_params(axis=name, pad=-3)
-    panel.set_box_aspect(tuple(high - low))
-    panel.view_init(**VIEW)
 
 
 def _legend(figure: Any, panels: tuple[Any, Any]) -> None:

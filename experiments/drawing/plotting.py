@@ -1,27 +1,18 @@
-"""How figures look: one style, readable in grey, and files without a time stamp."""
+"""Figures of studies: in the framework's style, and files without a time stamp."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...framework.drawing.style import COLOURS as COLOURS
+from ...framework.drawing.style import COLUMN as COLUMN
+from ...framework.drawing.style import LINES as LINES
+from ...framework.drawing.style import PAGE as PAGE
+from ...framework.drawing.style import paper_style as paper_style
 from ...framework.plugins.io import write_bytes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-COLUMN = 3.5
-"""Width of one printed column, inch."""
-
-PAGE = 7.16
-"""Width of two printed columns with the gap between them, inch."""
-
-COLOURS = ("#1b1b1b", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00")
-"""Black and five of Okabe and Ito's colours, which most colour-blind readers distinguish."""
-
-LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 2)))
-"""Line styles, one per colour: in grey print the style alone tells lines apart."""
-
 
 ENOUGH = 10
 """Episodes from which on figures draw intervals and quartiles; of fewer they say how many."""
@@ -51,40 +42,21 @@ def note(text: str) -> Any:
     return Line2D([], [], linestyle="", label=text)
 
 
-@contextmanager
-def paper_style() -> Iterator[None]:
-    """Draw without a screen, in the sizes, fonts and line cycle of a printed column."""
-    import matplotlib
-    from cycler import cycler
+def subplots(rows: int = 1, columns: int = 1, **settings: Any) -> tuple["Figure", Any]:
+    """Return a figure for a file, with its panels, as ``pyplot.subplots`` does.
 
-    matplotlib.use("Agg", force=False)
-    settings: Any = {
-        "figure.figsize": (COLUMN, 2.6),
-        "figure.constrained_layout.use": True,
-        "figure.dpi": 100,
-        "savefig.dpi": 250,
-        "font.family": "serif",
-        "font.serif": ["DejaVu Serif"],  # ships with Matplotlib: the same bytes everywhere
-        "mathtext.fontset": "dejavuserif",
-        "font.size": 8,
-        "axes.labelsize": 8,
-        "axes.titlesize": 8,
-        "legend.fontsize": 7,
-        "xtick.labelsize": 7,
-        "ytick.labelsize": 7,
-        "axes.linewidth": 0.6,
-        "lines.linewidth": 1.2,
-        "grid.linewidth": 0.4,
-        "grid.alpha": 0.4,
-        "axes.grid": True,
-        "axes.axisbelow": True,
-        "legend.frameon": False,
-        "axes.prop_cycle": cycler(color=COLOURS) + cycler(linestyle=LINES),
-        "pdf.fonttype": 42,  # text stays text
-        "svg.hashsalt": "wideberth",
-    }
-    with matplotlib.rc_context(settings):
-        yield
+    It never opens a window, whatever the backend of the session is.
+
+    Parameters
+    ----------
+    rows, columns : of panels.
+    settings : those of ``Figure`` (``figsize``, ``layout``), all others of ``Figure.subplots``.
+    """
+    from matplotlib.figure import Figure
+
+    own = {name: settings.pop(name) for name in ("figsize", "layout") if name in settings}
+    figure = Figure(**own)
+    return figure, figure.subplots(rows, columns, **settings)
 
 
 def name_columns(panel: Any, names: Sequence[str]) -> None:
@@ -97,13 +69,11 @@ def name_columns(panel: Any, names: Sequence[str]) -> None:
 
 
 def save(figure: "Figure", folder: Path, name: str) -> list[Path]:
-    """Write ``name``.png and ``name``.pdf, close the figure and return both files.
+    """Write ``name``.png and ``name``.pdf and return both files.
 
     Nothing that changes from run to run goes inside: the same figure gives the same bytes.
     """
     import io
-
-    from matplotlib import pyplot
 
     folder.mkdir(parents=True, exist_ok=True)
     plain = {
@@ -115,5 +85,4 @@ def save(figure: "Figure", folder: Path, name: str) -> list[Path]:
         buffer = io.BytesIO()
         figure.savefig(buffer, format=kind, metadata=metadata)
         written.append(write_bytes(folder / f"{name}.{kind}", buffer.getvalue()))
-    pyplot.close(figure)
     return written

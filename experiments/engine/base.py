@@ -1,8 +1,7 @@
 """The Experiment interface: one question, asked in pure tasks, answered by a table.
 
 An experiment says what to measure; `wideberth.experiments.engine.runner` decides where and with
-how
-many processes. Run, table, plot: `measure` never plots and `figures` never measures.
+how many processes. Run, table, plot: `measure` never plots and `figures` never measures.
 """
 
 from abc import ABC, abstractmethod
@@ -11,11 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
-from ...framework.plugins.io import read_table
-from ...framework.values.errors import WideberthError
-
-Row = dict[str, Any]
-"""One line of a table: column name -> float, int, str, bool or None."""
+from .result import Result as Result
+from .result import Row as Row
 
 
 @dataclass(frozen=True)
@@ -50,52 +46,6 @@ class Outcome:
     files: dict[str, bytes] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class Result:
-    """A finished run, read from its folder.
-
-    Attributes
-    ----------
-    folder : as the runner wrote it (config.yaml, table.csv, times.csv, files/).
-    """
-
-    folder: Path
-
-    @property
-    def rows(self) -> list[Row]:
-        """The table, one dictionary per line."""
-        return read_table(self.folder / "table.csv")
-
-    @property
-    def times(self) -> list[Row]:
-        """The measured times; empty if nothing was timed."""
-        path = self.folder / "times.csv"
-        return read_table(path) if path.exists() else []
-
-    def names(self) -> list[str]:
-        """Names of the files that the tasks left, sorted."""
-        folder = self.folder / "files"
-        if not folder.is_dir():
-            return []
-        return sorted(
-            path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()
-        )
-
-    def read(self, name: str) -> bytes:
-        """Content of one of these files.
-
-        Raises
-        ------
-        WideberthError : no file of that name.
-        """
-        path = self.folder / "files" / name
-        if not path.is_file():
-            raise WideberthError(
-                f"{self.folder} holds no file {name!r}; it holds {self.names() or 'none'}"
-            )
-        return path.read_bytes()
-
-
 class Experiment(ABC):
     """A question asked of predictors, regions, robots and controllers.
 
@@ -109,6 +59,17 @@ class Experiment(ABC):
 
     reference: ClassVar[str] = ""
     """BibTeX key, or several separated by commas."""
+
+    growing: ClassVar[tuple[str, ...]] = ()
+    """Fields whose larger value adds tasks and changes no other, as ``("seeds",)``: a result with
+    a smaller value is then extended. `measure` must not depend on them."""
+
+    captions: ClassVar[Mapping[str, str]] = {}
+    """Name of a figure, or a pattern as in ``run_*`` -> the sentence below it. The first one that
+    was drawn leads a report."""
+
+    headline: ClassVar[tuple[str, ...]] = ()
+    """Three columns of the summary that lead a report; its first numbers where none is named."""
 
     @abstractmethod
     def tasks(self) -> Sequence[Task]:

@@ -23,6 +23,12 @@ from .errors import as_user_error
 
 T = TypeVar("T")
 
+EPISODE_CAPTIONS = {
+    "run_*": "Where everybody drove, with a mark every 5 s and the closest approach.",
+    "animation_*": "The episode with the plans and the regions that they keep out of.",
+}
+"""Captions of the figures that show one episode each."""
+
 
 def play(
     scenario: Scenario, robot: Robot, controller: Controller, settings: Settings, seed: int

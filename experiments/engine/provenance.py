@@ -61,9 +61,9 @@ def foreign_sources(experiment: Any, plugins: Sequence[str]) -> list[Path]:
     return [Path(file) for file in files if file]
 
 
-def plugin_modules(experiment: Any) -> set[str]:
-    """Return the modules whose import registers the names of an experiment's plug-ins."""
-    homes = {home_of(type(part)) for part in parts(experiment)}
+def plugin_modules(plugin: Any) -> set[str]:
+    """Return the modules whose import registers the names of a plug-in and of those it holds."""
+    homes = {home_of(type(part)) for part in parts(plugin)}
     return {home for home in homes if home is not None}
 
 

@@ -19,6 +19,7 @@ from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from ...framework.plugins.config import build, describe
 from ...framework.plugins.io import read_json, write_json, write_text
 from ...framework.plugins.yamlfile import dump, read_config
 from ...framework.values.errors import WideberthError
@@ -147,31 +148,75 @@ def _fill(out: Path, config: Mapping[str, Any], origin: Mapping[str, Any]) -> No
             )
     write_manifest(out, _FIRST_FILES)
     write_json(out / "provenance.json", "provenance", 1, origin)
-    write_text(out / "config.yaml", dump(dict(config)))
+    write_config(out, config)
+
+
+def write_config(out: Path, config: Mapping[str, Any]) -> None:
+    """Write config.yaml, and read it back at once, so that the result can be opened again.
+
+    Raises
+    ------
+    WideberthError : what the file holds is not the experiment that is about to run.
+    """
+    path, text = out / "config.yaml", dump(dict(config))
+    write_text(path, text)
+    try:
+        found = read_config(path, stored=True)
+        named = {key: value for key, value in found.items() if key != "plugins"}
+        again = {**describe(build("experiments", named)), "plugins": found["plugins"]}
+    except (WideberthError, KeyError) as error:
+        raise WideberthError(f"the result could not be opened again: {error}") from error
+    if dump(again) != text:
+        keys = ", ".join(differing_keys(again, config)) or "plugins"
+        raise WideberthError(
+            f"the result could not be opened again: its config builds another experiment (it "
+            f"differs in {keys}); constructors must keep their arguments as they are given"
+        )
 
 
 def _check_same(out: Path, config: Mapping[str, Any], source: str) -> None:
-    cure = "give another folder with --out, or throw the old result away with --fresh"
+    cure = _CURE
     claim_files(out, ())
     for name in _FIRST_FILES:
         if not (out / name).is_file():
             raise WideberthError(f"{out} holds a result without its {name}; {cure}")
     try:
         found = read_config(out / "config.yaml", stored=True)
-        stored = read_json(out / "provenance.json", "provenance", 1)
     except WideberthError as error:
         raise WideberthError(f"{error}; {cure}") from None
-    keys = {*found, *config} - {"plugins"}  # their names stand in the config, their code in source
-    differing = sorted(str(key) for key in keys if found.get(key) != config.get(key))
+    differing = differing_keys(found, config)
     if differing:
         raise WideberthError(
             f"{out} holds the result of another config (it differs in {', '.join(differing)}); "
             f"{cure}"
         )
-    if stored.get("source") != source:
-        raise WideberthError(f"{out} was measured by other source code or data; {cure}")
+    check_source(out, source)
     if not (out / "table.csv").exists():
         (out / SHARDS).mkdir(exist_ok=True)
+
+
+_CURE = "give another folder with --out, or throw the old result away with --fresh"
+
+
+def differing_keys(found: Mapping[str, Any], config: Mapping[str, Any]) -> list[str]:
+    """Return the keys in which a stored config differs from another one, sorted."""
+    keys = {*found, *config} - {"plugins"}  # their names stand in the config, their code in source
+    return sorted(str(key) for key in keys if found.get(key) != config.get(key))
+
+
+def check_source(out: Path, source: str) -> None:
+    """Refuse a result that other source code or data measured.
+
+    Raises
+    ------
+    WideberthError : it did, or the provenance cannot be read.
+    """
+    try:
+        stored = read_json(out / "provenance.json", "provenance", 1)
+    except WideberthError as error:
+        raise WideberthError(f"{error}; {_CURE}") from None
+    if stored.get("source") != source:
+        raise WideberthError(f"{out} was measured by other source code or data; {_CURE}")
 
 
 @contextmanager

@@ -2,7 +2,8 @@
 
 The folder holds manifest.json (the names of all files that the package wrote there), config.yaml
 (resolved), provenance.json, table.csv (one line per row measured), times.csv (measured times,
-which alone differ from run to run), summary.csv, summary.md and files/. While the work goes on,
+which alone differ from run to run), tasks.json (which task left which lines and files),
+summary.csv, summary.md and files/. While the work goes on,
 shards/ holds one file per finished task; table.csv is written last and says that the run is
 complete.
 """
@@ -11,19 +12,28 @@ import tempfile
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 from ...framework.plugins.config import build, describe, import_plugins
-from ...framework.plugins.io import read_rows, table_text, write_bytes, write_table, write_text
+from ...framework.plugins.io import (
+    read_rows,
+    table_text,
+    write_bytes,
+    write_json,
+    write_table,
+    write_text,
+)
 from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError
-from .base import Experiment, Result, Row, Task
+from .base import Experiment, Outcome, Result, Row, Task
 from .errors import as_user_error, describe_error
-from .progress import Progress, say
+from .extending import TASKS, extend, grown, task_index
+from .progress import Progress, say, working
 from .provenance import foreign_sources, plugin_modules, provenance
+from .result import check_finished
 from .result_folder import (
     SHARDS,
     check_folder,
@@ -80,7 +90,8 @@ def run(
     Parameters
     ----------
     experiment : what to measure.
-    out : folder of the result; made if missing. With the same config in it the run resumes.
+    out : folder of the result; made if missing. With the same config in it the run resumes; with
+        more of what may grow (`Experiment.growing`, as more seeds) the result is extended.
     workers : processes; the result does not depend on their number.
     quick : run the experiment's reduced copy.
     plugins : modules that every worker imports first.
@@ -105,13 +116,17 @@ def run(
     check_folder(out)
     with as_user_error():
         work = _work(experiment.quick() if quick else experiment, plugins)
-    if (out / "table.csv").exists() and not fresh:
+    fields = work.experiment.growing
+    larger = not fresh and grown(out, work.config, fields, work.source)
+    if (out / "table.csv").exists() and not fresh and not larger:
         prepare(out, work.config, work.origin)  # refuses another result
         return Result(out)
-    with as_user_error():
+    with as_user_error(), working("preparing the run"):
         work.experiment.check()
     # The pool comes before the folder: without a scheduler no old result is thrown away.
     with _pool(work, min(workers, len(work.tasks)), scheduler) as pool:
+        if larger:
+            extend(out, work.config, work.tasks, work.source)
         prepare(out, work.config, work.origin, fresh)
         if not (out / "table.csv").exists():
             with locked(out):
@@ -128,7 +143,9 @@ def run(
 def _work(experiment: Experiment, plugins: Sequence[str]) -> _Work:
     """Resolve the config, list the tasks and record where they come from."""
     settings = describe(experiment)
-    given = {**settings, "plugins": list(plugins)}
+    # a field that may grow is left out: what was measured with less of it can be used
+    fixed = {name: value for name, value in settings.items() if name not in experiment.growing}
+    given = {**fixed, "plugins": list(plugins)}
     tasks = shard_keys(given, checked_tasks(experiment.tasks()))
     config = {**settings, "plugins": sorted({*plugins, *plugin_modules(experiment)})}
     origin = provenance([*foreign_sources(experiment, plugins), *experiment.inputs()])
@@ -289,22 +306,23 @@ def _collect(work: _Work, out: Path) -> None:
     rows: list[Row] = []
     times: list[Row] = []
     owner: dict[str, str] = {}
+    left: dict[str, Outcome] = {}
     for key in work.tasks:
         outcome = read_shard(out / "shards", key, work.source)
         if outcome is None:
             raise WideberthError(f"{out}/shards/{key}.json vanished")
         rows += outcome.rows
         times += outcome.times
+        # not all files are held in memory at once
+        left[key] = replace(outcome, files=dict.fromkeys(outcome.files, b""))
         for name in outcome.files:
             if owner.setdefault(name, key) != key:
                 raise WideberthError(f"two tasks wrote the file {name!r}; names must differ")
     files = {name: PurePosixPath("files") / name for name in owner}
-    tables = ["table.csv", "summary.csv", "summary.md", *(["times.csv"] if times else [])]
+    tables = ["table.csv", "summary.csv", "summary.md", TASKS, *(["times.csv"] if times else [])]
     claim_files(out, [*tables, *map(str, files.values())])
     for key in dict.fromkeys(owner.values()):
-        outcome = read_shard(
-            out / "shards", key, work.source
-        )  # not all are held in memory at once
+        outcome = read_shard(out / "shards", key, work.source)
         for name, data in outcome.files.items() if outcome else ():
             path = out / files[name]
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -315,6 +333,7 @@ def _collect(work: _Work, out: Path) -> None:
     summary = work.experiment.summary(read_rows(table, "the table"))
     write_table(out / "summary.csv", summary)
     write_text(out / "summary.md", f"{work.experiment.claim}\n\n{markdown_table(summary)}\n")
+    write_json(out / TASKS, "tasks", 1, task_index(left))
     write_text(out / "table.csv", table)
     for path in shard_files(out):
         path.unlink()
@@ -328,10 +347,7 @@ def reopen(folder: Path) -> tuple[Experiment, Result]:
     ------
     WideberthError : no result there, or one that is not finished.
     """
-    if not (folder / "config.yaml").is_file():
-        raise WideberthError(f"{folder} holds no result; `wideberth run` makes one")
-    if not (folder / "table.csv").is_file():
-        raise WideberthError(f"the run in {folder} is not finished; run the same command again")
+    check_finished(folder)
     config = read_config(folder / "config.yaml", stored=True)
     import_plugins(config.pop("plugins", []))
     experiment: Experiment = build("experiments", config)

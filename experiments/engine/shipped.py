@@ -2,13 +2,15 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import get_origin, get_type_hints
+from typing import TYPE_CHECKING, get_origin, get_type_hints
 
 from ...framework.plugins.config import build, import_plugins
 from ...framework.plugins.registry import load, unknown
 from ...framework.plugins.yamlfile import apply, read_config
-from ...framework.values.errors import WideberthError
-from .base import Experiment
+from ...framework.values.errors import WideberthError, nearest
+
+if TYPE_CHECKING:
+    from .base import Experiment
 
 CONFIGS = Path(__file__).resolve().parents[1] / "configs"
 
@@ -41,10 +43,13 @@ def config_path(text: str) -> Path:
         return CONFIGS / f"{text}.yaml"
     if path.is_dir():
         raise WideberthError(f"{path} is a folder; wanted a YAML file or a shipped config")
+    beside = [str(file) for file in path.parent.glob("*.yaml")]
+    if hint := nearest(text, beside):
+        raise WideberthError(f"there is no file {text!r}{hint}")
     raise WideberthError(f"no such file, and {unknown('config', text, shipped())}")
 
 
-def read_experiment(text: str, overrides: list[str]) -> tuple[Experiment, list[str]]:
+def read_experiment(text: str, overrides: list[str]) -> "tuple[Experiment, list[str]]":
     """Return the experiment that a config describes, and the plug-in modules it lists."""
     path = config_path(text)
     config = read_config(path, overrides)

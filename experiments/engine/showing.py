@@ -12,6 +12,26 @@ LISTED = 8
 """Files of one folder that are named; more are counted."""
 
 
+UNITS = {
+    "m": "m", "m2": "m²", "s": "s", "ms": "ms", "mps": "m/s", "radps": "rad/s", "deg": "°",
+}  # fmt: skip
+"""Units by the endings of columns that state them."""
+
+
+def headed(column: str) -> str:
+    """Return the name of a column for reading, its unit in brackets.
+
+    Examples
+    --------
+    >>> [headed(name) for name in ("clearance_min_m", "median ms", "time_ratio", "speed_mps")]
+    ['clearance min (m)', 'median (ms)', 'time ratio', 'speed (m/s)']
+    """
+    *words, last = column.replace("_", " ").split(" ")
+    if words and last in UNITS:
+        return f"{' '.join(words)} ({UNITS[last]})"
+    return " ".join([*words, last])
+
+
 def format_cell(value: Any) -> str:
     """Return a cell as text: a float with four digits, None empty."""
     if isinstance(value, float):
@@ -31,9 +51,9 @@ def print_table(rows: Sequence[Row]) -> None:
     lines = [
         [name, *(format_cell(row[name]) for row in rows)] for name in (rows[0] if rows else ())
     ]
-    upright = len(rows) > 4 or len(lines) <= 8
+    upright = not sideways(rows)
     columns = lines if upright else [list(line) for line in zip(*lines, strict=True)]
-    names = _naming(rows) if upright else 1
+    names = naming(rows) if upright else 1
     console = Console(markup=False)  # notes and reasons may hold brackets
     if not console.is_terminal:
         console = Console(width=max(console.width, 200), markup=False)
@@ -46,11 +66,16 @@ def print_table(rows: Sequence[Row]) -> None:
         console.print(table)
 
 
-def _naming(rows: Sequence[Row]) -> int:
+def sideways(rows: Sequence[Row]) -> bool:
+    """Whether a table reads better with a line per quantity: many of them, in few rows."""
+    return 0 < len(rows) <= 4 and len(rows[0]) > 8
+
+
+def naming(rows: Sequence[Row]) -> int:
     """Count the first columns that hold text: they name the lines."""
     count = 0
     for name in rows[0] if rows else ():
-        if not all(isinstance(row[name], str) for row in rows):
+        if not all(isinstance(row.get(name), str) for row in rows):
             break
         count += 1
     return min(max(count, 1), 2)

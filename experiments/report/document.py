@@ -1,20 +1,25 @@
 """`wideberth report`: one or several results as a page that can be sent, and as Markdown."""
 
+import math
 import struct
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from fnmatch import fnmatch
 from html import escape
 from pathlib import Path
 from typing import Any
 
 from ...framework.plugins.io import check_target, read_json, read_table, table_text, write_text
+from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError
 from ..engine.base import Row
 from ..engine.runner import draw, reopen
-from ..engine.showing import WIDEST, columns_of, format_cell, has_words, markdown_table, plain
+from ..engine.showing import columns_of, format_cell, headed, markdown_table, plain
 from ..engine.timing import condense_times
+from .meanings import Meaning, meanings
 from .page import MARK, PLAYER, data_uri, page, template
-from .player import episode_planner, kept_episodes, packed, player, read_episode, result_tail
+from .player import ROOM, Recorded, kept_episodes, player, recordings, result_tail
+from .tables import flagged, html_table, leading, shown
 
 TABLES = "<!-- tables of a report by wideberth -->"
 """First line of the Markdown: a file that holds it may be replaced."""
@@ -36,6 +41,9 @@ class Report:
     tail : 1 - content of regions in the player.
     config : the resolved config, YAML.
     provenance : versions, commit, processor, as recorded with the result.
+    study : registered name of the experiment, under which columns are defined.
+    captions : pattern of figures' names -> sentence, the most important first.
+    headline : columns of the summary that lead the page.
     """
 
     name: str
@@ -48,6 +56,9 @@ class Report:
     tail: float
     config: str
     provenance: dict[str, Any]
+    study: str = ""
+    captions: Mapping[str, str] = field(default_factory=dict)
+    headline: Sequence[str] = ()
 
 
 def gather(folder: Path) -> Report:
@@ -74,6 +85,9 @@ def gather(folder: Path) -> Report:
         tail=result_tail(folder),
         config=(folder / "config.yaml").read_text(encoding="utf-8"),
         provenance=read_json(folder / "provenance.json", "provenance", 1),
+        study=str(read_config(folder / "config.yaml", stored=True).get("type")),
+        captions=experiment.captions,
+        headline=experiment.headline,
     )
 
 
@@ -127,9 +141,9 @@ def markdown(reports: Sequence[Report]) -> str:
     return "\n\n".join(blocks) + "\n"
 
 
+_NAMED = 3  # lines that are named beside a number
 _FIRST = 20  # rows of a long table that are shown
 _LARGEST = 500_000  # bytes of a table that the page hands out
-_PLAYERS = 12_000_000  # characters of all packed episodes
 _FILMS = 12_000_000  # bytes of all animations of one result
 _WIDE = 1200  # pixels of a picture from which it has a line of its own: two printed columns
 _KINDS = {".png": "image/png", ".gif": "image/gif"}
@@ -139,12 +153,12 @@ def report_page(reports: Sequence[Report]) -> str:
     """Return the page of one or several results."""
     names = [one.name for one in reports]
     title = f"wideberth: {', '.join(names)}"
-    left = _PLAYERS
+    left = ROOM
     sections = []
     for number, one in enumerate(reports, start=1):
-        episodes, left_out = _packed(one, left)
-        left -= sum(map(len, episodes.values()))
-        sections.append(_section(number, one, episodes, left_out))
+        episodes, left_out = recordings(one.episodes, one.tail, left)
+        left -= sum(len(episode.text) for episode in episodes)
+        sections.append(_section(number, one, episodes, left_out, alone=len(reports) == 1))
     contents = "".join(
         f'<li><a href="#result-{number}">{escape(name)}</a></li>'
         for number, name in enumerate(names, start=1)
@@ -152,7 +166,7 @@ def report_page(reports: Sequence[Report]) -> str:
     body = "\n".join(
         [
             '<a class="skip" href="#content">To the results</a>',
-            f"<header><h1>{escape(title)}</h1>",
+            f'<header><p class="quiet">Report by wideberth</p><h1>{escape(", ".join(names))}</h1>',
             f'<nav aria-label="Results"><ul>{contents}</ul></nav></header>'
             if len(names) > 1
             else "</header>",
@@ -165,38 +179,34 @@ def report_page(reports: Sequence[Report]) -> str:
     return page(title, body, ("report.js", *PLAYER))
 
 
-def _section(number: int, one: Report, episodes: dict[str, str], left_out: Sequence[Path]) -> str:
-    """Return one result."""
-    stills = [path for path in one.pictures if path.suffix == ".png"]
-    films, long = _fitting([path for path in one.pictures if path.suffix == ".gif"])
+def _section(
+    number: int,
+    one: Report,
+    episodes: Sequence[Recorded],
+    left_out: Sequence[Path],
+    *,
+    alone: bool,
+) -> str:
+    """Return one result: what it found, then its figures and tables, then where it comes from."""
+    stills = _by_caption([path for path in one.pictures if path.suffix == ".png"], one.captions)
+    known = meanings(one.study, columns_of(one.summary))
     parts = [
-        f'<section id="result-{number}" aria-labelledby="title-{number}">',
-        f'<h2 id="title-{number}">{escape(one.name)}</h2>',
-        f'<p class="claim">Examined: {escape(one.claim)}</p>',
-        "<h3>Summary</h3>",
-        html_table(one.summary, f"{one.name}: summary"),
-        _whole(one),
+        f'<section id="result-{number}" aria-label="{escape(one.name)}">',
+        *([] if alone else [f"<h2>{escape(one.name)}</h2>"]),
+        f'<p class="claim">{escape(one.claim)}</p>',
+        _headline(one, known),
     ]
     if stills:
-        parts += ["<h3>Figures</h3>", _pictures(stills, one.name, "figure")]
-    if films:
-        parts += [
-            "<details open><summary>Animations</summary>",
-            _pictures(films, one.name, "animation"),
-            "</details>",
-        ]
-    if long:
-        files = "".join(f"<li><code>{escape(str(path))}</code></li>" for path in long)
-        parts.append(f"<p>Animations too large for this page:</p><ul>{files}</ul>")
+        parts.append(_pictures(stills[:1], one, "figure", "key"))
     if episodes:
         parts += ["<h3>Episodes, step by step</h3>", player(episodes, one.name)]
     if left_out:
-        commands = "".join(
-            f"<li><code>wideberth play {escape(str(p))}</code></li>" for p in left_out
-        )
-        parts.append(
-            f"<p>Too large for this page, to be played from the result:</p><ul>{commands}</ul>"
-        )
+        commands = _listed(f"wideberth play {path}" for path in left_out)
+        parts.append(f"<p>Too large for this page, to be played from the result:</p>{commands}")
+    parts += ["<h3>Summary</h3>", html_table(one.summary, f"{one.name}: summary", known)]
+    if stills[1:]:
+        parts += ["<h3>Further figures</h3>", _pictures(stills[1:], one, "figure")]
+    parts += [*_animations(one), _whole(one)]
     if one.times:
         parts += [
             "<h3>Measured times</h3>",
@@ -208,6 +218,89 @@ def _section(number: int, one: Report, episodes: dict[str, str], left_out: Seque
     return "\n".join(parts)
 
 
+def _animations(one: Report) -> list[str]:
+    """Return the animations that the page has room for, folded, and the names of the others."""
+    films, long = _fitting([path for path in one.pictures if path.suffix == ".gif"])
+    parts = []
+    if films:
+        drawn = _pictures(films, one, "animation")
+        parts.append(f"<details open><summary>Animations</summary>\n{drawn}\n</details>")
+    if long:
+        parts.append(f"<p>Animations too large for this page:</p>{_listed(map(str, long))}")
+    return parts
+
+
+def _listed(lines: Iterable[str]) -> str:
+    items = "".join(f"<li><code>{escape(line)}</code></li>" for line in lines)
+    return f"<ul>{items}</ul>"
+
+
+def _headline(one: Report, known: Mapping[str, Meaning]) -> str:
+    """Return the numbers that lead a result; nothing where its summary holds none."""
+    held = columns_of(one.summary)
+    labels = leading(one.summary, known)
+    names = [name for name in one.headline if name in held] or [
+        name for name in held if name not in labels and name != "episodes"
+    ]
+    varying = [name for name in labels if len({row.get(name) for row in one.summary}) > 1]
+    lines = [
+        ", ".join(format_cell(row.get(name)) for name in varying or labels[:1]).replace("_", " ")
+        for row in one.summary
+    ]
+    cards = [card for name in names if (card := _card(one.summary, lines, name, known.get(name)))]
+    return f'<dl class="headline">{"".join(cards[:3])}</dl>' if cards else ""
+
+
+def _card(rows: Sequence[Row], lines: Sequence[str], name: str, meaning: Meaning | None) -> str:
+    """Return the value of a column, or the least and largest with the lines that hold them.
+
+    Parameters
+    ----------
+    lines : what each row is called.
+    """
+    held = [
+        (line, float(value))
+        for line, row in zip(lines, rows, strict=True)
+        if isinstance(value := row.get(name), int | float) and not math.isnan(value)
+    ]
+    if not held:
+        return ""
+    low, high = min(value for _, value in held), max(value for _, value in held)
+    if low == high:
+        ends, named = [low], list(dict.fromkeys(line for line, _ in held))
+        which = ", ".join(named) if len(named) <= _NAMED else f"in all {len(held)} lines"
+    else:
+        ends = [low, high]
+        which = "; ".join(
+            f"{word}: {_first_of([line for line, value in held if value == end])}"
+            for word, end in (("least", low), ("most", high))
+        )
+    flag = flagged(name, ends[-1])
+    unknown = f"{len(rows) - len(held)} not known" if len(held) < len(rows) else ""
+    notes = "; ".join(filter(None, (which, unknown, flag)))
+    looks = ' class="flagged"' if flag else ""
+    said = f' title="{escape(meaning.text)}"' if meaning else ""
+    return (
+        f"<div{looks}{said}><dt>{escape(headed(name))}</dt>"
+        f"<dd>{' to '.join(map(shown, ends))}<small>{escape(notes)}</small></dd></div>"
+    )
+
+
+def _first_of(lines: Sequence[str]) -> str:
+    """Name the first of some lines and count the others."""
+    return f"{lines[0]} and {len(lines) - 1} more" if len(lines) > 1 else lines[0]
+
+
+def _by_caption(paths: Sequence[Path], captions: Mapping[str, str]) -> list[Path]:
+    """Sort figures as their captions are; those without one come last."""
+    order = list(captions)
+
+    def place(path: Path) -> int:
+        return next((i for i, name in enumerate(order) if fnmatch(path.stem, name)), len(order))
+
+    return sorted(paths, key=place)
+
+
 def _fitting(films: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     """Return the animations that the page has room for, the smallest first, and the others."""
     room, kept = _FILMS, []
@@ -216,45 +309,6 @@ def _fitting(films: Sequence[Path]) -> tuple[list[Path], list[Path]]:
             room -= size
             kept.append(path)
     return [path for path in films if path in kept], [path for path in films if path not in kept]
-
-
-def html_table(rows: Sequence[Row], caption: str) -> str:
-    """Return rows as a table whose columns sort at a click.
-
-    Every cell that holds a number carries it with all its digits, for the sorting.
-    """
-    columns = columns_of(rows)
-    words = {name for name in columns if has_words(rows, name)}
-    head = "".join(
-        f'<th scope="col"{_class(name in words)}>'
-        f'<button type="button">{_breakable(name)}</button></th>'
-        for name in columns
-    )
-    lines = ["".join(_cell(row.get(name), name in words) for name in columns) for row in rows]
-    body = "\n".join(f"<tr>{line}</tr>" for line in lines)
-    return (
-        f'<div class="table" role="region" tabindex="0" aria-label="{escape(caption)}">\n'
-        f"<table><caption>{escape(caption)}</caption>\n<thead><tr>{head}</tr></thead>\n"
-        f"<tbody>\n{body}\n</tbody></table></div>"
-    )
-
-
-def _cell(value: Any, words: bool) -> str:
-    text = format_cell(value)
-    side = _class(words, len(text) > WIDEST)
-    if isinstance(value, int | float):  # a truth value is 1 or 0
-        return f'<td{side} data-value="{float(value)!r}">{escape(text)}</td>'
-    return f"<td{side}>{escape(text)}</td>"
-
-
-def _class(words: bool, long: bool = False) -> str:
-    """Return the class of a cell: words stand left, and long ones are wrapped."""
-    return f' class="words{" long" if long else ""}"' if words else ""
-
-
-def _breakable(name: str) -> str:
-    """Return a column's name with places to break the line."""
-    return escape(name).replace("_", "_<wbr>")
 
 
 def _whole(one: Report) -> str:
@@ -274,20 +328,23 @@ def _whole(one: Report) -> str:
     return f"<details><summary>Table, {few} rows</summary>\n{table}\n{link}</details>"
 
 
-def _pictures(paths: Iterable[Path], name: str, kind: str) -> str:
+def _pictures(paths: Iterable[Path], one: Report, kind: str, key: str = "") -> str:
+    """Return figures with their captions: a name and a sentence."""
     figures = []
     for path in paths:
         data = path.read_bytes()
         width, height = _size(data)
-        wide = ' class="wide"' if width > _WIDE else ""
+        looks = "wide" if width > _WIDE else ""
         words = path.stem.replace("_", " ")
-        text = f"{kind.capitalize()} “{words}” of {name}"
+        said = next((text for name, text in one.captions.items() if fnmatch(path.stem, name)), "")
+        text = f"{kind.capitalize()} “{words}” of {one.name}"
         figures.append(
-            f'<figure{wide}><img alt="{escape(text)}" width="{width}" height="{height}" '
+            f'<figure class="{looks}"><img alt="{escape(f"{text}: {said}" if said else text)}" '
+            f'width="{width}" height="{height}" '
             f'src="{data_uri(_KINDS[path.suffix], data)}">'
-            f"<figcaption>{escape(words)}</figcaption></figure>"
+            f"<figcaption><b>{escape(words)}</b> {escape(said)}</figcaption></figure>"
         )
-    return f'<div class="figures">{"".join(figures)}</div>'
+    return f'<div class="figures {key}">{"".join(figures)}</div>'
 
 
 def _size(data: bytes) -> tuple[int, int]:
@@ -297,23 +354,6 @@ def _size(data: bytes) -> tuple[int, int]:
     else:
         width, height = struct.unpack(">II", data[16:24])
     return int(width), int(height)
-
-
-def _packed(one: Report, room: int) -> tuple[dict[str, str], list[Path]]:
-    """Pack the episodes that fit and can be played; return them and the files left out."""
-    found: dict[str, str] = {}
-    left_out = []
-    for path in one.episodes:
-        episode = read_episode(path)
-        if not episode.robots:
-            continue
-        text = packed(episode, one.tail, episode_planner(path))
-        if len(text) > room:
-            left_out.append(path)
-            continue
-        found[path.stem] = text
-        room -= len(text)
-    return found, left_out
 
 
 def _origin(one: Report) -> str:

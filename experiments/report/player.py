@@ -2,8 +2,9 @@
 
 import base64
 import json
+import sys
 import zlib
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
@@ -13,18 +14,20 @@ import numpy as np
 
 from ...framework.metrics.episode import content_bound
 from ...framework.mpc.planner.planner import Planner
-from ...framework.plugins.io import check_target, read_bytes, write_text
+from ...framework.plugins.io import check_target, write_text
 from ...framework.plugins.yamlfile import read_config
 from ...framework.values.arrays import Array, probability
 from ...framework.values.errors import WideberthError
 from ...framework.values.footprint import Discs, Outline
-from ...framework.values.plan import Plan
+from ...framework.values.plan import Plan, Rung
+from ...simulation.drawing import artists
 from ...simulation.log.episode_log import AgentLog, Episode
-from ..drawing import episode_artists as artists
 from ..drawing.kept_out import kept_out_of, planner_behind, region_name
 from ..drawing.plotting import COLOURS
-from ..engine.closed_loop import log_name
+from ..engine.base import Task
+from ..engine.closed_loop import KEPT_BY, log_name
 from ..engine.errors import as_user_error
+from ..engine.result import read_episode as read_episode
 from ..engine.runner import reopen
 from .page import MARK, PLAYER, page, template
 
@@ -32,13 +35,17 @@ TAIL = 0.05
 """1 - content of drawn regions by default."""
 
 
+ROOM = 12_000_000
+"""Characters of all packed episodes of a page."""
+
+
 def play(path: Path, out: Path, tail: float | None = None) -> Path:
-    """Write the page of an episode.
+    """Write the page of an episode, or of all episodes of a result with a choice between them.
 
     Parameters
     ----------
-    path : a file of `Episode.to_bytes`; see `find_episode`. Of one in the folder of its result
-        the planner is known, and its regions are drawn.
+    path : a file of `Episode.to_bytes`, or the folder of a result. Of one in the folder of its
+        result the planner is known, and its regions are drawn.
     out : HTML file.
     tail : 1 - content of the drawn regions; by default that of the result, else 0.05.
 
@@ -48,52 +55,152 @@ def play(path: Path, out: Path, tail: float | None = None) -> Path:
         cannot be written, or an existing one that is no page of this package.
     """
     check_target(out, MARK)
-    episode = read_episode(path)
-    chosen = result_tail(path.parent.parent) if tail is None else tail
-    text = packed(episode, chosen, episode_planner(path))
-    title = f"{path.stem}: seed {episode.seed}, ended by {episode.ended}"
+    paths = find_episodes(path)
+    chosen = result_tail(paths[0].parent.parent) if tail is None else tail
+    found, left_out = recordings(paths, chosen, ROOM if len(paths) > 1 else sys.maxsize)
+    if left_out and not found:
+        raise WideberthError(
+            f"each episode of {path} is too large for a page of several; name one, as in "
+            f"`wideberth play {left_out[0]}`"
+        )
+    if not found:
+        packed(read_episode(paths[0]), chosen)  # refuses, and says why
+    many = f"{path.resolve().name}: {len(found)} runs" if len(found) > 1 else found[0].title
+    more = "".join(
+        f"<p>Too large for this page: <code>wideberth play {escape(str(one))}</code></p>"
+        for one in left_out
+    )
     parts = [
         "<main>",
-        f"<h1>{escape(title)}</h1>",
-        player({path.stem: text}, path.stem, alone=True),
+        f"<h1>{escape(many)}</h1>",
+        player(found, many, alone=True),
+        more,
         template("player.html"),
         "</main>",
     ]
-    return write_text(out, page(path.stem, "\n".join(parts), PLAYER))
+    return write_text(out, page(many, "\n".join(parts), PLAYER))
 
 
-def player(episodes: Mapping[str, str], label: str, alone: bool = False) -> str:
-    """Return the HTML of one player for packed episodes by name.
+@final
+@dataclass(frozen=True)
+class Recorded:
+    """An episode as a page holds it.
+
+    Attributes
+    ----------
+    name : of its file, without the ending.
+    labels : what it shows: scenario, planner or controller, ..., seed.
+    note : how it ended.
+    text : of `packed`.
+    """
+
+    name: str
+    labels: dict[str, str]
+    note: str
+    text: str
+
+    @property
+    def title(self) -> str:
+        """Scenario, planner and seed in one line; the file's name where they are not known."""
+        scenario, *rest = (
+            value if name in ("scenario", "settings") else f"{name} {value}"
+            for name, value in self.labels.items()
+        )
+        return f"{scenario}: {', '.join(rest)}".replace("_", " ")
+
+
+def recordings(paths: Sequence[Path], tail: float, room: int) -> tuple[list[Recorded], list[Path]]:
+    """Pack episodes for a page; return those that fit, and the files of those that do not.
+
+    Parameters
+    ----------
+    paths : of kept episodes; one without a robot is passed over.
+    tail : 1 - content of the drawn regions.
+    room : characters that all together may take.
+    """
+    found, left_out = [], []
+    origins = {path: _origin(path) for path in paths}
+    for path in sorted(paths, key=lambda path: origins[path].place):  # as the study has them
+        episode = read_episode(path)
+        if not episode.robots:
+            continue
+        origin = origins[path]
+        text = packed(episode, tail, origin.planner)
+        if len(text) > room:
+            left_out.append(path)
+            continue
+        room -= len(text)
+        labels = {**_labels(path, origin.task), "seed": str(episode.seed)}
+        found.append(Recorded(path.stem, labels, _ending(episode), text))
+    return found, left_out
+
+
+def _ending(episode: Episode) -> str:
+    """Say how an episode ended, and how near it came to a contact."""
+    clearance = artists.clearance_over_time(episode)
+    known = clearance[np.isfinite(clearance)]
+    near = f", least clearance {known.min():.2f} m" if known.size else ""
+    contact = ": contact" if known.size and known.min() < 0.0 else ""
+    return f"ended by {episode.ended} after {episode.duration:.1f} s{near}{contact}"
+
+
+def _labels(path: Path, task: Task | None) -> dict[str, str]:
+    """Return the scenario of an episode and what else its result compares."""
+    if task is None:
+        return {"scenario": path.stem}
+    stated = read_config(path.resolve().parents[1] / "config.yaml", stored=True).get("scenario")
+    known = {name: str(task.settings[name]) for name in KEPT_BY if name in task.settings}
+    alone = stated.get("type") if isinstance(stated, dict) else None  # of one, tasks name none
+    scenario = str(alone or known.get("scenario") or path.resolve().parents[1].name)
+    order = ("planner", "controller", "robot", "settings")
+    return {"scenario": scenario, **{name: known[name] for name in order if name in known}}
+
+
+def player(episodes: Sequence[Recorded], label: str, alone: bool = False) -> str:
+    """Return the HTML of one player.
 
     The page needs the template player.html once, and the scripts `PLAYER`.
 
     Parameters
     ----------
-    episodes : name -> text of `packed`.
+    episodes : the first is shown; of several the reader chooses by what differs between them.
     label : whose episodes they are.
     alone : it listens to keys anywhere in the page, not only where it has the focus.
     """
-    sources = "\n".join(
-        f'<script type="text/plain" class="episode" data-name="{escape(name)}">{text}</script>'
-        for name, text in episodes.items()
-    )
+    differing = [
+        name
+        for name in (episodes[0].labels if episodes else ())
+        if len({one.labels.get(name) for one in episodes}) > 1
+    ]
+    sources = []
+    for one in episodes:
+        short = ", ".join(one.labels.get(name, "") for name in differing).replace("_", " ")
+        texts = {
+            "name": one.name,
+            "label": short or one.name,
+            "title": one.title,
+            "note": one.note,
+        }
+        data = " ".join(f'data-{name}="{escape(text)}"' for name, text in texts.items())
+        sources.append(f'<script type="text/plain" class="episode" {data}>{one.text}</script>')
+    lines = "\n".join(sources)
     return (
         f'<section class="player" tabindex="-1" aria-label="Player of {escape(label)}"'
         f"{' data-alone' if alone else ''}>\n"
         "<noscript><p>The player needs JavaScript; everything it needs is in this file."
-        f"</p></noscript>\n{sources}\n</section>"
+        f"</p></noscript>\n{lines}\n</section>"
     )
 
 
-def find_episode(path: Path) -> Path:
-    """Return the file of an episode that a path or the folder of a result means.
+def find_episodes(path: Path) -> list[Path]:
+    """Return the files of the episodes that a path or the folder of a result means.
 
     Raises
     ------
-    WideberthError : nothing there, a result that keeps no episode, or several.
+    WideberthError : nothing there, or a result that keeps no episode.
     """
     if path.is_file():
-        return path
+        return [path]
     if not path.is_dir():
         raise WideberthError(
             f"{path} does not exist; wanted an episode (files/*.npz of a result) or the folder "
@@ -102,13 +209,7 @@ def find_episode(path: Path) -> Path:
     kept = kept_episodes(path)
     if not kept:
         raise WideberthError(f"{path} keeps no episode; wanted a file files/*.npz in it")
-    if len(kept) > 1:
-        names = ", ".join(file.relative_to(path).as_posix() for file in kept)
-        raise WideberthError(
-            f"{path} keeps {len(kept)} episodes: {names}; name one, as in "
-            f"`wideberth play {kept[0]}`"
-        )
-    return kept[0]
+    return kept
 
 
 def kept_episodes(folder: Path) -> list[Path]:
@@ -121,19 +222,6 @@ def kept_episodes(folder: Path) -> list[Path]:
             continue  # what else an experiment left
         found.append(path)
     return found
-
-
-def read_episode(path: Path) -> Episode:
-    """Read an episode.
-
-    Raises
-    ------
-    WideberthError : unreadable, or something else.
-    """
-    try:
-        return Episode.from_bytes(read_bytes(path))
-    except WideberthError as error:
-        raise WideberthError(f"{path}: {error}") from None
 
 
 def result_tail(folder: Path) -> float:
@@ -330,6 +418,8 @@ def _plan(episode: Episode, log: AgentLog, plan: Plan, shown: Shown) -> dict[str
         "status": str(plan.status),
         "rung": str(plan.rung),
         "reason": plan.reason,
+        "gave_way": "" if plan.given_way is None else str(plan.given_way),
+        "best": plan.rung == Rung.OPTIMAL,
         "breach": "" if plan.breach is None else str(plan.breach),
         "iterations": plan.iterations,
         "violation": plan.violation if np.isfinite(plan.violation) else None,
@@ -430,19 +520,33 @@ def episode_planner(path: Path) -> Planner | None:
     None where the file lies elsewhere, its result cannot be opened, or its robots had another
     controller.
     """
+    return _origin(path).planner
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Origin:
+    """The task that a kept episode is of, its place among all tasks, and the planner behind."""
+
+    task: Task | None = None
+    place: int = 0
+    planner: Planner | None = None
+
+
+def _origin(path: Path) -> _Origin:
+    """Read the result that keeps an episode; nothing is known of a file that lies elsewhere."""
     try:
         with as_user_error():
             experiment, _ = reopen(path.resolve().parent.parent)
-            task = next((one for one in experiment.tasks() if log_name(one) == path.name), None)
-    except WideberthError:
-        return None
-    if task is None:
-        return None
+            named = enumerate(experiment.tasks())
+            place, task = next((i, one) for i, one in named if log_name(one) == path.name)
+    except (WideberthError, StopIteration):
+        return _Origin()
     for label, room in (("controller", "controllers"), ("planner", "planners")):
         found = planner_behind(getattr(experiment, room, {}).get(task.settings.get(label)))
         if found is not None:
-            return found
-    return None
+            return _Origin(task, place, found)
+    return _Origin(task, place)
 
 
 def spacing(episode: Episode, every: int) -> int:

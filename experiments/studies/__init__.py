@@ -1,5 +1,7 @@
 """Studies: one file per question, with its figure."""
 
+from ...framework.plugins.lazy import lazy
+
 _HERE = "wideberth.experiments.studies"
 
 BUILT_IN: dict[str, str] = {
@@ -25,3 +27,5 @@ BUILT_IN: dict[str, str] = {
     "known_futures": f"{_HERE}.known_futures:KnownFutures",
 }
 """Name of a study -> where its class is."""
+
+__getattr__, __dir__, __all__ = lazy(__name__, BUILT_IN.values())

@@ -1,6 +1,6 @@
 """How far the paper's enlarged ellipse falls short of the exact sum."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self, final
@@ -10,7 +10,7 @@ import numpy as np
 from ...framework.values.arrays import Array, positive, whole
 from ...framework.values.errors import WideberthError
 from ...regions import inflation
-from ..drawing.plotting import COLOURS, LINES, PAGE, paper_style, save
+from ..drawing.plotting import COLOURS, LINES, PAGE, paper_style, save, subplots
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 from .region_family import rounded
 
@@ -55,6 +55,21 @@ class ApproximationError(Experiment):
         "falls short."
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
+    captions: ClassVar[Mapping[str, str]] = {
+        "approximation_error": (
+            "The enlarged ellipse lies inside the exact sum between its axes: the longer the "
+            "ellipse, the more, and the nearer to its long axis."
+        ),
+        "approximation_error_map": (
+            "The largest clearance that the enlarged ellipse loses grows with the condition "
+            "number of the covariance and with its size beside the margin."
+        ),
+    }
+    headline: ClassVar[tuple[str, ...]] = (
+        "largest_radial_error",
+        "largest_clearance_error",
+        "largest_disagreement",
+    )
 
     def __post_init__(self) -> None:
         positive("short_axis", self.short_axis)
@@ -121,10 +136,8 @@ class ApproximationError(Experiment):
     def figures(self, result: Result, folder: Path) -> list[Path]:
         """Both errors over the polar angle; the map of the largest with cuts through it."""
         with paper_style():
-            from matplotlib import pyplot
-
             rows = result.rows
-            figure, panels = pyplot.subplots(2, 1, figsize=(3.5, 4.2), sharex=True)
+            figure, panels = subplots(2, 1, figsize=(3.5, 4.2), sharex=True)
             kinds = ("radial", "clearance")
             for panel, kind in zip(panels, kinds, strict=True):
                 _panel(panel, _part(rows, "curve"), kind)
@@ -262,9 +275,7 @@ def decades(sizes: list[float]) -> list[float]:
 
 def draw_map(rows: list[Row]) -> Any:
     """Heat map with labelled contours, and curves over the condition number beside it."""
-    from matplotlib import pyplot
-
-    figure, (left, right) = pyplot.subplots(1, 2, figsize=(PAGE, 3.0), width_ratios=(1.25, 1.0))
+    figure, (left, right) = subplots(1, 2, figsize=(PAGE, 3.0), width_ratios=(1.25, 1.0))
     conditions = sorted({float(row["condition"]) for row in rows})
     sizes = sorted({float(row["short_axis_over_margin"]) for row in rows})
     table = {

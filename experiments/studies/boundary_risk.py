@@ -13,7 +13,7 @@ from ...framework.risk.risk_meter import along_boundary
 from ...framework.values.arrays import positive, probability
 from ...framework.values.errors import WideberthError
 from ...framework.values.forecast import GaussianObstacle
-from ..drawing.plotting import COLOURS, PAGE, paper_style, save
+from ..drawing.plotting import COLOURS, PAGE, paper_style, save, subplots
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 from .region_family import FIELDS, exceeds, family, member, reading, rounded, title
 
@@ -54,6 +54,13 @@ class BoundaryRisk(Experiment):
         "The regions are conservative: on their boundary the collision probability is below 1 - p."
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
+    captions: ClassVar[Mapping[str, str]] = {
+        "boundary_risk": (
+            "True collision probability along each region's boundary, from least to largest: "
+            "right of the dotted line a region is too small for its tail."
+        ),
+    }
+    headline: ClassVar[tuple[str, ...]] = ("risk_max", "area_ratio", "clearance_lost")
 
     def __post_init__(self) -> None:
         probability("tail", self.tail)
@@ -107,10 +114,8 @@ class BoundaryRisk(Experiment):
         regions = _by_area(rows)
         count = len(self.cases)
         with paper_style():
-            from matplotlib import pyplot
-
             size = (PAGE, 1.2 + 0.17 * len(regions))
-            figure, panels = pyplot.subplots(1, count, figsize=size, sharey=True, squeeze=False)
+            figure, panels = subplots(1, count, figsize=size, sharey=True, squeeze=False)
             for number, panel in enumerate(panels[0]):
                 own = {row["region"]: row for row in rows if row["case"] == number}
                 _panel(panel, [own[name] for name in regions], self.tail)

@@ -23,7 +23,7 @@ from ...simulation.engine.agents import ReplayAgent
 from ...simulation.engine.episode import run_episode
 from ...simulation.engine.settings import Settings
 from ...simulation.scenarios.model_crowd import ModelCrowd
-from ..drawing.plotting import COLOURS, ENOUGH, LINES, PAGE, few, paper_style, save
+from ..drawing.plotting import COLOURS, ENOUGH, LINES, PAGE, few, paper_style, save, subplots
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 from ..engine.closed_loop import column, group
 from .variants import planner_of
@@ -103,6 +103,13 @@ class ClosedLoopRisk(Experiment):
         "closed loop where the covariance is exact, and is not with the paper's recursion."
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
+    captions: ClassVar[Mapping[str, str]] = {
+        "closed_loop_risk": (
+            "How often walkers left their regions and were touched, by step of the plan: "
+            "markers at the dotted nominal value keep the promise, markers above it break it."
+        ),
+    }
+    headline: ClassVar[tuple[str, ...]] = ("outside", "ratio", "touched")
 
     crowds: dict[str, Crowd]
     planner: Controller
@@ -286,12 +293,10 @@ LEAST = 1e-3
 
 def draw(lines: list[Row], folder: Path) -> list[Path]:
     """Draw one column per crowd and level: who left the region, and who was touched."""
-    from matplotlib import pyplot
-
     columns = group(lines, "crowd", "level")
     looks = {name: k for k, (name,) in enumerate(group(lines, "predictor"))}
     with paper_style():
-        figure, panels = pyplot.subplots(
+        figure, panels = subplots(
             2, len(columns), figsize=(PAGE, 4.2), squeeze=False, sharex=True, sharey="row"
         )
         for i, ((crowd, level), own) in enumerate(columns.items()):

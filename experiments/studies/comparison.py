@@ -24,7 +24,7 @@ from ...simulation.log.episode_log import Episode
 from ...simulation.measures.episode_measures import measures
 from ...simulation.scenarios.base import Scenario
 from ..drawing.kept_out import planner_behind
-from ..drawing.plotting import ENOUGH, PAGE, few, paper_style, save
+from ..drawing.plotting import ENOUGH, PAGE, few, paper_style, save, subplots
 from ..drawing.trade_off_markers import (
     front_legend,
     front_looks,
@@ -35,6 +35,7 @@ from ..drawing.trade_off_markers import (
 )
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 from ..engine.closed_loop import (
+    EPISODE_CAPTIONS,
     check_settings,
     check_starts,
     column,
@@ -92,6 +93,23 @@ class Comparison(Experiment):
         "how near to others, and is the difference more than chance?"
     )
     reference: ClassVar[str] = SOURCES
+    growing: ClassVar[tuple[str, ...]] = ("seeds",)
+    captions: ClassVar[Mapping[str, str]] = {
+        "outcomes": (
+            "Share of the episodes in which each controller arrived, waited too long, stood "
+            "still or touched something."
+        ),
+        "clearance_against_time": (
+            "Least clearance against time to the goals: upper left is better, and hollow "
+            "markers had failures."
+        ),
+        "paired_times": (
+            "Time beyond the baseline's at the seeds at which both arrived: right of 0 is slower."
+        ),
+        "trends": "Success, time and clearance over the places that the study compares.",
+        **EPISODE_CAPTIONS,
+    }
+    headline: ClassVar[tuple[str, ...]] = ("success", "collision", "time_mean_s")
 
     scenarios: dict[str, Scenario]
     robots: dict[str, Robot]
@@ -467,11 +485,9 @@ def _panels(rows: Sequence[Row]) -> dict[str, list[Row]]:
 
 def _grid(count: int, height: float, **options: Any) -> tuple[Any, list[Any]]:
     """Return a figure with so many panels, at most three in a row, and the panels."""
-    from matplotlib import pyplot
-
     wide = min(count, 3)
     deep = -(-count // wide)
-    figure, axes = pyplot.subplots(
+    figure, axes = subplots(
         deep, wide, figsize=(PAGE * (0.4 + 0.2 * wide), 0.7 + height * deep), squeeze=False,
         layout="constrained", **options,
     )  # fmt: skip
@@ -634,11 +650,9 @@ def _difference(panel: Any, place: float, own: Sequence[Row], base: Sequence[Row
 
 def _trends(rows: Sequence[Row], lines: Sequence[Row], names: Sequence[str]) -> Any:
     """Draw a line per controller over the places."""
-    from matplotlib import pyplot
-
     places = list(_panels(rows))
     found = {name: [line for line in lines if line["controller"] == name] for name in names}
-    figure, axes = pyplot.subplots(1, 3, figsize=(PAGE, 2.7), layout="constrained")
+    figure, axes = subplots(1, 3, figsize=(PAGE, 2.7), layout="constrained")
     for panel, (quantity, text) in zip(axes, TRENDS.items(), strict=True):
         for i, (name, some) in enumerate(found.items()):
             at = np.arange(len(places)) + 0.06 * (i - 0.5 * (len(names) - 1))

@@ -1,5 +1,6 @@
 """Time and path that each region and covariance costs in closed loop, and the share it keeps."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar, Self, final
@@ -70,6 +71,14 @@ class Conservativeness(Experiment):
         "less conservative (section III): what each region and covariance costs and keeps."
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
+    growing: ClassVar[tuple[str, ...]] = ("seeds",)
+    captions: ClassVar[Mapping[str, str]] = {
+        "conservativeness": (
+            "What a region and a covariance keep against what they cost: upper left keeps more "
+            "for less."
+        ),
+    }
+    headline: ClassVar[tuple[str, ...]] = ("kept", "extra_time", "collisions")
 
     scenarios: dict[str, Scenario]
     robot: Robot
@@ -155,9 +164,7 @@ class Conservativeness(Experiment):
 
     def figures(self, result: Result, folder: Path) -> list[Path]:
         """Draw what is kept against what it costs, one panel per scenario."""
-        import matplotlib.pyplot as plt
-
-        from ..drawing.plotting import paper_style, save
+        from ..drawing.plotting import paper_style, save, subplots
 
         groups = group(self.summary(result.rows), "scenario")
         marks = dict(zip(self.regions, "osD^vP*X<>", strict=False))
@@ -165,7 +172,7 @@ class Conservativeness(Experiment):
             zip(self.predictors, np.linspace(1.0, 0.0, len(self.predictors)), strict=True)
         )
         with paper_style():
-            figure, panels = plt.subplots(
+            figure, panels = subplots(
                 1, len(groups), figsize=(3.5 * len(groups), 3.6), squeeze=False,
                 layout="constrained", sharey=True,
             )  # fmt: skip

@@ -12,7 +12,7 @@ from ...framework.region import Convex, Region, Relation, Signed
 from ...framework.values.arrays import Array, positive, probability, whole
 from ...framework.values.errors import WideberthError
 from ...framework.values.forecast import GaussianObstacle
-from ..drawing.plotting import COLOURS, LINES, PAGE, paper_style, save
+from ..drawing.plotting import COLOURS, LINES, PAGE, paper_style, save, subplots
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 from ..engine.closed_loop import column, group
 from .region_family import family, member, title
@@ -63,6 +63,13 @@ class ConvexCertificates(Experiment):
         "least area, certified by convex programs."
     )
     reference: ClassVar[str] = "boyd2004convex,kurzhanski1997ellipsoidal"
+    captions: ClassVar[Mapping[str, str]] = {
+        "convex_certificates": (
+            "How far each region lies beyond (above 0) or inside (below 0) the exact sum, and "
+            "its area over that of the smallest ellipse around the sum."
+        ),
+    }
+    headline: ClassVar[tuple[str, ...]] = ("gap_min", "gap_max", "distance_error")
 
     regions: Mapping[str, Region] = field(default_factory=dict)
     registered: bool = True
@@ -306,12 +313,11 @@ def _largest(rows: Sequence[Row], name: str) -> float | None:
 
 def draw(rows: Sequence[Row]) -> Any:
     """Draw, over the condition number, the range of the gaps and the area of each region."""
-    from matplotlib import pyplot
-
-    figure, (left, right) = pyplot.subplots(1, 2, figsize=(PAGE, 3.2))
+    figure, (left, right) = subplots(1, 2, figsize=(PAGE, 3.2))
     for i, ((name,), some) in enumerate(group(rows, "region").items()):
+        turn = i // len(COLOURS)  # a colour comes back with another line
         look = {
-            "color": COLOURS[i % len(COLOURS)], "linestyle": LINES[i % len(LINES)],
+            "color": COLOURS[i % len(COLOURS)], "linestyle": LINES[(i + 3 * turn) % len(LINES)],
             "marker": MARKERS[i % len(MARKERS)], "markersize": 3.0,
         }  # fmt: skip
         condition = column(some, "condition")

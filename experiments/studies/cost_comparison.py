@@ -1,5 +1,6 @@
 """Tracking a timed reference against contouring: who waits, who hurries, at what price."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar, Self, final
@@ -70,6 +71,14 @@ class CostComparison(Experiment):
         "whose progress is its own choice drive more calmly, and what does that cost?"
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory,liniger2015optimization"
+    growing: ClassVar[tuple[str, ...]] = ("seeds",)
+    captions: ClassVar[Mapping[str, str]] = {
+        "cost_comparison": (
+            "Every episode with each cost: a calm drive has a low peak speed and a small "
+            "deviation from the path."
+        ),
+    }
+    headline: ClassVar[tuple[str, ...]] = ("peak_speed", "deviation", "time_ratio")
 
     scenarios: dict[str, Scenario]
     robot: Robot
@@ -125,14 +134,12 @@ class CostComparison(Experiment):
 
     def figures(self, result: Result, folder: Path) -> list[Path]:
         """Draw every episode, one column per scenario, and write the solve times as a table."""
-        import matplotlib.pyplot as plt
-
-        from ..drawing.plotting import paper_style, save
+        from ..drawing.plotting import paper_style, save, subplots
         from ..drawing.strips import strip, strip_legend
 
         groups = group(result.rows, "scenario")
         with paper_style():
-            figure, panels = plt.subplots(
+            figure, panels = subplots(
                 len(PANELS), len(groups), figsize=(2.6 * len(groups), 7.2), squeeze=False,
                 sharex=True, sharey="row", layout="constrained",
             )  # fmt: skip

@@ -1,5 +1,6 @@
 """The paper's headline: treating obstacles as moving beats treating them as static."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar, Self, final
@@ -59,6 +60,13 @@ class DynamicMatters(Experiment):
         "(section I): static against moving predictions on the same seeds."
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
+    growing: ClassVar[tuple[str, ...]] = ("seeds",)
+    captions: ClassVar[Mapping[str, str]] = {
+        "dynamic_matters": (
+            "Clearance and time of every episode by predictor: below the line at 0 bodies touch."
+        ),
+    }
+    headline: ClassVar[tuple[str, ...]] = ("collisions", "clearance_min_m", "time_ratio")
 
     scenarios: dict[str, Scenario]
     robot: Robot
@@ -102,14 +110,12 @@ class DynamicMatters(Experiment):
 
     def figures(self, result: Result, folder: Path) -> list[Path]:
         """Draw clearance and time of every episode by predictor, one column per scenario."""
-        import matplotlib.pyplot as plt
-
-        from ..drawing.plotting import paper_style, save
+        from ..drawing.plotting import paper_style, save, subplots
         from ..drawing.strips import strip, strip_legend
 
         groups = group(result.rows, "scenario")
         with paper_style():
-            figure, panels = plt.subplots(
+            figure, panels = subplots(
                 2, len(groups), figsize=(3.4 * len(groups), 4.4), squeeze=False, sharex=True,
                 sharey="row", layout="constrained",
             )  # fmt: skip

@@ -1,6 +1,6 @@
 """The construction of the paper's region: content ellipse, enlarged ellipse and exact sum."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self, final
@@ -12,7 +12,7 @@ from ...framework.values.arrays import positive, probability, whole
 from ...framework.values.forecast import GaussianObstacle
 from ...regions.mahalanobis_ellipse import MahalanobisEllipse
 from ...regions.minkowski_sum import MinkowskiSum
-from ..drawing.plotting import COLOURS, paper_style, save
+from ..drawing.plotting import COLOURS, paper_style, save, subplots
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 
 CURVES = ("inner ellipse", "outer ellipse", "exact sum")
@@ -48,6 +48,15 @@ class EllipseConstruction(Experiment):
         "approximates the exact sum."
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
+    captions: ClassVar[Mapping[str, str]] = {
+        "ellipse_construction": (
+            "The outer ellipse, with axes longer by r + r_d, cuts into the exact sum between "
+            "its axes; the disc stands where it loses most."
+        ),
+    }
+    headline: ClassVar[tuple[str, ...]] = (
+        "area_m2", "smallest_clearance_m", "largest_collision_risk",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         probability("content", self.content)
@@ -111,9 +120,7 @@ class EllipseConstruction(Experiment):
     def figures(self, result: Result, folder: Path) -> list[Path]:
         """Draw the three boundaries, and the disc where the outer ellipse falls short most."""
         with paper_style():
-            from matplotlib import pyplot
-
-            figure, panel = pyplot.subplots(figsize=(3.5, 3.5))
+            figure, panel = subplots(figsize=(3.5, 3.5))
             self._draw(panel, result.rows)
             figure.legend(loc="outside lower center", ncols=2)
             return save(figure, folder, "ellipse_construction")

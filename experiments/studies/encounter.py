@@ -1,5 +1,6 @@
 """The paper's two scenarios: who yields, who passes first, and at what distance."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar, Self, final
@@ -14,9 +15,11 @@ from ...simulation.log.episode_log import Episode
 from ...simulation.scenarios.base import Scenario
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 from ..engine.closed_loop import (
+    EPISODE_CAPTIONS,
     check_settings,
     check_starts,
     condense,
+    first_of,
     grid,
     group,
     inputs_of,
@@ -47,6 +50,15 @@ class Encounter(Experiment):
         "communication (section V)."
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
+    growing: ClassVar[tuple[str, ...]] = ("seeds",)
+    captions: ClassVar[Mapping[str, str]] = {
+        "views_*": (
+            "What each robot planned and kept out of, when the robots came near: a planned "
+            "position and the region of its step have the same shade."
+        ),
+        **EPISODE_CAPTIONS,
+    }
+    headline: ClassVar[tuple[str, ...]] = ("collisions", "clearance_min_m", "time_ratio")
 
     scenario: Scenario
     robot: Robot
@@ -118,6 +130,7 @@ class Encounter(Experiment):
         return files
 
     def quick(self) -> Self:
-        """Two seeds."""
-        seeds = min(self.seeds, 2)
-        return replace(self, seeds=seeds, show=min(self.show, seeds - 1))
+        """Two seeds; of more than two planners the first two, and one seed."""
+        seeds = min(self.seeds, 2 if len(self.planners) <= 2 else 1)
+        planners = first_of(self.planners, 2)
+        return replace(self, planners=planners, seeds=seeds, show=min(self.show, seeds - 1))

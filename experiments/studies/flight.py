@@ -1,5 +1,6 @@
 """Three dimensions: robots that fly among others, under several regions and predictors."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self, final
@@ -79,6 +80,17 @@ class Flight(Experiment):
         "degrees of freedom), outer forms and the exact sum keep flying robots apart."
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
+    growing: ClassVar[tuple[str, ...]] = ("seeds",)
+    captions: ClassVar[Mapping[str, str]] = {
+        "comparison": (
+            "Clearance, time and iterations of every flight by region: no region should reach "
+            "the line at which bodies touch."
+        ),
+        "flight_*": (
+            "One flight, from above and from the side, with the least distance between the robots."
+        ),
+    }
+    headline: ClassVar[tuple[str, ...]] = ("collisions", "clearance_min_m", "time_ratio")
 
     scenario: Scenario
     robot: Robot

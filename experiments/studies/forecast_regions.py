@@ -16,7 +16,7 @@ from ...regions.box import box_content
 from ...regions.luetkepohl_rectangle import LuetkepohlRectangle
 from ...regions.mahalanobis_ellipse import MahalanobisEllipse
 from ...regions.minkowski_sum import MinkowskiSum
-from ..drawing.plotting import COLOURS, LINES, PAGE, paper_style, save
+from ..drawing.plotting import COLOURS, LINES, PAGE, paper_style, save, subplots
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 
 REGIONS: Mapping[str, Convex] = {
@@ -65,6 +65,17 @@ class ForecastRegions(Experiment):
         "The ellipse covers a smaller area than the rectangle and is less conservative."
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory, luetkepohl2005new"
+    captions: ClassVar[Mapping[str, str]] = {
+        "forecast_regions": (
+            "The rectangle covers more area than the ellipse of the same content, the more, the "
+            "stronger the correlation."
+        ),
+        "forecast_regions_p": (
+            "Area of the rectangle over that of the ellipse, before and after the enlargement, "
+            "and content that the rectangle holds beyond what it promises."
+        ),
+    }
+    headline: ClassVar[tuple[str, ...]] = ("area_ratio", "enlarged_ratio", "rectangle_content")
 
     def __post_init__(self) -> None:
         for content in self.contents:
@@ -136,11 +147,9 @@ class ForecastRegions(Experiment):
     def figures(self, result: Result, folder: Path) -> list[Path]:
         """One panel per correlation at one content; then ratios and contents over all."""
         with paper_style():
-            from matplotlib import pyplot
-
             rows = [row for row in result.rows if row["content"] == self.content]
             size = (PAGE, 1.0 + 0.95 * PAGE / len(rows))
-            figure, panels = pyplot.subplots(
+            figure, panels = subplots(
                 1, len(rows), figsize=size, sharex=True, sharey=True, squeeze=False
             )
             for panel, row in zip(panels[0], rows, strict=True):
@@ -192,10 +201,9 @@ TITLES = {
 
 def _over_contents(rows: list[Row]) -> Any:
     """Four panels over p, one line per correlation: the area ratios, the content gained."""
-    from matplotlib import pyplot
     from matplotlib.ticker import FixedLocator, NullLocator
 
-    figure, axes = pyplot.subplots(2, 2, figsize=(PAGE, 4.6))
+    figure, axes = subplots(2, 2, figsize=(PAGE, 4.6))
     panels = list(axes.flat)
     tails = sorted({1.0 - float(row["content"]) for row in rows}, reverse=True)
     for i, rho in enumerate(dict.fromkeys(float(row["correlation"]) for row in rows)):

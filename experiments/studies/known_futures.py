@@ -1,7 +1,7 @@
 """What knowing the future would be worth to one decision: one plan against a thousand futures."""
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
@@ -28,7 +28,7 @@ from ...framework.values.plan import Status
 from ...simulation.engine.episode import Run
 from ...simulation.engine.settings import Settings
 from ...simulation.scenarios.base import Scenario
-from ..drawing.plotting import COLOURS, LINES, PAGE, paper_style, save
+from ..drawing.plotting import COLOURS, LINES, PAGE, paper_style, save, subplots
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 from ..engine.closed_loop import check_starts, column, first_of, group, inputs_of, pick
 from .region_family import title
@@ -181,6 +181,13 @@ class KnownFutures(Experiment):
         "worth to one decision to know it, and is the promise kept in the futures forecast?"
     )
     reference: ClassVar[str] = "birge2011introduction,schoeneberg2025trajectory"
+    captions: ClassVar[Mapping[str, str]] = {
+        "known_futures": (
+            "One decision: its plan between the drawn futures, its cost against plans that know "
+            "the future, and how often it touches against the tail that it holds."
+        ),
+    }
+    headline: ClassVar[tuple[str, ...]] = ("worth", "touched", "tail_held")
 
     scenario: Scenario
     robot: Robot
@@ -372,9 +379,7 @@ MARKERS = "osD^v"
 
 def draw(rows: Sequence[Row], shown: dict[str, Array]) -> Any:
     """Draw futures and plans of one decision, the costs over the instants, and the promise."""
-    from matplotlib import pyplot
-
-    figure, (ways, costs, shares) = pyplot.subplots(1, 3, figsize=(PAGE, 3.0))
+    figure, (ways, costs, shares) = subplots(1, 3, figsize=(PAGE, 3.0))
     _draw_ways(ways, shown)
     for i, ((name,), some) in enumerate(group(rows, "planner").items()):
         look: dict[str, Any] = {

@@ -1,5 +1,6 @@
 """How much of its level should a plan hold, where and when? The level policies in closed loop."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self, final
@@ -7,16 +8,17 @@ from typing import Any, ClassVar, Self, final
 import numpy as np
 
 from ...framework.controller import Controller
+from ...framework.metrics.gaps import gaps
 from ...framework.mpc.levels.base import LevelPolicy, level_of
 from ...framework.mpc.planner.planner import Planner
 from ...framework.predictor import Predictor
 from ...framework.robot import Robot
 from ...framework.values.plan import Plan, Rung
+from ...simulation.drawing.artists import pairs
+from ...simulation.drawing.logged import Agent
 from ...simulation.engine.settings import Settings
-from ...simulation.log.episode_log import AgentLog, Episode
-from ...simulation.measures.gaps import gaps
+from ...simulation.log.episode_log import Episode
 from ...simulation.scenarios.base import Scenario
-from ..drawing.episode_artists import pairs
 from ..drawing.trade_off_markers import front_legend, front_looks, mark, widen
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 from ..engine.closed_loop import (
@@ -70,6 +72,14 @@ class LevelPolicies(Experiment):
         "to let it fall over the horizon, or to hold one risk for the whole plan?"
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
+    growing: ClassVar[tuple[str, ...]] = ("seeds",)
+    captions: ClassVar[Mapping[str, str]] = {
+        "level_policies": (
+            "Least clearance against extra time for each level policy: upper left is better, "
+            "and hollow markers had failures."
+        ),
+    }
+    headline: ClassVar[tuple[str, ...]] = ("success", "clearance_median_m", "extra_time_s")
 
     scenarios: dict[str, Scenario]
     robot: Robot
@@ -180,7 +190,7 @@ def _below(plan: Plan, full: float) -> bool:
     return bool(plan.level[0].min() < full or plan.violation > 1e-4)
 
 
-def _drove_into(first: AgentLog, second: AgentLog) -> bool:
+def _drove_into(first: Agent, second: Agent) -> bool:
     """Whether a robot of the two moved when they first touched."""
     touched = np.flatnonzero(gaps(first, second) < 0.0)
     robots = [log for log in (first, second) if log.kind == "robot"]
@@ -193,16 +203,14 @@ def draw_prices(rows: list[Row]) -> Any:
     Bars reach down to the least clearance and over the quartiles of the time. A hollow marker
     stands for a policy under which somebody touched or did not arrive, with how many beside it.
     """
-    from matplotlib import pyplot
-
-    from ..drawing.plotting import PAGE
+    from ..drawing.plotting import PAGE, subplots
 
     panels = group(rows, "scenario", "forecast")
     scenarios = list(dict.fromkeys(scenario for scenario, _ in panels))
     forecasts = list(dict.fromkeys(forecast for _, forecast in panels))
     names = list(dict.fromkeys(str(row["planner"]) for row in rows))
     looks, drawn = front_looks(names), set()
-    figure, axes = pyplot.subplots(
+    figure, axes = subplots(
         len(forecasts), len(scenarios), figsize=(PAGE, 0.6 + 2.1 * len(forecasts)), squeeze=False
     )  # fmt: skip
     for (scenario, forecast), some in panels.items():

@@ -1,6 +1,6 @@
 """Predictors and regions, each with each in one planner: what the pairs do in closed loop."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self, final
@@ -15,7 +15,7 @@ from ...framework.values.arrays import Array, whole
 from ...framework.values.errors import WideberthError
 from ...simulation.engine.settings import Settings
 from ...simulation.scenarios.base import Scenario
-from ..drawing.plotting import PAGE
+from ..drawing.plotting import PAGE, subplots
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 from ..engine.closed_loop import check_settings, check_starts, first_of, grid, group, inputs_of
 from .comparison import SOURCES, against, check_robots, condensed, driving, measured
@@ -44,6 +44,14 @@ class PlannerParts(Experiment):
         "Which predictor and which region does a planner need, and does one make up for the other?"
     )
     reference: ClassVar[str] = SOURCES
+    growing: ClassVar[tuple[str, ...]] = ("seeds",)
+    captions: ClassVar[Mapping[str, str]] = {
+        "planner_parts": (
+            "Success, time and nearness for every predictor (down) with every region (across): "
+            "darker is better."
+        ),
+    }
+    headline: ClassVar[tuple[str, ...]] = ("success", "time_mean_s", "collision")
 
     scenario: Scenario
     robot: Robot
@@ -136,12 +144,10 @@ SHOWN = (
 
 def draw_tables(lines: Sequence[Row]) -> Any:
     """Draw a table for each measure; dark is better, and the number stands in its cell."""
-    from matplotlib import pyplot
-
     predictors = list(dict.fromkeys(str(line["predictor"]) for line in lines))
     regions = list(dict.fromkeys(str(line["region"]) for line in lines))
     size = PAGE, 0.5 + len(SHOWN) * (0.35 + 0.17 * len(predictors)) + 0.9
-    figure, axes = pyplot.subplots(len(SHOWN), 1, figsize=size, sharex=True, squeeze=False)
+    figure, axes = subplots(len(SHOWN), 1, figsize=size, sharex=True, squeeze=False)
     for panel, (name, title, form) in zip(axes[:, 0], SHOWN, strict=True):
         found = {(line["predictor"], line["region"]): line[name] for line in lines}
         table = np.array([[_number(found[one, other]) for other in regions] for one in predictors])

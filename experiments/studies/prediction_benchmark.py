@@ -36,8 +36,8 @@ from ...framework.values.arrays import Array, BoolArray, positive, whole
 from ...framework.values.errors import WideberthError
 from ...framework.values.forecast import Forecast
 from ...framework.values.tracks import Tracks
-from ..drawing.episode_artists import outlines
-from ..drawing.plotting import COLOURS, LINES, PAGE, save
+from ...simulation.drawing.artists import outlines
+from ..drawing.plotting import COLOURS, LINES, PAGE, save, subplots
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 from ..engine.closed_loop import column, group
 from .prediction_data import FAST, STOOD, PredictionData, SceneFiles, longest_stretch, usual_speed
@@ -542,6 +542,26 @@ class PredictionBenchmark(Experiment):
         "Forecasts cover what then happens: how far off is each predictor, and how honest?"
     )
     reference: ClassVar[str] = "gneiting2007strictly, schoeller2020constant"
+    captions: ClassVar[Mapping[str, str]] = {
+        "calibration": (
+            "Share of true positions inside regions of each content: on the diagonal a forecast "
+            "is honest, below it too sure."
+        ),
+        "error": "Mean distance between forecast and truth over the time ahead.",
+        "coverage": (
+            "Share of true positions inside regions of three contents over the time ahead: each "
+            "line belongs on its grey level."
+        ),
+        "coverage_by_speed": (
+            "The same for slow and fast obstacles: a forecast that is honest on average may not "
+            "be so for either."
+        ),
+        "area": "Area of the 95 % regions over the time ahead: large regions block a planner.",
+        "forecasts_*": (
+            "Every predictor's forecast of a usual or a surprising window, with its 95 % regions."
+        ),
+    }
+    headline: ClassVar[tuple[str, ...]] = ("ade_m", "cover_95", "area_m2")
 
     predictors: dict[str, Predictor] = field(default_factory=dict)
     registered: bool = True
@@ -916,14 +936,10 @@ def draw_all(
 
 def _panels(names: list[str], labels: tuple[str, str]) -> "tuple[Figure, list[Any]]":
     """Return a figure with one titled panel per name, on common axes."""
-    from matplotlib import pyplot
-
     across = min(ACROSS, max(len(names), 3))
     down = ceil(len(names) / across)
     size = (PAGE, 0.6 + down * (0.4 + 0.8 * PAGE / across))
-    figure, grid = pyplot.subplots(
-        down, across, figsize=size, sharex=True, sharey=True, squeeze=False
-    )
+    figure, grid = subplots(down, across, figsize=size, sharex=True, sharey=True, squeeze=False)
     panels = list(grid.ravel())
     for panel in panels[len(names) :]:
         panel.set_visible(False)

@@ -14,7 +14,7 @@ from ...framework.values.arrays import Array, positive, probability
 from ...framework.values.errors import WideberthError
 from ...framework.values.forecast import GaussianObstacle
 from ...regions.minkowski_sum import MinkowskiSum
-from ..drawing.plotting import COLOURS, PAGE, paper_style, save
+from ..drawing.plotting import COLOURS, PAGE, paper_style, save, subplots
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 from .region_family import FIELDS, exceeds, family, member, reading, title
 
@@ -61,6 +61,13 @@ class RegionGallery(Experiment):
         "collision probability on their boundary."
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
+    captions: ClassVar[Mapping[str, str]] = {
+        "region_gallery": (
+            "Every region around the same Gaussian beside the exact sum (dotted), with its area "
+            "and the largest risk on its boundary."
+        ),
+    }
+    headline: ClassVar[tuple[str, ...]] = ("area_ratio", "risk_max", "clearance_lost")
 
     def __post_init__(self) -> None:
         probability("tail", self.tail)
@@ -110,11 +117,9 @@ class RegionGallery(Experiment):
         lines = -(-max(len(shown), 1) // ACROSS)
         missing = _missing([row for row in rows if row["remark"]])
         with paper_style():
-            from matplotlib import pyplot
-
             height = 0.5 + PAGE / (ACROSS + 0.5) * _flatness(curves)  # of one panel, title too
             size = (PAGE, 0.7 + height * lines + 0.12 * (missing.count("\n") + bool(missing)))
-            figure, panels = pyplot.subplots(
+            figure, panels = subplots(
                 lines, ACROSS, figsize=size, sharex=True, sharey=True, squeeze=False
             )
             for panel in panels.flat[len(shown) :]:

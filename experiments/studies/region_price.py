@@ -1,6 +1,6 @@
 """Price of each region in closed loop: clearance, time, path and solve time."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self, cast, final
@@ -23,7 +23,7 @@ from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
 from ...simulation.measures.summary import robot_rows, summarise
 from ...simulation.scenarios.base import Scenario
-from ..drawing.plotting import COLOURS, PAGE, few, note
+from ..drawing.plotting import COLOURS, PAGE, few, note, subplots
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 from ..engine.closed_loop import (
     check_settings,
@@ -84,6 +84,14 @@ class RegionPrice(Experiment):
         "does each cost in the same encounters?"
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
+    growing: ClassVar[tuple[str, ...]] = ("seeds",)
+    captions: ClassVar[Mapping[str, str]] = {
+        "region_price": (
+            "What each region costs in the same encounters, sorted by area: clearance, extra "
+            "time, extra path and solve time over the paper's ellipse."
+        ),
+    }
+    headline: ClassVar[tuple[str, ...]] = ("area_ratio", "clearance_median_m", "extra_time")
 
     scenario: Scenario
     robot: Robot
@@ -354,12 +362,10 @@ def draw_prices(rows: list[Row], summary: list[Row], times: list[Row]) -> Any:
     between the quartiles of all else, where there are at least `ENOUGH` seeds; left of zero
     clearance the discs overlap.
     """
-    from matplotlib import pyplot
-
     names = _by_area(summary)
     words = few(len(some) for some in group(rows, "region", "forecast").values())
     forecasts = list(dict.fromkeys(str(line["forecast"]) for line in summary))
-    figure, panels = pyplot.subplots(
+    figure, panels = subplots(
         1, 5, figsize=(PAGE, 1.2 + 0.2 * len(names)), sharey=True,
         width_ratios=(0.75, 1.0, 1.0, 1.0, 1.0),
     )  # fmt: skip

@@ -1,5 +1,6 @@
 """The robot crosses among recorded people, who do not know of it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Self, final
@@ -18,7 +19,13 @@ from ...simulation.engine.episode import run_episode
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
 from ..engine.base import Experiment, Outcome, Result, Row, Task
-from ..engine.closed_loop import column, condense, group, outcome
+from ..engine.closed_loop import (
+    EPISODE_CAPTIONS,
+    column,
+    condense,
+    group,
+    outcome,
+)
 from .crowd import Situation, TrackFile, counted_reasons, draw_situation
 
 if TYPE_CHECKING:
@@ -87,6 +94,15 @@ class Replay(Experiment):
         "make way for it); what does the predictor change?"
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
+    growing: ClassVar[tuple[str, ...]] = ("episodes",)
+    captions: ClassVar[Mapping[str, str]] = {
+        "comparison": (
+            "Clearance and time of every episode by planner: below the line at 0 the robot "
+            "touched somebody."
+        ),
+        **EPISODE_CAPTIONS,
+    }
+    headline: ClassVar[tuple[str, ...]] = ("drove_into", "clearance_min_m", "time_ratio")
 
     robot: Robot
     planners: dict[str, Controller]

@@ -39,7 +39,7 @@ class Stopwatch(Controller):
         planner = planner_of(fresh(self.planner))
         self._laps: list[float] = []
         self.planner = replace(planner, solver=_Timed(planner.solver, self._laps))
-        self.period = planner.period
+        self.period: float = planner.period
 
     def reset(self) -> None:
         """As the planner."""

@@ -16,7 +16,7 @@ from ...framework.robot import Robot
 from ...framework.values.errors import WideberthError
 from ...simulation.engine.settings import Settings
 from ...simulation.scenarios.base import Scenario
-from ..drawing.plotting import COLOURS, PAGE
+from ..drawing.plotting import COLOURS, PAGE, subplots
 from ..drawing.trade_off_markers import bars_note, mark, say_empty, widen
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 from ..engine.closed_loop import check_settings, check_starts, group, inputs_of
@@ -52,6 +52,14 @@ class Tuning(Experiment):
         "Which settings of the planner buy clearance with time, and which buy it for nothing?"
     )
     reference: ClassVar[str] = SOURCES
+    growing: ClassVar[tuple[str, ...]] = ("seeds",)
+    captions: ClassVar[Mapping[str, str]] = {
+        "tuning": (
+            "Least clearance against time for each setting: the grey step joins the settings "
+            "that no other one beats, and the star is the base."
+        ),
+    }
+    headline: ClassVar[tuple[str, ...]] = ("clearance_median_m", "time_median_s", "success")
 
     scenario: Scenario
     robot: Robot
@@ -170,14 +178,12 @@ def draw_fronts(lines: Sequence[Row], rows: Sequence[Row]) -> Any:
     other one beats in clearance and time among those that always arrived. Bars and hollow markers
     as in `trade_off_markers.mark`.
     """
-    from matplotlib import pyplot
-
     played = group(rows, "factor", "value")
     (first, *others) = played
     factors = list(dict.fromkeys(factor for factor, _ in others))
     wide = min(len(factors), 3)
     deep = -(-len(factors) // wide) if factors else 1
-    figure, axes = pyplot.subplots(
+    figure, axes = subplots(
         deep, max(wide, 1), figsize=(PAGE * (0.4 + 0.2 * wide), 0.6 + 2.2 * deep), squeeze=False,
         sharex=True, sharey=True, layout="constrained",
     )  # fmt: skip

@@ -95,7 +95,7 @@ class PolicyObserver:
 
     def __init__(self, robot: Robot, period: float, sight: ObservationSpec) -> None:
         self._robot, self._period, self._sight = robot, period, sight
-        self.box = VelocityBox.of(robot)
+        self.box: VelocityBox = VelocityBox.of(robot)
         self.goal: Array | None = None
         self.reset()
 
@@ -163,11 +163,15 @@ class PolicyObserver:
             shown |= self._walls(observation, here)
         if self._perception is not None:
             shown |= self._forecast(self._perception, observation, here, ids)
-        high = self.high()
-        return {name: np.clip(shown[name], -high[name], high[name]) for name in high}
+        return {name: np.clip(shown[name], *bounds) for name, bounds in self.bounds().items()}
 
-    def high(self) -> Shown:
-        """Bounds on the absolute values of everything shown, in the shapes of the arrays."""
+    def bounds(self) -> dict[str, tuple[Array, Array]]:
+        """Least and largest values of everything shown, in the shapes of the arrays."""
+        least: dict[str, float] = dict.fromkeys(("radii", "present", "walls_present"), 0.0)
+        return {name: (least.get(name, -1.0) * high, high) for name, high in self._high().items()}
+
+    def _high(self) -> Shown:
+        """Largest absolute values."""
         size, sight = self._robot.dimension, self._sight
         count, reach = sight.obstacles, sight.reach
         high = {"goal": np.full(size, reach)}

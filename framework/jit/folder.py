@@ -1,13 +1,12 @@
-"""The folder that compiled modules are kept in: its place, its soundness, its sharing.
+"""The folder that compiled code is kept in: its place, its soundness, its sharing.
 
-Every compiled module is a folder of its own. It is filled under another name, sealed with the
-hash of every file, and renamed when complete: a reader finds all of it or nothing.
+All that is compiled at once is a folder of its own. It is filled under another name, sealed with
+the hash of every file, and renamed when complete: a reader finds all of it or nothing.
 
-What is kept there is machine code, with an index that Numba unpickles: a user who can write there
-can run any code as this one. The seal lies beside the files and shows damage, no malice. So a
-folder or a file that another user owns or may write is not read, and what is made here is for its
-owner alone. Root is trusted, and so is the owner of a folder above, unless everybody may write
-there.
+What is kept there is machine code: a user who can write there can run any code as this one. The
+seal lies beside the files and shows damage, no malice. So a folder or a file that another user
+owns or may write is not read, and what is made here is for its owner alone. Root is trusted, and
+so is the owner of a folder above, unless everybody may write there.
 """
 
 import json
@@ -19,13 +18,13 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
 
 _SEAL = "seal.json"
 _LARGEST_SEAL = 100_000
-"""Bytes; a seal names three files or so."""
+"""Bytes; a seal names one file."""
 _MODULE = re.compile(r"wideberth_\w+_[0-9a-f]{20}")
 """Names of compiled modules; nothing else is pruned."""
 _BUDGET = 200 * 2**20
@@ -175,12 +174,12 @@ def prune(root: Path, keep: Path, budget: int = _BUDGET) -> None:
 
 
 @contextmanager
-def alone(root: Path, name: str) -> Iterator[None]:
+def alone(root: Path, name: str, waiting: AbstractContextManager[None]) -> Iterator[None]:
     """Hold off other processes that want to make the same module.
 
     The operating system frees the lock of a process that dies. Where there are no locks (some
     network folders), or after long waiting, the caller goes on beside the others: that costs time
-    only.
+    only. ``waiting`` is entered while there is somebody to wait for.
     """
     # One of 16 files for all names: they are never deleted, which could not be done safely.
     path = root / f".lock-{sha256(name.encode()).hexdigest()[0]}"
@@ -190,9 +189,11 @@ def alone(root: Path, name: str) -> Iterator[None]:
         yield
         return
     try:
-        end = time.monotonic() + _PATIENCE
-        while not _lock(handle) and time.monotonic() < end:
-            time.sleep(0.05)
+        if not _lock(handle):
+            end = time.monotonic() + _PATIENCE
+            with waiting:
+                while not _lock(handle) and time.monotonic() < end:
+                    time.sleep(0.05)
         yield
     finally:
         os.close(handle)
@@ -215,10 +216,10 @@ def _lock(handle: int) -> bool:
 
 
 def _hashes(folder: Path) -> dict[str, str]:
-    """Hash of every file of Python or Numba below a folder."""
+    """Hash of every object file below a folder."""
     found = {}
-    for path in sorted(folder.rglob("*")):
-        if path.suffix in {".py", ".nbi", ".nbc"}:
+    for path in sorted(folder.rglob("*.o")):
+        if path.is_file():
             found[path.relative_to(folder).as_posix()] = sha256(path.read_bytes()).hexdigest()
     return found
 

@@ -10,7 +10,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from ..values.arrays import Array, BoolArray, checked_covariance, probability
+from ..values.arrays import Array, BoolArray, checked_covariance
+from ..values.forecast import content_bound as content_bound
 from ..values.path import Path
 
 
@@ -173,18 +174,6 @@ def squared_mahalanobis(mean: Array, covariance: Array, points: Array) -> Array:
     )
     turned = np.einsum("...ji,...j->...i", vectors, points - mean)
     return np.asarray(np.sum(turned**2 / np.maximum(values, SMALLEST), axis=-1))
-
-
-def content_bound(size: int, tail: float) -> float:
-    """Return the q that chi^2 with ``size`` degrees of freedom exceeds with probability ``tail``.
-
-    Raises
-    ------
-    WideberthError : tail outside (0, 1).
-    """
-    from scipy.special import gammainccinv
-
-    return 2.0 * float(gammainccinv(0.5 * size, probability("tail", tail)))
 
 
 def inside_content(mean: Array, covariance: Array, truth: Array, tail: float) -> BoolArray:

@@ -16,11 +16,13 @@ from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 from ..values.errors import WideberthError, short
 from .io import check_target, expanded, read_json, write_json
-from .registry import load, name_of, names, room_name, room_of, unknown
+from .registry import load, name_of, names, room_name, room_of, unimportable, unknown
 from .yamlfile import read_config as read_config
 
 LONGEST_NAME = 48
 """Bytes of a name in a config; up to five of them make the name of a file."""
+ADVICE = "advice"
+"""Key of a dataclass field's metadata: what to write where a config lacks the field."""
 _SEQUENCES = (tuple, list, Sequence)
 _MAPPINGS = (dict, Mapping)
 
@@ -39,9 +41,7 @@ def import_plugins(modules: Sequence[str]) -> None:
         try:
             import_module(name)
         except Exception as error:  # a plug-in's module may fail in any way
-            raise WideberthError(
-                f"plugins: module {name!r} cannot be imported ({type(error).__name__}: {error})"
-            ) from error
+            raise WideberthError(f"plugins: {unimportable(name, error)}") from error
 
 
 def build(room: str, value: Any, path: str = "", default: Any = None) -> Any:
@@ -49,7 +49,7 @@ def build(room: str, value: Any, path: str = "", default: Any = None) -> Any:
 
     Parameters
     ----------
-    room : as in `wideberth.framework.plugins.registry.ROOMS`.
+    room : as in `wideberth.framework.plugins.registry.ROOMS`, in the plural or the singular.
     value : a name; or a mapping with ``type`` and the constructor's arguments; or a plug-in;
         or ``{saved: file}`` for what `save_plugin` wrote, the path
         relative to the working folder.
@@ -61,6 +61,7 @@ def build(room: str, value: Any, path: str = "", default: Any = None) -> Any:
     WideberthError : unknown name, unknown key, missing key, wrong type, or whatever the
         constructor refuses; the message begins with the dotted path.
     """
+    room = room_name(room)
     if room_of(type(value)) == room:
         return value
     if isinstance(value, str):
@@ -152,7 +153,9 @@ def _check_default(found: type, field: "dataclasses.Field[Any]", hint: Any, path
     """Refuse a key without a default, and a default that names a plug-in instead of being one."""
     default = _default(field)
     if default is dataclasses.MISSING:
-        raise WideberthError(f"{_at(path)}key {field.name!r} is missing; it has no default")
+        advice = field.metadata.get(ADVICE, "")
+        words = f"key {field.name!r} is missing; it has no default{advice and f': {advice}'}"
+        raise WideberthError(f"{_at(path)}{words}")
     room = room_of(hint) if isinstance(hint, type) else None
     if room is not None and isinstance(default, str):
         raise WideberthError(

@@ -272,6 +272,15 @@ def read_rows(text: str, place: str) -> list[dict[str, Any]]:
     ------
     WideberthError : no CSV, or a line with another number of cells than the header.
     """
+    rows = read_cells(text, place)
+    return [{name: _value(cell) for name, cell in row.items()} for row in rows]
+
+
+def read_cells(text: str, place: str) -> list[dict[str, str]]:
+    """Return the rows of a table's text with their cells as they are written.
+
+    `table_text` of these rows is the same text again. Errors are those of `read_rows`.
+    """
     try:
         lines = list(csv.reader(io.StringIO(text)))
     except csv.Error as error:
@@ -285,9 +294,7 @@ def read_rows(text: str, place: str) -> list[dict[str, Any]]:
                 f"{place}, line {number}: {len(line)} cells; wanted {len(header)}, as in the "
                 "header"
             )
-    return [
-        {name: _value(cell) for name, cell in zip(header, line, strict=True)} for line in lines[1:]
-    ]
+    return [dict(zip(header, line, strict=True)) for line in lines[1:]]
 
 
 def _value(cell: str) -> Any:

@@ -39,15 +39,22 @@ _FORMER = {
 }
 """Package -> group -> names of modules that stood in the package, ``old=new`` where renamed."""
 
-MOVED = {
-    f"wideberth.{package}.{old}": f"wideberth.{package}.{group}.{new or old}"
-    for package, groups in _FORMER.items()
-    for group, names in groups.items()
-    for old, _, new in (name.partition("=") for name in names.split())
-} | {
-    f"wideberth.controllers.{old}": "wideberth.controllers.presets"
-    for old in ("preset", "lmpcc", "linearized_chance", "mpc_constant_velocity")
-}
+MOVED = (
+    {
+        f"wideberth.{package}.{old}": f"wideberth.{package}.{group}.{new or old}"
+        for package, groups in _FORMER.items()
+        for group, names in groups.items()
+        for old, _, new in (name.partition("=") for name in names.split())
+    }
+    | {
+        f"wideberth.controllers.{old}": "wideberth.controllers.presets"
+        for old in ("preset", "lmpcc", "linearized_chance", "mpc_constant_velocity")
+    }
+    | {
+        "wideberth.simulation.measures.gaps": "wideberth.framework.metrics.gaps",
+        "wideberth.experiments.drawing.episode_artists": "wideberth.simulation.drawing.artists",
+    }
+)
 """Old module name -> new one."""
 
 

@@ -8,14 +8,14 @@ import sys
 import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import cache
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint, entry_points, packages_distributions
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, TypeVar
 
-from ..values.errors import WideberthError, short
+from ..values.errors import WideberthError, nearest, short
 
 P = TypeVar("P")
 
@@ -84,15 +84,21 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> str:
     "unknown region 'elipse': did you mean 'ellipse'? Known: box, ellipse"
     """
     known = sorted(known)
-    near = get_close_matches(str(name)[:100], known, n=1)
-    hint = f": did you mean {near[0]!r}?" if near else "."
+    hint = nearest(str(name), known) or "."
     return f"unknown {kind} {short(name)}{hint} Known: {', '.join(known) or 'none yet'}"
 
 
 def names(room: str) -> list[str]:
     """List the names in a room, sorted; none of the plug-ins is imported."""
+    return sorted(targets(room))
+
+
+def targets(room: str) -> dict[str, str]:
+    """Return name -> "module:Class" of a room; none of the plug-ins is imported."""
     room = room_name(room)
-    return sorted({*_built_in(room), *_registered[room], *_installed(room)})
+    installed = {name: entry.value for name, entry in _installed(room).items()}
+    registered = {name: class_path(found) for name, found in _registered[room].items()}
+    return {**installed, **_built_in(room), **registered}
 
 
 def load(room: str, target: str) -> type[Any]:
@@ -202,14 +208,34 @@ def _imported(target: str) -> Any:
     try:
         found: Any = import_module(module)
     except Exception as error:  # a plug-in's module may fail in any way
-        raise WideberthError(
-            f"{target!r}: module {module!r} cannot be imported ({type(error).__name__}: {error})"
-        ) from error
+        raise WideberthError(f"{target!r}: {unimportable(module, error)}") from error
     for part in name.split("."):
         if not hasattr(found, part):
-            raise WideberthError(f"{target!r}: module {module!r} has no {name!r}")
+            hint = nearest(part, vars(found))
+            raise WideberthError(f"{target!r}: module {module!r} has no {name!r}{hint}")
         found = getattr(found, part)
     return found
+
+
+def unimportable(module: str, error: Exception) -> str:
+    """Return why a plug-in's module cannot be imported: the error, its line, its distribution."""
+    import importlib
+    import traceback
+
+    ours = tuple(str(Path(file).parent) for file in (__file__, str(importlib.__file__)))
+    lines = [
+        f"{frame.filename}, line {frame.lineno}"
+        for frame in traceback.extract_tb(error.__traceback__)
+        if not frame.filename.startswith(("<", *ours))
+    ]
+    if isinstance(error, SyntaxError) and error.filename:
+        lines.append(f"{error.filename}, line {error.lineno}")
+    place = f" in {lines[-1]}" if lines else ""
+    owners = packages_distributions().get(module.partition(".")[0], [])
+    owner = f" of the distribution {owners[0]!r}" if owners else ""
+    said = error.msg if isinstance(error, SyntaxError) else error  # the place comes behind
+    what = f"{type(error).__name__}: {said}"
+    return f"module {module!r}{owner} cannot be imported ({what}{place})"
 
 
 @cache
@@ -228,14 +254,22 @@ def _installed(room: str) -> dict[str, EntryPoint]:
 
 def _entered(room: str, entry: EntryPoint) -> Any:
     try:
-        return entry.load()
+        found = entry.load()
     except Exception as error:  # a third party's package may fail in any way
-        reason = f"{entry.value!r} cannot be imported ({type(error).__name__}: {error})"
+        reason = unimportable(entry.module, error)
         _complain(entry, reason)
         raise WideberthError(
             f"{entry.name!r} in {room} comes from the distribution {_distribution(entry)!r}, "
             f"and {reason}; mend or uninstall it"
         ) from error
+    own = sorted(name for name, other in _registered[room].items() if other is found)
+    if own and entry.name not in own:
+        raise WideberthError(
+            f"entry point {entry.name!r} of the distribution {_distribution(entry)!r} names a "
+            f"class that registers itself in {room} as {own[0]!r}: no other process would find "
+            f"it by that name; give both the same name"
+        )
+    return found
 
 
 def _distribution(entry: EntryPoint) -> str:

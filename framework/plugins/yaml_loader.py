@@ -30,9 +30,11 @@ class Loader(yaml.SafeLoader):
 
     def __init__(self, text: str, most: int, deepest: int, shared: Callable[[str], str]) -> None:
         super().__init__(text)
-        self.most, self.deepest, self.shared = most, deepest, shared
-        self.nodes = 0
-        self.depth = 0
+        self.most: int = most
+        self.deepest: int = deepest
+        self.shared: Callable[[str], str] = shared
+        self.nodes: int = 0
+        self.depth: int = 0
         self.known: dict[int, tuple[int, int]] = {}  # what an alias stands for: nodes, depth
 
     def compose_node(self, parent: Any, index: Any) -> Any:

@@ -2,9 +2,25 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import TypeVar, final
+from importlib import import_module
+from typing import Any, TypeVar, final
 
 T = TypeVar("T")
+
+_HERE = "wideberth.framework.testing"
+CHECKS = {
+    "check_predictor": f"{_HERE}.predictor",
+    "check_region": f"{_HERE}.region",
+    "check_static_region": f"{_HERE}.static_region",
+    "check_robot": f"{_HERE}.robot",
+    "check_level": f"{_HERE}.level",
+    "check_cost": f"{_HERE}.cost",
+    "check_slot_kind": f"{_HERE}.slot_kind",
+    "check_controller": f"{_HERE}.controller",
+    "check_solver": f"{_HERE}.solver",
+    "check_scenario": "wideberth.simulation.scenarios.checking",
+}
+"""Contract check -> the module that it stands in, which is imported on first use."""
 
 
 @final
@@ -23,6 +39,25 @@ class Law:
     name: str
     check: Callable[[], None]
     exception: str = ""
+
+
+def laws_of(kind: str, plugin: Any, **choices: Any) -> tuple[Law, ...]:
+    """Return the laws of a plug-in, each with a name and a check of its own.
+
+    Parameters
+    ----------
+    kind : as in the name of the check: ``predictor``, ``region``, ...
+    plugin : to be checked; nothing is computed before a law is checked.
+    choices : further arguments of that check, such as ``dimensions`` of predictors and regions.
+
+    Examples
+    --------
+    >>> from wideberth.robots.unicycle import Unicycle
+    >>> [law.name for law in laws_of("robot", Unicycle())][1]
+    'NumPy and CasADi agree'
+    """
+    found: tuple[Law, ...] = import_module(CHECKS[f"check_{kind}"]).laws(plugin, **choices)
+    return found
 
 
 def each(check: Callable[[T], None], subjects: Callable[[], Iterable[T]]) -> Callable[[], None]:

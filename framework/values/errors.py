@@ -1,4 +1,6 @@
-"""The package's user-facing exception."""
+"""The package's user-facing exception, and what its messages share."""
+
+from collections.abc import Iterable
 
 
 class WideberthError(ValueError):
@@ -23,3 +25,17 @@ def short(value: object, most: int = 200) -> str:
     except ValueError:  # an integer of thousands of digits
         return f"a {type(value).__name__} too large to write"
     return text if len(text) <= most else f"{text[:most]}..."
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return ": did you mean ...?" with the known name that is nearest; empty if none is near.
+
+    Examples
+    --------
+    >>> nearest("elipse", ["ellipse", "box"])
+    ": did you mean 'ellipse'?"
+    """
+    from difflib import get_close_matches
+
+    near = get_close_matches(name[:100], sorted(known), n=1)
+    return f": did you mean {near[0]!r}?" if near else ""

@@ -192,6 +192,19 @@ class Observation:
     truth: Truth | None = field(default=None, repr=False)
     flaw: str = field(default="", init=False, repr=False)
 
+    def __repr__(self) -> str:
+        """Say when, where the robot is, and whom it sees, a line each for the first eight."""
+        state = ", ".join(f"{value:.4g}" for value in self.state.ravel()[:12])
+        count = len(self.detections)
+        words = [f"stamp {self.stamp:g} s", f"state ({state})"]
+        words += [f"{count} detection{'s' * (count != 1)}"]
+        words += [f"{len(self.polygons)} polygons"] * bool(self.polygons)
+        words += [f"of no use: {self.flaw}"] * bool(self.flaw)
+        lines = [f"  {one.ident!r} at {one.position.round(3).tolist()}, radius {one.radius:g} m"
+                 for one in self.detections[:8]]  # fmt: skip
+        lines += [f"  and {count - 8} more"] * (count > 8)
+        return "\n".join([f"Observation({', '.join(words)})", *lines])
+
     def __post_init__(self) -> None:
         stamp = number("observation.stamp", self.stamp)
         state = checked("observation.state", self.state, (None,), finite=False)

@@ -2,11 +2,16 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..drawing.style import picture, png
 from .arrays import FARTHEST, Array, checked
 from .errors import WideberthError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +48,35 @@ class Path:
                 f"path.points[{repeated[0] + 1}] repeats the point before it; remove it"
             )
         object.__setattr__(self, "points", points)
+
+    def __repr__(self) -> str:
+        """Rebuild a path of a few points; say length and ends of a longer one."""
+        if len(self.points) <= 8:
+            return f"Path({[tuple(point) for point in self.points.tolist()]})"
+        ends = " to ".join(str(tuple(self.points[i].round(3).tolist())) for i in (0, -1))
+        return f"Path({len(self.points)} points, {self.length:.4g} m, from {ends})"
+
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """Draw the path, its start (circle) and its goal (cross); return the axes.
+
+        Parameters
+        ----------
+        ax : axes to draw into, in three dimensions with ``projection="3d"``; None for a figure.
+        """
+        return picture(self._draw, self.points.shape[1], ax)
+
+    def _repr_png_(self) -> bytes:
+        return png(self._draw, self.points.shape[1])
+
+    def _draw(self, panel: Any) -> Array:
+        """Draw into axes of the right dimension; return what has to be seen."""
+        panel.plot(*self.points.T, "-", color="0.7", linewidth=0.9, zorder=1, label="path")
+        for point, marker, label in ((self.points[0], "o", "start"), (self.goal, "x", "goal")):
+            panel.plot(
+                *point[:, None], linestyle="none", marker=marker, markersize=6, color="0.35",
+                markerfacecolor="none", label=label,
+            )  # fmt: skip
+        return self.points
 
     @cached_property
     def arc(self) -> Array:

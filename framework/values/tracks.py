@@ -61,6 +61,15 @@ class Tracks:
             joint = checked_covariance("tracks.state_covariance", self.state_covariance, shape)
             object.__setattr__(self, "state_covariance", joint)
 
+    def __repr__(self) -> str:
+        """Say who was tracked, for how long, and how much of it was observed."""
+        count, samples, size = self.positions.shape
+        names = ", ".join(map(repr, self.ids[:5])) + ", ..." * (count > 5)
+        words = f"{count} obstacle{'s' * (count != 1)} in {size} dimensions ({names})"
+        seen = 100.0 * np.isfinite(self.positions).all(axis=2).mean() if count * samples else 0.0
+        words += f", {samples} samples of {self.dt:g} s up to {self.stamp:g} s"
+        return f"Tracks({words}, {seen:.0f} % observed)"
+
     def __len__(self) -> int:
         """Count the obstacles."""
         return len(self.ids)

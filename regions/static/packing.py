@@ -70,11 +70,12 @@ class Packed:
         numeric = isinstance(parameters, np.ndarray)
         count = packed_count(corners)
         pieces = [parameters[..., i] if numeric else parameters[i] for i in range(count)]
-        self.vertices = list(
+        self.vertices: list[tuple[Scalar, Scalar]] = list(
             zip(pieces[: 2 * corners : 2], pieces[1 : 2 * corners : 2], strict=True)
         )
-        self.root = pieces[2 * corners : 2 * corners + 3]
-        self.margin, self.scale = pieces[-2:]
+        self.root: list[Scalar] = pieces[2 * corners : 2 * corners + 3]
+        self.margin: Scalar = pieces[-2]
+        self.scale: Scalar = pieces[-1]
 
     def deviation(self, normal: tuple[Scalar, Scalar]) -> Scalar:
         """Return sqrt(n^T M n) = |M^1/2 n| of a vector n, m, in CasADi.

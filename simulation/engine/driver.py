@@ -8,6 +8,7 @@ from math import hypot, isfinite, nan
 import numpy as np
 
 from ...framework.control.velocity_smoother import VelocitySmoother
+from ...framework.metrics.gaps import BodyMotion
 from ...framework.mpc.fallback.emergency import command_of_plan
 from ...framework.numerics.integration import runge_kutta
 from ...framework.robot import Robot, start_state
@@ -17,7 +18,6 @@ from ...framework.values.motion import Command, Observation, Twist
 from ...framework.values.path import Path
 from ...framework.values.plan import Plan
 from ..log.episode_log import AgentLog, CommandLog
-from ..measures.gaps import BodyMotion
 from .agents import RobotAgent, along
 
 
@@ -39,11 +39,11 @@ class Plant:
 
     def __init__(self, robot: Robot, state: Sequence[float], twist: Twist) -> None:
         self.robot = robot
-        self.state = tuple(float(value) for value in state)
+        self.state: tuple[float, ...] = tuple(float(value) for value in state)
         self._smoother = VelocitySmoother.at_rest(twist)
         bounds = robot.input_bounds()
         self._limits = tuple(zip(bounds.lower, bounds.upper, strict=True))
-        self.control = self._drive(twist, 1.0)
+        self.control: tuple[float, ...] = self._drive(twist, 1.0)
 
     def command(self, command: Command, time: float) -> None:
         """Take a command that arrives at ``time``, s."""
@@ -90,16 +90,26 @@ class Driver:
 
     def __init__(self, agent: RobotAgent, came: float = 0.0, absent: int = 0) -> None:
         self.agent = agent
-        self.present, self.absent = True, absent
+        self.present: bool = True
+        self.absent: int = absent
         self.paths: list[tuple[float, Path]] = [(came, agent.path)]
         direction = agent.path.direction(np.zeros(1))[0]
         start = agent.path.points[0]
         state, twist = start_state(agent.robot, start, direction, agent.speed)
-        self.plant = Plant(agent.robot, state, twist)
-        self.states = [*absent * [_nowhere(self.plant.state)], self.plant.state]
-        self.controls = [*absent * [_nowhere(self.plant.control)], self.plant.control]
-        self.positions = [*absent * [_nowhere(self.plant.position)], self.plant.position]
-        self.reached = nan
+        self.plant: Plant = Plant(agent.robot, state, twist)
+        self.states: list[tuple[float, ...]] = [
+            *absent * [_nowhere(self.plant.state)],
+            self.plant.state,
+        ]
+        self.controls: list[tuple[float, ...]] = [
+            *absent * [_nowhere(self.plant.control)],
+            self.plant.control,
+        ]
+        self.positions: list[tuple[float, ...]] = [
+            *absent * [_nowhere(self.plant.position)],
+            self.plant.position,
+        ]
+        self.reached: float = nan
         self.skipped = 0
         self.commands: list[tuple[float, float, Command]] = []
         self.plans: list[Plan] = []

@@ -1,7 +1,9 @@
 """The event loop: robots that decide at their own rates, and everything that moves between."""
 
 import heapq
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import replace
 from itertools import chain, count
 from math import ceil
@@ -11,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from ...framework.controller import avoids_polygons
+from ...framework.metrics.gaps import BodyMotion, gaps, wall_gaps
 from ...framework.values.arrays import Array, whole
 from ...framework.values.errors import WideberthError
 from ...framework.values.motion import Command, Detection, Observation, Truth
 from ...framework.values.polygon import Polygon
 from ..log.episode_log import AgentLog, CommandLog, Episode
-from ..measures.gaps import BodyMotion, gaps, wall_gaps
 from ..sensing.channel import Channel, noise_of
 from .agents import Bystander, PathChange, ReplayAgent, RobotAgent
 from .driver import Driver
@@ -174,6 +176,25 @@ _CHANGE, _EFFECT, _TICK = 0, 1, 2
 """Order of events at one instant: new paths, then commands that arrive, then decisions."""
 
 
+_WATCHER: ContextVar["Callable[[Run], None] | None"] = ContextVar("watcher", default=None)
+
+
+@contextmanager
+def watched(watcher: "Callable[[Run], None]") -> Iterator[None]:
+    """Call a function after every step of the episodes that run in this block.
+
+    Parameters
+    ----------
+    watcher : sees a run that it must not change, such as
+        `wideberth.simulation.drawing.watch.Window`.
+    """
+    before = _WATCHER.set(watcher)
+    try:
+        yield
+    finally:
+        _WATCHER.reset(before)
+
+
 def run_episode(
     robots: Sequence[RobotAgent],
     settings: Settings | None = None,
@@ -229,22 +250,24 @@ class Run:
         polygons: Sequence[Polygon],
     ) -> None:
         check_cast(robots, others, changes, polygons)
-        self.polygons = tuple(
+        self.polygons: tuple[Polygon, ...] = tuple(
             one if one.name else replace(one, name=f"polygon {i}")
             for i, one in enumerate(polygons, start=1)
         )
         self.settings = settings
-        self.seed = whole("seed", seed, least=0)
-        self.others = tuple(others)
-        self.drivers = [Driver(agent) for agent in robots]
-        self.clock = [0.0]
-        self.stood = 0.0
-        self.ended = ""
+        self.seed: int = whole("seed", seed, least=0)
+        self.others: tuple[Bystander, ...] = tuple(others)
+        self.drivers: list[Driver] = [Driver(agent) for agent in robots]
+        self.clock: list[float] = [0.0]
+        self.stood: float = 0.0
+        self.ended: str = ""
         self.waiting: list[tuple[Driver, int, Observation]] = []
         self.queue: list[tuple[float, int, int, Any]] = []
-        self.order = count()
-        self.detecting = Detecting(settings.channel, self.seed, self.drivers, self.others)
-        self.respawning = Respawning(self.drivers, self.others, self.polygons)
+        self.order: Iterator[int] = count()
+        self.detecting: Detecting = Detecting(
+            settings.channel, self.seed, self.drivers, self.others
+        )
+        self.respawning: Respawning = Respawning(self.drivers, self.others, self.polygons)
         by_name = {driver.name: driver for driver in self.drivers}
         for change in changes:
             self._push(change.time, _CHANGE, (by_name[change.agent], change.path))
@@ -266,6 +289,8 @@ class Run:
             if self.waiting:
                 return self.waiting[0][2]
             self.ended = self._step() or self._verdict()
+            if (watcher := _WATCHER.get()) is not None:
+                watcher(self)
         return None
 
     def look(self, name: str) -> Observation:

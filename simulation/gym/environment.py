@@ -1,9 +1,10 @@
 """A Gymnasium environment around the simulation, for policies that are learnt.
 
-Needs the extra ``gym``. Importing this module registers the environment::
+Needs the extra ``gym``. The package registers the environment, and Gymnasium imports it if the
+name says so; it has no entry points for this::
 
-    import gymnasium, wideberth.simulation.gym.environment
-    environment = gymnasium.make("wideberth/Navigation-v0", scenario="crossing_field")
+    import gymnasium
+    environment = gymnasium.make("wideberth.simulation.gym:wideberth/Navigation-v0")
 """
 
 from collections.abc import Mapping
@@ -13,6 +14,7 @@ import numpy as np
 
 from ...framework.control.policy_observer import ObservationSpec, PolicyObserver
 from ...framework.controller import Controller, fresh
+from ...framework.metrics.gaps import BodyMotion, gaps, wall_gaps
 from ...framework.plugins.config import build
 from ...framework.robot import Robot
 from ...framework.values.arrays import Array, positive
@@ -25,21 +27,19 @@ from ..engine.driver import Driver
 from ..engine.episode import Run
 from ..engine.settings import Settings
 from ..log.episode_log import Episode
-from ..measures.gaps import BodyMotion, gaps, wall_gaps
 from ..scenarios.base import Cast, Scenario
+from . import ID as ID
 from .picture import picture
 from .reward import CrowdNavReward, Reward, Transition
+from .window import Window
 
 try:
     import gymnasium
     from gymnasium.spaces import Box, Dict
-except ImportError as error:
+except ImportError as _error:
     raise WideberthError(
         "the environment needs Gymnasium, which is not installed: pip install 'wideberth[gym]'"
-    ) from error
-
-ID = "wideberth/Navigation-v0"
-"""Name under which `gymnasium.make` finds the environment once this module is imported."""
+    ) from _error
 
 Config: TypeAlias = str | Mapping[str, Any]
 """Name of a plug-in, or a mapping with ``type`` and its settings."""
@@ -70,7 +70,8 @@ class Navigation(gymnasium.Env[dict[str, Any], Array]):
     reward : of each transition.
     name : which of the scenario's robots acts; the first one by default.
     companion : controller of the scenario's other robots; needed where there are any.
-    render_mode : None, or "rgb_array" for pictures.
+    render_mode : None, "rgb_array" for pictures, or "human" for a window, in which each
+        decision is shown for the time that it takes.
 
     Raises
     ------
@@ -78,7 +79,10 @@ class Navigation(gymnasium.Env[dict[str, Any], Array]):
         robot of that name, or other robots without a companion.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 4}  # noqa: RUF012
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "render_modes": ["human", "rgb_array"],
+        "render_fps": 4,
+    }
 
     def __init__(
         self,
@@ -98,22 +102,25 @@ class Navigation(gymnasium.Env[dict[str, Any], Array]):
         if companion is not None:
             self._companion = build("controllers", companion)
         positive("period", period)
-        if render_mode not in (None, "rgb_array"):
-            raise WideberthError(f"render_mode is {render_mode!r}; wanted None or 'rgb_array'")
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise WideberthError(
+                f"render_mode is {render_mode!r}; wanted None, 'human' or 'rgb_array'"
+            )
         self._period, self._name = period, name
         self._settings = settings or Settings()
         self._sight = sight or ObservationSpec()
         self._reward: Reward = reward or CrowdNavReward()
         self.render_mode = render_mode
         self._told = _ExternalCommand(PolicyObserver(self._robot, period, self._sight), period)
-        high = self._told.view.box.high
-        self.action_space = Box(-high, high, dtype=np.float64)
-        self.observation_space = Dict(
+        fastest = self._told.view.box.high
+        self.action_space: gymnasium.Space[Array] = Box(-fastest, fastest, dtype=np.float64)
+        self.observation_space: gymnasium.Space[dict[str, Any]] = Dict(
             {
-                key: Box((-bound).astype(np.float32), bound.astype(np.float32))
-                for key, bound in self._told.view.high().items()
+                key: Box(low.astype(np.float32), high.astype(np.float32))
+                for key, (low, high) in self._told.view.bounds().items()
             }
         )
+        self._window = Window(ID)
         self._run: Run | None = None
         self._finished = True
 
@@ -134,6 +141,7 @@ class Navigation(gymnasium.Env[dict[str, Any], Array]):
         )
         self._finished = False
         seen = self._run.advance(self._acting)
+        self._watch()
         return self._shown(seen), self._info(float("inf"), "")
 
     def step(self, action: Array) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
@@ -160,13 +168,25 @@ class Navigation(gymnasium.Env[dict[str, Any], Array]):
             outcome = "collision" if transition.collided else "goal"
         self._finished = terminated or truncated
         info = self._info(clearance, outcome)
+        self._watch()
         return self._shown(seen), float(self._reward(transition)), terminated, truncated, info
 
     def render(self) -> Any:
-        """Draw the present instant, (height, width, 3), bytes; None without a render mode."""
-        if self.render_mode is None:
+        """Draw the present instant, (height, width, 3), bytes; None but for "rgb_array".
+
+        The window of "human" is drawn by `reset` and `step`.
+        """
+        if self.render_mode != "rgb_array":
             return None
         return picture(self._present(), self._acting)
+
+    def close(self) -> None:
+        """Close the window."""
+        self._window.close()
+
+    def _watch(self) -> None:
+        if self.render_mode == "human":
+            self._window.show(picture(self._present(), self._acting), self._period)
 
     @property
     def episode(self) -> Episode:
@@ -286,7 +306,3 @@ class _ExternalCommand(Controller):
     def plan(self) -> Plan | None:
         """None: the commands come from outside."""
         return None
-
-
-if ID not in gymnasium.registry:
-    gymnasium.register(ID, entry_point=f"{__name__}:Navigation")

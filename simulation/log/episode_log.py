@@ -1,28 +1,38 @@
 """Episode logs, from which every metric is computed, and their files.
 
-File format "wideberth/episode", version 4: a NumPy archive (npz, deflated) with two members.
+File format "wideberth/episode", version 5: a NumPy archive (npz, deflated) with two members.
 ``numbers`` is a float64 vector with all arrays one after the other; ``meta`` is JSON in UTF-8, in
 which an array is written as {"at": offset, "shape": [...]}. One vector, since an archive member
 for each of thousands of small arrays is slow and large. Neither holds a clock reading, so that the
-same episode gives the same bytes. Older versions are still read: 3 (no `Plan.given_way`), 2 (no
-`Plan.breach`), 1 (no footprints and no polygons).
+same episode gives the same bytes. Older versions are still read: 4 (no `Plan.situation`), 3 (no
+`Plan.given_way`), 2 (no `Plan.breach`), 1 (no footprints and no polygons).
 """
 
 import io
 import json
-from dataclasses import dataclass, field
-from typing import Any
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...framework.drawing.style import picture, png
+from ...framework.metrics.gaps import Moving
+from ...framework.plugins.config import build, describe
 from ...framework.plugins.io import parse_json, read_arrays, stamped, unstamped
 from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
 from ...framework.values.footprint import Discs, Footprint, Outline
 from ...framework.values.forecast import Forecast
 from ...framework.values.path import Path
-from ...framework.values.plan import Breach, BreachKind, GivenWay, Plan, Rung, Status
+from ...framework.values.plan import Breach, BreachKind, GivenWay, Plan, Rung, Situation, Status
 from ...framework.values.polygon import Polygon
+from ..drawing.film import animation
+from ..drawing.pictures import draw_episode
+
+if TYPE_CHECKING:
+    from matplotlib.animation import FuncAnimation
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +53,10 @@ class CommandLog:
     linear: Array
     omega: Array
     ramp: Array
+
+    def __repr__(self) -> str:
+        """Say how many there are."""
+        return f"CommandLog({len(self)} commands)"
 
     def __len__(self) -> int:
         """Count the commands."""
@@ -90,6 +104,11 @@ class AgentLog:
     plans: tuple[Plan, ...]
     footprint: Footprint | None = None
 
+    def __repr__(self) -> str:
+        """Say who it is, and how much was logged."""
+        words = f"{self.name!r}, {self.kind}, {len(self.positions)} instants, "
+        return f"AgentLog({words}{len(self.commands)} commands, {len(self.plans)} plans)"
+
 
 @dataclass(frozen=True, eq=False)
 class Episode:
@@ -135,7 +154,7 @@ class Episode:
         names = [agent.name for agent in self.agents]
         raise WideberthError(f"the episode has no agent {name!r}; it has {names}")
 
-    def at(self, agent: AgentLog, times: Array) -> Array:
+    def at(self, agent: Moving, times: Array) -> Array:
         """Positions of an agent at any times of the episode, (K,) -> (K, D), m.
 
         NaN outside the episode and where the agent was absent.
@@ -145,6 +164,59 @@ class Episode:
             for column in agent.positions.T
         ]
         return np.stack(columns, axis=-1)
+
+    def __repr__(self) -> str:
+        """Say who was there, how long it took and how it ended."""
+        kinds = Counter(log.kind for log in self.agents)
+        who = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
+        lines = [f"Episode({who}; {self.duration:.4g} s, ended by {self.ended}, seed {self.seed})"]
+        for log in self.robots[:8]:
+            reached = f"at its goal at {log.reached:.4g} s" if log.reached >= 0 else "not arrived"
+            lines.append(f"  {log.name}: {reached}, {len(log.plans)} plans")
+        if len(self.robots) > 8:
+            lines.append(f"  and {len(self.robots) - 8} more robots")
+        return "\n".join(lines)
+
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """Draw where all agents drove, and the closest approach; return the axes.
+
+        Robots have a colour, line and marker each, with a mark every 5 s; all others are grey and
+        dotted. The closest approach is that of the pair with the smallest clearance of which at
+        least one is a robot. In space the shadows of the ways lie on the floor.
+
+        Parameters
+        ----------
+        ax : axes to draw into, in three dimensions with ``projection="3d"``; None for a figure.
+        """
+        return picture(self._draw, self.agents[0].positions.shape[1], ax)
+
+    def _repr_png_(self) -> bytes:
+        return png(self._draw, self.agents[0].positions.shape[1])
+
+    def _draw(self, panel: Any) -> Array:
+        return draw_episode(panel, self)
+
+    def animate(
+        self, *, live: bool = False, tail: float = 0.05, rate: float = 10.0, speed: float = 4.0
+    ) -> "FuncAnimation":
+        """Return the film of the episode; ``.save("film.gif")`` writes it.
+
+        Bodies, the ways driven so far, each robot's current plan and, in the same colour at every
+        third step, what the plan keeps the centre out of; pale, the forecast's region of the
+        content 1 - tail, before it is enlarged. Above, the time and the clearances.
+
+        Parameters
+        ----------
+        live : show it in a window; needs an interactive backend of matplotlib.
+        tail : 1 - content of the pale regions.
+        rate : frames per second.
+        speed : seconds of the episode in one second of the film.
+
+        Raises
+        ------
+        WideberthError : a rate or speed not above 0, or a window that cannot be opened.
+        """
+        return animation(self, live=live, tail=tail, rate=rate, speed=speed)
 
     def times_rows(self) -> list[dict[str, float | str]]:
         """One row per call of a controller: agent, stamp (s), measured seconds."""
@@ -171,7 +243,7 @@ class Episode:
         return read_episode(data)
 
 
-VERSION = 4
+VERSION = 5
 _COMMANDS = ("stamp", "effect", "linear", "omega", "ramp")
 _SERIES = ("positions", "headings", "speeds", "yaw_rates")
 _PLAN_ARRAYS = (
@@ -254,15 +326,16 @@ def read_episode(data: bytes) -> Episode:
 
 
 def _unpack_episode(unpack: _Unpacker, content: dict[str, Any]) -> Episode:
+    polygons = tuple(
+        Polygon(_places(unpack, place), name) for name, place in content.get("polygons", [])
+    )
     return Episode(
         times=unpack.get(content["times"]),
-        agents=tuple(_unpack_agent(unpack, agent) for agent in content["agents"]),
+        agents=tuple(_unpack_agent(unpack, agent, polygons) for agent in content["agents"]),
         ended=content["ended"],
         goal_tolerance=float(unpack.get(content["goal_tolerance"])),
         seed=content["seed"],
-        polygons=tuple(
-            Polygon(_places(unpack, place), name) for name, place in content.get("polygons", [])
-        ),
+        polygons=polygons,
     )
 
 
@@ -277,10 +350,48 @@ def _pack_agent(pack: _Packer, agent: AgentLog) -> dict[str, Any]:
         "commands": {name: pack.put(getattr(agent.commands, name)) for name in _COMMANDS},
         "plans": [_pack_plan(pack, plan) for plan in agent.plans],
         "footprint": _pack_footprint(pack, agent.footprint),
+        "region": _region_of(agent),
     }
 
 
-def _unpack_agent(unpack: _Unpacker, stored: dict[str, Any]) -> AgentLog:
+def _region_of(agent: AgentLog) -> dict[str, Any] | None:
+    """Config of the region that an agent's plans keep out of; None where there is none."""
+    for plan in agent.plans:
+        if plan.situation is not None and plan.situation.region is not None:
+            config = describe(plan.situation.region)
+            return config if "type" in config else None
+    return None
+
+
+def _built_region(config: dict[str, Any] | None) -> Any:
+    """Build a region again; None where its plug-in is not there."""
+    try:
+        return None if config is None else build("regions", config)
+    except WideberthError:
+        return None
+
+
+def _unpack_agent(
+    unpack: _Unpacker, stored: dict[str, Any], polygons: tuple[Polygon, ...]
+) -> AgentLog:
+    agent = _unpack_bare(unpack, stored)
+    region = _built_region(stored.get("region"))
+    plans = []
+    for plan, one in zip(agent.plans, stored["plans"], strict=True):
+        if (known := one.get("situation")) is not None:
+            room, heading, *radii = (float(v) for v in unpack.get(known))
+            paths = [path for begin, path in agent.paths if begin <= plan.stamp + 1e-9]
+            path = paths[-1] if paths else None
+            body = agent.radius, heading, agent.footprint
+            plan = replace(
+                plan, situation=Situation(region, room, np.array(radii), *body, path, polygons)
+            )
+        plans.append(plan)
+    return replace(agent, plans=tuple(plans))
+
+
+def _unpack_bare(unpack: _Unpacker, stored: dict[str, Any]) -> AgentLog:
+    """Read an agent; its plans know nothing of their situation yet."""
     radius, speed, period, reached = (float(v) for v in unpack.get(stored["numbers"]))
     return AgentLog(
         name=stored["name"],
@@ -334,6 +445,7 @@ def _pack_plan(pack: _Packer, plan: Plan) -> dict[str, Any]:
         "iterations": plan.iterations,
         "breach": _pack_breach(pack, plan.breach),
         "given_way": _pack_given_way(pack, plan.given_way),
+        "situation": _pack_situation(pack, plan.situation),
         "forecast": None
         if forecast is None
         else {
@@ -373,6 +485,11 @@ def _unpack_plan(unpack: _Unpacker, stored: dict[str, Any]) -> Plan:
         breach=_unpack_breach(unpack, stored.get("breach")),
         given_way=_unpack_given_way(unpack, stored.get("given_way")),
     )
+
+
+def _pack_situation(pack: _Packer, one: Situation | None) -> dict[str, Any] | None:
+    """Write what is the plan's alone; body, path, region and polygons stand elsewhere."""
+    return None if one is None else pack.put([one.room, one.heading, *one.radii])
 
 
 def _pack_breach(pack: _Packer, breach: Breach | None) -> list[Any] | None:

@@ -9,10 +9,10 @@ import numpy as np
 from ...framework.metrics import comfort as comfort
 from ...framework.metrics import motion as motion
 from ...framework.metrics.episode import along_and_aside
+from ...framework.metrics.gaps import gaps
 from ...framework.numerics.statistics import known_mean
 from ...framework.values.arrays import Array
 from ..log.episode_log import AgentLog, Episode
-from .gaps import gaps
 from .plan_calibration import promises
 from .summary import clearances
 

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from ...framework.metrics import episode as metrics
+from ...framework.metrics.gaps import gaps, wall_gaps
 from ...framework.values.arrays import Array
 from ...framework.values.plan import Rung
 from ..log.episode_log import AgentLog, Episode
-from .gaps import gaps, wall_gaps
 
 
 def summarise(episode: Episode, tail: float = 0.05) -> dict[str, Any]:

@@ -1,5 +1,7 @@
 """Scenarios: starts and goals of robots, people and obstacles, drawn from a seed."""
 
+from ...framework.plugins.lazy import lazy
+
 BUILT_IN: dict[str, str] = {
     "antipodal_swap": "wideberth.simulation.scenarios.antipodal_swap:AntipodalSwap",
     "blind_corner": "wideberth.simulation.scenarios.blind_corner:BlindCorner",
@@ -19,3 +21,5 @@ BUILT_IN: dict[str, str] = {
     "sudden_change": "wideberth.simulation.scenarios.sudden_change:SuddenChange",
 }
 """Name -> where the class is."""
+
+__getattr__, __dir__, __all__ = lazy(__name__, BUILT_IN.values())

@@ -41,12 +41,12 @@ SQUEEZE = 2.5
 class Hall:
     """A hallway along the y axis, with its middle in the origin.
 
-    open          two walls.
-    static        and a block on either side of the middle, which leave a door with slanted
-                  jambs from y = -length to y = length.
-    static_with_back  and a wall across at either end, y = -height / 2 and y = height / 2.
-    bottleneck    the two walls, and a thin one across with a door in it at y = 0.
-    squeeze       two walls that come nearer up to a door at y = 0, and go apart again.
+    - ``open``: two walls.
+    - ``static``: and a block on either side of the middle, which leave a door with slanted
+      jambs from y = -length to y = length.
+    - ``static_with_back``: and a wall across at either end, y = -height / 2 and y = height / 2.
+    - ``bottleneck``: the two walls, and a thin one across with a door in it at y = 0.
+    - ``squeeze``: two walls that come nearer up to a door at y = 0, and go apart again.
 
     Parameters
     ----------
@@ -174,7 +174,8 @@ class Hallway(Scenario):
     ----------
     layout : "open", "static", "static_with_back", "bottleneck" or "squeeze".
     persons : number of people.
-    person_radius : m. person_speed : m/s.
+    person_radius : m.
+    person_speed : m/s, at which everybody wants to walk.
     robot_radius : m, of the robot that there is room for; the door's length hangs on it, too.
     reference_speed : m/s, of the robot, which stands at time 0.
     circle_radius : R, m.

@@ -26,9 +26,9 @@ class SuddenChange(Scenario):
     An undisturbed robot would be at the drawn place P of its way at the time t. ``notice`` s
     before t, at the time c, the walker changes:
 
-    stop  it has come straight along a random direction, and stands still in P from c on.
-    turn  it has come straight along a random direction, turns by the drawn angle at c, walks
-          straight on, is in P at the time t, and walks away.
+    - stop: it has come straight along a random direction, and stands still in P from c on.
+    - turn: it has come straight along a random direction, turns by the drawn angle at c, walks
+      straight on, is in P at the time t, and walks away.
 
     Until c a forecast of constant velocity is exact and says that nothing will happen, or
     something else; from c on it has ``notice`` s to learn better. Ways that would come within

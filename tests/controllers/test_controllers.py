@@ -96,7 +96,7 @@ def test_wrong_use_raises_and_bad_numbers_stand_still(name):
     with pytest.raises(WideberthError, match="call set_path before command"):
         controller.command(seen)
     controller.set_path(Path(np.array([[0.0, 0.0], [5.0, 0.0]])))
-    with pytest.raises(WideberthError, match="this robot has"):
+    with pytest.raises(WideberthError, match=r"wanted \d of this robot: x, y"):
         controller.command(Observation(0.1, np.zeros(3)))
     assert controller.command(Observation(0.1, np.full(5, np.nan))).linear == (0.0, 0.0)
     assert "the observation's state is" in controller.reason

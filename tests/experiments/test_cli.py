@@ -54,6 +54,13 @@ def test_run_show_figures(shell) -> None:  # type: ignore[no-untyped-def]
     assert shell("figures")[1] == out
 
 
+def test_watching_needs_one_process_and_a_screen(shell) -> None:  # type: ignore[no-untyped-def]
+    code, _, error = shell("run", "coins.yaml", "--watch", "--workers", "2")
+    assert code == 2 and "--watch shows what one process does" in error
+    code, _, error = shell("run", "coins.yaml", "--watch")
+    assert code == 2 and "opens no window" in error and not Path("results").exists()
+
+
 def test_quick_and_no_figures(shell) -> None:  # type: ignore[no-untyped-def]
     assert shell("run", "coins.yaml", "--quick", "--no-figures")[0] == 0
     assert Path("results/coins-quick/table.csv").exists()
@@ -67,7 +74,8 @@ def test_figures_runs_what_has_no_result(shell) -> None:  # type: ignore[no-unty
 
 def test_list(shell) -> None:  # type: ignore[no-untyped-def]
     code, out, _ = shell("list", "robots")
-    assert code == 0 and out.split() == names("robots") and "unicycle" in out
+    assert code == 0 and [line.split()[0] for line in out.splitlines()] == names("robots")
+    assert "unicycle            Skid-steered robot seen as a unicycle.\n" in out
 
 
 def test_check(shell) -> None:  # type: ignore[no-untyped-def]
@@ -97,6 +105,14 @@ def test_check(shell) -> None:  # type: ignore[no-untyped-def]
     assert "pure: broken\n" in out and "RuntimeError: always" in error
 
 
+def test_check_in_the_plane_alone(shell) -> None:  # type: ignore[no-untyped-def]
+    code, out, error = shell("check", "predictor", "static", "--dimensions", "2")
+    assert code == 0 and "rotation equivariant: holds" in out, error
+    for kind, target, number in (("robot", "unicycle", "2"), ("predictor", "static", "4")):
+        code, _, error = shell("check", kind, target, "--dimensions", number)
+        assert code == 2 and "--dimensions takes 2 or 3" in error
+
+
 def test_cite(shell) -> None:  # type: ignore[no-untyped-def]
     Path("c.yaml").write_text("type: sample_plugin:Coins\npredictor: var\nrivals: [kalman]\n")
     code, out, error = shell("cite", "c.yaml")
@@ -120,7 +136,7 @@ def test_demo_names_shipped_configs() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["run", "coin.yaml"], "no such file, and unknown config 'coin.yaml'"),
+        (["run", "coin.yaml"], "there is no file 'coin.yaml': did you mean 'coins.yaml'?"),
         (["run", "."], "is a folder"),
         (["run", "list.yaml"], "is a list; a config is a mapping"),
         (["run", "empty.yaml"], "is empty"),

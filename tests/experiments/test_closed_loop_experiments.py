@@ -135,6 +135,13 @@ def test_kept_counts_planned_positions_against_the_truth(episode: Episode) -> No
     assert kept(episode) == pytest.approx(clear / count, abs=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("name", "episodes"), [("crossing", 4), ("blind_corner", 2), ("interaction_crossing", 2)]
+)
+def test_a_quick_encounter_plays_few_episodes(name: str, episodes: int) -> None:
+    assert len(shipped(name).quick().tasks()) == episodes
+
+
 @pytest.mark.parametrize("name", ["dynamic_matters", "conservativeness"])
 def test_quick_settings_run_and_draw(name: str, tmp_path: File) -> None:
     experiment = shipped(name)

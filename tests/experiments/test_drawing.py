@@ -10,7 +10,6 @@ from PIL import Image
 from scipy.stats import chi2
 
 from wideberth.experiments.drawing.animation import animate
-from wideberth.experiments.drawing.episode_artists import closest, nose, outlines, plan_at
 from wideberth.experiments.drawing.episodes import draw_run, draw_views
 from wideberth.experiments.drawing.plotting import paper_style, save
 from wideberth.framework.metrics.episode import clearance
@@ -18,6 +17,7 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Plan, Rung, Status
+from wideberth.simulation.drawing.artists import closest, nose, outlines, plan_at
 from wideberth.simulation.log.episode_log import AgentLog, CommandLog, Episode
 
 TAIL = 0.05

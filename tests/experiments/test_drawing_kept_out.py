@@ -87,9 +87,9 @@ def test_views_draw_what_the_plan_holds_enlarged(met: Episode, planner: Planner)
 
 def test_film_draws_what_the_plan_holds_enlarged(met: Episode, planner: Planner) -> None:
     with paper_style():
-        stage = animation._Stage(met, TAIL, planner, "4 times real time")
-        stage.image(8.0)
-    actor = stage.actors[0]
+        frames = animation._Frames(met, TAIL, planner, "4 times real time")
+        frames.image(8.0)
+    actor = frames.stage.actors[0]
     for step, path in zip((2, 5), actor.kept.get_paths(), strict=True):
         np.testing.assert_allclose(gauge(path.vertices, step), 1.0, atol=2e-3)
     assert actor.kept.get_edgecolor()[0, 3] == 1.0 > 0.5 > actor.asked.get_edgecolor()[0, 3]
@@ -103,9 +103,9 @@ def test_header_of_a_film_is_no_wider_than_its_axes(move: tuple[float, float]) -
     far = robot("far", (-40.0 * move[0], -40.0 * move[1]), (10.0 * move[0], 10.0 * move[1]))
     with paper_style():
         made = Episode(TIMES, (far, walker()), "", 0.25, 0)
-        stage = animation._Stage(made, TAIL, None, "4 times real time")
-        stage.image(16.0)
-        renderer = stage.canvas.get_renderer()
+        frames = animation._Frames(made, TAIL, None, "4 times real time")
+        frames.image(16.0)
+        stage, renderer = frames.stage, frames.canvas.get_renderer()
         header = stage.text.get_window_extent(renderer)
         axes = stage.panel.get_window_extent(renderer)
     assert stage.text.get_text().startswith("t = 16.0 s, 4 times real time\nclearance ")

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from wideberth.controllers.constant_velocity import ConstantVelocity
-from wideberth.experiments.drawing.episode_artists import extent
 from wideberth.framework.values.path import Path
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
+from wideberth.simulation.drawing.artists import extent
 from wideberth.simulation.engine.agents import ReplayAgent, RobotAgent
 from wideberth.simulation.engine.episode import run_episode
 from wideberth.simulation.engine.settings import Settings

@@ -14,14 +14,13 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.cli import app as cli
-from wideberth.experiments.drawing import episode_artists as artists
 from wideberth.experiments.report.page import DATA, PLAYER
 from wideberth.experiments.report.player import (
     LENGTH,
     TIME,
     content,
     ellipses,
-    find_episode,
+    find_episodes,
     packed,
     play,
     result_tail,
@@ -29,6 +28,7 @@ from wideberth.experiments.report.player import (
 )
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.footprint import Discs, Outline
+from wideberth.simulation.drawing import artists
 from wideberth.tests.helpers.player_samples import (
     NASTY,
     STAMPS,
@@ -165,24 +165,23 @@ def test_page_is_whole_and_repeats(tmp_path: File) -> None:
 
 def test_finding_an_episode(tmp_path: File) -> None:
     with pytest.raises(WideberthError, match="does not exist"):
-        find_episode(tmp_path / "nothing")
+        find_episodes(tmp_path / "nothing")
     with pytest.raises(WideberthError, match="keeps no episode"):
-        find_episode(tmp_path)
+        find_episodes(tmp_path)
     files = tmp_path / "files"
     files.mkdir()
     np.savez(files / "other.npz", x=np.zeros(3))
     (files / "a.npz").write_bytes(episode().to_bytes())
-    assert find_episode(tmp_path) == find_episode(files / "a.npz") == files / "a.npz"
+    assert find_episodes(tmp_path) == find_episodes(files / "a.npz") == [files / "a.npz"]
     (files / "b.npz").write_bytes(episode().to_bytes())
-    with pytest.raises(WideberthError, match=r"keeps 2 episodes: files/a.npz, files/b.npz"):
-        find_episode(tmp_path)
+    assert find_episodes(tmp_path) == [files / "a.npz", files / "b.npz"]
     with pytest.raises(WideberthError, match=r"other.npz: this is not a saved episode"):
         play(files / "other.npz", tmp_path / "x.html")
     assert result_tail(tmp_path) == 0.05
     (tmp_path / "config.yaml").write_text("tail: 0.2\n")
     assert result_tail(tmp_path) == 0.2
     page = play(files / "a.npz", tmp_path / "x.html").read_text()
-    (text,) = re.findall(r'data-name="a">(.*?)</script>', page)
+    (text,) = re.findall(r'data-name="a"[^>]*>(.*?)</script>', page)
     assert unpacked(text)["content"] == 0.8
 
 
@@ -225,8 +224,12 @@ def test_script_decodes_and_steps_as_the_episode_says() -> None:
       }}
       const stamps = [2.0, 0.0].map((time) => player.planAt(robot, time).stamp);
       const facts = Object.fromEntries(player.facts(one, robot, at));
+      const way = {{ best: true, gave_way: "asked 95 %, holds 39 %", level: [1, 2] }};
+      const said = [player.verdict(robot.plans[0]), player.verdict(way), player.verdict(null)];
+      const grades = [robot.plans[0], way, {{ ...way, gave_way: "" }}].map(player.grade);
       const ticks = [player.ticks(-0.3, 2.1, 5), player.ticks(1, 1, 5), player.ticks(2, 1, 5)];
-      console.log(JSON.stringify({{x: robot.positions[0], steps, stamps, facts, ticks}}));
+      const x = robot.positions[0];
+      console.log(JSON.stringify({{x, steps, stamps, facts, ticks, said, grades}}));
     """
     done = subprocess.run(
         ["node", "-e", script], input=packed(made, 0.1), capture_output=True, text=True
@@ -239,4 +242,10 @@ def test_script_decodes_and_steps_as_the_episode_says() -> None:
     np.testing.assert_allclose(found["steps"], wanted, atol=1e-6)
     assert found["stamps"] == [1700000, 314100]
     assert found["ticks"] == [[0, 0.5, 1, 1.5, 2], [], []]
+    assert found["grades"] == [2, 1, 0]
+    assert found["said"] == [
+        "Not optimal: shifted last plan.",
+        "Optimal, but it gave way: asked 95 %, holds 39 %.",
+        "This controller makes no plans.",
+    ]
     assert found["facts"]["rung"] == "shifted last plan" and found["facts"]["level"] == "1.5"

@@ -1,5 +1,6 @@
 """The player's outlines of what plans keep out of: each region's own, at the plan's numbers."""
 
+import re
 from dataclasses import replace
 from pathlib import Path as File
 from typing import Any
@@ -7,14 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.experiments.drawing.kept_out import COUNT, outlines
 from wideberth.experiments.engine.closed_loop import log_name
-from wideberth.experiments.report.player import episode_planner, packed
+from wideberth.experiments.report.player import episode_planner, packed, play
 from wideberth.experiments.studies.comparison import Comparison
+from wideberth.framework.drawing.shapes import COUNT, outlines
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.plugins.yamlfile import dump
 from wideberth.framework.region import Region
+from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.footprint import Outline
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.regions import BUILT_IN
@@ -156,7 +158,9 @@ def test_space_has_no_outline_and_many_are_thinned(monkeypatch: pytest.MonkeyPat
     assert [rim is not None for rim in entry["sets"]] == [i % 3 == 1 for i in range(STEPS)]
 
 
-def test_the_planner_is_that_of_the_result(tmp_path: File) -> None:
+def test_the_planner_is_that_of_the_result(
+    tmp_path: File, monkeypatch: pytest.MonkeyPatch
+) -> None:
     body = {"type": "unicycle"}
     mine = {"type": "mpc", "robot": body, "region": "half_plane", "predictor": "static"}
     config = {
@@ -179,3 +183,17 @@ def test_the_planner_is_that_of_the_result(tmp_path: File) -> None:
     assert episode_planner(folder / files["still"]) is None  # it has none
     assert episode_planner(folder / "other-0.npz") is None
     assert episode_planner(tmp_path / "elsewhere.npz") is None
+    # Played as a whole, the page opens with a choice by what differs, in the study's order.
+    folder.mkdir()
+    for path in files.values():
+        (folder / path).write_bytes(episode().to_bytes())
+    page = play(tmp_path, tmp_path / "all.html").read_text(encoding="utf-8")
+    assert re.findall(r'data-label="(.*?)"', page) == ["mine", "still"]
+    assert f"<h1>{tmp_path.name}: 2 runs</h1>" in page
+    titles = re.findall(r'data-title="(.*?)"', page)
+    assert titles[0] == "head on: controller mine, robot a, nominal, seed 3"
+    monkeypatch.setattr("wideberth.experiments.report.player.ROOM", 10)
+    with pytest.raises(WideberthError, match=r"too large .* `wideberth play .*mine"):
+        play(tmp_path, tmp_path / "all.html")
+    alone = play(folder / files["still"], tmp_path / "one.html").read_text(encoding="utf-8")
+    assert "<h1>head on: controller still, robot a, nominal, seed 3</h1>" in alone

@@ -1,10 +1,12 @@
 """Reports: whole, harmless whatever a table holds, and the same bytes each time."""
 
 import base64
+import inspect
 import os
 import re
 import sys
 from dataclasses import replace
+from fnmatch import fnmatch
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -12,17 +14,14 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.cli import app as cli
+from wideberth.experiments.engine.closed_loop import condense
 from wideberth.experiments.engine.runner import run
-from wideberth.experiments.report.document import (
-    Report,
-    gather,
-    html_table,
-    markdown,
-    report,
-    report_page,
-)
+from wideberth.experiments.report.document import Report, gather, markdown, report, report_page
+from wideberth.experiments.report.meanings import meanings
+from wideberth.experiments.report.tables import html_table
 from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.io import read_table, write_table
+from wideberth.framework.plugins.registry import load, names
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.path import Path as Way
 from wideberth.simulation.log.episode_log import AgentLog, CommandLog, Episode
@@ -110,6 +109,7 @@ def test_report_of_a_result(coins: Path, tmp_path: Path) -> None:
     saved = base64.b64decode(link.partition(",")[2]).decode()
     assert saved == (coins / "table.csv").read_text()
     assert "A coin falls on either side equally often." in text and "throws: 20" in text
+    assert "<dt>share</dt>" in text  # of a study that names no headline, its first numbers
     assert found.values("script", "data-name") == ["run-0"]
     assert "## coins" in tables.read_text() and tables == tmp_path / "all.md"
 
@@ -156,11 +156,107 @@ def test_table_holds_all_digits_for_sorting_and_headers_for_readers() -> None:
     ]
     found = Page(html_table(rows, "caption"))
     assert found.cells[:5] == ["planner", "share", "won", "x", "late"]
-    assert found.cells[5:] == ["a", "0.3333", "True", "nan", "", "b", "", "False", "", "2"]
+    assert found.cells[5:] == ["a", "0.3333", "yes", "NaN", "", "b", "", "no", "", "2"]
     assert found.values("td", "data-value") == [repr(1 / 3), "1.0", "nan", "0.0", "2.0"]
     assert found.values("th", "scope") == ["col"] * 5
     assert [tag for tag, _ in found.tags].count("button") == 5  # reached by the keyboard
     assert Page(html_table([], "nothing")).cells == []
+
+
+def test_what_was_found_comes_first(coins: Path) -> None:
+    (coins / "figures").mkdir()
+    for name in ("run_a", "views_a"):
+        (coins / "figures" / f"{name}.png").write_bytes(b"\x89PNG\r\n\x1a\n" + b"\0" * 30)
+    rows = [
+        {"planner": name, "share": share, "collisions": touched, "clearance_min_m": near}
+        for name, share, touched, near in (("a", 1, 0, 0.5), ("b", 1, 2, -0.25), ("c", 1, 0, 0.5))
+    ]
+    captions = {"views_*": "What it <saw>.", "run_*": "Where it drove."}
+    headline = ("collisions", "clearance_min_m", "share")
+    one = replace(
+        gather(coins), study="encounter", summary=rows, captions=captions, headline=headline
+    )
+    text = report_page([one])
+    found = Page(text)
+    places = [
+        text.index(words)
+        for words in ("A coin falls", 'class="headline"', "What it &lt;saw&gt;.", 'class="player"',
+                      "<h3>Summary</h3>", "Where it drove.", "<h3>Where it comes from</h3>")
+    ]  # fmt: skip
+    assert places == sorted(places)
+    assert found.values("img", "alt")[0] == "Figure “views a” of coins: What it <saw>."
+    assert "0 to 2<small>least: a and 1 more; most: b; contact</small>" in text
+    assert "\u22120.25 to 0.5<small>least: b; most: a and 1 more</small>" in text
+    assert "1<small>a, b, c</small>" in text
+    # What a column means is that of docs/results.md.
+    (said,) = {one for one in found.values("button", "title") if one.startswith("clearance")}
+    assert (
+        said
+        == "clearance_min_m: " + meanings("encounter", ["clearance_min_m"])["clearance_min_m"].text
+    )
+    assert "episode" in said and "2contact" in found.cells
+
+
+def test_many_quantities_of_few_lines_stand_on_their_side() -> None:
+    row = {"planner": "a_b", "episodes": 2, "clearance_min_m": 0.5, "time_ratio": np.nan,
+           "fallback_plans": 0.25, "deadlocks": 0, "length_ratio": 12345.6, "mine": 1.0,
+           "errors": "", "coverage": 1.0}  # fmt: skip
+    known = meanings("encounter", list(row))
+    text = html_table([row, {**row, "fallback_plans": 0.0}], "caption", known)
+    found = Page(text)
+    assert [one["scope"] for tag, one in found.tags if tag == "th"][:3] == ["row", "col", "col"]
+    heads = [cell for cell in found.cells if cell.startswith(("Outcome", "clearance", "Other"))]
+    assert heads[:2] == ["Outcome", f"clearance min (m){known['clearance_min_m'].text}"]
+    assert found.cells.index("deadlocks" + known["deadlocks"].text) < found.cells.index(heads[1])
+    assert heads[-1] == "Other"  # of those that no page defines
+    assert "0.25not optimal" in found.cells and "12346" in found.cells
+    assert "The same in every line: errors none." in text
+    # Of many lines the columns have groups, and those that never differ are one sentence.
+    rows = [
+        {**row, "planner": name, "mine": i, "deadlocks": i, "coverage": float(i)}
+        for i, name in enumerate("abcdefg")
+    ]
+    text = html_table(rows, "caption", known)
+    found = Page(text)
+    assert found.cells[:8] == [
+        "", "Outcome", "Forecasts", "Other", "planner", "deadlocks", "coverage", "mine",
+    ]  # fmt: skip
+    assert "What the columns mean" in text and "fallback plans 0.25 (not optimal)" in text
+
+
+@pytest.mark.parametrize("name", names("experiments"))
+def test_every_study_says_what_its_figures_show(name: str) -> None:
+    study = load("experiments", name)
+    for words in study.captions.values():
+        assert words[0].isupper() and words.endswith(".") and len(words) < 200
+    source = inspect.getsource(sys.modules[study.__module__])
+    drawn = re.findall(r'folder,\s+f?"([\w{}]+)"|folder / f"([\w{}]+)\.gif"', source)
+    for figure in {one or other for one, other in drawn}:
+        stem = re.sub(r"\{\w+\}", "x", figure)
+        assert any(fnmatch(stem, pattern) for pattern in study.captions), figure
+    assert drawn and study.headline
+
+
+def test_pages_define_columns_by_study() -> None:
+    columns = ["area_ratio", "clearance_min_m", "success", "unheard_of"]
+    found = {one: meanings(one, columns) for one in ("region_price", "comparison", "flight")}
+    assert all("unheard_of" not in one for one in found.values())
+    assert "area_ratio" not in found["comparison"]
+    assert "divided by that of the exact sum" in found["region_price"]["area_ratio"].text
+    assert "surfaces" in found["comparison"]["clearance_min_m"].text
+    assert "`" not in found["comparison"]["success"].text
+    assert found["comparison"]["success"].text.startswith("share of episodes")
+    rows = [dict.fromkeys(columns_of_an_episode(), 1.0)]
+    condensed = condense(rows)
+    assert set(condensed) == set(meanings("encounter", list(condensed)))
+
+
+def columns_of_an_episode() -> list[str]:
+    return [
+        "time_ratio_worst", "clearance", "plans", "collision", "deadlock", "extra_time_worst",
+        "length_ratio_worst", "below_reference", "least_content", "gave_way", "fallbacks",
+        "deadline_misses", "errors", "named_forecasts", "coverage",
+    ]  # fmt: skip
 
 
 def test_long_table_is_cut_and_large_one_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -175,7 +271,7 @@ def test_long_table_is_cut_and_large_one_is_named(monkeypatch: pytest.MonkeyPatc
 def test_episodes_that_do_not_fit_are_named(
     coins: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("wideberth.experiments.report.document._PLAYERS", 10)
+    monkeypatch.setattr("wideberth.experiments.report.document.ROOM", 10)
     found = gather(coins)
     text = report_page([found])
     assert "Too large for this page" in text and f"wideberth play {found.episodes[0]}" in text

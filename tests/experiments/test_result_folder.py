@@ -8,24 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from wideberth.experiments.engine import runner
+from wideberth.experiments.engine import result_folder, runner
 from wideberth.experiments.engine.base import Experiment
 from wideberth.experiments.engine.result_folder import listed_files
 from wideberth.experiments.engine.runner import draw, run
-from wideberth.framework.plugins.config import build
 from wideberth.framework.values.errors import WideberthError
+from wideberth.tests.helpers.sweeps import coins
 
 HERE = Path(__file__).parents[1] / "helpers"
-
-
-@pytest.fixture(autouse=True)
-def _sample(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(HERE)
-
-
-def coins(**settings: object) -> Experiment:
-    made: Experiment = build("experiments", {"type": "sample_plugin:Coins", **settings})
-    return made
+pytestmark = pytest.mark.usefixtures("helpers_on_path")
 
 
 def tree(folder: Path) -> dict[str, bytes | None]:
@@ -216,3 +207,18 @@ def test_an_empty_folder_is_used_as_it_is(tmp_path: Path, monkeypatch: pytest.Mo
     inode = os.stat(".").st_ino
     assert len(run(coins(), Path()).rows) == 3
     assert os.stat(tmp_path).st_ino == inode and (tmp_path / "table.csv").is_file()
+
+
+def test_a_config_that_cannot_be_opened_again_is_refused_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(room: str, value: dict[str, object]) -> Experiment:
+        raise WideberthError("unknown experiment 'coins'")
+
+    measured = []
+    monkeypatch.setattr(runner, "_measure", lambda *given: measured.append(given))
+    for changed, words in ((refuse, "unknown experiment"), (lambda *_: coins(throws=7), "throws")):
+        monkeypatch.setattr(result_folder, "build", changed)
+        with pytest.raises(WideberthError, match=f"could not be opened again.*{words}"):
+            run(coins(), tmp_path / "out")
+        assert not measured and not tree(tmp_path)

@@ -11,33 +11,15 @@ import pytest
 
 from wideberth.experiments.engine.base import Experiment, Outcome, Task
 from wideberth.experiments.engine.provenance import fingerprint
-from wideberth.experiments.engine.runner import draw, reopen, run, written
+from wideberth.experiments.engine.runner import draw, reopen, run
 from wideberth.experiments.engine.shipped import read_experiment
 from wideberth.experiments.engine.showing import print_table
-from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.io import read_json, read_table, write_json
 from wideberth.framework.values.errors import WideberthError
+from wideberth.tests.helpers.sweeps import coins, contents
 
 HERE = Path(__file__).parents[1] / "helpers"
-TIMED = {"times.csv"}
-
-
-@pytest.fixture(autouse=True)
-def _sample(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(HERE)
-
-
-def coins(**settings: object) -> Experiment:
-    made: Experiment = build("experiments", {"type": "sample_plugin:Coins", **settings})
-    return made
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {
-        path.relative_to(folder).as_posix(): path.read_bytes()
-        for path in written(folder)
-        if path.name not in TIMED
-    }
+pytestmark = pytest.mark.usefixtures("helpers_on_path")
 
 
 def shell(*arguments: str, cwd: Path) -> subprocess.Popen[str]:

@@ -1,15 +1,17 @@
 """The structured solver without its compiler, for tests of its parts."""
 
 from collections import OrderedDict
-from collections.abc import Callable
-from types import ModuleType, SimpleNamespace
+from collections.abc import Callable, Mapping
+from types import ModuleType
 from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.solvers.riccati import compiled, core, solver
+from wideberth.framework.mpc.solvers.riccati import _core as core
+from wideberth.framework.mpc.solvers.riccati import compiled, solver
+from wideberth.framework.mpc.solvers.riccati.workspace import Workspace
 from wideberth.framework.values.arrays import Array
 
 Kernel = Callable[[int, int, Array, Array, Array], None]
@@ -27,7 +29,7 @@ def interpret(monkeypatch: pytest.MonkeyPatch, *modules: ModuleType) -> None:
 
 
 def columns(function: Any) -> Kernel:
-    """What a CasADi function is compiled to by `numba_source`."""
+    """What a CasADi function is compiled to by `kernel_source`."""
 
     def kernel(offset: int, count: int, v: Array, p: Array, out: Array) -> None:
         for c in range(count):
@@ -51,27 +53,26 @@ def recursion(function: Any, handed: int) -> Kernel:
 
 def interpret_solver(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the solver ``riccati`` compile nothing: CasADi evaluates its kernels."""
-    kernels: dict[str, Kernel] = {}
+    kernels: dict[int, Kernel] = {}
 
-    def load(stem: str, source: str, announce: Any) -> Any:
-        if stem == "kernels":
-            return SimpleNamespace(**kernels)
-        names: dict[str, Any] = {"njit": lambda *given, **options: lambda function: function}
-        exec(source.replace("from numba import njit", ""), names)
-        return SimpleNamespace(solve=np.errstate(all="ignore")(names["solve"]))
+    def addresses(functions: Mapping[str, Any], handed: int) -> dict[str, int]:
+        places = {}
+        for name, one in functions.items():
+            places[name] = len(kernels)
+            kernels[len(kernels)] = recursion(one, handed) if name == "sweep" else columns(one)
+        return places
 
-    def noted(name: str, kernel: Kernel) -> str:
-        kernels[name] = kernel
-        return ""
+    def run(space: Workspace, entry: object, stop: Array | None = None) -> None:
+        plain, head, start, *slots, found, end = space.groups
+        flag = end.flag if stop is None else stop
+        with np.errstate(all="ignore"):
+            core.solve(*plain, head, start, tuple(slots), found, flag)
 
     interpret(monkeypatch, core)
-    monkeypatch.setattr(compiled, "numba_source", lambda one, name: noted(name, columns(one)))
-    monkeypatch.setattr(
-        compiled, "recursion_source", lambda one, name, handed: noted(name, recursion(one, handed))
-    )
-    monkeypatch.setattr(compiled, "address", lambda kernel: kernel)
-    monkeypatch.setattr(compiled, "load", load)
+    monkeypatch.setattr(core, "call", lambda kernel, *given: kernels[int(kernel)](*given))
+    monkeypatch.setattr(compiled, "core", lambda kinds: None)
+    monkeypatch.setattr(compiled, "_addresses", addresses)
     monkeypatch.setattr(compiled, "_PROBLEMS", OrderedDict())
     monkeypatch.setattr(compiled, "_KNOWN", WeakKeyDictionary())
-    monkeypatch.setattr(compiled, "_core", compiled._core.__wrapped__)
+    monkeypatch.setattr(Workspace, "run", run)
     monkeypatch.setattr(solver, "_compiled", solver._compiled.__wrapped__)

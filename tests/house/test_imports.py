@@ -19,8 +19,11 @@ ROOMS = {
         "framework", "predictors", "regions", "robots", "controllers", "simulation",
     },
 }  # fmt: skip
-HEAVY = {"statsmodels", "filterpy", "jax", "cvxpy", "matplotlib", "pandas", "pydantic", "numba"}
-COMPILED = ROOT / "framework" / "mpc" / "solvers" / "riccati" / "core.py"
+HEAVY = {
+    "statsmodels", "filterpy", "jax", "cvxpy", "llvmlite", "matplotlib", "pandas", "pydantic",
+    "numba",
+}  # fmt: skip
+COMPILED = ROOT / "framework" / "mpc" / "solvers" / "riccati" / "_core.py"
 """The file for Numba, imported only to be compiled. Its functions are longer: whatever a
 function calls is compiled into it once more, so that a tree of small ones takes minutes."""
 MODULES = [
@@ -47,21 +50,26 @@ def imported(path: Path) -> set[str]:
 INTERFACES, FACE = "framework", "framework/__init__"
 """The files beside the groups: a room's own, and the names that the framework offers."""
 ARROWS: dict[str, set[str]] = {
-    "framework/values": set(),
+    "framework/drawing": set(),
+    "framework/values": {"framework/drawing"},
     "framework/numerics": {"framework/values"},
     "framework/plugins": {"framework/values"},
-    INTERFACES: {"framework/numerics", "framework/values"},
+    INTERFACES: {"framework/drawing", "framework/numerics", "framework/values"},
     "framework/risk": {INTERFACES, "framework/numerics", "framework/plugins", "framework/values"},
     "framework/metrics": {"framework/numerics", "framework/risk", "framework/values"},
     "framework/tracking": {INTERFACES, "framework/plugins", "framework/values"},
     "framework/control": {INTERFACES, "framework/tracking", "framework/values"},
     "framework/jit": {"framework/numerics", "framework/values"},
-    FACE: {INTERFACES, "framework/plugins", "framework/tracking", "framework/values"},
+    FACE: {
+        INTERFACES, "framework/mpc/planner", "framework/plugins", "framework/tracking",
+        "framework/values",
+    },
     "predictors": {"predictors/core"},
     "predictors/core": set(),
     "regions": set(),
     "regions/static": {"regions"},
-    "simulation/log": set(),
+    "simulation/drawing": set(),
+    "simulation/log": {"simulation/drawing"},
     "simulation/sensing": set(),
     "simulation/measures": {"simulation/log"},
     "simulation/engine": {"simulation/log", "simulation/measures", "simulation/sensing"},
@@ -79,7 +87,18 @@ ARROWS: dict[str, set[str]] = {
 }  # fmt: skip
 """Group -> the groups of the same room that its files may import."""
 LAYERS = [
-    *("values", "numerics", "plugins", "", "risk", "metrics", "tracking", "control", "jit"),
+    *(
+        "drawing",
+        "values",
+        "numerics",
+        "plugins",
+        "",
+        "risk",
+        "metrics",
+        "tracking",
+        "control",
+        "jit",
+    ),
     *("mpc/ocp", "mpc/costs", "mpc/levels", "mpc/slots", "mpc", "mpc/instance", "mpc/solvers"),
     *("mpc/fallback", "mpc/planner", "mpc/diagnosis", "mpc/export", "testing", "__init__"),
 ]

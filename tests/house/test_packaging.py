@@ -14,6 +14,7 @@ SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 TOP = (
     "framework", "predictors", "regions", "robots", "controllers", "simulation", "experiments",
 )  # fmt: skip
+FACE = ("__init__.py", "__init__.pyi", "py.typed")
 
 
 def test_list_of_packages_agrees_with_the_folders() -> None:
@@ -35,7 +36,7 @@ def test_no_folder_lacks_its_init() -> None:
 def test_wheel_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
     source = tmp_path / "source"
     source.mkdir()
-    for name in ("pyproject.toml", "README.md", "LICENSE", "__init__.py", "py.typed", *TOP):
+    for name in ("pyproject.toml", "README.md", "LICENSE", "docs", *FACE, *TOP):
         (source / name).symlink_to(ROOT / name)
     (source / "tests").mkdir()
     (source / "tests" / "test_x.py").write_text("")
@@ -50,13 +51,18 @@ def test_wheel_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
     names = set(zipfile.ZipFile(wheel).namelist())
     modules = {
         f"wideberth/{path.relative_to(ROOT).as_posix()}"
-        for room in TOP for path in (ROOT / room).rglob("*.py")
+        for room in TOP for path in (ROOT / room).rglob("*.py*")
+        if path.suffix in (".py", ".pyi")
     }  # fmt: skip
     configs = {f"wideberth/experiments/configs/{path.name}"
                for path in (ROOT / "experiments/configs").glob("*.yaml")}  # fmt: skip
-    wanted = modules | configs | {"wideberth/__init__.py", "wideberth/py.typed"}
+    wanted = modules | configs | {f"wideberth/{name}" for name in FACE}
+    wanted |= {f"wideberth/docs/{name}.md" for name in ("results", "metrics")}  # for reports
     wanted |= {f"wideberth/framework/{name}" for name in ("references.bib", "recommended.yaml")}
+    shipped = (ROOT / "framework/mpc/solvers/riccati/objects").iterdir()
+    wanted |= {f"wideberth/{path.relative_to(ROOT).as_posix()}" for path in shipped}
     assert wanted <= names
+    assert f"wideberth-{wideberth.__version__}.dist-info/METADATA" in names
     other = {name for name in names - wanted if ".dist-info/" not in name}
     assert all(name.startswith("wideberth/experiments/data/") for name in other), other
 
@@ -81,7 +87,8 @@ def test_public_names_are_there() -> None:
         for name in dir(module):
             assert getattr(module, name) is not None
     assert wideberth.WideberthError is framework.WideberthError
-    assert wideberth.__version__ == SETTINGS["project"]["version"]
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {wideberth.__version__}\n" in citation
 
 
 def test_lock_names_every_dependency_and_no_address() -> None:

@@ -170,7 +170,8 @@ def test_files_and_modules_that_pages_name_exist() -> None:
     for page in pages:
         text = page.read_text(encoding="utf-8")
         for name in re.findall(rf"`((?:{rooms}|benchmarks|examples|tests|docs)/[\w./-]*)`", text):
-            assert "NAME" in name or (ROOT / name).exists(), f"{page.name} names {name}"
+            made = name.startswith("docs/_build/")  # by `make docs`
+            assert made or "NAME" in name or (ROOT / name).exists(), f"{page.name} names {name}"
         for name in re.findall(r"wideberth((?:\.\w+)+)", text):
             parts = name.strip(".").split(".")
             if parts[0] not in rooms.split("|"):
@@ -184,11 +185,3 @@ def test_files_and_modules_that_pages_name_exist() -> None:
             assert found and len(found[0].relative_to(ROOT).parts) >= len(parts) - 1, (
                 f"{page.name} names wideberth{name}"
             )
-
-
-def test_commands_are_known() -> None:
-    from wideberth.experiments.cli.app import app
-
-    known = {command.name or command.callback.__name__ for command in app.registered_commands}  # type: ignore[union-attr]
-    for command in re.findall(r"^wideberth (\w+)", TEXT, re.MULTILINE):
-        assert command in known

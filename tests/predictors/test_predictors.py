@@ -289,6 +289,11 @@ class Broken(Predictor):
             return replace(good, mean=good.mean + shake)
         if self.law == "translation":
             return replace(good, mean=good.mean * 1.01)
+        if self.law == "step 4 of track 'stopped'":
+            moved = good.mean.copy()
+            if "stopped" in tracks.ids:
+                moved[tracks.ids.index("stopped"), :, 3] += np.random.default_rng().random()
+            return replace(good, mean=moved)
         if self.law == "rotation":
             return replace(good, mean=good.mean + np.eye(tracks.dimension)[0])
         if self.law == "order":
@@ -304,6 +309,8 @@ class Broken(Predictor):
     ("broken", "law"),
     [
         ("never raises", "shapes, finite, symmetric, PSD"),
+        ("step 4 of track 'stopped'", "pure"),
+        ("step 4 of track 'stopped'", "translation equivariant"),
         ("shape", "shapes, finite, symmetric, PSD"),
         ("pure", "pure"),
         ("translation", "translation equivariant"),
@@ -315,6 +322,11 @@ def test_the_check_finds_each_broken_law(broken, law):
     found = {one.name: one for one in laws(Broken(broken), dimensions=(2,))}
     with pytest.raises(AssertionError, match=broken):
         found[law].check()
+
+
+def test_the_check_names_the_track_that_raises():
+    with pytest.raises(AssertionError, match=r"cannot handle NaN.*track 'not seen lately'"):
+        check_predictor(Broken("never raises"), dimensions=(2,))
 
 
 def test_the_check_names_the_broken_laws():

@@ -154,7 +154,7 @@ class Ruined(Still):
         (Restless(), "fit is pure"),
         (Arrayed(), "can be saved: .*mean.*arrays are kept as tuples"),
         (Loose(), "never raises: TypeError.*as saved and built again"),
-        (Hidden(), "another forecast .fitted, as saved and built again"),
+        (Hidden(), "another forecast: step 1 of .*, fitted, as saved and built again"),
         (Ruined(), "never raises: ValueError: no numbers"),
     ],
     ids=lambda value: type(value).__name__,

@@ -11,6 +11,7 @@ import pytest
 import shapely
 
 from wideberth.framework.controller import Controller
+from wideberth.framework.metrics.gaps import BodyMotion, gaps, wall_gaps
 from wideberth.framework.mpc.fallback.emergency import emergency
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.footprint import Discs, Footprint, Outline
@@ -24,7 +25,6 @@ from wideberth.simulation.engine.agents import ReplayAgent, RobotAgent
 from wideberth.simulation.engine.episode import run_episode
 from wideberth.simulation.engine.settings import Settings
 from wideberth.simulation.log.episode_log import Episode
-from wideberth.simulation.measures.gaps import BodyMotion, gaps, wall_gaps
 from wideberth.simulation.measures.summary import clearances, robot_rows, summarise
 
 DISCS = Discs(((0.6, 0.0), (0.0, 0.1), (-0.5, 0.0)), 0.35)
@@ -231,11 +231,13 @@ def older(data: bytes, version: int) -> bytes:
     """The same episode as an older version wrote it, without what that did not know."""
     with np.load(io.BytesIO(data)) as archive:
         numbers, meta = archive["numbers"], json.loads(archive["meta"].tobytes())
-    assert meta["version"] == 4
+    assert meta["version"] == 5
     meta["version"] = version
     for agent in meta["agents"]:
         for plan in agent["plans"]:
-            del plan["given_way"]
+            del plan["situation"]
+            if version < 4:
+                del plan["given_way"]
             if version < 3:
                 del plan["breach"]
     if version == 1:

@@ -249,6 +249,40 @@ def test_pictures_show_the_robot_moving():
     assert (first != second).any() and np.array_equal(second, environment.render())
 
 
+def test_a_window_is_drawn_by_step_and_says_where_it_cannot_open(capsys):
+    from matplotlib import pyplot
+
+    pyplot.switch_backend("agg")
+    environment = gymnasium.make(ID, scenario=Meeting(), robot=PARTICLE, render_mode="human")
+    environment.reset(seed=0)
+    assert "no window: the backend 'agg'" in capsys.readouterr().err
+    shown = environment.unwrapped._window._image
+    first = np.array(shown.get_array())
+    environment.step(np.array([0.7, 0.0]))
+    same = Navigation(Meeting(), PARTICLE, render_mode="rgb_array")
+    same.reset(seed=0)
+    same.step(np.array([0.7, 0.0]))
+    assert (first != shown.get_array()).any()
+    assert np.array_equal(shown.get_array(), same.render()) and environment.render() is None
+    environment.close()
+    assert not pyplot.get_fignums()
+
+
+def test_make_finds_the_environment_by_name_alone(tmp_path: File):
+    script = (
+        "import gymnasium\n"
+        f"made = gymnasium.make('wideberth.simulation.gym:{ID}')\n"
+        "shown, _ = made.reset(seed=3)\n"
+        "for name, space in made.observation_space.items():\n"
+        "    assert space.contains(shown[name]), name\n"
+        "    assert (space.low.min() >= 0) == (name in ('radii', 'present')), name\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", script], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+
+
 def test_other_robots_need_a_companion_and_get_it():
     with pytest.raises(WideberthError, match="give a companion"):
         Navigation(Meeting(robots=2), PARTICLE).reset(seed=0)
@@ -273,7 +307,7 @@ def test_misuse_is_named():
     with pytest.raises(WideberthError, match="action"):
         environment.step(np.array([np.nan, 0.0]))
     with pytest.raises(WideberthError, match="render_mode"):
-        Navigation(Meeting(), PARTICLE, render_mode="human")
+        Navigation(Meeting(), PARTICLE, render_mode="ansi")
     with pytest.raises(WideberthError, match="unknown scenario"):
         Navigation("nowhere")
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from ...robot import Bounds, Quantity, Robot
 from ...values.arrays import Scalar
+from ...values.footprint import Footprint
 from ...values.motion import Pose, Twist
 
 
@@ -24,7 +25,9 @@ class ProgressRobot(Robot):
     robot: Robot
 
     def __init__(self, robot: Robot) -> None:
-        self.robot, self.radius, self.footprint = robot, robot.radius, robot.footprint
+        self.robot = robot
+        self.radius: float = robot.radius
+        self.footprint: Footprint | None = robot.footprint
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle as what made it: the class is made for the robot."""

@@ -27,11 +27,11 @@ class ReferenceSymbols:
     """
 
     def __init__(self, dimension: int, curve: int) -> None:
-        self.position = ca.SX.sym("reference", dimension)
-        self.direction = ca.SX.sym("direction", dimension)
-        self.speed = ca.SX.sym("speed")
-        self.curve = ca.SX.sym("curve", curve)
-        self.vector = ca.vertcat(self.position, self.direction, self.speed, self.curve)
+        self.position: Any = ca.SX.sym("reference", dimension)
+        self.direction: Any = ca.SX.sym("direction", dimension)
+        self.speed: Any = ca.SX.sym("speed")
+        self.curve: Any = ca.SX.sym("curve", curve)
+        self.vector: Any = ca.vertcat(self.position, self.direction, self.speed, self.curve)
 
 
 @dataclass(frozen=True, eq=False)

@@ -67,7 +67,9 @@ class Transcription:
     """
 
     def __init__(self, problem: Problem, *, staged: bool, symbol: Any) -> None:
-        self.problem, self.staged, self._symbol = problem, staged, symbol
+        self.problem: Problem = problem
+        self.staged: bool = staged
+        self._symbol = symbol
         self._variables: list[Any] = []
         self._rows: list[Any] = []
         self.lower: list[float] = []

@@ -21,7 +21,7 @@ from ...values.arrays import Array
 from ...values.forecast import Forecast
 from ...values.motion import Command, Detection, Observation, checked_numbers
 from ...values.path import Path
-from ...values.plan import Plan
+from ...values.plan import Plan, Situation
 from ...values.tracks import Tracks
 from ..costs.base import ProgressCost
 from ..fallback.emergency import command_of_plan, emergency
@@ -203,12 +203,8 @@ def step(
         outcome = starts.run(check, first, state.obstacle_in_way)
         state = replace(state, obstacle_in_way=outcome.obstacle_in_way)
         plan, point = choose(rungs_of(settings.rungs), Trial(check, outcome), stamp)
-        plan = replace(
-            strip_progress(robot, plan),
-            forecast=forecast,
-            tracked=() if tracks is None else tracks.ids,
-            reason=joined(plan.reason, outcome.note),
-        )
+        plan = replace(strip_progress(robot, plan), reason=joined(plan.reason, outcome.note))
+        plan = _in_situation(settings, plan, seen, progress.path, start)
         solved = Solved(check, outcome.guesses, point, plan, budget.spent())
         command, note = _limited(robot, command_of_plan(robot, plan))
         smoother = _smoothed(state.smoother, command, stamp)
@@ -219,6 +215,26 @@ def step(
     perception, notes = state.perception.drained()
     state = replace(state, perception=perception, plan=plan, smoother=smoother)
     return state, Decision(command, plan, (*filter(None, (note,)), *notes), solved)
+
+
+def _in_situation(
+    settings: PlannerSettings, plan: Plan, seen: Seen, path: Path, start: Array
+) -> Plan:
+    """Add what the plan was held against, and, for pictures, what it looks like."""
+    robot, tracks = settings.robot, seen.tracks
+    heading = robot.pose(tuple(start)).heading
+    situation = Situation(
+        region=settings.region,
+        room=settings.kinds[0].bodies(robot)[0].radius + settings.margin,
+        radii=np.zeros(0) if tracks is None else tracks.radius,
+        radius=robot.radius,
+        heading=float("nan") if heading is None else float(heading),
+        footprint=robot.footprint,
+        path=path,
+        polygons=seen.observation.polygons,
+    )
+    tracked = () if tracks is None else tracks.ids
+    return replace(plan, forecast=seen.forecast, tracked=tracked, situation=situation)
 
 
 def _delayed(settings: PlannerSettings, state: PlannerState, stamp: float, now: Array) -> Array:

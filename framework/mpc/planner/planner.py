@@ -6,7 +6,7 @@ from typing import final
 
 from ...control.rate_limited_warnings import WARNINGS
 from ...controller import Controller, checked_path
-from ...values.errors import WideberthError
+from ...values.errors import WideberthError, short
 from ...values.motion import Command, Observation
 from ...values.path import Path
 from ...values.plan import Plan, Rung
@@ -58,6 +58,16 @@ class Planner(PlannerSettings, Controller):
         check_settings(self)
         object.__setattr__(self, "_services", Services.of(self))
         object.__setattr__(self, "_memory", _Memory(PlannerState.initial(self)))
+
+    def __repr__(self) -> str:
+        """Say which parts it has and what it does, a line each."""
+        parts = ("robot", "predictor", "region", "level", "solver", "cost")
+        lines = [f"  {name:<10}{short(getattr(self, name), 110)}" for name in parts]
+        reach = f"{self.horizon} steps of {self.dt:.4g} s, every {self.period:.4g} s"
+        lines.append(f"  {'horizon':<10}{reach}, at {self.reference_speed:g} m/s")
+        plan = "none yet" if self.plan is None else f"{self.plan.rung} at {self.plan.stamp:g} s"
+        lines.append(f"  {'plan':<10}{plan}")
+        return "\n".join(["Planner", *lines])
 
     def reset(self) -> None:
         """Forget obstacles, plan and progress; the path stays."""

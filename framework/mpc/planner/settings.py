@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ...plugins.config import ADVICE
 from ...predictor import Predictor
 from ...region import Region
 from ...robot import Robot
@@ -24,6 +25,10 @@ from .multistart import PATIENCE, Starts, checked_starts
 
 MOST_STEPS, MOST_SAMPLES = 1000, 10_000
 """Of a plan, and of a track or a forecast: more means that a unit is wrong."""
+_WHOLE_PLANNER = (
+    "write `<<: recommended` beside `robot: unicycle` in a config, which sets all of region, "
+    "predictor, level and solver, or call wideberth.recommended('unicycle') in Python"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,11 +76,11 @@ class PlannerSettings:
     WideberthError : a value out of range, or robot and region of different dimensions.
     """
 
-    robot: Robot
-    region: Region
-    predictor: Predictor
-    level: LevelPolicy
-    solver: Solver
+    robot: Robot = field(metadata={ADVICE: _WHOLE_PLANNER})
+    region: Region = field(metadata={ADVICE: _WHOLE_PLANNER})
+    predictor: Predictor = field(metadata={ADVICE: _WHOLE_PLANNER})
+    level: LevelPolicy = field(metadata={ADVICE: _WHOLE_PLANNER})
+    solver: Solver = field(metadata={ADVICE: _WHOLE_PLANNER})
     horizon: int = 15
     dt: float = 0.5
     period: float = 0.5

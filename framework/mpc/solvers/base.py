@@ -254,7 +254,9 @@ class Compiled:
     def __init__(
         self, form: Transcription, make: Callable[[], Any], stop: "Stop | None" = None
     ) -> None:
-        self.form, self._make, self.stop = form, make, stop
+        self.form: Transcription = form
+        self.stop: Stop | None = stop
+        self._make = make
         self._function, self._buffer = make(), None
         self._spoilt: list[Any] = []
 
@@ -313,7 +315,7 @@ class Stop(ca.Callback):
 
     def __init__(self, program: dict[str, Any]) -> None:
         ca.Callback.__init__(self)
-        self.until = np.inf
+        self.until: float = np.inf
         x, g, p = (program[name].numel() for name in ("x", "g", "p"))
         self._sizes = {"x": x, "f": 1, "g": g, "lam_x": x, "lam_g": g, "lam_p": p}
         self.construct("stop")

@@ -123,8 +123,8 @@ def test_a_best_response_is_planned_in_the_agent_s_own_frame(
     def step(settings: Any, state: Any, observation: Any, services: Any) -> Any:
         asked.append((settings, state, observation))
         positions = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.5]])
-        known = dict(dt=0.4, status=Status.SOLVED, violation=0.0, reason="told", iterations=0)
-        known |= {"positions": positions, **told}
+        known = dict(dt=0.4, status=Status.SOLVED, violation=0.0, reason="no plan", iterations=0)
+        known |= {"positions": positions, **answer}
         return None, SimpleNamespace(plan=SimpleNamespace(**known))
 
     monkeypatch.setattr(best_response, "step", step)
@@ -137,7 +137,7 @@ def test_a_best_response_is_planned_in_the_agent_s_own_frame(
     ahead = Forecast.single(
         np.array([[[1.0, 5.0]] * 9, [[0.0, 2.0]] * 9]), np.tile(spread, (2, 9, 1, 1)), 0.25
     )
-    told: dict[str, Any] = {}
+    answer: dict[str, Any] = {}
     times, places = model.respond(one, ahead, [0.5, 0.0])
     np.testing.assert_allclose(times, [0.0, 0.4, 0.8])
     np.testing.assert_allclose(places, [[1.0, 2.0], [1.0, 3.0], [0.5, 4.0]])
@@ -168,11 +168,11 @@ def test_a_best_response_is_planned_in_the_agent_s_own_frame(
         ({"status": Status.FAILED, "iterations": 3}, False),
         ({"violation": float("nan")}, True),
     ):
-        told = change
-        assert (model.respond(one, None, ()) == "told") is fails
+        answer = change
+        assert (model.respond(one, None, ()) == "no plan") is fails
 
 
-def test_a_state_looks_where_it_moves_or_is_told() -> None:
+def test_a_state_looks_where_it_moves_or_as_asked() -> None:
     robot, place = Unicycle(), np.array([1.0, 2.0])
     moving = state_of(robot, place, np.array([0.0, -0.3]), np.array([1.0, 0.0]))
     np.testing.assert_allclose(moving, [1.0, 2.0, -0.5 * np.pi, 0.3, 0.0])

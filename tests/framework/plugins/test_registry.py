@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from wideberth.framework.plugins import registry
+from wideberth.framework.plugins.config import import_plugins
 from wideberth.framework.plugins.registry import (
     ROOMS,
     base_class,
@@ -152,6 +153,46 @@ def test_broken_package_warns_and_names_the_distribution(
     assert "torn" in names("predictors")
     with (
         pytest.warns(UserWarning, match=r"'torn' of 'fancy-predictors'"),
-        pytest.raises(WideberthError, match=r"'fancy-predictors'.*RuntimeError: torn.*uninstall"),
+        pytest.raises(
+            WideberthError,
+            match=r"'fancy-predictors'.*RuntimeError: torn in .*torn\.py, line 1\).*uninstall",
+        ),
     ):
         load("predictors", "torn")
+
+
+def test_a_plug_in_that_cannot_be_imported_names_file_and_line(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "halved.py").write_text("import math\n\nclass Half(:\n    pass\n")
+    (tmp_path / "lacking.py").write_text("x = 1\nimport not_installed_anywhere\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(WideberthError, match=r"SyntaxError.*in .*halved\.py, line 3\)"):
+        load("predictors", "halved:Half")
+    with pytest.raises(WideberthError, match=r"No module named.*in .*lacking\.py, line 2\)"):
+        load("predictors", "lacking:Class")
+    with pytest.raises(WideberthError, match=r"module 'nowhere' cannot be .*named 'nowhere'\)"):
+        load("predictors", "nowhere:Class")
+    with pytest.raises(WideberthError, match=r"module 'nowhere' cannot be .*named 'nowhere'\)"):
+        import_plugins(["nowhere"])
+    monkeypatch.setattr(registry, "packages_distributions", lambda: {"halved": ["half-lab"]})
+    with pytest.raises(WideberthError, match=r"'halved' of the distribution 'half-lab' cannot"):
+        load("predictors", "halved:Half")
+
+
+@pytest.mark.usefixtures("_clean")
+def test_an_entry_point_that_another_name_registers_is_refused(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "twice_named.py").write_text(
+        "from wideberth import register\n"
+        "from wideberth.framework.predictor import Predictor\n\n"
+        "@register('predictors', 'mine')\n"
+        "class Mine(Predictor):\n"
+        "    def predict(self, tracks, steps, scene=None): ...\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    _install(monkeypatch, ("ours", "twice_named:Mine"), ("mine", "twice_named:Mine"))
+    with pytest.raises(WideberthError, match=r"'ours' of the distribution 'fancy-p.*as 'mine'"):
+        load("predictors", "ours")
+    assert load("predictors", "mine").__name__ == "Mine"

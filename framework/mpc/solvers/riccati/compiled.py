@@ -1,92 +1,49 @@
 """Compile the solver: one core for all problems, and kernels for each.
 
 The kernels know nothing of the horizon and the number of slots, the core nothing of a robot or a
-region: it takes the kernels by their addresses. Compiling the core takes about a minute, once
-per machine; the kernels of a new pair of robot and region take seconds. Both are kept by
-`wideberth.framework.jit.store`.
+region: it takes the kernels by their addresses. The core is shipped as object code, see
+`objects`; where that does not fit, Numba compiles it, which takes a minute or two, once per
+machine. The kernels of a new pair of robot and region are compiled by LLVM in less than a second.
+What is compiled is kept by `wideberth.framework.jit.store`.
 """
 
+import ctypes
 import sys
 from collections import OrderedDict
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
-from hashlib import sha256
 from itertools import chain
-from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ....jit.columns import KERNEL, address
+from ....jit.machine import host, loaded
 from ....jit.store import load
-from ....jit.transpile import NUMBA_IMPORTS, numba_source, recursion_source
+from ....jit.transpile import kernel_source, module_source, recursion_source
 from ....numerics.symbolic import ca
 from ....region import Auxiliary
 from ....values.arrays import Array
 from ....values.errors import WideberthError
-from ...ocp.problem import Problem, Slots
-from . import protocol
+from ...ocp.problem import Parameters, Problem, Slots
+from . import _protocol as protocol
+from . import emit, objects
+from ._protocol import SlotKernels
 from .kernels import Kernels, Slot, SlotShape, build, carried, eliminate, expand, slot_name, sweep
-from .protocol import SlotKernels
+from .workspace import Entry, Workspace, shape_of
 
-LEAST_KINDS = 2
-"""Kinds of slots for which the core is compiled at least; as many as a planner has anyway."""
+LEAST_KINDS = objects.KINDS
+"""Kinds of slots that every problem is filled up to with empty ones."""
 
 MOST_OPERATIONS = 10_000
 """Size of a kernel that is still compiled; the compiler needs a second for a thousand."""
 
-_CORE_FILES = ("core.py", "protocol.py", "../interior_point.py")
-"""Files that the compiled core consists of: a change of any of them compiles it anew."""
 
-_OPTIONS = (
-    'error_model="numpy", nogil=True, fastmath={"contract", "reassoc", "nsz", "arcp"}, cache=True'
-)
-_VECTOR, _MATRIX, _CUBE, _PLACES = "f8[::1]", "f8[:, ::1]", "f8[:, :, ::1]", "i8[::1]"
-
-_TYPES: dict[str, Any] = {
-    "head": protocol.Head(_MATRIX, _MATRIX, _VECTOR, _MATRIX),
-    "start": protocol.Start(_VECTOR, _MATRIX, _MATRIX),
-    "found": protocol.Found(_MATRIX, _MATRIX, _VECTOR, _VECTOR),
-}  # fmt: skip
-"""Arrays of the core by group, with their types; those of the slots come before ``found``."""
-_SLOT_TYPES = protocol.SlotArguments(
-    kernels=_PLACES, depends=_PLACES, rows=_PLACES, limits=_MATRIX, regularisation=_VECTOR,
-    numbers=_CUBE, levels=_MATRIX, active=_VECTOR, drawn=_CUBE, begun=_CUBE, found=_CUBE,
-)  # fmt: skip
-
-_PLAIN = {"kernels": _PLACES, "sizes": _PLACES, "limits": _MATRIX, "settings": _VECTOR}
-
-
-def _source(digest: str, kinds: int) -> str:
-    """Write the module that compiles the core for flat arguments, for some kinds of slots."""
-    slots = [f"slots{k}" for k in range(kinds)]
-    typed = {"head": _TYPES["head"], "start": _TYPES["start"]}
-    typed |= {**dict.fromkeys(slots, _SLOT_TYPES), "found": _TYPES["found"]}
-    groups, types, given = {}, list(_PLAIN.values()), list(_PLAIN)
-    for group, kinds_of in typed.items():
-        names = [f"{group}_{field}" for field in kinds_of._fields]
-        groups[group] = f"{type(kinds_of).__name__}({', '.join(names)})"
-        types += kinds_of
-        given += names
-    return f"""# {digest}
-from numba import njit
-
-from wideberth.framework.mpc.solvers.riccati import core
-from wideberth.framework.mpc.solvers.riccati.protocol import Found, Head, SlotArguments, Start
-
-iterate = core.solve
-
-
-@njit("void({", ".join([*types, _VECTOR])})", {_OPTIONS})
-def solve({", ".join([*given, "stop"])}):
-    iterate(
-        {", ".join(_PLAIN)}, {groups["head"]}, {groups["start"]},
-        ({", ".join(groups[kind] for kind in slots)}), {groups["found"]}, stop,
-    )
-"""
+USUAL = {"solver": 100.0, "kernels": 1.0}
+"""s that compiling takes on two cores of a laptop; a machine tells its own once it has done it."""
 
 
 def announce(line: str) -> None:
@@ -94,7 +51,7 @@ def announce(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 
-def core(kinds: int) -> Callable[..., None]:
+def core(kinds: int) -> Entry:
     """Return the compiled iteration, the same for all problems with so many kinds of slots.
 
     Raises
@@ -108,16 +65,30 @@ def core(kinds: int) -> Callable[..., None]:
 
 
 @cache
-def _core(kinds: int) -> Callable[..., None] | WideberthError:
-    text = "".join(
-        (Path(__file__).parent / name).read_text(encoding="utf-8") for name in _CORE_FILES
-    )
+def _core(kinds: int) -> Entry | WideberthError:
     try:
-        source = _source(sha256(text.encode()).hexdigest(), kinds)
-        solve: Callable[..., None] = load("solver", source, announce).solve
+        place = _shipped_or_compiled(kinds)
     except WideberthError as error:
         return error
-    return solve
+    return ctypes.CFUNCTYPE(ctypes.c_int, *[ctypes.c_void_p] * 3)(place)
+
+
+def _shipped_or_compiled(kinds: int) -> int:
+    """Address of the core."""
+    try:
+        return loaded(objects.shipped(kinds), [objects.ENTRY])[objects.ENTRY]
+    except WideberthError as error:
+        why = str(error)
+    source = f"{objects.sources()}, {kinds} kinds, by {emit.compiler()}"
+    found = load(
+        "solver",
+        source,
+        [objects.ENTRY],
+        lambda line: announce(f"{line} [{why}]"),
+        USUAL["solver"],
+        lambda: emit.compiled(kinds, host()),
+    )
+    return found[objects.ENTRY]
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,18 +132,36 @@ class CompiledProblem:
 
     Attributes
     ----------
-    module : holds the kernels as long as their addresses are in use.
     kernels, sizes : by the names of `protocol.Kernels` and `protocol.Sizes`.
     limits : (2, n + m), bounds of states and inputs.
     kinds : of the slots; empty ones behind those of the problem.
     """
 
-    module: Any
     kernels: NDArray[np.int64]
     sizes: NDArray[np.int64]
     limits: Array
     kinds: tuple[CompiledSlots, ...]
+    _free: dict[tuple[Any, ...], list[Workspace]] = field(default_factory=dict)
 
+    @contextmanager
+    def workspace(self, parameters: Parameters) -> Iterator[Workspace]:
+        """Lend arrays for one solve, those of an earlier one where they are free."""
+        free = self._free.setdefault(shape_of(parameters), [])
+        try:
+            space = free.pop()
+        except IndexError:
+            plain = self.kernels, self.sizes, self.limits
+            space = Workspace(plain, [kind.arguments for kind in self.kinds], parameters)
+        try:
+            yield space
+        finally:
+            free.append(space)
+            if len(self._free) > _MOST_SIZES:
+                self._free.clear()
+
+
+_MOST_SIZES = 16
+"""Sizes of instances whose arrays are kept at once, of one problem."""
 
 _PROBLEMS: OrderedDict[str, CompiledProblem | WideberthError] = OrderedDict()
 _KNOWN: WeakKeyDictionary[Problem, CompiledProblem | WideberthError] = WeakKeyDictionary()
@@ -232,17 +221,11 @@ def _compile(problem: Problem) -> CompiledProblem:
             "compiled"
         )
     kinds = [_slot_kernels(k) for k in range(len(problem.slots))]
-    text = ["from numba import njit", NUMBA_IMPORTS]
-    stages = [name for name in protocol.Kernels._fields if name != "sweep"]
-    names = [*stages, *chain.from_iterable(kinds)]
-    sources = [numba_source(functions[name], name) for name in names]
-    sources.append(recursion_source(functions["sweep"], "sweep", carried(problem.states)))
-    for source in sources:
-        text += ["", f'@njit("{KERNEL}", {_OPTIONS})', source]
-    module = load("kernels", "\n".join(text), announce)
+    names = [*protocol.Kernels._fields, *chain.from_iterable(kinds)]
+    places = _addresses({name: functions[name] for name in names}, carried(problem.states))
 
     def addresses(names: Iterable[str]) -> NDArray[np.int64]:
-        return np.array([address(getattr(module, name)) for name in names])
+        return np.array([places[name] for name in names])
 
     state, control = problem.state_bounds, problem.input_bounds
     sizes = protocol.Sizes(
@@ -250,7 +233,6 @@ def _compile(problem: Problem) -> CompiledProblem:
         made.final_rows,
     )  # fmt: skip
     return CompiledProblem(
-        module,
         addresses(protocol.Kernels._fields),
         np.array(sizes, dtype=np.int64),
         np.array([state.lower + control.lower, state.upper + control.upper], dtype=np.float64),
@@ -259,6 +241,15 @@ def _compile(problem: Problem) -> CompiledProblem:
             for names, shape, slots in zip(kinds, made.slots, problem.slots, strict=True)
         ),
     )
+
+
+def _addresses(functions: Mapping[str, Any], handed: int) -> Mapping[str, int]:
+    """Compile kernels; the one that is called ``sweep`` hands numbers from stage to stage."""
+    sources = [
+        recursion_source(one, name, handed) if name == "sweep" else kernel_source(one, name)
+        for name, one in functions.items()
+    ]
+    return load("kernels", module_source(sources), list(functions), announce, USUAL["kernels"])
 
 
 def _filled_up(problem: Problem) -> Problem:

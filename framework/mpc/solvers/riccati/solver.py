@@ -1,6 +1,6 @@
-"""The solver ``riccati``: an interior point along the horizon, compiled by Numba."""
+"""The solver ``riccati``: an interior point along the horizon, as compiled code."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from os import cpu_count
@@ -13,7 +13,7 @@ import numpy as np
 from ....values.arrays import Array, positive, whole
 from ....values.errors import WideberthError
 from ....values.plan import Status
-from ...ocp.problem import Parameters, Problem, SlotNumbers
+from ...ocp.problem import Parameters, Problem
 from ...ocp.transcription import Guess
 from ..base import ManySolver, Solution, on_time, refuse_misfits, refuse_unequal, unwrapped
 from ..fatrop import Fatrop
@@ -26,10 +26,11 @@ from ..interior_point import (
     START_PENALTY,
     TOLERANCE,
 )
-from .protocol import SETTING, Numbers, Outcomes, Settings
+from ._protocol import SETTING, Numbers, Outcomes, Settings
 
 if TYPE_CHECKING:
     from .compiled import CompiledProblem
+    from .workspace import Entry, Workspace
 
 _STATUS = Outcomes(
     solved=Status.SOLVED,
@@ -50,14 +51,15 @@ class Riccati(ManySolver):
     Exact Hessians, regularised where the reduced one is not positive definite; a filter line
     search; regions soft by an exact penalty and, with all that belongs to one obstacle and step,
     eliminated by hand. It knows a problem by its stage functions alone: derivatives come from
-    CasADi, and all of it is compiled by Numba, so an iteration never enters Python.
+    CasADi, and all of it is compiled, so an iteration never enters Python.
 
     Hard regions are held by a penalty as well, which is raised until they are kept: where
     nothing keeps them, the plan with the smallest violation comes back as ``infeasible``.
 
-    The first solve on a machine compiles for about a minute, later processes load the result.
-    Where that is not possible (no Numba, or a region with too large an expression), `Fatrop`
-    solves, and the message says so.
+    The first solve of a problem compiles for less than a second, later processes load the result.
+    The solver itself is shipped as object code; where that does not fit the processor, Numba
+    compiles it for a minute or two. Where neither is possible (no Numba, or a region with too
+    large an expression), `Fatrop` solves, and the message says so.
 
     Parameters
     ----------
@@ -144,26 +146,19 @@ class Riccati(ManySolver):
         guess: Guess,
         deadline: float | None,
         made: "CompiledProblem",
-        run: Callable[..., None],
+        run: "Entry",
         begin: float,
     ) -> Solution:
         """Call the compiled core and read its result."""
         guess = _with_auxiliaries(parameters, _with_wrapped_heading(problem, parameters, guess))
-        states, inputs, slack, own = _allocate(problem, guess, len(made.kinds))
-        numbers, stop = np.zeros(len(Numbers._fields)), np.zeros(1)
-        arguments = (
-            *(made.kernels, made.sizes, made.limits, self._settings(problem, guess)),
-            *_arrays(
-                parameters.reference, parameters.direction, parameters.speed, parameters.curve,
-                parameters.initial, guess.states, guess.inputs,
-            ),
-            *_slots(made, parameters, guess, own),
-            *(states, inputs, slack, numbers, stop),
-        )  # fmt: skip
-        if deadline is None:
-            run(*arguments)
-        else:
-            _until(begin + deadline, stop, run, arguments)
+        with made.workspace(parameters) as space:
+            space.fill(self._settings(problem, guess), parameters, guess)
+            if deadline is None:
+                space.run(run)
+            else:
+                _until(begin + deadline, run, space)
+            states, inputs, slack, numbers = (array.copy() for array in space.found)
+            own = tuple(array.copy() for array in space.own)
         ended = Numbers(*numbers.tolist())
         status, cost = _STATUS[int(ended.status)], ended.cost
         if problem.penalty is not None:
@@ -171,8 +166,8 @@ class Riccati(ManySolver):
             if status is Status.INFEASIBLE:
                 status = Status.SOLVED  # its slack is paid for
         level = ended.level if problem.shared else float("nan")
-        point = Guess(states, inputs, tuple(own[: len(problem.slots)]), level, slack)
         words, spent = _words(status, ended.iterations, ended.error), perf_counter() - begin
+        point = Guess(states, inputs, own, level, slack)
         return Solution(point, status, words, cost, int(ended.iterations), spent)
 
     def _settings(self, problem: Problem, guess: Guess) -> Array:
@@ -204,23 +199,12 @@ def _settings_of(solver: Riccati, problem: Problem) -> Array:
 
 
 @lru_cache(maxsize=8)
-def _compiled(problem: Problem) -> "tuple[CompiledProblem, Callable[..., None]]":
+def _compiled(problem: Problem) -> "tuple[CompiledProblem, Entry]":
     """Kernels of a problem and the core; the latest problems are looked up by identity."""
     from .compiled import compiled_problem, core
 
     made = compiled_problem(problem)
     return made, core(len(made.kinds))
-
-
-def _allocate(
-    problem: Problem, guess: Guess, kinds: int
-) -> tuple[Array, Array, Array, list[Array]]:
-    """Arrays for the result; empty slots keep the auxiliaries of the guess."""
-    horizon = problem.horizon
-    states, inputs = np.empty((horizon + 1, problem.states)), np.empty((horizon, problem.inputs))
-    own = [one.copy() for one in guess.auxiliaries]
-    own += [np.zeros((horizon, 0, 0))] * (kinds - len(own))
-    return states, inputs, np.empty(horizon), own
 
 
 def _with_wrapped_heading(problem: Problem, parameters: Parameters, guess: Guess) -> Guess:
@@ -241,57 +225,14 @@ def _with_auxiliaries(parameters: Parameters, guess: Guess) -> Guess:
     return replace(guess, auxiliaries=tuple(found))
 
 
-_NO_LEVELS = np.zeros((0, 0))
-"""Levels of slots that have none."""
-
-
-@lru_cache(maxsize=8)
-def _no_slots(steps: int) -> tuple[Array, ...]:
-    """Arguments of the core about a kind that the problem does not have."""
-    none = SlotNumbers.none(steps)
-    return none.parameters, _NO_LEVELS, none.active, none.auxiliaries, none.auxiliaries
-
-
-def _slots(
-    made: "CompiledProblem", parameters: Parameters, guess: Guess, found: Sequence[Array]
-) -> list[object]:
-    """Return the arguments of the core about every kind of slots."""
-    arguments: list[object] = []
-    for k, kind in enumerate(made.kinds):
-        arguments += kind.arguments
-        if k < len(parameters.slots):
-            own = parameters.slots[k]
-            level = _NO_LEVELS if own.level is None else own.level
-            start = guess.auxiliaries[k]
-            arguments += _arrays(own.parameters, level, own.active, own.auxiliaries, start)
-        else:
-            arguments += _no_slots(len(parameters.speed))
-        arguments.append(found[k])
-    return arguments
-
-
-_DOUBLE = np.dtype(np.float64)
-
-
-def _arrays(*values: Array) -> list[Array]:
-    """Return the arrays as the core takes them; most are so already."""
-    return [
-        value
-        if value.dtype is _DOUBLE and value.flags.carray
-        else np.array(value, _DOUBLE, order="C")
-        for value in values
-    ]
-
-
-def _until(
-    end: float, stop: Array, run: Callable[..., None], arguments: tuple[object, ...]
-) -> None:
+def _until(end: float, run: "Entry", space: "Workspace") -> None:
     """Run, and ask the core to stop at a time; another thread sets the flag that it looks at."""
+    stop = np.zeros(1)  # of this call alone: the other thread may be late
     timer = Timer(max(end - perf_counter(), 0.0), stop.fill, (1.0,))
     timer.daemon = True
     timer.start()
     try:
-        run(*arguments)
+        space.run(run, stop)
     finally:
         timer.cancel()
 

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.solvers.riccati import core, protocol
+from wideberth.framework.mpc.solvers.riccati import _core as core
+from wideberth.framework.mpc.solvers.riccati import _protocol as protocol
 from wideberth.framework.mpc.solvers.riccati.kernels import carried, sweep
 from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.values.arrays import Array

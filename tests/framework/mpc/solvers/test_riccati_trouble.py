@@ -40,6 +40,8 @@ if sys.argv[2] == "missing":
     sys.modules["numba"] = None
 sys.path.insert(0, sys.argv[1])
 own = import_module("test_riccati_trouble")
+if sys.argv[2] != "plain":
+    own.compiled.objects.FOLDER = Path("nowhere")
 instance = own.recorded_instances()[0]
 solution = own.solved(instance)
 print(own.digest(solution), solution.status, solution.message)
@@ -89,26 +91,22 @@ def blocked(instance: Instance) -> Parameters:
 # no plan keeps the regions
 
 
-def test_a_start_inside_a_region_is_left_as_far_as_can_be(recorded: list[Instance]) -> None:
-    """As by IPOPT on soft regions, at a price at which these alone count.
-
-    Such problems have several local optima: one of ten may be another one, somewhat worse.
-    """
-    ratios = []
-    for instance in recorded[::4]:
-        parameters = blocked(instance)
-        ours = solved(instance, parameters)
-        assert ours.status is Status.INFEASIBLE
-        assert "no plan keeps every region" in ours.message
-        found = violation(problem_for(instance), parameters, ours.point)
-        assert found.motion.max() <= KEPT
-        soft = problem_for(instance, 1e7)
-        (theirs,) = Ipopt().solve(soft, parameters, [instance.guess])
-        if theirs.status is Status.SOLVED:
-            least = violation(soft, parameters, theirs.point).total
-            ratios.append((found.total - 1e-4) / least)
-    *most, worst = sorted(ratios)
-    assert len(most) >= 8 and most[-1] <= 1.01 and worst <= 1.1
+@pytest.mark.parametrize("which", range(0, 40, 4))
+def test_a_start_inside_a_region_is_left_as_far_as_can_be(
+    which: int, recorded: list[Instance]
+) -> None:
+    instance = recorded[which]
+    parameters = blocked(instance)
+    ours = solved(instance, parameters)
+    assert ours.status is Status.INFEASIBLE
+    assert "no plan keeps every region" in ours.message
+    found = violation(problem_for(instance), parameters, ours.point)
+    assert found.motion.max() <= KEPT
+    # IPOPT on soft regions, at a price at which these alone count
+    soft = problem_for(instance, 1e7)
+    (theirs,) = Ipopt().solve(soft, parameters, [instance.guess])
+    if theirs.status is Status.SOLVED:
+        assert found.total <= 1.01 * violation(soft, parameters, theirs.point).total + 1e-4
 
 
 def test_slack_that_is_paid_for_counts_as_solved(recorded: list[Instance]) -> None:
@@ -212,11 +210,22 @@ def other_process(way: str, **environment: str) -> str:
     ("way", "environment", "why"),
     [
         ("missing", {}, "Numba cannot be imported"),
-        ("plain", {"NUMBA_DISABLE_JIT": "1"}, "NUMBA_DISABLE_JIT is set"),
+        ("switched off", {"NUMBA_DISABLE_JIT": "1"}, "NUMBA_DISABLE_JIT is set"),
     ],
 )
-def test_without_numba_fatrop_solves(way: str, environment: dict[str, str], why: str) -> None:
+def test_without_object_and_numba_fatrop_solves(
+    way: str, environment: dict[str, str], why: str
+) -> None:
     assert f"solved solved (by fatrop, since {why}" in other_process(way, **environment)
+
+
+def test_too_little_memory_is_an_error(recorded: list[Instance]) -> None:
+    made = compiled.compiled_problem(problem_for(recorded[0]))
+    with (
+        made.workspace(recorded[0].parameters) as space,
+        pytest.raises(MemoryError, match="for a solve by riccati"),
+    ):
+        space.run(lambda *_: 1)
 
 
 # the same bytes

@@ -8,15 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...framework.metrics.episode import content_bound
+from ...framework.drawing.style import COLOURS, LINES
+from ...framework.metrics.gaps import gaps, wall_gaps
 from ...framework.values.arrays import Array
-from ...framework.values.footprint import Discs, Outline
+from ...framework.values.footprint import body_outlines
 from ...framework.values.forecast import Forecast
-from ...framework.values.motion import Pose
 from ...framework.values.plan import Plan
-from ...simulation.log.episode_log import AgentLog, Episode
-from ...simulation.measures.gaps import gaps, wall_gaps
-from .plotting import COLOURS, LINES
+from .logged import Agent, Logged
 
 _MARKERS = ("o", "s", "^", "D", "v")
 _CYCLE = (1, 2, 3, 5, 0)  # of COLOURS and LINES; pink is kept for forecasts
@@ -32,7 +30,7 @@ class Look(NamedTuple):
     marker: str
 
 
-def looks(episode: Episode) -> dict[str, Look]:
+def looks(episode: Logged) -> dict[str, Look]:
     """Colour, line and marker of each agent; bystanders share one grey."""
     found = {log.name: Look("0.55", (0, (1, 1)), ".") for log in episode.agents}
     for i, log in enumerate(episode.robots):
@@ -41,12 +39,12 @@ def looks(episode: Episode) -> dict[str, Look]:
     return found
 
 
-def pairs(episode: Episode) -> list[tuple[AgentLog, AgentLog]]:
+def pairs(episode: Logged) -> list[tuple[Agent, Agent]]:
     """All pairs of agents of which at least one is a robot."""
     return [p for p in combinations(episode.agents, 2) if "robot" in (p[0].kind, p[1].kind)]
 
 
-def plan_at(log: AgentLog, time: float) -> Plan | None:
+def plan_at(log: Agent, time: float) -> Plan | None:
     """Return the plan that a robot followed at a time, s; its first one before that."""
     stamps = [plan.stamp for plan in log.plans]
     if not stamps:
@@ -54,25 +52,17 @@ def plan_at(log: AgentLog, time: float) -> Plan | None:
     return log.plans[max(int(np.searchsorted(stamps, time + 1e-9)) - 1, 0)]
 
 
-def shapes(log: AgentLog, place: Array, heading: float, count: int = 60) -> list[Array]:
+def shapes(log: Agent, place: Array, heading: float, count: int = 60) -> list[Array]:
     """Outlines (K, 2), m, of what an agent covers when it is at a place."""
-    angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
-    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    pose = Pose((place[0], place[1]), heading)
-    if isinstance(log.footprint, Discs):
-        centres = [np.array(pose.offset(centre)) for centre in log.footprint.centres]
-        return [centre + log.footprint.radius * circle for centre in centres]
-    if isinstance(log.footprint, Outline):
-        return [np.array([pose.offset(corner) for corner in log.footprint.vertices])]
-    return [place[:2] + log.radius * circle]
+    return body_outlines(place, heading, log.radius, log.footprint, count)
 
 
-def heading_at(episode: Episode, log: AgentLog, time: float) -> float:
+def heading_at(episode: Logged, log: Agent, time: float) -> float:
     """Heading of an agent at a time, rad; NaN for one without."""
     return float(log.headings[max(int(np.searchsorted(episode.times, time + 1e-9)) - 1, 0)])
 
 
-def walls(panel: Any, episode: Episode) -> None:
+def walls(panel: Any, episode: Logged) -> None:
     """Draw what stands still."""
     from matplotlib.patches import Polygon
 
@@ -85,7 +75,7 @@ def walls(panel: Any, episode: Episode) -> None:
         )  # fmt: skip
 
 
-def clearance_over_time(episode: Episode) -> Array:
+def clearance_over_time(episode: Logged) -> Array:
     """Smallest clearance of any robot at each logged instant, (T,), m; NaN if alone."""
     found = [gaps(a, b) for a, b in pairs(episode)]
     found += [wall_gaps(log, one) for log in episode.robots for one in episode.polygons]
@@ -95,7 +85,7 @@ def clearance_over_time(episode: Episode) -> Array:
     return np.append(least[:1], least)
 
 
-def nose(episode: Episode, log: AgentLog, time: float) -> Array:
+def nose(episode: Logged, log: Agent, time: float) -> Array:
     """Line from the centre to the rim along the heading, (2, 2), m; NaN without a heading."""
     place = episode.at(log, np.array([time]))[0, :2]
     heading = heading_at(episode, log, time)
@@ -103,41 +93,11 @@ def nose(episode: Episode, log: AgentLog, time: float) -> Array:
 
 
 def outlines(forecast: Forecast | None, tail: float, count: int = 96, every: int = 1) -> Array:
-    """Outlines of the forecast's content regions, one per obstacle, mode and step.
-
-    With D coordinates, mean mu, covariance Sigma and content 1 - tail the region is::
-
-        (x - mu)^T Sigma^-1 (x - mu) <= q,    P(chi^2_D > q) = tail
-
-    and its outline from above is mu + sqrt(q) L (cos t, sin t), where L L^T is the block of
-    Sigma for x and y. Modes of weight 0 are left out.
-
-    Parameters
-    ----------
-    forecast : as in the plan; None gives no outlines.
-    tail : 1 - content, in (0, 1).
-    count : points of an outline.
-    every : steps from one drawn step to the next; the last one is drawn.
-
-    Returns
-    -------
-    (K, count, 2), m.
-    """
-    if forecast is None:
-        return np.zeros((0, count, 2))
-    kept = forecast.weight > 0
-    steps = slice((forecast.steps - 1) % every, None, every)
-    centre = forecast.mean[kept][:, steps, :2].reshape(-1, 2)
-    blocks = forecast.covariance[kept][:, steps, :2, :2].reshape(-1, 2, 2)
-    values, vectors = np.linalg.eigh(blocks)
-    quantile = content_bound(forecast.mean.shape[-1], tail)
-    root = vectors * np.sqrt(quantile * np.clip(values, 0.0, None))[:, None, :]
-    angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
-    circle = np.stack([np.cos(angle), np.sin(angle)])
-    return np.asarray(centre[:, None] + np.swapaxes(root @ circle, 1, 2))
+    """Outlines of a plan's forecast, as `Forecast.outlines`; None gives none."""
+    return np.zeros((0, count, 2)) if forecast is None else forecast.outlines(tail, count, every)
 
 
-def extent(episode: Episode) -> tuple[Array, Array]:
+def extent(episode: Logged) -> tuple[Array, Array]:
     """Corners of the part of the world in which the robots and their paths are, (2,) each, m."""
     points = [log.positions[:, :2] for log in episode.robots]
     points += [path.points[:, :2] for log in episode.robots for _, path in log.paths]
@@ -171,7 +131,7 @@ def frame(panel: Any, low: Array, high: Array) -> None:
     panel.set_ylabel("y (m)")
 
 
-def courses(panel: Any, episode: Episode) -> None:
+def courses(panel: Any, episode: Logged) -> None:
     """Draw the robots' reference paths, their starts and their goals."""
     styles = looks(episode)
     for log in episode.robots:
@@ -189,11 +149,11 @@ class Closest(NamedTuple):
     """The closest approach of an episode: time (s), the pair, and its clearance (m)."""
 
     time: float
-    pair: tuple[AgentLog, AgentLog]
+    pair: tuple[Agent, Agent]
     clearance: float
 
 
-def closest(episode: Episode) -> Closest | None:
+def closest(episode: Logged) -> Closest | None:
     """Where the clearance is smallest; None if no pair was ever there together."""
     best: Closest | None = None
     for first, second in pairs(episode):
@@ -210,7 +170,7 @@ def closest(episode: Episode) -> Closest | None:
     return best
 
 
-def mark_closest(panel: Any, episode: Episode) -> Array:
+def mark_closest(panel: Any, episode: Logged) -> Array:
     """Draw both bodies at the closest approach and the line between their surfaces.
 
     Returns points of what was drawn, (K, 2), m, so that other things can keep clear of it.

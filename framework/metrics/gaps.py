@@ -5,11 +5,11 @@ from typing import Protocol, final
 
 import numpy as np
 
-from ...framework.metrics.episode import approach
-from ...framework.values.arrays import Array, stacked
-from ...framework.values.footprint import Discs, Footprint
-from ...framework.values.motion import Pose
-from ...framework.values.polygon import Polygon, separation
+from ..values.arrays import Array, stacked
+from ..values.footprint import Discs, Footprint
+from ..values.motion import Pose
+from ..values.polygon import Polygon, separation
+from .episode import approach
 
 
 class Moving(Protocol):

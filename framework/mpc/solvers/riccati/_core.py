@@ -62,7 +62,7 @@ from ..interior_point import (
     STILL_RESIDUAL,
     TRIALS,
 )
-from .protocol import KERNEL, NUMBER, OUTCOME, SETTING, SIZE, SlotKernels
+from ._protocol import KERNEL, NUMBER, OUTCOME, SETTING, SIZE, SlotKernels
 
 call = caller()
 INF = np.inf
@@ -887,17 +887,18 @@ def refine_multipliers(size, kinds, slack, mu, rho):
     for i in range(size.steps):
         if slack.nu[i] > 0.9 * rho:
             continue
-        largest, which, row, column = -1.0, 0, 0, 0
-        for k in range(len(kinds)):
-            value, j, c = _largest_multiplier(size, kinds[k], i)
-            if value > largest:
-                largest, which, row, column = value, k, j, c
-        if largest < 0.1 * rho:
+        largest = largest_multipliers(size, kinds, i)
+        which = 0
+        for k in range(1, len(kinds)):
+            if largest[k][0] > largest[which][0]:
+                which = k
+        old, row, column = largest[which]
+        if old < 0.1 * rho:
             continue
         new = rho - slack.nu[i] - slack.dnu[i]
-        for k in range(len(kinds)):
-            new -= _sum_multipliers(size, kinds[k], i, row if k == which else -1, column)
-        _set_multiplier(kinds[which], row, column, new, largest, mu)
+        for total in sums_of_multipliers(size, kinds, i, which, row, column):
+            new -= total
+        _set_multiplier(kinds[which], row, column, new, old, mu)
 
 
 @njit(**LEAN)
@@ -939,11 +940,43 @@ def make_kinds(size, given, scale, push):
     return tuple(make_slots(size, kind, scale, push) for kind in given)
 
 
+def largest_multipliers(size, kinds, i):
+    """Call `_largest_multiplier` for each kind."""
+    return tuple(_largest_multiplier(size, slots, i) for slots in kinds)
+
+
+def sums_of_multipliers(size, kinds, i, which, row, column):
+    """Call `_sum_multipliers` for each kind; the constraint left out is one of kind ``which``."""
+    return tuple(
+        _sum_multipliers(size, kinds[k], i, row if k == which else -1, column)
+        for k in range(len(kinds))
+    )
+
+
+def _tuple(names, entry, kinds):
+    """Write a function that makes a tuple, with one entry for each kind.
+
+    Compiled code has no tuple whose length is found while it runs.
+    """
+    entries = "".join(entry.format(k=k) + ", " for k in range(len(kinds)))
+    return eval(f"lambda {names}: ({entries})", globals())
+
+
 @overload(make_kinds)
 def _make_kinds(size, given, scale, push):
-    """Write the tuple out: compiled code has no tuple whose length is found while it runs."""
-    entries = "".join(f"make_slots(size, given[{k}], scale, push), " for k in range(len(given)))
-    return eval(f"lambda size, given, scale, push: ({entries})", globals())
+    entry = "make_slots(size, given[{k}], scale, push)"
+    return _tuple("size, given, scale, push", entry, given)
+
+
+@overload(largest_multipliers, inline="always")
+def _largest_multipliers(size, kinds, i):
+    return _tuple("size, kinds, i", "_largest_multiplier(size, kinds[{k}], i)", kinds)
+
+
+@overload(sums_of_multipliers, inline="always")
+def _sums_of_multipliers(size, kinds, i, which, row, column):
+    entry = "_sum_multipliers(size, kinds[{k}], i, row if which == {k} else -1, column)"
+    return _tuple("size, kinds, i, which, row, column", entry, kinds)
 
 
 @njit(**FAST)

@@ -3,9 +3,17 @@
 A call from Python into compiled code costs time for every argument, so that numbers travel in
 arrays. Each array has a named tuple for its entries: filled by name on the Python side, read by
 name in `core`, where ``settings[SETTING.tolerance]`` compiles to a constant index.
+
+The core itself has one argument, a table: of each array, in the order of `layout`, the address
+and the lengths of up to three dimensions, so `WORDS` numbers per array.
 """
 
 from collections import namedtuple
+from typing import Any
+
+Plain = namedtuple("Plain", "kernels sizes limits settings")
+"""Addresses in the order of `Kernels`; numbers by the names of `Sizes`; bounds of x and u,
+(2, w); numbers by the names of `Settings`."""
 
 Kernels = namedtuple("Kernels", "drive node node_values level sweep")
 """Kernels that do not belong to a kind of slots, see `kernels.Kernels`."""
@@ -48,8 +56,26 @@ draws to, the start and the result, each (N, K, A)."""
 Found = namedtuple("Found", "states inputs slack numbers")
 """Arrays for the results."""
 
+Stop = namedtuple("Stop", "flag")
+"""One number; another thread sets it to end the solve."""
+
 KERNEL = Kernels(*range(len(Kernels._fields)))
 SIZE = Sizes(*range(len(Sizes._fields)))
 SETTING = Settings(*range(len(Settings._fields)))
 NUMBER = Numbers(*range(len(Numbers._fields)))
 OUTCOME = Outcomes(*range(len(Outcomes._fields)))
+
+WORDS = 4
+_PLACES, _VECTOR, _MATRIX, _CUBE = ("i8", 1), ("f8", 1), ("f8", 2), ("f8", 3)
+_PLAIN = Plain(kernels=_PLACES, sizes=_PLACES, limits=_MATRIX, settings=_VECTOR)
+_SLOTS = SlotArguments(
+    kernels=_PLACES, depends=_PLACES, rows=_PLACES, limits=_MATRIX, regularisation=_VECTOR,
+    numbers=_CUBE, levels=_MATRIX, active=_VECTOR, drawn=_CUBE, begun=_CUBE, found=_CUBE,
+)  # fmt: skip
+
+
+def layout(kinds: int) -> tuple[Any, ...]:
+    """Return the groups of arrays as the core takes them: of each array type and dimensions."""
+    head, start = Head(_MATRIX, _MATRIX, _VECTOR, _MATRIX), Start(_VECTOR, _MATRIX, _MATRIX)
+    found = Found(_MATRIX, _MATRIX, _VECTOR, _VECTOR)
+    return _PLAIN, head, start, *[_SLOTS] * kinds, found, Stop(_VECTOR)

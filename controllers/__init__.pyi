@@ -1,0 +1,17 @@
+# Written by `make types` from the table in __init__.py: change that, not this.
+# ruff: noqa
+# fmt: off
+
+from .constant_velocity import ConstantVelocity as ConstantVelocity
+from .dynamic_window import DynamicWindow as DynamicWindow
+from .moussaid_force import MoussaidForce as MoussaidForce
+from .orca import Orca as Orca
+from .policy import Policy as Policy
+from .presets import LinearizedChance as LinearizedChance
+from .presets import Lmpcc as Lmpcc
+from .presets import MpcConstantVelocity as MpcConstantVelocity
+from .pure_pursuit import PurePursuit as PurePursuit
+from .social_force import SocialForce as SocialForce
+from ..framework.mpc.planner.planner import Planner as Planner
+__all__ = ['ConstantVelocity', 'DynamicWindow', 'LinearizedChance', 'Lmpcc', 'MoussaidForce', 'MpcConstantVelocity', 'Orca', 'Planner', 'Policy', 'PurePursuit', 'SocialForce']
+BUILT_IN: dict[str, str]

@@ -1,0 +1,1 @@
+"""Helpers of the site's `conf.py`."""

@@ -1,0 +1,103 @@
+"""Draw the pictures at the top of the README: `make pictures` writes docs/figures/."""
+
+import io
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from PIL import Image
+
+import wideberth
+from wideberth import GaussianObstacle
+from wideberth.simulation.engine.agents import RobotAgent, ScriptedAgent
+from wideberth.simulation.engine.episode import run_episode
+from wideberth.simulation.engine.settings import Settings
+from wideberth.simulation.log.episode_log import Episode
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+FOLDER = Path(__file__).resolve().parent / "figures"
+EVERY = 4  # steps of the plan from one drawn region to the next
+FRAME = 0.25  # s of the episode
+SIZE = (6.4, 2.9)  # inch
+WALKERS = (  # name, from, to, speed in m/s, when it starts in s
+    ("anna", (5.0, -4.5), (5.0, 8.0), 0.8, 0.0),
+    ("ben", (11.0, 4.0), (7.5, -8.0), 0.9, 4.0),
+)
+
+
+def drive() -> tuple[wideberth.Controller, Episode]:
+    """Let the recommended planner drive past two people who cross its way."""
+    planner = wideberth.recommended("unicycle", speed=1.0, quiet=True)
+    robot = RobotAgent("robot", planner.robot, planner, wideberth.Path([(0, 0), (14, 0)]), 1.0)
+    people = [
+        ScriptedAgent(name, wideberth.Path([start, end]), speed, radius=0.3, start=begin)
+        for name, start, end, speed, begin in WALKERS
+    ]
+    settings = Settings(time_limit=20.0, history=10.0)
+    return planner, run_episode([robot], settings, others=people)
+
+
+def draw(panel, planner, episode: Episode, time: float) -> None:
+    """Draw one moment: bodies, the plan, and in its colours the regions that it keeps out of."""
+    (robot,) = episode.robots
+    plans = [plan for plan in robot.plans if plan.stamp <= time + 1e-9]
+    now = np.array([time])
+    panel.plot([0, 14], [0, 0], color="0.8", linewidth=1, zorder=0)
+    for agent in episode.agents:
+        x, y = episode.at(agent, now)[0][:2]
+        colour = "#1b1b1b" if agent is robot else "#d55e00"
+        panel.add_patch(plt.Circle((x, y), agent.radius, color=colour, zorder=3))
+    if plans:
+        steps(panel, planner, plans[-1])
+    panel.set(xlim=(-1.0, 15.0), ylim=(-3.6, 3.6), aspect="equal")
+    panel.set_axis_off()
+
+
+def steps(panel, planner, plan) -> None:
+    """Draw every fourth planned position, and the regions of that step in the same colour."""
+    panel.plot(*plan.positions.T, color="0.4", linewidth=1)
+    margin = np.asarray(planner.robot.radius + 0.3 + planner.margin)
+    for step in range(EVERY - 1, len(plan.level), EVERY):
+        colour = plt.cm.viridis(step / len(plan.level))
+        panel.plot(*plan.positions[step + 1], "o", color=colour, markersize=5, zorder=4)
+        for slot in range(len(plan.forecast.mean)):
+            mean = plan.forecast.mean[slot, 0, step]
+            obstacle = GaussianObstacle(mean, plan.forecast.covariance[slot, 0, step])
+            shape = planner.region.parameters(obstacle, margin)
+            curve = planner.region.boundary(shape, float(plan.level[step, slot]), 80)
+            panel.fill(*curve.T, color=colour, alpha=0.25, linewidth=0)
+            panel.plot(*np.append(curve, curve[:1], axis=0).T, color=colour, linewidth=0.8)
+
+
+def image(planner, episode: Episode, time: float, dpi: int) -> Image.Image:
+    """Return one moment as an image."""
+    figure, panel = plt.subplots(figsize=SIZE, layout="constrained")
+    draw(panel, planner, episode, time)
+    buffer = io.BytesIO()
+    figure.savefig(buffer, dpi=dpi)
+    plt.close(figure)
+    return Image.open(buffer).convert("RGB")
+
+
+def film(planner, episode: Episode) -> bytes:
+    """Return the episode as a GIF of few colours."""
+    times = np.arange(0.0, episode.duration, FRAME)
+    frames = [image(planner, episode, time, dpi=100) for time in times]
+    palette = frames[len(frames) // 3].quantize(colors=48)
+    small = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    buffer = io.BytesIO()
+    small[0].save(
+        buffer, format="GIF", save_all=True, append_images=small[1:], duration=125, loop=0,
+        optimize=True,
+    )  # fmt: skip
+    return buffer.getvalue()
+
+
+if __name__ == "__main__":
+    planner, episode = drive()
+    FOLDER.mkdir(exist_ok=True)
+    written = FOLDER / "episode.gif"
+    written.write_bytes(film(planner, episode))
+    print(f"{written}: {written.stat().st_size / 1e3:.0f} kB, {episode.duration:.1f} s")

@@ -1,0 +1,74 @@
+"""
+1. A first plan
+===============
+
+A robot drives along a corridor at 1 m/s. A person comes from the right and will cross its path. In a few lines the
+robot plans how to get past, and we look at its plan.
+"""
+
+# %%
+# The planner
+# -----------
+# A planner needs many choices: how people are forecast, how far the robot keeps away, what a comfortable
+# motion is. :py:obj:`~wideberth.recommended` makes all of them for a robot and a speed, and prints what it chose.
+
+import wideberth
+
+planner = wideberth.recommended("unicycle", speed=1.0)
+
+# %%
+# The path leads 12 m straight on. The planner follows it where it can.
+
+from wideberth import Path
+
+planner.set_path(Path([(0, 0), (12, 0)]))
+
+# %%
+# What the robot sees
+# -------------------
+# A detection is one measured position of an obstacle, with its uncertainty and its radius. All lengths are in
+# metres, all times in seconds. The robot watches the person for five seconds, four times a second, while it
+# comes nearer. ``remember`` adds an observation to what the planner knows.
+
+from wideberth import Detection, Observation
+
+noise = [[0.0004, 0.0], [0.0, 0.0004]]  # m^2: each coordinate is measured to 2 cm
+
+for k in range(-20, 1):
+    time = 0.25 * k  # s; now is 0
+    position = (6.0, -1.5 + 0.8 * time)  # m: the person walks upwards at 0.8 m/s
+    person = Detection("person", position, noise, radius=0.3)
+    state = (time, 0.0, 0.0, 1.0, 0.0)  # x, y, heading, speed, yaw rate
+    observation = Observation(stamp=time, state=state, detections=(person,))
+    planner.remember(observation)
+
+# %%
+# The plan
+# --------
+# ``command`` plans, and returns what the robot should do now: the speed to reach and how fast to turn.
+
+command = planner.command(observation)
+print(command)
+
+# %%
+# The whole plan is there to be looked at. A dot is where the robot plans to be, and the shape of the same shade is
+# what it keeps out of at that moment: the region around the person, where the centre of the robot must not be. The
+# regions grow, because a forecast is less certain the further ahead it reaches.
+
+plan = planner.plan
+plan.plot()
+
+# %%
+# How good is the plan? ``optimal`` says that the solver found the best motion that keeps out of the regions. If it
+# had not, the robot would fall back to the next rung of a ladder of plans, and ``plan.reason`` would say why.
+
+print(plan.rung, plan.reason)
+
+# %%
+# The forecast behind the plan can be drawn alone. An ellipse holds the person with 95 %.
+
+plan.forecast.plot()
+
+# %%
+# Try another speed of the person, or another path, and look again. In :doc:`2_your_own_tracks` the people are
+# recorded.

@@ -1,0 +1,266 @@
+"""What ``wideberth list`` and ``wideberth describe`` say, taken from docstrings and fields."""
+
+import ast
+import dataclasses
+import inspect
+import re
+import sys
+from collections.abc import Iterator
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from textwrap import fill, indent
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+from ...framework.plugins.lazy import PACKAGES
+from ...framework.plugins.registry import (
+    ROOMS,
+    base_class,
+    class_path,
+    load,
+    names,
+    room_name,
+    targets,
+)
+from ...framework.values.errors import WideberthError, nearest, short
+from ..engine.shipped import CONFIGS, shipped
+
+CONFIG_ROOM = "configs"
+_SINGLE = (bool, int, float, str)
+_FIELDS, _SOURCES = ("Parameters", "Attributes"), "References"
+_OTHER = ("Raises", "Returns", "Examples", "Notes", "See Also")
+
+
+def listed(room: str) -> dict[str, str]:
+    """Return name -> first line of its docstring, of a room or of the shipped configs.
+
+    No plug-in is imported: the line is read from the file.
+    """
+    if room in (CONFIG_ROOM, "config"):
+        return {name: _claim(CONFIGS / f"{name}.yaml") for name in shipped()}
+    return {name: summary(target) for name, target in sorted(targets(room).items())}
+
+
+def lines(table: dict[str, str], most: int = 22) -> Iterator[str]:
+    """Yield a line per name: the name, and what it is."""
+    width = max((len(name) for name in table), default=0)
+    for name, text in table.items():
+        yield f"{name:{min(width, most)}}  {text}".rstrip()
+
+
+def summary(target: str) -> str:
+    """Return the first line of the docstring of "module:Class"; empty where it is not found.
+
+    Examples
+    --------
+    >>> summary("wideberth.robots.unicycle:Unicycle")
+    'Skid-steered robot seen as a unicycle.'
+    """
+    module, _, name = target.partition(":")
+    if module in sys.modules:
+        text = inspect.getdoc(getattr(sys.modules[module], name, None)) or ""
+    else:
+        file = _file(module)
+        text = _docstrings(file).get(name, "") if file else ""
+    return text.partition("\n")[0]
+
+
+def _file(module: str) -> Path | None:
+    """Return the file of a module, of which only the outermost package is imported, if any."""
+    top, *inner = module.split(".")
+    try:
+        spec = find_spec(top)
+    except (ImportError, ValueError):
+        return None
+    if spec is None or not spec.submodule_search_locations:
+        return Path(spec.origin) if spec and spec.origin and not inner else None
+    for folder in spec.submodule_search_locations:
+        place = Path(folder, *inner)
+        for file in (place.with_suffix(".py"), place / "__init__.py"):
+            if file.is_file():
+                return file
+    return None
+
+
+@cache
+def _docstrings(file: Path) -> dict[str, str]:
+    try:
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, SyntaxError):  # a compiled module, say
+        return {}
+    classes = (node for node in tree.body if isinstance(node, ast.ClassDef))
+    return {node.name: ast.get_docstring(node) or "" for node in classes}
+
+
+def _claim(path: Path) -> str:
+    """Return the first sentence of the comment that a config begins with."""
+    found = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        if not line.startswith("# "):
+            break
+        found.append(line.removeprefix("# "))
+    return re.split(r"(?<=[.:;])\s", " ".join(found))[0].rstrip(":;")
+
+
+def described(words: list[str]) -> str:
+    """Return what a plug-in is, its fields, its source, and how to use it.
+
+    Parameters
+    ----------
+    words : a name, a room and a name, "module:Class", or a room alone.
+
+    Raises
+    ------
+    WideberthError : unknown name or room, or more words.
+    """
+    if len(words) == 2:
+        return _one(room_name(words[0]), words[1])
+    if len(words) != 1:
+        raise WideberthError("describe takes a name, or a room and a name")
+    word = words[0]
+    if ":" in word:
+        return _one(_room_of_path(word), word)
+    found = [room for room in ROOMS if word in names(room)]
+    if found:
+        return "\n\n\n".join(_one(room, word) for room in found)
+    for room in (word, f"{word}s"):
+        if room in ROOMS:
+            return _room(room)
+    everything = {name for room in ROOMS for name in names(room)}
+    hint = nearest(word, {*everything, *ROOMS}) or ";"
+    raise WideberthError(f"unknown name {short(word)}{hint} `wideberth list` shows all names")
+
+
+def _room_of_path(target: str) -> str:
+    """Return the room of "module:Class", found by the base that it derives from."""
+    reasons = []
+    for room in ROOMS:
+        try:
+            load(room, target)
+        except WideberthError as error:
+            reasons.append(str(error))
+        else:
+            return room
+    raise WideberthError(f"{target!r} is in no room: {reasons[0]}")
+
+
+def _room(room: str) -> str:
+    base = base_class(room)
+    parts = [f"{room}: plug-ins derived from {ROOMS[room].base.replace(':', '.')}"]
+    parts += [inspect.getdoc(base) or "", "\n".join(lines(listed(room)))]
+    return "\n\n".join(part for part in parts if part)
+
+
+def _one(room: str, name: str) -> str:
+    found = load(room, name)
+    sections = split(inspect.getdoc(found) or "")
+    home = _home(found)
+    parts = [f"{name} ({room}): {home}.{found.__name__}", sections[""]]
+    if fields := "\n".join(_fields(found)):
+        parts.append(f"Fields\n{indent(fields, '  ')}")
+    parts.append("\n".join(_properties(found)))
+    keys = [key.strip() for key in str(getattr(found, "reference", "")).split(",") if key.strip()]
+    source = [sections.get(_SOURCES, ""), f"BibTeX: {', '.join(keys)}" if keys else ""]
+    if any(source):
+        parts.append("Source\n" + indent("\n".join(filter(None, source)), "  "))
+    parts.append(f"In a config\n{indent(snippet(room, name, found), '  ')}")
+    parts.append(f"In Python\n  from {home} import {found.__name__}")
+    return "\n\n".join(part for part in parts if part)
+
+
+def split(text: str) -> dict[str, str]:
+    r"""Split a docstring into its sections; what stands before the first has the key "".
+
+    Examples
+    --------
+    >>> split("A box.\n\nParameters\n----------\nside : m.")
+    {'': 'A box.', 'Parameters': 'side : m.'}
+    """
+    heads = "|".join((*_FIELDS, *_OTHER, _SOURCES))
+    pieces = re.split(rf"^({heads})\n-+\n?", text, flags=re.MULTILINE)
+    named = dict(zip(pieces[1::2], pieces[2::2], strict=True))
+    return {"": pieces[0].strip(), **{head: body.strip("\n") for head, body in named.items()}}
+
+
+def field_texts(found: type) -> dict[str, str]:
+    """Return field -> what the docstrings of a class and its bases say of it."""
+    texts: dict[str, str] = {}
+    for kind in reversed(found.__mro__):
+        sections = split(inspect.cleandoc(kind.__dict__.get("__doc__") or ""))
+        for head in _FIELDS:
+            entries = re.split(r"^(?=\S)", sections.get(head, ""), flags=re.MULTILINE)
+            for entry in filter(None, entries):
+                called, _, text = entry.partition(" : ")
+                sentence = " ".join(text.split())
+                for name in called.split(", "):
+                    if not (sentence.startswith("as in ") and name in texts):
+                        texts[name] = sentence
+    return texts
+
+
+def _fields(found: type) -> Iterator[str]:
+    texts, hints = field_texts(found), get_type_hints(found, include_extras=True)
+    for field in dataclasses.fields(found):
+        if field.init:
+            default = _default(field)
+            value = "" if default is dataclasses.MISSING else f" = {_in_one_line(default)}"
+            yield f"{field.name} : {_kind(hints[field.name])}{value}"
+            if texts.get(field.name):
+                yield fill(texts[field.name], 92, initial_indent="    ", subsequent_indent="    ")
+
+
+def _in_one_line(value: Any) -> str:
+    """Return what rebuilds a value, or only its class where that takes several lines."""
+    text = repr(value)
+    return f"{type(value).__qualname__}(...)" if "\n" in text else text
+
+
+def _default(field: "dataclasses.Field[Any]") -> Any:
+    made = field.default_factory
+    return field.default if made is dataclasses.MISSING else made()
+
+
+def _kind(hint: Any) -> str:
+    """Return an annotation as it reads in the code, without modules."""
+    if get_origin(hint) is Annotated:
+        hint = get_args(hint)[0]
+    return re.sub(r"[A-Za-z_][\w.]*\.(?=[A-Za-z_])", "", inspect.formatannotation(hint))
+
+
+def _properties(found: type) -> Iterator[str]:
+    """Yield what a region declares: how it lies to the exact set, and what it promises."""
+    for name, meaning in (
+        ("relation", "to the exact set, content ellipse plus disc"),
+        ("guarantee", "on the collision risk of who stays outside"),
+    ):
+        if hasattr(found, name):
+            yield f"{name.capitalize()} {meaning}: {getattr(found, name)}"
+
+
+def snippet(room: str, name: str, found: type) -> str:
+    """Return a config of the plug-in: its type, and settings that are single values."""
+    import yaml
+
+    fields = [field for field in dataclasses.fields(found) if field.init]
+    defaults = {field.name: _default(field) for field in fields}
+    missing = [f"{key}: ..." for key, value in defaults.items() if value is dataclasses.MISSING]
+    single = {key: value for key, value in defaults.items() if type(value) in _SINGLE}
+    body = yaml.safe_dump(single, sort_keys=False, allow_unicode=True) if single else ""
+    body = "\n".join([f"type: {name}", *missing, body]).rstrip()
+    if room != "experiments":
+        return f"{room.removesuffix('s')}:\n{indent(body, '  ')}"
+    mine = [path for path in shipped() if _studies(path) == name]
+    return f"{body}\n# shipped: {', '.join(mine)}" if mine else body
+
+
+def _studies(config: str) -> str:
+    text = (CONFIGS / f"{config}.yaml").read_text(encoding="utf-8")
+    found = re.search(r"^type: *(\w+)", text, flags=re.MULTILINE)
+    return found[1] if found else ""
+
+
+def _home(found: type) -> str:
+    """Return the shortest module that a class is imported from."""
+    path, name = class_path(found), found.__name__
+    homes = (package for package, table in PACKAGES.items() if table.get(name) == path)
+    return next(homes, found.__module__)

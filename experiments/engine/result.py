@@ -1,0 +1,221 @@
+"""The result of a finished run: its tables, its config and its episodes, read when asked for."""
+
+import zipfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from ...framework.plugins.io import expanded, read_bytes, read_table
+from ...framework.plugins.registry import unknown
+from ...framework.plugins.yamlfile import read_config
+from ...framework.values.errors import WideberthError, nearest
+from ...simulation.log.episode_log import Episode
+
+if TYPE_CHECKING:
+    import pandas
+
+T = TypeVar("T")
+
+Row = dict[str, Any]
+"""One line of a table: column name -> float, int, str, bool or None."""
+
+
+class UnknownName(WideberthError, KeyError):
+    """A name that a result does not have; the message names the nearest one."""
+
+    def __str__(self) -> str:
+        return Exception.__str__(self)  # a KeyError writes its message in quotes
+
+
+class FilesByName(Mapping[str, T], Generic[T]):
+    """Files of a result by name, each read when it is asked for."""
+
+    def __init__(self, kind: str, files: Mapping[str, Path], read: Callable[[Path], T]) -> None:
+        self._kind, self._files, self._read = kind, dict(files), read
+
+    def __getitem__(self, name: str) -> T:
+        """Read one file; an unknown name is a `WideberthError` and a KeyError."""
+        if name not in self._files:
+            raise UnknownName(unknown(self._kind, name, self._files))
+        return self._read(self._files[name])
+
+    def __iter__(self) -> Iterator[str]:
+        """Yield the names; nothing is read."""
+        return iter(self._files)
+
+    def __len__(self) -> int:
+        """Count the files."""
+        return len(self._files)
+
+    def __repr__(self) -> str:
+        """Name the files."""
+        return f"<{len(self)} {self._kind}s, read when asked for: {listed(self)}>"
+
+
+@dataclass(frozen=True, repr=False)
+class Result:
+    """A finished run, read from its folder.
+
+    Attributes
+    ----------
+    folder : as the runner wrote it (config.yaml, table.csv, times.csv, files/).
+    """
+
+    folder: Path
+
+    @property
+    def name(self) -> str:
+        """Name of the folder."""
+        return self.folder.resolve().name
+
+    @property
+    def config(self) -> dict[str, Any]:
+        """The resolved config of the run."""
+        return read_config(self.folder / "config.yaml", stored=True)
+
+    @property
+    def tables(self) -> "FilesByName[pandas.DataFrame]":
+        """The tables as pandas data frames, by name: "summary", "table", "times" and others.
+
+        docs/results.md says what the columns mean. An empty cell is missing (NaN).
+        """
+        found = [self.folder / f"{name}.csv" for name in ("summary", "table", "times")]
+        found += sorted((self.folder / "figures").glob("*.csv"))
+        inside = {path.relative_to(self.folder): path for path in found if path.is_file()}
+        names = {place.with_suffix("").as_posix(): path for place, path in inside.items()}
+        return FilesByName("table", names, _read_frame)
+
+    @property
+    def episodes(self) -> FilesByName[Episode]:
+        """The episodes that the run kept, by the names of their files in files/."""
+        names = [name.removesuffix(".npz") for name in self.names() if name.endswith(".npz")]
+        paths = {name: self.folder / "files" / f"{name}.npz" for name in names}
+        kept = {name: path for name, path in paths.items() if _holds_episode(path)}
+        return FilesByName("episode", kept, read_episode)
+
+    @property
+    def rows(self) -> list[Row]:
+        """The table, one dictionary per line."""
+        return read_table(self.folder / "table.csv")
+
+    @property
+    def times(self) -> list[Row]:
+        """The measured times; empty if nothing was timed."""
+        path = self.folder / "times.csv"
+        return read_table(path) if path.exists() else []
+
+    def names(self) -> list[str]:
+        """Names of the files that the tasks left, sorted."""
+        folder = self.folder / "files"
+        if not folder.is_dir():
+            return []
+        return sorted(
+            path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()
+        )
+
+    def read(self, name: str) -> bytes:
+        """Content of one of these files.
+
+        Raises
+        ------
+        WideberthError : no file of that name.
+        """
+        path = self.folder / "files" / name
+        if not path.is_file():
+            raise WideberthError(
+                f"{self.folder} holds no file {name!r}; it holds {self.names() or 'none'}"
+            )
+        return path.read_bytes()
+
+    def __repr__(self) -> str:
+        """Say in three lines what there is to read."""
+        return (
+            f"Result({str(self.folder)!r})\n"
+            f"  tables: {listed(self.tables)}\n"
+            f"  episodes: {listed(self.episodes)}"
+        )
+
+
+def open_result(folder: str | Path) -> Result:
+    """Open the folder of a finished run.
+
+    ``result.tables["summary"]`` is a pandas data frame, ``result.episodes["run-default-0"]`` an
+    episode, ``result.config`` the settings; nothing is read before it is asked for.
+
+    Raises
+    ------
+    WideberthError : no result there, or one that is not finished.
+    """
+    folder = expanded(folder)
+    check_finished(folder)
+    return Result(folder)
+
+
+def check_finished(folder: Path) -> None:
+    """Refuse a folder without a finished run.
+
+    Raises
+    ------
+    WideberthError : no result there, with the nearest name that has one, or an unfinished one.
+    """
+    if not (folder / "config.yaml").is_file():
+        beside = [path.parent.name for path in folder.absolute().parent.glob("*/config.yaml")]
+        hint = nearest(folder.name, beside)
+        raise WideberthError(f"{folder} holds no result; `wideberth run` makes one{hint}")
+    if not (folder / "table.csv").is_file():
+        raise WideberthError(f"the run in {folder} is not finished; run the same command again")
+
+
+def listed(names: Iterable[str], most: int = 8) -> str:
+    """Return names in one line, the first of many.
+
+    Examples
+    --------
+    >>> listed(["a", "b", "c"], 2), listed([])
+    ('a, b and 1 more', 'none')
+    """
+    names = list(names)
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more or "none"
+
+
+def need_frames() -> None:
+    """Raise a `WideberthError` where the extra for data frames is missing."""
+    try:
+        import jinja2  # noqa: F401
+        import pandas  # noqa: F401
+    except ImportError:
+        raise WideberthError(
+            "data frames need pandas: pip install 'wideberth[frames]'; without it, `rows` of a "
+            "result holds its table as dictionaries"
+        ) from None
+
+
+def _read_frame(path: Path) -> "pandas.DataFrame":
+    need_frames()
+    import pandas
+
+    return pandas.DataFrame(read_table(path))
+
+
+def read_episode(path: Path) -> Episode:
+    """Read an episode.
+
+    Raises
+    ------
+    WideberthError : unreadable, or something else.
+    """
+    try:
+        return Episode.from_bytes(read_bytes(path))
+    except WideberthError as error:
+        raise WideberthError(f"{path}: {error}") from None
+
+
+def _holds_episode(path: Path) -> bool:
+    """Whether an archive has the members of an episode; its arrays are not read."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return set(archive.namelist()) == {"meta.npy", "numbers.npy"}
+    except (OSError, zipfile.BadZipFile):
+        return False

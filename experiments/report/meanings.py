@@ -1,0 +1,99 @@
+"""What a column means: the tables of docs/results.md and docs/metrics.md, which the wheel holds.
+
+These pages are the one source; a report shows their sentences at its columns.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from ...framework.plugins.registry import names
+
+PAGES = Path(__file__).resolve().parents[2] / "docs"
+"""Folder of the pages."""
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """Meaning of a column.
+
+    Attributes
+    ----------
+    text : a sentence without a full stop; plain text.
+    group : heading of the table that defines the column.
+    """
+
+    text: str
+    group: str
+
+
+@dataclass(frozen=True)
+class _Table:
+    group: str
+    studies: frozenset[str]  # empty: of every study
+    columns: dict[str, str]
+
+
+def meanings(study: str, columns: Sequence[str]) -> dict[str, Meaning]:
+    """Return what the columns of a study's summary mean; those that no page defines are absent.
+
+    The last definition counts: a page defines the columns of the table first, then those of the
+    summary, which may condense a column of the same name.
+
+    Parameters
+    ----------
+    study : registered name of the experiment.
+    columns : names as in the table.
+    """
+    common = [table for table in _tables() if not table.studies]
+    own = [table for table in _tables() if study in table.studies]
+    found = {}
+    for column in columns:
+        holding = [table for table in (*common, *own) if column in table.columns]
+        if holding:
+            found[column] = Meaning(holding[-1].columns[column], holding[-1].group)
+    return found
+
+
+@cache
+def _tables() -> tuple[_Table, ...]:
+    """Return every table of the pages whose first column is headed "Column"."""
+    registered = frozenset(names("experiments"))
+    return tuple(
+        table
+        for name in ("results.md", "metrics.md")
+        for table in _read((PAGES / name).read_text(encoding="utf-8"), registered)
+    )
+
+
+def _read(text: str, registered: frozenset[str]) -> Iterator[_Table]:
+    """Yield the tables of a page.
+
+    A table belongs to the studies that the text before it names, since the last heading or
+    table; else to those that the page names above its first heading.
+    """
+    group, named = "", set[str]()
+    page: set[str] | None = None
+    for block in text.split("\n\n"):
+        lines = block.strip().splitlines()
+        if lines and lines[0].startswith("#"):
+            if lines[0].startswith("## "):
+                page = named if page is None else page
+            group, named = lines[0].lstrip("# "), set()
+            lines = lines[1:]
+        if lines and lines[0].startswith("| Column |"):
+            columns = dict(entry for line in lines[2:] for entry in _entries(line))
+            yield _Table(group, frozenset(named or page or ()), columns)
+            named = set()
+        else:
+            named |= {word for word in re.findall(r"`(\w+)`", block) if word in registered}
+
+
+def _entries(line: str) -> Iterator[tuple[str, str]]:
+    """Yield name and meaning for each column that a line of a table defines."""
+    first, *rest = (cell.strip() for cell in line.strip().strip("|").split(" | "))
+    said = [re.sub(r"\[(.*?)\]\(.*?\)", r"\1", cell).replace("`", "") for cell in rest]
+    for name in re.findall(r"`(\w+)`", first):
+        yield name, ": ".join(said)

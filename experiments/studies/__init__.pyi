@@ -1,0 +1,26 @@
+# Written by `make types` from the table in __init__.py: change that, not this.
+# ruff: noqa
+# fmt: off
+
+from .approximation_error import ApproximationError as ApproximationError
+from .boundary_risk import BoundaryRisk as BoundaryRisk
+from .closed_loop_risk import ClosedLoopRisk as ClosedLoopRisk
+from .comparison import Comparison as Comparison
+from .conservativeness import Conservativeness as Conservativeness
+from .convex_certificates import ConvexCertificates as ConvexCertificates
+from .cost_comparison import CostComparison as CostComparison
+from .dynamic_matters import DynamicMatters as DynamicMatters
+from .ellipse_construction import EllipseConstruction as EllipseConstruction
+from .encounter import Encounter as Encounter
+from .flight import Flight as Flight
+from .forecast_regions import ForecastRegions as ForecastRegions
+from .known_futures import KnownFutures as KnownFutures
+from .level_policies import LevelPolicies as LevelPolicies
+from .planner_parts import PlannerParts as PlannerParts
+from .prediction_benchmark import PredictionBenchmark as PredictionBenchmark
+from .region_gallery import RegionGallery as RegionGallery
+from .region_price import RegionPrice as RegionPrice
+from .replay import Replay as Replay
+from .tuning import Tuning as Tuning
+__all__ = ['ApproximationError', 'BoundaryRisk', 'ClosedLoopRisk', 'Comparison', 'Conservativeness', 'ConvexCertificates', 'CostComparison', 'DynamicMatters', 'EllipseConstruction', 'Encounter', 'Flight', 'ForecastRegions', 'KnownFutures', 'LevelPolicies', 'PlannerParts', 'PredictionBenchmark', 'RegionGallery', 'RegionPrice', 'Replay', 'Tuning']
+BUILT_IN: dict[str, str]

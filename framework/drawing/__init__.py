@@ -1,0 +1,1 @@
+"""How pictures look, and the shapes in them; matplotlib is imported when something is drawn."""

@@ -1,0 +1,134 @@
+"""Outlines and surfaces: content ellipses, ellipsoids, and the sets of regions."""
+
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from .style import Points
+
+Numbers = npt.NDArray[np.float64]
+
+COUNT = 64
+"""Points of an outline; a multiple of 8, so that the corners of a square are among them."""
+_DOUBLINGS, _HALVINGS = 12, 13  # within a mm
+_AT_ONCE = 500  # outlines whose points are tested in one call
+
+
+class Spread(Protocol):
+    """A Gaussian place, as `GaussianObstacle` is one."""
+
+    @property
+    def mean(self) -> Numbers:
+        """(..., D), m."""
+        ...
+
+    @property
+    def covariance(self) -> Numbers:
+        """(..., D, D), m^2."""
+        ...
+
+
+class Shape(Protocol):
+    """A set around a Gaussian place, as `Region` is one."""
+
+    def parameters(self, obstacle: Any, margin: Numbers) -> Numbers:
+        """Numbers that describe the set: a `Spread` with batch (...) -> (..., P)."""
+        ...
+
+    def contains(
+        self, points: Numbers, parameters: Numbers, level: Numbers
+    ) -> npt.NDArray[np.bool_]:
+        """Whether points (..., D) lie strictly inside; parameters (..., P) broadcast."""
+        ...
+
+
+def circle(count: int = COUNT) -> Points:
+    """Points of the unit circle, (2, count)."""
+    angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    return np.stack([np.cos(angle), np.sin(angle)])
+
+
+def sphere(count: int) -> Points:
+    """Give unit vectors on a grid of polar and azimuth angle, (count, count, 3)."""
+    polar, around = np.meshgrid(
+        np.linspace(0.0, np.pi, count), np.linspace(0.0, 2.0 * np.pi, count), indexing="ij"
+    )
+    level = np.sin(polar)
+    return np.stack([level * np.cos(around), level * np.sin(around), np.cos(polar)], axis=-1)
+
+
+def ellipses(mean: Numbers, covariance: Numbers, square: float, count: int = COUNT) -> Points:
+    """Outlines of (x - mu)^T Sigma^-1 (x - mu) <= square, (K, count, 2), m."""
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(square * np.clip(values, 0.0, None))[:, None, :]
+    return np.asarray(mean[:, None] + np.swapaxes(root @ circle(count), 1, 2))
+
+
+def ellipsoid(mean: Numbers, covariance: Numbers, square: float, count: int = 25) -> Points:
+    """Return points of the surface of one such set in space, (count, count, 3), m."""
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(square * np.clip(values, 0.0, None))
+    return np.asarray(mean + sphere(count) @ root.T)
+
+
+def outlines(region: Shape, obstacle: Spread, margin: Numbers, level: Numbers) -> Points:
+    """Outlines of many 2-D regions at once: batch (...,) -> (..., COUNT, 2), m.
+
+    Where rays from the mean leave the region, by bisection with `Shape.contains`:
+    `Region.boundary` takes one region a call, and 0.1 s of some. The rays are stretched like the
+    spread, so that thin regions are sampled as evenly as round ones. All points are the mean
+    where the region is empty.
+    """
+    values, vectors = np.linalg.eigh(obstacle.covariance)
+    reach = 3.0 * np.sqrt(np.clip(values, 0.0, None)) + margin[..., None]
+    rays = np.swapaxes((vectors * reach[..., None, :]) @ circle(), -1, -2).reshape(-1, COUNT, 2)
+    numbers = region.parameters(obstacle, margin)
+    share = shares(region, obstacle.mean.reshape(-1, 2), rays, numbers, level)
+    found = obstacle.mean.reshape(-1, 1, 2) + share[..., None] * rays
+    return np.asarray(found.reshape(*level.shape, COUNT, 2))
+
+
+def surfaces(
+    region: Shape, obstacle: Spread, margin: Numbers, level: Numbers, count: int = 17
+) -> Points:
+    """Surfaces of regions in space, batch (...,) -> (..., count, count, 3), m; as `outlines`."""
+    values, vectors = np.linalg.eigh(obstacle.covariance)
+    reach = 3.0 * np.sqrt(np.clip(values, 0.0, None)) + margin[..., None]
+    grid = sphere(count)
+    rays = np.swapaxes((vectors * reach[..., None, :]) @ grid.reshape(-1, 3).T, -1, -2)
+    rays = rays.reshape(-1, count * count, 3)
+    numbers = region.parameters(obstacle, margin)
+    share = shares(region, obstacle.mean.reshape(-1, 3), rays, numbers, level)
+    found = obstacle.mean.reshape(-1, 1, 3) + share[..., None] * rays
+    return np.asarray(found.reshape(*level.shape, *grid.shape))
+
+
+def shares(
+    region: Shape, mean: Numbers, rays: Numbers, parameters: Numbers, level: Numbers
+) -> Numbers:
+    """Share of each ray (K, C, D) from the means (K, D) at which it leaves the region, (K, C)."""
+    numbers = parameters.reshape(-1, 1, parameters.shape[-1])
+    centre, held = mean[:, None], np.maximum(level.reshape(-1, 1), 0.0)
+    share = np.zeros(rays.shape[:-1])
+    for begin in range(0, len(rays), _AT_ONCE):
+        some = slice(begin, begin + _AT_ONCE)
+        share[some] = _left(region, centre[some], rays[some], numbers[some], held[some])
+    return share
+
+
+def _left(
+    region: Shape, mean: Numbers, rays: Numbers, numbers: Numbers, level: Numbers
+) -> Numbers:
+    """Share of each ray at which it leaves the region, (K, C)."""
+    low, high = np.zeros(rays.shape[:-1]), np.ones(rays.shape[:-1])
+    for _ in range(_DOUBLINGS):
+        inside = region.contains(mean + high[..., None] * rays, numbers, level)
+        if not inside.any():
+            break
+        high = np.where(inside, 2.0 * high, high)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        inside = region.contains(mean + middle[..., None] * rays, numbers, level)
+        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+    return low

@@ -1,0 +1,10 @@
+# Written by `make types` from the table in __init__.py: change that, not this.
+# ruff: noqa
+# fmt: off
+
+from .batch.solver import Batch as Batch
+from .fatrop import Fatrop as Fatrop
+from .ipopt import Ipopt as Ipopt
+from .riccati.solver import Riccati as Riccati
+__all__ = ['Batch', 'Fatrop', 'Ipopt', 'Riccati']
+BUILT_IN: dict[str, str]

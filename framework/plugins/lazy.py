@@ -1,0 +1,68 @@
+"""Packages whose public names are imported when they are first used.
+
+Each such package has one table of its names. Editors and type checkers read the ``__init__.pyi``
+beside it, which ``make types`` writes from the table.
+"""
+
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from importlib import import_module
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec
+from pkgutil import iter_modules
+from types import ModuleType
+from typing import Any
+
+from ..values.errors import nearest
+
+PACKAGES: dict[str, dict[str, str]] = {}
+"""Package -> public name -> "module:Name", or "module" for a package inside."""
+
+
+def lazy(
+    package: str, targets: Iterable[str]
+) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """Return ``__getattr__``, ``__dir__`` and ``__all__`` of a package.
+
+    Parameters
+    ----------
+    package : its ``__name__``.
+    targets : "module:Name" of each public name; or "module" of a package inside, which
+        ``import *`` leaves out.
+    """
+    table = {target.replace(":", ".").rpartition(".")[2]: target for target in targets}
+    PACKAGES[package] = table
+    public = sorted(name for name, target in table.items() if ":" in target)
+    if not any(isinstance(finder, _Nearest) for finder in sys.meta_path):
+        sys.meta_path.append(_Nearest())
+
+    def find(name: str) -> Any:
+        if name in table:
+            module, _, inside = table[name].partition(":")
+            return getattr(import_module(module), inside) if inside else import_module(module)
+        hint = "" if name.startswith("_") else _hint(package, name)
+        raise AttributeError(f"module {package!r} has no attribute {name!r}{hint}")
+
+    def listed() -> list[str]:
+        own = (name for name in vars(sys.modules[package]) if name.startswith("__"))
+        return sorted({*own, *table})
+
+    return find, listed, public
+
+
+def _hint(package: str, name: str) -> str:
+    """Return ": did you mean ...?" with the nearest name of a package, or nothing."""
+    inside = iter_modules(sys.modules[package].__path__)
+    return nearest(name, {*PACKAGES[package], *(info.name for info in inside)})
+
+
+class _Nearest(MetaPathFinder):
+    """Is asked last for a module of these packages, and names the one that was meant."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        package, _, name = fullname.rpartition(".")
+        if package in PACKAGES and (hint := _hint(package, name)):
+            raise ModuleNotFoundError(f"no module or name {fullname!r}{hint}")
+        return None

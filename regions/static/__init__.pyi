@@ -1,0 +1,8 @@
+# Written by `make types` from the table in __init__.py: change that, not this.
+# ruff: noqa
+# fmt: off
+
+from .dual import Dual as Dual
+from .separating_line import SeparatingLine as SeparatingLine
+__all__ = ['Dual', 'SeparatingLine']
+BUILT_IN: dict[str, str]

@@ -1,0 +1,188 @@
+"""Every code block of a page runs, builds, or is understood by the command line.
+
+Blocks of Python run page by page; those of "write your own" in test_readme.py. Blocks of YAML are
+built. The command line itself parses each command of a shell block, and the config that it names
+is read with its ``--set``.
+"""
+
+import re
+import shlex
+import shutil
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+import yaml
+
+from wideberth import build, save_plugin
+from wideberth.experiments.cli.app import app
+from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.framework.mpc.diagnosis.solve_record import Record
+from wideberth.framework.mpc.fallback.rungs import rungs_of
+from wideberth.framework.plugins import registry
+
+ROOT = Path(__file__).resolve().parents[2]
+FILES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in FILES}
+WITHOUT = {"docs/index.md", "docs/guides.md", "docs/glossary.md"}  # lists of pages and of words
+TESTED_ELSEWHERE = {"README.md", "docs/write-your-own.md"}  # test_readme.py
+NOT_RUN = {"docs/cluster.md"}  # needs SLURM and dask_jobqueue; it is compiled
+PLANNER = """
+from wideberth import Observation, Path, build
+planner = build("controllers", {"type": "mpc", "robot": "unicycle", "predictor": "kalman",
+    "region": "mahalanobis_ellipse", "level": "fixed", "solver": "fatrop"})
+planner.set_path(Path([(0, 0), (12, 0)]))
+observation = Observation(0.0, (0, 0.2, 0, 0.5, 0))
+planner.command(observation)
+solve = planner.explain()
+problem, parameters, guesses = solve.problem(), [solve.parameters], [solve.guesses[0]]
+"""
+RESULT = """
+from pathlib import Path
+from wideberth.experiments.engine.runner import run
+from wideberth.experiments.engine.shipped import read_experiment
+short = ["seeds=1", "settings.time_limit=0.5", "planners.default.solver=fatrop"]
+run(read_experiment("crossing", short)[0], Path("results/crossing"))
+"""
+BEFORE = {"docs/solving.md": PLANNER, "docs/results.md": RESULT}
+"""What a page speaks of without showing it."""
+SLOW = {'"batch"': '"fatrop"'}
+"""Compiling `batch` takes a minute; its own tests run `solve_many` with it."""
+
+
+def blocks(page: str, *languages: str) -> list[str]:
+    """Return the blocks of a page in these languages."""
+    found = re.findall(r"^( *)```(\w+)\n(.*?)^ *```$", PAGES[page], re.DOTALL | re.MULTILINE)
+    return [
+        re.sub(rf"^{indent}", "", text, flags=re.MULTILINE)
+        for indent, language, text in found
+        if language in languages
+    ]
+
+
+def having(*languages: str) -> list[str]:
+    return [page for page in PAGES if blocks(page, *languages)]
+
+
+def test_a_page_has_examples_in_languages_that_are_checked() -> None:
+    known = {"python", "sh", "bash", "yaml", "text", "toml"}
+    for page, text in PAGES.items():
+        if page not in WITHOUT:
+            assert blocks(page, "python", "sh", "bash", "yaml"), f"{page} shows nothing that runs"
+        for language in re.findall(r"^ *```(\S+)$", text, re.MULTILINE):
+            assert language in known or language.startswith("{"), f"{page}: {language}"
+
+
+@pytest.mark.parametrize("page", sorted(set(having("python")) - TESTED_ELSEWHERE))
+def test_python_on_a_page_runs(page: str, folder: Path) -> None:
+    for library in {"docs/gymnasium.md": ["gymnasium"], "docs/results.md": ["pandas"]}.get(
+        page, []
+    ):
+        pytest.importorskip(library)
+    script = "\n".join([BEFORE.get(page, ""), *blocks(page, "python")])
+    for slow, quick in SLOW.items():
+        script = script.replace(slow, quick)
+    code = compile(script, page, "exec")
+    if page not in NOT_RUN:
+        exec(code, {"__name__": "page"})
+
+
+ROOMS = {
+    "planners": "controllers", "controllers": "controllers", "predictor": "predictors",
+    "scenario": "scenarios",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("page", having("yaml"))
+def test_yaml_on_a_page_builds(page: str, folder: Path) -> None:
+    for block in blocks(page, "yaml"):
+        if "plugins:" in block:
+            continue  # test_readme.py runs it
+        robot = "&robot {type: holonomic_velocity}" if "policy" in block else "&robot unicycle"
+        config = yaml.safe_load(f"robot: {robot}\n{block}")
+        for key, value in config.items():
+            if key in ("planners", "controllers"):
+                for one in value.values():
+                    build(ROOMS[key], one)
+            elif key in ROOMS:
+                build(ROOMS[key], value)
+            elif key == "rungs":
+                assert len(rungs_of(value)) == len(value)
+            elif key == "record":
+                Record(**value)
+            else:
+                assert key == "robot", f"{page}: {key}"
+
+
+@pytest.mark.parametrize("page", having("sh", "bash"))
+def test_commands_on_a_page_are_understood(page: str, folder: Path) -> None:
+    for block in blocks(page, "sh", "bash"):
+        for line in block.replace("\\\n", " ").splitlines():
+            words = shlex.split(line.replace("$scene", "eth"), comments=True)
+            if words and words[0] not in ("for", "done"):
+                understood(words)
+
+
+def understood(words: list[str]) -> None:
+    """Check one command of a shell block."""
+    if words[0] == "wideberth":
+        wideberth(words[1:])
+    elif words[0] == "make" and words[1] != "-C":
+        targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
+        assert words[1] in targets, words
+    elif words[0] == "pip":
+        extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+        for extra in re.findall(r"\[([\w,]+)\]", " ".join(words)):
+            assert set(extra.split(",")) <= set(extras["optional-dependencies"]), words
+    elif words[0].startswith(("python", ".")) and words[-1].endswith((".py", "/run")):
+        assert (ROOT / words[-1]).is_file(), words
+    else:
+        known = ("make", "dask", "openssl", "git", "cd", ".", "TLS=")
+        assert words[0].startswith(known), f"{words[0]}: check it here"
+
+
+def wideberth(words: list[str]) -> None:
+    """Let the command line parse a command, and read the config that it names."""
+    group: Any = typer.main.get_command(app)
+    command = group.commands[words[0]]
+    given = command.make_context(words[0], words[1:]).params
+    if "config" in given:
+        read_experiment(given["config"], list(given.get("set_") or []))
+    if words[0] == "check":
+        registry.load(given["room"], given["target"])
+    if words[0] == "list" and given.get("room") not in (None, "configs"):
+        assert registry.names(given["room"])
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Work in a folder that holds what pages speak of: recordings, own modules, saved plug-ins."""
+    people = ROOT / "experiments" / "data" / "plaza.txt"
+    for place in ("people.txt", "recordings/people.txt", "FOLDER/people.txt"):
+        (tmp_path / place).parent.mkdir(exist_ok=True)
+        shutil.copy(people, tmp_path / place)
+    for name in ("people", "walkers", "mine"):
+        save_plugin(tmp_path / f"{name}.json", "predictor", build("predictors", "kalman"))
+    for name in ("my_region", "my_rung"):
+        shutil.copy(ROOT / "examples" / f"{name}.py", tmp_path)
+    (tmp_path / "mypackage").mkdir()
+    own = "from my_region import Disc as Box\n"
+    (tmp_path / "mypackage" / "__init__.py").write_text(own)
+    (tmp_path / "my_package.py").write_text("def act(seen): ...\n")
+    module = blocks("docs/write-your-own.md", "python")[0]
+    module += "from wideberth.framework.mpc.fallback.rungs import FallbackRung\n"
+    module += "class SlowDown(FallbackRung):\n    name = 'slow down'\n"
+    module += "    def attempt(self, trial): ...\n"
+    (tmp_path / "mypackage" / "module.py").write_text(module)
+    kept = {room: dict(known) for room, known in registry._registered.items()}
+    monkeypatch.setattr(registry, "_registered", kept)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    before = set(sys.modules)
+    yield tmp_path
+    for name in set(sys.modules) - before:
+        if name.split(".")[0] in ("mypackage", "my_package", "my_region", "my_rung"):
+            del sys.modules[name]

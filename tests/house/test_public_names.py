@@ -1,0 +1,58 @@
+"""Public names: listed in one table each, imported late, known to editors, and spelt right."""
+
+import subprocess
+import sys
+from importlib import import_module
+
+import pytest
+
+from wideberth.tests.house.stubs import FACES, stubs
+
+
+def test_editors_read_what_the_tables_say() -> None:
+    old = [str(place) for place, text in stubs().items()
+           if not place.is_file() or place.read_text(encoding="utf-8") != text]  # fmt: skip
+    assert not old, f"run `make types`, which writes {old}"
+
+
+@pytest.mark.parametrize("package", FACES)
+def test_everything_public_can_be_imported(package: str) -> None:
+    names: dict[str, object] = {}
+    exec(f"from {package} import *", names)
+    module = import_module(package)
+    assert {*names} - {"__builtins__"} == {*module.__all__} <= {*dir(module)}
+
+
+def test_packages_import_nothing_heavy_before_a_name_is_used() -> None:
+    script = (
+        f"import sys; [__import__(name) for name in {FACES!r}]; "
+        "print([name for name in ('numpy', 'casadi', 'pydantic', 'jax') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.stdout.strip() == "[]", done.stderr
+
+
+@pytest.mark.parametrize(
+    ("code", "meant"),
+    [
+        ("import wideberth; wideberth.predictorz", "predictors"),
+        ("import wideberth; wideberth.bulid", "build"),
+        ("import wideberth; wideberth.predictors.Kalmann", "Kalman"),
+        ("import wideberth; wideberth.framework.testing.check_regoin", "check_region"),
+        ("from wideberth.predictors import Kalmann", "Kalman"),
+        ("from wideberth import Traks", "Tracks"),
+        ("import wideberth.predictorz", "predictors"),
+        ("import wideberth.predictors.kalmann", "kalman"),
+    ],
+)
+def test_a_misspelt_name_gets_the_nearest(code: str, meant: str) -> None:
+    with pytest.raises((AttributeError, ImportError), match=f"did you mean '{meant}'"):
+        exec(code, {})
+
+
+@pytest.mark.parametrize("code", ["import wideberth.qqq", "import wideberth; wideberth.qqq"])
+def test_a_name_that_is_nowhere_near_gets_none(code: str) -> None:
+    with pytest.raises((AttributeError, ImportError)) as refused:
+        exec(code, {})
+    assert "did you mean" not in str(refused.value)
+    assert not hasattr(import_module("wideberth"), "predictorz")
