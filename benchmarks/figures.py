@@ -1,4 +1,4 @@
-"""Figures of a run: time, growth, and what is solved of the hard instances."""
+"""Figures of a run: time, growth, what is solved of the hard instances, stages of a decision."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,12 +19,12 @@ from wideberth.experiments.drawing.plotting import (
 
 HATCHES = ("", "////", "....", "xxxx", "\\\\\\\\", "++++", "----")
 MARKERS = ("o", "s", "^", "v", "D", "x")
-FILES = ("bench_times", "bench_growth", "bench_hard")
+FILES = ("bench_times", "bench_growth", "bench_hard", "bench_stages")
 
 
 def draw(tables: Mapping[str, Sequence[Row]], folder: Path) -> list[Path]:
     """Draw what the tables hold the numbers of; PNG and PDF each."""
-    makers = {"solves": _times, "scaling": _growth, "hard": _hard}
+    makers = {"solves": _times, "scaling": _growth, "hard": _hard, "stages": _stages}
     made = []
     for (name, maker), file in zip(makers.items(), FILES, strict=True):
         if tables.get(name):
@@ -93,6 +93,25 @@ def _hard(rows: Sequence[Row]) -> Any:
     panel.grid(axis="x", visible=False)
     panel.set(ylabel="solved, %", ylim=(0, 103))
     figure.legend(loc="outside right center")
+    return figure
+
+
+def _stages(rows: Sequence[Row]) -> Any:
+    """Mean time of each stage of a whole decision, by how many obstacles are seen."""
+    figure, panel = subplots(figsize=(PAGE, 3.4))
+    stages, seen = ([*dict.fromkeys(row[key] for row in rows)] for key in ("stage", "seen"))
+    width = 0.85 / max(len(seen), 1)
+    for i, count in enumerate(seen):
+        own = [row["ms"] for row in rows if row["seen"] == count]
+        places = np.arange(len(stages)) + (i - 0.5 * (len(seen) - 1)) * width
+        panel.barh(places, own, width, label=f"{count} seen, {sum(own):.2g} ms",
+                   color=COLOURS[i % len(COLOURS)], hatch=HATCHES[i % len(HATCHES)],
+                   edgecolor="white", linewidth=0.3)  # fmt: skip
+    panel.set_yticks(range(len(stages)), stages)
+    panel.invert_yaxis()
+    panel.grid(axis="y", visible=False)
+    panel.set(xlabel="processor time in one decision, ms")
+    panel.legend()
     return figure
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TypeAlias
 
+import decision
 import endurance
 import hard_set
 import many_solves
@@ -49,6 +50,8 @@ class Extent:
     batches : sizes of batches.
     accelerated : whether JAX solves them too.
     drives : s that a robot drives among walkers with each of these solvers.
+    decisions : of each solver with a deadline.
+    stages : drives of the planner, and decisions in each.
     sweep : episodes of the sweep, and rounds.
     """
 
@@ -68,6 +71,7 @@ class Extent:
         default_factory=lambda: {"riccati": 3600.0, "fatrop": 300.0}
     )
     decisions: int = 20_000
+    stages: tuple[int, int] = (3, 60)
     sweep: tuple[int, int] = (200, 3)
 
 
@@ -86,6 +90,7 @@ QUICK = Extent(
     accelerated=False,
     drives={"riccati": 3.0, "fatrop": 3.0},
     decisions=60,
+    stages=(1, 3),
     sweep=(2, 1),
 )
 
@@ -104,7 +109,10 @@ class Question:
     ask: Callable[[Tick], Tables]
 
 
-BRIEF = ("startup", "solvers", "hard", "scaling", "plugins", "batches", "predictors", "risks")
+BRIEF = (
+    *("startup", "solvers", "hard", "scaling", "plugins", "batches", "predictors", "risks"),
+    "stages",
+)
 """Asked of every run."""
 NAMES = (*BRIEF, "sweeps", "endurance", "decisions")
 """All of them: what takes half an hour by itself is asked by name alone."""
@@ -134,6 +142,7 @@ def questions(instances: Instances, hard: Path | None, extent: Extent) -> dict[s
         "batches": Question(many_solves.ticks(extent.batches), partial(_batches, extent, plain)),
         "predictors": Question(len(extent.counts), partial(_predictors, extent)),
         "risks": Question(1, partial(_risks, extent)),
+        "stages": Question(decision.ticks(extent.stages[0]), partial(_stages, extent)),
         "sweeps": Question(sweep_speed.ticks(extent.sweep[1]), partial(_sweeps, extent)),
         "endurance": Question(endurance.ticks(extent.drives), partial(_endurance, extent)),
         "decisions": Question(endurance.ticks(_decided(extent)), partial(_decisions, extent)),
@@ -207,6 +216,14 @@ def _predictors(extent: Extent, tick: Tick) -> Tables:
 def _risks(extent: Extent, tick: Tick) -> Tables:
     rows = risk_speed.measure(extent.risks, extent.repeats[0], tick)
     return {"risks": ("Collision probability, one call for all pairs", rows)}
+
+
+def _stages(extent: Extent, tick: Tick) -> Tables:
+    whole, stages = decision.measure(*extent.stages, tick)
+    return {
+        "whole": ("Whole decisions, observation included", whole),
+        "stages": ("Where their time goes", stages),
+    }
 
 
 def _sweeps(extent: Extent, tick: Tick) -> Tables:

@@ -47,10 +47,11 @@ def test_dry_run_writes_and_prints_every_table(tmp_path: Path) -> None:
     raw = {"solves", "hard_solves", "scaling_solves"}
     assert set(tables) - raw == {
         "startup", "solvers", "speedups", "quality", "obstacles", "hard", "safe", "scaling",
-        "slopes", "plugins", "plugin_totals", "batches", "predictors", "risks", "targets",
+        "slopes", "plugins", "plugin_totals", "batches", "predictors", "risks", "stages",
+        "targets", "whole",
     }  # fmt: skip
     assert raw < set(tables)
-    for name in ("times", "growth", "hard"):
+    for name in ("times", "growth", "hard", "stages"):
         assert (out / f"bench_{name}.png").exists() and (out / f"bench_{name}.pdf").exists()
     text = (out / "bench.md").read_text(encoding="utf-8")
     assert "Machine:" in text and "Spread:" in text
@@ -75,6 +76,9 @@ def test_dry_run_writes_and_prints_every_table(tmp_path: Path) -> None:
     assert updated == adaptive and "adaptive_conformal" in adaptive
     assert {row["target"] for row in tables["risks"]} == {None, 1e5}
     assert all(row["per_second_per_core"] > 0 for row in tables["risks"])
+    shares = [row["share"] for row in tables["stages"]]
+    assert sum(shares) == pytest.approx(len(tables["whole"]))
+    assert all(share > 0 for share in shares)  # a function that is no longer called would be 0
     assert "wideberth --help" in {row["command"] for row in tables["startup"]}
     assert "wideberth --help" in done.stdout and str(out.name) in done.stdout
     assert not list(tmp_path.glob("*.csv"))  # nothing beside the folder that was named
