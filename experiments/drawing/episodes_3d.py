@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...framework.drawing import shapes
-from ...framework.drawing.style import FORECAST, frame_space
+from ...framework.drawing.style import FORECAST, frame_space, number
 from ...framework.values.arrays import Array, positive, probability
 from ...framework.values.errors import WideberthError
 from ...framework.values.forecast import GaussianObstacle, content_bound, resample
@@ -158,8 +158,8 @@ def _clearances(panel: Any, episode: Episode, found: Closest) -> None:
         panel.plot(episode.times, gap, color=color, linestyle=line, linewidth=1.0, label=label)
     panel.plot(found.time, found.clearance, "o", color="black", markersize=3.5)
     panel.annotate(
-        f"{found.clearance:.2f} m", (found.time, found.clearance), xytext=(-6, 2), ha="right",
-        textcoords="offset points", fontsize=7,
+        f"{number(found.clearance, '.2f')} m", (found.time, found.clearance), xytext=(-6, 2),
+        ha="right", textcoords="offset points", fontsize=7,
     )  # fmt: skip
     panel.axhline(0.0, color="black", linewidth=0.6)
     panel.set_xlim(0.0, episode.duration)

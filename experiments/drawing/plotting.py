@@ -8,6 +8,7 @@ from ...framework.drawing.style import COLOURS as COLOURS
 from ...framework.drawing.style import COLUMN as COLUMN
 from ...framework.drawing.style import LINES as LINES
 from ...framework.drawing.style import PAGE as PAGE
+from ...framework.drawing.style import number as number
 from ...framework.drawing.style import paper_style as paper_style
 from ...framework.plugins.io import write_bytes
 

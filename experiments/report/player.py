@@ -12,6 +12,7 @@ from typing import Any, final
 
 import numpy as np
 
+from ...framework.drawing.style import number
 from ...framework.metrics.episode import content_bound
 from ...framework.mpc.planner.planner import Planner
 from ...framework.plugins.io import check_target, write_text
@@ -139,7 +140,7 @@ def _ending(episode: Episode) -> str:
     """Say how an episode ended, and how near it came to a contact."""
     clearance = artists.clearance_over_time(episode)
     known = clearance[np.isfinite(clearance)]
-    near = f", least clearance {known.min():.2f} m" if known.size else ""
+    near = f", least clearance {number(known.min(), '.2f')} m" if known.size else ""
     contact = ": contact" if known.size and known.min() < 0.0 else ""
     return f"ended by {episode.ended} after {episode.duration:.1f} s{near}{contact}"
 

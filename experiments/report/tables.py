@@ -5,6 +5,7 @@ from html import escape
 from itertools import groupby, takewhile
 from typing import Any
 
+from ...framework.drawing.style import MINUS, number
 from ..engine.base import Row
 from ..engine.showing import WIDEST, columns_of, format_cell, has_words, headed, naming, sideways
 from .meanings import Meaning
@@ -24,7 +25,6 @@ FLAGS = {
     "above_tail": "too small",
 }
 """Column -> the word beside a cell of it that is neither 0 nor empty."""
-_MINUS = "\u2212"
 _OTHER = "Other"
 _MANY = 9  # columns from which on those with one value throughout become a sentence
 
@@ -193,10 +193,10 @@ def shown(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float) and 1e4 <= abs(value) < 1e7:
-        return f"{value:.0f}".replace("-", _MINUS)
+        return number(value, ".0f")
     text = format_cell(value)
     if isinstance(value, int | float):
-        return text.replace("nan", "NaN").replace("-", _MINUS)
+        return text.replace("nan", "NaN").replace("-", MINUS)
     return text
 
 

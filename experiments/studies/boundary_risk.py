@@ -13,7 +13,7 @@ from ...framework.risk.risk_meter import along_boundary
 from ...framework.values.arrays import positive, probability
 from ...framework.values.errors import WideberthError
 from ...framework.values.forecast import GaussianObstacle
-from ..drawing.plotting import COLOURS, PAGE, paper_style, save, subplots
+from ..drawing.plotting import COLOURS, PAGE, number, paper_style, save, subplots
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 from .region_family import FIELDS, exceeds, family, member, reading, rounded, title
 
@@ -182,8 +182,8 @@ def _legend(figure: Any, tail: float) -> None:
                       linestyle="-", linewidth=2.2, label=label)  # fmt: skip
 
     entries = [
-        line(COLOURS[1], COLOURS[1], f"boundary, at most {tail:g}"),
-        line(COLOURS[2], "white", f"boundary, above {tail:g} in part"),
+        line(COLOURS[1], COLOURS[1], f"boundary, at most {number(tail)}"),
+        line(COLOURS[2], "white", f"boundary, above {number(tail)} in part"),
         Line2D([], [], color="black", marker="|", linestyle="", label="mean over the length"),
         Line2D([], [], linestyle="", label="area: region over exact sum"),
     ]

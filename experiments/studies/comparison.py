@@ -24,7 +24,7 @@ from ...simulation.log.episode_log import Episode
 from ...simulation.measures.episode_measures import measures
 from ...simulation.scenarios.base import Scenario
 from ..drawing.kept_out import planner_behind
-from ..drawing.plotting import ENOUGH, PAGE, few, paper_style, save, subplots
+from ..drawing.plotting import ENOUGH, PAGE, few, number, paper_style, save, subplots
 from ..drawing.trade_off_markers import (
     front_legend,
     front_looks,
@@ -639,7 +639,8 @@ def _difference(panel: Any, place: float, own: Sequence[Row], base: Sequence[Row
         panel.plot(known, place - 0.25 + 0.7 * spread, ".", color="0.6", markersize=2.5)
         panel.plot(found["time_difference_s"], place, "D", color="black", markersize=3)
     count = f"{found['only_this']} to {found['only_baseline']}"
-    alone = f"both arrived: {len(known)}; one alone: {count}, p = {found['p_value']:.2g}"
+    chance = number(found["p_value"], ".2g")
+    alone = f"both arrived: {len(known)}; one alone: {count}, p = {chance}"
     panel.annotate(
         alone, (1.0, place), xycoords=("axes fraction", "data"), xytext=(-2, 3),
         textcoords="offset points", ha="right", va="bottom", fontsize=5.5,

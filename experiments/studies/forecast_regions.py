@@ -16,7 +16,7 @@ from ...regions.box import box_content
 from ...regions.luetkepohl_rectangle import LuetkepohlRectangle
 from ...regions.mahalanobis_ellipse import MahalanobisEllipse
 from ...regions.minkowski_sum import MinkowskiSum
-from ..drawing.plotting import COLOURS, LINES, PAGE, paper_style, save, subplots
+from ..drawing.plotting import COLOURS, LINES, PAGE, number, paper_style, save, subplots
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 
 REGIONS: Mapping[str, Convex] = {
@@ -185,7 +185,7 @@ def _panel(panel: Any, row: Row, curves: dict[str, Any]) -> None:
     panel.set_aspect("equal")
     panel.set_xlabel("x (m)")
     panel.set_title(
-        f"correlation {row['correlation']:g}\narea ratio {row['area_ratio']:.2f}\n"
+        f"correlation {number(row['correlation'])}\narea ratio {row['area_ratio']:.2f}\n"
         f"rectangle holds {row['rectangle_content']:.3f}"
     )
 
@@ -212,7 +212,7 @@ def _over_contents(rows: list[Row]) -> Any:
             values = [_gained(row) if name == "gained" else row[name] for row in own]
             panel.plot(
                 [1.0 - float(row["content"]) for row in own], values, color=COLOURS[i % 6],
-                linestyle=LINES[i % 6], marker=MARKERS[i % 5], markersize=3.5, label=f"{rho:g}",
+                linestyle=LINES[i % 6], marker=MARKERS[i % 5], markersize=3.5, label=number(rho),
             )  # fmt: skip
             panel.set_title(text)
     for panel in panels:

@@ -14,7 +14,7 @@ from ...framework.values.arrays import Array, positive, probability
 from ...framework.values.errors import WideberthError
 from ...framework.values.forecast import GaussianObstacle
 from ...regions.minkowski_sum import MinkowskiSum
-from ..drawing.plotting import COLOURS, PAGE, paper_style, save, subplots
+from ..drawing.plotting import COLOURS, PAGE, number, paper_style, save, subplots
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 from .region_family import FIELDS, exceeds, family, member, reading, title
 
@@ -193,8 +193,8 @@ def _panel(panel: Any, row: Row, curves: dict[str, Any], covariance: Array, tail
     sign = "> tail" if above else "≤ tail"
     panel.set_title(title(row["region"]), fontsize=6.6, fontweight="bold", pad=18)
     panel.text(
-        0.5, 1.04, f"area {float(row['area_ratio']):.2f}, risk {100 * float(row['risk_max']):.2g} "
-        f"% {sign}\nguarantee: {row['guarantee']}",
+        0.5, 1.04, f"area {float(row['area_ratio']):.2f}, risk "
+        f"{number(100 * float(row['risk_max']), '.2g')} % {sign}\nguarantee: {row['guarantee']}",
         transform=panel.transAxes, ha="center", fontsize=5.6,
     )  # fmt: skip
 
@@ -203,9 +203,10 @@ def _legend(figure: Any, tail: float) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
+    asked = number(tail)
     entries = [
-        Line2D([], [], color=COLOURS[1], linestyle="-", label=f"region, risk at most {tail:g}"),
-        Line2D([], [], color=COLOURS[2], linestyle="-", label=f"region, risk above {tail:g}"),
+        Line2D([], [], color=COLOURS[1], linestyle="-", label=f"region, risk at most {asked}"),
+        Line2D([], [], color=COLOURS[2], linestyle="-", label=f"region, risk above {asked}"),
         Line2D([], [], color="black", linestyle=(0, (3, 2)), lw=0.8, label="exact sum"),
         *(Patch(color=shade, label=rf"{count} $\sigma$") for count, shade in SHADES[::-1]),
     ]

@@ -26,6 +26,13 @@ BLACK, PLANNED, OTHER, REFERENCE, FORECAST = COLOURS[:5]
 LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 2)))
 """Line styles, one per colour: in grey print the style alone tells lines apart."""
 
+WALL: Mapping[str, Any] = {
+    "facecolor": "0.82", "edgecolor": "0.35", "linewidth": 0.7, "zorder": 0.8, "label": "static",
+}  # fmt: skip
+"""How polygons that stand still are drawn."""
+
+MINUS = "\u2212"
+
 VIEW = {"elev": 24.0, "azim": -58.0}
 """Degrees; pictures in space are seen from there."""
 
@@ -81,6 +88,22 @@ def shades(count: int) -> list[Shade]:
     pale, dark = np.array([0.86, 0.56, 0.72]), np.array([0.30, 0.03, 0.22])
     shares = np.linspace(0.0, 1.0, count)[:, None]
     return [tuple(one) for one in (1.0 - shares) * pale + shares * dark]
+
+
+def number(value: float, form: str = "g") -> str:
+    """Write a number with a minus sign where it is negative, as axes do.
+
+    Parameters
+    ----------
+    value : any number.
+    form : as after the colon in an f-string.
+
+    Examples
+    --------
+    >>> number(-0.25), number(2.0, ".2f")
+    ('−0.25', '2.00')
+    """
+    return format(value, form).replace("-", MINUS)
 
 
 def chosen_steps(count: int, most: int = 8) -> list[int]:

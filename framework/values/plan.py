@@ -11,6 +11,7 @@ from ..drawing.shapes import Shape, outlines, sphere, surfaces
 from ..drawing.style import (
     BLACK,
     FORECAST,
+    WALL,
     chosen_steps,
     halo,
     picture,
@@ -403,8 +404,7 @@ def draw_situation(panel: Any, plan: Plan) -> Array:
         return np.asarray(skin.reshape(-1, 3))
     walls = [one.points for one in situation.polygons]
     if walls:
-        polygons(panel, walls, facecolor="0.82", edgecolor="0.35", linewidth=0.7, zorder=0.8,
-                 label="static")  # fmt: skip
+        polygons(panel, walls, **WALL)
     body = body_outlines(start, situation.heading, situation.radius, situation.footprint)
     polygons(panel, body, facecolor="white", edgecolor=BLACK, linewidth=1.0, zorder=2.3,
              label="robot")  # fmt: skip

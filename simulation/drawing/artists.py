@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...framework.drawing.style import COLOURS, LINES
+from ...framework.drawing.style import COLOURS, LINES, WALL, number, polygons
 from ...framework.metrics.gaps import gaps, wall_gaps
 from ...framework.values.arrays import Array
 from ...framework.values.footprint import body_outlines
@@ -64,15 +64,8 @@ def heading_at(episode: Logged, log: Agent, time: float) -> float:
 
 def walls(panel: Any, episode: Logged) -> None:
     """Draw what stands still."""
-    from matplotlib.patches import Polygon
-
-    for i, polygon in enumerate(episode.polygons):
-        panel.add_patch(
-            Polygon(
-                polygon.points, closed=True, facecolor="0.82", edgecolor="0.35", linewidth=0.7,
-                zorder=0.8, label=None if i else "static",
-            )
-        )  # fmt: skip
+    if episode.polygons:
+        polygons(panel, [one.points for one in episode.polygons], **WALL)
 
 
 def clearance_over_time(episode: Logged) -> Array:
@@ -194,7 +187,8 @@ def mark_closest(panel: Any, episode: Logged) -> Array:
         apart = np.linalg.norm(drawn[0][:, None] - drawn[1][None], axis=2)
         one, other = np.unravel_index(int(apart.argmin()), apart.shape)
         rims = np.array([drawn[0][one], drawn[1][other]])
-    label = f"least clearance between agents\n{found.clearance:.2f} m at {found.time:.1f} s"
+    least = number(found.clearance, ".2f")
+    label = f"least clearance between agents\n{least} m at {found.time:.1f} s"
     panel.plot(*rims.T, "k.-", linewidth=0.9, markersize=4, label=label)
     return np.concatenate([*drawn, np.linspace(rims[0], rims[1], 10)])
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from ...framework.drawing.style import paper_style
+from ...framework.drawing.style import number, paper_style
 from ...framework.values.arrays import Array, positive
 from ...framework.values.errors import WideberthError
 from ...framework.values.plan import Plan, kept_out
@@ -32,8 +32,9 @@ def animation(
     episode: Logged, *, live: bool, tail: float, rate: float, speed: float
 ) -> "FuncAnimation":
     """Return the film of an episode as matplotlib's animation; see `Episode.animate`."""
-    from matplotlib.animation import FuncAnimation
     from matplotlib.figure import Figure
+
+    from .saving import Film
 
     positive("rate", rate)
     positive("speed", speed)
@@ -45,7 +46,7 @@ def animation(
             figure = Figure(dpi=120)
             canvas_of(figure)
         stage = Stage(figure, episode, tail, own_regions, f"{speed:g} times real time")
-    film = FuncAnimation(figure, stage.show, frames=list(times), interval=1000.0 / rate)
+    film = Film(figure, stage.show, frames=list(times), interval=1000.0 / rate)
     if live:
         figure.show()
     return film
@@ -61,15 +62,23 @@ def window() -> "Figure":
     from matplotlib import pyplot
 
     figure = pyplot.figure(dpi=120)
-    canvas: Any = figure.canvas
-    name = str(pyplot.get_backend())
-    if canvas.required_interactive_framework is None and name.lower() not in _IN_A_BROWSER:
+    if not is_seen(figure):
         pyplot.close(figure)
         raise WideberthError(
-            f"matplotlib draws with {name!r}, which opens no window; on a machine with a screen "
-            "set MPLBACKEND=TkAgg or QtAgg, or write a film: episode.animate().save('film.gif')"
+            f"matplotlib draws with {pyplot.get_backend()!r}, which opens no window; on a machine "
+            "with a screen set MPLBACKEND=TkAgg or QtAgg, or write a film: "
+            "episode.animate().save('film.gif')"
         )
     return figure
+
+
+def is_seen(figure: "Figure") -> bool:
+    """Whether the session's backend of matplotlib shows a figure: in a window or in a browser."""
+    from matplotlib import pyplot
+
+    canvas: Any = figure.canvas
+    in_a_browser = str(pyplot.get_backend()).lower() in _IN_A_BROWSER
+    return in_a_browser or canvas.required_interactive_framework is not None
 
 
 def own_regions(agent: Agent, plan: Plan, steps: list[int]) -> Mapping[tuple[int, int], Array]:
@@ -205,8 +214,8 @@ class Stage:
         """Time and speed of the film; below, the clearance now and the smallest one so far."""
         index = int(np.searchsorted(self.episode.times, time + 1e-9)) - 1
         now, least = self.clearance[:, max(index, 0)]
-        words = [f"clearance {now:.2f} m"] if np.isfinite(now) else []
-        words += [f"smallest so far {least:.2f} m"] if np.isfinite(least) else []
+        words = [f"clearance {number(now, '.2f')} m"] if np.isfinite(now) else []
+        words += [f"smallest so far {number(least, '.2f')} m"] if np.isfinite(least) else []
         return f"t = {time:.1f} s, {self.note}\n{', '.join(words)}"
 
     def _legend(self, styles: dict[str, artists.Look], tail: float) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...framework.drawing.shapes import sphere
-from ...framework.drawing.style import halo
+from ...framework.drawing.style import halo, number
 from ...framework.values.arrays import Array
 from . import artists
 from .logged import Agent, Logged
@@ -27,7 +27,7 @@ def draw_episode(panel: Any, episode: Logged) -> Array:
     found = artists.closest(episode)
     if found is not None:
         ends = [episode.at(log, np.array([found.time]))[0] for log in found.pair]
-        label = f"least clearance\n{found.clearance:.2f} m at {found.time:.1f} s"
+        label = f"least clearance\n{number(found.clearance, '.2f')} m at {found.time:.1f} s"
         panel.plot(*np.transpose(ends), "k.-", linewidth=0.9, markersize=4, label=label)
         draw_balls(panel, episode, found.time, low, high)
     return np.stack([low, high])

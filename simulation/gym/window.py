@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..drawing.film import is_seen
+
 
 class Window:
     """Shows one picture after the other; without a display it says so and shows nothing.
@@ -44,7 +46,7 @@ class Window:
 
         height, width = picture.shape[:2]
         self._figure = pyplot.figure(self._title, figsize=(width / 100, height / 100), dpi=100)
-        self._seen = self._figure.canvas.required_interactive_framework is not None
+        self._seen = is_seen(self._figure)
         if not self._seen:
             backend = pyplot.get_backend()
             print(

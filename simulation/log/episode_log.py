@@ -199,7 +199,7 @@ class Episode:
     def animate(
         self, *, live: bool = False, tail: float = 0.05, rate: float = 10.0, speed: float = 4.0
     ) -> "FuncAnimation":
-        """Return the film of the episode; ``.save("film.gif")`` writes it.
+        """Return the film of the episode; ``.save("film.gif")`` writes it, .mp4 with ffmpeg.
 
         Bodies, the ways driven so far, each robot's current plan and, in the same colour at every
         third step, what the plan keeps the centre out of; pale, the forecast's region of the

@@ -6,11 +6,13 @@ import matplotlib
 import numpy as np
 import pytest
 from matplotlib import pyplot
+from matplotlib.animation import FFMpegWriter
 from matplotlib.figure import Figure
 
 from wideberth import Path, WideberthError, recommended
 from wideberth.framework.values.plan import kept_out
-from wideberth.simulation.drawing import film
+from wideberth.simulation.drawing import artists, film
+from wideberth.simulation.drawing.saving import writer_for
 from wideberth.simulation.drawing.watch import Window
 from wideberth.simulation.engine.agents import ReplayAgent, RobotAgent
 from wideberth.simulation.engine.episode import run_episode, watched
@@ -68,7 +70,7 @@ def test_a_film_is_written(episode: Episode, tmp_path: File) -> None:
 
     before = dict(matplotlib.rcParams)
     one = episode.animate(rate=4.0, speed=2.0)
-    one.save(tmp_path / "film.gif", writer="pillow")
+    one.save(tmp_path / "film.gif")
     with Image.open(tmp_path / "film.gif") as written:
         assert written.n_frames == 5
     assert dict(matplotlib.rcParams) == before
@@ -76,6 +78,33 @@ def test_a_film_is_written(episode: Episode, tmp_path: File) -> None:
         episode.animate(live=True)
     with pytest.raises(WideberthError, match="rate"):
         episode.animate(rate=0.0)
+
+
+def test_a_film_names_the_program_that_it_lacks(
+    episode: Episode,
+    tmp_path: File,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(FFMpegWriter, "isAvailable", classmethod(lambda cls: False))
+    one = episode.animate(rate=2.0, speed=2.0)
+    with pytest.raises(WideberthError, match=r"film\.mp4 .* by ffmpeg, .* film\.gif"):
+        one.save(tmp_path / "film.mp4")
+    one.save(str(tmp_path / "film.GIF"))
+    assert [file.name for file in tmp_path.iterdir()] == ["film.GIF"]
+    assert not caplog.records and capfd.readouterr() == ("", "")
+    monkeypatch.setattr(FFMpegWriter, "isAvailable", classmethod(lambda cls: True))
+    assert (writer_for("a.mp4"), writer_for("a.gif")) == ("ffmpeg", "pillow")
+
+
+def test_figures_write_a_minus_sign(episode: Episode, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = artists.closest(episode)
+    assert found is not None
+    touching = lambda episode: found._replace(clearance=-0.25)  # noqa: E731
+    monkeypatch.setattr(artists, "closest", touching)
+    labels = episode.plot().get_legend_handles_labels()[1]
+    assert [text for text in labels if text.split("\n")[-1].startswith("\u22120.25 m at")]
 
 
 def test_a_window_follows_a_run_and_changes_nothing(

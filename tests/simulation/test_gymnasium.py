@@ -253,6 +253,7 @@ def test_a_window_is_drawn_by_step_and_says_where_it_cannot_open(capsys):
     from matplotlib import pyplot
 
     pyplot.switch_backend("agg")
+    before = pyplot.get_fignums()
     environment = gymnasium.make(ID, scenario=Meeting(), robot=PARTICLE, render_mode="human")
     environment.reset(seed=0)
     assert "no window: the backend 'agg'" in capsys.readouterr().err
@@ -265,7 +266,7 @@ def test_a_window_is_drawn_by_step_and_says_where_it_cannot_open(capsys):
     assert (first != shown.get_array()).any()
     assert np.array_equal(shown.get_array(), same.render()) and environment.render() is None
     environment.close()
-    assert not pyplot.get_fignums()
+    assert pyplot.get_fignums() == before
 
 
 def test_make_finds_the_environment_by_name_alone(tmp_path: File):

@@ -12,6 +12,7 @@ from wideberth import (
     GaussianObstacle,
     Observation,
     Path,
+    Polygon,
     Tracks,
     build,
     recommended,
@@ -112,9 +113,25 @@ def test_a_region_draws_itself_in_space() -> None:
     assert region.plot(obstacle=sphere, margin=0.5).name == "3d"
 
 
+def test_a_polygon_draws_its_outline_and_its_parts() -> None:
+    corner = Polygon(((0, 0), (2, 0), (2, 1), (1, 1), (1, 3), (0, 3)), "corner")
+    panel = corner.plot()
+    drawn = polygons_of(panel)
+    assert list(drawn) == ["corner", "convex parts"]
+    (outline,) = drawn["corner"].get_paths()
+    assert np.array_equal(outline.vertices[:-1], corner.points)
+    cuts = [path.vertices[:-1] for path in drawn["convex parts"].get_paths()]
+    assert len(cuts) == 2 and all(map(np.array_equal, cuts, corner.parts))
+    assert panel.get_xlim()[0] < 0.0 and panel.get_ylim()[1] > 3.0
+    ax = pyplot.figure().add_subplot()
+    square = Polygon(((0, 0), (2, 0), (2, 1), (0, 1)))
+    assert square.plot(ax) is ax and list(polygons_of(ax)) == ["static"]
+
+
 def test_notebooks_show_them(plan: Plan) -> None:
     count = len(pyplot.get_fignums())
-    for value in (plan, plan.forecast, Path([(0, 0), (3, 0), (4, 2)])):
+    values = plan, plan.forecast, Path([(0, 0), (3, 0), (4, 2)]), Polygon(((0, 0), (2, 0), (0, 1)))
+    for value in values:
         assert value._repr_png_().startswith(b"\x89PNG")
     assert len(pyplot.get_fignums()) == count
 
