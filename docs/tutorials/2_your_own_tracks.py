@@ -97,4 +97,4 @@ planner.plan.plot()
 #
 # .. code-block:: sh
 #
-#    wideberth run replay --set tracks.path=people.txt --set tracks.dt=0.4 --set episodes=10
+#    wideberth run replay --set tracks.path=people.txt --set tracks.dt=0.4 --set seeds=10

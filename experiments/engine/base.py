@@ -61,8 +61,9 @@ class Experiment(ABC):
     """BibTeX key, or several separated by commas."""
 
     growing: ClassVar[tuple[str, ...]] = ()
-    """Fields whose larger value adds tasks and changes no other, as ``("seeds",)``: a result with
-    a smaller value is then extended. `measure` must not depend on them."""
+    """Fields whose larger value adds tasks, as ``("seeds",)``: a result with a smaller value is
+    then extended. `measure` must not depend on them, only on its task. A task that the larger
+    value changes, as a last block that was not full, is another one and is measured anew."""
 
     captions: ClassVar[Mapping[str, str]] = {}
     """Name of a figure, or a pattern as in ``run_*`` -> the sentence below it. The first one that

@@ -63,6 +63,36 @@ def check_settings(seeds: int, tail: float, **named: Sized) -> None:
             raise WideberthError(f"{name} is empty; name at least one")
 
 
+def check_shown(show: Sequence[int], first: int, seeds: int) -> None:
+    """Refuse to show an episode that is not played, or one twice.
+
+    Parameters
+    ----------
+    show : seeds of the episodes that are drawn.
+    first, seeds : the seeds that are played begin with ``first``; ``seeds`` is their number.
+
+    Raises
+    ------
+    WideberthError : a seed outside these, or one that stands twice.
+    """
+    if any(not first <= seed < first + seeds for seed in show):
+        raise WideberthError(
+            f"show is {[*show]}; wanted seeds in [{first}, {first + seeds}), as in show=[{first}]"
+        )
+    if len(set(show)) < len(show):
+        raise WideberthError(f"show is {[*show]}; wanted each seed once")
+
+
+def shown_of_fewer(show: Sequence[int], first: int, seeds: int) -> tuple[int, ...]:
+    """Return what of ``show`` is among fewer seeds; the first seed where nothing is left of it."""
+    return tuple(seed for seed in show if first <= seed < first + seeds) or (first,) * bool(show)
+
+
+def figure_name(name: str, seed: int, show: Sequence[int]) -> str:
+    """Name the figure of one episode: by its seed too where several are shown."""
+    return name if len(show) == 1 else f"{name}_{seed}"
+
+
 def check_starts(
     scenarios: Mapping[str, Scenario],
     robot: Robot,

@@ -12,7 +12,6 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ...framework.plugins.io import read_cells, read_json, read_text
-from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError
 from .base import Outcome, Row, Task
 from .progress import say
@@ -28,6 +27,7 @@ from .result_folder import (
     write_manifest,
 )
 from .shards import pack, write_shard
+from .shipped import read_stored
 
 TASKS = "tasks.json"
 
@@ -44,7 +44,7 @@ def grown(out: Path, config: Mapping[str, Any], fields: Collection[str], source:
     """
     if not (out / MANIFEST).is_file() or not (out / "config.yaml").is_file():
         return False
-    found = read_config(out / "config.yaml", stored=True)
+    found = read_stored(out / "config.yaml")
     names = differing_keys(found, config)
     if not names or not set(names) <= set(fields):
         return False
@@ -116,28 +116,25 @@ def task_index(outcomes: Mapping[str, Outcome]) -> dict[str, Any]:
 
 
 def _outcomes(out: Path, tasks: Mapping[str, Task]) -> Iterator[tuple[str, Outcome]]:
-    """Yield what each task of a finished result left, its cells as text."""
+    """Yield what each task left that the larger result has too, its cells as text."""
     if not (out / TASKS).is_file():
         raise WideberthError(
             f"{out} has no {TASKS}, so it is not known which task left which lines; {_FRESH}"
         )
     index = read_json(out / TASKS, "tasks", 1)
-    if not index["tasks"].keys() <= tasks.keys():
-        raise WideberthError(f"{out} holds tasks that this config does not have; {_FRESH}")
     rows, times = _Lines(out / "table.csv", index), _Lines(out / "times.csv", index)
     for key, left in index["tasks"].items():
         files = {name: (out / "files" / PurePosixPath(name)) for name in left["files"]}
         missing = [name for name, path in files.items() if not path.is_file()]
         if missing:
             raise WideberthError(f"{out} lacks its file files/{missing[0]}; {_FRESH}")
-        yield (
-            key,
-            Outcome(
-                rows.next(left["rows"]),
-                times.next(left["times"]),
-                {name: path.read_bytes() for name, path in files.items()},
-            ),
+        outcome = Outcome(
+            rows.next(left["rows"]),
+            times.next(left["times"]),
+            {name: path.read_bytes() for name, path in files.items()},
         )
+        if key in tasks:  # a last block that was not full is a task of the smaller result alone
+            yield key, outcome
     rows.end()
     times.end()
 

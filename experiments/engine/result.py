@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from ...framework.plugins.io import expanded, read_bytes, read_table
 from ...framework.plugins.registry import unknown
-from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError, nearest
 from ...simulation.log.episode_log import Episode
+from .shipped import read_stored
 
 if TYPE_CHECKING:
     import pandas
@@ -72,7 +72,7 @@ class Result:
     @property
     def config(self) -> dict[str, Any]:
         """The resolved config of the run."""
-        return read_config(self.folder / "config.yaml", stored=True)
+        return read_stored(self.folder / "config.yaml")
 
     @property
     def tables(self) -> "FilesByName[pandas.DataFrame]":

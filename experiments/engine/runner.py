@@ -26,7 +26,6 @@ from ...framework.plugins.io import (
     write_table,
     write_text,
 )
-from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError
 from .base import Experiment, Outcome, Result, Row, Task
 from .errors import as_user_error, describe_error
@@ -45,6 +44,7 @@ from .result_folder import (
     shard_files,
 )
 from .shards import Packed, checked_tasks, finished, read_shard, shard_keys, write_shard
+from .shipped import read_stored
 from .showing import markdown_table
 from .worker import Chunk, Pool, Returned, do_task, pack_job
 
@@ -348,7 +348,7 @@ def reopen(folder: Path) -> tuple[Experiment, Result]:
     WideberthError : no result there, or one that is not finished.
     """
     check_finished(folder)
-    config = read_config(folder / "config.yaml", stored=True)
+    config = read_stored(folder / "config.yaml")
     import_plugins(config.pop("plugins", []))
     experiment: Experiment = build("experiments", config)
     return experiment, Result(folder)

@@ -1,10 +1,12 @@
 """Configs that come with the package, and what a config builds."""
 
 from collections.abc import Mapping
+from copy import deepcopy
 from pathlib import Path
-from typing import TYPE_CHECKING, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, get_origin, get_type_hints
 
 from ...framework.plugins.config import build, import_plugins
+from ...framework.plugins.former_keys import override_with_new_key, with_new_keys
 from ...framework.plugins.registry import load, unknown
 from ...framework.plugins.yamlfile import apply, read_config
 from ...framework.values.errors import WideberthError, nearest
@@ -49,19 +51,28 @@ def config_path(text: str) -> Path:
     raise WideberthError(f"no such file, and {unknown('config', text, shipped())}")
 
 
+def read_stored(path: Path) -> dict[str, Any]:
+    """Return the config that a run has stored, its keys as they are called now."""
+    return with_new_keys("experiments", read_config(path, stored=True))
+
+
 def read_experiment(text: str, overrides: list[str]) -> "tuple[Experiment, list[str]]":
     """Return the experiment that a config describes, and the plug-in modules it lists."""
     path = config_path(text)
-    config = read_config(path, overrides)
+    given = with_new_keys("experiments", read_config(path))
+    overrides = [override_with_new_key("experiments", given, one) for one in overrides]
+    config = deepcopy(given)
+    for override in overrides:
+        apply(config, override)
     plugins = config.pop("plugins", None)
     plugins = [] if plugins is None else plugins
     import_plugins(plugins)
-    _check_names(config.get("type"), path, overrides)
+    _check_names(config.get("type"), given, overrides)
     experiment: Experiment = build("experiments", config)
     return experiment, plugins
 
 
-def _check_names(kind: object, path: Path, overrides: list[str]) -> None:
+def _check_names(kind: object, config: dict[str, Any], overrides: list[str]) -> None:
     """Refuse to set something of an entry that is not there: mistyped, it would be one more.
 
     Raises
@@ -73,7 +84,6 @@ def _check_names(kind: object, path: Path, overrides: list[str]) -> None:
         hints = get_type_hints(load("experiments", str(kind)))
     except (WideberthError, NameError, TypeError, AttributeError):  # `build` says what is wrong
         return
-    config = read_config(path)
     for override in overrides:
         first, *rest = override.partition("=")[0].strip().split(".")
         held = config.get(first)

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from ...framework.plugins.io import check_target, read_json, read_table, table_text, write_text
-from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError
 from ..engine.base import Row
 from ..engine.runner import draw, reopen
+from ..engine.shipped import read_stored
 from ..engine.showing import columns_of, format_cell, headed, markdown_table, plain
 from ..engine.timing import condense_times
 from .meanings import Meaning, meanings
@@ -85,7 +85,7 @@ def gather(folder: Path) -> Report:
         tail=result_tail(folder),
         config=(folder / "config.yaml").read_text(encoding="utf-8"),
         provenance=read_json(folder / "provenance.json", "provenance", 1),
-        study=str(read_config(folder / "config.yaml", stored=True).get("type")),
+        study=str(read_stored(folder / "config.yaml").get("type")),
         captions=experiment.captions,
         headline=experiment.headline,
     )

@@ -95,7 +95,7 @@ class ClosedLoopRisk(Experiment):
     crowds : by name.
     planner : `mpc`, whose predictor and level are exchanged.
     levels : fixed levels by name.
-    episodes : of each crowd, predictor and level; the same seeds for all of them.
+    seeds : number of episodes of each crowd, predictor and level, seeds 0 to seeds - 1.
     """
 
     claim: ClassVar[str] = (
@@ -103,6 +103,7 @@ class ClosedLoopRisk(Experiment):
         "closed loop where the covariance is exact, and is not with the paper's recursion."
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
+    growing: ClassVar[tuple[str, ...]] = ("seeds",)
     captions: ClassVar[Mapping[str, str]] = {
         "closed_loop_risk": (
             "How often walkers left their regions and were touched, by step of the plan: "
@@ -114,11 +115,11 @@ class ClosedLoopRisk(Experiment):
     crowds: dict[str, Crowd]
     planner: Controller
     levels: dict[str, LevelPolicy]
-    episodes: int = 2000
+    seeds: int = 2000
 
     def __post_init__(self) -> None:
         planner_of(self.planner)
-        whole("episodes", self.episodes)
+        whole("seeds", self.seeds)
         if not self.crowds or not self.levels:
             raise WideberthError("crowds and levels must each name at least one")
         loose = [name for name, level in self.levels.items() if not isinstance(level, Fixed)]
@@ -131,22 +132,27 @@ class ClosedLoopRisk(Experiment):
             Task(
                 f"{crowd} {predictor} {level} {first}",
                 first,
-                {"crowd": crowd, "predictor": predictor, "level": level},
+                {
+                    "crowd": crowd,
+                    "predictor": predictor,
+                    "level": level,
+                    "seeds": min(BLOCK, self.seeds - first),
+                },
             )
             for crowd, one in self.crowds.items()
             for predictor in one.predictors
             for level in self.levels
-            for first in range(0, self.episodes, BLOCK)
+            for first in range(0, self.seeds, BLOCK)
         ]
 
     def measure(self, task: Task) -> Outcome:
         """Play a block of episodes, one row each."""
-        names = task.settings
+        names = {key: task.settings[key] for key in ("crowd", "predictor", "level")}
         crowd, level = self.crowds[names["crowd"]], self.levels[names["level"]]
         predictor = crowd.predictors[names["predictor"]]
         planner = replace(planner_of(self.planner), predictor=predictor, level=level)
-        last = min(task.seed + BLOCK, self.episodes)
-        rows = [_play(crowd, planner, seed) for seed in range(task.seed, last)]
+        block = range(task.seed, task.seed + task.settings["seeds"])
+        rows = [_play(crowd, planner, seed) for seed in block]
         return Outcome([{**names, **row} for row in rows])
 
     def summary(self, rows: list[Row]) -> list[Row]:
@@ -203,7 +209,7 @@ class ClosedLoopRisk(Experiment):
     def quick(self) -> Self:
         """Keep a few episodes at one level."""
         first = dict(list(self.levels.items())[:1])
-        return replace(self, levels=first, episodes=min(self.episodes, 4))
+        return replace(self, levels=first, seeds=min(self.seeds, 4))
 
 
 def allowed(planner: Planner) -> float:

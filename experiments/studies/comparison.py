@@ -37,6 +37,7 @@ from ..engine.base import Experiment, Outcome, Result, Row, Task
 from ..engine.closed_loop import (
     EPISODE_CAPTIONS,
     check_settings,
+    check_shown,
     check_starts,
     column,
     first_of,
@@ -133,11 +134,7 @@ class Comparison(Experiment):
                 raise WideberthError(
                     f"{name} is {named!r}; the controllers are {sorted(self.controllers)}"
                 )
-        end = self.first_seed + self.seeds
-        if any(not self.first_seed <= seed < end for seed in self.show):
-            raise WideberthError(
-                f"show is {list(self.show)}; wanted seeds in [{self.first_seed}, {end})"
-            )
+        check_shown(self.show, self.first_seed, self.seeds)
         check_robots(
             {f"scenarios.{name}": one for name, one in self.scenarios.items()},
             {f"robots.{name}": one for name, one in self.robots.items()},

@@ -9,7 +9,6 @@ from ...framework.controller import Controller
 from ...framework.plugins.io import write_bytes
 from ...framework.robot import Robot
 from ...framework.values.arrays import positive
-from ...framework.values.errors import WideberthError
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
 from ...simulation.scenarios.base import Scenario
@@ -17,14 +16,17 @@ from ..engine.base import Experiment, Outcome, Result, Row, Task
 from ..engine.closed_loop import (
     EPISODE_CAPTIONS,
     check_settings,
+    check_shown,
     check_starts,
     condense,
+    figure_name,
     first_of,
     grid,
     group,
     inputs_of,
     outcome,
     play,
+    shown_of_fewer,
 )
 
 
@@ -41,7 +43,8 @@ class Encounter(Experiment):
     settings : clock, noise and end of the episodes.
     seeds : number of episodes per planner, seeds 0 to seeds - 1.
     tail : 1 - content that the plans' levels are compared with, and of the drawn regions.
-    show : seed whose views and run are drawn for every planner, and animated for the first.
+    show : seeds whose views and run are drawn for every planner; the first of them is animated
+        for the first planner.
     view_distance : m between the robots at the moment whose plans are drawn.
     """
 
@@ -66,14 +69,13 @@ class Encounter(Experiment):
     settings: Settings = field(default_factory=Settings)
     seeds: int = 20
     tail: float = 0.05
-    show: int = 0
+    show: tuple[int, ...] = (0,)
     view_distance: float = 5.0
 
     def __post_init__(self) -> None:
         check_settings(self.seeds, self.tail, planners=self.planners)
         positive("view_distance", self.view_distance)
-        if not 0 <= self.show < self.seeds:
-            raise WideberthError(f"show is {self.show}; wanted a seed in [0, {self.seeds})")
+        check_shown(self.show, 0, self.seeds)
 
     def tasks(self) -> list[Task]:
         """One per planner and seed."""
@@ -91,7 +93,7 @@ class Encounter(Experiment):
         """Play one episode."""
         controller = self.planners[task.settings["planner"]]
         episode = play(self.scenario, self.robot, controller, self.settings, task.seed)
-        return outcome(episode, task, self.tail, keep=task.seed == self.show)
+        return outcome(episode, task, self.tail, keep=task.seed in self.show)
 
     def summary(self, rows: list[Row]) -> list[Row]:
         """One line per planner, with who went first and who gave way."""
@@ -115,22 +117,24 @@ class Encounter(Experiment):
         files: list[Path] = []
         for i, (name, controller) in enumerate(self.planners.items()):
             planner = planner_behind(controller)
-            data = result.read(f"run-{name}-{self.show}.npz")
-            episode = Episode.from_bytes(data)
-            with paper_style():
-                if len(episode.robots) == 2:  # a scenario of one's own may have another number
-                    views = draw_views(
-                        episode, distance=self.view_distance, tail=self.tail, planner=planner
-                    )
-                    files += save(views, folder, f"views_{name}")
-                files += save(draw_run(episode), folder, f"run_{name}")
-            if i == 0:
-                files.append(folder / f"animation_{name}.gif")
-                write_bytes(files[-1], animate(episode, tail=self.tail, planner=planner))
+            for seed in self.show:
+                episode = Episode.from_bytes(result.read(f"run-{name}-{seed}.npz"))
+                called = figure_name(name, seed, self.show)
+                with paper_style():
+                    if len(episode.robots) == 2:  # a scenario of one's own may have another number
+                        views = draw_views(
+                            episode, distance=self.view_distance, tail=self.tail, planner=planner
+                        )
+                        files += save(views, folder, f"views_{called}")
+                    files += save(draw_run(episode), folder, f"run_{called}")
+                if i == 0 and seed == self.show[0]:
+                    files.append(folder / f"animation_{called}.gif")
+                    write_bytes(files[-1], animate(episode, tail=self.tail, planner=planner))
         return files
 
     def quick(self) -> Self:
         """Two seeds; of more than two planners the first two, and one seed."""
         seeds = min(self.seeds, 2 if len(self.planners) <= 2 else 1)
         planners = first_of(self.planners, 2)
-        return replace(self, planners=planners, seeds=seeds, show=min(self.show, seeds - 1))
+        show = shown_of_fewer(self.show, 0, seeds)
+        return replace(self, planners=planners, seeds=seeds, show=show)

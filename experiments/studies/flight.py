@@ -22,15 +22,18 @@ from ...simulation.scenarios.base import Scenario
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 from ..engine.closed_loop import (
     check_settings,
+    check_shown,
     check_starts,
     column,
     condense,
+    figure_name,
     first_of,
     group,
     inputs_of,
     outcome,
     pick,
     play,
+    shown_of_fewer,
 )
 from .variants import by_region_and_predictor, planner_of
 
@@ -66,12 +69,12 @@ class Flight(Experiment):
     scenario : who flies where, in three dimensions; each seed draws the same for all.
     robot : model of all plants.
     planner : settings of the MPC; its region and predictor are exchanged.
-    regions, predictors : by name. The episode of seed ``show`` is drawn for the first region
+    regions, predictors : by name. The episodes of ``show`` are drawn for the first region
         under each predictor.
     settings : clock, noise and end of the episodes.
     seeds : number of episodes per pair.
     tail : 1 - content of the drawn ellipsoid, of the coverage and of the volumes.
-    show : seed that is drawn.
+    show : seeds that are drawn.
     lead : s from the drawn plan to the closest approach.
     """
 
@@ -100,15 +103,14 @@ class Flight(Experiment):
     settings: Settings = field(default_factory=Settings)
     seeds: int = 10
     tail: float = 0.05
-    show: int = 0
+    show: tuple[int, ...] = (0,)
     lead: float = 1.5
 
     def __post_init__(self) -> None:
         check_settings(self.seeds, self.tail, regions=self.regions, predictors=self.predictors)
         positive("lead", self.lead)
         planner_of(self.planner)
-        if not 0 <= self.show < self.seeds:
-            raise WideberthError(f"show is {self.show}; wanted a seed in [0, {self.seeds})")
+        check_shown(self.show, 0, self.seeds)
         if self.robot.dimension != 3:
             raise WideberthError(
                 f"robot moves in {self.robot.dimension} dimensions; a flight has three"
@@ -142,7 +144,7 @@ class Flight(Experiment):
         )
         planner = variants[region, rule]
         episode = play(self.scenario, self.robot, planner, self.settings, task.seed)
-        drawn = task.seed == self.show and region == next(iter(self.regions))
+        drawn = task.seed in self.show and region == next(iter(self.regions))
         result = outcome(episode, task, self.tail, keep=drawn)
         spent = [plan.iterations for log in episode.robots for plan in log.plans]
         extra = {
@@ -175,9 +177,10 @@ class Flight(Experiment):
             files = save(compare(result.rows), folder, "comparison")
             for rule in self.predictors:
                 labels = _labels(rule, next(iter(self.regions)))
-                data = result.read(f"flight-{labels['planner']}-{self.show}.npz")
-                flight = draw_flight(Episode.from_bytes(data), tail=self.tail, lead=self.lead)
-                files += save(flight, folder, f"flight_{rule}")
+                for seed in self.show:
+                    data = result.read(f"flight-{labels['planner']}-{seed}.npz")
+                    flight = draw_flight(Episode.from_bytes(data), tail=self.tail, lead=self.lead)
+                    files += save(flight, folder, f"flight_{figure_name(rule, seed, self.show)}")
         return files
 
     def quick(self) -> Self:
@@ -187,7 +190,7 @@ class Flight(Experiment):
             regions=first_of(self.regions, 2),
             predictors=dict(list(self.predictors.items())[-1:]),
             seeds=1,
-            show=0,
+            show=shown_of_fewer(self.show, 0, 1),
         )
 
 

@@ -173,7 +173,7 @@ class KnownFutures(Experiment):
     solver : of all problems; one that solves many at once is the quickest.
     draws : K.
     starts : of the solves for known futures beside the one plan, see `PlannerSettings.starts`.
-    show : the place among the instants whose futures and first plans are drawn.
+    shown_instant : the place among the instants whose futures and first plans are drawn.
     """
 
     claim: ClassVar[str] = (
@@ -196,7 +196,7 @@ class KnownFutures(Experiment):
     solver: Solver
     draws: int = 1000
     starts: tuple[str, ...] = ("along", "left", "right", "wait")
-    show: int = 0
+    shown_instant: int = 0
     seed: int = 0
     settings: Settings = field(default_factory=Settings)
 
@@ -210,10 +210,10 @@ class KnownFutures(Experiment):
             positive("instants", instant, zero=True)
         if len(set(self.instants)) < len(self.instants):
             raise WideberthError(f"instants is {self.instants}; wanted each of them once")
-        if not 0 <= self.show < len(self.instants):
+        if not 0 <= self.shown_instant < len(self.instants):
             raise WideberthError(
-                f"show is {self.show}; wanted the place of one of {len(self.instants)} instants, "
-                "counted from 0"
+                f"shown_instant is {self.shown_instant}; wanted the place of one of "
+                f"{len(self.instants)} instants, counted from 0"
             )
         for controller in self.planners.values():
             planner_of(controller)
@@ -286,7 +286,7 @@ class KnownFutures(Experiment):
         times: list[Row] = [{**labels, "solves": solves, "solve_s": perf_counter() - begin}]
         best = [_best(some) for some in found]
         row = labels | measured(futures, one, best)
-        if name != next(iter(self.planners)) or i != self.show:
+        if name != next(iter(self.planners)) or i != self.shown_instant:
             return Outcome([row], times)
         return Outcome([row], times, {"futures.npz": _content(futures, one, best)})
 
@@ -302,9 +302,9 @@ class KnownFutures(Experiment):
 
     def quick(self) -> Self:
         """Keep the first planner, one instant and a few futures."""
-        instants, few = (self.instants[self.show],), min(self.draws, 10)
+        instants, few = (self.instants[self.shown_instant],), min(self.draws, 10)
         one = first_of(self.planners)
-        return replace(self, planners=one, instants=instants, draws=few, show=0)
+        return replace(self, planners=one, instants=instants, draws=few, shown_instant=0)
 
 
 def _best(solutions: Sequence[Solution]) -> Solution | None:

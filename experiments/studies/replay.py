@@ -12,7 +12,7 @@ from ...framework.metrics.episode import approach
 from ...framework.plugins.io import write_bytes
 from ...framework.robot import Robot
 from ...framework.tracking.recordings import Recording
-from ...framework.values.arrays import positive, probability, whole
+from ...framework.values.arrays import positive, whole
 from ...framework.values.errors import WideberthError
 from ...simulation.engine.agents import RobotAgent
 from ...simulation.engine.episode import run_episode
@@ -21,10 +21,14 @@ from ...simulation.log.episode_log import Episode
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 from ..engine.closed_loop import (
     EPISODE_CAPTIONS,
+    check_settings,
+    check_shown,
     column,
     condense,
+    figure_name,
     group,
     outcome,
+    shown_of_fewer,
 )
 from .crowd import Situation, TrackFile, counted_reasons, draw_situation
 
@@ -82,11 +86,11 @@ class Replay(Experiment):
     reach : m before and behind the person aimed at.
     speed : m/s at the start, and the reference of the free time; state the planners'
         ``reference_speed`` alike, or the ratio of times says little.
-    episodes : number per planner.
-    seed : of the first episode; the others follow.
+    seeds : number of episodes per planner.
+    first_seed : the seeds are first_seed to first_seed + seeds - 1.
     tail : 1 - content that the plans' levels are compared with, and of the drawn regions.
-    show : number of the episode, from 0, that is drawn for every planner, and animated for
-        the first.
+    show : seeds whose run is drawn for every planner; the first of them is animated for the
+        first planner.
     """
 
     claim: ClassVar[str] = (
@@ -94,7 +98,7 @@ class Replay(Experiment):
         "make way for it); what does the predictor change?"
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
-    growing: ClassVar[tuple[str, ...]] = ("episodes",)
+    growing: ClassVar[tuple[str, ...]] = ("seeds",)
     captions: ClassVar[Mapping[str, str]] = {
         "comparison": (
             "Clearance and time of every episode by planner: below the line at 0 the robot "
@@ -110,21 +114,17 @@ class Replay(Experiment):
     settings: Settings = field(default_factory=Settings)
     reach: float = 6.0
     speed: float = 0.7
-    episodes: int = 6
-    seed: int = 0
+    seeds: int = 6
+    first_seed: int = 0
     tail: float = 0.05
-    show: int = 0
+    show: tuple[int, ...] = (0,)
 
     def __post_init__(self) -> None:
-        whole("episodes", self.episodes)
-        whole("seed", self.seed, least=0)
-        probability("tail", self.tail)
+        check_settings(self.seeds, self.tail, planners=self.planners)
+        whole("first_seed", self.first_seed, least=0)
         positive("reach", self.reach)
         positive("speed", self.speed)
-        if not self.planners:
-            raise WideberthError("planners is empty; name at least one setting of the planner")
-        if not 0 <= self.show < self.episodes:
-            raise WideberthError(f"show is {self.show}; wanted a number in [0, {self.episodes})")
+        check_shown(self.show, self.first_seed, self.seeds)
         if self.robot.dimension != 2:
             raise WideberthError(
                 f"robot moves in {self.robot.dimension} dimensions; recordings are plane"
@@ -138,7 +138,7 @@ class Replay(Experiment):
         WideberthError : a file that cannot be used, or too short for an episode.
         """
         recording = self.tracks.read()
-        seeds = range(self.seed, self.seed + self.episodes)
+        seeds = range(self.first_seed, self.first_seed + self.seeds)
         for seed in seeds:
             self.situation(recording, seed)
         return [
@@ -172,9 +172,9 @@ class Replay(Experiment):
         controller = fresh(self.planners[task.settings["planner"]])
         robot = RobotAgent("robot", self.robot, controller, found.path, self.speed, truth=True)
         episode = run_episode([robot], self.settings, seed=task.seed, others=found.people)
-        made = outcome(episode, task, self.tail, keep=task.seed == self.seed + self.show)
+        made = outcome(episode, task, self.tail, keep=task.seed in self.show)
         made.rows[0].update(self._labels(recording, found, episode), **contacts(episode, found))
-        if task.seed == self.seed and task.settings["planner"] == next(iter(self.planners)):
+        if task.seed == self.first_seed and task.settings["planner"] == next(iter(self.planners)):
             made.files["tracks.txt"] = f"{recording.report()}\n{recording.noise.text}\n".encode()
         return made
 
@@ -221,19 +221,20 @@ class Replay(Experiment):
         with paper_style():
             files = save(compare(result.rows), folder, "comparison")
         for i, (name, controller) in enumerate(self.planners.items()):
-            data = result.read(f"replay-{name}-{self.seed + self.show}.npz")
-            episode = Episode.from_bytes(data)
-            with paper_style():
-                files += save(draw_run(episode), folder, f"run_{name}")
-            if i == 0:
-                files.append(folder / f"animation_{name}.gif")
-                film = animate(episode, tail=self.tail, planner=planner_behind(controller))
-                write_bytes(files[-1], film)
+            for seed in self.show:
+                episode = Episode.from_bytes(result.read(f"replay-{name}-{seed}.npz"))
+                called = figure_name(name, seed, self.show)
+                with paper_style():
+                    files += save(draw_run(episode), folder, f"run_{called}")
+                if i == 0 and seed == self.show[0]:
+                    files.append(folder / f"animation_{called}.gif")
+                    film = animate(episode, tail=self.tail, planner=planner_behind(controller))
+                    write_bytes(files[-1], film)
         return files
 
     def quick(self) -> Self:
         """One episode of each planner."""
-        return replace(self, episodes=1, show=0)
+        return replace(self, seeds=1, show=shown_of_fewer(self.show, self.first_seed, 1))
 
 
 def contacts(episode: Episode, found: Situation) -> Row:

@@ -15,6 +15,7 @@ from pathlib import Path, PurePath
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 from ..values.errors import WideberthError, short
+from .former_keys import with_new_keys
 from .io import check_target, expanded, read_json, write_json
 from .registry import load, name_of, names, room_name, room_of, unimportable, unknown
 from .yamlfile import read_config as read_config
@@ -78,6 +79,10 @@ def build(room: str, value: Any, path: str = "", default: Any = None) -> Any:
         raise WideberthError(
             f"{_at(path)}key 'type' is missing; wanted one of: {known}; or {{saved: FILE}}"
         )
+    try:
+        value = with_new_keys(room, value)
+    except WideberthError as error:
+        raise WideberthError(f"{_at(path)}{error}") from None
     settings = {key: entry for key, entry in value.items() if key != "type"}
     try:
         found = load(room, value["type"])

@@ -180,8 +180,8 @@ def test_an_encounter_of_one_robot_draws_its_run(tmp_path: File) -> None:
 def test_settings_that_make_no_experiment_are_refused(encounter: Encounter) -> None:
     with pytest.raises(WideberthError, match="planners is empty"):
         replace(encounter, planners={})
-    with pytest.raises(WideberthError, match=r"show is 7; wanted a seed in \[0, 1\)"):
-        replace(encounter, show=7)
+    with pytest.raises(WideberthError, match=r"show is \[7\]; wanted seeds in \[0, 1\)"):
+        replace(encounter, show=(7,))
     conservativeness = shipped("conservativeness")
     assert isinstance(conservativeness, Conservativeness)
     with pytest.raises(WideberthError, match="one must be named 'oracle'"):

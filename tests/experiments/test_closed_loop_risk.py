@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.engine.base import Result
+from wideberth.experiments.engine.runner import run
 from wideberth.experiments.engine.shipped import read_experiment
 from wideberth.experiments.studies.closed_loop_risk import (
     COUNTED,
@@ -24,6 +25,7 @@ from wideberth.simulation.scenarios.model_crowd import (
     ModelCrowd,
     WhiteAcceleration,
 )
+from wideberth.tests.helpers.sweeps import contents
 
 DT = 0.5
 
@@ -113,7 +115,7 @@ def test_the_config_states_each_model_to_its_predictor():
     assert known.fitted.innovation == law.innovation
     assert known.fitted.dt == auto.scenario.dt == experiment.planner.dt
     assert auto.settings.channel.noise == 0.0
-    assert experiment.episodes >= 2000
+    assert experiment.seeds >= 2000
 
 
 def test_quick_runs_and_counts(tmp_path: Path):
@@ -141,7 +143,7 @@ def test_quick_runs_and_counts(tmp_path: Path):
 
 def test_outside_is_the_mahalanobis_distance_of_the_content():
     """Of one plan, by another formula: chi-squared with two degrees of freedom."""
-    experiment = shipped("levels={content_5: {type: fixed, tail: 0.05}}", "episodes=3")
+    experiment = shipped("levels={content_5: {type: fixed, tail: 0.05}}", "seeds=3")
     task = next(task for task in experiment.tasks() if task.settings["predictor"] == "paper")
     crowd = experiment.crowds["autoregression"]
     planner = replace(experiment.planner, predictor=crowd.predictors["paper"])
@@ -192,3 +194,27 @@ def test_settings_that_make_no_experiment_are_refused():
         replace(experiment, levels={"loose": Relaxed(weight=1.0, minimum=0.0)})
     with pytest.raises(WideberthError, match="at least one"):
         replace(experiment, crowds={})
+
+
+def test_more_seeds_extend_a_result_whose_last_block_is_not_full(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from wideberth.experiments.studies import closed_loop_risk
+
+    monkeypatch.setattr(closed_loop_risk, "BLOCK", 2)
+    played: list[int] = []
+    play = closed_loop_risk._play
+
+    def noted(crowd: object, planner: object, seed: int) -> object:
+        played.append(seed)
+        return play(crowd, planner, seed)
+
+    monkeypatch.setattr(closed_loop_risk, "_play", noted)
+    level = "levels={content_5: {type: fixed, tail: 0.05}}"
+    few, more = shipped(level, "seeds=3"), shipped(level, "seeds=5")
+    whole = contents(run(more, tmp_path / "whole").folder)
+    run(few, tmp_path / "grown")
+    played.clear()
+    run(more, tmp_path / "grown")
+    assert sorted(set(played)) == [2, 3, 4]  # 2 stood alone in its block
+    assert contents(tmp_path / "grown") == whole

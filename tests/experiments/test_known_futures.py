@@ -62,7 +62,7 @@ def small(shipped: KnownFutures, **changes: object) -> KnownFutures:
     usual = planner_of(shipped.planners["recommended"])
     settings = {"level": Fixed(TAIL), **changes}
     planner: Controller = replace(usual, **settings)  # type: ignore[arg-type]
-    few = {"instants": (INSTANT,), "show": 0, "draws": 40, "solver": Riccati()}
+    few = {"instants": (INSTANT,), "shown_instant": 0, "draws": 40, "solver": Riccati()}
     return replace(shipped, planners={"only": planner}, **few)  # type: ignore[arg-type]
 
 
@@ -150,7 +150,9 @@ def test_modes_are_drawn_by_their_weight(
 def test_another_solver_finds_the_same_costs(shipped: KnownFutures) -> None:
     """JAX against the compiled recursion, at a level held by the ellipse."""
     one = {"means": shipped.planners["means"]}
-    study = replace(shipped, planners=one, instants=(INSTANT,), show=0, draws=3, starts=())
+    study = replace(
+        shipped, planners=one, instants=(INSTANT,), shown_instant=0, draws=3, starts=()
+    )
     rows = [
         replace(study, solver=solver).measure(study.tasks()[0]).rows[0]
         for solver in (Batch(), Riccati())
@@ -175,8 +177,8 @@ def test_rows_and_files_are_those_of_any_process(shipped: KnownFutures, tmp_path
     [
         ({"draws": 0}, "draws is 0; wanted a whole number"),
         ({"instants": ()}, "planners and instants must each name"),
-        ({"instants": (8.0, 8.0), "show": 0}, "wanted each of them once"),
-        ({"show": 9}, "show is 9; wanted the place of one of 5"),
+        ({"instants": (8.0, 8.0), "shown_instant": 0}, "wanted each of them once"),
+        ({"shown_instant": 9}, "shown_instant is 9; wanted the place of one of 5"),
         ({"starts": ("sideways",)}, "sideways"),
     ],
 )
