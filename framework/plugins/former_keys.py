@@ -43,7 +43,7 @@ def with_new_keys(room: str, config: Mapping[str, Any]) -> dict[str, Any]:
     changed: dict[str, Any] = {}
     begin = config.get(COUNTED.get(plugin, ""))
     if type(begin) is int:
-        config = {**dict.fromkeys(lists, 0), **config}
+        config = {**config, **{key: config.get(key, 0) for key in lists}}
     for key, value in config.items():
         new = renamed.get(key, key)
         if new != key and new in config:

@@ -20,7 +20,12 @@ is 4e7 m. Beyond it rounding exceeds a tenth of a micrometre."""
 
 
 def checked(
-    name: str, value: ArrayLike, shape: tuple[int | None, ...] | None, *, finite: bool = True
+    name: str,
+    value: ArrayLike,
+    shape: tuple[int | None, ...] | None,
+    *,
+    finite: bool = True,
+    reason: str = "",
 ) -> Array:
     """Return ``value`` as a read-only float64 array of the wanted shape.
 
@@ -31,6 +36,7 @@ def checked(
     shape : wanted length of each axis, None where any length will do; None for any batch of
         vectors.
     finite : refuse NaN and infinity (NaN marks "unobserved" in tracks alone).
+    reason : why that shape is wanted; it ends the message about another one.
 
     Raises
     ------
@@ -52,7 +58,7 @@ def checked(
     )
     if not fits:
         wanted = tuple("any" if want is None else want for want in shape)
-        raise WideberthError(f"{name} has shape {array.shape}; wanted {wanted}")
+        raise WideberthError(f"{name} has shape {array.shape}; wanted {wanted}{reason}")
     if finite and not np.isfinite(array).all():
         first = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise WideberthError(
@@ -77,12 +83,14 @@ def checked_covariance(name: str, value: ArrayLike, shape: tuple[int | None, ...
     ------
     WideberthError : as `checked`, or not symmetric, or an eigenvalue below zero.
     """
+    reason = of_covariances(shape if isinstance(shape, int) else shape[-1])
     if isinstance(shape, int):
         array = checked(name, value, None)
         if array.shape[-2:] != (shape, shape):
-            raise WideberthError(f"{name} has shape {array.shape}; wanted (..., {shape}, {shape})")
+            wanted = f"(..., {shape}, {shape})"
+            raise WideberthError(f"{name} has shape {array.shape}; wanted {wanted}{reason}")
     else:
-        array = checked(name, value, shape)
+        array = checked(name, value, shape, reason=reason)
     if _equals_transpose(array):
         symmetric = array
     else:
@@ -98,6 +106,11 @@ def checked_covariance(name: str, value: ArrayLike, shape: tuple[int | None, ...
         symmetric.setflags(write=False)
     _refuse_negative(name, symmetric)
     return symmetric
+
+
+def of_covariances(size: int | None) -> str:
+    """Return the `checked` reason for the shape of covariances in D dimensions."""
+    return f": in {size} dimensions a covariance is {size} x {size}"
 
 
 def _equals_transpose(matrices: Array) -> bool:

@@ -6,7 +6,16 @@ from typing import TypeVar
 
 import numpy as np
 
-from .arrays import FARTHEST, Array, Scalar, checked, checked_covariance, number, stacked
+from .arrays import (
+    FARTHEST,
+    Array,
+    Scalar,
+    checked,
+    checked_covariance,
+    number,
+    of_covariances,
+    stacked,
+)
 from .errors import WideberthError
 from .polygon import Polygon
 
@@ -259,9 +268,10 @@ def sound(observation: Observation, dimension: int) -> tuple[tuple[Detection, ..
 
 def _covariance(name: str, value: Array, size: int) -> tuple[Array, str]:
     """Return a matrix of that size, and why it is no covariance, if so."""
-    array = checked(name, value, (size, size), finite=False)
+    shape = (size, size)
+    array = checked(name, value, shape, finite=False, reason=of_covariances(size))
     try:
-        return checked_covariance(name, array, (size, size)), ""
+        return checked_covariance(name, array, shape), ""
     except WideberthError as error:
         return array, str(error)
 

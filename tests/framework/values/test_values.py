@@ -240,3 +240,23 @@ def test_history_marks_gaps_forgets_and_keeps_order() -> None:
     last = history.tracks()
     assert last is not None
     assert last.ids == ("c",)
+
+
+@pytest.mark.parametrize(
+    ("mean", "covariance", "words"),
+    [
+        (np.zeros(3), np.eye(2), r"\(2, 2\); wanted \(3, 3\): in 3 dimensions .* is 3 x 3$"),
+        (np.zeros((4, 3)), np.zeros((4, 2, 2)), r"\(4, 2, 2\); wanted \(4, 3, 3\): in 3 dim"),
+        (np.zeros(2), np.eye(3), r"\(3, 3\); wanted \(2, 2\): in 2 dimensions .* is 2 x 2$"),
+        (np.zeros(3), 0.1, r"\(\); wanted \(3, 3\): in 3 dimensions"),
+    ],
+)
+def test_covariances_of_another_dimension(
+    mean: np.ndarray, covariance: np.ndarray, words: str
+) -> None:
+    with pytest.raises(WideberthError, match=rf"obstacle\.covariance has shape {words}"):
+        GaussianObstacle(mean, covariance)
+    with pytest.raises(WideberthError, match=r"\(2, 2\); wanted \(\.\.\., 3, 3\): in 3 dim"):
+        checked_covariance("covariance", np.eye(2), 3)
+    with pytest.raises(WideberthError, match=r"\(2, 2\); wanted \(3, 3\): in 3 dimensions"):
+        Detection("a", np.zeros(3), np.eye(2), 0.3)
