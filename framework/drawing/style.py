@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 COLUMN = 3.5
 """Width of one printed column, inch."""
@@ -43,6 +44,7 @@ Shade: TypeAlias = tuple[float, float, float]
 _WIDTH = 5.4  # inch, of a picture for the screen
 _TALLEST, _LOWEST = 4.4, 1.5  # inch, of its axes
 _SCREEN_DPI = 140
+_IN_A_BROWSER = ("nbagg", "webagg", "module://ipympl.backend_nbagg", "ipympl")
 
 
 @contextmanager
@@ -110,6 +112,15 @@ def chosen_steps(count: int, most: int = 8) -> list[int]:
     """Choose the steps, from 0, that have a region in a picture: evenly, and the last."""
     every = max(-(-count // most), 1)
     return list(range((count - 1) % every, count, every))
+
+
+def is_seen(figure: "Figure") -> bool:
+    """Whether the session's backend of matplotlib shows a figure: in a window or in a browser."""
+    from matplotlib import pyplot
+
+    canvas: Any = figure.canvas
+    in_a_browser = str(pyplot.get_backend()).lower() in _IN_A_BROWSER
+    return in_a_browser or canvas.required_interactive_framework is not None
 
 
 def picture(draw: Callable[["Axes"], Points], dimension: int, ax: "Axes | None") -> "Axes":

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from ...framework.drawing.style import number, paper_style
+from ...framework.drawing.style import is_seen, number, paper_style
 from ...framework.values.arrays import Array, positive
 from ...framework.values.errors import WideberthError
 from ...framework.values.plan import Plan, kept_out
 from . import artists
 from .logged import Agent, Logged
+from .saving import film_of
 
 if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
@@ -24,7 +25,6 @@ Regions: TypeAlias = Callable[[Agent, Plan, list[int]], Mapping[tuple[int, int],
 """Agent, plan and steps -> outlines of what the plan keeps out of, see `kept_out`."""
 
 _EVERY = 3  # steps from one drawn forecast region to the next in the film
-_IN_A_BROWSER = ("nbagg", "webagg", "module://ipympl.backend_nbagg", "ipympl")
 _NARROWEST = 0.65  # width of the world over its height, so that the header is no wider
 
 
@@ -33,8 +33,6 @@ def animation(
 ) -> "FuncAnimation":
     """Return the film of an episode as matplotlib's animation; see `Episode.animate`."""
     from matplotlib.figure import Figure
-
-    from .saving import Film
 
     positive("rate", rate)
     positive("speed", speed)
@@ -46,7 +44,7 @@ def animation(
             figure = Figure(dpi=120)
             canvas_of(figure)
         stage = Stage(figure, episode, tail, own_regions, f"{speed:g} times real time")
-    film = Film(figure, stage.show, frames=list(times), interval=1000.0 / rate)
+    film = film_of(figure, stage.show, list(times), 1000.0 / rate)
     if live:
         figure.show()
     return film
@@ -70,15 +68,6 @@ def window() -> "Figure":
             "episode.animate().save('film.gif')"
         )
     return figure
-
-
-def is_seen(figure: "Figure") -> bool:
-    """Whether the session's backend of matplotlib shows a figure: in a window or in a browser."""
-    from matplotlib import pyplot
-
-    canvas: Any = figure.canvas
-    in_a_browser = str(pyplot.get_backend()).lower() in _IN_A_BROWSER
-    return in_a_browser or canvas.required_interactive_framework is not None
 
 
 def own_regions(agent: Agent, plan: Plan, steps: list[int]) -> Mapping[tuple[int, int], Array]:

@@ -1,51 +1,63 @@
 """Films that are written by what their file's name asks for."""
 
-from os import PathLike
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, final
-
-import matplotlib
-from matplotlib.animation import FuncAnimation, writers
+from typing import TYPE_CHECKING, Any
 
 from ...framework.values.errors import WideberthError
+
+if TYPE_CHECKING:
+    from matplotlib.animation import FuncAnimation
+    from matplotlib.figure import Figure
 
 _PILLOW = (".gif", ".webp", ".apng")
 
 
-@final
-class Film(FuncAnimation):
-    """A film that chooses its writer by the file's suffix, and says so where there is none."""
+def film_of(
+    figure: "Figure", show: Callable[[float], list[Any]], times: list[float], interval: float
+) -> "FuncAnimation":
+    """Return a film whose ``save`` chooses the writer by the file's suffix.
 
-    def save(
-        self, filename: str | PathLike[str], writer: Any = None, *more: Any, **settings: Any
-    ) -> None:
-        """Write the film; all else is as matplotlib's ``FuncAnimation.save``.
+    Pillow, which comes with matplotlib, writes .gif, .webp and .apng; all others need a program,
+    ffmpeg by default (matplotlib's setting ``animation.writer``).
 
-        Pillow, which comes with matplotlib, writes .gif, .webp and .apng; all others need a
-        program, ffmpeg by default (matplotlib's setting ``animation.writer``).
+    Parameters
+    ----------
+    figure : whose artists move.
+    show : brings them to a time, s.
+    times : of the frames, s.
+    interval : between two frames, ms.
+    """
+    from matplotlib.animation import FuncAnimation
 
-        Parameters
-        ----------
-        filename : with its suffix.
-        writer : matplotlib's name of one, or one; None to choose.
+    class Film(FuncAnimation):
+        """As matplotlib's, but for the writer; raises as `writer_for`."""
 
-        Raises
-        ------
-        WideberthError : the suffix needs a program that is missing.
-        """
-        chosen = writer_for(filename) if writer is None else writer
-        super().save(filename, chosen, *more, **settings)
+        def save(
+            self, filename: str | Path, writer: Any = None, *more: Any, **settings: Any
+        ) -> None:
+            chosen = writer_for(Path(filename)) if writer is None else writer
+            super().save(filename, chosen, *more, **settings)
+
+    return Film(figure, show, frames=times, interval=interval)
 
 
-def writer_for(filename: str | PathLike[str]) -> str:
-    """Return matplotlib's name of the writer for a file; raises as `Film.save`."""
-    path = Path(filename)
-    if path.suffix.lower() in _PILLOW:
+def writer_for(file: Path) -> str:
+    """Return matplotlib's name of the writer for a file.
+
+    Raises
+    ------
+    WideberthError : the suffix needs a program that is missing.
+    """
+    import matplotlib
+    from matplotlib.animation import writers
+
+    if file.suffix.lower() in _PILLOW:
         return "pillow"
     program = str(matplotlib.rcParams["animation.writer"])
     if not writers.is_available(program):
         raise WideberthError(
-            f"{path.name} has to be written by {program}, which is not installed; install it, or "
-            f"write {path.stem}.gif, which needs no program"
+            f"{file.name} has to be written by {program}, which is not installed; install it, or "
+            f"write {file.stem}.gif, which needs no program"
         )
     return program

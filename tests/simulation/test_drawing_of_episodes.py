@@ -95,7 +95,7 @@ def test_a_film_names_the_program_that_it_lacks(
     assert [file.name for file in tmp_path.iterdir()] == ["film.GIF"]
     assert not caplog.records and capfd.readouterr() == ("", "")
     monkeypatch.setattr(FFMpegWriter, "isAvailable", classmethod(lambda cls: True))
-    assert (writer_for("a.mp4"), writer_for("a.gif")) == ("ffmpeg", "pillow")
+    assert (writer_for(File("a.mp4")), writer_for(File("a.gif"))) == ("ffmpeg", "pillow")
 
 
 def test_figures_write_a_minus_sign(episode: Episode, monkeypatch: pytest.MonkeyPatch) -> None:
