@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar, Self, final
 
 import numpy as np
@@ -78,11 +79,16 @@ class ConstantAcceleration(Fittable):
         """Forecast all obstacles; see `Predictor.predict`."""
         past = gather(tracks, length=self.history)
         noise = measurement_noise(tracks, self.noise_floor)
-        transition, process = singer(tracks.dt, self.acceleration, self.time_constant)
-        start = np.array([self.speed**2, self.acceleration**2])
-        model = AxisModel(transition, process, start)
+        model = _model(tracks.dt, self.acceleration, self.time_constant, self.speed)
         filtered = filter_axes(past, noise, model)
         return roll_out(filtered, model, past, tracks, steps, "constant_acceleration")
+
+
+@lru_cache(maxsize=16)
+def _model(dt: float, acceleration: float, time_constant: float, speed: float) -> AxisModel:
+    """Return the model of an axis, the same object for the same numbers."""
+    start = np.array([speed**2, acceleration**2])
+    return AxisModel(*singer(dt, acceleration, time_constant), start)
 
 
 def singer(dt: float, acceleration: float, time_constant: float) -> tuple[Array, Array]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar, Literal, Self, final
 
 import numpy as np
@@ -81,14 +82,19 @@ class Kalman(Fittable):
         """Forecast all obstacles; see `Predictor.predict`."""
         past = gather(tracks, length=self.history)
         noise = measurement_noise(tracks, self.noise_floor)
-        transition, process = white_acceleration(tracks.dt, self.acceleration_density, 1)
-        model = AxisModel(transition, process, np.array([self.speed**2]))
+        model = _model(tracks.dt, self.acceleration_density, self.speed)
         engine = filter_axes if self.backend == "batched" else filter_one_by_one
         return roll_out(engine(past, noise, model), model, past, tracks, steps, "kalman")
 
     def fit(self, dataset: Sequence[Tracks]) -> Self:
         """Return a copy with both numbers scaled by `fit_numbers`; see `Fittable.fit`."""
         return fit_numbers(self, SCALED, dataset)
+
+
+@lru_cache(maxsize=16)
+def _model(dt: float, density: float, speed: float) -> AxisModel:
+    """Return the model of an axis, the same object for the same numbers."""
+    return AxisModel(*white_acceleration(dt, density, 1), np.array([speed**2]))
 
 
 def filter_one_by_one(past: Histories, noise: Array, model: AxisModel) -> Filtered:
@@ -98,7 +104,7 @@ def filter_one_by_one(past: Histories, noise: Array, model: AxisModel) -> Filter
     count, rows, size = past.positions.shape
     order = len(model.transition)
     state = np.zeros((count, order * size))
-    covariance, likelihood = started(noise, model), np.zeros(count)
+    covariance = started(noise, model)
     for i in range(count):
         first = min(int(past.began[i]), rows - 1)
         engine = KalmanFilter(dim_x=order * size, dim_z=size)
@@ -111,6 +117,5 @@ def filter_one_by_one(past: Histories, noise: Array, model: AxisModel) -> Filter
             engine.predict()
             if past.observed[i, column]:
                 engine.update(past.positions[i, column])
-                likelihood[i] += engine.log_likelihood
         state[i], covariance[i] = engine.x, 0.5 * (engine.P + engine.P.T)
-    return Filtered(state, covariance, likelihood)
+    return Filtered(state, covariance)

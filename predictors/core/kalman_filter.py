@@ -5,11 +5,12 @@ the (s, s) matrices of one axis and the state ordered (position, velocity, ...),
 components. Then, in the principal axes of its measurement noise, an obstacle is D filters
 with one scalar measurement each. Covariances do not depend on what is measured but only on
 when and how well, so that they are computed once for all axes with the same noise and the
-same missing samples.
+same missing samples, and kept for the next call: as long as nothing is missed, the samples
+counted from an obstacle's first one are the same for all obstacles and at all calls.
 """
 
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from ...framework.values.forecast import Forecast
 from ...framework.values.tracks import Tracks
 from .assembly import Gaussians, finish
 from .history import Histories, IntArray
-from .propagation import after, readings, step_covariances, step_joint
+from .propagation import Growth, after, step_joint
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,12 +46,10 @@ class Filtered:
     ----------
     state : (O, s*D): position relative to the origin of the history, velocity, ...
     covariance : (O, s*D, s*D).
-    log_likelihood : (O,), of all samples after the first one, log densities in 1/m.
     """
 
     state: Array
     covariance: Array
-    log_likelihood: Array
 
 
 def filter_axes(past: Histories, noise: Array, model: AxisModel) -> Filtered:
@@ -68,23 +67,21 @@ def filter_axes(past: Histories, noise: Array, model: AxisModel) -> Filtered:
     count, rows, size = past.positions.shape
     order = len(model.transition)
     if rows == 0 or count == 0:
-        zero = np.zeros((count, order * size))
-        return Filtered(zero, started(noise, model), np.zeros(count))
+        return Filtered(np.zeros((count, order * size)), started(noise, model))
     variance, vectors = np.linalg.eigh(noise)
     local = (past.positions @ vectors).transpose(1, 0, 2).reshape(rows, count * size)
-    seen = np.repeat(past.observed, size, axis=0)
-    first, which = _distinct(variance.ravel(), seen)
-    tables = _Tables.computed(variance.ravel()[first], seen[first], model)
     began = np.repeat(past.began, size)
-    state, surprise = _filter_means(local, began, tables, which, model.transition)
-    each = surprise + tables.constant[which]
-    covariance = tables.covariance[which].reshape(count, size, order, order)
+    seen = np.repeat(_from_the_first(past), size, axis=0)
+    first, which = _distinct(variance.ravel(), seen)
+    tables = _tables(variance.ravel()[first].tobytes(), seen[first].tobytes(), rows, model)
+    state = _filter_means(local, began, tables, which, model.transition)
+    covariance = tables.covariance[np.maximum(rows - 1 - began, 0), which]
+    covariance = covariance.reshape(count, size, order, order)
     back = vectors[:, None] * covariance.transpose(0, 2, 3, 1).reshape(count, -1, 1, size)
     whole = (back @ vectors.swapaxes(1, 2)[:, None]).reshape(count, order, order, size, size)
     return Filtered(
         np.einsum("oij,ojs->osi", vectors, state.reshape(count, size, order)).reshape(count, -1),
         whole.transpose(0, 1, 3, 2, 4).reshape(count, order * size, order * size),
-        -0.5 * each.reshape(count, size).sum(axis=1),
     )
 
 
@@ -103,6 +100,19 @@ def started(noise: Array, model: AxisModel) -> Array:
     return covariance
 
 
+def _from_the_first(past: Histories) -> BoolArray:
+    """Whether each sample counted from an obstacle's first one was observed, (O, T).
+
+    What lies beyond the newest one counts as observed: it is not reached.
+    """
+    rows = past.observed.shape[1]
+    if not past.began.any():
+        return past.observed
+    column = past.began[:, None] + np.arange(rows)
+    known = past.observed[np.arange(len(column))[:, None], np.minimum(column, rows - 1)]
+    return np.asarray(known | (column >= rows), dtype=np.bool_)
+
+
 def _distinct(variance: Array, seen: BoolArray) -> tuple[IntArray, IntArray]:
     """First index of each distinct pair (variance, row of ``seen``), and which one each is."""
     bits = np.packbits(seen, axis=1)
@@ -116,57 +126,55 @@ def _distinct(variance: Array, seen: BoolArray) -> tuple[IntArray, IntArray]:
 class _Tables:
     """Gains and covariances, which do not depend on measured values, for U kinds of axes.
 
-    gain : (T, s, U), 0 where nothing is measured.
-    precision : (T, U), 1/m^2, inverse variance of the innovation, 0 as above.
-    constant : (U,), sum of log(2 pi S) over the measured samples.
-    covariance : (U, s, s) at the last sample.
+    Rows are samples counted from the first one of a history.
+
+    gain : (T, s, U), 0 where nothing is measured, and at the first sample.
+    covariance : (T, U, s, s), after each sample.
     """
 
     gain: Array
-    precision: Array
-    constant: Array
     covariance: Array
 
-    @classmethod
-    def computed(cls, variance: Array, seen: BoolArray, model: AxisModel) -> "_Tables":
-        """Run the covariance recursion for noise variances (U,) and samples (U, T)."""
-        kinds, rows = seen.shape
-        start = started(variance[:, None, None], model).transpose(1, 2, 0)
-        began = np.where(seen.any(axis=1), np.argmax(seen, axis=1), rows)
-        gain, precision = np.zeros((rows, len(start), kinds)), np.zeros((rows, kinds))
-        constant, covariance = np.zeros(kinds), start
-        for k in range(rows):
-            covariance = advanced(covariance, model.transition, model.process)
-            step, total, measured = scalar_update(covariance, 0, variance)
-            used = seen[:, k] & (k > began)
-            covariance = np.where(used, measured, covariance)
-            covariance = np.where(k > began, covariance, start)
-            gain[k] = np.where(used, step, 0.0)
-            precision[k] = np.where(used, 1.0 / total, 0.0)
-            constant += np.where(used, np.log(2 * np.pi * total), 0.0)
-        return cls(gain, precision, constant, covariance.transpose(2, 0, 1))
+
+@lru_cache(maxsize=16)
+def _tables(variance: bytes, seen: bytes, rows: int, model: AxisModel) -> _Tables:
+    """Run the covariance recursion for noise variances (U,) and samples (U, T).
+
+    Kept by what it depends on, the model by identity.
+    """
+    noise = np.frombuffer(variance)
+    used = np.frombuffer(seen, dtype=np.bool_).reshape(len(noise), rows)
+    covariance = started(noise[:, None, None], model).transpose(1, 2, 0)
+    gain = np.zeros((rows, len(covariance), len(noise)))
+    found = [covariance]
+    for k in range(1, rows):
+        covariance = advanced(covariance, model.transition, model.process)
+        step, _, measured = scalar_update(covariance, 0, noise)
+        covariance = np.where(used[:, k], measured, covariance)
+        gain[k] = np.where(used[:, k], step, 0.0)
+        found.append(covariance)
+    return _Tables(gain, np.stack(found).transpose(0, 3, 1, 2))
 
 
 def _filter_means(
     measured: Array, began: IntArray, tables: _Tables, which: IntArray, transition: Array
-) -> tuple[Array, Array]:
-    """States (B, s) after all samples (T, B), and the sum of squared innovations over S."""
+) -> Array:
+    """States (B, s) after all samples (T, B).
+
+    The gain is 0 up to the first sample, so that a filter stays there until it begins.
+    """
     rows, count = measured.shape
-    kind = which if tables.gain.shape[2] > 1 else slice(None)  # one kind needs no look-up
+    if tables.gain.shape[2] == 1 and not began.any():  # the usual case needs no look-up
+        gain = tables.gain
+    else:
+        since = np.maximum(np.arange(rows)[:, None] - began, 0)
+        gain = tables.gain[since, :, which].transpose(0, 2, 1)
     state = np.zeros((len(transition), count))
-    surprise = np.zeros(count)
-    latest = int(began.max())
-    for k in range(rows):
+    state[0] = measured[np.minimum(began, rows - 1), np.arange(count)]
+    for k in range(1, rows):
         state = transition @ state
-        gap = measured[k] - state[0]
-        surprise += gap**2 * tables.precision[k][kind]
-        state += tables.gain[k][:, kind] * gap
-        if k <= latest:
-            fresh = k <= began
-            state[:, fresh] = 0.0
-            state[0, fresh] = measured[k, fresh]
-            surprise[fresh] = 0.0
-    return state.T, surprise
+        state += gain[k] * (measured[k] - state[0])
+    return state.T
 
 
 def advanced(covariance: Array, transition: Array, process: Array) -> Array:
@@ -250,11 +258,18 @@ def roll_out(
     size = tracks.dimension
     if tracks.state_covariance is not None:
         state, start = _tracked(filtered, tracks.state_covariance, past.samples > 1)
-    whole = on_all_axes(model.transition, size), on_all_axes(model.process, size)
-    ahead = steps + int(past.late.max(initial=0))
-    moved = np.einsum("nds,os->ond", readings(whole[0], size, ahead), state)
-    spread = step_covariances(*whole, start, size, ahead)
+    growth = _growth(model, size, steps + int(past.late.max(initial=0)))
+    moved = np.einsum("nds,os->ond", growth.reads, state)
+    spread = growth.covariances(start)
     mean = past.origin[:, None] + after(moved, steps, past.late)
+    whole = growth.transition, growth.process
     joint = partial(step_joint, *whole, start, size, steps, past.late)
     own = Gaussians(mean, after(spread, steps, past.late), (None,) * len(tracks), joint)
     return finish(own, past, tracks, name)
+
+
+@lru_cache(maxsize=16)
+def _growth(model: AxisModel, size: int, steps: int) -> Growth:
+    """Return how all axes together grow, kept for the next call; the model by identity."""
+    whole = on_all_axes(model.transition, size), on_all_axes(model.process, size)
+    return Growth.of(*whole, size, steps)

@@ -4,6 +4,8 @@ Notation: dT is the step, h counts steps ahead, D is the dimension of a position
 state, N the number of steps, O the number of obstacles.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ...framework.values.arrays import Array
@@ -37,13 +39,52 @@ def readings(transition: Array, size: int, steps: int) -> Array:
     return reads
 
 
+@dataclass(frozen=True, eq=False)
+class Growth:
+    """How a linear model carries any state and covariance over the horizon.
+
+    Attributes
+    ----------
+    transition, process : (S, S), F and Q.
+    reads : (N, D, S), see `readings`.
+    square : (N*D*D, S*S), their products H F^h by H F^h, that map P_0 to each step.
+    grown : (N, D, D), m^2, what Q has added by each step.
+    """
+
+    transition: Array
+    process: Array
+    reads: Array
+    square: Array
+    grown: Array
+
+    @classmethod
+    def of(cls, transition: Array, process: Array, size: int, steps: int) -> "Growth":
+        """Compute it for N steps and positions of D coordinates, which come first in a state."""
+        reads = readings(transition, size, steps)
+        square = np.einsum("nia,njb->nijab", reads, reads)
+        square = square.reshape(steps * size**2, len(transition) ** 2)
+        grown = np.zeros((steps, size, size))
+        covariance = np.zeros_like(process)
+        for h in range(steps):
+            covariance = transition @ covariance @ transition.T + process
+            grown[h] = covariance[:size, :size]
+        return cls(transition, process, reads, square, grown)
+
+    def covariances(self, start: Array) -> Array:
+        """Covariance of the position at each step from P_0 (O, S, S), (O, N, D, D), m^2.
+
+        All obstacles share F and Q, so that step h is H F^h P_0 F^h' H' plus what Q adds, the
+        same for all: one product of `square` with all P_0 at once.
+        """
+        count = len(start)
+        spread = start.reshape(count, self.square.shape[1]) @ self.square.T
+        return np.asarray(spread.reshape(count, *self.grown.shape) + self.grown)
+
+
 def step_covariances(
     transition: Array, process: Array, start: Array, size: int, steps: int
 ) -> Array:
     """Covariance of the position at each step, (O, N, D, D), m^2; see `joint_covariance`.
-
-    All obstacles share F and Q, so that step h is H F^h P_0 F^h' H' plus what Q adds, the
-    same for all: one product of an (N*D*D, S*S) matrix with all P_0 at once.
 
     Parameters
     ----------
@@ -53,19 +94,7 @@ def step_covariances(
     size : D; the first components of the state are the position.
     steps : N.
     """
-    reads = readings(transition, size, steps)
-    square = np.einsum("nia,njb->nijab", reads, reads)
-    square = square.reshape(steps * size**2, len(transition) ** 2)
-    grown = np.zeros((steps, size, size))
-    covariance = np.zeros_like(process)
-    for h in range(steps):
-        covariance = transition @ covariance @ transition.T + process
-        grown[h] = covariance[:size, :size]
-    count = len(start)
-    spread = (start.reshape(count, len(transition) ** 2) @ square.T).reshape(
-        count, steps, size, size
-    )
-    return np.asarray(spread + grown)
+    return Growth.of(transition, process, size, steps).covariances(start)
 
 
 def step_joint(

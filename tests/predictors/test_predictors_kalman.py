@@ -19,7 +19,7 @@ from wideberth.predictors.core.kalman_filter import (
     measured_update,
     scalar_update,
 )
-from wideberth.predictors.core.propagation import joint_covariance, white_acceleration
+from wideberth.predictors.core.propagation import white_acceleration
 from wideberth.predictors.interacting_models import InteractingModels
 from wideberth.predictors.kalman import Kalman, filter_one_by_one
 
@@ -52,7 +52,6 @@ def test_batched_filter_equals_filterpy(size, missing):
     theirs = filter_one_by_one(past, noise, model_of())
     np.testing.assert_allclose(ours.state, theirs.state, rtol=0, atol=1e-12)
     np.testing.assert_allclose(ours.covariance, theirs.covariance, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(ours.log_likelihood, theirs.log_likelihood, rtol=1e-12, atol=1e-12)
 
 
 def test_shared_and_own_covariances_agree():
@@ -77,29 +76,6 @@ def test_histories_that_begin_at_different_rows():
         alone = filter_axes(gather(short), short.noise, model_of())
         np.testing.assert_allclose(filtered.state[index], alone.state[0], atol=1e-13)
         np.testing.assert_allclose(filtered.covariance[index], alone.covariance[0], atol=1e-13)
-
-
-def test_likelihood_is_the_joint_density_of_the_samples():
-    from scipy.stats import multivariate_normal
-
-    tracks = wandering(1, 6, 2)
-    past, noise, model = gather(tracks), tracks.noise, model_of()
-    got = filter_axes(past, noise, model).log_likelihood[0]
-    count, size = 6, 2
-    powers = [np.linalg.matrix_power(model.transition, k) for k in range(count)]
-    shocks = np.zeros((count, count))
-    for j in range(count):
-        for h in range(count):
-            for k in range(1, min(j, h) + 1):
-                shocks[j, h] += (powers[j - k] @ model.process @ powers[h - k].T)[0, 0]
-    time = DT * np.arange(count)
-    ahead = np.kron(shocks + 1.3**2 * np.outer(time, time), np.eye(size))
-    # The first sample is the mean at the start, with its own noise as the covariance.
-    ahead += np.kron(np.ones((count, count)), noise[0]) + np.kron(np.eye(count), noise[0])
-    ahead = ahead[size:, size:]
-    mean = np.tile(past.positions[0, 0], count - 1)
-    wanted = multivariate_normal(mean, ahead).logpdf(past.positions[0, 1:].ravel())
-    assert got == pytest.approx(wanted, rel=1e-10)
 
 
 def test_updates_stay_positive_semi_definite_with_tiny_noise():
@@ -221,27 +197,6 @@ def test_too_little_to_fit_to_is_said():
         Kalman().fit([drifting(0.1, 0.1, count=5)])
     with pytest.raises(WideberthError, match=r"kalman\.backend is 'simd'"):
         Kalman(backend="simd")
-
-
-@pytest.mark.parametrize("size", [2, 3])
-def test_the_likelihood_is_that_of_all_samples_together(size):
-    """Of one joint Gaussian, z_k = x_k + e_k with x_0 ~ N(z_0, R); a missing sample drops out."""
-    tracks = wandering(3, 5, size, seed=4)
-    positions = tracks.positions.copy()
-    positions[1, 2] = NAN
-    tracks = replace(tracks, positions=positions)
-    model = model_of()
-    found = filter_axes(gather(tracks), tracks.noise, model).log_likelihood
-    whole = [np.kron(matrix, np.eye(size)) for matrix in (model.transition, model.process)]
-    for o in range(3):
-        start = np.zeros_like(whole[0])
-        start[:size, :size] = tracks.noise[o]
-        start[size:, size:] = np.kron(np.diag(model.start), np.eye(size))
-        spread = joint_covariance(*whole, start, size, 4) + np.kron(np.eye(4), tracks.noise[o])
-        gap = (positions[o, 1:] - positions[o, 0]).ravel()
-        known = np.isfinite(gap)
-        wanted = multivariate_normal(np.zeros(known.sum()), spread[np.ix_(known, known)])
-        assert found[o] == pytest.approx(wanted.logpdf(gap[known]), rel=1e-9)
 
 
 def test_the_density_of_a_position_is_that_of_its_innovation():
