@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import final
+from typing import NamedTuple, final
 
 import numpy as np
 
@@ -21,8 +21,7 @@ DENSEST = 64
 """Measurements kept per sample of the tracks, so that no clock makes a log grow without bound."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Log:
+class _Log(NamedTuple):
     """Measurements of one obstacle, oldest first.
 
     Attributes
@@ -36,26 +35,41 @@ class _Log:
 
     times: Array
     positions: Array
-    reported: float = 0.0
-    radius: float = 0.0
-    covariance: Array | None = None
-    sensor: str = ""
-    fresh: int = 0
-    looked: bool = False
+    reported: float
+    radius: float
+    covariance: Array | None
+    sensor: str
+    fresh: int
+    looked: bool
 
-    def append(self, time: float, position: Array, oldest: float, apart: float) -> "_Log":
-        """Return the log with a measurement more, and without all before ``oldest``.
+    @classmethod
+    def begun(cls, size: int) -> "_Log":
+        """Return one without measurements."""
+        return cls(np.empty(0), np.empty((0, size)), 0.0, 0.0, None, "", 0, looked=False)
 
-        One that comes less than ``apart`` s after the last but one takes the last one's place.
+    def measured(self, time: float, position: Array, keep: float, apart: float) -> "_Log":
+        """Return the log with a measurement more, and without those over ``keep`` s before it.
+
+        One that comes less than ``apart`` s after the last but one takes the last one's place; one
+        that does not come after the last is left out.
         """
-        close = len(self.times) > 1 and time - self.times[-2] < apart
-        kept = len(self.times) - int(close)
-        times = np.append(self.times[:kept], time)
-        positions = np.concatenate([self.positions[:kept], position[None]])
-        first = int(np.searchsorted(times, oldest))
-        return replace(
-            self, times=times[first:], positions=positions[first:], fresh=self.fresh + 1
-        )
+        times, count = self.times, len(self.times)
+        if count and not time > times[-1]:
+            return self
+        kept = count - int(count > 1 and time - times[-2] < apart)
+        first = 0
+        while first < kept and times[first] < time - keep:
+            first += 1
+        later = np.empty(kept - first + 1)
+        later[:-1], later[-1] = times[first:kept], time
+        places = np.empty((len(later), len(position)))
+        places[:-1], places[-1] = self.positions[first:kept], position
+        return _Log(later, places, *self[2:6], self.fresh + 1, self.looked)
+
+    def reporting(self, stamp: float, detection: Detection) -> "_Log":
+        """Return the log with what a detection says beside the position."""
+        radius, covariance, sensor = detection.radius, detection.covariance, detection.sensor
+        return _Log(*self[:2], stamp, radius, covariance, sensor, *self[6:])
 
 
 @final
@@ -100,18 +114,10 @@ class History:
         for ident, detection in named_apart(detections):
             if detection.age > self.forget:
                 continue
-            measured = stamp - detection.age
-            log = logs.get(ident) or _Log(np.empty(0), np.empty((0, len(detection.position))))
-            if not len(log.times) or measured > log.times[-1]:
-                apart = self.dt / DENSEST
-                log = log.append(measured, detection.position, measured - keep, apart)
-            logs[ident] = replace(
-                log,
-                reported=stamp,
-                radius=detection.radius,
-                covariance=detection.covariance,
-                sensor=detection.sensor,
-            )
+            log = logs.get(ident) or _Log.begun(len(detection.position))
+            time, apart = stamp - detection.age, self.dt / DENSEST
+            log = log.measured(time, detection.position, keep, apart)
+            logs[ident] = log.reporting(stamp, detection)
         gone = [name for name, log in logs.items() if stamp - log.reported > self.forget]
         if len(logs) - len(gone) > MOST:
             oldest_first = sorted(logs, key=lambda name: logs[name].reported)
@@ -130,11 +136,13 @@ class History:
             return None
         newest = max(float(log.times[-1]) for log in self.logs.values())
         grid = newest - self.dt * np.arange(self.samples - 1.0, -1.0, -1.0, dtype=np.float64)
-        logs = [self.logs[name] for name in sorted(self.logs)]
+        names = sorted(self.logs)
+        logs = [self.logs[name] for name in names]
+        times, places = [log.times for log in logs], [log.positions for log in logs]
         return Tracks(
-            np.stack([self._sampled(log, grid) for log in logs]),
+            interpolated(times, places, grid, self.gap, ON_GRID * self.dt),
             self.dt,
-            tuple(sorted(self.logs)),
+            tuple(names),
             np.array([log.radius for log in logs]),
             np.stack([self._covariance(log) for log in logs]),
             newest,
@@ -145,10 +153,6 @@ class History:
         if log.covariance is not None:
             return log.covariance
         return self.evidence[log.sensor].estimate.covariance(log.positions.shape[1])
-
-    def _sampled(self, log: _Log, grid: Array) -> Array:
-        """Positions of one obstacle on the grid, (T, D), NaN where unobserved."""
-        return interpolated(log.times, log.positions, grid, self.gap, ON_GRID * self.dt)
 
 
 def _learnt(
@@ -178,7 +182,7 @@ def _learnt(
         if len(known) > MOST:
             del known[next(name for name in known if name not in found)]
         for name in names:
-            logs[name] = replace(logs[name], fresh=0, looked=True)
+            logs[name] = logs[name]._replace(fresh=0, looked=True)
     return known
 
 

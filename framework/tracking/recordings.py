@@ -325,7 +325,7 @@ def read_robot_log(
         )
     count = int(np.floor(clock[-1] / dt + OFF_GRID)) + 1
     grid = np.minimum(dt * np.arange(count), clock[-1])
-    positions = interpolated(clock, table[:, 1:3], grid, bridge, OFF_GRID)
+    positions = interpolated([clock], [table[:, 1:3]], grid, bridge, OFF_GRID)[0]
     lost = int(np.isnan(positions[:, 0]).sum())
     notes = (f"{lost} rows unobserved: in gaps longer than {bridge:g} s",) if lost else ()
     reason = _unusable(positions, dt, minimum_samples, longest_gap)

@@ -1,6 +1,6 @@
 """From measurements at any times to tracks on a uniform grid."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,30 +17,36 @@ ON_GRID = 1e-6
 
 
 def interpolated(
-    times: Array, positions: Array, grid: Array, bridge: float, slack: float
+    times: Sequence[Array], positions: Sequence[Array], grid: Array, bridge: float, slack: float
 ) -> Array:
-    """Positions of one obstacle at grid times, (G, D), m; NaN where it was not observed.
+    """Positions of obstacles at grid times, (O, G, D), m; NaN where one was not observed.
 
     p(t) lies on the straight line between the measurements before and after t.
 
     Parameters
     ----------
-    times : (T,), s, increasing. positions : (T, D), m.
+    times : of each obstacle (T,), s, increasing. positions : of each (T, D), m.
     grid : (G,), s.
     bridge : s; grid times inside a longer gap are NaN, and those before the first
         measurement or after the last.
     slack : s; a grid time this close to a measurement takes part as if it were at it.
     """
-    after = np.clip(np.searchsorted(times, grid - slack), 0, len(times) - 1)
-    before = np.clip(after - 1, 0, None)
-    width = times[after] - times[before]
-    since = np.clip(grid - times[before], 0.0, width)  # first: a width may be as small as 1e-300
-    share = np.where(width > 0, since / np.where(width > 0, width, 1.0), 1.0)[:, None]
-    sampled = (1 - share) * positions[before] + share * positions[after]
-    on_sample = np.abs(grid - times[after]) <= slack
-    known = (grid >= times[0] - slack) & (grid <= times[-1] + slack)
+    count = np.array([len(own) for own in times])
+    first = np.cumsum(count) - count
+    clock, place = np.concatenate(times), np.concatenate(positions)
+    wanted = grid - slack
+    after = np.stack([own.searchsorted(wanted) for own in times])
+    after = first[:, None] + np.minimum(after, count[:, None] - 1)
+    before = np.maximum(after - 1, first[:, None])
+    begin, end = clock[before], clock[after]
+    width = end - begin
+    since = np.clip(grid - begin, 0.0, width)  # first: a width may be as small as 1e-300
+    share = np.where(width > 0, since / np.where(width > 0, width, 1.0), 1.0)[..., None]
+    sampled = (1 - share) * place[before] + share * place[after]
+    on_sample = np.abs(grid - end) <= slack
+    known = (grid >= clock[first, None] - slack) & (grid <= clock[first + count - 1, None] + slack)
     bridged = on_sample | (width <= bridge + slack)
-    return np.where((known & bridged)[:, None], sampled, np.nan)
+    return np.where((known & bridged)[..., None], sampled, np.nan)
 
 
 def resampled_tracks(
@@ -96,11 +102,8 @@ def resampled_tracks(
     grid = -dt * np.arange(whole("length", int(rows)) - 1.0, -1.0, -1.0, dtype=np.float64)
     # a clock that counts from 1970 has lost the digits below 1e-7 s
     slack = max(ON_GRID * dt, 4 * float(np.spacing(max(abs(newest), abs(oldest)))))
-    sampled = [
-        interpolated(times - newest, positions, grid, bridge, slack)
-        for times, positions in zip(clocks, places, strict=True)
-    ]
-    count, size, positions = len(clocks), places[0].shape[1], np.stack(sampled)
+    positions = interpolated([times - newest for times in clocks], places, grid, bridge, slack)
+    count, size = len(clocks), places[0].shape[1]
     deviation = estimated_noise(positions).deviation if noise is None else noise
     spread = np.tile(deviation**2 * np.eye(size), (count, 1, 1))
     return Tracks(

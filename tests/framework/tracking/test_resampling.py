@@ -79,7 +79,7 @@ def test_one_measurement_is_enough() -> None:
     tracks = resampled_tracks({"a": ([3.0], [[1.0, 2.0]])}, 0.1)
     assert tracks.positions.tolist() == [[[1.0, 2.0]]] and tracks.stamp == 3.0
     grid = np.array([0.0, 0.1])
-    assert np.isnan(interpolated(np.array([3.0]), np.ones((1, 2)), grid, 1.0, 0.0)).all()
+    assert np.isnan(interpolated([np.array([3.0])], [np.ones((1, 2))], grid, 1.0, 0.0)).all()
 
 
 @pytest.mark.parametrize("name", [name for name in names("predictors") if name != "game"])
