@@ -214,11 +214,12 @@ def admitted(
     """
     fitting: list[Detection] = []
     detections, reasons = sound(observation, dimension)
-    for one in detections:
+    places = np.array([one.position for one in detections]).reshape(-1, dimension)
+    for one, coordinate in zip(detections, np.abs(places).max(axis=1).tolist(), strict=True):
         refused = f"detection {one.ident!r} refused:"
         if one.age > forget:
             reasons.append(f"{refused} it was measured {one.age:.3g} s ago, at most {forget:g} s")
-        elif (coordinate := np.abs(one.position).max()) > FARTHEST:
+        elif coordinate > FARTHEST:
             reasons.append(f"{refused} it is at {coordinate:.3g} m, at most {FARTHEST:g} m")
         elif one.radius > FARTHEST:
             reasons.append(f"{refused} its radius is {one.radius:.3g} m, at most {FARTHEST:g} m")

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from functools import reduce
+from math import isfinite
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -42,30 +43,56 @@ def checked(
     ------
     WideberthError : not numeric, another shape, or not finite.
     """
-    try:
-        array = np.array(value)
-        if array.dtype.kind == "O":  # such as a list that holds None, or text beside numbers
-            array = np.array([_number(entry) for entry in array.ravel()]).reshape(array.shape)
-        elif array.dtype.kind not in "biuf":  # NumPy would read numbers out of text
-            raise TypeError(f"it holds {array.dtype}")
-        array = array.astype(np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise WideberthError(f"{name} is not an array of numbers: {error}") from None
+    if type(value) is np.ndarray and value.dtype == np.float64:  # the usual case
+        array = value.copy()
+    else:
+        array = _numbers(name, value)
     if shape is None:
         shape = (None,) * max(array.ndim, 1)
-    fits = array.ndim == len(shape) and all(
-        want is None or want == got for want, got in zip(shape, array.shape, strict=True)
-    )
-    if not fits:
+    if array.shape != shape and not _fits(array.shape, shape):
         wanted = tuple("any" if want is None else want for want in shape)
         raise WideberthError(f"{name} has shape {array.shape}; wanted {wanted}{reason}")
-    if finite and not np.isfinite(array).all():
+    if finite and not all_finite(array):
         first = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise WideberthError(
             f"{name}{list(first)} is {array[first]}; every entry must be a finite number"
         )
     array.setflags(write=False)
     return array
+
+
+def all_finite(array: Array) -> bool:
+    """Tell whether an array holds finite numbers alone; a few are asked without NumPy."""
+    if array.size <= 8:
+        return all(map(isfinite, array.ravel().tolist()))
+    return bool(np.isfinite(array).all())
+
+
+def _numbers(name: str, value: ArrayLike) -> Array:
+    """Turn anything that holds numbers alone into a new array.
+
+    Raises
+    ------
+    WideberthError : it does not.
+    """
+    try:
+        array = np.array(value)
+        if array.dtype.kind == "O":  # such as a list that holds None, or text beside numbers
+            array = np.array([_number(entry) for entry in array.ravel()]).reshape(array.shape)
+        elif array.dtype.kind not in "biuf":  # NumPy would read numbers out of text
+            raise TypeError(f"it holds {array.dtype}")
+        return array.astype(np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise WideberthError(f"{name} is not an array of numbers: {error}") from None
+
+
+def _fits(shape: tuple[int, ...], wanted: tuple[int | None, ...]) -> bool:
+    if len(shape) != len(wanted):
+        return False
+    for want, got in zip(wanted, shape, strict=True):  # a generator takes three times as long
+        if want is not None and want != got:
+            return False
+    return True
 
 
 def checked_covariance(name: str, value: ArrayLike, shape: tuple[int | None, ...] | int) -> Array:
@@ -91,6 +118,8 @@ def checked_covariance(name: str, value: ArrayLike, shape: tuple[int | None, ...
             raise WideberthError(f"{name} has shape {array.shape}; wanted {wanted}{reason}")
     else:
         array = checked(name, value, shape, reason=reason)
+    if array.shape == (2, 2) and _plainly_definite(*array.ravel().tolist()):
+        return array  # one matrix is checked faster without NumPy
     if _equals_transpose(array):
         symmetric = array
     else:
@@ -111,6 +140,14 @@ def checked_covariance(name: str, value: ArrayLike, shape: tuple[int | None, ...
 def of_covariances(size: int | None) -> str:
     """Return the `checked` reason for the shape of covariances in D dimensions."""
     return f": in {size} dimensions a covariance is {size} x {size}"
+
+
+def _plainly_definite(first: float, cross: float, across: float, second: float) -> bool:
+    """Tell that a matrix is symmetric and `_surely_definite`, number by number."""
+    if cross != across:
+        return False
+    diagonal = first >= 0 and second >= 0 and cross == 0
+    return diagonal or (first > 0 and first * second > cross * cross)
 
 
 def _equals_transpose(matrices: Array) -> bool:
@@ -192,6 +229,8 @@ def number(name: str, value: float) -> float:
     ------
     WideberthError : no number.
     """
+    if type(value) is float:
+        return value
     try:
         return _number(value)
     except (TypeError, ValueError, OverflowError):

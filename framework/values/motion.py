@@ -10,6 +10,7 @@ from .arrays import (
     FARTHEST,
     Array,
     Scalar,
+    all_finite,
     checked,
     checked_covariance,
     number,
@@ -151,7 +152,7 @@ class Detection:
             object.__setattr__(self, name, value)
             if not 0.0 <= value < np.inf:
                 flaw = flaw or f"{name} is {value:g}"
-        if not np.isfinite(position).all():
+        if not all_finite(position):
             flaw = f"position is {position.tolist()}"
         object.__setattr__(self, "flaw", flaw)
 
@@ -223,7 +224,7 @@ class Observation:
         if self.covariance is not None:
             covariance, flaw = _covariance("covariance", self.covariance, len(state))
             object.__setattr__(self, "covariance", covariance)
-        if not np.isfinite(state).all():
+        if not all_finite(state):
             flaw = f"state is {state.tolist()}"
         if not np.isfinite(stamp):
             flaw = f"stamp is {stamp}"
@@ -269,11 +270,11 @@ def sound(observation: Observation, dimension: int) -> tuple[tuple[Detection, ..
 def _covariance(name: str, value: Array, size: int) -> tuple[Array, str]:
     """Return a matrix of that size, and why it is no covariance, if so."""
     shape = (size, size)
-    array = checked(name, value, shape, finite=False, reason=of_covariances(size))
     try:
-        return checked_covariance(name, array, shape), ""
+        return checked_covariance(name, value, shape), ""
     except WideberthError as error:
-        return array, str(error)
+        reason = of_covariances(size)
+        return checked(name, value, shape, finite=False, reason=reason), str(error)
 
 
 def _all(name: str, values: Iterable[T], kind: type[T]) -> tuple[T, ...]:

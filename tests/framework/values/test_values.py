@@ -1,5 +1,7 @@
 """Values refuse what cannot be meant, in one sentence."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,6 +9,7 @@ from hypothesis import strategies as st
 
 from wideberth.framework.tracking.history import History
 from wideberth.framework.values.arrays import (
+    Array,
     checked,
     checked_covariance,
     positive,
@@ -56,6 +59,22 @@ def test_bad_covariances(matrix: list[list[float]], words: str) -> None:
         checked_covariance("covariance", matrix, (2, 2))
     with pytest.raises(WideberthError):
         GaussianObstacle(np.zeros(2), np.array(matrix))
+
+
+def test_one_matrix_is_judged_as_it_is_among_others() -> None:
+    """One of 2 x 2 is checked number by number, several by NumPy."""
+    entries = (-1.0, -1e-12, 0.0, 1e-300, 0.5, 1.0, 1e200, np.inf, np.nan)
+    for numbers in product(entries, repeat=4):
+        matrix = np.array(numbers).reshape(2, 2)
+        assert judged(matrix) == judged(matrix[None]), matrix
+
+
+def judged(matrix: Array) -> str:
+    """Return the covariance, or in a word why it is none."""
+    try:
+        return str(checked_covariance("c", matrix, matrix.shape).ravel().tolist())
+    except WideberthError as error:
+        return next(word for word in ("finite", "symmetric", "eigenvalue") if word in str(error))
 
 
 def test_bad_numbers() -> None:
