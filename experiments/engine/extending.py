@@ -27,7 +27,7 @@ from .result_folder import (
     write_manifest,
 )
 from .shards import pack, write_shard
-from .shipped import read_stored
+from .stored import read_stored
 
 TASKS = "tasks.json"
 

@@ -10,7 +10,7 @@ from ...framework.plugins.io import expanded, read_bytes, read_table
 from ...framework.plugins.registry import unknown
 from ...framework.values.errors import WideberthError, nearest
 from ...simulation.log.episode_log import Episode
-from .shipped import read_stored
+from .stored import read_stored
 
 if TYPE_CHECKING:
     import pandas

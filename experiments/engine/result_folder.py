@@ -24,7 +24,7 @@ from ...framework.plugins.io import read_json, write_json, write_text
 from ...framework.plugins.yamlfile import dump
 from ...framework.values.errors import WideberthError
 from .progress import say
-from .shipped import read_stored
+from .stored import read_stored
 
 _FIRST_FILES = ("config.yaml", "provenance.json")
 _LONGEST = 200

@@ -44,8 +44,8 @@ from .result_folder import (
     shard_files,
 )
 from .shards import Packed, checked_tasks, finished, read_shard, shard_keys, write_shard
-from .shipped import read_stored
 from .showing import markdown_table
+from .stored import read_stored
 from .worker import Chunk, Pool, Returned, do_task, pack_job
 
 if TYPE_CHECKING:

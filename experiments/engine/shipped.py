@@ -51,11 +51,6 @@ def config_path(text: str) -> Path:
     raise WideberthError(f"no such file, and {unknown('config', text, shipped())}")
 
 
-def read_stored(path: Path) -> dict[str, Any]:
-    """Return the config that a run has stored, its keys as they are called now."""
-    return with_new_keys("experiments", read_config(path, stored=True))
-
-
 def read_experiment(text: str, overrides: list[str]) -> "tuple[Experiment, list[str]]":
     """Return the experiment that a config describes, and the plug-in modules it lists."""
     path = config_path(text)

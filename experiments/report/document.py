@@ -13,8 +13,8 @@ from ...framework.plugins.io import check_target, read_json, read_table, table_t
 from ...framework.values.errors import WideberthError
 from ..engine.base import Row
 from ..engine.runner import draw, reopen
-from ..engine.shipped import read_stored
 from ..engine.showing import columns_of, format_cell, headed, markdown_table, plain
+from ..engine.stored import read_stored
 from ..engine.timing import condense_times
 from .meanings import Meaning, meanings
 from .page import MARK, PLAYER, data_uri, page, template

@@ -29,7 +29,7 @@ from ..engine.closed_loop import KEPT_BY, log_name
 from ..engine.errors import as_user_error
 from ..engine.result import read_episode as read_episode
 from ..engine.runner import reopen
-from ..engine.shipped import read_stored
+from ..engine.stored import read_stored
 from .page import MARK, PLAYER, page, template
 
 TAIL = 0.05

@@ -8,7 +8,8 @@ A fitted predictor outlives the process that fitted it: `save_plugin` writes the
 import dataclasses
 import json
 import types
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from difflib import get_close_matches
 from enum import Enum
 from importlib import import_module
 from pathlib import Path, PurePath
@@ -76,8 +77,9 @@ def build(room: str, value: Any, path: str = "", default: Any = None) -> Any:
         value = {**describe(default), **value}
     if not isinstance(value.get("type"), str):
         known = ", ".join(names(room))
+        hint = "" if "type" in value else _mistyped("type", value)
         raise WideberthError(
-            f"{_at(path)}key 'type' is missing; wanted one of: {known}; or {{saved: FILE}}"
+            f"{_at(path)}key 'type' is missing{hint}; wanted one of: {known}; or {{saved: FILE}}"
         )
     try:
         value = with_new_keys(room, value)
@@ -160,7 +162,7 @@ def _check_default(found: type, field: "dataclasses.Field[Any]", hint: Any, path
     if default is dataclasses.MISSING:
         advice = field.metadata.get(ADVICE, "")
         words = f"key {field.name!r} is missing; it has no default{advice and f': {advice}'}"
-        raise WideberthError(f"{_at(path)}{words}")
+        raise WideberthError(f"{_at(path)}{words}{_choices(hint)}")
     room = room_of(hint) if isinstance(hint, type) else None
     if room is not None and isinstance(default, str):
         raise WideberthError(
@@ -168,6 +170,23 @@ def _check_default(found: type, field: "dataclasses.Field[Any]", hint: Any, path
             f"{default!r}; wanted a {hint.__name__}, as in "
             f"field(default_factory=partial(build, {room!r}, {default!r}))"
         )
+
+
+def _choices(hint: Any) -> str:
+    """Return what may stand where a plug-in, or several by name, is wanted; empty elsewhere."""
+    several = get_origin(hint) in _MAPPINGS
+    kind = get_args(hint)[1] if several else hint
+    room = room_of(kind) if isinstance(kind, type) else None
+    if room is None:
+        return ""
+    wanted = f"a name of yours for each of the {room}, and below it " if several else ""
+    return f"; wanted {wanted}one of: {', '.join(names(room))}"
+
+
+def _mistyped(key: str, found: Iterable[Any]) -> str:
+    """Return that a key may be meant by one that is there and spelt nearly alike; or nothing."""
+    near = get_close_matches(key, [str(name) for name in found], n=1)
+    return f" (is it meant by {near[0]!r}?)" if near else ""
 
 
 def _default(field: "dataclasses.Field[Any]") -> Any:

@@ -83,11 +83,33 @@ def parse(text: str, place: str, times: int = 1) -> Any:
         loader = Loader(text, times * MOST, DEEPEST, shared_text)
         return loader.get_single_data()
     except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        where = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        raise WideberthError(f"{place}{where} is not YAML: {error.problem}") from None
+        where = f", {_line(error.problem_mark)}" if error.problem_mark else ""
+        problem = _PROBLEMS.get(str(error.problem), error.problem)
+        begin = error.context_mark
+        within = f", {error.context} that begins in {_line(begin)}" if begin else ""
+        raise WideberthError(f"{place}{where} is not YAML: {problem}{within}") from None
+    except yaml.reader.ReaderError as error:  # it knows the position alone
+        before = text[: error.position].split("\n")
+        where = f"line {len(before)}, column {len(before[-1]) + 1}"
+        sign = f"the character U+{ord(text[error.position]):04X} is not allowed; remove it"
+        raise WideberthError(f"{place}, {where} is not YAML: {sign}") from None
     except yaml.YAMLError as error:
         raise WideberthError(f"{place} is not YAML: {' '.join(str(error).split())}") from None
+
+
+_PROBLEMS = {
+    "mapping values are not allowed here": "a key cannot stand here; is its line indented too "
+    "far, or does a text with ': ' lack quotes?",
+    "found character '\\t' that cannot start any token": "a tab stands here; indent with blanks",
+    "could not find expected ':'": "a line without ':' where a key was wanted",
+    "found unexpected end of stream": "the text ends; is a quotation mark left open?",
+}
+"""Problem as PyYAML words it -> in plain words."""
+
+
+def _line(mark: Any) -> str:
+    """Return a place in a text, counted from 1."""
+    return f"line {mark.line + 1}, column {mark.column + 1}"
 
 
 def shared_text(name: str) -> str:

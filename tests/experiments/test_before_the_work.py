@@ -227,3 +227,26 @@ def test_one_message_from_the_shell(
     with pytest.raises(WideberthError, match=message):
         raise WideberthError(error.strip())
     assert error.startswith("Error: ") and error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "robot: unicycle",
+            r"^key 'scenario' is missing; .*; wanted one of: .*cross",
+        ),
+        ("scenarioo: crossing", r"unknown key 'scenarioo': did you mean 'scenario'\? Known: plan"),
+        (
+            "scenario: crossing\nrobot: unicycle",
+            r"^key 'planners' is missing.* each of the controllers, .*: .*orca",
+        ),
+    ],
+)
+def test_a_config_without_a_key_is_told_what_may_stand_there(
+    tmp_path: Path, text: str, message: str
+) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text(f"type: encounter\n{text}\n")
+    with pytest.raises(WideberthError, match=message):
+        read_experiment(str(file), [])

@@ -145,7 +145,8 @@ def test_describe_and_build_are_inverse() -> None:
         ({"either": "x"}, r"^p\.either.*; or p\.either"),
         ({"array": [1.0]}, r"^p\.array: a config cannot set .*use Python"),
         ({"hidden": 1}, r"^p\.hidden: unknown key"),
-        ({"type": 3}, r"^p: key 'type' is missing"),
+        ({"type": 3}, r"^p: key 'type' is missing; wanted"),
+        ({"inner": {"typ": "leaf"}}, r"^p\.inner: key 'type' is missing \(is it meant by 'typ'\?\)"),
     ],
 )  # fmt: skip
 def test_what_does_not_fit_is_named(change: dict[str, Any], message: str) -> None:
@@ -229,7 +230,16 @@ def test_yaml_numbers_and_duplicates() -> None:
         (b"just text", "is a str; a config is a mapping"),
         (b"\x89PNG\r\n\x1a\n\xff\xfe", "is not text; wanted a YAML file"),
         (b"a: [1,\n", "line 2, column 1 is not YAML"),
-        (b"a: \x00", "is not YAML"),
+        (b"a: 1\nb: \x00", r"line 2, column 4 is not YAML: the character U\+0000 is not allowed"),
+        (b"a: {b: 1\nc: 2\n", r"line 2, column 2 is not YAML.* that begins in line 1, column 4$"),
+        (b"a: 1\n\tb: 2", "line 2, column 1 is not YAML: a tab stands here; indent with blanks$"),
+        (b"a: b: c", "line 1, column 5 is not YAML: a key cannot stand here; is its line indent"),
+        (
+            b"a: 1\nb\nc: 2",
+            "line 3, column 1 is not YAML: a line without ':' where a key",
+        ),
+        (b"a: 'b", "line 1, column 6 is not YAML: the text ends; is a quotation mark left open"),
+        (b"a: *b", "line 1, column 4 is not YAML: found undefined alias"),
     ],
 )
 def test_unreadable_configs(tmp_path: Path, content: bytes, message: str) -> None:
