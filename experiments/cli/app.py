@@ -5,6 +5,7 @@ import signal
 import sys
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
+from textwrap import indent
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -169,9 +170,10 @@ def _show(folder: Path) -> None:
     from ..engine.runner import reopen, written
     from ..engine.showing import list_files, print_table
     from ..engine.timing import condense_times
+    from ..engine.width import width, wrapped
 
     experiment, result = reopen(folder)
-    typer.secho(f"Examined: {experiment.claim}", bold=True)
+    typer.secho(wrapped(f"Examined: {experiment.claim}", width()), bold=True)
     print_table(read_table(folder / "summary.csv"))
     times = condense_times(result.times)
     if times:
@@ -221,15 +223,19 @@ def list_(
 ) -> None:
     """List names, each with a line that says what it is: of a room, or of every room."""
     from ...framework.plugins.registry import ROOMS
+    from ..engine.width import width
     from . import describing
 
+    columns = width()
     if room:
-        typer.echo("\n".join(describing.lines(describing.listed(room))))
+        typer.echo("\n".join(describing.lines(describing.listed(room), columns=columns)))
         return
+    room_columns = columns and columns - 2
     for name in (*ROOMS, describing.CONFIG_ROOM):
         if found := describing.listed(name):
             typer.secho(name, bold=True)
-            typer.echo("\n".join(f"  {line}" for line in describing.lines(found)))
+            lines = describing.lines(found, columns=room_columns)
+            typer.echo(indent("\n".join(lines), "  "))
 
 
 @app.command(no_args_is_help=True)
@@ -237,14 +243,16 @@ def describe(
     what: Annotated[
         list[str],
         typer.Argument(
-            help="A name, a room and a name, or module:Class.", autocompletion=completing.described
+            help="A name, a room and a name, a config, or module:Class.",
+            autocompletion=completing.described,
         ),
     ],
 ) -> None:
     """Describe a plug-in: what it does and assumes, its fields, its source, how to use it."""
+    from ..engine.width import width, wrapped
     from . import describing
 
-    typer.echo(describing.described(what))
+    typer.echo(wrapped(describing.described(what), width()))
 
 
 @app.command(no_args_is_help=True)

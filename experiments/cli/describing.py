@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator
 from functools import cache
 from importlib.util import find_spec
+from itertools import takewhile
 from pathlib import Path
 from textwrap import fill, indent
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
@@ -21,9 +22,11 @@ from ...framework.plugins.registry import (
     names,
     room_name,
     targets,
+    unknown,
 )
 from ...framework.values.errors import WideberthError, nearest, short
 from ..engine.shipped import CONFIGS, shipped
+from ..engine.width import wrapped
 
 CONFIG_ROOM = "configs"
 _SINGLE = (bool, int, float, str)
@@ -38,14 +41,17 @@ def listed(room: str) -> dict[str, str]:
     """
     if room in (CONFIG_ROOM, "config"):
         return {name: _claim(CONFIGS / f"{name}.yaml") for name in shipped()}
+    rooms = (*ROOMS, CONFIG_ROOM)
+    if room not in rooms and f"{room}s" not in rooms:
+        raise WideberthError(unknown("room", room, rooms))
     return {name: summary(target) for name, target in sorted(targets(room).items())}
 
 
-def lines(table: dict[str, str], most: int = 22) -> Iterator[str]:
-    """Yield a line per name: the name, and what it is."""
-    width = max((len(name) for name in table), default=0)
+def lines(table: dict[str, str], most: int = 22, columns: int | None = None) -> Iterator[str]:
+    """Yield a line per name: the name, and what it is, wrapped where columns are stated."""
+    size = min(max((len(name) for name in table), default=0), most)
     for name, text in table.items():
-        yield f"{name:{min(width, most)}}  {text}".rstrip()
+        yield wrapped(f"{name:{size}}  {text}".rstrip(), columns, size + 2)
 
 
 def summary(target: str) -> str:
@@ -107,7 +113,7 @@ def described(words: list[str]) -> str:
 
     Parameters
     ----------
-    words : a name, a room and a name, "module:Class", or a room alone.
+    words : a name, a room and a name, "module:Class", a shipped config, or a room alone.
 
     Raises
     ------
@@ -126,8 +132,12 @@ def described(words: list[str]) -> str:
     for room in (word, f"{word}s"):
         if room in ROOMS:
             return _room(room)
+        if room == CONFIG_ROOM:
+            return "\n".join(lines(listed(room)))
+    if word in shipped():
+        return _config(word)
     everything = {name for room in ROOMS for name in names(room)}
-    hint = nearest(word, {*everything, *ROOMS}) or ";"
+    hint = nearest(word, {*everything, *ROOMS, CONFIG_ROOM, *shipped()}) or ";"
     raise WideberthError(f"unknown name {short(word)}{hint} `wideberth list` shows all names")
 
 
@@ -149,6 +159,15 @@ def _room(room: str) -> str:
     parts = [f"{room}: plug-ins derived from {ROOMS[room].base.replace(':', '.')}"]
     parts += [inspect.getdoc(base) or "", "\n".join(lines(listed(room)))]
     return "\n\n".join(part for part in parts if part)
+
+
+def _config(name: str) -> str:
+    """Return the comment that a shipped config begins with, its study, and how to run it."""
+    text = (CONFIGS / f"{name}.yaml").read_text(encoding="utf-8")
+    comment = takewhile(lambda line: line.startswith("#"), text.splitlines())
+    parts = [f"{name} ({CONFIG_ROOM})", "\n".join(line[1:].strip() for line in comment)]
+    parts.append(f"Study: {_studies(name)}\nRun it: wideberth run {name}")
+    return "\n\n".join(parts)
 
 
 def _one(room: str, name: str) -> str:

@@ -5,9 +5,16 @@ from pathlib import Path
 from typing import Any
 
 from .base import Row
+from .width import width
 
 WIDEST = 36
 """Characters of a column; longer text is wrapped."""
+NARROWEST = 16
+"""Characters of a column below which text is not wrapped further."""
+EDGES = 3
+"""Characters beside each column: two blanks and a line."""
+PIPED = 200
+"""Characters of a line in a file or a pipe."""
 LISTED = 8
 """Files of one folder that are named; more are counted."""
 
@@ -43,7 +50,8 @@ def print_table(rows: Sequence[Row]) -> None:
     """Print a table, on its side where many quantities stand against few rows.
 
     What is too wide for the terminal is folded into several tables below each other, each
-    with the columns that name the lines. In a file or a pipe there are 200 characters.
+    with the columns that name the lines; text is wrapped between words. In a file or a pipe
+    there are 200 characters, or as many as COLUMNS says.
     """
     from rich.console import Console
     from rich.table import Table
@@ -54,13 +62,13 @@ def print_table(rows: Sequence[Row]) -> None:
     upright = not sideways(rows)
     columns = lines if upright else [list(line) for line in zip(*lines, strict=True)]
     names = naming(rows) if upright else 1
-    console = Console(markup=False)  # notes and reasons may hold brackets
-    if not console.is_terminal:
-        console = Console(width=max(console.width, 200), markup=False)
-    for block in _fold(columns, names, console.width):
+    console = Console(width=width() or PIPED, markup=False)  # reasons may hold brackets
+    widest = WIDEST if upright else _share(columns, console.width)
+    for block in _fold(columns, names, console.width, widest):
         table = Table()
         for column in block:
-            table.add_column(column[0].replace("_", " ") if upright else column[0])
+            title = column[0].replace("_", " ") if upright else column[0]
+            table.add_column(title, max_width=_needed(column, widest))
         for line in zip(*(column[1:] for column in block), strict=True):
             table.add_row(*line)
         console.print(table)
@@ -81,11 +89,24 @@ def naming(rows: Sequence[Row]) -> int:
     return min(max(count, 1), 2)
 
 
-def _fold(columns: list[list[str]], names: int, width: int) -> list[list[list[str]]]:
+def _needed(column: Sequence[str], widest: int) -> int:
+    """Return the characters of a column whose text is wrapped at ``widest``, but in no word."""
+    longest = max(len(word) for cell in column for word in [*cell.split(), ""])
+    return max(longest, min(max(map(len, column)), widest))
+
+
+def _share(columns: Sequence[Sequence[str]], width: int) -> int:
+    """Return where text is wrapped so that all columns but the first fit, if they can."""
+    first, rest = columns[0], columns[1:]
+    room = width - 1 - _needed(first, WIDEST) - EDGES
+    return min(WIDEST, max(room // max(len(rest), 1) - EDGES, NARROWEST))
+
+
+def _fold(columns: list[list[str]], names: int, width: int, widest: int) -> list[list[list[str]]]:
     """Share columns out to tables of at most this width; each begins with the naming ones."""
 
     def needed(column: list[str]) -> int:
-        return min(max(map(len, column)), WIDEST) + 3  # two blanks and a line
+        return _needed(column, widest) + EDGES
 
     first, rest = columns[:names], columns[names:]
     room = width - 1 - sum(map(needed, first))

@@ -17,7 +17,7 @@ from ...framework.metrics.episode import content_bound
 from ...framework.mpc.planner.planner import Planner
 from ...framework.plugins.io import check_target, write_text
 from ...framework.values.arrays import Array, probability
-from ...framework.values.errors import WideberthError
+from ...framework.values.errors import WideberthError, nearest
 from ...framework.values.footprint import Discs, Outline
 from ...framework.values.plan import Plan, Rung
 from ...simulation.drawing import artists
@@ -203,9 +203,10 @@ def find_episodes(path: Path) -> list[Path]:
     if path.is_file():
         return [path]
     if not path.is_dir():
+        beside = [one.name for one in path.absolute().parent.glob("*")]
         raise WideberthError(
-            f"{path} does not exist; wanted an episode (files/*.npz of a result) or the folder "
-            "of a result"
+            f"{path} does not exist{nearest(path.name, beside) or ';'} wanted an episode "
+            "(files/*.npz of a result) or the folder of a result"
         )
     kept = kept_episodes(path)
     if not kept:

@@ -196,3 +196,59 @@ def test_help_loads_nothing_heavy() -> None:
 def test_every_room_can_be_listed(shell) -> None:  # type: ignore[no-untyped-def]
     for room in ROOMS:
         assert shell("list", room)[0] == 0
+
+
+COMMANDS = [
+    one.name or getattr(one.callback, "__name__", "") for one in cli.app.registered_commands
+]
+
+
+@pytest.mark.parametrize("command", [[], *([name] for name in COMMANDS)])
+def test_a_command_without_arguments_helps_or_does_its_default(shell, command) -> None:  # type: ignore[no-untyped-def]
+    if command in (["demo"], ["warmup"]):
+        return  # they run or compile something; the quick tests of their parts hold them
+    code, out, error = shell(*command)
+    if command == ["list"]:
+        assert code == 0 and "predictors" in out
+    elif command == ["figures"]:
+        assert code == 2 and "holds no result; name a config to run it first" in error
+    else:
+        assert "Usage:" in out + error and "Traceback" not in error
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        (["rnu"], "run"),
+        (["run", "crosing"], "crossing"),
+        (["run", "crossing", "--set", "seds=3"], "seeds"),
+        (["run", "crossing", "--set", "planners.default.predictor=kalmn"], "kalman"),
+        (["list", "regoins"], "regions"),
+        (["list", "confgs"], "configs"),
+        (["describe", "kalmn"], "kalman"),
+        (["describe", "falt_sweep"], "fault_sweep"),
+        (["describe", "regoins", "kalman"], "regions"),
+        (["check", "predictr", "kalman"], "predictors"),
+        (["check", "predictor", "kalmn"], "kalman"),
+        (["cite", "crosing"], "crossing"),
+        (["figures", "crosing"], "crossing"),
+        (["show", "coinz"], "coins"),
+        (["show", "coins", "--columns", "shre"], "share"),
+        (["report", "coinz"], "coins"),
+        (["play", "coinz"], "coins"),
+        (["export", "crossing", "--out", "x", "--planner", "defalt"], "default"),
+    ],
+)
+def test_a_misspelt_name_gets_the_nearest_one(  # type: ignore[no-untyped-def]
+    shell, words: list[str], meant: str
+) -> None:
+    if {"coinz", "coins"} & {*words}:
+        assert shell("run", "coins.yaml", "--quick", "--out", "results/coins")[0] == 0
+    code, _, error = shell(*words)
+    assert code == 2 and f"id you mean '{meant}'?" in " ".join(error.split())
+
+
+def test_a_config_is_described(shell) -> None:  # type: ignore[no-untyped-def]
+    code, out, _ = shell("describe", "fault_sweep")
+    assert code == 0 and "What is worse than 1 cm of noise" in out and "Study: comparison" in out
+    assert shell("describe", "configs")[1] == shell("list", "configs")[1]

@@ -146,7 +146,7 @@ def test_describe_and_build_are_inverse() -> None:
         ({"array": [1.0]}, r"^p\.array: a config cannot set .*use Python"),
         ({"hidden": 1}, r"^p\.hidden: unknown key"),
         ({"type": 3}, r"^p: key 'type' is missing; wanted"),
-        ({"inner": {"typ": "leaf"}}, r"^p\.inner: key 'type' is missing \(is it meant by 'typ'\?\)"),
+        ({"inner": {"typ": "leaf"}}, r"^p\.inner: key 'type' is missing \(is it meant by 'typ'"),
     ],
 )  # fmt: skip
 def test_what_does_not_fit_is_named(change: dict[str, Any], message: str) -> None:
