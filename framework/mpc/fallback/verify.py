@@ -1,10 +1,10 @@
 """Re-check a plan without the solver that made it."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from ...numerics.symbolic import evaluated
 from ...values.arrays import Array
 from ...values.plan import Breach, BreachKind
 from ..ocp.problem import Parameters, Problem
@@ -33,10 +33,10 @@ class Violation:
         """How deep the bodies are in things on the way to each step, (N,), m."""
         return np.zeros(len(self.motion)) if self.touch is None else self.touch.depth
 
-    @property
+    @cached_property
     def worst(self) -> float:
         """The largest of all."""
-        found = (self.motion, self.regions, self.touched)
+        found = [self.motion, self.regions] + [self.touched] * (self.touch is not None)
         return float(max(values.max(initial=0.0) for values in found))
 
     @property
@@ -70,47 +70,45 @@ def violation(problem: Problem, parameters: Parameters, point: Guess) -> Violati
 
     A soft region counts as entered however much slack was paid for it.
     """
-    gap, limits, _, *rows = _evaluated(problem, parameters, point)
-    broken = [np.abs(gap), np.maximum(-limits, 0.0)]
-    state, control = problem.state_bounds, problem.input_bounds
-    broken += [_beyond(point.states[1:], state.lower, state.upper).T]
-    broken += [_beyond(point.inputs, control.lower, control.upper).T]
-    final = np.asarray(problem.terminal_constraints(point.states[-1])).ravel()
+    gap, limits, room, _, *rows = _evaluated(problem, parameters, point)
+    motion = np.concatenate([np.abs(gap), -limits, -room], axis=1).max(axis=1, initial=0.0)
     begin = np.abs(point.states[0] - parameters.initial).max(initial=0.0)
-    motion = np.concatenate(broken).max(axis=0)
     motion[0] = max(motion[0], begin)
-    motion[-1] = max(motion[-1], (-final).max(initial=0.0))
-    entered = np.zeros((0, problem.horizon))
+    if problem.ends_at_rest:
+        final = np.asarray(problem.terminal_constraints(point.states[-1])).ravel()
+        motion[-1] = max(motion[-1], (-final).max(initial=0.0))
+    entered = np.zeros((problem.horizon, sum(one.count for one in problem.slots)))
+    begun = 0
     pairs = zip(problem.slots, parameters.slots, rows[::2], rows[1::2], strict=True)
     for slots, numbers, outside, tied in pairs:
-        # What an empty slot holds its auxiliaries to says nothing of the plan.
-        own = _entered(outside, tied, slots.count) * numbers.active[:, None]
-        entered = np.concatenate([entered, own])
+        if slots.count:
+            # What an empty slot holds its auxiliaries to says nothing of the plan.
+            own = entered[:, begun : begun + slots.count]
+            own[...] = _entered(outside, tied, slots.count) * numbers.active
+            begun += slots.count
     if not (np.isfinite(motion).all() and np.isfinite(entered).all()):
-        return Violation(np.full(problem.horizon, np.inf), np.zeros(entered.T.shape))
-    return Violation(motion, entered.T)
+        return Violation(np.full(problem.horizon, np.inf), np.zeros(entered.shape))
+    return Violation(motion, entered)
 
 
 def price(problem: Problem, parameters: Parameters, point: Guess) -> float:
     """Objective at a point that keeps every region, and so needs no slack."""
-    total = float(_evaluated(problem, parameters, point)[2].sum())
+    total = float(_evaluated(problem, parameters, point)[3].sum())
     if problem.shared:
         total += float(problem.level_cost(point.level, parameters.target))
     return total
 
 
 def _evaluated(problem: Problem, parameters: Parameters, point: Guess) -> list[Array]:
-    """`Problem.residuals` at a point, each (rows, N)."""
-    horizon = problem.horizon
-    stages = (
+    """`Problem.residuals` at a point, each (N, rows)."""
+    return problem.residual_values([
         point.states[:-1],
         point.inputs,
         point.states[1:],
-        np.full((horizon, int(problem.shared)), point.level),
+        point.level,
         parameters.stages(),
-        *(_lifted(problem, point)),
-    )
-    return [rows.T for rows in evaluated(problem.residuals, stages)]
+        *_lifted(problem, point),
+    ])  # fmt: skip
 
 
 def _lifted(problem: Problem, point: Guess) -> list[Array]:
@@ -121,19 +119,12 @@ def _lifted(problem: Problem, point: Guess) -> list[Array]:
 
 
 def _entered(outside: Array, tied: Array, slots: int) -> Array:
-    """How far each slot's constraints are broken, (slots, N)."""
-    entered = _per_slot(np.maximum(-outside, 0.0), slots)
-    return np.maximum(entered, _per_slot(np.abs(tied), slots))
+    """How far each slot's constraints are broken, (N, slots)."""
+    entered = _per_slot(-outside, slots)
+    return np.maximum(entered, _per_slot(np.abs(tied), slots)) if tied.size else entered
 
 
 def _per_slot(values: Array, slots: int) -> Array:
-    """Largest of each slot's rows: (slots * rows, N) -> (slots, N)."""
-    horizon = values.shape[1]
-    if not values.size:
-        return np.zeros((slots, horizon))
-    return np.asarray(values.reshape(slots, -1, horizon).max(axis=1))
-
-
-def _beyond(values: Array, lower: tuple[float, ...], upper: tuple[float, ...]) -> Array:
-    over = np.maximum(values - np.asarray(upper), 0.0)
-    return np.asarray(np.maximum(over, np.asarray(lower) - values))
+    """Largest of each slot's rows, at least 0: (N, slots * rows) -> (N, slots)."""
+    found = values.reshape(len(values), slots, values.shape[1] // slots)
+    return np.asarray(found.max(axis=2, initial=0.0))

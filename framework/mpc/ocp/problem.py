@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ...numerics.symbolic import ca
+from ...numerics.symbolic import Mapped, ca
 from ...region import Auxiliary
 from ...robot import Bounds
 from ...values.arrays import Array
@@ -149,6 +149,11 @@ class Problem:
         """Slack variables per stage: 1 where the regions are soft, else 0."""
         return int(self.penalty is not None and any(one.count for one in self.slots))
 
+    @cached_property
+    def ends_at_rest(self) -> bool:
+        """Whether the last state has constraints of its own."""
+        return bool(self.terminal_constraints.size1_out(0))
+
     def cut(self, stage: Any) -> tuple[Any, list[Any]]:
         """Cut a stage's parameters: the head, and the numbers of the slots of each kind."""
         begin, pieces = self.head_width, []
@@ -162,8 +167,9 @@ class Problem:
         """All steps at once, for re-checking and pricing a plan without a solver.
 
         (x_i, u_i, x_{i+1}, s, stage parameters, auxiliaries of each kind of slots), one column
-        per step -> gaps of the dynamics, robot limits (>= 0), the cost without level and slack,
-        and of each kind of slots the inequalities and the equalities.
+        per step -> gaps of the dynamics, robot limits (>= 0), room to each finite bound of x_{i+1}
+        and u_i (>= 0), the cost without level and slack, and of each kind of slots the
+        inequalities and the equalities.
         """
         x, u, following = (
             ca.SX.sym("x", self.states),
@@ -181,9 +187,25 @@ class Problem:
             rows += one.all_of(following, own, s, given)
             cost += one.regularisation(own, given)
         single = ca.Function(
-            "residuals", [x, u, following, s, stage, *lifted], [gap, limits, cost, *rows]
+            "residuals",
+            [x, u, following, s, stage, *lifted],
+            [gap, limits, self._room(following, u), cost, *rows],
         )
         return single.map(self.horizon)
+
+    @cached_property
+    def residual_values(self) -> Mapped:
+        """`residuals` of arrays."""
+        return Mapped(self.residuals)
+
+    def _room(self, x: Any, u: Any) -> Any:
+        """How far a state and an input are from each of their finite bounds."""
+        rows = [ca.SX(0, 1)]
+        for values, bounds in ((x, self.state_bounds), (u, self.input_bounds)):
+            for i, (lower, upper) in enumerate(zip(bounds.lower, bounds.upper, strict=True)):
+                rows += [values[i] - lower] * bool(np.isfinite(lower))
+                rows += [upper - values[i]] * bool(np.isfinite(upper))
+        return ca.vertcat(*rows)
 
     @cached_property
     def stage_key(self) -> str:
@@ -265,8 +287,14 @@ class Parameters:
     curve: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def stages(self) -> Array:
-        """Stage parameters in the problem's order, (N, stage_width)."""
-        return np.concatenate([self.heads(), *(one.stages() for one in self.slots)], axis=1)
+        """Stage parameters in the problem's order, (N, stage_width); not to be written to."""
+        return self._stages
+
+    @cached_property
+    def _stages(self) -> Array:
+        found = np.concatenate([self.heads(), *(one.stages() for one in self.slots)], axis=1)
+        found.setflags(write=False)
+        return found
 
     def heads(self) -> Array:
         """Parameters of each stage that belong to no slot, (N, head_width)."""

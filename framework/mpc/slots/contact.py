@@ -35,6 +35,8 @@ class Touch:
     def deeper(self, other: "Touch") -> "Touch":
         """Return the deeper of two contacts at each step."""
         more = other.depth > self.depth
+        if not more.any():
+            return self
         pairs = zip(self.names, other.names, more, strict=True)
         names = tuple(second if deep else first for first, second, deep in pairs)
         return Touch(np.where(more, other.depth, self.depth), names)

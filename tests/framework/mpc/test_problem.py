@@ -254,7 +254,7 @@ def test_both_forms_hold_the_same_problem(staged: bool, symbol: Any) -> None:
         np.full((STEPS, 1), point.level), parameters.stages(),
         *(one.reshape(STEPS, -1) for one in point.auxiliaries),
     )  # fmt: skip
-    gap, limits, cost, *rows = evaluated(problem.residuals, stages)
+    gap, limits, _, cost, *rows = evaluated(problem.residuals, stages)
     nlp = form.nlp()
     program = ca.Function("program", [nlp["x"], nlp["p"]], [nlp["f"], nlp["g"]])
     objective, found = (

@@ -203,7 +203,7 @@ def rows(problem: Problem, parameters: Parameters, point: Guess) -> tuple[np.nda
     path = (point.states[:-1].T, point.inputs.T, point.states[1:].T)
     lifted = [own.reshape(STEPS, -1).T for own in point.auxiliaries]
     stated = problem.residuals(*path, level, parameters.stages().T, *lifted)
-    free, tied = stated[3], stated[4]
+    free, tied = stated[4], stated[5]
     values = free.full().reshape(problem.slots[0].count, len(DISCS.centres), -1, STEPS)
     return np.moveaxis(values.min(axis=2), -1, 0), tied.full()
 
