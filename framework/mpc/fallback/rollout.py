@@ -3,12 +3,35 @@
 import numpy as np
 
 from ...control.velocity_smoother import VelocitySmoother
+from ...numerics.symbolic import Mapped, ca
 from ...robot import Robot, step
 from ...values.arrays import Array
 from ...values.motion import Twist
 
 SWEEPS = ("coast", "left", "right", "wait", "back-left", "back-right")
 """Names of the twists that can be held, see `sweep`."""
+
+
+class Motion:
+    """A robot's trajectories of N steps, compiled: `follow` in one call.
+
+    Parameters
+    ----------
+    robot : whose inputs are integrated.
+    steps, dt : N and s.
+    """
+
+    def __init__(self, robot: Robot, steps: int, dt: float) -> None:
+        self.robot: Robot = robot
+        self.steps: int = steps
+        self.dt: float = dt
+        x, u = ca.SX.sym("x", len(robot.states)), ca.SX.sym("u", len(robot.inputs))
+        following = ca.vertcat(*step(robot, ca.vertsplit(x), ca.vertsplit(u), dt))
+        self._all = Mapped(ca.Function("following", [x, u], [following]).mapaccum(steps))
+
+    def follow(self, start: Array, inputs: Array) -> Array:
+        """Integrate the inputs (N, m) from the start: states (N + 1, n)."""
+        return np.concatenate([np.asarray(start)[None], *self._all([start, inputs])])
 
 
 def follow(robot: Robot, start: Array, inputs: Array, dt: float) -> Array:

@@ -26,7 +26,7 @@ from ...values.tracks import Tracks
 from ..costs.base import ProgressCost
 from ..fallback.emergency import command_of_plan, emergency
 from ..fallback.instance_check import InstanceCheck, shared_target
-from ..fallback.rollout import carry
+from ..fallback.rollout import Motion, carry
 from ..fallback.rungs import Trial, choose, rungs_of
 from ..instance.own_uncertainty import OwnUncertainty, carried
 from ..ocp.problem import Parameters
@@ -92,11 +92,13 @@ class Services:
     problems : compiled once for each size.
     watch : calls the solver in a thread that can be left behind.
     own : compiled growth of the robot's own uncertainty.
+    motion : compiled trajectories of the robot.
     """
 
     problems: ProblemCache
     watch: Watch
     own: OwnUncertainty
+    motion: Motion
 
     @classmethod
     def of(cls, settings: PlannerSettings) -> "Services":
@@ -107,6 +109,7 @@ class Services:
             ProblemCache(settings),
             Watch(settings.solver, settings.patience),
             OwnUncertainty(robot, settings.dt, settings.own_uncertainty, reach),
+            Motion(robot, settings.horizon, settings.dt),
         )
 
 
@@ -259,7 +262,7 @@ def _fill(
     if state.plan is not None:
         standing = settings.stop_at_end
         inputs = remaining_inputs(robot, state.plan, stamp, start, standing=standing)
-    trajectory = first_trajectory(robot, start, inputs, settings.horizon, settings.dt)
+    trajectory = first_trajectory(services.motion, start, inputs)
     target = shared_target(settings.kinds, settings.level, robot.dimension)
     first = Guess.bare(*trajectory, target)
     here = np.broadcast_to(_place(robot, start), reference.position.shape)

@@ -24,7 +24,7 @@ from ...values.errors import WideberthError
 from ...values.motion import Pose, Twist
 from ...values.plan import Plan, Status
 from ..fallback.instance_check import Candidate, InstanceCheck, Outcome
-from ..fallback.rollout import SWEEPS, clip, follow, shift, stand, steer, sweep
+from ..fallback.rollout import SWEEPS, Motion, clip, shift, stand, steer, sweep
 from ..fallback.verify import violation
 from ..ocp.problem import Parameters, Problem
 from ..ocp.progress_robot import ProgressRobot
@@ -180,9 +180,11 @@ class MultiStart:
             return Outcome((), (first,), before, before, Status.FAILED, message)
         solutions = self._solve(check, [first])
         candidates = [check.assess(one) for one in solutions]
-        there = _in_the_way(check, candidates[0])
+        slots = any(one.active.any() for one in parameters.slots)
+        laid = Laid.along(check.robot, parameters, check.problem.dt) if slots else None
+        there = _in_the_way(check, candidates[0], laid)
         names = self._names(check, candidates[0], there, before)
-        found = other_starts(check.robot, check.problem, parameters, first, names)
+        found = other_starts(check.robot, check.problem, parameters, first, names, laid)
         others = [check.suited(guess) for guess in found]
         solutions, note = self._others(check, others, solutions[0].seconds)
         candidates += [check.assess(one) for one in solutions]
@@ -236,12 +238,15 @@ def _stuck(check: InstanceCheck, solved: Candidate) -> bool:
     return bool(np.linalg.norm(end - begin) < STUCK * way)
 
 
-def _in_the_way(check: InstanceCheck, solved: Candidate) -> bool:
-    """Whether something stands on the reference, or makes the level give way."""
+def _in_the_way(check: InstanceCheck, solved: Candidate, laid: "Laid | None") -> bool:
+    """Whether something stands on the reference, or makes the level give way.
+
+    ``laid`` are states on the reference; None where there is nothing to stand in the way.
+    """
     parameters, problem = check.parameters, check.problem
-    if not any(one.active.any() for one in parameters.slots):
+    if laid is None:
         return False
-    point = check.guess(*along(check.robot, parameters, problem.dt))
+    point = check.guess(laid.states, np.zeros((problem.horizon, problem.inputs)))
     if violation(problem, parameters, point).regions.max(initial=0.0) > 0.0:
         return True
     return problem.shared and solved.point.level < parameters.target - 1e-3
@@ -266,24 +271,22 @@ def remaining_inputs(
     return stand(robot, start, inputs, share, plan.dt) if standing else inputs
 
 
-def first_trajectory(
-    robot: Robot, start: Array, inputs: Array | None, steps: int, dt: float
-) -> tuple[Array, Array]:
+def first_trajectory(motion: Motion, start: Array, inputs: Array | None) -> tuple[Array, Array]:
     """Return what to solve from first: the last plan's inputs driven from here, or coasting.
 
     Parameters
     ----------
-    robot, start : whom, and from which state (n,).
+    motion, start : of whom, and from which state (n,).
     inputs : (N, m), of the last plan from now on; None without one.
-    steps, dt : N and s.
 
     Returns
     -------
     states : (N + 1, n). inputs : (N, m).
     """
     if inputs is not None:
-        return follow(robot, start, inputs, dt), inputs
-    return steer(robot, start, sweep(robot, start, "coast", 0.0), steps, dt)
+        return motion.follow(start, inputs), inputs
+    robot = motion.robot
+    return steer(robot, start, sweep(robot, start, "coast", 0.0), motion.steps, motion.dt)
 
 
 def checked_starts(starts: Starts) -> None:
@@ -306,6 +309,7 @@ def other_starts(
     parameters: Parameters,
     guess: Guess,
     names: Sequence[str] = OTHERS,
+    laid: "Laid | None" = None,
 ) -> list[Guess]:
     """Return further starting points for an instance, in the order of their names.
 
@@ -320,14 +324,18 @@ def other_starts(
     guess : what is solved from first; it gives the shared level. Auxiliaries are filled in
         later, see `bodies.with_auxiliaries`.
     names : of `NAMES`.
+    laid : states on the reference, where they are known already.
     """
+    if not names:
+        return []
     found: list[Guess] = []
     pace = max(float(np.abs(parameters.speed).max()), 1e-3)
     moving = _under_way(robot, parameters, pace)
     start = parameters.initial
     for name in dict.fromkeys(names):
         if name == "along":
-            states, inputs = along(robot, parameters, problem.dt)
+            laid = laid or Laid.along(robot, parameters, problem.dt)
+            states, inputs = laid.states, laid.inputs(robot, problem.dt)
         else:
             now = None if name == "coast" else moving
             twist = sweep(robot, start, name, pace, now)
@@ -351,40 +359,53 @@ def _under_way(robot: Robot, parameters: Parameters, pace: float) -> Twist:
     return Twist(tuple(float(pace * part) for part in parameters.direction[0]))
 
 
-def along(robot: Robot, parameters: Parameters, dt: float) -> tuple[Array, Array]:
-    """Lay states (N + 1, n) and inputs (N, m) on the reference, whether or not they can be driven.
+@dataclass(frozen=True, eq=False)
+class Laid:
+    """States on the reference, whether or not they can be driven.
 
-    State i is at the reference's place with the velocity that leads there from the one before;
-    the heading, if there is one, looks that way. The inputs are those that bring each twist to
-    the next.
+    Attributes
+    ----------
+    states : (N + 1, n). twists : N, from each state to the next.
     """
-    start = parameters.initial
-    here = robot.pose(tuple(start))
-    places = np.concatenate([[np.array(here.position, dtype=np.float64)], parameters.reference])
-    velocities = np.diff(places, axis=0) / dt
-    twists = [Twist(tuple(float(v) for v in velocity)) for velocity in velocities]
-    headings: list[float | None] = [None] * len(velocities)
-    if here.heading is not None:
-        speeds = np.linalg.norm(velocities, axis=1)
-        headings = list(_headings(velocities, speeds, float(here.heading)))
-        twists = [Twist((float(speed), 0.0)) for speed in speeds]
-    states = np.array(
-        [
-            start,
-            *(
-                robot.state_at(Pose(tuple(float(p) for p in place), heading), twist)
-                for place, heading, twist in zip(places[1:], headings, twists, strict=True)
-            ),
-        ],
-        dtype=np.float64,
-    )
-    bounds = robot.state_bounds()
-    states[1:] = np.clip(states[1:], np.asarray(bounds.lower), np.asarray(bounds.upper))
-    inputs = [
-        robot.drive(tuple(state.tolist()), twist, dt)
-        for state, twist in zip(states[:-1], twists, strict=True)
-    ]
-    return states, clip(robot, np.array(inputs, dtype=np.float64))
+
+    states: Array
+    twists: tuple[Twist, ...]
+
+    @classmethod
+    def along(cls, robot: Robot, parameters: Parameters, dt: float) -> "Laid":
+        """Lay them.
+
+        State i is at the reference's place with the velocity that leads there from the one before;
+        the heading, if there is one, looks that way.
+        """
+        start = parameters.initial
+        here = robot.pose(tuple(start))
+        begin = np.array(here.position, dtype=np.float64)
+        places = np.concatenate([begin[None], parameters.reference])
+        velocities = np.diff(places, axis=0) / dt
+        headings: list[float | None] = [None] * len(velocities)
+        if here.heading is None:
+            twists = tuple(Twist(tuple(velocity)) for velocity in velocities.tolist())
+        else:
+            speeds = np.linalg.norm(velocities, axis=1)
+            headings = _headings(velocities, speeds, float(here.heading)).tolist()
+            twists = tuple(Twist((speed, 0.0)) for speed in speeds.tolist())
+        ahead = zip(places[1:].tolist(), headings, twists, strict=True)
+        driven = [
+            robot.state_at(Pose(tuple(place), heading), twist) for place, heading, twist in ahead
+        ]
+        bounds = robot.state_bounds()
+        states = np.array([start, *driven], dtype=np.float64)
+        states[1:] = np.clip(states[1:], np.asarray(bounds.lower), np.asarray(bounds.upper))
+        return cls(states, twists)
+
+    def inputs(self, robot: Robot, dt: float) -> Array:
+        """Return the inputs that bring each twist to the next, (N, m)."""
+        inputs = [
+            robot.drive(tuple(state), twist, dt)
+            for state, twist in zip(self.states[:-1].tolist(), self.twists, strict=True)
+        ]
+        return clip(robot, np.array(inputs, dtype=np.float64))
 
 
 def _headings(velocities: Array, speeds: Array, first: float) -> Array:
@@ -420,5 +441,7 @@ def add_progress(
 
 def strip_progress(robot: Robot, plan: Plan) -> Plan:
     """Leave the plan with the states and inputs of the robot itself."""
+    if plan.states.shape[1] == len(robot.states):
+        return plan
     states, inputs = plan.states[:, : len(robot.states)], plan.inputs[:, : len(robot.inputs)]
     return replace(plan, states=states, inputs=inputs)

@@ -253,6 +253,8 @@ class GaussianDiscs(LevelledKind):
     def auxiliary_start(self, robot: Robot, pose: Pose, numbers: SlotNumbers) -> Array:
         """Best auxiliaries of the region, body by body."""
         count, level = numbers.parameters.shape[1], numbers.level
+        if not len(self.region.auxiliary(robot.dimension)):
+            return np.zeros((*numbers.parameters.shape[:2], 0))
         assert level is not None  # every disc has one
 
         def start(at: Pose) -> Array:

@@ -84,8 +84,9 @@ def test_something_is_in_the_way_of_the_reference_or_of_the_level(y, level, poin
     around = Surroundings(robot, kinds, (chosen,))
     check = InstanceCheck(problem, parameters, around, level)
     solved = SimpleNamespace(point=replace(guess, level=point))
-    assert multistart._in_the_way(check, solved) is wanted
+    laid = multistart.Laid.along(robot, parameters, problem.dt)
+    assert multistart._in_the_way(check, solved, laid) is wanted
     empty = slots_of(parameters, active=np.zeros(1))
     for low in (point, -1.0):
         solved = SimpleNamespace(point=replace(guess, level=low))
-        assert not multistart._in_the_way(replace(check, parameters=empty), solved)
+        assert not multistart._in_the_way(replace(check, parameters=empty), solved, None)

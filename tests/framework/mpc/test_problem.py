@@ -254,7 +254,17 @@ def test_both_forms_hold_the_same_problem(staged: bool, symbol: Any) -> None:
         np.full((STEPS, 1), point.level), parameters.stages(),
         *(one.reshape(STEPS, -1) for one in point.auxiliaries),
     )  # fmt: skip
-    gap, limits, _, cost, *rows = evaluated(problem.residuals, stages)
+    gap, limits, room, cost, *rows = evaluated(problem.residuals, stages)
+    pairs = (point.states[1:], problem.state_bounds), (point.inputs, problem.input_bounds)
+    sides = [
+        side
+        for values, bounds in pairs
+        for side in (values - np.array(bounds.lower), np.array(bounds.upper) - values)
+    ]
+    wanted = np.concatenate(sides, axis=1)
+    wanted = wanted[:, np.isfinite(wanted).all(axis=0)]
+    assert wanted.shape[1] > 2
+    np.testing.assert_allclose(np.sort(room, axis=1), np.sort(wanted, axis=1), atol=1e-12)
     nlp = form.nlp()
     program = ca.Function("program", [nlp["x"], nlp["p"]], [nlp["f"], nlp["g"]])
     objective, found = (

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from wideberth.framework.mpc.costs.contouring import Contouring
-from wideberth.framework.mpc.fallback.rollout import carry
+from wideberth.framework.mpc.fallback.rollout import Motion, carry, follow
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
@@ -77,6 +77,15 @@ def test_every_start_begins_at_the_state_and_can_be_driven(robot: Robot, speed: 
     ends = np.array([robot.pose(tuple(one.states[-1])).position for one in found])
     apart = np.linalg.norm(ends[:, None] - ends, axis=2)[np.triu_indices(len(ends), 1)]
     assert (apart > 0.1).mean() > 0.8  # also from a standstill
+
+
+@pytest.mark.parametrize("robot", ROBOTS, ids=lambda robot: type(robot).__name__)
+def test_compiled_trajectories_are_those_of_the_robot_step_by_step(robot: Robot) -> None:
+    rng = np.random.default_rng(0)
+    start = straight(robot, 0.4)[1].initial
+    inputs = rng.uniform(-0.3, 0.3, (9, len(robot.inputs)))
+    found = Motion(robot, 9, DT).follow(start, inputs)
+    np.testing.assert_allclose(found, follow(robot, start, inputs, DT), rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("robot", ROBOTS, ids=lambda robot: type(robot).__name__)
