@@ -88,11 +88,11 @@ class RegionCase:
         local = self.extents * directions
         return np.asarray(np.einsum("...ij,...j->...i", self._principal[0], local))
 
-    def reach(self, rays: Array) -> tuple[Array, Array]:
+    def reach(self, rays: Array, halvings: int = _HALVINGS) -> tuple[Array, Array]:
         """Multiples of each ray, the last known inside and the first known outside, (...).
 
         By bisection of `contains`: for regions that are star-shaped around the mean. (0, tiny)
-        where the region is empty.
+        where the region is empty. Each halving gives a bit; a few do for a rough size.
         """
         shape = np.broadcast_shapes(rays.shape[:-1], self.level.shape)
         low, high = np.zeros(shape), np.ones(shape)
@@ -101,7 +101,7 @@ class RegionCase:
             if not inside.any():
                 break
             low, high = np.where(inside, high, low), np.where(inside, 2.0 * high, high)
-        for _ in range(_HALVINGS):
+        for _ in range(halvings):
             middle = 0.5 * (low + high)
             inside = self.contains(self.mean + middle[..., None] * rays)
             low, high = np.where(inside, middle, low), np.where(inside, high, middle)

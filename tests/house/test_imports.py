@@ -33,11 +33,18 @@ MODULES = [
 ]
 
 
+@cache
+def parsed(path: Path) -> ast.Module:
+    """Return what a file says; four rules read it."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
 def imported(path: Path) -> set[str]:
     """Return every module that a file imports anywhere, relative ones made absolute."""
     package = ("wideberth", *path.relative_to(ROOT).parent.parts)
     found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -198,8 +205,7 @@ def test_arrows_point_one_way(room: str, path: Path) -> None:
 
 @pytest.mark.parametrize(("room", "path"), MODULES)
 def test_heavy_libraries_are_imported_late(room: str, path: Path) -> None:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    for node in tree.body:
+    for node in parsed(path).body:
         modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
         modules += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
         for module in modules:
@@ -210,14 +216,14 @@ def test_heavy_libraries_are_imported_late(room: str, path: Path) -> None:
 
 @pytest.mark.parametrize(("room", "path"), MODULES)
 def test_imports_inside_a_room_are_relative(room: str, path: Path) -> None:
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.ImportFrom) and not node.level:
             assert (node.module or "").partition(".")[0] != "wideberth", "import it relatively"
 
 
 @pytest.mark.parametrize(("room", "path"), MODULES)
 def test_functions_are_short(room: str, path: Path) -> None:
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.FunctionDef):
             first = (
                 node.body[1] if ast.get_docstring(node) and len(node.body) > 1 else node.body[0]
