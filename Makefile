@@ -13,8 +13,9 @@ help:                   ## list the targets
 demo: .venv/ready       ## set up, run the paper's scenarios and figures, print the tables
 	$(BIN)/wideberth demo --workers 2
 
+# A file at a time: what a file's tests share is made once, not by every worker.
 test: .venv/ready       ## set up and run the tests
-	$(BIN)/python -m pytest -q -n auto
+	$(BIN)/python -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
 
 # mypy wants the checkout in a folder whose name is an identifier: .venv/link provides one.
 lint: .venv/ready       ## check style and types

@@ -16,9 +16,25 @@ DENSE = Path(__file__).parent / "data" / "dense"
 LARGE, PAGE = 600e6, 4096
 """Bytes: of a test process that drops what it has compiled, and of a page of memory."""
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
-EARLY = ("framework/mpc/solvers", "predictors", "regions")
-"""Folders whose tests run first: one process compiles the solver meanwhile, the others start
-with tests that need none, and do not wait for it."""
+LONG = (
+    "benchmarks/test_benchmarks.py",
+    "framework/mpc/test_three_dimensions.py",
+    "experiments/test_closed_loop_experiments.py",
+    "regions/test_regions_laws.py",
+    "framework/risk/test_risk_meter_3d.py",
+    "framework/mpc/solvers/test_batch.py",
+    "predictors/test_predictors.py",
+    "regions/test_regions_contract.py",
+    "house/test_readme.py",
+    "house/test_examples.py",
+    "framework/mpc/solvers/test_solver_contract.py",
+    "framework/mpc/test_slot_kinds.py",
+    "framework/mpc/solvers/test_riccati_property.py",
+    "benchmarks/test_benchmark_endurance.py",
+    "regions/test_static_regions.py",
+    "framework/mpc/test_contouring.py",
+)
+"""Files that take longest, and run first: workers that take a file at a time end together."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -47,8 +63,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave slow tests out unless they are asked for, as in ``-m slow``; order the others."""
-    early = [Path(__file__).parent / folder for folder in EARLY]
-    items.sort(key=lambda item: [folder not in item.path.parents for folder in early])
+    rank = {Path(__file__).parent / name: place for place, name in enumerate(LONG)}
+    items.sort(key=lambda item: rank.get(item.path, len(LONG)))
     if "slow" not in str(config.getoption("markexpr")):
         for item in items:
             if item.get_closest_marker("slow"):
@@ -100,6 +116,20 @@ def _memory_given_back() -> Iterator[None]:
         jax.clear_caches()
     gc.collect()
     getattr(ctypes.CDLL(None), "malloc_trim", int)(0)  # glibc keeps freed blocks otherwise
+
+
+@pytest.fixture
+def plain_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let XLA optimise nothing in programs of the solver ``batch``: half the time to compile."""
+    from wideberth.framework.mpc.solvers.batch import solver
+
+    shipped = solver._options
+
+    def plain() -> dict[str, bool | int]:
+        found = shipped()
+        return {**found, "xla_backend_optimization_level": 0} if found else found
+
+    monkeypatch.setattr(solver, "_options", plain)
 
 
 @pytest.fixture

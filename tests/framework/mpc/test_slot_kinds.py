@@ -267,6 +267,7 @@ def _takes(solver: Solver, solve: SolveRecord) -> None:
         assert own.shape == wanted.shape
 
 
+@pytest.mark.usefixtures("plain_code")
 def test_the_batch_takes_it(solve: SolveRecord) -> None:
     problem = solve.problem()
     found = solve_batch(problem, [solve.parameters], solve.guesses[:1])

@@ -137,6 +137,7 @@ def passage(shift: float, edge: float) -> tuple[Parameters, Guess]:
     return guess.pull(parameters), guess
 
 
+@pytest.mark.usefixtures("plain_code")
 def test_auxiliaries_walls_levels_of_their_own_soft_regions_and_the_end() -> None:
     problem = assemble(
         ROBOT, REGION, Fixed(), horizon=STEPS, dt=DT, capacity=2, penalty=1e4,
