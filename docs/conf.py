@@ -9,7 +9,7 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 os.environ.setdefault("MPLBACKEND", "Agg")
 
-from _site import docstrings, reference, repository  # noqa: E402
+from _site import docstrings, examples, reference, repository  # noqa: E402
 
 import wideberth  # noqa: E402
 
@@ -82,13 +82,15 @@ HOLDERS = {entry.path: entry.found for group in GROUPS for entry in group.entrie
 reference.write(HERE / "auto" / "reference", GROUPS)
 repository.write(HERE / "auto", sorted(HERE.glob("*.md")))
 repository.forget(HERE / "auto")
+examples.draw(HERE / "auto" / "examples")
 ARRAY = re.compile(r"(?:numpy\.|~)*ndarray\[[^()]*?dtype\[[^\]]*\]\]")
 
 
 def read(app, name, source):
     """Turn links to files into links between pages."""
     if not name.startswith("auto/"):
-        source[0] = repository.linked(source[0], Path("docs"), name)
+        text = examples.with_pictures(source[0]) if name == "examples" else source[0]
+        source[0] = repository.linked(text, Path("docs"), name)
 
 
 def process_docstring(app, what, name, found, options, lines):

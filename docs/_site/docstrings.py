@@ -12,6 +12,7 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
+from .formulas import letters, split
 from .mathematics import latex
 
 SECTIONS = (
@@ -25,21 +26,36 @@ EQUATION_WORDS = {
 CODE = re.compile(r"(``.+?``|(?<!`)`[^`]+`(?!`))", re.DOTALL)
 POWERS = {"2": "²", "3": "³", "-1": "⁻¹", "-2": "⁻²"}
 Linker = Callable[[str], str]
+Symbols = frozenset[str] | None
+"""Letters that formulas use; None where there are no formulas."""
 
 
 def rewritten(lines: list[str], link: Linker) -> list[str]:
     """Return a docstring's lines as reStructuredText."""
     found: list[str] = []
-    for title, body in sections(lines):
+    parted = sections(lines)
+    known = symbols(parted)
+    for title, body in parted:
         if not title:
-            found += prose(body, link)
+            found += prose(body, link, known)
         elif title in LISTS or (title == "Returns" and is_list(body)):
-            found += ["", f":{title}:", *indented(items(body, link)), ""]
+            found += ["", f":{title}:", *indented(items(body, link, known)), ""]
         elif title == "Examples":
             found += ["", ".. rubric:: Example", "", *body, ""]
         else:
-            found += ["", f".. rubric:: {title}", "", *prose(body, link), ""]
+            of_formulas = None if title == "References" else known
+            found += ["", f".. rubric:: {title}", "", *prose(body, link, of_formulas), ""]
     return found
+
+
+def symbols(parted: list[tuple[str, list[str]]]) -> frozenset[str]:
+    """Return the single letters that the formulas of a docstring use."""
+    formulas = []
+    for title, body in parted:
+        if title not in ("Examples", "References"):
+            for part in CODE.split("\n".join(body))[::2]:
+                formulas += split(part)[1::2]
+    return letters(formulas)
 
 
 def sections(lines: list[str]) -> list[tuple[str, list[str]]]:
@@ -63,7 +79,7 @@ def is_list(body: list[str]) -> bool:
     return bool(re.match(r"[\w, ]{1,40} : ", first))
 
 
-def items(body: list[str], link: Linker) -> list[str]:
+def items(body: list[str], link: Linker, known: Symbols) -> list[str]:
     """Return ``name : text`` items as a definition list."""
     found: list[str] = []
     for line in dedented(body):
@@ -75,10 +91,10 @@ def items(body: list[str], link: Linker) -> list[str]:
             found.append(f"    {line.strip()}" if found else line)
         else:
             found.append("")
-    return coded(found, link, skip_bold=True)
+    return coded(found, link, known, skip_bold=True)
 
 
-def prose(body: list[str], link: Linker) -> list[str]:
+def prose(body: list[str], link: Linker, known: Symbols) -> list[str]:
     """Return paragraphs; an indented block becomes mathematics, or stays as a small table."""
     found: list[str] = []
     i = 0
@@ -97,7 +113,7 @@ def prose(body: list[str], link: Linker) -> list[str]:
         end = i + 1
         while end < len(body) and not starts_block(body, end):
             end += 1
-        found += coded(body[i:end], link)
+        found += coded(body[i:end], link, known)
         i = end
     return found
 
@@ -143,20 +159,26 @@ def is_mathematics(text: list[str]) -> bool:
     return len(sentence) <= 1 and bool(re.search(r"[=<>^_+]", " ".join(text)))
 
 
-def coded(lines: list[str], link: Linker, skip_bold: bool = False) -> list[str]:
-    """Link names in backticks and escape everything else."""
-    parts = CODE.split("\n".join(lines))
-    for i in range(len(parts)):
-        if i % 2 and parts[i].startswith("``"):
-            continue
+def coded(
+    lines: list[str], link: Linker, known: Symbols = frozenset(), skip_bold: bool = False
+) -> list[str]:
+    """Link names in backticks, set formulas, and escape everything else."""
+    found = [""]  # text, markup, text, ...
+    for i, part in enumerate(CODE.split("\n".join(lines))):
         if i % 2:
-            parts[i] = link(" ".join(parts[i].strip("`").split()))
-        elif skip_bold:
-            bold = re.split(r"(^\*\*.+\*\*$)", parts[i], flags=re.MULTILINE)
-            parts[i] = "".join(b if j % 2 else escaped(b) for j, b in enumerate(bold))
-        else:
-            parts[i] = escaped(parts[i])
-    return "".join(apart(parts)).split("\n")
+            code = part.startswith("``")
+            found += [part if code else link(" ".join(part.strip("`").split())), ""]
+            continue
+        names = re.split(r"(^\*\*.+\*\*$)", part, flags=re.MULTILINE) if skip_bold else [part]
+        for j, some in enumerate(names):
+            if j % 2:
+                found[-1] += some
+                continue
+            first, *more = [some] if known is None else split(some, known)
+            found[-1] += escaped(first)
+            for formula, text in zip(more[::2], more[1::2], strict=True):
+                found += [f":math:`{formula}`", escaped(text)]
+    return "".join(apart(found)).split("\n")
 
 
 def apart(parts: list[str]) -> list[str]:

@@ -13,6 +13,7 @@ FUNCTIONS = "exp log ln sin cos tan max min det Pr".split()
 OTHER_NAMES = {
     "eps": r"\varepsilon", "lam": r"\lambda", "sum": r"\sum", "prod": r"\prod", "int": r"\int",
     "grad": r"\nabla", "phi": r"\varphi", "gap": r"\mathrm{gap}", "dW": "dW",
+    "tr": r"\operatorname{tr}",
 }  # fmt: skip
 SIGNS = {
     "<=": r"\le ", ">=": r"\ge ", "->": r"\to ", "<-": r"\leftarrow ", "+-": r"\pm ",
@@ -40,7 +41,7 @@ def latex(block: list[str]) -> str:
 
 def one_line(text: str) -> str:
     """Return one equation as LaTeX."""
-    return "".join(translated(text))
+    return "".join(translated(text.replace(" . ", " * ")))
 
 
 def translated(text: str) -> list[str]:
@@ -71,6 +72,8 @@ def translated(text: str) -> list[str]:
 def attached(text: str, position: int) -> tuple[str, int]:
     """Return an index or power with braces around it, and the position after it."""
     mark, following = text[position], text[position + 1]
+    if listed := re.compile(r"(\([a-z]\),[a-z]+)").match(text, position + 1):
+        return f"{mark}{{{listed[1]}}}", listed.end()
     if following in "({":
         inner, end = bracketed(text, position + 1)
         return f"{mark}{{{one_line(inner)}}}", end

@@ -15,7 +15,7 @@ from typing import Any, get_args, get_type_hints
 import wideberth
 from wideberth.framework.plugins.registry import ROOMS, load, names
 
-from .docstrings import coded
+from .docstrings import coded, has_own_text
 
 INTERFACES = {
     "wideberth.framework.predictor": ("Predictor", "Fittable", "Adaptive"),
@@ -196,10 +196,11 @@ def pages_of(found: list[Group]) -> dict[int, str]:
 def write(folder: Path, found: list[Group]) -> None:
     """Write the reference's sources; what is unchanged keeps its time, so that Sphinx skips it."""
     files = {"index.rst": index(found), "commands.rst": commands()}
+    homes = pages_of(found)
     for group in found:
         files[f"{group.name}.rst"] = overview(group)
         for entry in group.entries:
-            files[f"{entry.page}.rst"] = page(entry, group)
+            files[f"{entry.page}.rst"] = page(entry, group, homes)
     folder.mkdir(parents=True, exist_ok=True)
     for old in folder.iterdir():
         if old.name not in files:
@@ -253,8 +254,13 @@ def as_prose(text: str) -> str:
     return coded([" ".join(text.split())], lambda name: f"``{name}``")[0]
 
 
-def page(entry: Entry, group: Group) -> str:
-    """Return the page of one name."""
+def page(entry: Entry, group: Group, homes: dict[int, str]) -> str:
+    """Return the page of one name.
+
+    Parameters
+    ----------
+    homes : see `pages_of`.
+    """
     name = entry.found.__name__
     lines = [heading(name)]
     if entry.config_name:
@@ -262,9 +268,23 @@ def page(entry: Entry, group: Group) -> str:
                   f"<reference-{group.name}>`", ""]  # fmt: skip
     if inspect.isclass(entry.found):
         lines += [f".. autoclass:: {entry.path}", "   :members:", "   :show-inheritance:", ""]
+        lines += inherited(entry.found, homes)
     else:
         lines += [f".. autofunction:: {entry.path}", ""]
     return "\n".join(lines)
+
+
+def inherited(found: type, homes: dict[int, str]) -> list[str]:
+    """Name the public members that a class has from its bases, each with a link to its text."""
+    seen, lines = set(vars(found)), []
+    for base in found.__mro__[1:]:
+        own = [name for name in vars(base) if name not in seen and has_own_text(base, name)]
+        seen |= set(own)
+        if own and id(base) in homes:
+            home = homes[id(base)]
+            links = ", ".join(f":py:obj:`{name} <{home}.{name}>`" for name in own)
+            lines += [f"Inherited from :py:obj:`{base.__name__} <{home}>`: {links}.", ""]
+    return lines
 
 
 def commands() -> str:

@@ -110,6 +110,11 @@ def page_of(file: Path, name: str) -> str:
     title = file.as_posix()
     up = "../" * (len(Path(name).parts) - 1) + "../"
     language = LANGUAGES.get(file.suffix, "text")
-    lines = [":orphan:", "", title, "=" * len(title), "",
-             f".. literalinclude:: {up}{title}", f"   :language: {language}", ""]  # fmt: skip
+    lines = [":orphan:", "", title, "=" * len(title), ""]
+    if file.parent == Path("examples"):
+        lines += [f".. image:: /auto/examples/{file.stem}.png", "   :alt: what the script draws",
+                  "   :width: 80%", "", "It prints:", "",
+                  f".. literalinclude:: /auto/examples/{file.stem}.txt", "   :language: text", "",
+                  ".. rubric:: The script", ""]  # fmt: skip
+    lines += [f".. literalinclude:: {up}{title}", f"   :language: {language}", ""]
     return "\n".join(lines)

@@ -1,0 +1,74 @@
+"""Helpers of the site: which words of a docstring are formulas, where methods are documented."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from wideberth import Polygon, Region
+from wideberth.regions import MahalanobisEllipse
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(autouse=True)
+def site(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "docs"))
+    for name in [one for one in sys.modules if one.partition(".")[0] == "_site"]:
+        monkeypatch.delitem(sys.modules, name)
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("margin : m, r + r_d.", ["r + r_{d}"]),
+        ("Level z = Phi^-1(1 - tail), at least 0.", [r"z = \Phi ^{-1}(1 -\ \mathrm{tail})"]),
+        ("with mean mu and step i + 1", [r"\mu", "i + 1"]),
+        ("grows by F P F' + Q as in", ["F P F' + Q"]),
+        ("the constraint is 0.5 log q >= 0.", [r"0.5 \log  q \ge  0"]),
+        ("takes (a_h, b_h)\nfrom w_c and\nw_v.", ["(a_{h}, b_{h})", "w_{c}", "w_{v}"]),
+        ("Return n . mu + margin, m.", [r"n \cdot  \mu  +\ \mathrm{margin}"]),
+        ("k = a / 0.5 m/s times", ["k = a / 0.5"]),
+        ("more than 1 - p (for some)", ["1 - p"]),
+        (r"mu_h -> mu_h + a_h u", [r"\mu _{h} \to  \mu _{h} + a_{h} u"]),
+    ],
+)
+def test_formulas_in_a_sentence_are_found(text: str, found: list[str]) -> None:
+    from _site.formulas import split  # type: ignore[import-not-found]
+
+    assert split(text)[1::2] == found
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "points : (P, D), m, of a path", "at 0.5 m/s and below these", "m^2/s^3; it suits people",
+        "(..., V, 2) m -> (..., P)", "(N, m) -> x", "A person at a door, as I said.",
+        "weight of (a - guess)^2",
+        "the delta method", "dv = -v / braking dt + dw, to one", "see d. For a list - x is left",
+        "a 2-D plane, the x-axis and 95 % of it", "- stopping: slowly\n- going on: fast",
+        "turn_gain and v_max_speed are names", "(N, D, D), (O, 2D + 1), (C * N,), m",
+    ],
+)  # fmt: skip
+def test_words_units_and_shapes_are_no_formulas(text: str) -> None:
+    from _site.formulas import split
+
+    assert split(text) == [text]
+
+
+def test_a_letter_is_a_symbol_where_a_formula_uses_it() -> None:
+    from _site.docstrings import rewritten  # type: ignore[import-not-found]
+
+    lines = ["With q = sqrt(n), a set of n points; C is a language.", "", "Example of `q`."]
+    (first, *_) = rewritten(lines, lambda name: f"``{name}``")
+    assert first == "With :math:`q =\\ \\sqrt{n}`, a set of :math:`n` points; C is a language."
+
+
+def test_inherited_members_are_named_with_their_page() -> None:
+    from _site.reference import inherited  # type: ignore[import-not-found]
+
+    homes = {id(Region): "wideberth.Region"}
+    (line, _) = inherited(MahalanobisEllipse, homes)
+    assert line.startswith("Inherited from :py:obj:`Region <wideberth.Region>`: ")
+    assert ":py:obj:`plot <wideberth.Region.plot>`" in line and "`contains <" not in line
+    assert inherited(MahalanobisEllipse, {}) == [] == inherited(Polygon, homes)
