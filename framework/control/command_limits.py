@@ -1,6 +1,7 @@
 """Limits on commands, and the nearest command within them."""
 
 from collections.abc import Iterable
+from math import isfinite, nan
 
 import numpy as np
 
@@ -64,18 +65,21 @@ def broken_limit(robot: Robot, command: object) -> str:
         return f"it is a {type(command).__name__}; wanted a Command"
     if len(command.linear) != robot.dimension:
         return f"it has {len(command.linear)} linear components; wanted {robot.dimension}"
-    wanted = np.array([*command.linear, command.omega], dtype=np.float64)
-    if not np.isfinite([*wanted, command.ramp]).all() or command.ramp < 0.0:
+    try:
+        numbers = [float(value) for value in (*command.linear, command.omega, command.ramp)]
+    except (TypeError, ValueError):
+        numbers = [nan]
+    if not all(map(isfinite, numbers)) or numbers[-1] < 0.0:
         return f"it is {command}; wanted finite numbers and a ramp of at least 0 s"
     pose = robot.pose((0.0,) * len(robot.states))  # limits do not depend on the place
     state = tuple(float(value) for value in robot.state_at(pose, command.twist))
     control = tuple(float(value) for value in robot.drive(state, command.twist, 1.0))
     found = robot.twist(state, control)
-    apart = np.abs(np.array([*found.linear, found.angular], dtype=np.float64) - wanted).max()
-    beyond = [float(apart), _beyond(state, robot.state_bounds())]
-    beyond.append(_beyond(control, robot.input_bounds()))
+    pairs = zip((*found.linear, found.angular), numbers, strict=False)
+    beyond = [abs(float(one) - other) for one, other in pairs]
+    beyond += _beyond(state, robot.state_bounds()) + _beyond(control, robot.input_bounds())
     beyond += [-float(value) for value in robot.constraints(state, control)]
-    if not max(beyond) <= ALLOWANCE:
+    if not all(value <= ALLOWANCE for value in beyond):
         return f"it is {command}, beyond what the robot can do by {max(beyond):.3g}"
     return ""
 
@@ -108,7 +112,7 @@ def within_bounds(robot: Robot, state: Array) -> Array:
     return np.asarray(np.clip(state, np.asarray(bounds.lower), np.asarray(bounds.upper)))
 
 
-def _beyond(values: tuple[float, ...], bounds: Bounds) -> float:
-    over = np.array(values) - np.array(bounds.upper)
-    under = np.array(bounds.lower) - np.array(values)
-    return float(np.maximum(over, under).max(initial=0.0))
+def _beyond(values: tuple[float, ...], bounds: Bounds) -> list[float]:
+    """How far numbers are beyond their limits, negative where they are within."""
+    limits = zip(values, bounds.lower, bounds.upper, strict=True)
+    return [max(value - upper, lower - value) for value, lower, upper in limits]

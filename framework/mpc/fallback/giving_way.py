@@ -7,6 +7,7 @@ import numpy as np
 from ...values.arrays import Array
 from ...values.plan import GivenWay
 from ..ocp.transcription import Guess
+from ..slots.base import LevelledKind
 from .instance_check import TOLERANCE, Candidate, InstanceCheck
 from .verify import violation
 
@@ -106,10 +107,15 @@ def _entered(check: InstanceCheck, best: Candidate, share: float) -> Array:
 def content(check: InstanceCheck, level: Array, dimension: int) -> Array:
     """Content that each level stands for; 0 for the paper's unbounded level below 0, (N, O)."""
     found = np.zeros_like(level)
-    for column, (kind, *_) in enumerate(check.around.levelled()):
-        values, place = np.unique(level[:, column], return_inverse=True)
+    columns: dict[int, list[int]] = {}
+    for column, (_, k, _, _) in enumerate(check.around.levelled()):
+        columns.setdefault(k, []).append(column)
+    for k, own in columns.items():
+        kind = check.around.kinds[k]
+        assert isinstance(kind, LevelledKind)
+        values, place = np.unique(level[:, own], return_inverse=True)
         known = [1.0 - kind.tail(v, "content", dimension) if v > 0 else 0.0 for v in values]
-        found[:, column] = np.array(known)[place]
+        found[:, own] = np.array(known)[place].reshape(len(level), len(own))
     return found
 
 

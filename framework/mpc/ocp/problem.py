@@ -302,7 +302,7 @@ class Parameters:
         pieces = [self.reference, self.direction, self.speed[:, None], curve]
         return np.concatenate(pieces, axis=1)
 
-    @property
+    @cached_property
     def target(self) -> float:
         """s_ref, the level that a shared level is drawn to: the mean of all; 0 without any."""
         levels = [one.level[:, one.active > 0] for one in self.slots if one.level is not None]

@@ -206,8 +206,8 @@ def step(
         outcome = starts.run(check, first, state.obstacle_in_way)
         state = replace(state, obstacle_in_way=outcome.obstacle_in_way)
         plan, point = choose(rungs_of(settings.rungs), Trial(check, outcome), stamp)
-        plan = replace(strip_progress(robot, plan), reason=joined(plan.reason, outcome.note))
-        plan = _in_situation(settings, plan, seen, progress.path, start)
+        plan = strip_progress(robot, plan)
+        plan = _in_situation(settings, plan, seen, progress.path, start, outcome.note)
         solved = Solved(check, outcome.guesses, point, plan, budget.spent())
         command, note = _limited(robot, command_of_plan(robot, plan))
         smoother = _smoothed(state.smoother, command, stamp)
@@ -221,9 +221,9 @@ def step(
 
 
 def _in_situation(
-    settings: PlannerSettings, plan: Plan, seen: Seen, path: Path, start: Array
+    settings: PlannerSettings, plan: Plan, seen: Seen, path: Path, start: Array, note: str
 ) -> Plan:
-    """Add what the plan was held against, and, for pictures, what it looks like."""
+    """Add a note, what the plan was held against, and, for pictures, what it looks like."""
     robot, tracks = settings.robot, seen.tracks
     heading = robot.pose(tuple(start)).heading
     situation = Situation(
@@ -237,7 +237,13 @@ def _in_situation(
         polygons=seen.observation.polygons,
     )
     tracked = () if tracks is None else tracks.ids
-    return replace(plan, forecast=seen.forecast, tracked=tracked, situation=situation)
+    return replace(
+        plan,
+        reason=joined(plan.reason, note),
+        forecast=seen.forecast,
+        tracked=tracked,
+        situation=situation,
+    )
 
 
 def _delayed(settings: PlannerSettings, state: PlannerState, stamp: float, now: Array) -> Array:

@@ -107,7 +107,9 @@ class Planner(PlannerSettings, Controller):
             plan = replace(plan, reason=joined(plan.reason, note))
         _warn(type(self).__name__, plan, decision.notes)
         memory.decision = decision
-        memory.plan = replace(plan, reason=joined(plan.reason, *decision.notes))
+        if decision.notes:
+            plan = replace(plan, reason=joined(plan.reason, *decision.notes))
+        memory.plan = plan
         return decision.command
 
     def explain(self) -> SolveRecord:

@@ -8,6 +8,7 @@ solvers, re-check and C export know this interface and no kind.
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from inspect import getdoc
 from math import hypot
 from typing import Any, ClassVar, TypeAlias, final
@@ -199,14 +200,18 @@ class Surroundings:
             for name in (*one.names, *("?",) * (slots.count - len(one.names)))
         )
 
-    def levelled(self) -> list[tuple[LevelledKind, int, int, str]]:
+    def levelled(self) -> tuple[tuple[LevelledKind, int, int, str], ...]:
         """List every used slot with a level: its kind, which kind that is, its place, its name."""
-        return [
+        return self._levelled
+
+    @cached_property
+    def _levelled(self) -> tuple[tuple[LevelledKind, int, int, str], ...]:
+        return tuple(
             (kind, k, place, name)
             for k, (kind, one) in enumerate(zip(self.kinds, self.chosen, strict=True))
             if isinstance(kind, LevelledKind)
             for place, name in enumerate(one.names)
-        ]
+        )
 
     def touched(self, states: Array) -> Touch:
         """Hold a plan's states (N + 1, n) against everything that is known, also between steps."""

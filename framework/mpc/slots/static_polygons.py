@@ -165,9 +165,11 @@ class KnownPolygons(Known):
     def touched(self, robot: Robot, states: Array) -> Touch:
         """How deep the bodies enter parts on the way to each step."""
         steps = len(states) - 1
-        depth, names = np.zeros(steps), [""] * steps
         near = self._near(robot, states)
-        for body in (self.kind.bodies(robot) or (Body(robot.radius),)) if near.size else ():
+        if not near.size:
+            return Touch.none(steps)
+        depth, names = np.zeros(steps), [""] * steps
+        for body in self.kind.bodies(robot) or (Body(robot.radius),):
             way = Way.of(robot, body, states)
             parts = self.walls.known[near]
             gaps = separation(way.corners[:, :, None], parts)[0].min(axis=1) - body.radius
@@ -229,13 +231,11 @@ class StaticPolygons(SlotKind):
 
     def choose(self, robot: Robot, view: View) -> Chosen:
         """Choose the convex parts that come closest to the route and the last plan."""
-        walls = choose_walls(
-            view.observation.polygons,
-            self.region,
-            np.concatenate([*view.route, view.planned]),
-            nearness(robot.radius + view.margin, view.aside, view.own, view.level),
-            view.most,
-        )
+        walls, polygons = NONE, view.observation.polygons
+        if polygons:
+            route = np.concatenate([*view.route, view.planned])
+            reach = nearness(robot.radius + view.margin, view.aside, view.own, view.level)
+            walls = choose_walls(polygons, self.region, route, reach, view.most)
         return self.chosen(robot, walls, view.level, view.margin, view.own)
 
     def chosen(
