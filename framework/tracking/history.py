@@ -7,7 +7,7 @@ from typing import NamedTuple, final
 import numpy as np
 
 from ..robot import Robot
-from ..values.arrays import FARTHEST, Array
+from ..values.arrays import FARTHEST, Array, assembled
 from ..values.motion import Detection, Observation, sound
 from ..values.tracks import Tracks
 from .noise import LENGTH, MEMORY, STRIDE, NoiseEstimate, NoiseEvidence, window_likelihoods
@@ -139,13 +139,15 @@ class History:
         names = sorted(self.logs)
         logs = [self.logs[name] for name in names]
         times, places = [log.times for log in logs], [log.positions for log in logs]
-        return Tracks(
-            interpolated(times, places, grid, self.gap, ON_GRID * self.dt),
-            self.dt,
-            tuple(names),
-            np.array([log.radius for log in logs]),
-            np.stack([self._covariance(log) for log in logs]),
-            newest,
+        return assembled(  # of detections, which were checked one by one
+            Tracks,
+            positions=interpolated(times, places, grid, self.gap, ON_GRID * self.dt),
+            dt=self.dt,
+            ids=tuple(names),
+            radius=np.array([log.radius for log in logs]),
+            noise=np.array([self._covariance(log) for log in logs]),
+            stamp=newest,
+            state_covariance=None,
         )
 
     def _covariance(self, log: _Log) -> Array:

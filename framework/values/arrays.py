@@ -3,13 +3,14 @@
 from collections.abc import Sequence
 from functools import reduce
 from math import isfinite
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import WideberthError
 
+T = TypeVar("T")
 Array: TypeAlias = NDArray[np.float64]
 BoolArray: TypeAlias = NDArray[np.bool_]
 Scalar: TypeAlias = Any
@@ -220,6 +221,25 @@ def _number(value: Any) -> float:
     if isinstance(value, str | bytes | bytearray):
         raise TypeError(f"{value!r} is text")
     return float(value)
+
+
+def assembled(kind: type[T], **values: Any) -> T:
+    """Return a value of parts that hold what its constructor would check, without these checks.
+
+    For what the package makes of values that were checked when they came in. Arrays become
+    read-only, as the checks would leave them.
+
+    Parameters
+    ----------
+    kind : a frozen dataclass.
+    values : of all of its fields.
+    """
+    made = object.__new__(kind)
+    for value in values.values():
+        if isinstance(value, np.ndarray):
+            value.setflags(write=False)
+    vars(made).update(values)
+    return made
 
 
 def number(name: str, value: float) -> float:

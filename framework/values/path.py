@@ -84,6 +84,12 @@ class Path:
         steps = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
         return np.concatenate([[0.0], np.cumsum(steps)])
 
+    @cached_property
+    def _pieces(self) -> tuple[Array, Array, Array]:
+        """Steps from point to point, (P - 1, D), m, their lengths and their unit tangents."""
+        step = np.diff(self.points, axis=0)
+        return step, np.diff(self.arc), step / np.linalg.norm(step, axis=-1, keepdims=True)
+
     @property
     def length(self) -> float:
         """Length of the whole path, m."""
@@ -104,8 +110,7 @@ class Path:
         """Return unit tangents at the given arc lengths (...,) -> (..., D)."""
         last = len(self.points) - 2
         index = np.clip(np.searchsorted(self.arc, arc, side="right") - 1, 0, last)
-        step = self.points[index + 1] - self.points[index]
-        return np.asarray(step / np.linalg.norm(step, axis=-1, keepdims=True))
+        return np.asarray(self._pieces[2][index])
 
     def project(
         self, point: Array, *, start: float = 0.0, window: float = np.inf, early: float = 0.0
@@ -118,8 +123,7 @@ class Path:
         A window keeps a self-crossing path from being cut short: the controller
         searches forward from where it last was.
         """
-        begin, step = self.points[:-1], np.diff(self.points, axis=0)
-        length = np.diff(self.arc)
+        begin, (step, length, _) = self.points[:-1], self._pieces
         along = np.einsum("sd,sd->s", point - begin, step) / length
         low = np.clip(start - self.arc[:-1], 0.0, length)
         high = np.clip(start + window - self.arc[:-1], 0.0, length)

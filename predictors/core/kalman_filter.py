@@ -71,9 +71,15 @@ def filter_axes(past: Histories, noise: Array, model: AxisModel) -> Filtered:
     variance, vectors = np.linalg.eigh(noise)
     local = (past.positions @ vectors).transpose(1, 0, 2).reshape(rows, count * size)
     began = np.repeat(past.began, size)
-    seen = np.repeat(_from_the_first(past), size, axis=0)
-    first, which = _distinct(variance.ravel(), seen)
-    tables = _tables(variance.ravel()[first].tobytes(), seen[first].tobytes(), rows, model)
+    spread, seen = variance.ravel(), _from_the_first(past)
+    if seen.all():  # the usual case: axes differ by their noise alone
+        spread, which = np.unique(spread, return_inverse=True)
+        seen = np.ones((len(spread), rows), dtype=np.bool_)
+    else:
+        seen = np.repeat(seen, size, axis=0)
+        first, which = _distinct(spread, seen)
+        spread, seen = spread[first], seen[first]
+    tables = _tables(spread.tobytes(), seen.tobytes(), rows, model)
     state = _filter_means(local, began, tables, which, model.transition)
     covariance = tables.covariance[np.maximum(rows - 1 - began, 0), which]
     covariance = covariance.reshape(count, size, order, order)
@@ -171,9 +177,9 @@ def _filter_means(
         gain = tables.gain[since, :, which].transpose(0, 2, 1)
     state = np.zeros((len(transition), count))
     state[0] = measured[np.minimum(began, rows - 1), np.arange(count)]
-    for k in range(1, rows):
+    for share, place in zip(gain[1:], measured[1:], strict=True):
         state = transition @ state
-        state += gain[k] * (measured[k] - state[0])
+        state += share * (place - state[0])
     return state.T
 
 

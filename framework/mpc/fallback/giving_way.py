@@ -113,9 +113,9 @@ def content(check: InstanceCheck, level: Array, dimension: int) -> Array:
     for k, own in columns.items():
         kind = check.around.kinds[k]
         assert isinstance(kind, LevelledKind)
-        values, place = np.unique(level[:, own], return_inverse=True)
-        known = [1.0 - kind.tail(v, "content", dimension) if v > 0 else 0.0 for v in values]
-        found[:, own] = np.array(known)[place].reshape(len(level), len(own))
+        flat = level[:, own].ravel().tolist()
+        known = {v: 1.0 - kind.tail(v, "content", dimension) if v > 0 else 0.0 for v in set(flat)}
+        found[:, own] = np.reshape([known[v] for v in flat], (len(level), len(own)))
     return found
 
 

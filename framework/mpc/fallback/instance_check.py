@@ -89,6 +89,10 @@ class InstanceCheck:
 
     def suited(self, guess: Guess) -> Guess:
         """Fill in the auxiliaries that suit the guess's poses best."""
+        none = self.problem.no_auxiliaries
+        if none:
+            states, inputs = guess.states, guess.inputs
+            return Guess(states, inputs, none, guess.level, guess.slack)
         return with_auxiliaries(self.robot, self.around.kinds, self.parameters, guess)
 
     def check(self, point: Guess) -> Violation:

@@ -150,6 +150,13 @@ class Problem:
         return int(self.penalty is not None and any(one.count for one in self.slots))
 
     @cached_property
+    def no_auxiliaries(self) -> tuple[Array, ...]:
+        """Auxiliaries of each kind of slots where no slot has any, (N, K, 0); else ()."""
+        if any(len(one.auxiliary) for one in self.slots):
+            return ()
+        return tuple(np.zeros((self.horizon, one.count, 0)) for one in self.slots)
+
+    @cached_property
     def ends_at_rest(self) -> bool:
         """Whether the last state has constraints of its own."""
         return bool(self.terminal_constraints.size1_out(0))

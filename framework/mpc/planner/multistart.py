@@ -395,8 +395,8 @@ class Laid:
             robot.state_at(Pose(tuple(place), heading), twist) for place, heading, twist in ahead
         ]
         bounds = robot.state_bounds()
-        states = np.array([start, *driven], dtype=np.float64)
-        states[1:] = np.clip(states[1:], np.asarray(bounds.lower), np.asarray(bounds.upper))
+        states = np.array([start.tolist(), *driven], dtype=np.float64)
+        states[1:] = np.minimum(np.maximum(states[1:], bounds.lower), bounds.upper)
         return cls(states, twists)
 
     def inputs(self, robot: Robot, dt: float) -> Array:

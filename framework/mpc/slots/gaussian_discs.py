@@ -7,7 +7,7 @@ import numpy as np
 
 from ...region import Polygonal, Region
 from ...robot import Robot
-from ...values.arrays import Array
+from ...values.arrays import Array, assembled
 from ...values.forecast import LIGHT, Forecast, GaussianObstacle
 from ...values.motion import Pose
 from ...values.polygon import separation
@@ -119,7 +119,9 @@ def fill(
     spread = np.broadcast_to(margin, (steps, capacity))
     numbers = np.zeros((steps, 0, region.parameter_count(size)))
     if capacity:
-        numbers = region.parameters(GaussianObstacle(mean, covariance), spread)
+        # of a checked forecast, brought within reach
+        clear_of = assembled(GaussianObstacle, mean=mean, covariance=covariance)
+        numbers = region.parameters(clear_of, spread)
     levels = _levels(level, region, obstacles, capacity)
     none = np.zeros((steps, capacity, 0))
     return SlotNumbers(numbers, used(count, capacity), none, levels)
