@@ -38,15 +38,18 @@ def interpolated(
     after = np.stack([own.searchsorted(wanted) for own in times])
     after = first[:, None] + np.minimum(after, count[:, None] - 1)
     before = np.maximum(after - 1, first[:, None])
-    begin, end = clock[before], clock[after]
+    begin, end = clock.take(before), clock.take(after)
     width = end - begin
-    since = np.clip(grid - begin, 0.0, width)  # first: a width may be as small as 1e-300
-    share = np.where(width > 0, since / np.where(width > 0, width, 1.0), 1.0)[..., None]
-    sampled = (1 - share) * place[before] + share * place[after]
+    # Cut off before it is divided: a width may be as small as 1e-300.
+    since = np.minimum(np.maximum(grid - begin, 0.0), width)
+    share = np.divide(since, width, out=np.ones_like(width), where=width > 0)[..., None]
+    sampled = (1 - share) * place.take(before, axis=0) + share * place.take(after, axis=0)
     on_sample = np.abs(grid - end) <= slack
     known = (grid >= clock[first, None] - slack) & (grid <= clock[first + count - 1, None] + slack)
-    bridged = on_sample | (width <= bridge + slack)
-    return np.where((known & bridged)[..., None], sampled, np.nan)
+    known &= on_sample | (width <= bridge + slack)
+    if not known.all():
+        sampled[~known] = np.nan
+    return np.asarray(sampled)
 
 
 def resampled_tracks(

@@ -103,6 +103,13 @@ def gather(
     seen = np.asarray(seen[row, np.maximum(column, 0)] & (column >= 0), dtype=np.bool_)
     aligned = positions[row, np.maximum(column, 0)]
     origin = np.where(seen[:, -1:], aligned[:, -1], 0.0)
+    if (seen[:, 1:] >= seen[:, :-1]).all():  # most are seen ever since the first sample
+        began = np.asarray(kept - seen.sum(axis=1), dtype=np.int64)
+        relative = np.where(seen[..., None], aligned - origin[:, None], 0.0)
+        first = relative[row[:, 0], np.minimum(began, kept - 1)]
+        relative = np.where(seen[..., None], relative, first[:, None])
+        late = np.where(began < kept, late, 0)
+        return Histories(origin, relative, seen, began, late.astype(np.int64))
     began = _beginning(seen, longest_gap)
     seen = np.asarray(seen & (np.arange(kept) >= began[:, None]), dtype=np.bool_)
     relative = np.where(seen[..., None], aligned - origin[:, None], 0.0)

@@ -174,7 +174,9 @@ def _filter_means(
         gain = tables.gain
     else:
         since = np.maximum(np.arange(rows)[:, None] - began, 0)
-        gain = tables.gain[since, :, which].transpose(0, 2, 1)
+        kinds = tables.gain.shape[2]
+        flat = tables.gain.transpose(0, 2, 1).reshape(rows * kinds, -1)
+        gain = flat.take(since * kinds + which, axis=0).transpose(0, 2, 1)
     state = np.zeros((len(transition), count))
     state[0] = measured[np.minimum(began, rows - 1), np.arange(count)]
     for share, place in zip(gain[1:], measured[1:], strict=True):
