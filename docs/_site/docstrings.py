@@ -196,7 +196,7 @@ def escaped(text: str) -> str:
     text = re.sub(r"([*|\\])", r"\\\1", text)
     text = re.sub(r"^(\s*)([A-Za-z]\.) ", r"\1\\\2 ", text, flags=re.MULTILINE)  # no list
     for power, sign in POWERS.items():
-        text = re.sub(rf"\^{re.escape(power)}(?![\w.(])", sign, text)
+        text = re.sub(rf"\^{re.escape(power)}(?![\w(]|\.\d)", sign, text)
     text = re.sub(r"::$", ":", text, flags=re.MULTILINE)
     return re.sub(r"_(?=\W|$)", r"\\_", text)
 

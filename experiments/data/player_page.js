@@ -106,7 +106,7 @@ class Player {
     new ResizeObserver(() => {
       if (width === this.element.clientWidth) return; // its height is our own doing
       width = this.element.clientWidth;
-      this.redraw();
+      requestAnimationFrame(() => this.redraw()); // changes its height, which may not happen here
     }).observe(this.element);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.redraw());
     addEventListener("beforeprint", () => this.redraw());
