@@ -234,6 +234,23 @@ class RiskLevel(Region):
         """Bound on the collision risk outside at this level; the inverse of `level_for_risk`."""
 
 
+class ClosedForm(Region):
+    """A region whose parameters are a CasADi expression as well, for code that leaves Python.
+
+    Python itself takes `parameters`. Law: both state the same constraint; the parameters may differ
+    by what the constraint does not see, such as the sign of an eigenvector.
+    """
+
+    @abstractmethod
+    def closed_form(self, mean: Scalar, covariance: Scalar, margin: Scalar) -> Scalar:
+        """Parameters of one Gaussian: SX (D, 1), (D, D), (1, 1) -> (P, 1).
+
+        Raises
+        ------
+        WideberthError : a dimension for which there is no such expression.
+        """
+
+
 class Polygonal(Region):
     """A region that knows bodies with corners.
 

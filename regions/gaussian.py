@@ -14,7 +14,7 @@ from scipy import special
 from ..framework.numerics.eigenframe import eigen_axes
 from ..framework.numerics.geometry import UNIT_BALL, distance_to_ellipse
 from ..framework.numerics.symbolic import ca
-from ..framework.region import Convex, Region, RiskLevel, Signed
+from ..framework.region import ClosedForm, Convex, Region, RiskLevel, Signed
 from ..framework.values.arrays import Array, BoolArray, Scalar, probability
 from ..framework.values.errors import WideberthError
 from ..framework.values.forecast import GaussianObstacle
@@ -71,6 +71,33 @@ def pack(obstacle: GaussianObstacle, margin: Array, dimensions: Sequence[int]) -
     deviations, vectors = eigen_axes(obstacle.covariance)
     flat = vectors.reshape(*vectors.shape[:-2], -1)
     return np.concatenate([obstacle.mean, flat, deviations, room[..., None]], axis=-1)
+
+
+def pack_symbols(mean: Scalar, covariance: Scalar, margin: Scalar) -> Scalar:
+    """CasADi twin of `pack` in the plane, by the closed form of a matrix [[a, b], [b, c]].
+
+    Its eigenvalues are l1 = (a + c + sqrt((a - c)^2 + 4 b^2)) / 2 and (a c - b^2) / l1, negative
+    ones 0; the first eigenvector stands at the angle atan2(2 b, a - c) / 2.
+
+    Raises
+    ------
+    WideberthError : not two coordinates.
+    """
+    if mean.numel() != 2:
+        raise WideberthError(
+            f"axes of a covariance in {mean.numel()} dimensions have no closed form here; wanted 2"
+        )
+    a, b, c = covariance[0, 0], covariance[1, 0], covariance[1, 1]
+    first = ca.fmax(0.5 * (a + c + ca.hypot(a - c, 2.0 * b)), 0.0)
+    second = ca.fmax(a * c - b * b, 0.0) / ca.fmax(first, _LEAST)
+    angle = 0.5 * ca.atan2(2.0 * b, a - c)
+    cosine, sine = ca.cos(angle), ca.sin(angle)
+    axes = [cosine, -sine, sine, cosine, ca.sqrt(first), ca.sqrt(second)]
+    return ca.vertcat(mean, *axes, margin)
+
+
+_LEAST = 1e-300
+"""m^2, so that nothing is divided by a variance of 0."""
 
 
 def packed_count(dimension: int) -> int:
@@ -156,12 +183,16 @@ def circle(count: int, vectors: Array) -> Array:
     return np.stack([np.cos(angle), turn * np.sin(angle)], axis=-1)
 
 
-class Eigenframe(Region):
+class Eigenframe(ClosedForm):
     """A region whose parameters are those of `pack`."""
 
     def parameters(self, obstacle: GaussianObstacle, margin: Array) -> Array:
         """Mean, eigenvectors, deviations, margin: (...,) -> (..., P); see `regions.gaussian`."""
         return pack(obstacle, margin, self.dimensions)
+
+    def closed_form(self, mean: Scalar, covariance: Scalar, margin: Scalar) -> Scalar:
+        """Return the same in CasADi, see `pack_symbols`."""
+        return pack_symbols(mean, covariance, margin)
 
     def parameter_count(self, dimension: int) -> int:
         """P, 9 in 2-D and 16 in 3-D."""

@@ -5,7 +5,8 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.region import Constraint, Convex, Guarantee, Relation, Signed
+from ..framework.numerics.symbolic import ca
+from ..framework.region import ClosedForm, Constraint, Convex, Guarantee, Relation, Signed
 from ..framework.values.arrays import Array, BoolArray, Scalar
 from ..framework.values.forecast import GaussianObstacle
 from ..framework.values.motion import Pose
@@ -25,7 +26,7 @@ from .box import (
 
 @final
 @dataclass(frozen=True)
-class LuetkepohlRectangle(Signed, Convex):
+class LuetkepohlRectangle(ClosedForm, Signed, Convex):
     """Rectangle with half-widths z sqrt(Sigma_kk), enlarged by the margin.
 
     With K = D components and tail alpha each component gets the interval of tail alpha / K,
@@ -97,6 +98,11 @@ class LuetkepohlRectangle(Signed, Convex):
         variance = np.diagonal(obstacle.covariance, axis1=-2, axis2=-1)
         deviation = np.sqrt(np.clip(variance, 0.0, None))
         return np.concatenate([obstacle.mean, deviation, room[..., None]], axis=-1)
+
+    def closed_form(self, mean: Scalar, covariance: Scalar, margin: Scalar) -> Scalar:
+        """Return the same in CasADi."""
+        deviation = ca.sqrt(ca.fmax(ca.diag(covariance), 0.0))
+        return ca.vertcat(mean, deviation, margin)
 
     def parameter_count(self, dimension: int) -> int:
         """P = 2D + 1."""

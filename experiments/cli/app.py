@@ -501,12 +501,24 @@ def export(
         int | None, typer.Option(help="Slots for polygons; 5 where the planner minds them.")
     ] = None,
     corners: Annotated[int, typer.Option(help="Vertices that a polygon may have.")] = 4,
+    solver: Annotated[
+        bool, typer.Option("--solver", help="The solver as object code, not the problem in C.")
+    ] = False,
+    target: Annotated[
+        str | None,
+        typer.Option(help="Of --solver: native (this processor, the default), linux-x86_64-v3 or "
+                     "linux-aarch64."),
+    ] = None,
     set_: Set = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an older export.")] = False,
 ) -> None:
-    """Write the planner's optimisation problem as C, with an example that checks it."""
+    """Write the planner's problem as C, or its solver as object code, each with an example."""
+    from ...framework.mpc.export.solver.native import NATIVE
     from ..engine.progress import working
     from .export import export as write
+
+    if target is not None and not solver:
+        raise WideberthError("--target says what --solver makes object code for; give both")
 
     with working(f"writing {out}"):
         source = write(
@@ -517,9 +529,11 @@ def export(
             obstacles=obstacles,
             polygons=polygons,
             corners=corners,
+            target=(target or NATIVE) if solver else None,
             force=force,
         )
-    typer.echo(f"written: {out} ({source}); `make -C {out}` compiles and checks the example")
+    what = "compiles the example" if solver else "compiles and checks the example"
+    typer.echo(f"written: {out} ({source}); `make -C {out}` {what}")
 
 
 @app.command(no_args_is_help=True)

@@ -8,16 +8,21 @@ import numpy as np
 
 from ...framework.mpc.costs.base import ProgressCost
 from ...framework.mpc.export.bundle import bundle, check_target, write_folder
+from ...framework.mpc.export.solver.files import bundle as solver_bundle
+from ...framework.mpc.export.solver.measured import needs
+from ...framework.mpc.export.solver.native import Machine, Native, machine
+from ...framework.mpc.export.solver.needs import Solver as ExportedSolver
 from ...framework.mpc.export.subject import Subject
-from ...framework.mpc.ocp.problem import Parameters, Problem
+from ...framework.mpc.ocp.problem import Parameters, Problem, Slots
 from ...framework.mpc.ocp.progress_robot import progress_robot_of
 from ...framework.mpc.ocp.transcription import Guess
 from ...framework.mpc.planner.cycle import PlannerState, Services, remember, step
 from ...framework.mpc.planner.planner import Planner
 from ...framework.mpc.planner.settings import changed
-from ...framework.mpc.slots.base import CAPACITIES
+from ...framework.mpc.slots.base import CAPACITIES, LevelledKind, SlotKind
 from ...framework.mpc.slots.static_polygons import CORNERS
 from ...framework.mpc.solvers.base import Solution, Solver
+from ...framework.mpc.solvers.riccati.solver import Riccati
 from ...framework.plugins.config import describe
 from ...framework.plugins.registry import unknown
 from ...framework.robot import start_state
@@ -65,6 +70,7 @@ def export(
     obstacles: int = 5,
     polygons: int | None = None,
     corners: int = CORNERS[0],
+    target: str | None = None,
     force: bool = False,
 ) -> str:
     """Write the problem of a config's planner as C and return what it is the problem of.
@@ -76,6 +82,8 @@ def export(
     planner : name of one of the config's planners; the first by default.
     obstacles, polygons, corners : slots, and vertices of a polygon, at least; the planner's
         problems have room for some sizes alone, of which the next is taken.
+    target : what to make the solver's object code for, see `native.targets`; None writes no
+        solver but the problem's functions.
     force : whether an older export is replaced.
 
     Raises
@@ -98,8 +106,36 @@ def export(
         polygons = 0 if chosen.static_region is None else POLYGONS
     source = f"{config_path(config).stem}, {name}"
     sizes = _slots("obstacles", obstacles), _slots("polygons", polygons), _room(corners)
-    write_folder(out, bundle(subject(chosen, sizes, source)), force=force)
+    one = subject(chosen, sizes, source)
+    made = bundle(one) if target is None else solver_bundle(solver(chosen, one, machine(target)))
+    write_folder(out, made, force=force)
     return source
+
+
+def solver(planner: Planner, one: Subject, where: Machine) -> ExportedSolver:
+    """Gather what is written of a planner's solver.
+
+    The solver is `riccati`, with the planner's settings where it is the planner's own.
+
+    Raises
+    ------
+    WideberthError : no object code serves this problem.
+    """
+    settings = planner.solver if isinstance(planner.solver, Riccati) else Riccati()
+    native = Native(one, where, planner.margin)
+    aims = tuple(_aim(planner, kind, slots) for kind, slots in zip(
+        planner.kinds, one.problem.slots, strict=True
+    ))  # fmt: skip
+    taken = needs(one.problem, one.parameters, one.guess, settings)
+    return ExportedSolver(native, settings, taken, planner.reference_speed, aims)
+
+
+def _aim(planner: Planner, kind: SlotKind, slots: Slots) -> Array | None:
+    """Level that the planner aims at for each step, all slots in use; None without levels."""
+    if not (slots.count and isinstance(kind, LevelledKind)):
+        return None
+    size = planner.robot.dimension
+    return kind.levels(planner.level, planner.horizon, slots.count, size)[:, 0]
 
 
 def planners(experiment: Experiment) -> dict[str, Planner]:

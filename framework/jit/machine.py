@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import count
 from threading import RLock
+from types import MappingProxyType
 from typing import Any
 
 from ..values.errors import WideberthError
@@ -114,8 +115,16 @@ def _optimise(module: Any, machine: Any) -> None:
     builder.getModulePassManager().run(module, builder)
 
 
-def loaded(code: bytes, names: Sequence[str]) -> Mapping[str, int]:
+def loaded(
+    code: bytes, names: Sequence[str], instead: Mapping[str, int] = MappingProxyType({})
+) -> Mapping[str, int]:
     """Load an object file into this process and return the addresses of functions.
+
+    Parameters
+    ----------
+    code : the file.
+    names : of the functions.
+    instead : addresses of functions that it is given for those of the C library.
 
     Raises
     ------
@@ -124,7 +133,7 @@ def loaded(code: bytes, names: Sequence[str]) -> Mapping[str, int]:
     with _GUARD:
         try:
             library = llvm().JITLibraryBuilder().add_object_img(code)
-            for name, address in _of_the_system().items():
+            for name, address in {**_of_the_system(), **instead}.items():
                 library.import_symbol(name, address)
             for name in names:
                 library.export_symbol(name)

@@ -43,7 +43,7 @@ clean:
 .PHONY: check clean
 """
 _BUILT = ("example", "example.o", "wideberth.o", "stage_functions.o", "wideberth_nlp.o",
-          "nlp_functions.o")  # fmt: skip
+          "nlp_functions.o", "loop", "loop_cpp", "wideberth_solver.o")  # fmt: skip
 """What ``make`` leaves in the folder of an export."""
 
 
@@ -119,7 +119,7 @@ def _known(out: Path) -> set[str]:
     return {MANIFEST, *_BUILT, *(name for name in names if isinstance(name, str))}
 
 
-def write_folder(out: Path, files: Mapping[str, str], *, force: bool) -> None:
+def write_folder(out: Path, files: Mapping[str, str | bytes], *, force: bool) -> None:
     """Write files into a new folder, which appears whole or not at all.
 
     Raises
@@ -133,8 +133,9 @@ def write_folder(out: Path, files: Mapping[str, str], *, force: bool) -> None:
     except OSError as error:
         raise WideberthError(f"{out} cannot be written: {error.strerror or error}") from None
     try:
-        for name, text in files.items():
-            (made / name).write_bytes(text.encode("utf-8"))
+        for name, content in files.items():
+            code = content if isinstance(content, bytes) else content.encode("utf-8")
+            (made / name).write_bytes(code)
         made.chmod(0o755)
         _exchange(made, out)
     except OSError as error:

@@ -100,12 +100,12 @@ def readme(subject: Subject) -> str:
         lifted=f"auxiliaries of {', of '.join(f'{one.name}s' for one in problem.slots)}",
         numbers=", ".join(f"{what} of the {one.name} slots" for what, one in _own(problem)),
         levelled=_listed([f"{one.name}s" for one in problem.slots if one.levelled]),
-        regions="\n\n".join(_regions(subject)),
+        regions="\n\n".join(regions(subject)),
     )
-    return "\n\n".join(_filled(block) for block in text.split("\n\n")).rstrip() + "\n"
+    return "\n\n".join(filled(block) for block in text.split("\n\n")).rstrip() + "\n"
 
 
-def _filled(block: str) -> str:
+def filled(block: str) -> str:
     """Wrap a paragraph; tables, headings, lists and quotes stay as they are."""
     plain = block[:1] not in ("|", "#", ">", "1", "")
     return fill(block, 99, break_long_words=False, break_on_hyphens=False) if plain else block
@@ -153,7 +153,7 @@ def _listed(words: list[str]) -> str:
     return " and ".join(part for part in (first, *words[-1:]) if part)
 
 
-def _regions(subject: Subject) -> list[str]:
+def regions(subject: Subject) -> list[str]:
     """Describe how the parameters of the slots are computed, in the words of each kind."""
     pairs = zip(subject.kinds, subject.problem.slots, strict=True)
     return [

@@ -32,6 +32,11 @@ CAPACITIES = (0, 1, 2, 5, 10, 20, 50, 100)
 """Slots that problems are compiled for: one obstacle in a problem made for 20 costs IPOPT
 twice and fatrop three times the time."""
 
+FAR, WIDE = 1e6, 1e4
+"""m; largest distance of a mean from the robot, and largest standard deviation and radius, that a
+solver is given. Squares of larger numbers drown all others, and a solver may then never end.
+Nothing is lost: what is farther off is out of reach, and what is wider is everywhere."""
+
 Room: TypeAlias = tuple[int, ...]
 """Sizes of the slots of one kind in a problem: their number, then what the kind defines."""
 
@@ -170,6 +175,27 @@ class LevelledKind(SlotKind):
     @abstractmethod
     def tail(self, level: float, promise: Promise, dimension: int) -> float:
         """Probability that is not covered at a level; 1 below level 0."""
+
+
+class GaussianKind(SlotKind):
+    """A kind of things that are Gaussian in place; exported code may fill their slots itself."""
+
+    @abstractmethod
+    def parameters_of_one(self, robot: Robot, margin: float) -> Any:
+        """Return a CasADi function of a thing's Gaussian to the parameters of its slot.
+
+        Parameters
+        ----------
+        robot, margin : whom it is for, and m added around its bodies.
+
+        Returns
+        -------
+        Function (mean (D), covariance (D, D), radius in m) -> (P).
+
+        Raises
+        ------
+        WideberthError : the region states them in no closed form.
+        """
 
 
 @final

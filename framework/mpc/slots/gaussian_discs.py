@@ -1,13 +1,15 @@
 """Gaussian discs: obstacles of a forecast, each a disc around an uncertain place."""
 
 from dataclasses import dataclass
-from typing import ClassVar, final
+from typing import Any, ClassVar, final
 
 import numpy as np
 
-from ...region import Polygonal, Region
+from ...numerics.symbolic import ca
+from ...region import ClosedForm, Polygonal, Region
 from ...robot import Robot
 from ...values.arrays import Array, assembled
+from ...values.errors import WideberthError
 from ...values.forecast import LIGHT, Forecast, GaussianObstacle
 from ...values.motion import Pose
 from ...values.polygon import separation
@@ -16,14 +18,20 @@ from ..ocp.bodies import Body, bodies, body_starts, discs
 from ..ocp.problem import SlotNumbers, Slots
 from ..ocp.reference import Reference
 from ..ocp.stage import Frame, slots
-from .base import Chosen, Known, LevelledKind, Room, View, next_capacity, quoted, used
+from .base import (
+    FAR,
+    WIDE,
+    Chosen,
+    GaussianKind,
+    Known,
+    LevelledKind,
+    Room,
+    View,
+    next_capacity,
+    quoted,
+    used,
+)
 from .contact import Touch
-
-FAR, WIDE = 1e6, 1e4
-"""m; largest distance of a mean from the robot, and largest standard deviation and radius, that a
-solver is given. Squares of larger numbers drown all others, and a solver may then never end.
-Nothing is lost: what is farther off is out of reach, and what is wider is everywhere."""
-
 
 @dataclass(frozen=True, eq=False)
 class Obstacles:
@@ -196,7 +204,7 @@ class KnownDiscs(Known):
 
 @final
 @dataclass(frozen=True)
-class GaussianDiscs(LevelledKind):
+class GaussianDiscs(LevelledKind, GaussianKind):
     """Obstacles of the forecast: one slot for each mode of each.
 
     Parameters
@@ -251,6 +259,23 @@ class GaussianDiscs(LevelledKind):
         numbers = fill(reference, obstacles, self.region, level, radius, capacity, own)
         known = KnownDiscs(self, obstacles, margin)
         return Chosen((capacity,), obstacles.ids, obstacles.left_out, numbers, known)
+
+    def parameters_of_one(self, robot: Robot, margin: float) -> Any:
+        """Parameters of the region, the radii of body and obstacle in its margin.
+
+        Raises
+        ------
+        WideberthError : the region states them in no closed form.
+        """
+        if not isinstance(self.region, ClosedForm):
+            name = type(self.region).__name__
+            raise WideberthError(f"the parameters of {name} have no closed form")
+        size = robot.dimension
+        mean, covariance = ca.SX.sym("mean", size), ca.SX.sym("covariance", size, size)
+        radius = ca.SX.sym("radius")
+        room = radius + (self.bodies(robot)[0].radius + margin)
+        found = self.region.closed_form(mean, covariance, room)
+        return ca.Function("parameters_of_one", [mean, covariance, radius], [ca.densify(found)])
 
     def auxiliary_start(self, robot: Robot, pose: Pose, numbers: SlotNumbers) -> Array:
         """Best auxiliaries of the region, body by body."""

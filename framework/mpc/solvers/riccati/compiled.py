@@ -210,46 +210,92 @@ def _functions(problem: Problem, made: Kernels) -> dict[str, Any]:
     return found
 
 
+@dataclass(frozen=True, eq=False)
+class KernelSet:
+    """The kernels of a problem, as CasADi functions.
+
+    Attributes
+    ----------
+    problem : filled up with empty kinds of slots, see `LEAST_KINDS`.
+    made : sizes of the kernels.
+    functions : by their names: first `protocol.Kernels`, then `SlotKernels` of each kind.
+    kinds : names of the kernels of each kind of slots.
+    """
+
+    problem: Problem
+    made: Kernels
+    functions: Mapping[str, Any]
+    kinds: tuple[SlotKernels, ...]
+
+    @classmethod
+    def of(cls, problem: Problem) -> "KernelSet":
+        """Differentiate a problem.
+
+        Raises
+        ------
+        WideberthError : a kernel that is too large.
+        """
+        problem = _filled_up(problem)
+        made = build(problem)
+        kinds = tuple(_slot_kernels(k) for k in range(len(problem.slots)))
+        known = _functions(problem, made)
+        longest = max(one.n_instructions() for one in known.values())
+        if longest > MOST_OPERATIONS:
+            raise WideberthError(
+                f"a kernel of this problem has {longest} operations; up to {MOST_OPERATIONS} are "
+                "compiled"
+            )
+        names = [*protocol.Kernels._fields, *chain.from_iterable(kinds)]
+        return cls(problem, made, {name: known[name] for name in names}, kinds)
+
+    def sizes(self) -> protocol.Sizes:
+        """Sizes that the core is given."""
+        problem, made = self.problem, self.made
+        return protocol.Sizes(
+            problem.states, problem.inputs, problem.shared, made.input_rows, made.node_rows,
+            made.final_rows,
+        )  # fmt: skip
+
+    def limits(self) -> Array:
+        """Bounds of states and inputs, (2, n + m)."""
+        state, control = self.problem.state_bounds, self.problem.input_bounds
+        return np.array([state.lower + control.lower, state.upper + control.upper], np.float64)
+
+
+def sources(functions: Mapping[str, Any], handed: int, prefix: str = "") -> list[str]:
+    """LLVM functions of kernels; the one called ``sweep`` hands numbers from stage to stage."""
+    return [
+        recursion_source(one, prefix + name, handed)
+        if name == "sweep"
+        else kernel_source(one, prefix + name)
+        for name, one in functions.items()
+    ]
+
+
 def _compile(problem: Problem) -> CompiledProblem:
-    problem = _filled_up(problem)
-    made = build(problem)
-    functions = _functions(problem, made)
-    longest = max(one.n_instructions() for one in functions.values())
-    if longest > MOST_OPERATIONS:
-        raise WideberthError(
-            f"a kernel of this problem has {longest} operations; up to {MOST_OPERATIONS} are "
-            "compiled"
-        )
-    kinds = [_slot_kernels(k) for k in range(len(problem.slots))]
-    names = [*protocol.Kernels._fields, *chain.from_iterable(kinds)]
-    places = _addresses({name: functions[name] for name in names}, carried(problem.states))
+    made = KernelSet.of(problem)
+    places = _addresses(made.functions, carried(problem.states))
 
     def addresses(names: Iterable[str]) -> NDArray[np.int64]:
         return np.array([places[name] for name in names])
 
-    state, control = problem.state_bounds, problem.input_bounds
-    sizes = protocol.Sizes(
-        problem.states, problem.inputs, problem.shared, made.input_rows, made.node_rows,
-        made.final_rows,
-    )  # fmt: skip
     return CompiledProblem(
         addresses(protocol.Kernels._fields),
-        np.array(sizes, dtype=np.int64),
-        np.array([state.lower + control.lower, state.upper + control.upper], dtype=np.float64),
+        np.array(made.sizes(), dtype=np.int64),
+        made.limits(),
         tuple(
             CompiledSlots.of(addresses(names), shape, slots)
-            for names, shape, slots in zip(kinds, made.slots, problem.slots, strict=True)
+            for names, shape, slots in zip(
+                made.kinds, made.made.slots, made.problem.slots, strict=True
+            )
         ),
     )
 
 
 def _addresses(functions: Mapping[str, Any], handed: int) -> Mapping[str, int]:
-    """Compile kernels; the one that is called ``sweep`` hands numbers from stage to stage."""
-    sources = [
-        recursion_source(one, name, handed) if name == "sweep" else kernel_source(one, name)
-        for name, one in functions.items()
-    ]
-    return load("kernels", module_source(sources), list(functions), announce, USUAL["kernels"])
+    """Compile kernels."""
+    text = module_source(sources(functions, handed))
+    return load("kernels", text, list(functions), announce, USUAL["kernels"])
 
 
 def _filled_up(problem: Problem) -> Problem:

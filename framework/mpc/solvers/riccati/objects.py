@@ -91,7 +91,16 @@ def shipped(kinds: int) -> bytes:
     """
     if kinds != KINDS:
         raise WideberthError(f"shipped object code is for {KINDS} kinds of slots, not for {kinds}")
-    name = _fitting()
+    return code_for(fitting())
+
+
+def code_for(name: str) -> bytes:
+    """Return the object for one of `PROCESSORS`.
+
+    Raises
+    ------
+    WideberthError : it is damaged, or it is not that of the sources.
+    """
     said = manifest()
     if said["sources"] != sources():
         raise WideberthError("shipped object code is not that of the present sources")
@@ -104,8 +113,13 @@ def shipped(kinds: int) -> bytes:
     return code
 
 
-def _fitting() -> str:
-    """Name of the object that this processor runs."""
+def fitting() -> str:
+    """Name of the object that this processor runs.
+
+    Raises
+    ------
+    WideberthError : there is none.
+    """
     if sys.platform.startswith("linux") and sys.maxsize > 2**32:
         for name, one in PROCESSORS.items():
             if platform.machine() == one.machine and one.needs <= host_features():

@@ -150,9 +150,9 @@ class Riccati(ManySolver):
         begin: float,
     ) -> Solution:
         """Call the compiled core and read its result."""
-        guess = _with_auxiliaries(parameters, _with_wrapped_heading(problem, parameters, guess))
+        guess = with_auxiliaries(parameters, _with_wrapped_heading(problem, parameters, guess))
         with made.workspace(parameters) as space:
-            space.fill(self._settings(problem, guess), parameters, guess)
+            space.fill(self.settings_for(problem, guess), parameters, guess)
             if deadline is None:
                 space.run(run)
             else:
@@ -170,8 +170,8 @@ class Riccati(ManySolver):
         point = Guess(states, inputs, own, level, slack)
         return Solution(point, status, words, cost, int(ended.iterations), spent)
 
-    def _settings(self, problem: Problem, guess: Guess) -> Array:
-        """Collect the settings of the core."""
+    def settings_for(self, problem: Problem, guess: Guess) -> Array:
+        """Collect the settings of the compiled core, by the names of `_protocol.Settings`."""
         settings = _settings_of(self, problem).copy()
         if problem.shared:
             settings[SETTING.guess] = guess.level
@@ -215,7 +215,7 @@ def _with_wrapped_heading(problem: Problem, parameters: Parameters, guess: Guess
     return unwrapped(problem, parameters, guess)
 
 
-def _with_auxiliaries(parameters: Parameters, guess: Guess) -> Guess:
+def with_auxiliaries(parameters: Parameters, guess: Guess) -> Guess:
     """Add the auxiliaries that the regularisation draws to where the guess has none."""
     drawn = [one.auxiliaries for one in parameters.slots]
     if [one.shape for one in guess.auxiliaries] == [one.shape for one in drawn]:
