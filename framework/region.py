@@ -237,8 +237,9 @@ class RiskLevel(Region):
 class ClosedForm(Region):
     """A region whose parameters are a CasADi expression as well, for code that leaves Python.
 
-    Python itself takes `parameters`. Law: both state the same constraint; the parameters may differ
-    by what the constraint does not see, such as the sign of an eigenvector.
+    Python itself takes `parameters`. Law: both state the same constraint, unless the covariance is
+    round, whose axes are arbitrary; the parameters may differ by what the constraint does not see,
+    such as the sign of an eigenvector.
     """
 
     @abstractmethod

@@ -6,7 +6,8 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from ..region import Guarantee, Region, Relation
+from ..numerics.symbolic import ca
+from ..region import ClosedForm, Guarantee, Region, Relation
 from ..risk.collision_probability import collision_probability
 from ..values.arrays import Array, BoolArray
 from ..values.errors import WideberthError
@@ -61,6 +62,7 @@ def laws(
     flat = "" if any(len(region.auxiliary(size)) for size in sizes) else "it has no auxiliaries"
     fixed = "" if region.rotation_invariant else "it declares rotation_invariant = False"
     unrelated = "it declares no relation" if region.relation is Relation.NONE else ""
+    closed = "" if isinstance(region, ClosedForm) else "its parameters have no closed form"
     unsafe = "it declares no guarantee" if region.guarantee is Guarantee.NONE else ""
 
     def law(name: str, check: Callable[[_Probe], None], exception: str = "") -> Law:
@@ -69,6 +71,7 @@ def laws(
     return (
         Law("level and tail are inverse", each(partial(_check_level, region), lambda: sizes)),
         law("symbolic constraint and contains agree", _Probe.check_sides),
+        law("the closed form of the parameters is theirs", _check_closed_form, closed),
         law("no auxiliary proves too much", partial(_Probe.check_guesses, rng=guessing), flat),
         law("finite beyond the bounds", partial(_check_beyond, rng=beyond)),
         law("gradient at the boundary", _check_gradient),
@@ -203,6 +206,28 @@ def check_guesses(
     values, _, ties = twin(points, case.parameters, float(case.level), drawn)
     if (sides[0] & (values >= 0.0) & (ties < 1e-6)).any():
         raise case.fail("no auxiliary may make a point inside look outside")
+
+
+def _check_closed_form(probe: _Probe) -> None:
+    case, size = probe.case, len(probe.case.mean)
+    region = case.region
+    if not (probe.usual and isinstance(region, ClosedForm)):
+        return
+    given = ca.SX.sym("mean", size), ca.SX.sym("covariance", size, size), ca.SX.sym("margin")
+    try:
+        found = ca.Function("found", given, [ca.densify(region.closed_form(*given))])
+    except WideberthError:  # in this dimension it has none
+        return
+    numbers = np.array(found(case.mean, case.covariance, float(case.margin))).ravel()
+    if numbers.shape != case.parameters.shape or not np.isfinite(numbers).all():
+        raise case.fail(f"closed_form gives {numbers}; wanted as many as parameters, finite")
+    spread = np.linalg.eigvalsh(case.covariance)
+    if spread[-1] - spread[0] < 1e-9 * spread[-1]:
+        return  # any axes are those of a round covariance
+    values, *_ = probe.twin(probe.points, case.parameters, float(case.level))
+    others, *_ = probe.twin(probe.points, numbers, float(case.level))
+    if not np.allclose(values, others, rtol=1e-6, atol=1e-8):
+        raise case.fail("closed_form and parameters must state the same constraint")
 
 
 def _check_gradient(probe: _Probe) -> None:

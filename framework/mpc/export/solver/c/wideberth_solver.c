@@ -358,7 +358,7 @@ static void unwrap(const wideberth_problem *problem, double (*states)[WIDEBERTH_
         const double pi = 3.14159265358979323846;
         const double off = states[0][WIDEBERTH_HEADING] - problem->initial[WIDEBERTH_HEADING];
         const double turns = rint(off / (2.0 * pi) * (1.0 - 1e-9));
-        if (fabs(off) > pi && turns != 0.0 && fabs(turns) < INFINITY) {
+        if (turns != 0.0 && fabs(turns) < INFINITY) {
             const volatile double away = 2.0 * pi * turns; /* rounded on its own */
             int i;
             for (i = 0; i <= WIDEBERTH_HORIZON; i++) states[i][WIDEBERTH_HEADING] -= away;
@@ -422,7 +422,7 @@ int wideberth_solve(
     unsigned char *begin = (unsigned char *)memory;
     void *unused = NULL, *nothing = NULL;
     size_t skip;
-    int failed;
+    int failed, k;
     if (!problem || !memory || !result) return WIDEBERTH_NULL;
     if (!begun(problem)) return WIDEBERTH_OTHER_BUILD;
     if (processor_lacks()) return WIDEBERTH_OTHER_PROCESSOR;
@@ -432,6 +432,12 @@ int wideberth_solve(
     memset(work, 0, sizeof(*work));
     memset(result, 0, sizeof(*result));
     describe(problem, work, result);
+    for (k = 0; k < WIDEBERTH_KINDS; k++) { /* own variables of empty slots stay as they began */
+        const size_t own = sizeof(double) * (size_t)(KINDS[k].count * KINDS[k].auxiliaries);
+        if (KINDS[k].found != NOWHERE)
+            memcpy((unsigned char *)result + KINDS[k].found, seen(problem, KINDS[k].own),
+                WIDEBERTH_HORIZON * own);
+    }
     arena.next = begin + skip + WIDEBERTH_WORK;
     arena.left = size - skip - WIDEBERTH_WORK;
     running = &arena;
