@@ -506,8 +506,10 @@ def export(
     ] = False,
     target: Annotated[
         str | None,
-        typer.Option(help="Of --solver: native (this processor, the default), linux-x86_64-v3 or "
-                     "linux-aarch64."),
+        typer.Option(
+            help="Of --solver: native (this processor, the default), linux-x86_64-v3 or "
+            "linux-aarch64."
+        ),
     ] = None,
     set_: Set = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an older export.")] = False,

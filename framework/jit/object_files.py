@@ -26,7 +26,7 @@ _GLOBAL = 1
 
 @dataclass(frozen=True)
 class _Symbol:
-    """A symbol: its name, where its entry stands in the file, whether others see it, and find it."""
+    """A symbol: its name, where its entry stands; whether others see it, and find it here."""
 
     name: bytes
     place: int
@@ -120,7 +120,9 @@ def archive(members: Mapping[str, bytes]) -> bytes:
     for name, code in members.items():
         places += [place + len(body)] * len(symbols[name])
         body += _member(f"{name}/", code)
-    return b"!<arch>\n" + _member("/", struct.pack(f">{count + 1}I", count, *places) + texts) + body
+    return (
+        b"!<arch>\n" + _member("/", struct.pack(f">{count + 1}I", count, *places) + texts) + body
+    )
 
 
 def _member(name: str, content: bytes) -> bytes:

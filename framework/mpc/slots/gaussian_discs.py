@@ -33,6 +33,7 @@ from .base import (
 )
 from .contact import Touch
 
+
 @dataclass(frozen=True, eq=False)
 class Obstacles:
     """Gaussian discs on the plan's grid, one per obstacle and forecast mode.

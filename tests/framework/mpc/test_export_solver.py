@@ -4,7 +4,7 @@ import os
 import re
 import shutil
 import subprocess
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -91,8 +91,9 @@ class Folder:
         problem = self.problem
         steps, n, m, size = problem.horizon, problem.states, problem.inputs, problem.dimension
         fields: list[Any] = [
-            ("build", "u8"), ("stop", "u8"), ("initial", "f8", n), ("reference", "f8", (steps, size)),
-            ("direction", "f8", (steps, size)), ("speed", "f8", steps),
+            ("build", "u8"), ("stop", "u8"), ("initial", "f8", n),
+            ("reference", "f8", (steps, size)), ("direction", "f8", (steps, size)),
+            ("speed", "f8", steps),
             ("start_states", "f8", (steps + 1, n)), ("start_inputs", "f8", (steps, m)),
             ("start_level", "f8"),
         ]  # fmt: skip
@@ -307,8 +308,6 @@ def test_the_loop_in_cpp_drives_as_that_in_c(folder: Folder) -> None:
     assert first.stdout == second.stdout and first.stdout.count("\n") == 7
 
 
-
-
 def of_instances(count: int, place: Path) -> tuple[Folder, list[Any]]:
     """Export the recorded problem with so many obstacles; its instances."""
     robot, region = Unicycle(), MahalanobisEllipse()
@@ -480,7 +479,9 @@ def test_what_cannot_be_exported_says_why() -> None:
     one = exported(region="minkowski_sum", robot="holonomic_3d")
     assert not has_example(one) and one.native.filled == (False, False)
     files = bundle(one)
-    assert "loop.c" not in files and "WIDEBERTH_OBSTACLE_FILLED 0" in str(files["wideberth_solver.h"])
+    assert "loop.c" not in files and "WIDEBERTH_OBSTACLE_FILLED 0" in str(
+        files["wideberth_solver.h"]
+    )
 
 
 @needs_compiler

@@ -10,7 +10,6 @@ from ..layout import Define, number
 from .native import Native
 from .needs import Solver, memory, stack, work
 
-
 ERRORS = (
     ("NO_ERROR", "nothing is wrong; how a solve ended, its status says"),
     ("NULL", "an argument is NULL"),
@@ -43,8 +42,8 @@ _HEAD = """\
  * memory). SI units and radians.
  *
  * Of what the planner does in Python around its solver, this is here: the reference along a path,
- * parameters of the slots from mean and covariance, the shifted last plan as the start, and how far
- * a plan breaks its constraints. Left to the caller are forecasts, the robot's own uncertainty (add
+ * parameters of slots from mean and covariance, the shifted last plan as the start, and how far a
+ * plan breaks its constraints. Left to the caller are forecasts, the robot's own uncertainty (add
  * its covariance to every obstacle's), which obstacles get a slot, further starts, and what to do
  * where no plan was found. Made by wideberth; edit the config, not this file.
  */
@@ -77,9 +76,9 @@ int wideberth_begin_as(wideberth_problem *problem, size_t size, uint64_t build);
 int wideberth_follow(wideberth_problem *problem, const double (*points)[WIDEBERTH_DIMENSION],
     int count, double speed, double *arc);
 
-/* Put a thing with Gaussian place into a slot, for the steps 1..N: mean in m, covariance in m^2 row
- * by row, radius in m of the thing alone; the robot's radius and the planner's margin of {margin:g} m
- * are added. `kind` is one of WIDEBERTH_KIND_... */
+/* Put a thing with Gaussian place into a slot, for the steps 1..N: mean in m, covariance in m^2
+ * row by row, radius in m of the thing alone; the robot's radius and the planner's margin of
+ * {margin:g} m are added. `kind` is one of WIDEBERTH_KIND_... */
 int wideberth_set(wideberth_problem *problem, int kind, int slot,
     const double (*mean)[WIDEBERTH_DIMENSION],
     const double (*covariance)[WIDEBERTH_DIMENSION * WIDEBERTH_DIMENSION], double radius);
@@ -208,7 +207,9 @@ def _slots(one: Slots) -> str:
         f"    double parameters{each}[{upper}_PARAMETERS]; /* of step i + 1, see wideberth_set */"
     ]
     if one.levelled:
-        lines.append(f"    double level{each}; /* larger keeps farther away; not read if shared */")
+        lines.append(
+            f"    double level{each}; /* larger keeps farther away; not read if shared */"
+        )
     lines.append(f"    double active[{upper}S]; /* 1 where the slot is used, else 0 */")
     if len(one.auxiliary):
         lines.append(f"    double auxiliaries{each}[{upper}_AUXILIARIES]; /* their start */")
@@ -229,7 +230,7 @@ def _problem(native: Native) -> str:
         "    double direction[WIDEBERTH_HORIZON][WIDEBERTH_DIMENSION]; /* unit tangents */",
         "    double speed[WIDEBERTH_HORIZON]; /* m/s */",
         *(curve if problem.curve else []),
-        "    double start_states[WIDEBERTH_HORIZON + 1][WIDEBERTH_STATES]; /* guess of the plan */",
+        "    double start_states[WIDEBERTH_HORIZON + 1][WIDEBERTH_STATES]; /* first guess */",
         "    double start_inputs[WIDEBERTH_HORIZON][WIDEBERTH_INPUTS];",
         "    double start_level; /* of a shared level; else not read */",
         *(f"    wideberth_{one.name}s {one.name}s;" for one in problem.slots if one.count),

@@ -15,7 +15,6 @@ from ....jit.transpile import kernel_source, module_source
 from ....numerics.symbolic import ca
 from ....plugins.registry import unknown
 from ....values.errors import WideberthError
-from ...ocp.problem import Problem
 from ...slots.base import GaussianKind
 from ...solvers.riccati import objects
 from ...solvers.riccati.compiled import KernelSet, sources

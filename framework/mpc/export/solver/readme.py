@@ -18,7 +18,7 @@ cc -O2 loop.c wideberth_solver.c libwideberth.a -lm
 | `wideberth_solver.h` | what you include: sizes, limits, structures, functions, errors |
 | `libwideberth.a` | object code: the solver's core, and this problem's derivatives |
 | `wideberth_solver.c`, `wideberth_tables.h` | fill in what the core reads; C99, compiled by you |
-| `loop.c`, `loop.cpp` | close the loop among obstacles (robots in the plane with obstacles alone) |
+| `loop.c`, `loop.cpp` | close the loop among obstacles, for robots in the plane |
 | `manifest.json` | the planner's config, versions, target |
 
 A solve takes {memory} bytes, which you give to it, {stack} bytes of stack at most, and at most
@@ -26,8 +26,8 @@ A solve takes {memory} bytes, which you give to it, {stack} bytes of stack at mo
 memory, problem and result of each. All files belong together: of another export they are refused
 with an error code, on a processor that lacks instructions likewise.
 
-The object code needs 64-bit Linux with glibc, of which it calls {called}. Two exports have the same names, so one program
-holds one of them; put others into a shared library each.
+The object code needs 64-bit Linux with glibc, of which it calls {called}. Two exports have the
+same names, so one program holds one of them; put others into a shared library each.
 
 ## What the caller does
 
@@ -41,8 +41,8 @@ use.{curve}
 {regions}
 """
 _CURVE = (
-    " The cost has {count} numbers of the path for each step, `curve`, which `{kind}.lay` makes in "
-    "Python; `wideberth_follow` leaves them alone."
+    " The cost has {count} numbers of the path for each step, `curve`, which `{kind}.lay` makes "
+    "in Python; `wideberth_follow` leaves them alone."
 )
 
 

@@ -20,52 +20,16 @@ _NOTHING = "work->nothing"
 def tables(solver: Solver) -> str:
     """Return the text of wideberth_tables.h."""
     native = solver.native
-    made, problem = native.kernels, native.subject.problem
-    inner, outer = [*made.functions], [*native.around]
-    slot_names = list(chain.from_iterable(made.kinds))
-    settings = solver.settings.settings_for(problem, native.subject.guess)
-    needs = " && ".join(f'has("{one}")' for one in native.machine.needs) or "1"
-    size = problem.states + problem.inputs
+    names = [PREFIX + name for name in (*native.kernels.functions, *native.around)]
     lines = [
         "/* Made by wideberth; wideberth_solver.c alone includes it. */",
-        f"wideberth_kernel {_joined([PREFIX + name for name in [*inner, *outer]])};",
+        f"wideberth_kernel {_joined(names)};",
         "",
-        f"#define WIDEBERTH_NEEDS(has) ({needs})",
-        f"#define WIDEBERTH_SETTING_GUESS {protocol.SETTING.guess}",
-        *(
-            f"#define WIDEBERTH_NUMBER_{name.upper()} {place}"
-            for name, place in protocol.NUMBER._asdict().items()
-        ),
-        f"#define WIDEBERTH_PLAIN_KERNELS {len(protocol.Kernels._fields)}",
-        f"#define WIDEBERTH_SLOT_KERNELS {len(slot_names)}",
-        f"#define WIDEBERTH_MOTION_ROWS {_rows(solver, 'motion')}",
-        f"#define WIDEBERTH_FINAL_ROWS {_rows(solver, 'final')}",
-        f"#define WIDEBERTH_MOST_GIVEN {_most(solver, 0)}",
-        f"#define WIDEBERTH_MOST_NUMBERS {_most(solver, 1)}",
-        f"#define WIDEBERTH_MOST_ROWS {_most(solver, 2)}",
+        *(f"#define WIDEBERTH_{name} {value}" for name, value in _constants(solver).items()),
         "",
-        _array("wideberth_kernel *const PLAIN_KERNELS", _kernels(protocol.Kernels._fields)),
-        _array("wideberth_kernel *const SLOT_KERNELS", _kernels(slot_names)),
-        _array("const int64_t SIZES", list(map(int, made.sizes()))),
-        _array("const double SETTINGS", list(map(number, settings))),
-        f"static const double LIMITS[2][{size}] = {{",
-        *(f"    {{{_joined(map(number, row))}}}," for row in made.limits()),
-        "};",
-        *(line for k in range(len(made.kinds)) for line in _core_kind(solver, k)),
-        *(line for k, one in enumerate(problem.slots) for line in _own(solver, k, one)),
-        "static const struct kind KINDS[WIDEBERTH_KINDS] = {",
-        *(f"    {{{_kind(solver, k, one)}}}," for k, one in enumerate(problem.slots)),
-        "};",
-        "",
-        "struct work {",
-        f"    int64_t table[{table_words(solver)}];",
-        "    int64_t kernels[WIDEBERTH_PLAIN_KERNELS], slot_kernels[WIDEBERTH_SLOT_KERNELS];",
-        f"    double settings[{len(settings)}], numbers[{len(protocol.Numbers._fields)}];",
-        "    double nothing[2];",
-        "    double states[WIDEBERTH_HORIZON + 1][WIDEBERTH_STATES];",
-        "};",
-        "",
-        "typedef char wideberth_work_fits[sizeof(struct work) <= WIDEBERTH_WORK ? 1 : -1];",
+        *_fixed(solver),
+        *_kinds(solver),
+        *_structure(solver),
         "",
         "#define WIDEBERTH_ROWS \\",
         " \\\n".join(f"    ROW({_joined(row)});" for row in rows(solver)),
@@ -73,46 +37,116 @@ def tables(solver: Solver) -> str:
     return "\n".join(lines) + "\n"
 
 
-def rows(solver: Solver) -> list[tuple[str, int, int, int]]:
+def _constants(solver: Solver) -> dict[str, Any]:
+    needs = " && ".join(f'has("{one}")' for one in solver.native.machine.needs) or "1"
+    return {
+        "NEEDS(has)": f"({needs})",
+        "SETTING_GUESS": protocol.SETTING.guess,
+        **{f"NUMBER_{name.upper()}": k for name, k in protocol.NUMBER._asdict().items()},
+        "PLAIN_KERNELS": len(protocol.Kernels._fields),
+        "SLOT_KERNELS": sum(map(len, solver.native.kernels.kinds)),
+        "MOTION_ROWS": _results(solver, "motion"),
+        "FINAL_ROWS": _results(solver, "final"),
+        "MOST_GIVEN": _most(solver, 0),
+        "MOST_NUMBERS": _most(solver, 1),
+        "MOST_ROWS": _most(solver, 2),
+    }
+
+
+def _fixed(solver: Solver) -> list[str]:
+    """Arrays that do not change, but for those of the slots."""
+    made, subject = solver.native.kernels, solver.native.subject
+    settings = solver.settings.settings_for(subject.problem, subject.guess)
+    slots = list(chain.from_iterable(made.kinds))
+    limits = made.limits()
+    return [
+        _array("wideberth_kernel *const PLAIN_KERNELS", _kernels(protocol.Kernels._fields)),
+        _array("wideberth_kernel *const SLOT_KERNELS", _kernels(slots)),
+        _array("const int64_t SIZES", list(map(int, made.sizes()))),
+        _array("const double SETTINGS", list(map(number, settings))),
+        f"static const double LIMITS[2][{limits.shape[1]}] = {{",
+        *(f"    {{{_joined(map(number, row))}}}," for row in limits),
+        "};",
+    ]
+
+
+def _kinds(solver: Solver) -> list[str]:
+    """Arrays of the slots that do not change, and what each kind is."""
+    slots = solver.native.subject.problem.slots
+    return [
+        *(line for k in range(len(solver.native.kernels.kinds)) for line in _core_kind(solver, k)),
+        *(line for k, one in enumerate(slots) for line in _own(solver, k, one)),
+        "static const struct kind KINDS[WIDEBERTH_KINDS] = {",
+        *(f"    {{{_kind(solver, k, one)}}}," for k, one in enumerate(slots)),
+        "};",
+        "",
+    ]
+
+
+def _structure(solver: Solver) -> list[str]:
+    """Declare what `wideberth_solver.c` writes into the caller's memory."""
+    settings, numbers = len(protocol.Settings._fields), len(protocol.Numbers._fields)
+    return [
+        "struct work {",
+        f"    int64_t table[{table_words(solver)}];",
+        "    int64_t kernels[WIDEBERTH_PLAIN_KERNELS], slot_kernels[WIDEBERTH_SLOT_KERNELS];",
+        f"    double settings[{settings}], numbers[{numbers}];",
+        "    double nothing[2];",
+        "    double states[WIDEBERTH_HORIZON + 1][WIDEBERTH_STATES];",
+        "};",
+        "",
+        "typedef char wideberth_work_fits[sizeof(struct work) <= WIDEBERTH_WORK ? 1 : -1];",
+    ]
+
+
+def rows(solver: Solver) -> list[tuple[Any, ...]]:
     """Arrays that the core takes: where each begins in C, and its lengths.
 
     In the order of `protocol.layout`; a field that is not known here is an error, so that a core
     with another table is noticed.
     """
-    made = solver.native.kernels
-    problem = made.problem
-    steps, states, size = problem.horizon, problem.states, problem.dimension
-    width = states + problem.inputs
-    known = {
+    kinds = len(solver.native.kernels.kinds)
+    known = _plain(solver)
+    begin, found = _trajectories(solver)
+    slots = [_of_slots(solver, k) for k in range(kinds)]
+    arrays = [known, known, {**known, **begin}, *slots, found, known]
+    groups = protocol.layout(kinds)
+    named = [
+        some[field] for group, some in zip(groups, arrays, strict=True) for field in group._fields
+    ]
+    return [(*one, *[0] * (4 - len(one))) for one in named]
+
+
+def _plain(solver: Solver) -> dict[str, tuple[Any, ...]]:
+    """Arrays of the problem, and of its path."""
+    problem = solver.native.subject.problem
+    steps, size = problem.horizon, problem.dimension
+    return {
         "kernels": ("work->kernels", len(protocol.Kernels._fields)),
         "sizes": ("SIZES", len(protocol.Sizes._fields)),
-        "limits": ("LIMITS", 2, width),
+        "limits": ("LIMITS", 2, problem.states + problem.inputs),
         "settings": ("work->settings", len(protocol.Settings._fields)),
         "reference": ("problem->reference", steps, size),
         "direction": ("problem->direction", steps, size),
         "speed": ("problem->speed", steps),
         "curve": ("problem->curve" if problem.curve else _NOTHING, steps, problem.curve),
-        "initial": ("problem->initial", states),
+        "initial": ("problem->initial", problem.states),
         "flag": ("(problem->stop ? problem->stop : work->nothing)", 1),
     }
-    begin = {"states": ("work->states", steps + 1, states),
-             "inputs": ("problem->start_inputs", steps, problem.inputs)}  # fmt: skip
-    found = {"states": ("result->states", steps + 1, states),
-             "inputs": ("result->inputs", steps, problem.inputs),
-             "slack": ("result->slack", steps),
-             "numbers": ("work->numbers", len(protocol.Numbers._fields))}  # fmt: skip
-    named: list[tuple[Any, ...]] = []
-    kind = 0
-    for group in protocol.layout(len(made.kinds)):
-        if isinstance(group, protocol.SlotArguments):
-            arrays = _of_slots(solver, kind)
-            kind += 1
-        else:
-            own = begin if isinstance(group, protocol.Start) else {}
-            own = found if isinstance(group, protocol.Found) else own
-            arrays = {**known, **own}
-        named += [arrays[field] for field in group._fields]
-    return [(one[0], *one[1:], *[0] * (4 - len(one))) for one in named]  # type: ignore[misc]
+
+
+def _trajectories(solver: Solver) -> tuple[dict[str, tuple[Any, ...]], ...]:
+    """Arrays of the guess, and of the result."""
+    problem = solver.native.subject.problem
+    states = problem.horizon + 1, problem.states
+    inputs = problem.horizon, problem.inputs
+    begin = {"states": ("work->states", *states), "inputs": ("problem->start_inputs", *inputs)}
+    return begin, {
+        "states": ("result->states", *states),
+        "inputs": ("result->inputs", *inputs),
+        "slack": ("result->slack", problem.horizon),
+        "numbers": ("work->numbers", len(protocol.Numbers._fields)),
+    }
 
 
 def _of_slots(solver: Solver, k: int) -> dict[str, tuple[Any, ...]]:
@@ -170,7 +204,7 @@ def _numbers(values: Array | None) -> list[str]:
 
 
 def _kind(solver: Solver, k: int, one: Slots) -> str:
-    """Initialiser of a `struct kind`."""
+    """Return the initialiser of a `struct kind`."""
     own, around = len(one.auxiliary), solver.native.around
     places = {
         "parameters": True, "level": one.levelled, "active": True, "auxiliaries": own > 0,
@@ -186,7 +220,7 @@ def _kind(solver: Solver, k: int, one: Slots) -> str:
     return _joined([*numbers, *offsets, found, f"AIM_{k}", f"BEGIN_{k}", *kernels])
 
 
-def _rows(solver: Solver, name: str) -> int:
+def _results(solver: Solver, name: str) -> int:
     around = solver.native.around
     return int(around[name].numel_out(0)) if name in around else 0
 
