@@ -98,7 +98,7 @@ class InstanceCheck:
     def check(self, point: Guess) -> Violation:
         """Evaluate every constraint, and what is touched on the way."""
         found = violation(self.problem, self.parameters, point)
-        return replace(found, touch=self.around.touched(point.states))
+        return Violation(found.motion, found.regions, self.around.touched(point.states))
 
     def assess(self, solution: Solution) -> Candidate:
         """Re-check a solution; one that did not converge is first made drivable."""

@@ -1,6 +1,7 @@
 """Contact between the robot's bodies and things, by geometry alone, also between two steps."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -27,19 +28,26 @@ class Touch:
     depth: Array
     names: tuple[str, ...]
 
-    @classmethod
-    def none(cls, steps: int) -> "Touch":
+    @staticmethod
+    def none(steps: int) -> "Touch":
         """Nothing is touched."""
-        return cls(np.zeros(steps), ("",) * steps)
+        return _nothing(steps)
 
     def deeper(self, other: "Touch") -> "Touch":
         """Return the deeper of two contacts at each step."""
-        more = other.depth > self.depth
-        if not more.any():
+        if other is self or not (more := other.depth > self.depth).any():
             return self
         pairs = zip(self.names, other.names, more, strict=True)
         names = tuple(second if deep else first for first, second, deep in pairs)
         return Touch(np.where(more, other.depth, self.depth), names)
+
+
+@lru_cache(maxsize=16)
+def _nothing(steps: int) -> Touch:
+    """Return the same contact for the same number of steps: most plans touch nothing."""
+    depth = np.zeros(steps)
+    depth.setflags(write=False)
+    return Touch(depth, ("",) * steps)
 
 
 @dataclass(frozen=True, eq=False)

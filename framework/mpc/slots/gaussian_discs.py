@@ -138,7 +138,7 @@ def fill(
 
 def within_reach(mean: Array, here: Array) -> Array:
     """Return means no coordinate of which is farther than `FAR` from ``here``."""
-    return np.clip(mean, here - FAR, here + FAR)
+    return np.asarray(np.minimum(np.maximum(mean, here - FAR), here + FAR))
 
 
 def not_wider(covariance: Array) -> Array:
