@@ -61,10 +61,11 @@ STAGES: dict[str, tuple[str, ...]] = {
     ),
     "roll-out of the last plan": ("framework.mpc.planner.multistart:first_trajectory",),
     "starts": (
+        "framework.mpc.planner.multistart:Laid.along",
         "framework.mpc.planner.multistart:_in_the_way",
         "framework.mpc.planner.multistart:other_starts",
     ),
-    "auxiliaries": ("framework.mpc.slots.base:with_auxiliaries",),
+    "auxiliaries": ("framework.mpc.fallback.instance_check:InstanceCheck.suited",),
     "solver, in Python": (
         "framework.mpc.solvers.watchdog:watched",
         "framework.mpc.solvers.riccati.solver:Riccati.solve",
@@ -211,7 +212,9 @@ def timers(shares: Shares) -> Iterator[None]:
             else:
                 holders = [one for key, one in sys.modules.items() if key.startswith("wideberth")]
             known = vars(holders[0] if owner else home)[attribute]
-            timed = shares.timed(stage, known)
+            plain = known.__func__ if isinstance(known, classmethod) else known
+            timed: Any = shares.timed(stage, plain)
+            timed = classmethod(timed) if isinstance(known, classmethod) else timed
             for holder in holders:
                 if vars(holder).get(attribute) is known:
                     changed.append((holder, attribute, known))
