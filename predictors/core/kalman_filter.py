@@ -69,7 +69,7 @@ def filter_axes(past: Histories, noise: Array, model: AxisModel) -> Filtered:
     if rows == 0 or count == 0:
         return Filtered(np.zeros((count, order * size)), started(noise, model))
     variance, vectors = np.linalg.eigh(noise)
-    local = (past.positions @ vectors).swapaxes(1, 2).reshape(count * size, rows)
+    local = (past.positions @ vectors).transpose(1, 0, 2).reshape(rows, count * size)
     began = np.repeat(past.began, size)
     spread, seen = variance.ravel(), _from_the_first(past)
     if seen.all():  # the usual case: axes differ by their noise alone
@@ -80,9 +80,9 @@ def filter_axes(past: Histories, noise: Array, model: AxisModel) -> Filtered:
         first, which = _distinct(spread, seen)
         spread, seen = spread[first], seen[first]
     tables = _tables(spread.tobytes(), seen.tobytes(), rows, model)
-    newest = np.maximum(rows - 1 - began, 0) * len(spread) + which
-    state = tables.weight.take(newest, axis=0) @ local[..., None]
-    covariance = tables.covariance.take(newest, axis=0).reshape(count, size, order, order)
+    state = _filter_means(local, began, tables, which, model.transition)
+    covariance = tables.covariance[np.maximum(rows - 1 - began, 0), which]
+    covariance = covariance.reshape(count, size, order, order)
     back = vectors[:, None] * covariance.transpose(0, 2, 3, 1).reshape(count, -1, 1, size)
     whole = (back @ vectors.swapaxes(1, 2)[:, None]).reshape(count, order, order, size, size)
     return Filtered(
@@ -130,43 +130,59 @@ def _distinct(variance: Array, seen: BoolArray) -> tuple[IntArray, IntArray]:
 
 @dataclass(frozen=True, eq=False)
 class _Tables:
-    """Weights of samples and covariances, which depend on no measured value, for U kinds of axes.
+    """Gains and covariances, which do not depend on measured values, for U kinds of axes.
 
-    Of T histories, as long as 1..T samples, and U kinds, kind by kind: entry (l - 1) U + u.
+    Rows are samples counted from the first one of a history.
 
-    weight : (T*U, s, T), of each sample in the state; 0 before the first one.
-    covariance : (T*U, s, s), after the newest one.
+    gain : (T, s, U), 0 where nothing is measured, and at the first sample.
+    covariance : (T, U, s, s), after each sample.
     """
 
-    weight: Array
+    gain: Array
     covariance: Array
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=4)
 def _tables(variance: bytes, seen: bytes, rows: int, model: AxisModel) -> _Tables:
     """Run the covariance recursion for noise variances (U,) and samples (U, T).
 
-    The state after a measurement z_k, s_k = F s_{k-1} + K_k (z_k - H F s_{k-1}), is linear in all
-    of them. Kept by what it depends on, the model by identity.
+    Kept by what it depends on, the model by identity.
     """
     noise = np.frombuffer(variance)
     used = np.frombuffer(seen, dtype=np.bool_).reshape(len(noise), rows)
     covariance = started(noise[:, None, None], model).transpose(1, 2, 0)
-    size, kinds = len(covariance), len(noise)
-    weights = np.zeros((rows, kinds, size, rows))
-    weights[0, :, 0, -1] = 1.0  # a filter starts at the first sample
+    gain = np.zeros((rows, len(covariance), len(noise)))
     found = [covariance]
     for k in range(1, rows):
         covariance = advanced(covariance, model.transition, model.process)
         step, _, measured = scalar_update(covariance, 0, noise)
         covariance = np.where(used[:, k], measured, covariance)
-        gain = np.where(used[:, k], step, 0.0).T[:, :, None]
-        before = model.transition @ weights[k - 1]
-        weights[k, :, :, :-1] = (before - gain * before[:, :1])[..., 1:]
-        weights[k, :, :, -1:] = gain
+        gain[k] = np.where(used[:, k], step, 0.0)
         found.append(covariance)
-    last = np.stack(found).transpose(0, 3, 1, 2)
-    return _Tables(weights.reshape(-1, size, rows), last.reshape(-1, size, size))
+    return _Tables(gain, np.stack(found).transpose(0, 3, 1, 2))
+
+
+def _filter_means(
+    measured: Array, began: IntArray, tables: _Tables, which: IntArray, transition: Array
+) -> Array:
+    """States (B, s) after all samples (T, B).
+
+    The gain is 0 up to the first sample, so that a filter stays there until it begins.
+    """
+    rows, count = measured.shape
+    if tables.gain.shape[2] == 1 and not began.any():  # the usual case needs no look-up
+        gain = tables.gain
+    else:
+        since = np.maximum(np.arange(rows)[:, None] - began, 0)
+        kinds = tables.gain.shape[2]
+        flat = tables.gain.transpose(0, 2, 1).reshape(rows * kinds, -1)
+        gain = flat.take(since * kinds + which, axis=0).transpose(0, 2, 1)
+    state = np.zeros((len(transition), count))
+    state[0] = measured[np.minimum(began, rows - 1), np.arange(count)]
+    for share, place in zip(gain[1:], measured[1:], strict=True):
+        state = transition @ state
+        state += share * (place - state[0])
+    return state.T
 
 
 def advanced(covariance: Array, transition: Array, process: Array) -> Array:
