@@ -69,6 +69,7 @@ def having(*languages: str) -> list[str]:
 
 def test_a_page_has_examples_in_languages_that_are_checked() -> None:
     known = {"python", "sh", "bash", "yaml", "text", "toml"}
+    known |= {"c"}  # of docs/export.md, run by tests/framework/mpc/test_export_solver.py
     for page, text in PAGES.items():
         if page not in WITHOUT:
             assert blocks(page, "python", "sh", "bash", "yaml"), f"{page} shows nothing that runs"
@@ -140,7 +141,7 @@ def understood(words: list[str]) -> None:
     elif words[0].startswith(("python", ".")) and words[-1].endswith((".py", "/run")):
         assert (ROOT / words[-1]).is_file(), words
     else:
-        known = ("make", "dask", "openssl", "git", "cd", ".", "TLS=")
+        known = ("make", "dask", "openssl", "git", "cd", ".", "TLS=", "cc")
         assert words[0].startswith(known), f"{words[0]}: check it here"
 
 

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shlex
 import shutil
 import subprocess
 from collections.abc import Sequence
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.experiments.cli.export import solver, subject
+from wideberth.experiments.cli.export import export, solver, subject
 from wideberth.framework.mpc.costs.tracking import Tracking
 from wideberth.framework.mpc.export.bundle import write_folder
 from wideberth.framework.mpc.export.solver.files import bundle, has_example
@@ -390,6 +391,27 @@ def test_the_reference_follows_a_bent_path(folder: Folder) -> None:
         np.testing.assert_allclose(row["problem"]["reference"], wanted.position, 1e-9, 1e-9)
         np.testing.assert_allclose(row["problem"]["direction"], wanted.direction, 1e-9, 1e-9)
         np.testing.assert_allclose(row["problem"]["speed"], wanted.speed, 1e-9, 1e-9)
+
+
+@needs_compiler
+def test_the_program_of_the_page_runs(tmp_path: Path) -> None:
+    """Its commands, its C: exported, compiled and run as docs/export.md says."""
+    page = (ROOT / "docs" / "export.md").read_text(encoding="utf-8")
+    programs = re.findall(r"^```c\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
+    shells = re.findall(r"^```sh\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
+    (program,) = programs
+    (tmp_path / "drive.c").write_text(program)
+    words = shlex.split(shells[0].splitlines()[0])
+    assert words[:4] == ["wideberth", "export", "crossing", "--solver"]
+    out = tmp_path / words[words.index("--out") + 1]
+    export(words[2], [], out, obstacles=int(words[-1]), target="native")
+    for line in shells[1].splitlines():
+        done = subprocess.run(
+            shlex.split(line), cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0 and not done.stderr, done.stderr
+    found = re.fullmatch(r"at \((.*), (.*)\) m, v = (.*) m/s\n", done.stdout)
+    assert found is not None and float(found[1]) > 8.0 and float(found[3]) > 0.3
 
 
 # ---- What a caller may do wrong
