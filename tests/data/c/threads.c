@@ -1,10 +1,13 @@
-/* Threads solve different problems at once and get what one after the other gets; the stack that a
- * solve uses is what the header says. threads PROBLEMS (of at least four). */
+/* Threads solve different problems at once and get what one after the other gets, and so does a
+ * signal handler in the middle of a solve; the stack that a solve uses is what the header says.
+ * threads PROBLEMS (of at least four). */
 #include "wideberth_solver.h"
 
 #include <pthread.h>
+#include <signal.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/time.h>
 
 enum { THREADS = 4, TIMES = 200, STACK = 1 << 20, PAINT = 165 };
 
@@ -33,6 +36,34 @@ static void *solve(void *given)
         task->differ |= differs(&found, &task->expected);
     }
     return NULL;
+}
+
+static volatile sig_atomic_t interrupted;
+
+static void between(int signal)
+{
+    static wideberth_result found;
+    struct task *task = &tasks[1];
+    (void)signal;
+    task->differ |= wideberth_solve(&task->problem, task->memory, WIDEBERTH_MEMORY, &found);
+    task->differ |= differs(&found, &task->expected);
+    interrupted++;
+}
+
+/* Solve one problem while a signal comes every 300 us, whose handler solves another. */
+static int within_signals(void)
+{
+    const struct itimerval often = {{0, 300}, {0, 300}}, never = {{0, 0}, {0, 0}};
+    struct sigaction handler;
+    int k;
+    memset(&handler, 0, sizeof(handler));
+    handler.sa_handler = between;
+    handler.sa_flags = SA_RESTART;
+    sigaction(SIGALRM, &handler, NULL);
+    setitimer(ITIMER_REAL, &often, NULL);
+    for (k = 0; k < 100 && interrupted < 50; k++) solve(&tasks[0]);
+    setitimer(ITIMER_REAL, &never, NULL);
+    return tasks[0].differ || tasks[1].differ || interrupted < 5;
 }
 
 static void *nothing(void *given)
@@ -79,6 +110,7 @@ int main(int count, char **words)
         pthread_join(threads[k], NULL);
         wrong |= tasks[k].differ;
     }
+    wrong |= within_signals();
     own = used(once) - used(nothing);
     printf("%d %d\n", own, (int)WIDEBERTH_STACK);
     return wrong || own > WIDEBERTH_STACK;

@@ -71,9 +71,11 @@ def planner(**settings: Any) -> Any:
     return build("controllers", {**config, **settings})
 
 
-def exported(target: str = "native", slots: int = 5, **settings: Any) -> Solver:
+def exported(
+    target: str = "native", room: tuple[int, int, int] = (5, 0, 4), **settings: Any
+) -> Solver:
     one = planner(**settings)
-    return solver(one, subject(one, (slots, 0, 4), "test, planner"), machine(target))
+    return solver(one, subject(one, room, "test, planner"), machine(target))
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +97,7 @@ class Folder:
             ("build", "u8"), ("stop", "u8"), ("initial", "f8", n),
             ("reference", "f8", (steps, size)), ("direction", "f8", (steps, size)),
             ("speed", "f8", steps),
+            *([("curve", "f8", (steps, problem.curve))] * bool(problem.curve)),
             ("start_states", "f8", (steps + 1, n)), ("start_inputs", "f8", (steps, m)),
             ("start_level", "f8"),
         ]  # fmt: skip
@@ -133,9 +136,9 @@ class Folder:
             else:
                 slots.append(SlotNumbers.none(steps, one.width, levelled=one.levelled))
             own.append(slots[-1].auxiliaries)
-        parameters = Parameters(
-            row["initial"], row["reference"], row["direction"], row["speed"], tuple(slots)
-        )
+        curve = row["curve"] if self.problem.curve else np.zeros((steps, 0))
+        along = row["reference"], row["direction"], row["speed"]
+        parameters = Parameters(row["initial"], *along, tuple(slots), curve)
         first = Guess.bare(row["start_states"], row["start_inputs"], float(row["start_level"]))
         return parameters, replace(first, auxiliaries=tuple(own))
 
@@ -146,10 +149,15 @@ class Folder:
         row["direction"], row["speed"] = parameters.direction, parameters.speed
         row["start_states"], row["start_inputs"] = guess.states, guess.inputs
         row["start_level"] = guess.level
+        if self.problem.curve:
+            row["curve"] = parameters.curve
         for k, one in enumerate(parameters.slots):
-            row[f"parameters{k}"], row[f"active{k}"] = one.parameters, one.active
-            if one.level is not None:
+            if len(one.active):
+                row[f"parameters{k}"], row[f"active{k}"] = one.parameters, one.active
+            if len(one.active) and one.level is not None:
                 row[f"level{k}"] = one.level
+            if one.auxiliaries.size:
+                row[f"auxiliaries{k}"] = one.auxiliaries
         return row
 
     def compiled(self, source: Path, *words: str) -> Path:
@@ -368,6 +376,36 @@ def test_within_an_obstacle_and_turned_round(settings: dict[str, Any], tmp_path:
         wanted = violation(folder.problem, parameters, point).worst
         assert worst == pytest.approx(wanted, rel=1e-9) and wanted > 0.01
         assert result["slack"].sum() > 0.0
+
+
+OUTLINE = {"vertices": [[-0.4, -0.2], [0.4, -0.2], [0.4, 0.2], [-0.4, 0.2]]}
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("room", "settings"),
+    [
+        ((0, 0, 4), {}),
+        ((2, 2, 6), {"static_region": "separating_line", "level": "fixed"}),
+        ((1, 2, 4), {"static_region": "dual", "region": "separating_line", "robot":
+            {"type": "differential_drive", "footprint": OUTLINE, "radius": 0.5}}),
+        ((1, 0, 4), {"robot": "holonomic_3d", "cost": "contouring"}),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_problems_of_other_kinds_are_solved_as_in_python(
+    room: tuple[int, int, int], settings: dict[str, Any], tmp_path: Path
+) -> None:
+    """Nothing to keep clear of, polygons with own variables, space and a path's own numbers."""
+    folder = on_disk(exported(room=room, **settings), tmp_path / "c")
+    what = folder.solver.native.subject
+    row = folder.written(what.parameters, what.guess)
+    (result,), (worst,), _ = folder.replayed([row])
+    folder.is_python_s(row, result)
+    assert folder.by_python(row).status is Status.SOLVED
+    parameters, _ = folder.instance(row)
+    wanted = violation(folder.problem, parameters, folder.by_python(row).point).worst
+    assert worst == pytest.approx(wanted, abs=1e-9)
 
 
 @needs_compiler

@@ -47,6 +47,7 @@ def _constants(solver: Solver) -> dict[str, Any]:
         "SLOT_KERNELS": sum(map(len, solver.native.kernels.kinds)),
         "MOTION_ROWS": _results(solver, "motion"),
         "FINAL_ROWS": _results(solver, "final"),
+        "ANY_SLOTS": int(any(one.count for one in solver.native.subject.problem.slots)),
         "MOST_GIVEN": _most(solver, 0),
         "MOST_NUMBERS": _most(solver, 1),
         "MOST_ROWS": _most(solver, 2),

@@ -468,6 +468,7 @@ static double larger(double worst, double one)
     return one <= worst ? worst : one; /* also what is not a number */
 }
 
+#if WIDEBERTH_ANY_SLOTS
 static double of_slots(
     const wideberth_problem *problem, const wideberth_result *plan, int i, double worst)
 {
@@ -497,6 +498,7 @@ static double of_slots(
     }
     return worst;
 }
+#endif
 
 double wideberth_violation(const wideberth_problem *problem, const wideberth_result *plan)
 {
@@ -519,7 +521,9 @@ double wideberth_violation(const wideberth_problem *problem, const wideberth_res
             worst = larger(worst, LIMITS[0][r] - one);
             worst = larger(worst, one - LIMITS[1][r]);
         }
+#if WIDEBERTH_ANY_SLOTS
         worst = of_slots(problem, plan, i, worst);
+#endif
     }
 #if WIDEBERTH_FINAL_ROWS > 0
     {
