@@ -168,7 +168,7 @@ class Episode:
     def __repr__(self) -> str:
         """Say who was there, how long it took and how it ended."""
         kinds = Counter(log.kind for log in self.agents)
-        who = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
+        who = ", ".join(_counted(count, kind) for kind, count in kinds.items())
         lines = [f"Episode({who}; {self.duration:.4g} s, ended by {self.ended}, seed {self.seed})"]
         for log in self.robots[:8]:
             reached = f"at its goal at {log.reached:.4g} s" if log.reached >= 0 else "not arrived"
@@ -207,7 +207,8 @@ class Episode:
 
         Parameters
         ----------
-        live : show it in a window; needs an interactive backend of matplotlib.
+        live : show it in a window; needs an interactive backend of matplotlib. Keep what is
+            returned; a script calls ``matplotlib.pyplot.show()`` after it, a notebook does not.
         tail : 1 - content of the pale regions.
         rate : frames per second.
         speed : seconds of the episode in one second of the film.
@@ -456,6 +457,12 @@ def _pack_plan(pack: _Packer, plan: Plan) -> dict[str, Any]:
             "fallback": list(forecast.fallback),
         },
     }
+
+
+def _counted(count: int, kind: str) -> str:
+    """Return a number of agents in words."""
+    several = {"robot": "robots", "person": "people", "replay": "replays"}
+    return f"{count} {kind if count == 1 else several.get(kind, kind)}"
 
 
 def _unpack_plan(unpack: _Unpacker, stored: dict[str, Any]) -> Plan:
