@@ -11,7 +11,7 @@ from typing import Any, ClassVar, final
 from ..framework.controller import Controller
 from ..framework.mpc.planner.planner import Planner
 from ..framework.mpc.solvers.base import Solver
-from ..framework.mpc.solvers.fatrop import Fatrop
+from ..framework.mpc.solvers.riccati.solver import Riccati
 from ..framework.plugins.config import build
 from ..framework.robot import Robot
 from ..framework.static_region import StaticRegion
@@ -38,7 +38,7 @@ class Preset(Controller):
     """
 
     robot: Robot
-    solver: Solver = field(default_factory=Fatrop)
+    solver: Solver = field(default_factory=Riccati)
     horizon: int = 15
     dt: float = 0.5
     period: float = 0.5

@@ -91,7 +91,7 @@ def draw(file: str) -> None:
         "region": "mahalanobis_ellipse",
         "predictor": {"type": "static", "spread_rate": 0.05},  # m/s per axis
         "level": "fixed",
-        "solver": "fatrop",
+        "solver": "riccati",
     }
     planner = build("controllers", settings)
     planner.set_path(Path([(0.0, 0.0), (8.0, 0.0)]))

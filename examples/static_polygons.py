@@ -28,7 +28,7 @@ def make_planner():
             "static_region": "separating_line",  # for walls
             "predictor": "kalman",
             "level": "fixed",
-            "solver": "fatrop",
+            "solver": "riccati",
             "margin": 0.1,  # m, kept free around the body
         },
     )

@@ -186,7 +186,7 @@ planner = build(
         "predictor": Braking(),
         "region": Disc(),
         "level": "fixed",  # every region holds 95 %
-        "solver": "fatrop",
+        "solver": "riccati",
     },
 )
 planner.set_path(Path([(0, 0), (10, 0)]))

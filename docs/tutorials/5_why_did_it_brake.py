@@ -20,7 +20,7 @@ SETTINGS = {
     "predictor": {"type": "kalman", "acceleration_density": 0.002},  # m^2/s^3: calm people
     "region": "mahalanobis_ellipse",
     "level": "fixed",  # every region holds 95 %, whatever happens
-    "solver": "fatrop",
+    "solver": "riccati",
 }
 noise = [[0.0004, 0.0], [0.0, 0.0004]]  # m^2
 

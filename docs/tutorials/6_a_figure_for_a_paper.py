@@ -28,7 +28,6 @@ controllers:
   uncertain:
     <<: recommended
     robot: *robot
-    solver: fatrop
   certain: {type: mpc_constant_velocity, robot: *robot}
 baseline: uncertain
 seeds: 3

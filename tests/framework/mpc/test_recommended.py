@@ -24,7 +24,7 @@ def test_what_it_chose_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert 7 <= len(said.splitlines()) <= 10 and max(map(len, said.splitlines())) < 140
     for words in ("unicycle of radius 0.75 m", " 1 m/s", "max_speed 1.4", "kalman",
                   "mahalanobis_ellipse", "relaxed", "acceleration 625", "20 steps of 0.25 s",
-                  "fatrop"):  # fmt: skip
+                  "riccati"):  # fmt: skip
         assert words in said
     assert fast.robot.max_speed == pytest.approx(1.4)
     own = Unicycle(max_speed=1.0)
