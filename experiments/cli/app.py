@@ -472,19 +472,17 @@ def demo(
 def warmup() -> None:
     """Compile the fast solver `riccati`, so that its first use does not wait."""
     import time
-    from dataclasses import replace
 
     import numpy as np
 
     from ...framework.mpc.planner.recommended import recommended
     from ...framework.mpc.solvers.riccati.compiled import LEAST_KINDS, core
-    from ...framework.mpc.solvers.riccati.solver import Riccati
     from ...framework.values.path import Path as Route
     from ..engine.progress import span
 
     begin = time.monotonic()
     core(LEAST_KINDS)  # the same for all planners; raises where nothing can be compiled
-    planner = replace(recommended(quiet=True), solver=Riccati())
+    planner = recommended(quiet=True)
     planner.set_path(Route(np.array([[0.0, 0.0], [5.0, 0.0]])))  # decides once, far from everybody
     typer.echo(f"riccati is ready for the recommended planner; {span(time.monotonic() - begin)}")
 

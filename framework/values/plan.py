@@ -171,8 +171,9 @@ class Plan:
     ids : identities of the O obstacles.
     status : how the solver ended.
     rung : which rung of the fallback ladder this is; the name of a user's own is plain text.
-    reason : how it gave way, why it is not the optimal plan, and what was refused of the
-        observation; empty where there is nothing to say. Judge by ``rung`` and ``status``.
+    reason : how it gave way, why it is not the optimal plan, which other solver answered than
+        the planner's own, and what was refused of the observation; empty where there is nothing
+        to say. Judge by ``rung`` and ``status``.
     breach : the constraint that it breaks most; None where it keeps all, or was held against
         none.
     given_way : how far it keeps less than was asked for; None where it keeps that.

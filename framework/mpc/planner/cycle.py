@@ -25,7 +25,7 @@ from ...values.plan import Plan, Situation
 from ...values.tracks import Tracks
 from ..costs.base import ProgressCost
 from ..fallback.emergency import command_of_plan, emergency
-from ..fallback.instance_check import InstanceCheck, shared_target
+from ..fallback.instance_check import InstanceCheck, Outcome, shared_target
 from ..fallback.rollout import Motion, carry
 from ..fallback.rungs import Trial, choose, rungs_of
 from ..instance.own_uncertainty import OwnUncertainty, carried
@@ -141,7 +141,8 @@ class Decision:
     ----------
     command : within the robot's limits.
     plan : behind it.
-    notes : what was refused of the observation, and of the command.
+    notes : what was refused of the observation, and of the command, and which other solver
+        answered than the planner's own.
     solved : the problem that was solved; None where the cycle did not get that far.
     """
 
@@ -205,6 +206,7 @@ def step(
         starts = MultiStart(services.watch, settings.starts, budget)
         outcome = starts.run(check, first, state.obstacle_in_way)
         state = replace(state, obstacle_in_way=outcome.obstacle_in_way)
+        answered = _stand_in(outcome)
         plan, point = choose(rungs_of(settings.rungs), Trial(check, outcome), stamp)
         plan = strip_progress(robot, plan)
         plan = _in_situation(settings, plan, seen, progress.path, start, outcome.note)
@@ -214,10 +216,17 @@ def step(
     except Exception as error:
         words = f"{type(error).__name__}: {error}"
         plan, command = emergency(robot, observation, words, settings.horizon, settings.dt)
-        note, smoother = "", None
+        note, answered, smoother = "", "", None
     perception, notes = state.perception.drained()
     state = replace(state, perception=perception, plan=plan, smoother=smoother)
-    return state, Decision(command, plan, (*filter(None, (note,)), *notes), solved)
+    return state, Decision(command, plan, (*filter(None, (note, answered)), *notes), solved)
+
+
+def _stand_in(outcome: Outcome) -> str:
+    """Say which other solver answered in the planner's own one's place, and why."""
+    solved = (one.solution for one in outcome.candidates if one.solution is not None)
+    found = next((one.stand_in for one in solved if one.stand_in), "")
+    return f"solved by {found}" if found else ""
 
 
 def _in_situation(

@@ -5,6 +5,7 @@
 from .batch.solver import Batch as Batch
 from .fatrop import Fatrop as Fatrop
 from .ipopt import Ipopt as Ipopt
+from .riccati.live import RiccatiLive as RiccatiLive
 from .riccati.solver import Riccati as Riccati
-__all__ = ['Batch', 'Fatrop', 'Ipopt', 'Riccati']
+__all__ = ['Batch', 'Fatrop', 'Ipopt', 'Riccati', 'RiccatiLive']
 BUILT_IN: dict[str, str]

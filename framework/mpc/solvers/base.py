@@ -33,6 +33,7 @@ class Solution:
     cost : objective at the point.
     iterations : of the solver.
     seconds : wall time of this solve, parameter packing included.
+    stand_in : which other solver answered, and why; empty where the solver itself did.
     """
 
     point: Guess
@@ -41,6 +42,7 @@ class Solution:
     cost: float
     iterations: int
     seconds: float
+    stand_in: str = ""
 
 
 class Solver(ABC):

@@ -2,26 +2,27 @@
 
 The kernels know nothing of the horizon and the number of slots, the core nothing of a robot or a
 region: it takes the kernels by their addresses. The core is shipped as object code, see
-`objects`; where that does not fit, Numba compiles it, which takes a minute or two, once per
-machine. The kernels of a new pair of robot and region are compiled by LLVM in less than a second.
-What is compiled is kept by `wideberth.framework.jit.store`.
+`objects`; where that does not fit, Numba compiles it in another process, which takes a minute or
+two, once per machine. The kernels of a new pair of robot and region are compiled by LLVM in less
+than a second. What is compiled is kept by `wideberth.framework.jit.store`.
 """
 
 import ctypes
 import sys
 from collections import OrderedDict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from itertools import chain
+from threading import Lock, Thread
 from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ....jit.machine import host, loaded
+from ....jit.machine import loaded
 from ....jit.store import load
 from ....jit.transpile import kernel_source, module_source, recursion_source
 from ....numerics.symbolic import ca
@@ -30,7 +31,7 @@ from ....values.arrays import Array
 from ....values.errors import WideberthError
 from ...ocp.problem import Parameters, Problem, Slots
 from . import _protocol as protocol
-from . import emit, objects
+from . import apart, emit, objects
 from ._protocol import SlotKernels
 from .kernels import Kernels, Slot, SlotShape, build, carried, eliminate, expand, slot_name, sweep
 from .workspace import Entry, Workspace, shape_of
@@ -73,6 +74,25 @@ def _core(kinds: int) -> Entry | WideberthError:
     return ctypes.CFUNCTYPE(ctypes.c_int, *[ctypes.c_void_p] * 3)(place)
 
 
+_COMING: dict[int, Thread] = {}
+_GUARD = Lock()
+_LOADING = 0.2
+"""s that are waited for a core that has only to be loaded."""
+
+
+def core_is_coming(kinds: int) -> bool:
+    """Whether the core is still compiled in the background, which the first call begins.
+
+    Once it is False, `core` returns or raises at once.
+    """
+    with _GUARD:
+        if kinds not in _COMING:
+            _COMING[kinds] = Thread(target=_core, args=(kinds,), daemon=True)
+            _COMING[kinds].start()
+            _COMING[kinds].join(_LOADING)
+        return _COMING[kinds].is_alive()
+
+
 def _shipped_or_compiled(kinds: int) -> int:
     """Address of the core."""
     try:
@@ -86,7 +106,7 @@ def _shipped_or_compiled(kinds: int) -> int:
         [objects.ENTRY],
         lambda line: announce(f"{line} [{why}]"),
         USUAL["solver"],
-        lambda: emit.compiled(kinds, host()),
+        lambda: apart.compiled(kinds),
     )
     return found[objects.ENTRY]
 
@@ -239,12 +259,7 @@ class KernelSet:
         made = build(problem)
         kinds = tuple(_slot_kernels(k) for k in range(len(problem.slots)))
         known = _functions(problem, made)
-        longest = max(one.n_instructions() for one in known.values())
-        if longest > MOST_OPERATIONS:
-            raise WideberthError(
-                f"a kernel of this problem has {longest} operations; up to {MOST_OPERATIONS} are "
-                "compiled"
-            )
+        _refuse_large(problem, known, kinds)
         names = [*protocol.Kernels._fields, *chain.from_iterable(kinds)]
         return cls(problem, made, {name: known[name] for name in names}, kinds)
 
@@ -290,6 +305,27 @@ def _compile(problem: Problem) -> CompiledProblem:
             )
         ),
     )
+
+
+def _refuse_large(
+    problem: Problem, functions: Mapping[str, Any], kinds: Sequence[SlotKernels]
+) -> None:
+    """Refuse a problem whose largest function has more than `MOST_OPERATIONS`.
+
+    Raises
+    ------
+    WideberthError : it has; the message says of what it is.
+    """
+    sizes = {name: one.n_instructions() for name, one in functions.items()}
+    largest = max(sizes, key=lambda name: sizes[name])
+    if sizes[largest] > MOST_OPERATIONS:
+        pairs = zip(problem.slots, kinds, strict=True)
+        owners = {name: f"each {slots.name}'s constraint" for slots, own in pairs for name in own}
+        owner = owners.get(largest, "the robot's motion, or the cost,")
+        raise WideberthError(
+            f"{owner} has {sizes[largest]} operations with its derivatives; up to "
+            f"{MOST_OPERATIONS} are compiled"
+        )
 
 
 def _addresses(functions: Mapping[str, Any], handed: int) -> Mapping[str, int]:

@@ -59,7 +59,8 @@ class Riccati(ManySolver):
     The first solve of a problem compiles for less than a second, later processes load the result.
     The solver itself is shipped as object code; where that does not fit the processor, Numba
     compiles it for a minute or two. Where neither is possible (no Numba, or a region with too
-    large an expression), `Fatrop` solves, and the message says so.
+    large an expression), `Fatrop` solves, and `Solution.stand_in` says so. A loop that must not
+    wait for Numba takes `RiccatiLive`.
 
     Parameters
     ----------
@@ -102,9 +103,7 @@ class Riccati(ManySolver):
         try:
             made, run = _compiled(problem)
         except WideberthError as error:
-            why = f"by fatrop, since {error}"
-            others = Fatrop().solve(problem, parameters, guesses, deadline)
-            return [replace(one, message=f"{one.message} ({why})") for one in others]
+            return by_fatrop(problem, parameters, guesses, deadline, str(error))
         solutions = []
         for guess in guesses:
             found = self._one(problem, parameters, guess, deadline, made, run, begin)
@@ -176,6 +175,18 @@ class Riccati(ManySolver):
         if problem.shared:
             settings[SETTING.guess] = guess.level
         return settings
+
+
+def by_fatrop(
+    problem: Problem,
+    parameters: Parameters,
+    guesses: Sequence[Guess],
+    deadline: float | None,
+    why: str,
+) -> list[Solution]:
+    """Solve by `Fatrop`; every solution says so, and why."""
+    found = Fatrop().solve(problem, parameters, guesses, deadline)
+    return [replace(one, stand_in=f"fatrop, since {why}") for one in found]
 
 
 @lru_cache(maxsize=8)

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from wideberth.framework.jit import store
-from wideberth.framework.mpc.solvers.riccati import compiled, emit, objects
+from wideberth.framework.mpc.solvers.riccati import apart, compiled, emit, objects
 from wideberth.framework.values.errors import WideberthError
 
 NAME = "linux-x86_64-v3"
@@ -119,7 +119,7 @@ def test_numba_compiles_where_the_object_is_not_sound(
 ) -> None:
     calls = []
     code = objects.shipped(objects.KINDS)
-    monkeypatch.setattr(emit, "compiled", lambda *given: calls.append(given) or code)
+    monkeypatch.setattr(apart, "compiled", lambda *given: calls.append(given) or code)
     damage(shipped)
     with pytest.raises(WideberthError, match=why):
         objects.shipped(objects.KINDS)

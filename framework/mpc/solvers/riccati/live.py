@@ -1,0 +1,38 @@
+"""The solver ``riccati_live``: `Riccati` for a loop that must not wait until it is compiled."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+from ...ocp.problem import Parameters, Problem
+from ...ocp.transcription import Guess
+from ..base import Solution, Solver, refuse_misfits
+from .solver import Riccati, by_fatrop
+
+
+@final
+@dataclass(frozen=True)
+class RiccatiLive(Solver):
+    """As `Riccati`, but `Fatrop` answers while Numba compiles the core in the background.
+
+    Both are the same where the package ships object code for the processor. Elsewhere `Riccati`
+    waits for the compiler, a minute or two once per machine, and each solution is then by the same
+    solver. Here the solver changes at some decision, so that two runs may differ; until then
+    `Solution.stand_in` and the plan's reason say that fatrop solved.
+    """
+
+    def solve(
+        self,
+        problem: Problem,
+        parameters: Parameters,
+        guesses: Sequence[Guess],
+        deadline: float | None = None,
+    ) -> list[Solution]:
+        """Solve from each guess."""
+        from .compiled import LEAST_KINDS, core_is_coming
+
+        refuse_misfits(problem, parameters, guesses)
+        if core_is_coming(max(len(problem.slots), LEAST_KINDS)):
+            why = "riccati is still compiled in the background"
+            return by_fatrop(problem, parameters, guesses, deadline, why)
+        return Riccati().solve(problem, parameters, guesses, deadline)
