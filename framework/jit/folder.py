@@ -181,8 +181,10 @@ def alone(root: Path, name: str, waiting: AbstractContextManager[None]) -> Itera
     network folders), or after long waiting, the caller goes on beside the others: that costs time
     only. ``waiting`` is entered while there is somebody to wait for.
     """
-    # One of 16 files for all names: they are never deleted, which could not be done safely.
-    path = root / f".lock-{sha256(name.encode()).hexdigest()[0]}"
+    # 16 files for all names of a stem: they are never deleted, which could not be done safely.
+    # One stem's alone: kernels of a second must not wait for a solver of minutes.
+    stem = name.rpartition("_")[0]
+    path = root / f".lock-{stem}-{sha256(name.encode()).hexdigest()[0]}"
     try:
         handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
     except OSError:

@@ -9,6 +9,7 @@ import ctypes
 import ctypes.util
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from itertools import count
@@ -157,12 +158,17 @@ def _linker() -> Any:
 @cache
 def _of_the_system() -> Mapping[str, int]:
     """Addresses of those functions of the C library that this system has."""
-    libraries = [ctypes.CDLL(None)] if sys.platform != "win32" else [ctypes.cdll.msvcrt]
-    if where := ctypes.util.find_library("m"):
-        libraries.append(ctypes.CDLL(where))
-    found: dict[str, int] = {}
-    for library in libraries:
-        for name in _LIBRARY:
-            if name not in found and hasattr(library, name):
-                found[name] = ctypes.cast(getattr(library, name), ctypes.c_void_p).value or 0
+    found = _addresses(ctypes.CDLL(None) if sys.platform != "win32" else ctypes.cdll.msvcrt)
+    if len(found) < len(_LIBRARY):  # Python does not link the mathematical part itself
+        with suppress(OSError):  # the search needs a folder for temporary files
+            if where := ctypes.util.find_library("m"):
+                found = {**_addresses(ctypes.CDLL(where)), **found}
     return found
+
+
+def _addresses(library: ctypes.CDLL) -> dict[str, int]:
+    """Addresses of those functions of `_LIBRARY` that a library has."""
+    names = (name for name in _LIBRARY if hasattr(library, name))
+    return {
+        name: ctypes.cast(getattr(library, name), ctypes.c_void_p).value or 0 for name in names
+    }

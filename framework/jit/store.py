@@ -15,7 +15,9 @@ from . import folder, machine
 from .patience import announced, note_seconds, usual_seconds
 
 _LOADED: dict[str, Mapping[str, int]] = {}
-_GUARD = threading.RLock()
+_GUARD = threading.Lock()
+_BUSY: dict[str, threading.Lock] = {}
+"""By the name of the code: kernels need not wait while the solver is compiled."""
 _CODE = "code.o"
 
 
@@ -52,6 +54,8 @@ def load(
     name = f"wideberth_{stem}_{_digest(source)}"
     compiled = make or (lambda: machine.object_code(source, machine.host()))
     with _GUARD:
+        alone = _BUSY.setdefault(name, threading.Lock())
+    with alone:
         if name not in _LOADED:
             _LOADED[name] = _stored(_Wanted(stem, name, names, compiled, say, usual))
         return _LOADED[name]

@@ -1,11 +1,13 @@
 """Compiled code is kept, shared by processes, checked, and made again when damaged."""
 
+import ctypes
 import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from ctypes import CFUNCTYPE, c_double
 from pathlib import Path
 
@@ -176,3 +178,39 @@ def test_without_llvmlite(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         one.cache_clear()
     with pytest.raises(WideberthError, match="llvmlite cannot be imported"):
         load("tested", DOUBLE, ["double"])
+
+
+@pytest.mark.parametrize("known", [machine._LIBRARY, ("sin", "pow")])
+def test_the_library_is_searched_only_where_functions_lack(
+    known: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The search starts other programs and may find no place for temporary files."""
+    searched = []
+
+    def search(name: str) -> str:
+        searched.append(name)
+        raise FileNotFoundError(2, "No usable temporary directory found")
+
+    real = machine._addresses(ctypes.CDLL(None))
+    monkeypatch.setattr(machine, "_addresses", lambda _: {name: real[name] for name in known})
+    monkeypatch.setattr(machine.ctypes.util, "find_library", search)
+    found = machine._of_the_system.__wrapped__()
+    assert set(found) == set(known)
+    assert searched == ([] if known == machine._LIBRARY else ["m"])
+
+
+def test_a_lock_of_one_stem_is_not_that_of_another(place: Path) -> None:
+    """Kernels of a second do not wait for a solver of minutes, whatever their hashes are."""
+    root = folder.opened()
+    waited = []
+
+    @contextmanager
+    def waiting() -> Iterator[None]:
+        waited.append(True)
+        yield
+
+    with folder.alone(root, f"wideberth_solver_{0:020x}", waiting()):
+        for k in range(64):
+            with folder.alone(root, f"wideberth_kernels_{k:020x}", waiting()):
+                pass
+    assert not waited
