@@ -31,7 +31,8 @@ def check_robot(robot: Robot, *, rng: np.random.Generator | None = None) -> None
     NumPy (one state or a batch) and CasADi agree; pose changes as twist says and twist as
     acceleration (central differences); `state_at` is the inverse of pose and twist; one
     Runge-Kutta step has order four; turning the start turns the motion; `drive` keeps every
-    limit and reaches twists that the robot can have.
+    limit and reaches twists that the robot can have; both also serve a robot that stands, if
+    its bounds let it stand.
 
     Parameters
     ----------
@@ -68,6 +69,7 @@ def laws(robot: Robot, *, rng: np.random.Generator | None = None) -> tuple[Law, 
         ),
         Law("state_at inverts pose and twist", each(partial(_check_inverse, robot), pairs)),
         Law("drive", each(partial(_check_drive, robot), drives)),
+        Law("standing", each(partial(_check_standing, robot), drives)),
         Law("turning the start", each(partial(_check_turned, robot, turned), drives)),
     )
 
@@ -154,18 +156,33 @@ def _check_casadi(robot: Robot, pairs: list[Pair]) -> None:
 
 
 def _check_order(robot: Robot, pairs: list[Pair]) -> None:
-    """One step of 1 s against two of half a second: the error falls by about 2^4."""
+    """One step of 1 s against two of half a second: the error falls by about 2^4.
+
+    The step is shorter where the state would leave its bounds: beyond them the equation need not
+    be smooth, as tan of a steering angle is not.
+    """
     errors = np.zeros(2)
     for state, control in pairs:
-        exact = np.array(runge_kutta(robot.derivative, state, control, 1.0, 64))
+        duration = _time_within_bounds(robot, state, control)
+        exact = np.array(runge_kutta(robot.derivative, state, control, duration, 64))
         for i, parts in enumerate((1, 2)):
-            moved = np.array(runge_kutta(robot.derivative, state, control, 1.0, parts))
+            moved = np.array(runge_kutta(robot.derivative, state, control, duration, parts))
             errors[i] += float(np.sum((moved - exact) ** 2))
     coarse, fine = np.sqrt(errors)
     assert coarse < 1e-9 or coarse / fine > 10.0, (
         f"halving the Runge-Kutta step divides the error by {coarse / fine:.3g}; wanted about "
         "16: derivative is not smooth"
     )
+
+
+def _time_within_bounds(robot: Robot, state: State, control: tuple[float, ...]) -> float:
+    """Return 1 s, or the half of it, or a quarter, ..., so that the state stays in its bounds."""
+    for halvings in range(6):
+        duration = 0.5**halvings
+        end = runge_kutta(robot.derivative, state, control, duration, 64)
+        if _keeps(tuple(map(float, end)), robot.state_bounds()):
+            break
+    return duration
 
 
 def _check_twist(robot: Robot, pair: Pair) -> None:
@@ -222,6 +239,28 @@ def _check_drive(robot: Robot, drive: tuple[State, Twist]) -> None:
             return
     assert np.allclose(reached, _flat(wanted), atol=1e-6), (
         f"drive ends at twist {reached} after 40 s; wanted {_flat(wanted)}"
+    )
+
+
+def _check_standing(robot: Robot, drive: tuple[State, Twist]) -> None:
+    """Stop from a motion, and set off from a stand; a robot that has to move is exempt."""
+    state, wanted = drive
+    rest = Twist((0.0,) * len(wanted.linear))
+    still = tuple(map(float, robot.state_at(robot.pose(state), rest)))
+    assert np.isfinite(still).all(), f"state_at returns {still} for a twist of zero"
+    bounds = robot.state_bounds()
+    if not _keeps(still, bounds):
+        return
+    _check_inverse(robot, (still, (0.0,) * len(robot.inputs)))
+    _check_drive(robot, (still, rest))
+    _check_drive(robot, (still, wanted))
+    _check_drive(robot, (state, rest))
+
+
+def _keeps(values: Sequence[float], bounds: Bounds) -> bool:
+    return all(
+        low - 1e-9 <= value <= high + 1e-9
+        for value, low, high in zip(values, bounds.lower, bounds.upper, strict=True)
     )
 
 

@@ -10,6 +10,7 @@ import pytest
 from wideberth.framework.control.velocity_smoother import VelocitySmoother
 from wideberth.framework.numerics.integration import runge_kutta
 from wideberth.framework.robot import step
+from wideberth.framework.testing.laws import findings
 from wideberth.framework.testing.robot import check_robot, laws
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Command, Pose, Twist
@@ -185,6 +186,43 @@ def test_check_robot_finds_what_is_broken(monkeypatch, method, value, law):
     monkeypatch.setattr(Unicycle, method, value)
     with pytest.raises(AssertionError, match=law):
         check_robot(Unicycle())
+
+
+def test_check_robot_lets_a_robot_steer_fast():
+    """In a second its wheel would turn beyond its bounds, where tan has a pole."""
+    check_robot(Bicycle(max_steering_rate=1.0))
+    check_robot(Bicycle(wheelbase=0.3, max_speed=1.5, max_steering=1.0, max_steering_rate=5.0))
+
+
+def test_check_robot_finds_a_kink(monkeypatch):
+    monkeypatch.setattr(
+        Unicycle,
+        "derivative",
+        lambda self, x, u: (*kinked(x), x[4], u[0], u[1]),
+    )
+    with pytest.raises(AssertionError, match="derivative is not smooth"):
+        check_robot(Unicycle())
+
+
+def kinked(state):
+    """Return a velocity that drops to nothing when the robot turns right."""
+    speed = state[3] * (state[4] > 0)
+    return speed * np.cos(state[2]), speed * np.sin(state[2])
+
+
+@pytest.mark.parametrize("method", ["state_at", "drive"])
+def test_check_robot_lets_it_stand(monkeypatch, method):
+    """The curvature omega / v of a robot that stands is no number."""
+    good = getattr(Unicycle, method)
+
+    def divides(self, first, second, *duration):
+        twist = first if isinstance(first, Twist) else second
+        _ = float(twist.angular) / float(twist.linear[0])
+        return good(self, first, second, *duration)
+
+    monkeypatch.setattr(Unicycle, method, divides)
+    broken = [law.name for law, problem in findings(laws(Unicycle())) if problem is not None]
+    assert "standing" in broken
 
 
 @pytest.mark.parametrize("speed", [5e-324, 1e-310, -1e-310])
