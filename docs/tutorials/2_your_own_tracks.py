@@ -11,6 +11,14 @@ people in it, and lets a robot plan among them.
 # -------------
 # A row holds ``frame id x y``, in metres, with blanks or commas between them and no header (or one that begins with
 # ``#``). The time between two rows is not in the file, so that you have to say it.
+# A table with other columns, ``id,time,x,y`` say, needs three lines of pandas:
+#
+# .. code-block:: python
+#
+#    table = pandas.read_csv("mine.csv")
+#    table["frame"] = (table["time"] / 0.4).round().astype(int)  # rows are 0.4 s apart
+#    table[["frame", "id", "x", "y"]].to_csv("people.txt", sep=" ", header=False, index=False)
+#
 # Here we read a recording that comes with the package; put the name of your own file in its place.
 
 from importlib.resources import files
