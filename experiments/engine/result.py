@@ -161,7 +161,9 @@ def check_finished(folder: Path) -> None:
     """
     if not (folder / "config.yaml").is_file():
         beside = [path.parent.name for path in folder.absolute().parent.glob("*/config.yaml")]
-        hint = nearest(folder.name, beside)
+        inside = Path("results") / folder
+        hint = f": did you mean '{inside}'?" if (inside / "config.yaml").is_file() else ""
+        hint = hint or nearest(folder.name, beside)
         raise WideberthError(f"{folder} holds no result; `wideberth run` makes one{hint}")
     if not (folder / "table.csv").is_file():
         raise WideberthError(f"the run in {folder} is not finished; run the same command again")

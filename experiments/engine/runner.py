@@ -11,14 +11,16 @@ complete.
 import tempfile
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from math import ceil
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
+from ... import __version__
 from ...framework.plugins.config import build, describe, import_plugins
 from ...framework.plugins.io import (
+    read_json,
     read_rows,
     table_text,
     write_bytes,
@@ -349,9 +351,24 @@ def reopen(folder: Path) -> tuple[Experiment, Result]:
     """
     check_finished(folder)
     config = read_stored(folder / "config.yaml")
-    import_plugins(config.pop("plugins", []))
-    experiment: Experiment = build("experiments", config)
+    try:
+        import_plugins(config.pop("plugins", []))
+        experiment: Experiment = build("experiments", config)
+    except WideberthError as error:
+        raise WideberthError(f"{folder / 'config.yaml'}: {error}{_written_by(folder)}") from error
     return experiment, Result(folder)
+
+
+def _written_by(folder: Path) -> str:
+    """Return which other version of the package wrote a result, if one did."""
+    with suppress(WideberthError):
+        wrote = read_json(folder / "provenance.json", "provenance", 1).get("versions", {})
+        if wrote.get("wideberth", __version__) != __version__:
+            return (
+                f"; version {wrote['wideberth']} wrote this result and {__version__} is "
+                "installed: run its config again, or install that version"
+            )
+    return ""
 
 
 def draw(folder: Path) -> list[Path]:

@@ -119,7 +119,10 @@ class PredictionData:
         WideberthError : no such folder, no file in it that fits, or a named one missing.
         """
         if not self.folder.is_dir():
-            raise WideberthError(f"data.root: {self.folder} is no folder; check the path")
+            raise WideberthError(
+                f"data.root: {self.folder} is no folder; check the path "
+                "(to score one file, name its folder here and the file in data.pattern)"
+            )
         missing = self.missing()
         if missing is None:
             return {Path(file).stem: SceneFiles((file,)) for file in self._files()}
@@ -143,7 +146,8 @@ class PredictionData:
         if not files:
             raise WideberthError(
                 f"data.root: {self.folder} holds no file {self.pattern!r}; wanted recordings of "
-                "rows `frame id x y` or `time x y theta`"
+                "rows `frame id x y` or `time x y theta`; to read files of other names set "
+                "data.pattern, as in '*.csv'"
             )
         return files
 

@@ -119,7 +119,10 @@ def load(room: str, target: str) -> type[Any]:
     elif target in (installed := _installed(room)):
         found = _entered(room, installed[target])
     else:
-        advice = "; 'module:Class' names any other class"
+        advice = (
+            "; 'module:Class' names any other class, and `plugins: [module]` in a config imports "
+            "a module that registers names"
+        )
         raise WideberthError(unknown(room.removesuffix("s"), target, names(room)) + advice)
     base = base_class(room)
     if not (isinstance(found, type) and issubclass(found, base)):
@@ -235,7 +238,9 @@ def unimportable(module: str, error: Exception) -> str:
     owner = f" of the distribution {owners[0]!r}" if owners else ""
     said = error.msg if isinstance(error, SyntaxError) else error  # the place comes behind
     what = f"{type(error).__name__}: {said}"
-    return f"module {module!r}{owner} cannot be imported ({what}{place})"
+    absent = isinstance(error, ModuleNotFoundError) and error.name == module.partition(".")[0]
+    cure = "; work in the folder of the module, or add it to PYTHONPATH" if absent else ""
+    return f"module {module!r}{owner} cannot be imported ({what}{place}){cure}"
 
 
 @cache

@@ -89,8 +89,9 @@ def read_samples(path: Path) -> Samples:
         frame = number(words[0], "frame", path, line)
         if frame != round(frame):
             raise WideberthError(
-                f"{path}, line {line}: frame is {words[0][:40]}; wanted a whole number (a robot "
-                "log of `time x y theta` is read by read_robot_log)"
+                f"{path}, line {line}: frame is {words[0][:40]}; wanted a whole number: of a time "
+                "in s write round(time / dt) (a robot log of `time x y theta` is read by "
+                "read_robot_log)"
             )
         ident = _identity(words[1], path, line)
         x, y = (number(words[i], TRACK_COLUMNS[i], path, line) for i in (2, 3))
@@ -280,6 +281,8 @@ def read_tracks(
     step = frames_per_row or _frame_step(samples)
     positions, notes = _on_grid(samples, step, dt, path)
     reasons = tuple(_unusable(track, dt, minimum_samples, longest_gap) for track in positions)
+    if None not in reasons:
+        notes += (f"are the columns `{' '.join(TRACK_COLUMNS)}`, in this order?",)
     times = np.asarray(dt * np.arange(positions.shape[1]), dtype=np.float64)
     return Recording(dt, times, tuple(samples), positions, reasons, notes)
 

@@ -1,6 +1,6 @@
 """Array types and their validation, which every value passes once."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import reduce
 from math import isfinite
 from typing import Any, TypeAlias, TypeVar
@@ -51,12 +51,11 @@ def checked(
     if shape is None:
         shape = (None,) * max(array.ndim, 1)
     if array.shape != shape and not _fits(array.shape, shape):
-        wanted = tuple("any" if want is None else want for want in shape)
-        raise WideberthError(f"{name} has shape {array.shape}; wanted {wanted}{reason}")
+        raise WideberthError(f"{name} has shape {array.shape}; wanted {_axes(shape)}{reason}")
     if finite and not all_finite(array):
         first = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise WideberthError(
-            f"{name}{list(first)} is {array[first]}; every entry must be a finite number"
+            f"{_at(name, first)} is {array[first]}; every entry must be a finite number"
         )
     array.setflags(write=False)
     return array
@@ -85,6 +84,20 @@ def _numbers(name: str, value: ArrayLike) -> Array:
         return array.astype(np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise WideberthError(f"{name} is not an array of numbers: {error}") from None
+
+
+def _axes(shape: tuple[int | None, ...]) -> str:
+    """Write a wanted shape: its lengths, or the number of its axes where all may be of any."""
+    if shape and all(want is None for want in shape):
+        return f"{len(shape)} axes" if len(shape) > 1 else "1 axis"
+    lengths = ["any" if want is None else str(want) for want in shape]
+    return f"({', '.join(lengths)}{',' if len(lengths) == 1 else ''})"
+
+
+def _at(name: str, index: Iterable[int]) -> str:
+    """Name one entry of an array, which has no index if it is the whole."""
+    where = [int(i) for i in index]
+    return f"{name}{where}" if where else name
 
 
 def _fits(shape: tuple[int, ...], wanted: tuple[int | None, ...]) -> bool:
@@ -128,9 +141,9 @@ def checked_covariance(name: str, value: ArrayLike, shape: tuple[int | None, ...
         # Halves: the difference of two numbers that a float holds may be none that it holds.
         uneven = _largest(0.5 * array - 0.5 * transposed) > 0.5e-9 * _largest(array)
         if uneven.any():
-            where = [int(i) for i in np.argwhere(uneven)[0]]
+            where = np.argwhere(uneven)[0]
             raise WideberthError(
-                f"{name}{where} is not symmetric; a covariance must equal its transpose"
+                f"{_at(name, where)} is not symmetric; a covariance must equal its transpose"
             )
         symmetric = np.asarray(0.5 * array + 0.5 * transposed)
         symmetric.setflags(write=False)
@@ -184,10 +197,10 @@ def _refuse_negative(name: str, symmetric: Array) -> None:
     lowest = np.linalg.eigvalsh(symmetric[doubtful] / scale)[..., 0]
     negative = lowest < -1e-9
     if negative.any():
-        where = [int(i) for i in np.argwhere(doubtful)[negative][0]]
+        where = np.argwhere(doubtful)[negative][0]
         value = float(lowest[negative][0]) * float(largest[negative][0])
         raise WideberthError(
-            f"{name}{where} has eigenvalue {value:.3g}; covariances "
+            f"{_at(name, where)} has eigenvalue {value:.3g}; covariances "
             "must be positive semi-definite: clip the eigenvalues at 0 first"
         )
 

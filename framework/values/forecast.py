@@ -125,7 +125,12 @@ class Forecast:
     joint_source: JointSource = None
 
     def __post_init__(self) -> None:
-        mean = checked("forecast.mean", self.mean, (None, None, None, None))
+        mean = checked(
+            "forecast.mean",
+            self.mean,
+            (None, None, None, None),
+            reason=": obstacles, modes, steps, coordinates",
+        )
         shape = mean.shape
         covariance = checked_covariance(
             "forecast.covariance", self.covariance, (*shape, shape[-1])

@@ -30,7 +30,9 @@ class Path:
     points: Array
 
     def __post_init__(self) -> None:
-        points = checked("path.points", self.points, (None, None))
+        points = checked(
+            "path.points", self.points, (None, None), reason=": a row of coordinates per point"
+        )
         if len(points) < 2:
             raise WideberthError(
                 f"path.points holds {len(points)} point(s); a path needs at least two: "

@@ -38,7 +38,13 @@ class Tracks:
     state_covariance: Array | None = None
 
     def __post_init__(self) -> None:
-        positions = checked("tracks.positions", self.positions, (None, None, None), finite=False)
+        positions = checked(
+            "tracks.positions",
+            self.positions,
+            (None, None, None),
+            finite=False,
+            reason=": obstacles, samples, coordinates",
+        )
         if np.isinf(positions).any():
             raise WideberthError("tracks.positions holds infinity; mark unobserved samples NaN")
         count, _, size = positions.shape

@@ -55,9 +55,14 @@ def test_tables_config_and_episodes(folder: Path) -> None:
         result.tables["sumary"]
 
 
-def test_what_is_no_result(folder: Path) -> None:
+def test_what_is_no_result(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(WideberthError, match="did you mean 'meeting'"):
         open_result(folder.parent / "meting")
+    monkeypatch.chdir(folder.parents[1])
+    folder.parent.rename(folder.parents[1] / "results")
+    with pytest.raises(WideberthError, match="did you mean 'results/meeting'"):
+        open_result("meeting")
+    folder = Path("results") / "meeting"
     (folder / "table.csv").unlink()
     with pytest.raises(WideberthError, match="not finished"):
         open_result(folder)

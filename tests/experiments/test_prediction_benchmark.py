@@ -250,7 +250,9 @@ def test_bad_input_is_refused_before_any_work(tmp_path: Path) -> None:
 
     assert "is no folder" in failure(PredictionData(str(tmp_path / "nowhere")))
     assert "holds no file '*.txt'" in failure(PredictionData(str(tmp_path)))
+    assert "set data.pattern" in failure(PredictionData(str(tmp_path)))
     write(tmp_path, "a.txt", wanderers(1))
+    assert "and the file in data.pattern" in failure(PredictionData(str(tmp_path / "a.txt")))
     scenes = {"first": SceneFiles(("a.txt",)), "second": SceneFiles(("b.txt",))}
     assert "second" in failure(PredictionData(str(tmp_path), scenes))
     assert "holds no file 'b.txt'" in failure(PredictionData(str(tmp_path), scenes))

@@ -134,6 +134,23 @@ def test_a_result_of_an_older_version_says_what_to_do(tmp_path: Path) -> None:
         draw(out)
 
 
+def test_a_config_of_another_version_names_its_file_and_version(tmp_path: Path) -> None:
+    out = tmp_path / "a"
+    run(coins(), out)
+    config = out / "config.yaml"
+    config.write_text(config.read_text() + "former_key: 1\n")
+    with pytest.raises(WideberthError, match=r"a/config.yaml: former_key: unknown key [^;]*$"):
+        draw(out)
+    told = json.loads((out / "provenance.json").read_text())
+    told["versions"]["wideberth"] = "0.0.7"
+    (out / "provenance.json").write_text(json.dumps(told))
+    with pytest.raises(WideberthError, match=r"unknown key .*; version 0\.0\.7 wrote this result"):
+        draw(out)
+    (out / "provenance.json").unlink()
+    with pytest.raises(WideberthError, match=r"unknown key [^;]*$"):
+        draw(out)
+
+
 def test_figures_do_not_overwrite_what_somebody_drew(tmp_path: Path) -> None:
     out = tmp_path / "a"
     run(coins(), out)

@@ -114,6 +114,18 @@ def test_unusable_tracks_stay_and_say_why(tmp_path):
     assert read_tracks(write(tmp_path, text), dt=0.4, longest_gap=1.6).usable == ("1", "3")
 
 
+def test_columns_in_another_order(tmp_path):
+    """A file of `id time x y` holds no track: the report asks for the order of its columns."""
+    text = "".join(f"{ident} {0.4 * k:.1f} {k} 0\n" for ident in (1, 2) for k in range(10))
+    report = read_tracks(write(tmp_path, text), dt=0.4).report()
+    assert "are the columns `frame id x y`, in this order?" in report
+    swapped = "".join(f"{0.4 * k:.1f} {ident} {k} 0\n" for ident in (1, 2) for k in range(10))
+    with pytest.raises(WideberthError, match=r"frame is 0\.4; .* write round\(time / dt\)"):
+        read_tracks(write(tmp_path, swapped), dt=0.4)
+    text = "".join(f"{k} 1 {k} 0\n" for k in range(10))
+    assert "columns" not in read_tracks(write(tmp_path, text), dt=0.4).report()
+
+
 def test_robot_log_keeps_its_clock_and_marks_long_gaps(tmp_path):
     clock = np.concatenate([np.arange(0, 2.05, 0.1), np.arange(2.3, 3.05, 0.1), [4.0, 4.1]])
     start = 1248444175.2
@@ -169,7 +181,7 @@ BAD_TRACKS = {
     "0 1 inf 3": "line 1: x is inf",
     "0 nan 2 3": "line 1: id is nan",
     "nan 1 2 3": "line 1: frame is nan",
-    "0.5 1 2 3": "line 1: frame is 0.5; wanted a whole number .* read_robot_log",
+    "0.5 1 2 3": "line 1: frame is 0.5; wanted a whole number: .* read_robot_log",
     "0 1 2 3\n0 2 2 3\n0 1.0 5 5": "line 3 repeats frame 0 of id 1 .line 1.; remove",
     "9 1 2 3\n5 1 2 3": "line 2: frame 5 of id 1 comes after frame 9 .line 1.; sort",
     "0 1 0 0\n1 1 0 0\n1000000000 1 2 3": "1000000001 rows .* state frames_per_row",

@@ -57,7 +57,7 @@ def test_orientation_far_from_the_origin() -> None:
     [
         (((0, 0), (1, 0)), "holds 2 points; wanted at least 3"),
         (((0, 0), (1, 0), (0, np.inf)), r"\[2, 1\] is inf"),
-        (((0, 0, 0), (1, 0, 0), (0, 1, 0)), r"shape \(3, 3\); wanted \('any', 2\)"),
+        (((0, 0, 0), (1, 0, 0), (0, 1, 0)), r"shape \(3, 3\); wanted \(any, 2\)"),
         (("a", "b", "c"), "not an array of numbers"),
         (((0, 0), (1, 0), (2, 0)), "lie on a line"),
         (((0, 0), (5, 5), (2, 2), (3, 3 + 1e-10)), "lie on a line"),

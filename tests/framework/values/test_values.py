@@ -279,3 +279,26 @@ def test_covariances_of_another_dimension(
         checked_covariance("covariance", np.eye(2), 3)
     with pytest.raises(WideberthError, match=r"\(2, 2\); wanted \(3, 3\): in 3 dimensions"):
         Detection("a", np.zeros(3), np.eye(2), 0.3)
+
+
+def test_a_wrong_shape_is_named_by_its_axes() -> None:
+    ids, radius, noise = ("a",), np.ones(1), np.eye(2)[None]
+    with pytest.raises(
+        WideberthError, match=r"\(10, 2\); wanted 3 axes: obstacles, samples, coord"
+    ):
+        Tracks(np.zeros((10, 2)), 0.4, ids, radius, noise)
+    with pytest.raises(WideberthError, match=r"\(4,\); wanted 2 axes: a row of coordinates per"):
+        Path(np.array([0.0, 0.0, 1.0, 1.0]))
+    with pytest.raises(
+        WideberthError, match=r"wanted 4 axes: obstacles, modes, steps, coordinates"
+    ):
+        Forecast.single(np.zeros((3, 2)), np.tile(np.eye(2), (3, 1, 1)), 0.4, None)
+    with pytest.raises(WideberthError, match=r"^it has shape \(\); wanted 1 axis$"):
+        checked("it", 1.0, (None,))
+
+
+def test_the_only_matrix_has_no_index() -> None:
+    with pytest.raises(WideberthError, match=r"^noise has eigenvalue -1"):
+        checked_covariance("noise", [[-1.0, 0.0], [0.0, 1.0]], 2)
+    with pytest.raises(WideberthError, match=r"^noise is not symmetric"):
+        checked_covariance("noise", [[1.0, 0.5], [0.0, 1.0]], 2)
