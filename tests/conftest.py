@@ -98,6 +98,12 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     gc.freeze()
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _no_terminal() -> None:
+    """Forget the width of a terminal, which workers of pytest-xdist inherit but do not have."""
+    os.environ.pop("COLUMNS", None)
+
+
 @pytest.fixture(scope="module", autouse=True)
 def _memory_given_back() -> Iterator[None]:
     """Drop compiled programs and figures after a test file that leaves its process large."""

@@ -247,7 +247,7 @@ def test_run_shows_ways_marks_and_the_closest_approach():
     ]  # fmt: skip
     found = closest(episode(upper, walker("a"), walker("b")))
     assert named[-1] == (
-        f"least clearance between agents\n{found.clearance:.2f} m at {found.time:.1f} s"
+        f"least clearance between agents\n\u2212{-found.clearance:.2f} m at {found.time:.1f} s"
     )
     times = [text.get_text() for text in panel.texts]
     assert times == ["5 s", "10 s", "15 s"] * 3
