@@ -21,7 +21,7 @@ from ...values.arrays import Array, positive, whole
 from ...values.errors import WideberthError
 from ...values.plan import Rung
 from ..ocp.problem import Parameters, SlotNumbers
-from ..ocp.transcription import Guess
+from ..ocp.transcription import Guess, Multipliers
 from ..planner.cycle import Solved
 from ..planner.settings import PlannerSettings
 from .explain import PlanSummary, SolveRecord
@@ -164,7 +164,7 @@ def _flat(value: Any) -> Iterator[tuple[str, Array]]:
         enumerate(value) if nested else ((f.name, getattr(value, f.name)) for f in fields(value))
     )
     for name, entry in inner:
-        if isinstance(entry, tuple | SlotNumbers):
+        if isinstance(entry, tuple | SlotNumbers | Multipliers):
             yield from ((f"{name}.{below}", array) for below, array in _flat(entry))
         elif entry is not None:
             yield str(name), np.asarray(entry)
@@ -190,7 +190,10 @@ def _guess(arrays: dict[str, Array]) -> Guess:
     below = _below("auxiliaries", arrays)
     own = tuple(below[str(k)] for k in range(len(below)))
     plain = {key: arrays[key] for key in ("states", "inputs", "slack")}
-    return Guess(auxiliaries=own, level=float(arrays["level"]), **plain)
+    below = _below("multipliers", arrays)
+    slots = tuple(below[f"slots.{k}"] for k in range(len(below) - 1))
+    known = Multipliers(below["steps"], slots) if below else None
+    return Guess(auxiliaries=own, level=float(arrays["level"]), multipliers=known, **plain)
 
 
 def _renamed(arrays: Mapping[str, Array]) -> dict[str, Array]:

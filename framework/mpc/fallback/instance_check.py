@@ -92,7 +92,7 @@ class InstanceCheck:
         none = self.problem.no_auxiliaries
         if none:
             states, inputs = guess.states, guess.inputs
-            return Guess(states, inputs, none, guess.level, guess.slack)
+            return Guess(states, inputs, none, guess.level, guess.slack, guess.multipliers)
         return with_auxiliaries(self.robot, self.around.kinds, self.parameters, guess)
 
     def check(self, point: Guess) -> Violation:

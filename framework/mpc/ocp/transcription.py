@@ -24,6 +24,20 @@ from .problem import Parameters, Problem, Slots
 
 
 @dataclass(frozen=True, eq=False)
+class Multipliers:
+    """Lagrange multipliers of a solution, as the solver that found them lays them out.
+
+    Attributes
+    ----------
+    steps : (N, P), of dynamics, bounds and limits at each step.
+    slots : (N, K, C) of each kind; NaN where nothing is known of a slot.
+    """
+
+    steps: Array
+    slots: tuple[Array, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class Guess:
     """A starting point, or a solution, of a problem.
 
@@ -33,6 +47,8 @@ class Guess:
     auxiliaries : (N, K, A) of the slots of each kind; () before they are filled in.
     level : the shared level; ignored where there is none.
     slack : (N,), of soft regions; ignored where they are hard.
+    multipliers : of a solution that is near; None where none is known. Solvers that start from
+        states and inputs alone ignore them.
     """
 
     states: Array
@@ -40,6 +56,7 @@ class Guess:
     auxiliaries: tuple[Array, ...]
     level: float
     slack: Array
+    multipliers: Multipliers | None = None
 
     @classmethod
     def bare(cls, states: Array, inputs: Array, level: float) -> "Guess":

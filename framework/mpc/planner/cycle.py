@@ -33,7 +33,7 @@ from ..ocp.problem import Parameters
 from ..ocp.progress_robot import progress_robot_of
 from ..ocp.reference import Progress, Reference
 from ..ocp.transcription import Guess
-from ..slots.base import CAPACITIES, Surroundings, View, reach_of_bodies
+from ..slots.base import CAPACITIES, Chosen, Surroundings, View, reach_of_bodies
 from .multistart import (
     COMPILING,
     Budget,
@@ -46,6 +46,7 @@ from .multistart import (
 )
 from .problem_cache import ProblemCache
 from .settings import PlannerSettings, changed
+from .warm_start import KeptMultipliers
 
 
 @final
@@ -58,6 +59,7 @@ class PlannerState:
     perception : remembered detections, and the predictor with what it has learnt.
     progress : the path and how far along it the robot has come; None before a path is set.
     plan : the last one.
+    multipliers : of the last plan; None where it was not the solver's.
     smoother : of the last command; None after an emergency.
     obstacle_in_way : whether something was in the way of the reference, see `MultiStart`.
     """
@@ -65,6 +67,7 @@ class PlannerState:
     perception: Perception
     progress: Progress | None = None
     plan: Plan | None = None
+    multipliers: KeptMultipliers | None = None
     smoother: VelocitySmoother | None = None
     obstacle_in_way: bool = False
 
@@ -210,6 +213,7 @@ def step(
         plan, point = choose(rungs_of(settings.rungs), Trial(check, outcome), stamp)
         plan = strip_progress(robot, plan)
         plan = _in_situation(settings, plan, seen, progress.path, start, outcome.note)
+        state = replace(state, multipliers=KeptMultipliers.of(point, check.around.chosen))
         solved = Solved(check, outcome.guesses, point, plan, budget.spent())
         command, note = _limited(robot, command_of_plan(robot, plan))
         smoother = _smoothed(state.smoother, command, stamp)
@@ -217,6 +221,7 @@ def step(
         words = f"{type(error).__name__}: {error}"
         plan, command = emergency(robot, observation, words, settings.horizon, settings.dt)
         note, answered, smoother = "", "", None
+        state = replace(state, multipliers=None)
     perception, notes = state.perception.drained()
     state = replace(state, perception=perception, plan=plan, smoother=smoother)
     return state, Decision(command, plan, (*filter(None, (note, answered)), *notes), solved)
@@ -307,8 +312,26 @@ def _fill(
     problem = services.problems.of(tuple(one.room for one in chosen))
     around = Surroundings(robot, settings.kinds, chosen)
     check = InstanceCheck(problem, parameters, around, settings.level, inputs)
-    first = check.suited(first)
+    first = check.suited(_warm(settings, state, stamp, parameters, chosen, first))
     return replace(check, parameters=first.pull(parameters)), first
+
+
+def _warm(
+    settings: PlannerSettings,
+    state: PlannerState,
+    stamp: float,
+    parameters: Parameters,
+    chosen: tuple[Chosen, ...],
+    first: Guess,
+) -> Guess:
+    """Add level and multipliers of the last plan to a start soon after it."""
+    plan, kept = state.plan, state.multipliers
+    if plan is None or kept is None:
+        return first
+    share = (stamp - plan.stamp) / settings.dt
+    if not 0.0 <= share <= settings.warm_within:
+        return first
+    return replace(first, level=kept.level, multipliers=kept.at(share, parameters, chosen))
 
 
 def _spread(

@@ -23,7 +23,7 @@ from ...values.arrays import FARTHEST, Array
 from ...values.errors import WideberthError
 from ...values.motion import Pose, Twist
 from ...values.plan import Plan, Status
-from ..fallback.instance_check import Candidate, InstanceCheck, Outcome
+from ..fallback.instance_check import Candidate, InstanceCheck, Outcome, shared_target
 from ..fallback.rollout import SWEEPS, Motion, clip, shift, stand, steer, sweep
 from ..fallback.verify import violation
 from ..ocp.problem import Parameters, Problem
@@ -184,7 +184,9 @@ class MultiStart:
         laid = Laid.along(check.robot, parameters, check.problem.dt) if slots else None
         there = _in_the_way(check, candidates[0], laid)
         names = self._names(check, candidates[0], there, before)
-        found = other_starts(check.robot, check.problem, parameters, first, names, laid)
+        target = shared_target(check.around.kinds, check.level, check.robot.dimension)
+        aimed = replace(first, level=target)  # a warm start is at the level of the last plan
+        found = other_starts(check.robot, check.problem, parameters, aimed, names, laid)
         others = [check.suited(guess) for guess in found]
         solutions, note = self._others(check, others, solutions[0].seconds)
         candidates += [check.assess(one) for one in solutions]

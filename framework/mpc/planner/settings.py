@@ -62,6 +62,8 @@ class PlannerSettings:
         (w dt)^2 / (8 (r + r_d)), 0.02 m at the paper's numbers.
     starts : starting points of the solver beside the shifted last plan, always tried, or
         ``auto``: where something is in the way, see `wideberth.framework.mpc.planner.multistart`.
+    warm_within : share of ``dt`` up to which the last plan's multipliers start the next solve, of
+        solvers that take them (riccati); 0 for never. Later they are worth little.
     static_region : what keeps clear of the observation's polygons; needed where there are any.
     further_kinds : of things to keep clear of, besides the forecast's obstacles and polygons.
     own_uncertainty : how the covariance of the observed state grows over the horizon, see
@@ -96,6 +98,7 @@ class PlannerSettings:
     most_obstacles: int = 20
     margin: float = 0.0
     starts: Starts = "auto"
+    warm_within: float = 0.5
     static_region: StaticRegion | None = None
     further_kinds: tuple[SlotKind, ...] = ()
     own_uncertainty: Growth = "open-loop"
@@ -138,7 +141,7 @@ def check_settings(planner: PlannerSettings) -> None:
         )
     for name in ("dt", "period", "reference_speed", "track_dt", "forget", "patience"):
         positive(f"planner.{name}", getattr(planner, name))
-    for name in ("latency", "margin"):
+    for name in ("latency", "margin", "warm_within"):
         positive(f"planner.{name}", getattr(planner, name), zero=True)
     for name in ("deadline", "penalty"):
         if getattr(planner, name) is not None:

@@ -386,7 +386,7 @@ OUTLINE = {"vertices": [[-0.4, -0.2], [0.4, -0.2], [0.4, 0.2], [-0.4, 0.2]]}
     ("room", "settings"),
     [
         ((0, 0, 4), {}),
-        ((2, 2, 6), {"static_region": "separating_line", "level": "fixed"}),
+        ((2, 1, 6), {"static_region": "separating_line", "level": "fixed"}),
         ((1, 2, 4), {"static_region": "dual", "region": "separating_line", "robot":
             {"type": "differential_drive", "footprint": OUTLINE, "radius": 0.5}}),
         ((1, 0, 4), {"robot": "holonomic_3d", "cost": "contouring"}),

@@ -137,16 +137,18 @@ def _plain(solver: Solver) -> dict[str, tuple[Any, ...]]:
 
 
 def _trajectories(solver: Solver) -> tuple[dict[str, tuple[Any, ...]], ...]:
-    """Arrays of the guess, and of the result."""
+    """Arrays of the guess, and of the result; no multipliers are given or wanted."""
     problem = solver.native.subject.problem
     states = problem.horizon + 1, problem.states
     inputs = problem.horizon, problem.inputs
     begin = {"states": ("work->states", *states), "inputs": ("problem->start_inputs", *inputs)}
+    begin["multipliers"] = (_NOTHING, 0, 0)
     return begin, {
         "states": ("result->states", *states),
         "inputs": ("result->inputs", *inputs),
         "slack": ("result->slack", problem.horizon),
         "numbers": ("work->numbers", len(protocol.Numbers._fields)),
+        "multipliers": (_NOTHING, 0, 0),
     }
 
 
@@ -174,6 +176,8 @@ def _of_slots(solver: Solver, k: int) -> dict[str, tuple[Any, ...]]:
         "drawn": at("auxiliaries", steps, one.count, own),
         "begun": at("auxiliaries", steps, one.count, own),
         "found": (where, steps, one.count, own),
+        "before": (_NOTHING, 0, 0, 0),
+        "after": (_NOTHING, 0, 0, 0),
     }
 
 

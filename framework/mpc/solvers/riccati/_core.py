@@ -49,6 +49,7 @@ from ..interior_point import (
     LAST_BARRIER,
     MARGIN,
     MULTIPLIER_RANGE,
+    NEAR,
     RESIDUAL_POWER,
     ROUNDING,
     SHIFT_DECREASE,
@@ -61,6 +62,7 @@ from ..interior_point import (
     STILL_CHANGE,
     STILL_RESIDUAL,
     TRIALS,
+    WARM_RANGE,
 )
 from ._protocol import KERNEL, NUMBER, OUTCOME, SETTING, SIZE, SlotKernels
 
@@ -129,12 +131,12 @@ Level = namedtuple("Level", "v p out tried")
 
 (
     MU, RHO, S, DS, ZS, DZS, SMIN, DELTA, THETA_MOST, THETA_LEAST, ENTRIES, FAILED_SEARCHES,
-    LENGTH,
-) = range(13)  # fmt: skip
+    LENGTH, SHARE,
+) = range(14)  # fmt: skip
 """Places in the array of single numbers: barrier, penalty, level with step, multiplier and its
 step, its bound; last regularisation, limits and length of the filter, failed searches, step length
-that is tried."""
-SCALARS = LENGTH + 1
+that is tried, share of the way to a bound that it may go."""
+SCALARS = SHARE + 1
 
 REFUSE, ACCEPT, ACCEPT_AND_ADD = range(3)
 """Answers of the filter: the last accepts the trial point and adds the present one."""
@@ -185,8 +187,14 @@ def solve(kernels, sizes, limits, settings, head, given, given_slots, found, sto
     level.p[1, 0] = scale
     kinds = make_kinds(size, given_slots, scale, settings[SETTING.push])
     slots, tolerance = count_slots(kinds), settings[SETTING.tolerance]
+    if settings[SETTING.warm] > 0.0:
+        state[MU] = LAST_BARRIER * tolerance
+        for r in range(size.n):
+            for i in range(size.steps):
+                path.v[size.w + r, i] = scale * given.multipliers[i, 2 * size.w + r]
     status, iterations, error, present, length = -1, -1, 0.0, (0.0, 0.0, 0.0, 0.0), 0.0
     longest, reach, slope, attempt, forget = 0.0, 0.0, 0.0, 0, False
+    state[SHARE] = BOUNDARY_SHARE
     left, deepest, primal = np.inf, 0.0, np.inf  # left: slack at the last price
     numbers = found.numbers
     while True:
@@ -194,9 +202,12 @@ def solve(kernels, sizes, limits, settings, head, given, given_slots, found, sto
         state[LENGTH], s = length, state[S] + length * state[DS]
         try_point(size, path, step, model, slack, trial, state, kernels, columns, level, kinds, s)
         if iterations < 0:
-            start_multipliers(
-                size, path, slack, on_inputs, on_nodes, state, kinds, settings[SETTING.push]
-            )
+            start_multipliers(size, path, slack, on_inputs, on_nodes, state, kinds,
+                              settings[SETTING.push])  # fmt: skip
+            if settings[SETTING.warm] > 0.0:
+                take_multipliers(size, path, slack, on_inputs, on_nodes, state, kinds,
+                                 given.multipliers, given_slots, scale,
+                                 settings[SETTING.barrier], settings[SETTING.push])  # fmt: skip
             trial.slack[:] = slack.eps
         tried = merit(size, path, model, trial, on_inputs, on_nodes, state, level, kinds, s)
         if iterations >= 0:
@@ -241,7 +252,8 @@ def solve(kernels, sizes, limits, settings, head, given, given_slots, found, sto
                 status = OUTCOME.infeasible
                 break
             # slack is left that a higher price may remove; if it does not, this point is kept
-            _write_results(size, path, slack, kinds, given.initial, given_slots, found)
+            _write_results(size, path, slack, on_inputs, on_nodes, state, kinds, given.initial,
+                           given_slots, found, scale)  # fmt: skip
             numbers[NUMBER.cost], numbers[NUMBER.level], left = present[3] / scale, state[S], total
             price = present[1] + (DEARER - 1.0) * state[RHO] * total
             present = present[0], price, present[2], present[3]
@@ -254,23 +266,21 @@ def solve(kernels, sizes, limits, settings, head, given, given_slots, found, sto
             status = OUTCOME.stopped if stop[0] > 0.0 else OUTCOME.limit
             break
         _lower_barrier(state, tolerance, primal, dual / many, wrong / many)
-        if not _direction(
-            size, path, step, model, quadratic, gains, slack, on_inputs, on_nodes, state, level,
-            kinds, kernels,
-        ):  # fmt: skip
+        if not _direction(size, path, step, model, quadratic, gains, slack, on_inputs, on_nodes,
+                          state, level, kinds, kernels):  # fmt: skip
             status = OUTCOME.failed
             break
-        share = max(BOUNDARY_SHARE, 1.0 - state[MU])
-        longest, reach, slope = measure_step(
-            size, path, step, model, quadratic, slack, on_inputs, on_nodes, state, level, kinds,
-            share,
-        )  # fmt: skip
+        state[SHARE] = max(BOUNDARY_SHARE, 1.0 - state[MU])
+        longest, reach, slope = measure_step(size, path, step, model, quadratic, slack, on_inputs,
+                                             on_nodes, state, level, kinds,
+                                             state[SHARE])  # fmt: skip
         length, attempt, forget = longest, 0, False
     if status == OUTCOME.limit and primal <= tolerance and slots > 0 and deepest > 1e-4:
         # it converges slowly, but all that moves is how slack is shared out
         status, left = OUTCOME.infeasible, np.inf
     if left == np.inf or status == OUTCOME.solved or status == OUTCOME.infeasible:
-        _write_results(size, path, slack, kinds, given.initial, given_slots, found)
+        _write_results(size, path, slack, on_inputs, on_nodes, state, kinds, given.initial,
+                       given_slots, found, scale)  # fmt: skip
         numbers[NUMBER.cost], numbers[NUMBER.level] = present[3] / scale, state[S]
     elif status != OUTCOME.stopped:
         status = OUTCOME.infeasible  # with the point that was kept
@@ -350,9 +360,15 @@ def _clear(quadratic):
 
 
 @njit(**LEAN)
-def _write_results(size, path, slack, kinds, initial, given_slots, found):
-    """Copy the last point into the results."""
-    n, v, some = size.n, path.v, count_slots(kinds)
+def _write_results(
+    size, path, slack, inputs, nodes, state, kinds, initial, given_slots, found, scale
+):
+    """Copy the last point into the results, and its multipliers for the cost before scaling.
+
+    An array of no steps for the multipliers means that nobody wants them.
+    """
+    n, w, v, some = size.n, size.w, path.v, count_slots(kinds)
+    into = found.multipliers
     for r in range(n):
         found.states[0, r] = initial[r]
     for i in range(size.steps):
@@ -361,8 +377,20 @@ def _write_results(size, path, slack, kinds, initial, given_slots, found):
         for r in range(size.m):
             found.inputs[i, r] = v[n + r, i]
         found.slack[i] = slack.eps[i] if some else 0.0
+    for i in range(len(into)):
+        for r in range(w):
+            k = i + 1 if r < n else i
+            into[i, r], into[i, w + r] = path.zl[r, k] / scale, path.zu[r, k] / scale
+        for r in range(n):
+            into[i, 2 * w + r] = v[w + r, i] / scale
+        for j in range(size.inputs):
+            into[i, 2 * w + n + j] = inputs.y[inputs.first + j, i] / scale
+        for j in range(size.nodes):
+            into[i, 2 * w + n + size.inputs + j] = nodes.y[nodes.first + j, i] / scale
+        into[i, -2] = slack.nu[i] / scale if some else 0.0
+        into[i, -1] = state[ZS] / scale
     for k in range(len(kinds)):
-        write_slots(size, kinds[k], given_slots[k].found)
+        write_slots(size, kinds[k], given_slots[k].found, given_slots[k].after, scale)
 
 
 # ---- A point: where it starts, its derivatives, its merit, its errors
@@ -370,9 +398,9 @@ def _write_results(size, path, slack, kinds, initial, given_slots, found):
 
 @njit(**LEAN)
 def start_point(size, path, state, given, push):
-    """States and inputs of the guess, off their bounds. ``given``: initial, states, inputs."""
+    """States and inputs of the guess, a `Start`, off their bounds."""
     n, lower, upper = size.n, path.lower, path.upper
-    initial, states, inputs = given
+    initial, states, inputs = given.initial, given.states, given.inputs
     for r in range(n):
         path.v[r, 0] = initial[r]
         for i in range(size.steps):
@@ -417,6 +445,51 @@ def start_multipliers(size, path, slack, inputs, nodes, state, kinds, push):
         start_rows(rows, mu, push)
     start_bounds(size, path, mu)
     state[ZS] = mu / (state[S] - state[SMIN]) if state[SMIN] > -np.inf else 0.0
+
+
+@njit(**LEAN)
+def take_multipliers(
+    size, path, slack, inputs, nodes, state, kinds, given, given_slots, scale, most, push
+):
+    """Take given multipliers instead; mu is the mean of multiplier times gap, at most ``most``.
+
+    Where none is given, NaN, the multiplier becomes mu / gap.
+    """
+    n, w, some = size.n, size.w, count_slots(kinds)
+    for i in range(size.steps):
+        for r in range(w):
+            k = i + 1 if r < n else i
+            path.zl[r, k], path.zu[r, k] = scale * given[i, r], scale * given[i, w + r]
+        for j in range(size.inputs):
+            inputs.y[inputs.first + j, i] = scale * given[i, 2 * w + n + j]
+        for j in range(size.nodes):
+            nodes.y[nodes.first + j, i] = scale * given[i, 2 * w + n + size.inputs + j]
+    total, count = _sum_of_bounds(size, path)
+    for rows in (inputs, nodes):
+        more, many = _sum_of_rows(rows)
+        total, count = total + more, count + many
+    for k in range(len(kinds)):
+        more, many = take_of_slots(size, kinds[k], given_slots[k].before, scale, push)
+        total, count = total + more, count + many
+    state[MU] = mu = max(state[MU], min(most, total / max(count, 1)))
+    clip_bounds(size, path, mu)
+    for rows in (inputs, nodes):
+        clip_rows(rows, mu)
+    if state[SMIN] > -np.inf:
+        state[ZS] = known_multiplier(scale * given[0, -1], state[S] - state[SMIN], mu)
+    for i in range(size.steps if some else 0):
+        price = min(max(scale * given[i, -2], state[RHO] / WARM_RANGE), state[RHO])
+        slack.eps[i], slack.nu[i] = mu / price, price
+    for slots in kinds:
+        clip_slots(size, slots, slack.eps, mu)
+
+
+@njit(**LEAN)
+def known_multiplier(z, gap, mu):
+    """Return a multiplier within a factor of mu / gap; NaN becomes mu / gap."""
+    if z != z:
+        return mu / gap
+    return max(min(z, WARM_RANGE * mu / gap), mu / (WARM_RANGE * gap))
 
 
 @njit(**LEAN)
@@ -486,7 +559,7 @@ def merit(size, path, model, trial, inputs, nodes, state, level, kinds, s):
     At last the cost without slack and regularisation.
     """
     n, length = size.n, state[LENGTH]
-    cost, theta = level.tried[0, 0], 0.0
+    cost, theta, least = level.tried[0, 0], 0.0, 1.0 - state[SHARE]
     for i in range(size.steps):
         cost += model.drive[n, i] + trial.node[0, i]
         for r in range(n):
@@ -494,10 +567,10 @@ def merit(size, path, model, trial, inputs, nodes, state, level, kinds, s):
     plain = cost
     logarithms = log_bounds(size, path, trial.v)
     for rows in (inputs, nodes):
-        more, gain = merit_rows(rows, length)
+        more, gain = merit_rows(rows, length, least)
         theta, logarithms = theta + more, logarithms + gain
     for slots in kinds:
-        more, price, gain = merit_slots(size, slots, trial.slack, length)
+        more, price, gain = merit_slots(size, slots, trial.slack, length, least)
         theta, cost, logarithms = theta + more, cost + price, logarithms + gain
     if count_slots(kinds):
         total, product = 0.0, 1.0
@@ -660,13 +733,13 @@ def add_to_filter(filtered, state, theta, phi):
 @njit(**LEAN)
 def accept(size, path, step, slack, inputs, nodes, state, kinds, primal, dual):
     """Take the step."""
-    mu = state[MU]
+    mu, least = state[MU], 1.0 - state[SHARE]
     accept_bounds(size, path, step, primal, dual, mu)
     for r in range(size.n):
         for i in range(size.steps):
             path.v[size.w + r, i] += primal * step.pi[r, i]
     for rows in (inputs, nodes):
-        accept_rows(rows, primal, dual, mu)
+        accept_rows(rows, primal, dual, mu, least)
     if count_slots(kinds):
         for i in range(size.wide):
             slack.eps[i] += primal * slack.deps[i]
@@ -675,7 +748,7 @@ def accept(size, path, step, slack, inputs, nodes, state, kinds, primal, dual):
     if state[SMIN] > -np.inf:
         state[ZS] = clip_multiplier(state[ZS] + dual * state[DZS], state[S] - state[SMIN], mu)
     for slots in kinds:
-        accept_slots(size, slots, primal, dual, mu)
+        accept_slots(size, slots, slack.eps, primal, dual, mu, least)
 
 
 @njit(**LEAN)
@@ -1056,6 +1129,57 @@ def start_slots(size, slots, eps, mu, push):
 
 
 @njit(**LEAN)
+def take_of_slots(size, slots, given, scale, push):
+    """Take given multipliers; return the sum of multiplier times gap, and of how many."""
+    first, own, stated = len(slots.depends) + size.shared, len(slots.lower), len(slots.tried)
+    total, count = 0.0, 0
+    for k in range(len(slots.active)):
+        where = slots.active[k]
+        for i in range(size.steps):
+            c = k * size.wide + i
+            for j in range(stated):
+                z = scale * given[i, where, j]
+                slots.v[first + own + j, c] = z
+                if j < slots.t.shape[0]:
+                    slots.t[j, c] = max(slots.tried[j, c], push)
+                if j < slots.t.shape[0] and z == z:
+                    total, count = total + z * slots.t[j, c], count + 1
+            for r in range(own):
+                low = scale * given[i, where, stated + r]
+                high = scale * given[i, where, stated + own + r]
+                slots.zl[r, c], slots.zu[r, c] = low, high
+                if slots.lower[r] > -INF and low == low:
+                    total += low * (slots.v[first + r, c] - slots.lower[r])
+                    count += 1
+                if slots.upper[r] < INF and high == high:
+                    total += high * (slots.upper[r] - slots.v[first + r, c])
+                    count += 1
+    return total, count
+
+
+@njit(**LEAN)
+def clip_slots(size, slots, eps, mu):
+    """Bring multipliers within a factor of mu / gap; those of equalities that are NaN become 0."""
+    first, own = len(slots.depends) + size.shared, len(slots.lower)
+    multipliers = slots.v[first + own :]
+    for c in range(slots.t.shape[1]):
+        if c % size.wide >= size.steps:
+            continue
+        for j in range(slots.t.shape[0]):
+            slots.t[j, c] = max(slots.t[j, c], slots.tried[j, c] + eps[c % size.wide])
+            multipliers[j, c] = known_multiplier(multipliers[j, c], slots.t[j, c], mu)
+        for j in range(slots.t.shape[0], len(slots.tried)):
+            if multipliers[j, c] != multipliers[j, c]:
+                multipliers[j, c] = 0.0
+        for r in range(own):
+            a = slots.v[first + r, c]
+            if slots.lower[r] > -INF:
+                slots.zl[r, c] = known_multiplier(slots.zl[r, c], a - slots.lower[r], mu)
+            if slots.upper[r] < INF:
+                slots.zu[r, c] = known_multiplier(slots.zu[r, c], slots.upper[r] - a, mu)
+
+
+@njit(**LEAN)
 def boundary_of_slots(size, slots, most):
     """Raise ``most``, of each stage the largest decrease of a slack, multiplier or gap.
 
@@ -1111,7 +1235,7 @@ def try_slots(size, slots, step):
 
 
 @njit(**LEAN)
-def merit_slots(size, slots, eps, step):
+def merit_slots(size, slots, eps, step, least):
     """Residual, regularisation and sum of logarithms at a trial point."""
     value, variables, unequal = slots.tried, slots.trial, slots.t.shape[0]
     first, wide = len(slots.depends) + size.shared, size.wide
@@ -1119,8 +1243,9 @@ def merit_slots(size, slots, eps, step):
     for at in range(0, slots.v.shape[1], wide):
         for j in range(unequal):
             for i in range(size.steps):
-                t = slots.t[j, at + i] + step * slots.dt[j, at + i]
-                residual += abs(value[j, at + i] + eps[i] - t)
+                here = value[j, at + i] + eps[i]
+                t = next_slack(slots.t[j, at + i], step * slots.dt[j, at + i], here, least)
+                residual += t - here
                 total, product = add_logarithm(total, product, t)
         for j in range(unequal, value.shape[0]):
             for i in range(size.steps):
@@ -1137,13 +1262,14 @@ def merit_slots(size, slots, eps, step):
 
 
 @njit(**LEAN)
-def accept_slots(size, slots, primal, dual, mu):
+def accept_slots(size, slots, eps, primal, dual, mu, least):
     """Take the step in slacks, multipliers and own variables."""
     first, own = len(slots.depends) + size.shared, len(slots.lower)
     multipliers = slots.v[first + own :]
     for j in range(slots.t.shape[0]):
         for c in range(slots.t.shape[1]):
-            slots.t[j, c] += primal * slots.dt[j, c]
+            here = slots.tried[j, c] + eps[c % size.wide]
+            slots.t[j, c] = next_slack(slots.t[j, c], primal * slots.dt[j, c], here, least)
             z = multipliers[j, c] + dual * slots.dlam[j, c]
             multipliers[j, c] = clip_multiplier(z, slots.t[j, c], mu)
     for r in range(own):
@@ -1225,13 +1351,28 @@ def undo_slots(size, slots, length):
 
 
 @njit(**LEAN)
-def write_slots(size, slots, into):
-    """Copy the own variables into an array (N, K, A)."""
-    first = len(slots.depends) + size.shared
+def write_slots(size, slots, own, multipliers, scale):
+    """Copy own variables and multipliers into arrays, of the active slots.
+
+    An array of no steps for the multipliers means that nobody wants them.
+    """
+    first, count, stated = len(slots.depends) + size.shared, len(slots.lower), len(slots.tried)
+    for i in range(len(multipliers)):
+        for k in range(multipliers.shape[1]):
+            for j in range(multipliers.shape[2]):  # of an empty slot that is all
+                multipliers[i, k, j] = np.nan
     for k in range(len(slots.active)):
+        where = slots.active[k]
         for i in range(size.steps):
-            for r in range(len(slots.lower)):
-                into[i, slots.active[k], r] = slots.v[first + r, k * size.wide + i]
+            for r in range(count):
+                own[i, where, r] = slots.v[first + r, k * size.wide + i]
+        for i in range(len(multipliers)):
+            c = k * size.wide + i
+            for r in range(count):
+                multipliers[i, where, stated + r] = slots.zl[r, c] / scale
+                multipliers[i, where, stated + count + r] = slots.zu[r, c] / scale
+            for j in range(stated):
+                multipliers[i, where, j] = slots.v[first + count + j, c] / scale
 
 
 # ---- Constraints of the robot
@@ -1245,6 +1386,27 @@ def start_rows(rows, mu, push):
             if j < rows.always or i == rows.t.shape[1] - 1:
                 rows.t[j, i] = max(rows.tried[rows.at + j, i], push)
                 rows.y[rows.first + j, i] = mu / rows.t[j, i]
+
+
+@njit(**LEAN)
+def _sum_of_rows(rows):
+    """Return the sum of multiplier times slack, and of how many."""
+    total, count = 0.0, 0
+    for j in range(rows.t.shape[0]):
+        for i in range(rows.t.shape[1]):
+            if j < rows.always or i == rows.t.shape[1] - 1:
+                total, count = total + rows.y[rows.first + j, i] * rows.t[j, i], count + 1
+    return total, count
+
+
+@njit(**LEAN)
+def clip_rows(rows, mu):
+    """Bring multipliers within a factor of mu / t."""
+    for j in range(rows.t.shape[0]):
+        for i in range(rows.t.shape[1]):
+            if j < rows.always or i == rows.t.shape[1] - 1:
+                y = rows.y[rows.first + j, i]
+                rows.y[rows.first + j, i] = known_multiplier(y, rows.t[j, i], mu)
 
 
 @njit(**LEAN)
@@ -1285,25 +1447,27 @@ def step_rows(rows, dv, mu, share, primal, dual):
 
 
 @njit(**LEAN)
-def merit_rows(rows, step):
+def merit_rows(rows, step, least):
     """Residual of the constraints at a trial point, and sum of the logarithms of the slacks."""
     residual, total, product = 0.0, 0.0, 1.0
     for j in range(rows.t.shape[0]):
         for i in range(rows.t.shape[1]):
             if j < rows.always or i == rows.t.shape[1] - 1:
-                t = rows.t[j, i] + step * rows.dt[j, i]
-                residual += abs(rows.tried[rows.at + j, i] - t)
+                here = rows.tried[rows.at + j, i]
+                t = next_slack(rows.t[j, i], step * rows.dt[j, i], here, least)
+                residual += t - here
                 total, product = add_logarithm(total, product, t)
     return residual, total + np.log(product)
 
 
 @njit(**LEAN)
-def accept_rows(rows, primal, dual, mu):
+def accept_rows(rows, primal, dual, mu, least):
     """Take the step in slacks and multipliers."""
     for j in range(rows.t.shape[0]):
         for i in range(rows.t.shape[1]):
             if j < rows.always or i == rows.t.shape[1] - 1:
-                rows.t[j, i] += primal * rows.dt[j, i]
+                here = rows.tried[rows.at + j, i]
+                rows.t[j, i] = next_slack(rows.t[j, i], primal * rows.dt[j, i], here, least)
                 rows.y[rows.first + j, i] = clip_multiplier(
                     rows.y[rows.first + j, i] + dual * rows.dy[j, i], rows.t[j, i], mu
                 )
@@ -1353,6 +1517,36 @@ def start_bounds(size, path, mu):
                     path.zl[r, i] = mu / (path.v[r, i] - path.lower[r])
                 if path.upper[r] < INF:
                     path.zu[r, i] = mu / (path.upper[r] - path.v[r, i])
+
+
+@njit(**LEAN)
+def _sum_of_bounds(size, path):
+    """Return the sum of multiplier times gap, and of how many."""
+    total, count = 0.0, 0
+    for r in range(size.w):
+        for i in range(size.steps + 1):
+            if i > 0 if r < size.n else i < size.steps:
+                if path.lower[r] > -INF:
+                    total += path.zl[r, i] * (path.v[r, i] - path.lower[r])
+                    count += 1
+                if path.upper[r] < INF:
+                    total += path.zu[r, i] * (path.upper[r] - path.v[r, i])
+                    count += 1
+    return total, count
+
+
+@njit(**LEAN)
+def clip_bounds(size, path, mu):
+    """Bring multipliers within a factor of mu / gap."""
+    for r in range(size.w):
+        for i in range(size.steps + 1):
+            if i > 0 if r < size.n else i < size.steps:
+                if path.lower[r] > -INF:
+                    gap = path.v[r, i] - path.lower[r]
+                    path.zl[r, i] = known_multiplier(path.zl[r, i], gap, mu)
+                if path.upper[r] < INF:
+                    gap = path.upper[r] - path.v[r, i]
+                    path.zu[r, i] = known_multiplier(path.zu[r, i], gap, mu)
 
 
 @njit(**LEAN)
@@ -1624,6 +1818,17 @@ def fraction_to_boundary(value, step, share, longest):
     if step < 0.0:
         return min(longest, -share * value / step)
     return longest
+
+
+@njit(**LEAN)
+def next_slack(t, step, here, least):
+    """Slack after a step: the value itself, unless that is far below what the step leads to.
+
+    The step leaves at least a share ``least`` of it. The value of a constraint bends along the
+    step; with a slack that follows it, this is no residual that a later step would have to remove.
+    """
+    led = max(t + step, least * t)
+    return here if here >= NEAR * led else led
 
 
 @njit(**LEAN)

@@ -27,10 +27,11 @@ on every x_i, and on x_N beside those."""
 
 Settings = namedtuple(
     "Settings",
-    "iterations tolerance barrier push penalty most_penalty gradient minimum guess",
+    "iterations tolerance barrier push penalty most_penalty gradient minimum guess warm",
 )
 """Limits of iterations and errors; first barrier; distance of the start from its bounds; price of
-slack, first and highest; largest gradient after scaling; the level's minimum and guess."""
+slack, first and highest; largest gradient after scaling; the level's minimum and guess; 1 where
+multipliers are given, else 0."""
 
 Numbers = namedtuple("Numbers", "status iterations cost level error penalty")
 """Results of a solve beside its arrays."""
@@ -41,20 +42,23 @@ Outcomes = namedtuple("Outcomes", "solved limit infeasible failed stopped")
 Head = namedtuple("Head", "reference direction speed curve")
 """Parameters of the stage costs, see `ocp.problem.Parameters`."""
 
-Start = namedtuple("Start", "initial states inputs")
-"""x_0, guessed states (N + 1, n), guessed inputs (N, m)."""
+Start = namedtuple("Start", "initial states inputs multipliers")
+"""x_0, guessed states (N + 1, n), guessed inputs (N, m), multipliers (N, `width_of` them)."""
 
 SlotArguments = namedtuple(
     "SlotArguments",
-    "kernels depends rows limits regularisation numbers levels active drawn begun found",
+    "kernels depends rows limits regularisation numbers levels active drawn begun found before "
+    "after",
 )
 """One kind of slots: addresses in the order of `SlotKernels`; entries of x that matter; (rows of
 h, rows of e, whether slots have a level); limits of the own variables (2, A); their
 regularisation (1,); parameters (N, K, P); levels (N, K); active (K,); what the regularisation
-draws to, the start and the result, each (N, K, A)."""
+draws to, the start and the result, each (N, K, A); multipliers of h and e, and of the lower and
+upper limits of the own variables, (N, K, H + E + 2 A): those given, NaN where a slot is new, and
+those found; either has no steps where nobody gives or wants them."""
 
-Found = namedtuple("Found", "states inputs slack numbers")
-"""Arrays for the results."""
+Found = namedtuple("Found", "states inputs slack numbers multipliers")
+"""Arrays for the results; the multipliers have no steps where nobody wants them."""
 
 Stop = namedtuple("Stop", "flag")
 """One number; another thread sets it to end the solve."""
@@ -71,11 +75,25 @@ _PLAIN = Plain(kernels=_PLACES, sizes=_PLACES, limits=_MATRIX, settings=_VECTOR)
 _SLOTS = SlotArguments(
     kernels=_PLACES, depends=_PLACES, rows=_PLACES, limits=_MATRIX, regularisation=_VECTOR,
     numbers=_CUBE, levels=_MATRIX, active=_VECTOR, drawn=_CUBE, begun=_CUBE, found=_CUBE,
+    before=_CUBE, after=_CUBE,
 )  # fmt: skip
+
+
+def width_of(sizes: Any) -> int:
+    """Multipliers of one step, all but those of slots.
+
+    Of the lower bounds of (x_{i+1}, u_i), then of the upper ones; of the dynamics; of the
+    constraints on (x_i, u_i), and on x_{i+1}; of the slack; of the level's minimum, which all
+    steps repeat. They belong to the cost as it is stated, before scaling.
+    """
+    wide = sizes[SIZE.n] + sizes[SIZE.m]
+    rows = sizes[SIZE.input_rows] + sizes[SIZE.node_rows] + sizes[SIZE.final_rows]
+    return int(2 * wide + sizes[SIZE.n] + rows + 2)
 
 
 def layout(kinds: int) -> tuple[Any, ...]:
     """Return the groups of arrays as the core takes them: of each array type and dimensions."""
-    head, start = Head(_MATRIX, _MATRIX, _VECTOR, _MATRIX), Start(_VECTOR, _MATRIX, _MATRIX)
-    found = Found(_MATRIX, _MATRIX, _VECTOR, _VECTOR)
+    head = Head(_MATRIX, _MATRIX, _VECTOR, _MATRIX)
+    start = Start(_VECTOR, _MATRIX, _MATRIX, _MATRIX)
+    found = Found(_MATRIX, _MATRIX, _VECTOR, _VECTOR, _MATRIX)
     return _PLAIN, head, start, *[_SLOTS] * kinds, found, Stop(_VECTOR)

@@ -14,7 +14,7 @@ from ....values.arrays import Array, positive, whole
 from ....values.errors import WideberthError
 from ....values.plan import Status
 from ...ocp.problem import Parameters, Problem
-from ...ocp.transcription import Guess
+from ...ocp.transcription import Guess, Multipliers
 from ..base import ManySolver, Solution, on_time, refuse_misfits, refuse_unequal, unwrapped
 from ..fatrop import Fatrop
 from ..interior_point import (
@@ -25,6 +25,7 @@ from ..interior_point import (
     START_DISTANCE,
     START_PENALTY,
     TOLERANCE,
+    WARM_DISTANCE,
 )
 from ._protocol import SETTING, Numbers, Outcomes, Settings
 
@@ -148,32 +149,53 @@ class Riccati(ManySolver):
         run: "Entry",
         begin: float,
     ) -> Solution:
-        """Call the compiled core and read its result."""
+        """Call the compiled core and read its result.
+
+        From multipliers that lead nowhere the guess alone is taken.
+        """
         guess = with_auxiliaries(parameters, _with_wrapped_heading(problem, parameters, guess))
+        multipliers, before = guess.multipliers, 0
         with made.workspace(parameters) as space:
-            space.fill(self.settings_for(problem, guess), parameters, guess)
-            if deadline is None:
-                space.run(run)
-            else:
-                _until(begin + deadline, run, space)
-            states, inputs, slack, numbers = (array.copy() for array in space.found)
+            warm = multipliers is not None and space.take(multipliers)
+            space.fill(self.settings_for(problem, guess, warm=warm), parameters, guess)
+            ended = self._run(run, space, begin, deadline)
+            if warm and _status_of(problem, ended) not in (Status.SOLVED, Status.DEADLINE):
+                before = int(ended.iterations)
+                space.fill(self.settings_for(problem, guess), parameters, guess)
+                ended = self._run(run, space, begin, deadline)
+            states, inputs, slack, _, steps = (array.copy() for array in space.found)
             own = tuple(array.copy() for array in space.own)
-        ended = Numbers(*numbers.tolist())
-        status, cost = _STATUS[int(ended.status)], ended.cost
+            after = tuple(array.copy() for array in space.after)
+        status, cost, known = _status_of(problem, ended), ended.cost, None
         if problem.penalty is not None:
             cost += problem.penalty * float(slack.sum())
-            if status is Status.INFEASIBLE:
-                status = Status.SOLVED  # its slack is paid for
+        if _STATUS[int(ended.status)] is Status.SOLVED:
+            known = Multipliers(steps, after)
         level = ended.level if problem.shared else float("nan")
         words, spent = _words(status, ended.iterations, ended.error), perf_counter() - begin
-        point = Guess(states, inputs, own, level, slack)
-        return Solution(point, status, words, cost, int(ended.iterations), spent)
+        point = Guess(states, inputs, own, level, slack, known)
+        return Solution(point, status, words, cost, before + int(ended.iterations), spent)
 
-    def settings_for(self, problem: Problem, guess: Guess) -> Array:
-        """Collect the settings of the compiled core, by the names of `_protocol.Settings`."""
+    def _run(
+        self, run: "Entry", space: "Workspace", begin: float, deadline: float | None
+    ) -> Numbers:
+        """Call the compiled core on what the arrays hold."""
+        if deadline is None:
+            space.run(run)
+        else:
+            _until(begin + deadline, run, space)
+        return Numbers(*space.found.numbers.tolist())
+
+    def settings_for(self, problem: Problem, guess: Guess, *, warm: bool = False) -> Array:
+        """Collect the settings of the compiled core, by the names of `_protocol.Settings`.
+
+        ``warm`` says whether multipliers are given.
+        """
         settings = _settings_of(self, problem).copy()
         if problem.shared:
             settings[SETTING.guess] = guess.level
+        if warm:
+            settings[SETTING.warm], settings[SETTING.push] = 1.0, WARM_DISTANCE
         return settings
 
 
@@ -205,6 +227,7 @@ def _settings_of(solver: Riccati, problem: Problem) -> Array:
         gradient=solver.gradient,
         minimum=problem.minimum if problem.shared else -np.inf,
         guess=0.0,
+        warm=0.0,
     )
     return np.array(settings)
 
@@ -216,6 +239,13 @@ def _compiled(problem: Problem) -> "tuple[CompiledProblem, Entry]":
 
     made = compiled_problem(problem)
     return made, core(len(made.kinds))
+
+
+def _status_of(problem: Problem, ended: Numbers) -> Status:
+    """How the core ended; where regions are soft, slack that is left is paid for."""
+    status = _STATUS[int(ended.status)]
+    paid = problem.penalty is not None and status is Status.INFEASIBLE
+    return Status.SOLVED if paid else status
 
 
 def _with_wrapped_heading(problem: Problem, parameters: Parameters, guess: Guess) -> Guess:

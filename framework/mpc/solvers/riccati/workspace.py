@@ -6,13 +6,14 @@ them, hands the core their table, and copies the results out of them.
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from math import isfinite
 from typing import Any
 
 import numpy as np
 
 from ....values.arrays import Array
 from ...ocp.problem import Parameters, SlotNumbers
-from ...ocp.transcription import Guess
+from ...ocp.transcription import Guess, Multipliers
 from ._protocol import (
     SIZE,
     WORDS,
@@ -24,6 +25,7 @@ from ._protocol import (
     SlotArguments,
     Start,
     Stop,
+    width_of,
 )
 
 Entry = Callable[[int, int, int], int]
@@ -50,6 +52,7 @@ class Workspace:
     groups : arrays as `_protocol.layout` names them.
     found : results of a solve.
     own : of the slots' own variables, of each kind of the problem.
+    after : multipliers of the slots, of each kind; NaN in empty ones.
     """
 
     def __init__(
@@ -62,19 +65,30 @@ class Workspace:
         first = Plain._make([*plain, np.zeros(len(Settings._fields))])
         n, m = int(first.sizes[SIZE.n]), int(first.sizes[SIZE.m])
         head = Head(*map(_like, _head(parameters)))
-        start = Start(np.zeros(n), np.zeros((steps + 1, n)), np.zeros((steps, m)))
+        of_steps = steps, width_of(first.sizes)
+        start = Start(
+            np.zeros(n), np.zeros((steps + 1, n)), np.zeros((steps, m)), np.zeros(of_steps)
+        )
         self.found: Any = Found(
             np.zeros((steps + 1, n)), np.zeros((steps, m)), np.zeros(steps),
-            np.zeros(len(Numbers._fields)),
+            np.zeros(len(Numbers._fields)), np.zeros(of_steps),
         )  # fmt: skip
         given = [*parameters.slots, *[SlotNumbers.none(steps)] * (len(kinds) - slots)]
         made = [
-            SlotArguments(*kind, *_of_slots(one)) for kind, one in zip(kinds, given, strict=True)
+            SlotArguments(*kind, *_of_slots(one, kind[2]))
+            for kind, one in zip(kinds, given, strict=True)
         ]
         self._stop = Stop(np.zeros(1))
         self.groups: tuple[Any, ...] = (first, head, start, *made, self.found, self._stop)
         self.own: Sequence[Array] = [kind.found for kind in made[:slots]]
-        self._filled: list[Array] = [first.settings, *head, *start]
+        self.after: Sequence[Array] = [kind.after for kind in made[:slots]]
+        self._before = [start.multipliers, *(kind.before for kind in made[:slots])]
+        self._shapes = [one.shape for one in self._before]
+        self._loose = any(
+            one.auxiliaries.size and np.isinf(kind[3]).any()
+            for kind, one in zip(kinds, given, strict=True)
+        )
+        self._filled: list[Array] = [first.settings, *head, *start[:3]]
         for kind, one in zip(made, parameters.slots, strict=False):
             self._filled += [kind.numbers, kind.active, kind.drawn, kind.begun, kind.found]
             self._filled += [] if one.level is None else [kind.levels]
@@ -96,6 +110,21 @@ class Workspace:
         for array, value in zip(self._filled, values, strict=True):
             array[...] = value
 
+    def take(self, multipliers: Multipliers) -> bool:
+        """Copy multipliers, if they are numbers and of a problem of this size; say whether.
+
+        None are taken where own variables of slots in use have no bounds, as the angle of
+        `SeparatingLine`: from its multipliers a solve needs twice the iterations in the mean.
+        """
+        given = multipliers.steps, *multipliers.slots
+        if self._loose or [one.shape for one in given] != self._shapes:
+            return False
+        if not isfinite(multipliers.steps.sum()):
+            return False
+        for array, value in zip(self._before, given, strict=True):
+            array[...] = value
+        return True
+
     def run(self, entry: Entry, stop: Array | None = None) -> None:
         """Solve what the arrays hold; ``stop`` is a number that another thread may set.
 
@@ -112,11 +141,13 @@ def _head(parameters: Parameters) -> tuple[Array, Array, Array, Array]:
     return parameters.reference, parameters.direction, parameters.speed, parameters.curve
 
 
-def _of_slots(given: SlotNumbers) -> tuple[Array, ...]:
-    """Arrays for the numbers of one kind of slots."""
+def _of_slots(given: SlotNumbers, rows: Any) -> tuple[Array, ...]:
+    """Arrays for the numbers of one kind of slots; ``rows`` as in `_protocol.SlotArguments`."""
     level = np.zeros((0, 0)) if given.level is None else _like(given.level)
     own = given.auxiliaries
-    return _like(given.parameters), level, _like(given.active), _like(own), _like(own), _like(own)
+    known = np.full((*own.shape[:2], int(rows[0] + rows[1]) + 2 * own.shape[2]), np.nan)
+    plain = _like(given.parameters), level, _like(given.active), _like(own), _like(own), _like(own)
+    return *plain, known, known.copy()
 
 
 def _like(array: Array) -> Array:

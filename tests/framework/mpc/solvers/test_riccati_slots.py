@@ -49,7 +49,7 @@ class Crowd:
             (None, None, columns(eliminate(slot)), columns(expand(slot))),
             np.array(SEEN), np.array([UNEQUAL, equal, 1]), np.array([lower, upper]),
             np.array([0.4]), rng.normal(size=(steps, 3, 2)), np.ones((steps, 3)), active,
-            *rng.uniform(-1.0, 1.0, (2, steps, 3, own)), None,
+            *rng.uniform(-1.0, 1.0, (2, steps, 3, own)), None, None, None,
         )  # fmt: skip
         made = core.make_slots(size, kind, 0.5, 1e-2)
         assert len(made.active) == ACTIVE
