@@ -177,11 +177,12 @@ def _check_order(robot: Robot, pairs: list[Pair]) -> None:
 
 def _time_within_bounds(robot: Robot, state: State, control: tuple[float, ...]) -> float:
     """Return 1 s, or the half of it, or a quarter, ..., so that the state stays in its bounds."""
-    for halvings in range(6):
-        duration = 0.5**halvings
+    duration = 1.0
+    for _ in range(5):
         end = runge_kutta(robot.derivative, state, control, duration, 64)
         if _keeps(tuple(map(float, end)), robot.state_bounds()):
             break
+        duration *= 0.5
     return duration
 
 

@@ -68,7 +68,7 @@ def has_example(solver: Solver) -> bool:
 
 
 def _source(name: str) -> str:
-    return resources(__package__).joinpath("c", name).read_text(encoding="utf-8")
+    return resources(__name__.rpartition(".")[0]).joinpath("c", name).read_text(encoding="utf-8")
 
 
 def _manifest(solver: Solver, files: list[str]) -> str:
