@@ -263,8 +263,8 @@ class KernelSet:
         names = [*protocol.Kernels._fields, *chain.from_iterable(kinds)]
         return cls(problem, made, {name: known[name] for name in names}, kinds)
 
-    def sizes(self) -> protocol.Sizes:
-        """Sizes that the core is given."""
+    def sizes(self) -> tuple[int, ...]:
+        """Sizes that the core is given, in the order of `Sizes`."""
         problem, made = self.problem, self.made
         return protocol.Sizes(
             problem.states, problem.inputs, problem.shared, made.input_rows, made.node_rows,
