@@ -60,16 +60,18 @@ def sphere(count: int) -> Points:
 
 def ellipses(mean: Numbers, covariance: Numbers, square: float, count: int = COUNT) -> Points:
     """Outlines of (x - mu)^T Sigma^-1 (x - mu) <= square, (K, count, 2), m."""
-    values, vectors = np.linalg.eigh(covariance)
-    root = vectors * np.sqrt(square * np.clip(values, 0.0, None))[:, None, :]
-    return np.asarray(mean[:, None] + np.swapaxes(root @ circle(count), 1, 2))
+    return np.asarray(mean[:, None] + np.swapaxes(_root(covariance, square) @ circle(count), 1, 2))
 
 
 def ellipsoid(mean: Numbers, covariance: Numbers, square: float, count: int = 25) -> Points:
     """Return points of the surface of one such set in space, (count, count, 3), m."""
+    return np.asarray(mean + sphere(count) @ _root(covariance, square).T)
+
+
+def _root(covariance: Numbers, square: float) -> Numbers:
+    """Return A with A A^T = square * Sigma, (..., D, D)."""
     values, vectors = np.linalg.eigh(covariance)
-    root = vectors * np.sqrt(square * np.clip(values, 0.0, None))
-    return np.asarray(mean + sphere(count) @ root.T)
+    return np.asarray(vectors * np.sqrt(square * np.clip(values, 0.0, None))[..., None, :])
 
 
 def outlines(region: Shape, obstacle: Spread, margin: Numbers, level: Numbers) -> Points:
@@ -80,28 +82,34 @@ def outlines(region: Shape, obstacle: Spread, margin: Numbers, level: Numbers) -
     spread, so that thin regions are sampled as evenly as round ones. All points are the mean
     where the region is empty.
     """
-    values, vectors = np.linalg.eigh(obstacle.covariance)
-    reach = 3.0 * np.sqrt(np.clip(values, 0.0, None)) + margin[..., None]
-    rays = np.swapaxes((vectors * reach[..., None, :]) @ circle(), -1, -2).reshape(-1, COUNT, 2)
-    numbers = region.parameters(obstacle, margin)
-    share = shares(region, obstacle.mean.reshape(-1, 2), rays, numbers, level)
-    found = obstacle.mean.reshape(-1, 1, 2) + share[..., None] * rays
-    return np.asarray(found.reshape(*level.shape, COUNT, 2))
+    return _rims(region, obstacle, margin, level, circle())
 
 
 def surfaces(
     region: Shape, obstacle: Spread, margin: Numbers, level: Numbers, count: int = 17
 ) -> Points:
     """Surfaces of regions in space, batch (...,) -> (..., count, count, 3), m; as `outlines`."""
+    grid = sphere(count)
+    found = _rims(region, obstacle, margin, level, grid.reshape(-1, 3).T)
+    return found.reshape(*level.shape, *grid.shape)
+
+
+def _rims(
+    region: Shape, obstacle: Spread, margin: Numbers, level: Numbers, directions: Numbers
+) -> Points:
+    """Points at which rays leave the regions, (..., C, D).
+
+    The rays have these directions (D, C) in the frame of the spread.
+    """
+    size, count = directions.shape
     values, vectors = np.linalg.eigh(obstacle.covariance)
     reach = 3.0 * np.sqrt(np.clip(values, 0.0, None)) + margin[..., None]
-    grid = sphere(count)
-    rays = np.swapaxes((vectors * reach[..., None, :]) @ grid.reshape(-1, 3).T, -1, -2)
-    rays = rays.reshape(-1, count * count, 3)
+    rays = np.swapaxes((vectors * reach[..., None, :]) @ directions, -1, -2)
+    rays = rays.reshape(-1, count, size)
     numbers = region.parameters(obstacle, margin)
-    share = shares(region, obstacle.mean.reshape(-1, 3), rays, numbers, level)
-    found = obstacle.mean.reshape(-1, 1, 3) + share[..., None] * rays
-    return np.asarray(found.reshape(*level.shape, *grid.shape))
+    share = shares(region, obstacle.mean.reshape(-1, size), rays, numbers, level)
+    found = obstacle.mean.reshape(-1, 1, size) + share[..., None] * rays
+    return np.asarray(found.reshape(*level.shape, count, size))
 
 
 def shares(

@@ -141,9 +141,9 @@ def test_a_config_of_another_version_names_its_file_and_version(tmp_path: Path) 
     config.write_text(config.read_text() + "former_key: 1\n")
     with pytest.raises(WideberthError, match=r"a/config.yaml: former_key: unknown key [^;]*$"):
         draw(out)
-    told = json.loads((out / "provenance.json").read_text())
-    told["versions"]["wideberth"] = "0.0.7"
-    (out / "provenance.json").write_text(json.dumps(told))
+    provenance = json.loads((out / "provenance.json").read_text())
+    provenance["versions"]["wideberth"] = "0.0.7"
+    (out / "provenance.json").write_text(json.dumps(provenance))
     with pytest.raises(WideberthError, match=r"unknown key .*; version 0\.0\.7 wrote this result"):
         draw(out)
     (out / "provenance.json").unlink()

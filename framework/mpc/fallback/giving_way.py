@@ -34,7 +34,7 @@ def held(check: InstanceCheck, best: Candidate, *, optimal: bool) -> tuple[Array
     -------
     level : (N, O). given_way : None where everything is kept as aimed at.
     """
-    places = check.around.levelled()
+    places = check.around.levelled
     asked = aimed(check)
     if not asked.size:
         return asked, None
@@ -63,9 +63,7 @@ def aimed(check: InstanceCheck) -> Array:
     """Levels aimed at, of all used slots that have one, (N, O)."""
     levels = [one.level for one in check.parameters.slots]
     columns = [
-        own[:, place]
-        for _, k, place, _ in check.around.levelled()
-        if (own := levels[k]) is not None
+        own[:, place] for _, k, place, _ in check.around.levelled if (own := levels[k]) is not None
     ]
     return np.stack(columns, axis=1) if columns else np.zeros((check.problem.horizon, 0))
 
@@ -101,14 +99,14 @@ def _entered(check: InstanceCheck, best: Candidate, share: float) -> Array:
     point = replace(check, parameters=parameters).suited(point)
     found = violation(check.problem, parameters, point).regions
     first = np.cumsum([0, *(slots.count for slots in check.problem.slots)])
-    return found[:, [first[k] + place for _, k, place, _ in check.around.levelled()]]
+    return found[:, [first[k] + place for _, k, place, _ in check.around.levelled]]
 
 
 def content(check: InstanceCheck, level: Array, dimension: int) -> Array:
     """Content that each level stands for; 0 for the paper's unbounded level below 0, (N, O)."""
     found = np.zeros_like(level)
     columns: dict[int, list[int]] = {}
-    for column, (_, k, _, _) in enumerate(check.around.levelled()):
+    for column, (_, k, _, _) in enumerate(check.around.levelled):
         columns.setdefault(k, []).append(column)
     for k, own in columns.items():
         kind = check.around.kinds[k]
@@ -121,7 +119,7 @@ def content(check: InstanceCheck, level: Array, dimension: int) -> Array:
 
 def auxiliaries(check: InstanceCheck, point: Guess) -> Array:
     """Auxiliaries of all used slots with a level, (N, O, A); nan where one has fewer than A."""
-    columns = [point.auxiliaries[k][:, place] for _, k, place, _ in check.around.levelled()]
+    columns = [point.auxiliaries[k][:, place] for _, k, place, _ in check.around.levelled]
     wide = max((own.shape[1] for own in columns), default=0)
     found = np.full((check.problem.horizon, len(columns), wide), np.nan)
     for column, own in enumerate(columns):

@@ -345,7 +345,7 @@ def _plan(rung: str, best: Candidate, words: list[str], trial: Trial, stamp: flo
         level=level,
         target=aimed(check),
         content=content(check, level, robot.dimension),
-        ids=tuple(name for *_, name in check.around.levelled()),
+        ids=tuple(name for *_, name in check.around.levelled),
         status=outcome.status if own is None else own.status,
         rung=rung,
         reason="; ".join(words),

@@ -213,17 +213,16 @@ def step(
         plan, point = choose(rungs_of(settings.rungs), Trial(check, outcome), stamp)
         plan = strip_progress(robot, plan)
         plan = _in_situation(settings, plan, seen, progress.path, start, outcome.note)
-        state = replace(state, multipliers=KeptMultipliers.of(point, check.around.chosen))
+        kept = KeptMultipliers.of(point, check.around.chosen)
         solved = Solved(check, outcome.guesses, point, plan, budget.spent())
         command, note = _limited(robot, command_of_plan(robot, plan))
         smoother = _smoothed(state.smoother, command, stamp)
     except Exception as error:
         words = f"{type(error).__name__}: {error}"
         plan, command = emergency(robot, observation, words, settings.horizon, settings.dt)
-        note, answered, smoother = "", "", None
-        state = replace(state, multipliers=None)
+        note, answered, smoother, kept = "", "", None, None
     perception, notes = state.perception.drained()
-    state = replace(state, perception=perception, plan=plan, smoother=smoother)
+    state = replace(state, perception=perception, plan=plan, multipliers=kept, smoother=smoother)
     return state, Decision(command, plan, (*filter(None, (note, answered)), *notes), solved)
 
 

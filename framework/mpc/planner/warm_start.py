@@ -53,15 +53,10 @@ class KeptMultipliers:
         for held, names, one, new in zip(
             self.multipliers.slots, self.names, parameters.slots, chosen, strict=True
         ):
-            known, found = (
-                _numbered(names),
-                np.full_like(held, np.nan, shape=(len(held), len(one.active), held.shape[2])),
-            )
-            pairs = [
-                (known[name], place)
-                for name, place in _numbered(new.names).items()
-                if name in known
-            ]
+            known, shape = _numbered(names), (len(held), len(one.active), held.shape[2])
+            found = np.full(shape, np.nan)
+            places = _numbered(new.names).items()
+            pairs = [(known[name], place) for name, place in places if name in known]
             if pairs:
                 old, place = np.array(pairs).T
                 found[:, place] = held[:, old]

@@ -226,12 +226,9 @@ class Surroundings:
             for name in (*one.names, *("?",) * (slots.count - len(one.names)))
         )
 
-    def levelled(self) -> tuple[tuple[LevelledKind, int, int, str], ...]:
-        """List every used slot with a level: its kind, which kind that is, its place, its name."""
-        return self._levelled
-
     @cached_property
-    def _levelled(self) -> tuple[tuple[LevelledKind, int, int, str], ...]:
+    def levelled(self) -> tuple[tuple[LevelledKind, int, int, str], ...]:
+        """Every used slot with a level: its kind, which kind that is, its place, its name."""
         return tuple(
             (kind, k, place, name)
             for k, (kind, one) in enumerate(zip(self.kinds, self.chosen, strict=True))

@@ -50,7 +50,7 @@ def parameters(slots: int) -> Parameters:
 
 
 def test_slots_keep_their_multipliers_by_name() -> None:
-    """Modes of one obstacle share a name and are told apart by their order."""
+    """Modes of one obstacle share a name; their order distinguishes them."""
     slots = np.arange(3.0)[:, None, None] + 10.0 * np.arange(4.0)[:, None]
     kept = KeptMultipliers(
         Multipliers(np.zeros((3, 1)), (slots,)), 1.0, (("a", "b", "a", "gone"),)

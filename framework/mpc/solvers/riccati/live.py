@@ -6,7 +6,7 @@ from typing import final
 
 from ...ocp.problem import Parameters, Problem
 from ...ocp.transcription import Guess
-from ..base import Solution, Solver, refuse_misfits
+from ..base import Solution, Solver
 from .solver import Riccati, by_fatrop
 
 
@@ -31,7 +31,6 @@ class RiccatiLive(Solver):
         """Solve from each guess."""
         from .compiled import LEAST_KINDS, core_is_coming
 
-        refuse_misfits(problem, parameters, guesses)
         if core_is_coming(max(len(problem.slots), LEAST_KINDS)):
             why = "riccati is still compiled in the background"
             return by_fatrop(problem, parameters, guesses, deadline, why)
