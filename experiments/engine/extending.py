@@ -16,6 +16,7 @@ from ...framework.values.errors import WideberthError
 from .base import Outcome, Row, Task
 from .progress import say
 from .result_folder import (
+    CURE,
     MANIFEST,
     SHARDS,
     check_source,
@@ -31,7 +32,6 @@ from .stored import read_stored
 
 TASKS = "tasks.json"
 
-_FRESH = "give another folder with --out, or measure everything anew with --fresh"
 _KEPT = ("config.yaml", "provenance.json")
 
 
@@ -119,7 +119,7 @@ def _outcomes(out: Path, tasks: Mapping[str, Task]) -> Iterator[tuple[str, Outco
     """Yield what each task left that the larger result has too, its cells as text."""
     if not (out / TASKS).is_file():
         raise WideberthError(
-            f"{out} has no {TASKS}, so it is not known which task left which lines; {_FRESH}"
+            f"{out} has no {TASKS}, so it is not known which task left which lines; {CURE}"
         )
     index = read_json(out / TASKS, "tasks", 1)
     rows, times = _Lines(out / "table.csv", index), _Lines(out / "times.csv", index)
@@ -127,7 +127,7 @@ def _outcomes(out: Path, tasks: Mapping[str, Task]) -> Iterator[tuple[str, Outco
         files = {name: (out / "files" / PurePosixPath(name)) for name in left["files"]}
         missing = [name for name, path in files.items() if not path.is_file()]
         if missing:
-            raise WideberthError(f"{out} lacks its file files/{missing[0]}; {_FRESH}")
+            raise WideberthError(f"{out} lacks its file files/{missing[0]}; {CURE}")
         outcome = Outcome(
             rows.next(left["rows"]),
             times.next(left["times"]),
@@ -164,5 +164,5 @@ class _Lines:
 
     def _other(self) -> WideberthError:
         return WideberthError(
-            f"{self._path} has another number of lines than {TASKS} says; {_FRESH}"
+            f"{self._path} has another number of lines than {TASKS} says; {CURE}"
         )

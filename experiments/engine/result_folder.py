@@ -176,7 +176,7 @@ def write_config(out: Path, config: Mapping[str, Any]) -> None:
 
 
 def _check_same(out: Path, config: Mapping[str, Any], source: str) -> None:
-    cure = _CURE
+    cure = CURE
     claim_files(out, ())
     for name in _FIRST_FILES:
         if not (out / name).is_file():
@@ -196,7 +196,8 @@ def _check_same(out: Path, config: Mapping[str, Any], source: str) -> None:
         (out / SHARDS).mkdir(exist_ok=True)
 
 
-_CURE = "give another folder with --out, or throw the old result away with --fresh"
+CURE = "give another folder with --out, or throw the old result away with --fresh"
+"""What to do where a folder holds another result; it ends such messages."""
 
 
 def differing_keys(found: Mapping[str, Any], config: Mapping[str, Any]) -> list[str]:
@@ -215,9 +216,9 @@ def check_source(out: Path, source: str) -> None:
     try:
         stored = read_json(out / "provenance.json", "provenance", 1)
     except WideberthError as error:
-        raise WideberthError(f"{error}; {_CURE}") from None
+        raise WideberthError(f"{error}; {CURE}") from None
     if stored.get("source") != source:
-        raise WideberthError(f"{out} was measured by other source code or data; {_CURE}")
+        raise WideberthError(f"{out} was measured by other source code or data; {CURE}")
 
 
 @contextmanager

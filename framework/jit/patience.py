@@ -54,8 +54,9 @@ def announced(say: Callable[[str], None], what: str, usual: float | None) -> Ite
 def usual_seconds(root: Path, stem: str, default: float | None) -> float | None:
     """Return how long compiling took here the last time, else the default."""
     seconds = _times(root).get(stem)
-    known = isinstance(seconds, int | float) and 0.0 <= seconds < 1e5
-    return float(seconds) if isinstance(seconds, int | float) and known else default
+    if isinstance(seconds, int | float) and 0.0 <= seconds < 1e5:
+        return float(seconds)
+    return default
 
 
 def note_seconds(root: Path, stem: str, seconds: float) -> None:

@@ -63,7 +63,7 @@ def kernel_source(function: Any, name: str) -> str:
     lines = [
         f"define void @{name}({SIGNATURE}) {{",
         "entry:",
-        *_starts(listing),
+        *_starts(listing, listing.reads),
         "%some = icmp sgt i64 %count, 0",
         "br i1 %some, label %column, label %done",
         "column:",
@@ -160,11 +160,10 @@ def module_source(functions: Iterable[str]) -> str:
     return "\n".join([*declared, "", text, *metadata, ""])
 
 
-def _starts(listing: _Listing, reads: Mapping[str, tuple[str, int]] | None = None) -> list[str]:
+def _starts(listing: _Listing, reads: Mapping[str, tuple[str, int]]) -> list[str]:
     """Where each row begins."""
     lines = []
-    found = listing.reads if reads is None else reads
-    places = [(local, *place) for local, place in found.items()]
+    places = [(local, *place) for local, place in reads.items()]
     places += [(f"out{row}", "out", row) for row in range(len(listing.results))]
     for local, array, row in places:
         lines += [
