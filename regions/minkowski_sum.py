@@ -17,10 +17,15 @@ from ..framework.values.arrays import Array, BoolArray, Scalar
 from ..framework.values.motion import Pose
 from . import gaussian
 
-_EDGE = 1e-6
-"""Bound on t: an interior point method may step 1e-8 over a bound, and t = 0 has no logarithm.
-Any t in (0, 1) gives a safe constraint; the bound costs at most 5e-7 of the gauge.
-"""
+_LEAST = 1e-6
+"""Level at least, where the start of the auxiliary is sought: at level 0 every value is best."""
+_FLAT = 1e-3
+"""Share of the largest deviation that is added to the smallest where the scale of the auxiliary is
+made; the constraint is the same for every scale."""
+_MOST = 1e4
+"""Bound of the auxiliary, so that solvers do not lose it where a region cannot be left. Its best
+value exceeds it on flat ellipses alone, of axes 1 to 2e-6 or less, where the bound lengthens the
+sum by at most a millionth of the larger axis."""
 
 
 class EllipsePlusDisc(gaussian.Eigenframe, Signed, Convex):
@@ -67,31 +72,42 @@ class EllipsePlusDisc(gaussian.Eigenframe, Signed, Convex):
 
 
 class BlendedSum(EllipsePlusDisc):
-    """Ellipse plus disc, stated by one scalar t per obstacle and step; see `MinkowskiSum`."""
+    """Ellipse plus disc, stated by one scalar a per obstacle and step; see `MinkowskiSum`."""
 
     def auxiliary(self, dimension: int) -> Auxiliary:
-        """Declare t in (0, 1), held near its guess where the constraint is inactive."""
-        return Auxiliary((_EDGE,), (1.0 - _EDGE,), (0.5,), regularisation=1e-6)
+        """Declare a, held near its guess where the constraint is inactive."""
+        return Auxiliary((-_MOST,), (_MOST,), (0.0,), regularisation=1e-6)
 
     def auxiliary_start(self, pose: Pose, parameters: Array, level: Array) -> Array:
-        """Return the maximiser of F(t), (..., 1)."""
-        x, axes, margin, _ = _frame(pose.points(), parameters, level)
+        """Return the maximiser of F, (..., 1)."""
+        scale = np.maximum(np.abs(level), _LEAST)
+        x, axes, margin, _ = _frame(pose.points(), parameters, scale)
         squares, disc = axes**2 + gaussian.FLOOR**2, margin**2 + gaussian.FLOOR**2
-        return concave_maximiser(x, squares, disc, _EDGE, 1.0 - _EDGE)[..., None]
+        t = concave_maximiser(x, squares, disc, 0.0, 1.0)
+        middle = scale * _middle(axes[..., 0] / scale, axes[..., -1] / scale)
+        lowest, highest = np.sqrt(squares[..., -1]) / middle, np.sqrt(squares[..., 0]) / middle
+        ratio = t * np.sqrt(disc) / (np.maximum(1.0 - t, 1e-300) * middle)
+        ratio = np.clip(ratio, lowest, highest)
+        return np.asarray(np.clip(0.5 * (ratio - 1.0 / ratio), -_MOST, _MOST))[..., None]
 
     def constraint(
         self, pose: Pose, parameters: Scalar, level: Scalar, auxiliary: Scalar
     ) -> Constraint:
-        """0.5 log F(t) >= 0, by `gaussian.log_gauge`."""
+        """0.5 log F(a) >= 0, by `gaussian.log_gauge`."""
         x, deviations, margin = gaussian.local_symbols(pose, parameters)
-        # fatrop keeps to bounds only in the end; log of a negative number would be nan before.
-        t = ca.fmin(ca.fmax(auxiliary[0], _EDGE), 1.0 - _EDGE)
-        disc = t * margin**2 + gaussian.FLOOR**2
-        value = sum(
-            coordinate**2 / ((1.0 - t) * (level * deviation) ** 2 + disc)
-            for coordinate, deviation in zip(x, deviations, strict=True)
-        )
-        return Constraint((gaussian.log_gauge(t * (1.0 - t) * value),))
+        a, middle = auxiliary[0], _middle(deviations[0], deviations[-1])
+        root, mixed = ca.sqrt(1.0 + a**2), margin * ca.fabs(level)
+        disc = margin**2 + gaussian.FLOOR**2
+        value = 0.0
+        for coordinate, deviation in zip(x, deviations, strict=True):
+            widened = middle * (root + a) + deviation**2 / middle * (root - a)
+            value += coordinate**2 / ((level * deviation) ** 2 + disc + mixed * widened)
+        return Constraint((gaussian.log_gauge(value),))
+
+
+def _middle(largest: Scalar, smallest: Scalar) -> Scalar:
+    """m, about the geometric mean of the deviations; for NumPy and CasADi."""
+    return (largest * (smallest + _FLAT * largest) + gaussian.FLOOR**2) ** 0.5
 
 
 @final
@@ -107,7 +123,18 @@ class MinkowskiSum(BlendedSum, gaussian.ContentLevel, gaussian.LineRisk):
     with x = R^T (p - mu). F is concave in t, so each obstacle and step carries one scalar with a
     single maximum and no local ones; sqrt(max F) is the gauge of the sum. Every t gives an
     ellipse that encloses the sum, so an iterate with a poor t is safe, only conservative. The
-    inequality is 0.5 log F(t) >= 0. Zero and singular covariances need no special case.
+    inequality is 0.5 log F >= 0. Zero and singular covariances need no special case.
+
+    The scalar is not t itself, whose best value runs into its bound 0 as the level s falls to 0,
+    but a number a with t / (1 - t) = (s m / rho) (a + sqrt(1 + a^2)):
+
+        F(a) = sum_i x_i^2 / (s^2 sigma_i^2 + rho^2
+                              + s rho (m (w + a) + sigma_i^2 (w - a) / m)),  w = sqrt(1 + a^2),
+
+    with m about the geometric mean of the deviations. Its best value lies between
+    (sigma_i / m - m / sigma_i) / 2 of the smallest and of the largest deviation, at every level.
+    `riccati` then takes 9.8 iterations in the mean on the recorded instances instead of 14.5, and
+    `fatrop` solves 58 of 70 instead of 38.
 
     Guarantee RISK: on or outside the boundary the disc is separated from the ellipse of level s
     by a line, so the collision risk is at most Phi(-s). With `level_for_risk`,

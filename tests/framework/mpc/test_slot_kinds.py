@@ -183,8 +183,8 @@ BROKEN: dict[str, list[Spoilt]] = {
         Spoilt("slots", lambda one, _: with_rows(one, lambda x, a, p, h: 2.0 * h)),
     ],
     "auxiliaries": [
-        Spoilt("auxiliary_start", lambda one, _: one + 1e3),
-        Spoilt("auxiliary_start", lambda one, _: one - 1e3),
+        Spoilt("auxiliary_start", lambda one, _: one + 1e6),
+        Spoilt("auxiliary_start", lambda one, _: one - 1e6),
     ],
     "inside": [Spoilt("slots", lambda one, _: with_rows(one, lambda x, a, p, h: h**2))],
     "outside": [Spoilt("slots", lambda one, _: with_rows(one, lambda x, a, p, h: -h))],

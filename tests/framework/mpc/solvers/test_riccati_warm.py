@@ -44,10 +44,7 @@ def solved(one: Instance, guess: Guess, region: Region) -> Solution:
 
 @pytest.mark.parametrize("region", REGIONS[:2], ids=repr)
 def test_the_solution_with_its_multipliers_is_kept(region: Region) -> None:
-    """From its own solution a solve changes nothing, and needs next to no iteration.
-
-    Not so with the exact sum: its auxiliary ends at a bound, from where iterates come back slowly.
-    """
+    """From its own solution a solve changes nothing, and needs next to no iteration."""
     needed = []
     for one in recorded(region)[::4]:
         cold = solved(one, one.guess, region)
@@ -63,9 +60,7 @@ def test_the_solution_with_its_multipliers_is_kept(region: Region) -> None:
         needed.append((warm.iterations, bare.iterations))
     warm_all, bare_all = np.array(needed).T
     assert len(needed) >= 8
-    assert warm_all.sum() < 1.1 * bare_all.sum()
-    if isinstance(region, MahalanobisEllipse):
-        assert np.median(warm_all) <= 5 and warm_all.sum() < 0.8 * bare_all.sum()
+    assert np.median(warm_all) <= 5 and warm_all.sum() < 0.8 * bare_all.sum()
 
 
 def test_multipliers_balance_the_forces() -> None:
