@@ -98,6 +98,18 @@ class Robot(ABC):
         """
 
 
+class SymbolicDrive(Robot):
+    """A robot whose `drive` takes CasADi expressions of state and twist as well.
+
+    Roll-outs of many manoeuvres are then compiled. Such a robot is hashable, as frozen
+    dataclasses are.
+    """
+
+    @abstractmethod
+    def drive(self, state: Sequence[Scalar], twist: Twist, duration: float) -> tuple[Scalar, ...]:
+        """Input that brings the twist to the wanted one, see `Robot.drive`."""
+
+
 @runtime_checkable
 class SpeedLimited(Protocol):
     """A robot with a largest speed among its settings."""

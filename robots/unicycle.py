@@ -7,7 +7,7 @@ from typing import ClassVar, final
 import numpy as np
 
 from ..framework.numerics.clipping import within
-from ..framework.robot import Bounds, Quantity, Robot
+from ..framework.robot import Bounds, Quantity, SymbolicDrive
 from ..framework.values.arrays import Scalar, positive
 from ..framework.values.footprint import Footprint, checked_footprint
 from ..framework.values.motion import Pose, Twist
@@ -15,7 +15,7 @@ from ..framework.values.motion import Pose, Twist
 
 @final
 @dataclass(frozen=True)
-class Unicycle(Robot):
+class Unicycle(SymbolicDrive):
     """Skid-steered robot seen as a unicycle.
 
     State (x, y, phi, v, omega), input (a, alpha)::
@@ -93,7 +93,7 @@ class Unicycle(Robot):
         """State at this pose with this twist; a lateral speed is dropped."""
         return (*pose.position, pose.heading, twist.linear[0], twist.angular)
 
-    def drive(self, state: Sequence[float], twist: Twist, duration: float) -> tuple[float, ...]:
+    def drive(self, state: Sequence[Scalar], twist: Twist, duration: float) -> tuple[Scalar, ...]:
         """Bring v and omega to the wanted twist, each as fast as its limit allows."""
         v = within(twist.linear[0], self.max_speed)
         omega = within(twist.angular, self.max_yaw_rate)

@@ -3,10 +3,16 @@
 from collections.abc import Sequence
 from math import hypot
 
+import numpy as np
 
-def within(value: float, limit: float) -> float:
-    """Clip a number to [-limit, limit]."""
-    return min(max(value, -limit), limit)
+from ..values.arrays import Scalar
+
+
+def within(value: Scalar, limit: float) -> Scalar:
+    """Clip a number, or a CasADi expression, to [-limit, limit]."""
+    if isinstance(value, float):
+        return min(max(value, -limit), limit)
+    return np.fmin(np.fmax(value, -limit), limit)
 
 
 def within_norm(vector: Sequence[float], limit: float) -> tuple[float, ...]:

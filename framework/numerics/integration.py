@@ -7,7 +7,7 @@ import numpy as np
 
 from ..values.arrays import Array, Scalar
 
-_NUDGE = 1e-6
+NUDGE = 1e-6
 """Step of the central differences, in the argument's own units."""
 
 Derivative: TypeAlias = Callable[[Sequence[Scalar], Sequence[Scalar]], tuple[Scalar, ...]]
@@ -66,8 +66,8 @@ def slopes(function: Callable[[Array], Array], point: Sequence[float] | Array) -
     """Jacobian of a function of arrays by central differences, (n,) -> (m, n)."""
     here = np.asarray(point, dtype=np.float64)
     columns = [
-        (function(here + nudge) - function(here - nudge)) / (2.0 * _NUDGE)
-        for nudge in _NUDGE * np.eye(len(here))
+        (function(here + nudge) - function(here - nudge)) / (2.0 * NUDGE)
+        for nudge in NUDGE * np.eye(len(here))
     ]
     return np.stack(columns, axis=1)
 

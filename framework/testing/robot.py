@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ..numerics.integration import runge_kutta
-from ..robot import Bounds, Robot
+from ..robot import Bounds, Robot, SymbolicDrive
 from ..values.arrays import Array
 from ..values.motion import Pose, Twist
 from .laws import Law, each, require
@@ -32,7 +32,7 @@ def check_robot(robot: Robot, *, rng: np.random.Generator | None = None) -> None
     acceleration (central differences); `state_at` is the inverse of pose and twist; one
     Runge-Kutta step has order four; turning the start turns the motion; `drive` keeps every
     limit and reaches twists that the robot can have; both also serve a robot that stands, if
-    its bounds let it stand.
+    its bounds let it stand. A `SymbolicDrive` drives alike with CasADi expressions.
 
     Parameters
     ----------
@@ -59,6 +59,11 @@ def laws(robot: Robot, *, rng: np.random.Generator | None = None) -> tuple[Law, 
         both = zip(pairs()[::2], pairs()[1::2], strict=True)
         return [(start, robot.twist(*goal)) for (start, _), goal in both]
 
+    symbolic_drive: tuple[Law, ...] = ()
+    if isinstance(robot, SymbolicDrive):
+        symbolic_drive = (
+            Law("drive of CasADi expressions", lambda: _check_symbolic_drive(robot, drives())),
+        )
     return (
         Law("names and bounds", lambda: _check_bounds(robot)),
         Law("NumPy and CasADi agree", lambda: _check_casadi(robot, pairs())),
@@ -69,6 +74,7 @@ def laws(robot: Robot, *, rng: np.random.Generator | None = None) -> tuple[Law, 
         ),
         Law("state_at inverts pose and twist", each(partial(_check_inverse, robot), pairs)),
         Law("drive", each(partial(_check_drive, robot), drives)),
+        *symbolic_drive,
         Law("standing", each(partial(_check_standing, robot), drives)),
         Law("turning the start", each(partial(_check_turned, robot, turned), drives)),
     )
@@ -241,6 +247,23 @@ def _check_drive(robot: Robot, drive: tuple[State, Twist]) -> None:
     assert np.allclose(reached, _flat(wanted), atol=1e-6), (
         f"drive ends at twist {reached} after 40 s; wanted {_flat(wanted)}"
     )
+
+
+def _check_symbolic_drive(robot: SymbolicDrive, drives: list[tuple[State, Twist]]) -> None:
+    from ..numerics.symbolic import ca
+
+    hash(robot)
+    x, w = ca.SX.sym("x", len(robot.states)), ca.SX.sym("w", robot.dimension + 1)
+    state, (*linear, angular) = tuple(ca.vertsplit(x)), ca.vertsplit(w)
+    control = robot.drive(state, Twist(tuple(linear), angular), 0.05)
+    function = ca.Function("drive", [x, w], [ca.vertcat(*control)])
+    for here, wanted in drives:
+        for twist in (wanted, Twist((0.0,) * robot.dimension)):
+            symbolic = np.asarray(function(here, _flat(twist))).ravel()
+            single = np.array(robot.drive(here, twist, 0.05), dtype=np.float64)
+            assert np.allclose(symbolic, single, rtol=1e-12, atol=1e-12), (
+                f"drive of expressions gives {symbolic} and of floats {single}, at state {here}"
+            )
 
 
 def _check_standing(robot: Robot, drive: tuple[State, Twist]) -> None:

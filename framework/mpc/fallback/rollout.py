@@ -1,10 +1,13 @@
 """Trajectories that the robot can drive, without solving anything."""
 
+from collections.abc import Sequence
+from functools import lru_cache
+
 import numpy as np
 
 from ...control.velocity_smoother import VelocitySmoother
 from ...numerics.symbolic import Mapped, ca
-from ...robot import Robot, step
+from ...robot import Robot, SymbolicDrive, step
 from ...values.arrays import Array
 from ...values.motion import Twist
 
@@ -36,6 +39,8 @@ class Motion:
 
 def follow(robot: Robot, start: Array, inputs: Array, dt: float) -> Array:
     """Integrate the inputs (N, m) from the start: states (N + 1, n)."""
+    if isinstance(robot, SymbolicDrive) and len(inputs):
+        return _motion(robot, len(inputs), dt).follow(start, inputs)
     states = [tuple(float(value) for value in start)]
     for control in inputs:
         states.append(step(robot, states[-1], tuple(float(u) for u in control), dt))
@@ -55,14 +60,73 @@ def brake(robot: Robot, start: Array, steps: int, dt: float) -> tuple[Array, Arr
 
 def steer(robot: Robot, start: Array, twist: Twist, steps: int, dt: float) -> tuple[Array, Array]:
     """Drive towards one twist and keep it: states (N + 1, n) and inputs (N, m)."""
+    return steer_each(robot, start, [[twist] * steps], dt)[0]
+
+
+def steer_each(
+    robot: Robot, start: Array, twists: Sequence[Sequence[Twist]], dt: float
+) -> list[tuple[Array, Array]]:
+    """Drive from one start along several sequences of N twists, each held for a step.
+
+    Returns
+    -------
+    States (N + 1, n) and inputs (N, m) of each.
+    """
+    if isinstance(robot, SymbolicDrive) and twists and twists[0]:
+        return _steering(robot, len(twists[0]), dt, len(twists))(start, twists)
+    return [_steer(robot, start, held, dt) for held in twists]
+
+
+def _steer(robot: Robot, start: Array, twists: Sequence[Twist], dt: float) -> tuple[Array, Array]:
     states = [tuple(float(value) for value in start)]
     inputs = []
-    for _ in range(steps):
+    for twist in twists:
         control = robot.drive(states[-1], twist, dt)
         inputs.append(control)
         states.append(step(robot, states[-1], control, dt))
-    found = np.array(inputs, dtype=np.float64).reshape(steps, len(robot.inputs))
+    found = np.array(inputs, dtype=np.float64).reshape(len(twists), len(robot.inputs))
     return np.array(states, dtype=np.float64), found
+
+
+class _Steering:
+    """`steer_each` of S sequences of N twists, compiled."""
+
+    def __init__(self, robot: SymbolicDrive, steps: int, dt: float, count: int) -> None:
+        size = robot.dimension
+        x, w = ca.SX.sym("x", len(robot.states)), ca.SX.sym("w", size + 1)
+        state, parts = tuple(ca.vertsplit(x)), tuple(ca.vertsplit(w))
+        control = robot.drive(state, Twist(parts[:size], parts[size]), dt)
+        following = step(robot, state, control, dt)
+        pieces = [ca.densify(ca.vertcat(*part)) for part in (following, control)]
+        driven = ca.Function("driven", [x, w], pieces).mapaccum(steps)
+        self._all = Mapped(driven.map(count))
+        self._shape = count, steps
+
+    def __call__(
+        self, start: Array, twists: Sequence[Sequence[Twist]]
+    ) -> list[tuple[Array, Array]]:
+        """Drive along each sequence."""
+        flat = [(*twist.linear, twist.angular) for held in twists for twist in held]
+        states, inputs = (
+            rows.reshape(*self._shape, -1) for rows in self._all([start, np.array(flat)])
+        )
+        first = np.asarray(start)[None]
+        return [
+            (np.concatenate([first, after]), control)
+            for after, control in zip(states, inputs, strict=True)
+        ]
+
+
+@lru_cache(maxsize=16)
+def _motion(robot: SymbolicDrive, steps: int, dt: float) -> Motion:
+    """Return the compiled motion of a robot, the same for the same numbers."""
+    return Motion(robot, steps, dt)
+
+
+@lru_cache(maxsize=64)
+def _steering(robot: SymbolicDrive, steps: int, dt: float, count: int) -> _Steering:
+    """Return the compiled steering of a robot, the same for the same numbers."""
+    return _Steering(robot, steps, dt, count)
 
 
 def shift(inputs: Array, share: float) -> Array:

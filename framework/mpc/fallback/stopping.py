@@ -7,7 +7,7 @@ import numpy as np
 from ...robot import Robot
 from ...values.arrays import Array
 from ...values.motion import Twist
-from .rollout import brake, steer
+from .rollout import brake, steer_each
 
 _FAST = 10.0
 """m/s and rad/s, asked of `Robot.drive`, which stays within the limits."""
@@ -27,13 +27,15 @@ def stops(robot: Robot, start: Array, steps: int, dt: float) -> Iterator[tuple[s
     steps, dt : N and s per step.
     """
     yield ("straight", *brake(robot, start, steps, dt))
+    halt = Twist((0.0,) * robot.dimension)
+    ways, twists = [], []
     for name, twist in _ways_out(robot, start):
         for share in (6, 3, 2):
             away = min(max(round(steps / share), 1), steps)
-            states, inputs = steer(robot, start, twist, away, dt)
-            rest, halt = brake(robot, states[-1], steps - away, dt)
-            found = np.concatenate([states, rest[1:]]), np.concatenate([inputs, halt])
-            yield (f"{name} for {away * dt:g} s", *found)
+            ways.append(f"{name} for {away * dt:g} s")
+            twists.append([twist] * away + [halt] * (steps - away))
+    for name, found in zip(ways, steer_each(robot, start, twists, dt), strict=True):
+        yield (name, *found)
 
 
 def _ways_out(robot: Robot, start: Array) -> list[tuple[str, Twist]]:

@@ -5,9 +5,9 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from ...numerics.integration import slopes
-from ...numerics.symbolic import ca, evaluated
-from ...robot import Robot, step
+from ...numerics.integration import NUDGE, slopes
+from ...numerics.symbolic import Mapped, ca
+from ...robot import Robot, SymbolicDrive, step
 from ...values.arrays import Array
 from ...values.errors import WideberthError
 from ...values.motion import Twist
@@ -65,9 +65,10 @@ class OwnUncertainty:
         place = ca.vertcat(*pose.position)
         heading = ca.SX(0) if pose.heading is None else ca.SX(pose.heading)
         rows = [ca.jacobian(following, x), ca.jacobian(following, u)]
-        self._slopes = ca.Function("slopes", [x, u], [ca.densify(row) for row in rows])
+        self._slopes = _Matrices("slopes", [x, u], rows)
         rows = [ca.jacobian(place, x), ca.jacobian(heading, x)]
-        self._places = ca.Function("places", [x], [ca.densify(row) for row in rows])
+        self._places = _Matrices("places", [x], rows)
+        self._driven = _driven(robot, dt) if isinstance(robot, SymbolicDrive) else None
 
     def spread(
         self,
@@ -95,7 +96,11 @@ class OwnUncertainty:
     def _steps(self, states: Array, inputs: Array) -> Array:
         """A_0 .. A_{N-1}, (N, n, n)."""
         if self._growth == "open-loop":
-            return self._matrices(self._slopes, states[:-1], inputs)[0]
+            return self._slopes.at(states[:-1], inputs)[0]
+        if self._driven is not None:
+            rows, gain = self._driven.at(states[:-1], states[1:], inputs)
+            by_state, by_input = self._slopes.at(states[:-1], rows[..., 0])
+            return np.asarray(by_state + by_input @ gain)
         robot, dt = self._robot, self._dt
         driven, gains = [], []
         for state, following, control in zip(states[:-1], states[1:], inputs, strict=True):
@@ -106,12 +111,12 @@ class OwnUncertainty:
 
             driven.append(drive(state))
             gains.append(slopes(drive, state))
-        by_state, by_input = self._matrices(self._slopes, states[:-1], np.array(driven))
+        by_state, by_input = self._slopes.at(states[:-1], np.array(driven))
         return np.asarray(by_state + by_input @ np.array(gains))
 
     def _of_bodies(self, states: Array, covariances: Array) -> Array:
         """Covariances of the places (N, D, D), enlarged by what the heading moves them."""
-        place, heading = self._matrices(self._places, states)
+        place, heading = self._places.at(states)
         spread = place @ covariances @ place.swapaxes(1, 2)
         turned = self._reach**2 * (heading @ covariances @ heading.swapaxes(1, 2))
         size = spread.shape[-1]
@@ -123,12 +128,38 @@ class OwnUncertainty:
         spread = np.where(both, enlarged, spread + around)
         return np.asarray(0.5 * (spread + spread.swapaxes(1, 2)))
 
-    @staticmethod
-    def _matrices(function: Any, *points: Array) -> list[Array]:
+
+class _Matrices:
+    """Matrices that depend on points, compiled once for each number of points."""
+
+    def __init__(self, name: str, symbols: list[Any], matrices: list[Any]) -> None:
+        self._function = ca.Function(name, symbols, [ca.densify(one) for one in matrices])
+        self._mapped: dict[int, Mapped] = {}
+
+    def at(self, *points: Array) -> list[Array]:
         """Evaluate at each of N points (N, n): one (N, rows, columns) array per result."""
         count = len(points[0])
-        found = evaluated(function.map(count), points)
+        if count not in self._mapped:
+            self._mapped[count] = Mapped(self._function.map(count))
+        found = self._mapped[count](points)
         return [values.reshape(count, -1, values.shape[1]).swapaxes(1, 2) for values in found]
+
+
+def _driven(robot: SymbolicDrive, dt: float) -> _Matrices:
+    """Return (x, next x of the plan, u) -> drive(x), and its slopes as by `slopes`."""
+    x, following = (ca.SX.sym(name, len(robot.states)) for name in ("x", "next"))
+    u = ca.SX.sym("u", len(robot.inputs))
+    twist = robot.twist(tuple(ca.vertsplit(following)), tuple(ca.vertsplit(u)))
+
+    def drive(point: Any) -> Any:
+        return ca.vertcat(*robot.drive(tuple(ca.vertsplit(point)), twist, dt))
+
+    columns = []
+    for i in range(len(robot.states)):
+        ahead, back = ca.SX(x), ca.SX(x)
+        ahead[i], back[i] = x[i] + NUDGE, x[i] - NUDGE
+        columns.append((drive(ahead) - drive(back)) / (2.0 * NUDGE))
+    return _Matrices("driven", [x, following, u], [drive(x), ca.horzcat(*columns)])
 
 
 def carried(covariance: Array, motion: Callable[[Array], Array], state: Array) -> Array:

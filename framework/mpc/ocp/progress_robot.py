@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ...robot import Bounds, Quantity, Robot
+from ...robot import Bounds, Quantity, Robot, SymbolicDrive
 from ...values.arrays import Scalar
 from ...values.footprint import Footprint
 from ...values.motion import Pose, Twist
@@ -67,7 +67,7 @@ class ProgressRobot(Robot):
         """State of the robot, at the start of the path."""
         return (*self.robot.state_at(pose, twist), 0.0)
 
-    def drive(self, state: Sequence[float], twist: Twist, duration: float) -> tuple[float, ...]:
+    def drive(self, state: Sequence[Scalar], twist: Twist, duration: float) -> tuple[Scalar, ...]:
         """Input of the robot; theta stands."""
         return (*self.robot.drive(self._own(state), twist, duration), 0.0)
 
@@ -85,7 +85,8 @@ def progress_robot_of(robot: Robot) -> ProgressRobot:
         "inputs": (*robot.inputs, Quantity("rate", "m/s")),
         "dimension": robot.dimension,
     }
-    made: type[ProgressRobot] = type("ProgressRobot", (ProgressRobot,), names)
+    able = (SymbolicDrive,) if isinstance(robot, SymbolicDrive) else ()
+    made: type[ProgressRobot] = type("ProgressRobot", (ProgressRobot, *able), names)
     return made(robot)
 
 

@@ -30,7 +30,7 @@ from ..fallback.rollout import Motion, carry
 from ..fallback.rungs import Trial, choose, rungs_of
 from ..instance.own_uncertainty import OwnUncertainty, carried
 from ..ocp.problem import Parameters
-from ..ocp.progress_robot import progress_robot_of
+from ..ocp.progress_robot import ProgressRobot, progress_robot_of
 from ..ocp.reference import Progress, Reference
 from ..ocp.transcription import Guess
 from ..slots.base import CAPACITIES, Chosen, Surroundings, View, reach_of_bodies
@@ -96,12 +96,14 @@ class Services:
     watch : calls the solver in a thread that can be left behind.
     own : compiled growth of the robot's own uncertainty.
     motion : compiled trajectories of the robot.
+    body : the robot as the problem states it, with its progress where the cost has one.
     """
 
     problems: ProblemCache
     watch: Watch
     own: OwnUncertainty
     motion: Motion
+    body: Robot
 
     @classmethod
     def of(cls, settings: PlannerSettings) -> "Services":
@@ -113,6 +115,7 @@ class Services:
             Watch(settings.solver, settings.patience),
             OwnUncertainty(robot, settings.dt, settings.own_uncertainty, reach),
             Motion(robot, settings.horizon, settings.dt),
+            progress_robot_of(robot) if isinstance(settings.cost, ProgressCost) else robot,
         )
 
 
@@ -301,8 +304,8 @@ def _fill(
         most=settings.most_obstacles,
     )
     chosen = tuple(kind.choose(robot, view) for kind in settings.kinds)
-    if isinstance(settings.cost, ProgressCost):
-        robot, start = progress_robot_of(robot), np.append(start, arc)
+    if isinstance(services.body, ProgressRobot):
+        robot, start = services.body, np.append(start, arc)
         first = add_progress(robot, first, reference, arc, settings.dt)
         inputs = None if inputs is None else first.inputs
     numbers = tuple(one.numbers for one in chosen)

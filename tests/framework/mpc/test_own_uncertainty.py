@@ -10,10 +10,11 @@ from wideberth.framework.control.velocity_smoother import VelocitySmoother
 from wideberth.framework.mpc.fallback.rollout import carry, follow
 from wideberth.framework.mpc.instance.own_uncertainty import Growth, OwnUncertainty, carried
 from wideberth.framework.mpc.levels.fixed import Fixed
+from wideberth.framework.mpc.ocp.progress_robot import ProgressRobot, progress_robot_of
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.plugins.config import build, describe
-from wideberth.framework.robot import Robot, step
+from wideberth.framework.robot import Robot, SymbolicDrive, step
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.footprint import Discs, Outline
 from wideberth.framework.values.motion import Detection, Observation, Twist
@@ -99,6 +100,23 @@ def test_feedback_is_monte_carlo_of_the_closed_loop(robot: Robot) -> None:
         same(cloud[:, :2], wanted)
     free = OwnUncertainty(robot, DT, "open-loop", 0.0).spread(start, states, inputs)
     assert np.trace(found[-1]) < 0.7 * np.trace(free[-1])  # errors of the speed are corrected
+
+
+def test_a_drive_of_expressions_gives_the_same_feedback_as_one_of_floats() -> None:
+    plain = progress_robot_of(Unicycle())
+    (able,) = (kind for kind in type(plain).__bases__ if kind is not ProgressRobot)
+    assert able is SymbolicDrive
+    floats = type("Floats", (ProgressRobot,), {
+        name: getattr(plain, name) for name in ("states", "inputs", "dimension")
+    })(Unicycle())  # fmt: skip
+    states, inputs = curve()
+    states, inputs = np.pad(states, ((0, 0), (0, 1))), np.pad(inputs, ((0, 0), (0, 1)))
+    known = np.pad(SMALL, (0, 1))
+    found, wanted = (
+        OwnUncertainty(robot, DT, "feedback", 0.4).spread(known, states, inputs)
+        for robot in (plain, floats)
+    )
+    np.testing.assert_allclose(found, wanted, rtol=1e-12)
 
 
 def test_no_covariance_and_ignored_are_zero() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from wideberth.framework.mpc.costs.contouring import Contouring
-from wideberth.framework.mpc.fallback.rollout import Motion, carry, follow
+from wideberth.framework.mpc.fallback.rollout import Motion, carry, follow, steer_each
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
@@ -84,8 +84,34 @@ def test_compiled_trajectories_are_those_of_the_robot_step_by_step(robot: Robot)
     rng = np.random.default_rng(0)
     start = straight(robot, 0.4)[1].initial
     inputs = rng.uniform(-0.3, 0.3, (9, len(robot.inputs)))
-    found = Motion(robot, 9, DT).follow(start, inputs)
-    np.testing.assert_allclose(found, follow(robot, start, inputs, DT), rtol=0, atol=1e-12)
+    wanted = [tuple(start)]
+    for control in inputs:
+        wanted.append(step(robot, wanted[-1], control, DT))
+    for found in (Motion(robot, 9, DT).follow(start, inputs), follow(robot, start, inputs, DT)):
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("robot", ROBOTS, ids=lambda robot: type(robot).__name__)
+def test_manoeuvres_steered_together_are_those_driven_step_by_step(robot: Robot) -> None:
+    rng = np.random.default_rng(0)
+    start = straight(robot, 0.4)[1].initial
+    held = [
+        [Twist(tuple(rng.uniform(-1.0, 1.0, robot.dimension)), rng.uniform(-1.0, 1.0))] * 4
+        + [Twist((0.0,) * robot.dimension)] * 5
+        for _ in range(3)
+    ]
+    found = steer_each(robot, start, held, DT)
+    assert len(found) == 3
+    for twists, (states, inputs) in zip(held, found, strict=True):
+        point = tuple(float(value) for value in start)
+        assert tuple(states[0]) == point
+        for i, twist in enumerate(twists):
+            control = robot.drive(point, twist, DT)
+            point = step(robot, point, control, DT)
+            np.testing.assert_allclose(inputs[i], control, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(states[i + 1], point, rtol=0, atol=1e-12)
+    for states, inputs in (steer_each(robot, start, [[]], DT)[0],):
+        assert states.shape == (1, len(start)) and inputs.shape == (0, len(robot.inputs))
 
 
 @pytest.mark.parametrize("robot", ROBOTS, ids=lambda robot: type(robot).__name__)
