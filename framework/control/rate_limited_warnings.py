@@ -42,7 +42,7 @@ class RateLimitedWarnings:
         ----------
         name : of the controller's class.
         kind : of the warning; its repeats are limited.
-        words : what happened.
+        words : what happened; the kind is put before it where it does not begin with it.
         """
         logger = logging.getLogger(f"{ROOT}.{name}")
         if not logger.isEnabledFor(logging.WARNING):
@@ -53,8 +53,9 @@ class RateLimitedWarnings:
             return
         held, self._last[key] = self._held.pop(key, 0), now
         more = f" (and {held} times since the last warning of this kind)" if held else ""
+        said = words if words.startswith(kind) else f"{kind}: {words}"
         with suppress(Exception):  # a handler of the user's own may fail; the robot drives on
-            logger.warning("%s: %s%s", kind, words, more)
+            logger.warning("%s%s", said, more)
 
 
 WARNINGS = RateLimitedWarnings()

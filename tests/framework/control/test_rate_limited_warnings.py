@@ -51,11 +51,13 @@ def test_the_first_is_said_at_once_and_repeats_are_counted(
         notices.WARNINGS.warn("Planner", "brake", f"number {k}")
     notices.WARNINGS.warn("Planner", "gave way", "asked much")
     notices.WARNINGS.warn("PurePursuit", "brake", "another class")
+    notices.WARNINGS.warn("Planner", "solved", "solved by fatrop")
     assert caplog.messages == [
         "brake: number 0",
         "brake: number 20 (and 19 times since the last warning of this kind)",
         "gave way: asked much",
         "brake: another class",
+        "solved by fatrop",
     ]
     assert {one.name for one in caplog.records} == {
         "wideberth.controllers.Planner", "wideberth.controllers.PurePursuit",
