@@ -1,9 +1,11 @@
 """The solver ``riccati_live``: `Riccati` for a loop that must not wait until it is compiled."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import final
 
+from ....values.errors import WideberthError
 from ...ocp.problem import Parameters, Problem
 from ...ocp.transcription import Guess
 from ..base import Solution, Solver
@@ -29,9 +31,11 @@ class RiccatiLive(Solver):
         deadline: float | None = None,
     ) -> list[Solution]:
         """Solve from each guess."""
-        from .compiled import LEAST_KINDS, core_is_coming
+        from .compiled import LEAST_KINDS, compiled_problem, core_is_coming
 
         if core_is_coming(max(len(problem.slots), LEAST_KINDS)):
+            with suppress(WideberthError):  # `Riccati` will say it
+                compiled_problem(problem)  # now, as `Riccati` does, and not when the core is here
             why = "riccati is still compiled in the background"
             return by_fatrop(problem, parameters, guesses, deadline, why)
         return Riccati().solve(problem, parameters, guesses, deadline)
