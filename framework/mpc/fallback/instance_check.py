@@ -1,6 +1,6 @@
 """An instance of the problem with all that a plan is checked against."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +14,7 @@ from ..ocp.transcription import Guess
 from ..slots.base import SlotKind, Surroundings, level_at_first, with_auxiliaries
 from ..solvers.base import Solution
 from .rollout import clip, follow
-from .verify import Violation, price, violation
+from .verify import Violation, price, violations
 
 TOLERANCE = 1e-4
 """Largest violation of a plan that counts as feasible (m, m/s or unit-free)."""
@@ -97,24 +97,44 @@ class InstanceCheck:
 
     def check(self, point: Guess) -> Violation:
         """Evaluate every constraint, and what is touched on the way."""
-        found = violation(self.problem, self.parameters, point)
-        return Violation(found.motion, found.regions, self.around.touched(point.states))
+        return self.check_each([point])[0]
+
+    def check_each(self, points: Sequence[Guess]) -> list[Violation]:
+        """Evaluate every constraint at several points, see `check`."""
+        every = violations(self.problem, self.parameters, points)
+        return [
+            Violation(found.motion, found.regions, self.around.touched(point.states))
+            for found, point in zip(every, points, strict=True)
+        ]
 
     def assess(self, solution: Solution) -> Candidate:
         """Re-check a solution; one that did not converge is first made drivable."""
-        point, cost = solution.point, solution.cost
+        return self.assess_each([solution])[0]
+
+    def assess_each(self, solutions: Sequence[Solution]) -> list[Candidate]:
+        """Re-check several solutions, see `assess`."""
+        points = [self._drivable(one) for one in solutions]
+        every = self.check_each(points)
+        return [
+            Candidate(point, found, one, cost=self._cost(one, point, found))
+            for one, point, found in zip(solutions, points, every, strict=True)
+        ]
+
+    def _drivable(self, solution: Solution) -> Guess:
+        point = solution.point
         if self.problem.shared:  # the last iterate of a solver may lie below the bound
             point = replace(point, level=max(point.level, self.problem.minimum))
-        converged = solution.status is Status.SOLVED
-        if not converged:
-            inputs = clip(self.robot, point.inputs)
-            states = follow(self.robot, self.parameters.initial, inputs, self.problem.dt)
-            point = self.suited(replace(point, states=states, inputs=inputs))
-        found = self.check(point)
-        if not converged and found.worst <= TOLERANCE:
-            # The solver's cost is that of its last iterate, not yet drivable.
-            cost = price(self.problem, self.parameters, point)
-        return Candidate(point, found, solution, cost=cost)
+        if solution.status is Status.SOLVED:
+            return point
+        inputs = clip(self.robot, point.inputs)
+        states = follow(self.robot, self.parameters.initial, inputs, self.problem.dt)
+        return self.suited(replace(point, states=states, inputs=inputs))
+
+    def _cost(self, solution: Solution, point: Guess, found: Violation) -> float:
+        """Cost of a solution; the solver's is that of its last iterate, not yet drivable."""
+        if solution.status is Status.SOLVED or found.worst > TOLERANCE:
+            return solution.cost
+        return price(self.problem, self.parameters, point)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ those called ``paper`` too.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from importlib import import_module
@@ -89,14 +89,11 @@ class Trial:
     @cached_property
     def drivable(self) -> tuple[Candidate, ...]:
         """Solutions that keep the limits of motion, held against the lowest level."""
+        moving = [one for one in self.outcome.candidates if one.found.motion.max() <= TOLERANCE]
+        lowest = self._at_lowest_level((one.point.states, one.point.inputs) for one in moving)
         return tuple(
-            replace(
-                self.at_lowest_level(one.point.states, one.point.inputs),
-                solution=one.solution,
-                cost=one.cost,
-            )
-            for one in self.outcome.candidates
-            if one.found.motion.max() <= TOLERANCE
+            replace(low, solution=one.solution, cost=one.cost)
+            for low, one in zip(lowest, moving, strict=True)
         )
 
     @cached_property
@@ -111,20 +108,20 @@ class Trial:
         straight on wins a tie.
         """
         check = self.check
-        ways = (
-            replace(self.at_lowest_level(states, inputs), way=name)
-            for name, states, inputs in stops(
-                check.robot, check.parameters.initial, check.problem.horizon, check.problem.dt
-            )
+        ways = stops(
+            check.robot, check.parameters.initial, check.problem.horizon, check.problem.dt
         )
-        straight = next(ways)
-        states = straight.point.states
+        name, states, inputs = next(ways)
+        straight = replace(self.at_lowest_level(states, inputs), way=name)
         window = int((np.abs(states - states[-1]).max(axis=1) > 1e-3).sum()) + 1
         depth = contact(check, straight, window)
         if max(depth, straight.found.total) == 0.0:
             return straight
+        further = list(ways)
+        lowest = self._at_lowest_level((states, inputs) for _, states, inputs in further)
+        named = [replace(one, way=name) for one, (name, *_) in zip(lowest, further, strict=True)]
         every = [(straight, depth)]
-        every += [(one, contact(check, one, window)) for one in (*others, *ways)]
+        every += [(one, contact(check, one, window)) for one in (*others, *named)]
         least = min(depth for _, depth in every) + TOLERANCE
         return min(
             (one for one, depth in every if depth <= least), key=lambda one: one.found.total
@@ -132,10 +129,16 @@ class Trial:
 
     def at_lowest_level(self, states: Array, inputs: Array) -> Candidate:
         """Re-check a trajectory at the lowest level that the policy allows."""
+        return self._at_lowest_level([(states, inputs)])[0]
+
+    def _at_lowest_level(self, trajectories: Iterable[tuple[Array, Array]]) -> list[Candidate]:
         problem = self.check.problem
         level = max(problem.minimum, 0.0) if problem.shared else float("nan")
-        point = self.check.suited(Guess.bare(states, inputs, level))
-        return Candidate(point, self.check.check(point))
+        points = [self.check.suited(Guess.bare(*driven, level)) for driven in trajectories]
+        return [
+            Candidate(point, found)
+            for point, found in zip(points, self.check.check_each(points), strict=True)
+        ]
 
 
 class FallbackRung(ABC):

@@ -1,5 +1,6 @@
 """Re-check a plan without the solver that made it."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -65,19 +66,42 @@ class Violation:
         return str(self.breach(names) or "nothing is broken")
 
 
+MOST_AT_ONCE = 8
+"""Plans that are evaluated in one call: its arrays stay, for each number of plans."""
+
+
 def violation(problem: Problem, parameters: Parameters, point: Guess) -> Violation:
     """Evaluate every constraint of the problem at a point, x_0 included.
 
     A soft region counts as entered however much slack was paid for it.
     """
-    gap, limits, room, _, *rows = _evaluated(problem, parameters, point)
+    return violations(problem, parameters, [point])[0]
+
+
+def violations(
+    problem: Problem, parameters: Parameters, points: Sequence[Guess]
+) -> list[Violation]:
+    """Evaluate every constraint of the problem at several points, see `violation`."""
+    return [
+        found
+        for first in range(0, len(points), MOST_AT_ONCE)
+        for found in _violations(problem, parameters, points[first : first + MOST_AT_ONCE])
+    ]
+
+
+def _violations(
+    problem: Problem, parameters: Parameters, points: Sequence[Guess]
+) -> Iterator[Violation]:
+    gap, limits, room, _, *rows = _evaluated(problem, parameters, points)
     motion = np.concatenate([np.abs(gap), -limits, -room], axis=1).max(axis=1, initial=0.0)
-    begin = np.abs(point.states[0] - parameters.initial).max(initial=0.0)
-    motion[0] = max(motion[0], begin)
-    if problem.ends_at_rest:
-        final = np.asarray(problem.terminal_constraints(point.states[-1])).ravel()
-        motion[-1] = max(motion[-1], (-final).max(initial=0.0))
-    entered = np.zeros((problem.horizon, sum(one.count for one in problem.slots)))
+    motion = motion.reshape(len(points), problem.horizon)
+    for own, point in zip(motion, points, strict=True):
+        begin = np.abs(point.states[0] - parameters.initial).max(initial=0.0)
+        own[0] = max(own[0], begin)
+        if problem.ends_at_rest:
+            (final,) = problem.stop_values([point.states[-1]])
+            own[-1] = max(own[-1], (-final).max(initial=0.0))
+    entered = np.zeros((len(gap), sum(one.count for one in problem.slots)))
     begun = 0
     pairs = zip(problem.slots, parameters.slots, rows[::2], rows[1::2], strict=True)
     for slots, numbers, outside, tied in pairs:
@@ -86,29 +110,37 @@ def violation(problem: Problem, parameters: Parameters, point: Guess) -> Violati
             own = entered[:, begun : begun + slots.count]
             own[...] = _entered(outside, tied, slots.count) * numbers.active
             begun += slots.count
-    if not (np.isfinite(motion).all() and np.isfinite(entered).all()):
-        return Violation(np.full(problem.horizon, np.inf), np.zeros(entered.shape))
-    return Violation(motion, entered)
+    for moved, into in zip(motion, np.split(entered, len(points)), strict=True):
+        if np.isfinite(moved).all() and np.isfinite(into).all():
+            yield Violation(moved, into)
+        else:
+            yield Violation(np.full(problem.horizon, np.inf), np.zeros(into.shape))
 
 
 def price(problem: Problem, parameters: Parameters, point: Guess) -> float:
     """Objective at a point that keeps every region, and so needs no slack."""
-    total = float(_evaluated(problem, parameters, point)[3].sum())
+    total = float(_evaluated(problem, parameters, [point])[3].sum())
     if problem.shared:
         total += float(problem.level_cost(point.level, parameters.target))
     return total
 
 
-def _evaluated(problem: Problem, parameters: Parameters, point: Guess) -> list[Array]:
-    """`Problem.residuals` at a point, each (N, rows)."""
-    return problem.residual_values([
-        point.states[:-1],
-        point.inputs,
-        point.states[1:],
-        point.level,
-        parameters.stages(),
-        *_lifted(problem, point),
-    ])  # fmt: skip
+def _evaluated(problem: Problem, parameters: Parameters, points: Sequence[Guess]) -> list[Array]:
+    """`Problem.residuals` at S points, each (S N, rows)."""
+    stages = parameters.stages()
+    columns = [
+        [
+            point.states[:-1],
+            point.inputs,
+            point.states[1:],
+            np.full((problem.horizon, 1), point.level),
+            stages,
+            *_lifted(problem, point),
+        ]
+        for point in points
+    ]
+    together = columns[0] if len(points) == 1 else map(np.concatenate, zip(*columns, strict=True))
+    return problem.residual_values(len(points))(list(together))
 
 
 def _lifted(problem: Problem, point: Guess) -> list[Array]:

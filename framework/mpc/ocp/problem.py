@@ -200,10 +200,21 @@ class Problem:
         )
         return single.map(self.horizon)
 
+    def residual_values(self, plans: int) -> Mapped:
+        """`residuals` of arrays, of several plans at once: their steps one after the other."""
+        known = self._residual_values
+        if plans not in known:
+            known[plans] = Mapped(self.residuals if plans == 1 else self.residuals.map(plans))
+        return known[plans]
+
     @cached_property
-    def residual_values(self) -> Mapped:
-        """`residuals` of arrays."""
-        return Mapped(self.residuals)
+    def _residual_values(self) -> dict[int, Mapped]:
+        return {}
+
+    @cached_property
+    def stop_values(self) -> Mapped:
+        """`terminal_constraints` of an array, (1, n)."""
+        return Mapped(self.terminal_constraints)
 
     def _room(self, x: Any, u: Any) -> Any:
         """How far a state and an input are from each of their finite bounds."""

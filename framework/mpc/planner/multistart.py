@@ -179,7 +179,7 @@ class MultiStart:
             message = f"state or reference exceed {FARTHEST:g}: nothing was solved"
             return Outcome((), (first,), before, before, Status.FAILED, message)
         solutions = self._solve(check, [first])
-        candidates = [check.assess(one) for one in solutions]
+        candidates = check.assess_each(solutions)
         slots = any(one.active.any() for one in parameters.slots)
         laid = Laid.along(check.robot, parameters, check.problem.dt) if slots else None
         there = _in_the_way(check, candidates[0], laid)
@@ -189,7 +189,7 @@ class MultiStart:
         found = other_starts(check.robot, check.problem, parameters, aimed, names, laid)
         others = [check.suited(guess) for guess in found]
         solutions, note = self._others(check, others, solutions[0].seconds)
-        candidates += [check.assess(one) for one in solutions]
+        candidates += check.assess_each(solutions)
         guesses = (first, *others[: len(solutions)])
         solved = candidates[0].solution
         assert solved is not None

@@ -1,5 +1,6 @@
 """The tuple of rungs: names, order, a user's own, and what happens where none holds."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any, ClassVar, final
@@ -298,8 +299,9 @@ def ways(
         for number, entry in enumerate(others[:-1]):
             yield f"way {number}", states(1.0 + number, entry), np.zeros((6, 1))
 
-    def check(point: Guess) -> Violation:
-        return Violation(np.zeros(6), np.array([[values[point.states[0, 0]][1]]] + [[0.0]] * 5))
+    def check_each(points: Sequence[Guess]) -> list[Violation]:
+        entered = [[values[point.states[0, 0]][1]] + [0.0] * 5 for point in points]
+        return [Violation(np.zeros(6), np.array(one)[:, None]) for one in entered]
 
     def overlap(found: Any) -> Any:  # at the fifth step, the last that counts
         return np.array([0.0, 0.0, 0.0, 0.0, values[found[0, 0]][0], 8.0])
@@ -308,7 +310,7 @@ def ways(
     slot = SimpleNamespace(levelled=True, count=1)
     problem = SimpleNamespace(horizon=6, dt=0.5, shared=False, minimum=0.0, slots=[slot])
     made: Any = SimpleNamespace(
-        problem=problem, check=check, suited=lambda point: point,
+        problem=problem, check_each=check_each, suited=lambda point: point,
         robot=None, parameters=SimpleNamespace(initial=None),
         around=SimpleNamespace(overlap=overlap),
     )  # fmt: skip
