@@ -1,6 +1,6 @@
 """Re-check a plan without the solver that made it."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -66,10 +66,6 @@ class Violation:
         return str(self.breach(names) or "nothing is broken")
 
 
-MOST_AT_ONCE = 8
-"""Plans that are evaluated in one call: its arrays stay, for each number of plans."""
-
-
 def violation(problem: Problem, parameters: Parameters, point: Guess) -> Violation:
     """Evaluate every constraint of the problem at a point, x_0 included.
 
@@ -82,65 +78,105 @@ def violations(
     problem: Problem, parameters: Parameters, points: Sequence[Guess]
 ) -> list[Violation]:
     """Evaluate every constraint of the problem at several points, see `violation`."""
-    return [
-        found
-        for first in range(0, len(points), MOST_AT_ONCE)
-        for found in _violations(problem, parameters, points[first : first + MOST_AT_ONCE])
-    ]
-
-
-def _violations(
-    problem: Problem, parameters: Parameters, points: Sequence[Guess]
-) -> Iterator[Violation]:
-    gap, limits, room, _, *rows = _evaluated(problem, parameters, points)
-    motion = np.concatenate([np.abs(gap), -limits, -room], axis=1).max(axis=1, initial=0.0)
-    motion = motion.reshape(len(points), problem.horizon)
+    if not points:
+        return []
+    values = _interpreted if problem.constraint_values is None else _compiled
+    motion, entered = values(problem, parameters, points)
     for own, point in zip(motion, points, strict=True):
         begin = np.abs(point.states[0] - parameters.initial).max(initial=0.0)
         own[0] = max(own[0], begin)
         if problem.ends_at_rest:
             (final,) = problem.stop_values([point.states[-1]])
             own[-1] = max(own[-1], (-final).max(initial=0.0))
-    entered = np.zeros((len(gap), sum(one.count for one in problem.slots)))
-    begun = 0
-    pairs = zip(problem.slots, parameters.slots, rows[::2], rows[1::2], strict=True)
-    for slots, numbers, outside, tied in pairs:
-        if slots.count:
-            # What an empty slot holds its auxiliaries to says nothing of the plan.
-            own = entered[:, begun : begun + slots.count]
-            own[...] = _entered(outside, tied, slots.count) * numbers.active
-            begun += slots.count
-    for moved, into in zip(motion, np.split(entered, len(points)), strict=True):
+    found = []
+    for moved, into in zip(motion, entered, strict=True):
         if np.isfinite(moved).all() and np.isfinite(into).all():
-            yield Violation(moved, into)
+            found.append(Violation(moved, into))
         else:
-            yield Violation(np.full(problem.horizon, np.inf), np.zeros(into.shape))
+            found.append(Violation(np.full(problem.horizon, np.inf), np.zeros(into.shape)))
+    return found
+
+
+def _compiled(
+    problem: Problem, parameters: Parameters, points: Sequence[Guess]
+) -> tuple[Array, Array]:
+    """How far S points break the motion (S, N), and enter regions (S, N, K)."""
+    values = problem.constraint_values
+    assert values is not None
+    n, m, steps, count = problem.states, problem.inputs, problem.horizon, len(points)
+    steps_of = np.empty((2 * n + m, count, steps))
+    for k, point in enumerate(points):
+        states = point.states.T
+        steps_of[:n, k], steps_of[n : n + m, k] = states[:, :-1], point.inputs.T
+        steps_of[n + m :, k] = states[:, 1:]
+    rows = values("motion", steps_of, _NONE)
+    broken = np.abs(rows[:n]).max(axis=0, initial=0.0)
+    motion = np.maximum(broken, (-rows[n:]).max(axis=0, initial=0.0))
+    entered = np.zeros((count, steps, sum(one.count for one in problem.slots)))
+    begun = 0
+    for place, (slots, numbers) in enumerate(zip(problem.slots, parameters.slots, strict=True)):
+        if not slots.count:
+            continue
+        own = len(slots.auxiliary)
+        given = np.empty((n + own + int(problem.shared), count, steps, slots.count))
+        given[:n] = steps_of[n + m :, ..., None]
+        for k, point in enumerate(points):
+            if own:
+                given[n : n + own, k] = point.auxiliaries[place].transpose(2, 0, 1)
+            given[n + own :, k] = point.level
+        flat = given.reshape(len(given), count, -1)
+        rows = values(f"slot{place}", flat, numbers.columns).reshape(-1, *given.shape[1:])
+        outside, tied = np.split(rows, [slots.constraint.size1_out(0)])
+        deep = (-outside).max(axis=0, initial=0.0)
+        if len(tied):
+            deep = np.maximum(deep, np.abs(tied).max(axis=0))
+        # What an empty slot holds its auxiliaries to says nothing of the plan.
+        entered[..., begun : begun + slots.count] = deep * numbers.active
+        begun += slots.count
+    return motion, entered
+
+
+_NONE = np.zeros((0, 0))
+
+
+def _interpreted(
+    problem: Problem, parameters: Parameters, points: Sequence[Guess]
+) -> tuple[Array, Array]:
+    """Evaluate the same as `_compiled` by CasADi's virtual machine."""
+    motion = np.empty((len(points), problem.horizon))
+    entered = np.empty((*motion.shape, sum(one.count for one in problem.slots)))
+    for k, point in enumerate(points):
+        gap, limits, room, _, *rows = _evaluated(problem, parameters, point)
+        parts = [np.abs(gap), -limits, -room]
+        motion[k] = np.concatenate(parts, axis=1).max(axis=1, initial=0.0)
+        begun = 0
+        pairs = zip(problem.slots, parameters.slots, rows[::2], rows[1::2], strict=True)
+        for slots, numbers, outside, tied in pairs:
+            if slots.count:
+                own = entered[k, :, begun : begun + slots.count]
+                own[...] = _entered(outside, tied, slots.count) * numbers.active
+                begun += slots.count
+    return motion, entered
 
 
 def price(problem: Problem, parameters: Parameters, point: Guess) -> float:
     """Objective at a point that keeps every region, and so needs no slack."""
-    total = float(_evaluated(problem, parameters, [point])[3].sum())
+    total = float(_evaluated(problem, parameters, point)[3].sum())
     if problem.shared:
         total += float(problem.level_cost(point.level, parameters.target))
     return total
 
 
-def _evaluated(problem: Problem, parameters: Parameters, points: Sequence[Guess]) -> list[Array]:
-    """`Problem.residuals` at S points, each (S N, rows)."""
-    stages = parameters.stages()
-    columns = [
-        [
-            point.states[:-1],
-            point.inputs,
-            point.states[1:],
-            np.full((problem.horizon, 1), point.level),
-            stages,
-            *_lifted(problem, point),
-        ]
-        for point in points
-    ]
-    together = columns[0] if len(points) == 1 else map(np.concatenate, zip(*columns, strict=True))
-    return problem.residual_values(len(points))(list(together))
+def _evaluated(problem: Problem, parameters: Parameters, point: Guess) -> list[Array]:
+    """`Problem.residuals` at a point, each (N, rows)."""
+    return problem.residual_values([
+        point.states[:-1],
+        point.inputs,
+        point.states[1:],
+        point.level,
+        parameters.stages(),
+        *_lifted(problem, point),
+    ])  # fmt: skip
 
 
 def _lifted(problem: Problem, point: Guess) -> list[Array]:

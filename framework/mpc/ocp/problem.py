@@ -11,10 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from ...jit.exact import Exact
 from ...numerics.symbolic import Mapped, ca
 from ...region import Auxiliary
 from ...robot import Bounds
 from ...values.arrays import Array
+from ...values.errors import WideberthError
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,16 +202,44 @@ class Problem:
         )
         return single.map(self.horizon)
 
-    def residual_values(self, plans: int) -> Mapped:
-        """`residuals` of arrays, of several plans at once: their steps one after the other."""
-        known = self._residual_values
-        if plans not in known:
-            known[plans] = Mapped(self.residuals if plans == 1 else self.residuals.map(plans))
-        return known[plans]
+    @cached_property
+    def residual_values(self) -> Mapped:
+        """`residuals` of arrays."""
+        return Mapped(self.residuals)
 
     @cached_property
-    def _residual_values(self) -> dict[int, Mapped]:
-        return {}
+    def constraint_values(self) -> Exact | None:
+        """Constraints compiled: `motion` of a step, and `slotK` of one slot of kind K.
+
+        ``motion`` is of (x_i, u_i, x_{i+1}): gaps of the dynamics, then robot limits and room as
+        in `residuals`; ``slotK`` of (x, auxiliaries, s) and the numbers of a slot: inequalities,
+        then equalities. None where they cannot be compiled.
+        """
+        x, u, following = (
+            ca.SX.sym("x", self.states),
+            ca.SX.sym("u", self.inputs),
+            ca.SX.sym("next", self.states),
+        )
+        rows = ca.vertcat(
+            following - self.dynamics(x, u),
+            self.input_constraints(x, u),
+            self.state_constraints(following),
+            self._room(following, u),
+        )
+        none = ca.SX.sym("none", 0)
+        functions = {"motion": _of_two(ca.vertcat(x, u, following), none, rows)}
+        s = ca.SX.sym("s", int(self.shared))
+        for k, one in enumerate(self.slots):
+            if one.count:
+                own = ca.SX.sym("auxiliary", len(one.auxiliary))
+                numbers = ca.SX.sym("numbers", one.size)
+                stated = ca.vertcat(*one.constraint(following, own, s, numbers))
+                given = ca.vertcat(following, own, s)
+                functions[f"slot{k}"] = _of_two(given, numbers, stated)
+        try:
+            return Exact(functions)
+        except WideberthError:
+            return None
 
     @cached_property
     def stop_values(self) -> Mapped:
@@ -250,6 +280,10 @@ class Problem:
         return sha256(text.encode()).hexdigest()
 
 
+def _of_two(v: Any, p: Any, result: Any) -> Any:
+    return ca.Function("kernel", [v, p], [ca.densify(result)])
+
+
 @dataclass(frozen=True, eq=False)
 class SlotNumbers:
     """Numbers of the slots of one kind in one instance.
@@ -281,6 +315,12 @@ class SlotNumbers:
         level = [] if self.level is None else [self.level[..., None]]
         pieces = [self.parameters, *level, active[..., None], self.auxiliaries]
         return np.concatenate(pieces, axis=2).reshape(steps, -1)
+
+    @cached_property
+    def columns(self) -> Array:
+        """The same with a column for each step and slot, (size, N K)."""
+        steps, count = self.parameters.shape[:2]
+        return np.ascontiguousarray(self.stages().reshape(steps * count, -1).T)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,14 +1,18 @@
 """The assembled problem: the same meaning for every robot, region, size and form."""
 
+import pickle
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from wideberth.framework.jit import exact
+from wideberth.framework.jit.exact import Exact
 from wideberth.framework.mpc.assembly import _heading
 from wideberth.framework.mpc.costs.base import Weights
 from wideberth.framework.mpc.costs.tracking import Tracking
+from wideberth.framework.mpc.fallback import verify
 from wideberth.framework.mpc.fallback.rollout import steer
 from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.base import LevelPolicy, SharedLevel
@@ -44,6 +48,7 @@ from wideberth.regions.static.dual import Dual
 from wideberth.robots.bicycle import Bicycle
 from wideberth.robots.differential_drive import DifferentialDrive
 from wideberth.robots.holonomic import Holonomic
+from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.robots.unicycle import Unicycle
 from wideberth.tests.helpers.problems import DT, STEPS, assemble, fill, set_up, with_auxiliaries
 from wideberth.tests.helpers.region_samples import PAPER
@@ -369,6 +374,33 @@ def test_an_empty_slot_holds_its_auxiliaries_and_nothing_else() -> None:
         ties.append(np.array(tied).ravel())
         np.testing.assert_allclose(ties[-1], (lifted - rest)[: len(ties[-1])])
     assert [len(one) for one in ties] == [0, 1]
+
+
+def test_compiled_constraints_are_those_of_the_virtual_machine(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng = np.random.default_rng(7)
+    everything = full(rng)
+    hard = set_up(Unicycle(), MinkowskiSum(), Fixed(), 3, y=0.5)
+    bare = set_up(HolonomicVelocity(), MahalanobisEllipse(), Fixed(), 1)
+    for problem, parameters, point in (everything, hard, bare):
+        moved = replace(point, states=point.states + 0.3 * rng.standard_normal(point.states.shape))
+        points = [point, moved, point]
+        assert problem.constraint_values is not None
+        found = verify._compiled(problem, parameters, points)
+        for one, wanted in zip(
+            found, verify._interpreted(problem, parameters, points), strict=True
+        ):
+            np.testing.assert_array_equal(one, wanted)
+        again = pickle.loads(pickle.dumps(problem.constraint_values))
+        assert isinstance(again, Exact)
+    problem, parameters, point = full(rng)
+    monkeypatch.setattr(exact, "MOST_OPERATIONS", 1)
+    assert problem.constraint_values is None
+    np.testing.assert_array_equal(
+        violation(problem, parameters, point).regions,
+        violation(everything[0], parameters, point).regions,
+    )
 
 
 def test_a_bare_plan_is_checked_as_one_with_no_auxiliaries() -> None:

@@ -1,0 +1,69 @@
+"""CasADi functions compiled with CasADi's own rounding, and called on arrays.
+
+Sums stay in their order and no product is fused with a sum, so that every number is the one that
+CasADi's virtual machine gives, to the byte; a constant power alone may be rounded otherwise.
+"""
+
+import ctypes
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..values.arrays import Array
+from ..values.errors import WideberthError
+from .operations import FAST
+from .store import load
+from .transpile import kernel_source, module_source
+
+MOST_OPERATIONS = 2000
+"""Of one function: a larger one takes seconds to compile."""
+
+_KERNEL: Any = ctypes.CFUNCTYPE(
+    None, ctypes.c_int64, ctypes.c_int64, *[ctypes.c_void_p, ctypes.c_int64] * 3
+)
+
+
+class Exact:
+    """Compiled functions of two vectors, evaluated for many columns in one call.
+
+    Parameters
+    ----------
+    functions : by name, each of (v, p) with one result, see `kernel_source`.
+
+    Raises
+    ------
+    WideberthError : one is too large, of another form, or cannot be compiled here.
+    """
+
+    def __init__(self, functions: Mapping[str, Any]) -> None:
+        for name, one in functions.items():
+            if one.n_instructions() > MOST_OPERATIONS:
+                raise WideberthError(
+                    f"{name} has {one.n_instructions()} operations; up to {MOST_OPERATIONS} are "
+                    "compiled"
+                )
+        self._functions: Mapping[str, Any] = functions
+        text = module_source(kernel_source(one, name) for name, one in functions.items())
+        places = load("checks", text.replace(f" {FAST}", ""), list(functions))
+        self._calls: dict[str, tuple[Any, int]] = {
+            name: (_KERNEL(places[name]), one.nnz_out(0)) for name, one in functions.items()
+        }
+
+    def __reduce__(self) -> tuple[type["Exact"], tuple[Mapping[str, Any]]]:
+        """Leave the machine code behind."""
+        return Exact, (self._functions,)
+
+    def __call__(self, name: str, v: Array, p: Array) -> Array:
+        """Evaluate at columns: v (rows, S, C) and p (rows, C), the same for all S -> (out, S, C).
+
+        Both are contiguous.
+        """
+        call, rows = self._calls[name]
+        _, times, count = v.shape
+        found = np.empty((rows, times, count))
+        places = (v.ctypes.data, v.strides[0], p.ctypes.data, 8 * count)
+        out, row = found.ctypes.data, found.strides[0]
+        for k in range(times):
+            call(k * count, count, *places, out + 8 * k * count, row)
+        return found
