@@ -222,6 +222,27 @@ class Convex(Region):
         """Max of n . x over the region, m, for unit normals (..., D) -> (...)."""
 
 
+class Bounded(Region):
+    """A region that lies within a disc (a ball) around the obstacle's mean.
+
+    A planner leaves out what no plan can meet, see `framework.mpc.slots.screen`; obstacles of
+    regions without this ability always take part.
+    """
+
+    @abstractmethod
+    def outer_radius(self, deviations: Array, margin: Array, level: Array) -> Array:
+        """Radius of a disc that holds the region at this level and at lower ones from 0 on, m.
+
+        Of a `Polygonal` region: bodies overlap it only if the box along some axes around each
+        holds a place that is no farther from the mean.
+
+        Parameters
+        ----------
+        deviations : (..., D), m, along the eigenvectors of the covariance, from large to small.
+        margin, level : (...), of the region.
+        """
+
+
 class RiskLevel(Region):
     """A region with a level of its own for a collision risk, lower than that for the tail."""
 

@@ -112,7 +112,11 @@ class SymbolicDrive(Robot):
 
 @runtime_checkable
 class SpeedLimited(Protocol):
-    """A robot with a largest speed among its settings."""
+    """A robot with a largest speed among its settings.
+
+    Law, checked by `wideberth.framework.testing.check_robot`: between two states within the limits
+    its position moves at most ``max_speed`` times the duration of the step.
+    """
 
     @property
     @abstractmethod

@@ -6,7 +6,7 @@ from typing import ClassVar, final
 import numpy as np
 
 from ..framework.numerics.symbolic import ca
-from ..framework.region import Auxiliary, Constraint, Guarantee, Region, Relation
+from ..framework.region import Auxiliary, Bounded, Constraint, Guarantee, Relation
 from ..framework.values.arrays import Array, BoolArray, Scalar, positive, probability
 from ..framework.values.forecast import GaussianObstacle
 from ..framework.values.motion import Pose
@@ -20,7 +20,7 @@ _TINY = 1e-12
 
 @final
 @dataclass(frozen=True)
-class Bhattacharyya(Region):
+class Bhattacharyya(Bounded):
     """Where D_B < tau, enlarged by the disc of the margin.
 
     The robot is a Gaussian too, N(p, v I) with v = ``robot_deviation``^2. With d = p - mu and
@@ -74,9 +74,13 @@ class Bhattacharyya(Region):
         own = self.robot_deviation**2
         blend = 0.5 * (obstacle.covariance + own * np.eye(obstacle.mean.shape[-1]))
         packed = _SUM.parameters(GaussianObstacle(obstacle.mean, blend), room)
+        return np.concatenate([packed, self._least(variances)[..., None]], axis=-1)
+
+    def _least(self, variances: Array) -> Array:
+        """Return tau_0 of variances (..., D), m^2."""
+        own = self.robot_deviation**2
         ratio = 0.5 * (variances + own) / np.sqrt(variances * own)
-        least = 0.5 * np.log(ratio).sum(axis=-1)
-        return np.concatenate([packed, least[..., None]], axis=-1)
+        return np.asarray(0.5 * np.log(ratio).sum(axis=-1))
 
     def parameter_count(self, dimension: int) -> int:
         """P, 10 in 2-D and 17 in 3-D."""
@@ -111,6 +115,13 @@ class Bhattacharyya(Region):
         """Steiner's formula, m^2 or m^3."""
         return _SUM.area(*_inner(parameters, level))
 
+    def outer_radius(self, deviations: Array, margin: Array, level: Array) -> Array:
+        """Longest semi-axis of the ellipse of S and the margin, m."""
+        with np.errstate(divide="ignore"):  # for a singular covariance tau_0 is infinite
+            size = _size(level, self._least(deviations**2))
+        blend = 0.5 * (deviations[..., 0] ** 2 + self.robot_deviation**2)
+        return np.asarray(size * np.sqrt(blend) + margin)
+
     def level(self, tail: float, dimension: int = 2) -> float:
         """Level tau = -ln tail, the tail being the Bhattacharyya coefficient."""
         return -float(np.log(probability("tail", tail)))
@@ -123,5 +134,10 @@ class Bhattacharyya(Region):
 def _inner(parameters: Array, level: Array) -> tuple[Array, Array]:
     """Parameters and level of the sum."""
     parameters = np.asarray(parameters, dtype=np.float64)
-    rest = np.maximum(np.asarray(level, dtype=np.float64) - parameters[..., -1], 0.0)
-    return parameters[..., :-1], np.sqrt(8.0 * rest + _TINY)
+    return parameters[..., :-1], _size(level, parameters[..., -1])
+
+
+def _size(level: Array, least: Array) -> Array:
+    """Level of the ellipse of S, from tau and tau_0."""
+    rest = np.maximum(np.asarray(level, dtype=np.float64) - least, 0.0)
+    return np.asarray(np.sqrt(8.0 * rest + _TINY))

@@ -89,6 +89,17 @@ def _gauge(x: list[Scalar], half: list[Scalar], disc: Scalar) -> Scalar:
     return c / (b + root)
 
 
+def box_radius(deviations: Array, margin: Array, level: Array, enlargement: Enlargement) -> Array:
+    """Distance from the centre within which the enlarged box lies, (...), m.
+
+    The half-widths are z times deviations whose squares add up to the trace of the covariance, on
+    whatever axes; the corner of a box adds the margin in each of D coordinates.
+    """
+    corner = np.asarray(level) * np.hypot.reduce(deviations, axis=-1)
+    share = 1.0 if enlargement == "disc" else math.sqrt(deviations.shape[-1])
+    return np.asarray(corner + share * np.asarray(margin))
+
+
 def box_boundary(half: Array, margin: Array, count: int) -> Array:
     """Points along the corners' arcs and the ends of the straight parts, (count, 2), m.
 

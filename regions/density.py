@@ -41,9 +41,19 @@ def checked_spread(obstacle: GaussianObstacle, name: str) -> Array:
 def pack(obstacle: GaussianObstacle, margin: Array, name: str) -> Array:
     """Packed parameters and k, (..., P); raises as `checked_margin` and `checked_spread`."""
     packed = gaussian.pack(obstacle, margin, tuple(UNIT_BALL))
-    variances = checked_spread(obstacle, name)
-    room = np.maximum(packed[..., -1], _SMALL)
-    size = variances.shape[-1]
-    spread = 0.5 * np.log(2.0 * np.pi * variances).sum(axis=-1)
-    k = 2.0 * (spread - np.log(UNIT_BALL[size]) - size * np.log(room))
+    k = _offset(checked_spread(obstacle, name), packed[..., -1])
     return np.concatenate([packed, k[..., None]], axis=-1)
+
+
+def longest(deviations: Array, margin: Array, level: Array) -> Array:
+    """Longest semi-axis sqrt(q) sigma_1 of the ellipse, (...), m, 0 where it is empty."""
+    with np.errstate(divide="ignore"):  # without a density k is -inf: the ellipse has no end
+        q = np.maximum(np.asarray(level) ** 2 - _offset(deviations**2, margin), 0.0)
+    return np.asarray(np.sqrt(q) * deviations[..., 0])
+
+
+def _offset(variances: Array, margin: Array) -> Array:
+    """Return k of variances (..., D), m^2, and margins (...), m."""
+    room, size = np.maximum(margin, _SMALL), variances.shape[-1]
+    spread = 0.5 * np.log(2.0 * np.pi * variances).sum(axis=-1)
+    return np.asarray(2.0 * (spread - np.log(UNIT_BALL[size]) - size * np.log(room)))

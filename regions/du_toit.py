@@ -7,7 +7,7 @@ import numpy as np
 
 from ..framework.numerics.geometry import UNIT_BALL
 from ..framework.numerics.symbolic import ca
-from ..framework.region import Constraint, Guarantee, Relation
+from ..framework.region import Bounded, Constraint, Guarantee, Relation
 from ..framework.values.arrays import Array, BoolArray, Scalar
 from ..framework.values.forecast import GaussianObstacle
 from ..framework.values.motion import Pose
@@ -19,7 +19,7 @@ _TINY = 1e-13
 
 @final
 @dataclass(frozen=True)
-class DuToit(gaussian.ExponentLevel):
+class DuToit(gaussian.ExponentLevel, Bounded):
     """Where V f(p) > eps, f the density of the obstacle's position, V the volume of the disc.
 
     V is pi margin^2 in 2-D and 4/3 pi margin^3 in 3-D. An ellipse with squared level
@@ -90,6 +90,10 @@ class DuToit(gaussian.ExponentLevel):
         _, _, deviations, q = _frame(parameters, level)
         axes = np.sqrt(q)[..., None] * deviations
         return np.asarray(UNIT_BALL[axes.shape[-1]] * axes.prod(axis=-1))
+
+    def outer_radius(self, deviations: Array, margin: Array, level: Array) -> Array:
+        """Longest semi-axis sqrt(q) sigma_1, m."""
+        return density.longest(deviations, margin, level)
 
 
 def _frame(parameters: Array, level: Array) -> tuple[Array, Array, Array, Array]:

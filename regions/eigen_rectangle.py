@@ -5,7 +5,7 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.region import Constraint, Convex, Guarantee, Relation, Signed
+from ..framework.region import Bounded, Constraint, Convex, Guarantee, Relation, Signed
 from ..framework.values.arrays import Array, BoolArray, Scalar
 from ..framework.values.motion import Pose
 from . import gaussian
@@ -15,6 +15,7 @@ from .box import (
     box_boundary,
     box_level,
     box_outside,
+    box_radius,
     box_tail,
     box_volume,
     check_choices,
@@ -24,7 +25,7 @@ from .box import (
 
 @final
 @dataclass(frozen=True)
-class EigenRectangle(gaussian.Eigenframe, Signed, Convex):
+class EigenRectangle(gaussian.Eigenframe, Signed, Convex, Bounded):
     """Rectangle with half-widths z sigma_i along the eigenvectors, enlarged by the margin.
 
     The components x = R^T (p - mu) are independent, so the content is (2 Phi(z) - 1)^K exactly.
@@ -104,6 +105,10 @@ class EigenRectangle(gaussian.Eigenframe, Signed, Convex):
         """Steiner's formula for a box: 4 hx hy + 4 margin (hx + hy) + pi margin^2 in 2-D."""
         _, _, half, margin = self._frame(parameters, level)
         return box_volume(half, margin)
+
+    def outer_radius(self, deviations: Array, margin: Array, level: Array) -> Array:
+        """Distance of the farthest corner from the mean, at most, m."""
+        return box_radius(deviations, margin, level, self.enlargement)
 
     def level(self, tail: float, dimension: int = 2) -> float:
         """Level z; not below Phi^-1(1 - 1 / (2K)) for Bonferroni."""

@@ -14,7 +14,7 @@ from scipy import special
 from ..framework.numerics.eigenframe import eigen_axes
 from ..framework.numerics.geometry import UNIT_BALL, distance_to_ellipse
 from ..framework.numerics.symbolic import ca
-from ..framework.region import ClosedForm, Convex, Region, RiskLevel, Signed
+from ..framework.region import Bounded, ClosedForm, Convex, Region, RiskLevel, Signed
 from ..framework.values.arrays import Array, BoolArray, Scalar, probability
 from ..framework.values.errors import WideberthError
 from ..framework.values.forecast import GaussianObstacle
@@ -247,7 +247,7 @@ class LineRisk(RiskLevel):
         return line_risk(level)
 
 
-class Ellipse(Signed, Convex):
+class Ellipse(Signed, Convex, Bounded):
     """An ellipse {p : sum_i (R^T (p - mu))_i^2 / c_i^2 < 1} on parameters of `pack`."""
 
     @abstractmethod

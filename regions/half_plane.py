@@ -7,7 +7,7 @@ import numpy as np
 
 from ..framework.numerics.geometry import UNIT_BALL, mean_cubed_support, mean_support, perimeter
 from ..framework.numerics.symbolic import ca
-from ..framework.region import Constraint, Guarantee, Relation
+from ..framework.region import Bounded, Constraint, Guarantee, Relation
 from ..framework.values.arrays import Array, BoolArray, Scalar
 from ..framework.values.motion import Pose
 from . import gaussian
@@ -15,7 +15,7 @@ from . import gaussian
 
 @final
 @dataclass(frozen=True)
-class HalfPlane(gaussian.Eigenframe, gaussian.LineLevel):
+class HalfPlane(gaussian.Eigenframe, gaussian.LineLevel, Bounded):
     """Inside the pedal curve |d| = margin + z h(a), h(a) = sqrt(a^T Sigma a), a = d / |d|.
 
     With d = p - mu, the disc of the margin lies beyond the line through its nearest point at
@@ -90,3 +90,7 @@ class HalfPlane(gaussian.Eigenframe, gaussian.LineLevel):
             mean, cube = z * mean_support(deviations), z**3 * mean_cubed_support(deviations)
             total = margin**3 + 3.0 * margin * (margin * mean + square) + cube
         return np.asarray(UNIT_BALL[size] * total)
+
+    def outer_radius(self, deviations: Array, margin: Array, level: Array) -> Array:
+        """Return margin + z sigma_1, m, since h(a) is at most sigma_1."""
+        return np.asarray(level * deviations[..., 0] + margin)

@@ -6,7 +6,15 @@ from typing import ClassVar, final
 import numpy as np
 
 from ..framework.numerics.symbolic import ca
-from ..framework.region import ClosedForm, Constraint, Convex, Guarantee, Relation, Signed
+from ..framework.region import (
+    Bounded,
+    ClosedForm,
+    Constraint,
+    Convex,
+    Guarantee,
+    Relation,
+    Signed,
+)
 from ..framework.values.arrays import Array, BoolArray, Scalar
 from ..framework.values.forecast import GaussianObstacle
 from ..framework.values.motion import Pose
@@ -17,6 +25,7 @@ from .box import (
     box_boundary,
     box_level,
     box_outside,
+    box_radius,
     box_tail,
     box_volume,
     check_choices,
@@ -26,7 +35,7 @@ from .box import (
 
 @final
 @dataclass(frozen=True)
-class LuetkepohlRectangle(ClosedForm, Signed, Convex):
+class LuetkepohlRectangle(ClosedForm, Signed, Convex, Bounded):
     """Rectangle with half-widths z sqrt(Sigma_kk), enlarged by the margin.
 
     With K = D components and tail alpha each component gets the interval of tail alpha / K,
@@ -141,6 +150,10 @@ class LuetkepohlRectangle(ClosedForm, Signed, Convex):
         """Steiner's formula for a box: 4 hx hy + 4 margin (hx + hy) + pi margin^2 in 2-D."""
         _, half, margin = self._frame(parameters, level)
         return box_volume(half, margin)
+
+    def outer_radius(self, deviations: Array, margin: Array, level: Array) -> Array:
+        """Distance of the farthest corner from the mean, at most, m."""
+        return box_radius(deviations, margin, level, self.enlargement)
 
     def level(self, tail: float, dimension: int = 2) -> float:
         """Level z; not below Phi^-1(1 - 1 / (2K)) for Bonferroni."""

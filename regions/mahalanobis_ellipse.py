@@ -60,3 +60,7 @@ class MahalanobisEllipse(gaussian.Ellipse, gaussian.Eigenframe, gaussian.Content
         _, _, deviations, margin = gaussian.unpack(parameters)
         length = np.asarray(level)[..., None] * deviations + margin[..., None]
         return np.asarray(np.hypot(length, gaussian.FLOOR))
+
+    def outer_radius(self, deviations: Array, margin: Array, level: Array) -> Array:
+        """Longest semi-axis s sigma_1 + margin, m."""
+        return np.asarray(level * deviations[..., 0] + margin)

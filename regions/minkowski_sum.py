@@ -12,7 +12,15 @@ from ..framework.numerics.geometry import (
     sum_volume,
 )
 from ..framework.numerics.symbolic import ca
-from ..framework.region import Auxiliary, Constraint, Convex, Guarantee, Relation, Signed
+from ..framework.region import (
+    Auxiliary,
+    Bounded,
+    Constraint,
+    Convex,
+    Guarantee,
+    Relation,
+    Signed,
+)
 from ..framework.values.arrays import Array, BoolArray, Scalar
 from ..framework.values.motion import Pose
 from . import gaussian
@@ -28,7 +36,7 @@ value exceeds it on flat ellipses alone, of axes 1 to 2e-6 or less, where the bo
 sum by at most a millionth of the larger axis."""
 
 
-class EllipsePlusDisc(gaussian.Eigenframe, Signed, Convex):
+class EllipsePlusDisc(gaussian.Eigenframe, Signed, Convex, Bounded):
     """The set of points closer than the margin to the ellipse with semi-axes s sigma_i."""
 
     def contains(self, points: Array, parameters: Array, level: Array) -> BoolArray:
@@ -69,6 +77,10 @@ class EllipsePlusDisc(gaussian.Eigenframe, Signed, Convex):
         """Steiner's formula: pi a b + perimeter * margin + pi margin^2 in 2-D."""
         _, axes, margin, _ = _frame(gaussian.unpack(parameters)[0], parameters, level)
         return sum_volume(axes, margin)
+
+    def outer_radius(self, deviations: Array, margin: Array, level: Array) -> Array:
+        """Longest semi-axis of the ellipse and the margin, s sigma_1 + margin, m."""
+        return np.asarray(level * deviations[..., 0] + margin)
 
 
 class BlendedSum(EllipsePlusDisc):

@@ -64,6 +64,13 @@ class OuterEllipse(gaussian.Ellipse, gaussian.ContentLevel, gaussian.LineRisk):
     def axes(self, parameters: Array, level: Array) -> Array:
         """Semi-axes c_i, (..., D), m, from large to small."""
         _, _, deviations, margin = gaussian.unpack(parameters)
+        return self._axes(deviations, margin, level)
+
+    def outer_radius(self, deviations: Array, margin: Array, level: Array) -> Array:
+        """Longest semi-axis, m."""
+        return np.asarray(self._axes(deviations, margin, level).max(axis=-1))
+
+    def _axes(self, deviations: Array, margin: Array, level: Array) -> Array:
         size = np.maximum(np.asarray(level, dtype=np.float64), 0.0)
         squares = self.squares(list(np.moveaxis(deviations, -1, 0)), margin, size)
         stacked = np.stack(np.broadcast_arrays(*squares), axis=-1)

@@ -6,7 +6,7 @@ from typing import ClassVar, final
 import numpy as np
 
 from ..framework.numerics.symbolic import ca
-from ..framework.region import Auxiliary, Constraint, Guarantee, Relation
+from ..framework.region import Auxiliary, Bounded, Constraint, Guarantee, Relation
 from ..framework.values.arrays import Array, BoolArray, Scalar
 from ..framework.values.forecast import GaussianObstacle
 from ..framework.values.motion import Pose
@@ -20,7 +20,7 @@ _EMPTY = 1e-12
 
 @final
 @dataclass(frozen=True)
-class Park(gaussian.ExponentLevel):
+class Park(gaussian.ExponentLevel, Bounded):
     """Where V max f > eps, the maximum taken over the disc around p, V its volume.
 
     The disc holds a point of density above eps / V iff it meets the ellipse of du Toit and
@@ -96,6 +96,10 @@ class Park(gaussian.ExponentLevel):
         """Steiner's formula, m^2 or m^3."""
         inner, size, there = _inner(parameters, level)
         return np.asarray(np.where(there, _SUM.area(inner, size), 0.0))
+
+    def outer_radius(self, deviations: Array, margin: Array, level: Array) -> Array:
+        """Return sqrt(q) sigma_1 + margin, m; where the region is empty the margin."""
+        return np.asarray(density.longest(deviations, margin, level) + margin)
 
 
 def _inner(parameters: Array, level: Array) -> tuple[Array, Array, BoolArray]:

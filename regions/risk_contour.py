@@ -6,7 +6,7 @@ from typing import ClassVar, final
 import numpy as np
 
 from ..framework.numerics.symbolic import ca
-from ..framework.region import Constraint, Guarantee, Relation
+from ..framework.region import Bounded, Constraint, Guarantee, Relation
 from ..framework.risk.inversion import log_probability
 from ..framework.values.arrays import Array, BoolArray, Scalar
 from ..framework.values.motion import Pose
@@ -21,7 +21,7 @@ _TINY = 1e-12
 
 @final
 @dataclass(frozen=True)
-class RiskContour(gaussian.Eigenframe, gaussian.ExponentLevel):
+class RiskContour(gaussian.Eigenframe, gaussian.ExponentLevel, Bounded):
     """{p : P(p) > eps}, P the probability that the obstacle is closer than the margin.
 
     Nothing smaller keeps the risk eps per step. P is log-concave in p (Prekopa), so the region
@@ -76,6 +76,10 @@ class RiskContour(gaussian.Eigenframe, gaussian.ExponentLevel):
     def area(self, parameters: Array, level: Array) -> Array:
         """Quadrature over the rays, m^2 or m^3, relative error below 1e-6."""
         return rays.area(*_along_rays(parameters, level), gaussian.dimension(parameters))
+
+    def outer_radius(self, deviations: Array, margin: Array, level: Array) -> Array:
+        """Return margin + level sigma_1, m: beyond `HalfPlane` P is at most Phi(-level)."""
+        return np.asarray(level * deviations[..., 0] + margin)
 
 
 def _log_risk(x: Array, deviations: Array, margin: Array) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import special
 
 from ..framework.numerics.symbolic import ca
-from ..framework.region import Constraint, Guarantee, Polygonal, Relation
+from ..framework.region import Bounded, Constraint, Guarantee, Polygonal, Relation
 from ..framework.values.arrays import Array, BoolArray, Scalar
 from ..framework.values.motion import Pose
 from . import gaussian, rays
@@ -20,7 +20,7 @@ _TINY = 1e-12
 
 @final
 @dataclass(frozen=True)
-class WhitenedBox(Polygonal, gaussian.Eigenframe, gaussian.ExponentLevel):
+class WhitenedBox(Polygonal, gaussian.Eigenframe, gaussian.ExponentLevel, Bounded):
     """Where the collision risk of the box around the body exceeds eps.
 
     Along each eigenvector e_k of Sigma the body with corners v_i and the disc of the margin cover
@@ -101,6 +101,14 @@ class WhitenedBox(Polygonal, gaussian.Eigenframe, gaussian.ExponentLevel):
     def area(self, parameters: Array, level: Array) -> Array:
         """Quadrature over the rays, m^2 or m^3, relative error below 1e-6."""
         return rays.area(*_along_rays(parameters, level), gaussian.dimension(parameters))
+
+    def outer_radius(self, deviations: Array, margin: Array, level: Array) -> Array:
+        """Corner of the box with half-widths margin + level sigma_k, m.
+
+        Beyond one of them a factor is at most Phi(-level), which is below eps.
+        """
+        half = np.asarray(margin)[..., None] + np.asarray(level)[..., None] * deviations
+        return np.asarray(np.hypot.reduce(half, axis=-1))
 
 
 def _log_bound(centre: Array, half: Array, deviations: Array) -> Array:

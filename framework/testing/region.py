@@ -7,7 +7,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from ..numerics.symbolic import ca
-from ..region import ClosedForm, Guarantee, Region, Relation
+from ..region import Bounded, ClosedForm, Guarantee, Region, Relation
 from ..risk.collision_probability import collision_probability
 from ..values.arrays import Array, BoolArray
 from ..values.errors import WideberthError
@@ -18,6 +18,8 @@ from .twin import Twin, compile_twin
 _TAILS = (1.0 - 1e-9, 0.999, 0.5, 0.1, 0.05, 1e-3, 1e-12, 1e-15)
 _NEAR = 1e-6
 """Share of its size by which a declared relation may be missed."""
+_POINT = 1e-9
+"""m; what is smaller is a point, such as the outline of an empty region."""
 _RAYS = 200
 _FACTORS = np.array([0.3, 0.95, 1.0 - 1e-4, 1.0 + 1e-4, 1.05, 2.0])
 """Multiples of the boundary's distance from the mean at which points are taken."""
@@ -63,6 +65,7 @@ def laws(
     fixed = "" if region.rotation_invariant else "it declares rotation_invariant = False"
     unrelated = "it declares no relation" if region.relation is Relation.NONE else ""
     closed = "" if isinstance(region, ClosedForm) else "its parameters have no closed form"
+    unbounded = "" if isinstance(region, Bounded) else "no disc is known to hold it"
     unsafe = "it declares no guarantee" if region.guarantee is Guarantee.NONE else ""
 
     def law(name: str, check: Callable[[_Probe], None], exception: str = "") -> Law:
@@ -76,6 +79,7 @@ def laws(
         law("finite beyond the bounds", partial(_check_beyond, rng=beyond)),
         law("gradient at the boundary", _check_gradient),
         law("grows with margin and level", _check_growth),
+        law("lies within its outer radius", _check_radius, unbounded),
         law("moves with the obstacle", partial(_check_shift, rng=moving)),
         law("turns with the obstacle", partial(_check_turn, rng=turning), fixed),
         law("relation to the exact sum", _check_relation, unrelated),
@@ -247,6 +251,17 @@ def _check_growth(probe: _Probe) -> None:
     level = case.level + 0.3
     if (inside & ~case.region.contains(points, case.parameters, level)).any():
         raise case.fail("the region must grow with the level")
+
+
+def _check_radius(probe: _Probe) -> None:
+    case, region = probe.case, probe.case.region
+    assert isinstance(region, Bounded)
+    deviations = np.sqrt(np.linalg.eigvalsh(case.covariance)[::-1])
+    radius = float(region.outer_radius(deviations, case.margin, case.level))
+    held = np.concatenate([probe.points[probe.inside], case.mean + probe.reach])
+    away = np.linalg.norm(held - case.mean, axis=1).max()
+    if not away <= radius * (1 + _NEAR) + _POINT:
+        raise case.fail(f"outer_radius is {radius:.6g}; a place within lies {away:.6g} away")
 
 
 def _check_shift(probe: _Probe, rng: np.random.Generator) -> None:

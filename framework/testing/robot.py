@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ..numerics.integration import runge_kutta
-from ..robot import Bounds, Robot, SymbolicDrive
+from ..robot import Bounds, Robot, SpeedLimited, SymbolicDrive
 from ..values.arrays import Array
 from ..values.motion import Pose, Twist
 from .laws import Law, each, require
@@ -19,6 +19,8 @@ _STEP = 1e-4
 """s, of central differences."""
 _HELD = 20
 """Steps of 50 ms that a wanted twist is held for when a drive has ended."""
+_DURATION = 0.5
+"""s, of one step in which the way is measured."""
 _SAMPLES = 40
 _REACH = 5.0
 """m (or rad): states without limits are drawn up to here."""
@@ -28,6 +30,7 @@ def check_robot(robot: Robot, *, rng: np.random.Generator | None = None) -> None
     """Check every law of `wideberth.framework.robot.Robot`.
 
     Names and bounds fit together; a footprint lies within the radius and turns with a heading;
+    it is no faster than its largest speed, if it names one;
     NumPy (one state or a batch) and CasADi agree; pose changes as twist says and twist as
     acceleration (central differences); `state_at` is the inverse of pose and twist; one
     Runge-Kutta step has order four; turning the start turns the motion; `drive` keeps every
@@ -50,6 +53,8 @@ def laws(robot: Robot, *, rng: np.random.Generator | None = None) -> tuple[Law, 
     """Return the laws of a robot; the arguments are those of `check_robot`."""
     drawn, turned = (np.random.default_rng(0) if rng is None else rng).spawn(2)
 
+    free = "" if isinstance(robot, SpeedLimited) else "it names no largest speed"
+
     @cache
     def pairs() -> list[Pair]:
         return [_draw(robot, drawn) for _ in range(_SAMPLES)]
@@ -67,6 +72,7 @@ def laws(robot: Robot, *, rng: np.random.Generator | None = None) -> tuple[Law, 
     return (
         Law("names and bounds", lambda: _check_bounds(robot)),
         Law("NumPy and CasADi agree", lambda: _check_casadi(robot, pairs())),
+        Law("no faster than its largest speed", each(partial(_check_speed, robot), pairs), free),
         Law("Runge-Kutta converges with order four", lambda: _check_order(robot, pairs())),
         Law("pose changes as twist says", each(partial(_check_twist, robot), pairs)),
         Law(
@@ -159,6 +165,23 @@ def _check_casadi(robot: Robot, pairs: list[Pair]) -> None:
         assert np.allclose(batch[:, index], single, rtol=1e-12, atol=1e-12), (
             f"a batch and a single state disagree at state {state}, input {control}"
         )
+
+
+def _check_speed(robot: Robot, pair: Pair) -> None:
+    """One step of half a second, where it ends within the limits."""
+    assert isinstance(robot, SpeedLimited)
+    state, control = pair
+    end = tuple(map(float, runge_kutta(robot.derivative, state, control, _DURATION)))
+    if (
+        not _keeps(end, robot.state_bounds())
+        or min(robot.constraints(end, control), default=0) < 0
+    ):
+        return
+    way = np.linalg.norm(np.subtract(robot.pose(end).position, robot.pose(state).position))
+    assert way <= robot.max_speed * _DURATION * (1 + 1e-9), (
+        f"it moves {way:.4g} m in {_DURATION:g} s from state {state}; wanted at most max_speed, "
+        f"{robot.max_speed:g} m/s"
+    )
 
 
 def _check_order(robot: Robot, pairs: list[Pair]) -> None:

@@ -168,7 +168,8 @@ class Plan:
     level : (N, O), the level that each constraint is held at.
     target : (N, O), the level aimed at.
     content : (N, O), the content that those levels stand for.
-    ids : identities of the O obstacles.
+    ids : identities of the O obstacles: those in the problem, and behind them those that no plan
+        can meet, which need no place in it.
     status : how the solver ended.
     rung : which rung of the fallback ladder this is; the name of a user's own is plain text.
     reason : how it gave way, why it is not the optimal plan, which other solver answered than

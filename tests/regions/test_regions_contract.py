@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from wideberth.framework.plugins import registry
-from wideberth.framework.region import Auxiliary, Constraint, Guarantee, Region, Relation
+from wideberth.framework.region import Auxiliary, Bounded, Constraint, Guarantee, Region, Relation
 from wideberth.framework.testing.region import check_region, laws
 from wideberth.framework.testing.region_cases import variants
 from wideberth.framework.values.forecast import GaussianObstacle
@@ -27,7 +27,7 @@ def test_contract(region: str, law: str) -> None:
 
 
 @dataclass(frozen=True)
-class Pretender(Region):
+class Pretender(Bounded):
     """The paper's ellipse behind other claims or with one method broken."""
 
     broken: str = ""
@@ -75,6 +75,10 @@ class Pretender(Region):
     def area(self, parameters: Any, level: Any) -> Any:
         return self.inner.area(parameters, level) * (1.01 if self.broken == "area" else 1.0)
 
+    def outer_radius(self, deviations: Any, margin: Any, level: Any) -> Any:
+        share = 0.99 if self.broken == "radius" else 1.0
+        return share * self.inner.outer_radius(deviations, margin, level)
+
     def level(self, tail: float, dimension: int = 2) -> float:
         level = self.inner.level(tail, dimension)
         return np.nan if self.broken == "level" and tail > 0.9999 else level
@@ -119,6 +123,7 @@ class Shrunk(Pretender):
         (Pretender("rotation"), r"must turn with the obstacle"),
         (Pretender("margin"), r"grow with the margin"),
         (Pretender("clockwise"), r"counter-clockwise"),
+        (Pretender("radius"), r"outer_radius is"),
         (Pretender("area"), r"area\(\) says"),
         (Pretender("tail"), r"tail\(level"),
         (Pretender("level"), r"level must grow"),

@@ -9,7 +9,7 @@ import pytest
 
 from wideberth.framework.control.velocity_smoother import VelocitySmoother
 from wideberth.framework.numerics.integration import runge_kutta
-from wideberth.framework.robot import step
+from wideberth.framework.robot import Bounds, step
 from wideberth.framework.testing.laws import findings
 from wideberth.framework.testing.robot import check_robot, laws
 from wideberth.framework.values.errors import WideberthError
@@ -176,6 +176,7 @@ def test_smoother_refuses_a_negative_ramp():
     [
         ("twist", lambda self, x, u: Twist((2 * x[3], 0.0), x[4]), "pose changes"),
         ("acceleration", lambda self, x, u: Twist((0.0, 0.0), u[1]), "twist changes"),
+        ("state_bounds", lambda self: Bounds.symmetric(*[np.inf] * 3, 1.4, 0.3), "it moves"),
         ("drive", lambda self, x, twist, dt: (9.0, 0.0), "input bound"),
         ("drive", lambda self, x, twist, dt: (0.7, 0.0), "state bound"),
         ("drive", lambda self, x, twist, dt: (0.0, 0.0), "drive ends at"),

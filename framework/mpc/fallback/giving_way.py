@@ -111,10 +111,32 @@ def content(check: InstanceCheck, level: Array, dimension: int) -> Array:
     for k, own in columns.items():
         kind = check.around.kinds[k]
         assert isinstance(kind, LevelledKind)
-        flat = level[:, own].ravel().tolist()
-        known = {v: 1.0 - kind.tail(v, "content", dimension) if v > 0 else 0.0 for v in set(flat)}
-        found[:, own] = np.reshape([known[v] for v in flat], (len(level), len(own)))
+        found[:, own] = _contents(kind, level[:, own], dimension)
     return found
+
+
+def _contents(kind: LevelledKind, level: Array, dimension: int) -> Array:
+    flat = level.ravel().tolist()
+    known = {v: 1.0 - kind.tail(v, "content", dimension) if v > 0 else 0.0 for v in set(flat)}
+    return np.reshape([known[v] for v in flat], level.shape)
+
+
+def out_of_reach(check: InstanceCheck, level: Array) -> tuple[Array, Array, Array]:
+    """Level held, level aimed at, and content of what needs no slot, (N, B) each.
+
+    The level aimed at is kept, whatever the plan; where the level is shared, it is that of the
+    slots, ``level`` (N, O).
+    """
+    none = np.zeros((check.problem.horizon, 0))
+    kept, aimed_at, contents = [none], [none], [none]
+    for kind, one in check.around.out_of_reach:
+        shared = check.problem.shared and level.size
+        kept.append(np.broadcast_to(level[:, :1], one.level.shape) if shared else one.level)
+        aimed_at.append(one.level)
+        contents.append(_contents(kind, kept[-1], check.robot.dimension))
+    found = (np.concatenate(some, axis=1) for some in (kept, aimed_at, contents))
+    held_at, aim, content_of = found
+    return held_at, aim, content_of
 
 
 def auxiliaries(check: InstanceCheck, point: Guess) -> Array:

@@ -29,7 +29,7 @@ from ...values.arrays import Array
 from ...values.errors import WideberthError, short
 from ...values.plan import Plan, Rung
 from ..ocp.transcription import Guess
-from .giving_way import aimed, auxiliaries, content, held
+from .giving_way import aimed, auxiliaries, content, held, out_of_reach
 from .instance_check import TOLERANCE, Candidate, InstanceCheck, Outcome, contact
 from .rollout import follow
 from .stopping import stops
@@ -337,6 +337,8 @@ def _plan(rung: str, best: Candidate, words: list[str], trial: Trial, stamp: flo
     runs = [one.solution for one in outcome.candidates if one.solution is not None]
     own = best.solution or (runs[0] if runs else None)
     robot, point = check.robot, best.point
+    far = [name for _, one in check.around.out_of_reach for name in one.names]
+    beyond, extra = out_of_reach(check, level), ((0, 0), (0, len(far)), (0, 0))
     return Plan(
         stamp=stamp,
         dt=check.problem.dt,
@@ -344,11 +346,11 @@ def _plan(rung: str, best: Candidate, words: list[str], trial: Trial, stamp: flo
         inputs=point.inputs,
         positions=np.stack(robot.pose(tuple(point.states.T)).position, axis=-1),
         reference=check.parameters.reference,
-        auxiliaries=auxiliaries(check, point),
-        level=level,
-        target=aimed(check),
-        content=content(check, level, robot.dimension),
-        ids=tuple(name for *_, name in check.around.levelled),
+        auxiliaries=np.pad(auxiliaries(check, point), extra, constant_values=np.nan),
+        level=np.hstack([level, beyond[0]]),
+        target=np.hstack([aimed(check), beyond[1]]),
+        content=np.hstack([content(check, level, robot.dimension), beyond[2]]),
+        ids=(*(name for *_, name in check.around.levelled), *far),
         status=outcome.status if own is None else own.status,
         rung=rung,
         reason="; ".join(words),

@@ -34,6 +34,7 @@ from ..ocp.progress_robot import ProgressRobot, progress_robot_of
 from ..ocp.reference import Progress, Reference
 from ..ocp.transcription import Guess
 from ..slots.base import CAPACITIES, Chosen, Surroundings, View, reach_of_bodies
+from ..slots.screen import Travel
 from .multistart import (
     COMPILING,
     Budget,
@@ -97,6 +98,7 @@ class Services:
     own : compiled growth of the robot's own uncertainty.
     motion : compiled trajectories of the robot.
     body : the robot as the problem states it, with its progress where the cost has one.
+    travel : how far the robot can get.
     """
 
     problems: ProblemCache
@@ -104,6 +106,7 @@ class Services:
     own: OwnUncertainty
     motion: Motion
     body: Robot
+    travel: Travel
 
     @classmethod
     def of(cls, settings: PlannerSettings) -> "Services":
@@ -116,6 +119,7 @@ class Services:
             OwnUncertainty(robot, settings.dt, settings.own_uncertainty, reach),
             Motion(robot, settings.horizon, settings.dt),
             progress_robot_of(robot) if isinstance(settings.cost, ProgressCost) else robot,
+            Travel.of(robot, settings.horizon, settings.dt),
         )
 
 
@@ -298,6 +302,8 @@ def _fill(
         route=np.stack([reference.position, here]),
         planned=_place(robot, first.states[1:].T).T,
         own=services.own.spread(known, first.states, first.inputs),
+        here=here,
+        travel=services.travel.bounds(start),
         level=settings.level,
         margin=settings.margin,
         aside=0.5 * settings.reference_speed * settings.horizon * settings.dt,
@@ -377,6 +383,7 @@ def warm_up(settings: PlannerSettings, services: Services, path: Path) -> None:
     timed = None if settings.deadline is None else COMPILING * settings.patience
     crowds = [1] if timed is None else [n for n in CAPACITIES if n <= settings.most_obstacles]
     settings, samples = changed(settings, deadline=timed), settings.history
+    services = replace(services, travel=replace(services.travel, speed=np.inf))  # all take part
     with suppress(Exception):  # a plug-in that raises here is named by `step`
         state = PlannerState.initial(settings, path)
         direction = path.direction(np.zeros(1))[0]

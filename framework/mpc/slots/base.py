@@ -55,6 +55,9 @@ class View:
         is now.
     planned : (N, D), m, positions of the shifted last plan.
     own : (N, D, D), m^2, covariance of the robot's own position.
+    here : (N, D), m, where the robot is now, again for each step.
+    travel : (N,), m, how far from there its limits let it be at each step; infinite where that is
+        not known.
     level : the planner's level policy.
     margin : m, added around the robot's bodies.
     aside : m, how far a plan may turn aside: half of what the reference covers.
@@ -69,6 +72,8 @@ class View:
     route: Array
     planned: Array
     own: Array
+    here: Array
+    travel: Array
     level: LevelPolicy
     margin: float
     aside: float
@@ -99,6 +104,21 @@ class Known(ABC):
 
 @final
 @dataclass(frozen=True, eq=False)
+class OutOfReach:
+    """Things that no plan can meet, so that they need no slot; every plan keeps clear of them.
+
+    Attributes
+    ----------
+    names : of them.
+    level : (N, O), aimed at.
+    """
+
+    names: tuple[str, ...]
+    level: Array
+
+
+@final
+@dataclass(frozen=True, eq=False)
 class Chosen:
     """Things of one kind in one planning cycle.
 
@@ -109,6 +129,7 @@ class Chosen:
     left_out : names of those that the problem has no room for.
     numbers : of all slots; the auxiliaries have width 0, see `with_auxiliaries`.
     known : all of them.
+    out_of_reach : those that need no slot, of a `LevelledKind`; None for none.
     """
 
     room: Room
@@ -116,6 +137,7 @@ class Chosen:
     left_out: tuple[str, ...]
     numbers: SlotNumbers
     known: Known
+    out_of_reach: OutOfReach | None = None
 
 
 class SlotKind(ABC):
@@ -234,6 +256,15 @@ class Surroundings:
             for k, (kind, one) in enumerate(zip(self.kinds, self.chosen, strict=True))
             if isinstance(kind, LevelledKind)
             for place, name in enumerate(one.names)
+        )
+
+    @property
+    def out_of_reach(self) -> tuple[tuple[LevelledKind, OutOfReach], ...]:
+        """What needs no slot, of each kind that has such things."""
+        return tuple(
+            (kind, one.out_of_reach)
+            for kind, one in zip(self.kinds, self.chosen, strict=True)
+            if isinstance(kind, LevelledKind) and one.out_of_reach is not None
         )
 
     def touched(self, states: Array) -> Touch:

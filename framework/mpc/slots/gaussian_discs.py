@@ -1,14 +1,16 @@
 """Gaussian discs: obstacles of a forecast, each a disc around an uncertain place."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import sqrt
 from typing import Any, ClassVar, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...numerics.symbolic import ca
-from ...region import ClosedForm, Polygonal, Region
+from ...region import Bounded, ClosedForm, Polygonal, Region
 from ...robot import Robot
-from ...values.arrays import Array, assembled
+from ...values.arrays import Array, BoolArray, assembled
 from ...values.errors import WideberthError
 from ...values.forecast import LIGHT, Forecast, GaussianObstacle
 from ...values.motion import Pose
@@ -25,13 +27,16 @@ from .base import (
     GaussianKind,
     Known,
     LevelledKind,
+    OutOfReach,
     Room,
     View,
     next_capacity,
     quoted,
+    reach_of_bodies,
     used,
 )
 from .contact import Touch
+from .screen import leaves_out, out_of_reach
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +49,9 @@ class Obstacles:
     radius : (O,), m.
     ids : (O,) names; modes of one obstacle share a name.
     left_out : names that did not fit, or whose mode is too unlikely.
+    out_of_reach : those that no plan can meet, see `slots.screen`; None for none.
+    counted : names of all that share what the level policy allows, in the forecast's order; ()
+        for those that are here.
     """
 
     mean: Array
@@ -51,6 +59,28 @@ class Obstacles:
     radius: Array
     ids: tuple[str, ...]
     left_out: tuple[str, ...] = ()
+    out_of_reach: "Obstacles | None" = None
+    counted: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, forecast: Forecast, ids: tuple[str, ...], radius: Array) -> "Obstacles":
+        """Make a disc of every mode that is not too unlikely.
+
+        Parameters
+        ----------
+        forecast : on the plan's grid, N steps.
+        ids, radius : of its obstacles.
+        """
+        owner, mode = np.nonzero(forecast.weight >= LIGHT)
+        # Modes of weight 0 only fill up the array; they are no modes.
+        light = (forecast.weight < LIGHT) & (forecast.weight > 0)
+        return cls(
+            forecast.mean[owner, mode].swapaxes(0, 1),
+            forecast.covariance[owner, mode].swapaxes(0, 1),
+            radius[owner],
+            tuple(ids[o] for o in owner),
+            tuple(ids[o] for o in np.nonzero(light)[0]),
+        )
 
     @classmethod
     def none(cls, steps: int, dimension: int) -> "Obstacles":
@@ -62,34 +92,39 @@ class Obstacles:
         """Count the discs."""
         return len(self.ids)
 
+    def some(self, which: NDArray[np.intp]) -> "Obstacles":
+        """Return some of the discs, by their indices."""
+        kept = tuple(self.ids[i] for i in which)
+        return Obstacles(self.mean[:, which], self.covariance[:, which], self.radius[which], kept)
+
 
 def choose_obstacles(
-    forecast: Forecast, ids: tuple[str, ...], radius: Array, route: Array, most: int
+    discs: Obstacles, route: Array, most: int, far: BoolArray | None = None
 ) -> Obstacles:
     """Keep the discs that come closest to the route, at most ``most`` of them.
 
     Parameters
     ----------
-    forecast : on the plan's grid, N steps.
-    ids, radius : of its obstacles.
+    discs : all of them.
     route : (R, N, D), m, places where the robot may be at each step (the reference, and
         where it is now).
     most : how many discs the problem can hold.
+    far : (O,), which ones are out of reach, and need no room in it; None for none.
     """
-    owner, mode = np.nonzero(forecast.weight >= LIGHT)
-    # Modes of weight 0 only fill up the array; they are no modes.
-    light = (forecast.weight < LIGHT) & (forecast.weight > 0)
-    unlikely = [ids[o] for o in np.nonzero(light)[0]]
-    mean = forecast.mean[owner, mode].swapaxes(0, 1)
-    covariance = forecast.covariance[owner, mode].swapaxes(0, 1)
-    apart = np.linalg.norm(mean[None] - route[:, :, None], axis=3)
-    clearance = apart.min(axis=(0, 1)) - radius[owner]
-    nearest = np.sort(np.argsort(clearance, kind="stable")[:most])
-    far = sorted(set(range(len(owner))) - set(nearest.tolist()))
-    left_out = tuple(unlikely + [ids[owner[i]] for i in far])
-    kept = tuple(ids[owner[i]] for i in nearest)
-    return Obstacles(
-        mean[:, nearest], covariance[:, nearest], radius[owner[nearest]], kept, left_out
+    beyond = np.zeros(len(discs), dtype=np.bool_) if far is None else far
+    near = np.flatnonzero(~beyond)
+    kept = near
+    if len(near) > most:
+        apart = np.linalg.norm(discs.mean[:, near] - route[:, :, None], axis=3)
+        clearance = apart.min(axis=(0, 1)) - discs.radius[near]
+        kept = np.sort(near[np.argsort(clearance, kind="stable")[:most]])
+    no_room = np.setdiff1d(near, kept)
+    counted = np.setdiff1d(np.arange(len(discs)), no_room)
+    return replace(
+        discs.some(kept),
+        left_out=discs.left_out + discs.some(no_room).ids,
+        out_of_reach=discs.some(np.flatnonzero(beyond)),
+        counted=discs.some(counted).ids,
     )
 
 
@@ -117,14 +152,8 @@ def fill(
     covariance = np.zeros((steps, capacity, size, size))
     covariance[:] = np.eye(size)
     margin = np.ones(capacity)
-    here = reference.position[:1, None]
-    mean[:, :count] = within_reach(obstacles.mean, here)
-    covariance[:, :count] = obstacles.covariance
-    if own is not None:
-        with np.errstate(over="ignore"):
-            covariance[:, :count] += own[:, None]
-    covariance = not_wider(covariance)
-    margin[:count] = np.minimum(obstacles.radius + radius, WIDE)
+    numbers_of = within_scales(obstacles, reference, radius, own)
+    mean[:, :count], covariance[:, :count], margin[:count] = numbers_of
     spread = np.broadcast_to(margin, (steps, capacity))
     numbers = np.zeros((steps, 0, region.parameter_count(size)))
     if capacity:
@@ -134,6 +163,21 @@ def fill(
     levels = _levels(level, region, obstacles, capacity)
     none = np.zeros((steps, capacity, 0))
     return SlotNumbers(numbers, used(count, capacity), none, levels)
+
+
+def within_scales(
+    obstacles: Obstacles, reference: Reference, radius: float, own: Array | None
+) -> tuple[Array, Array, Array]:
+    """Mean, covariance with the robot's own, and margin of each disc, as a solver can take them.
+
+    The parameters are those of `fill`.
+    """
+    covariance = obstacles.covariance
+    if own is not None:
+        with np.errstate(over="ignore"):
+            covariance = covariance + own[:, None]
+    mean = within_reach(obstacles.mean, reference.position[:1, None])
+    return mean, not_wider(covariance), np.minimum(obstacles.radius + radius, WIDE)
 
 
 def within_reach(mean: Array, here: Array) -> Array:
@@ -167,7 +211,7 @@ def not_wider(covariance: Array) -> Array:
 
 def _levels(policy: LevelPolicy, region: Region, obstacles: Obstacles, capacity: int) -> Array:
     """Level of every slot, (N, capacity): one per obstacle, the same for all of its modes."""
-    names = list(dict.fromkeys(obstacles.ids))
+    names = list(dict.fromkeys(obstacles.counted or obstacles.ids))
     steps, _, size = obstacles.mean.shape
     level = policy.levels(region, steps, max(len(names), 1), size)
     owner = [names.index(name) for name in obstacles.ids]
@@ -230,14 +274,26 @@ class GaussianDiscs(LevelledKind, GaussianKind):
         return slots(self.name, count, width, own, parts, region.constraint, frame, levelled=True)
 
     def choose(self, robot: Robot, view: View) -> Chosen:
-        """Choose the discs that come closest to the route."""
+        """Choose the discs that come closest to the route, of those that a plan can meet."""
         obstacles = Obstacles.none(*view.reference.position.shape)
         if view.tracks is not None and view.forecast is not None:
-            tracks = view.tracks
-            obstacles = choose_obstacles(
-                view.forecast, tracks.ids, tracks.radius, view.route, view.most
-            )
+            obstacles = Obstacles.of(view.forecast, view.tracks.ids, view.tracks.radius)
+            far = self.out_of_reach(robot, obstacles, view)
+            obstacles = choose_obstacles(obstacles, view.route, view.most, far)
         return self.chosen(robot, obstacles, view.reference, view.level, view.margin, view.own)
+
+    def out_of_reach(self, robot: Robot, discs: Obstacles, view: View) -> BoolArray | None:
+        """Which discs no plan can meet, (O,), see `slots.screen`; None where none is left out."""
+        region = self.region
+        if not (isinstance(region, Bounded) and len(discs) and leaves_out(view.level)):
+            return None
+        bodies_to = sqrt(robot.dimension) * reach_of_bodies(robot, (self,))
+        allowed = np.stack([np.zeros_like(view.travel), view.travel]) + bodies_to
+        radius = self.bodies(robot)[0].radius + view.margin
+        numbers = within_scales(discs, view.reference, radius, view.own)
+        level = _levels(view.level, region, discs, len(discs))
+        places = np.stack([view.reference.position, view.here])
+        return out_of_reach(region, *numbers, level, places, allowed)
 
     def chosen(
         self,
@@ -259,7 +315,12 @@ class GaussianDiscs(LevelledKind, GaussianKind):
         radius = self.bodies(robot)[0].radius + margin
         numbers = fill(reference, obstacles, self.region, level, radius, capacity, own)
         known = KnownDiscs(self, obstacles, margin)
-        return Chosen((capacity,), obstacles.ids, obstacles.left_out, numbers, known)
+        names, far = (obstacles.ids, obstacles.left_out), obstacles.out_of_reach
+        if far is None:
+            return Chosen((capacity,), *names, numbers, known)
+        counted = replace(far, counted=obstacles.counted)
+        beyond = OutOfReach(far.ids, _levels(level, self.region, counted, len(far)))
+        return Chosen((capacity,), *names, numbers, known, beyond)
 
     def parameters_of_one(self, robot: Robot, margin: float) -> Any:
         """Parameters of the region, the radii of body and obstacle in its margin.

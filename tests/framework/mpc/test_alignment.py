@@ -206,7 +206,8 @@ def test_obstacles_are_chosen_by_where_they_are_when_the_robot_is_near() -> None
     meets = np.stack([np.full(STEPS, 1.5), 1.5 * (STEP - 3.0)], axis=-1)
     late = np.stack([np.full(STEPS, 0.5), 1.5 * (6.0 - STEP)], axis=-1)
     forecast = Forecast.single(np.stack([late, meets]), np.tile(np.eye(2), (2, STEPS, 1, 1)), DT)
-    found = choose_obstacles(forecast, ("late", "meets"), np.zeros(2), route[None], 1)
+    discs = Obstacles.of(forecast, ("late", "meets"), np.zeros(2))
+    found = choose_obstacles(discs, route[None], 1)
     assert found.ids == ("meets",) and found.left_out == ("late",)
     np.testing.assert_array_equal(found.mean[:, 0], meets)
 

@@ -7,7 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wideberth.framework.mpc.slots.gaussian_discs import FAR, WIDE, choose_obstacles, not_wider
+from wideberth.framework.mpc.slots.gaussian_discs import (
+    FAR,
+    WIDE,
+    Obstacles,
+    choose_obstacles,
+    not_wider,
+)
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.forecast import Forecast
@@ -89,9 +95,11 @@ def test_obstacles_of_any_size_and_place() -> None:
     made = planner(predictor=Static())
     values: dict[str, Any] = {"a": 1e60, "b": -1e12, "c": 1e7}
     seen = [Detection(n, np.array([v, 0.0]), 1e-4 * np.eye(2), abs(v)) for n, v in values.items()]
+    seen.append(Detection("d", np.array([10.0, 0.0]), 1e-4 * np.eye(2), 1e7))
     made.command(Observation(0.0, np.array([0.0, 0.0, 0.0, 0.5, 0.0]), tuple(seen)))
     parameters = made.explain().parameters
     assert np.abs(parameters.slots[0].parameters).max() <= 2.0 * FAR
+    assert made.plan is not None and made.plan.ids == ("d", "c")  # c is out of reach
 
 
 def test_the_discs_that_come_closest_to_the_route_are_kept() -> None:
@@ -110,12 +118,12 @@ def test_the_discs_that_come_closest_to_the_route_are_kept() -> None:
     for most, kept, gone in (
         (9, "aabcd", ""), (4, "abcd", "a"), (3, "abd", "ac"), (2, "bd", "aac"), (0, "", "aabcd"),
     ):  # fmt: skip
-        found = choose_obstacles(forecast, names, radius, route, most)
+        found = choose_obstacles(Obstacles.of(forecast, names, radius), route, most)
         assert "".join(found.ids) == kept and found.left_out[:2] == ("c", "d")
         assert sorted(found.left_out[2:]) == sorted(gone)
         owner = [names.index(name) for name in found.ids]
         np.testing.assert_array_equal(found.radius, radius[owner])
         assert found.mean.shape == (3, len(kept), 2)
-    two = choose_obstacles(forecast, names, radius, route, 3)
+    two = choose_obstacles(Obstacles.of(forecast, names, radius), route, 3)
     np.testing.assert_array_equal(two.mean[:, 0], mean[0, 1])
     np.testing.assert_array_equal(two.covariance[:, 2], spread[3, 0])

@@ -135,7 +135,7 @@ def test_another_process_opens_the_same_problem(tmp_path: File) -> None:
 
 def test_the_text_says_what_happened() -> None:
     made = planner()
-    plan = decided(made, ahead(made, ("far", 9.0, 0.0), ("near", 0.9, 0.1)))
+    plan = decided(made, ahead(made, ("far", 5.0, 0.0), ("near", 0.9, 0.1)))
     assert plan.breach is not None
     text = made.explain().text()
     for words in (str(plan.rung), str(plan.breach), "2 obstacles in 2 slots", "unicycle"):
