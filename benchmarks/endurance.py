@@ -5,6 +5,7 @@ it and come back after a while as somebody else. Nothing of what has been is kep
 arrays made beforehand, so that memory which grows is the planner's.
 """
 
+import gc
 import os
 import re
 import sys
@@ -23,7 +24,7 @@ from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.multistart import OTHERS
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.solvers.base import Solution, Solver
+from wideberth.framework.mpc.solvers.base import SizelessSolver, Solution, Solver
 from wideberth.framework.plugins.config import build
 from wideberth.framework.robot import start_state
 from wideberth.framework.values.arrays import Array
@@ -81,7 +82,7 @@ class Solves:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Watched(Solver):
+class Watched(SizelessSolver):
     """Solves from one guess after the other with another solver, and notes each."""
 
     solver: Solver
@@ -127,6 +128,9 @@ class Run:
         self.memory[0] = resident()
         self.ends: Counter[tuple[str, str, str]] = Counter()
         self.goals = 0
+        # What is there by now stays: later collections need not look at it again and again.
+        gc.collect()
+        gc.freeze()
 
     def step(self, k: int) -> None:
         """See, decide, and move on until the next decision."""

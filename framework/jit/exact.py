@@ -62,8 +62,14 @@ class Exact:
         call, rows = self._calls[name]
         _, times, count = v.shape
         found = np.empty((rows, times, count))
-        places = (v.ctypes.data, v.strides[0], p.ctypes.data, 8 * count)
-        out, row = found.ctypes.data, found.strides[0]
+        places = (_address(v), v.strides[0], _address(p), 8 * count)
+        out, row = _address(found), found.strides[0]
         for k in range(times):
             call(k * count, count, *places, out + 8 * k * count, row)
         return found
+
+
+def _address(array: Array) -> int:
+    """Where an array's numbers stand; `ndarray.ctypes` takes three times as long."""
+    place: int = array.__array_interface__["data"][0]
+    return place

@@ -46,7 +46,11 @@ class Pose:
 
     def points(self) -> Array:
         """Positions of NumPy poses, (..., D), m."""
-        return np.stack(np.broadcast_arrays(*self.position), axis=-1).astype(np.float64)
+        shape = np.broadcast_shapes(*map(np.shape, self.position))
+        found = np.empty((*shape, len(self.position)))
+        for axis, values in enumerate(self.position):
+            found[..., axis] = values
+        return found
 
     def offset(self, place: tuple[float, float]) -> tuple[Scalar, ...]:
         """World coordinates of a place in the body's frame, p + Rot(heading) place, m."""

@@ -167,13 +167,14 @@ def contact(check: InstanceCheck, one: Candidate, window: int) -> float:
     The window is the steps that braking takes and one more: what lies beyond can still be
     braked for when the next plan is made.
     """
-    certain = np.repeat(
-        [not slots.levelled for slots in check.problem.slots],
-        [slots.count for slots in check.problem.slots],
-    )
-    entered = one.found.regions[:, certain].max(axis=1, initial=0.0)
     depth = np.maximum(check.around.overlap(one.point.states), one.found.touched)
-    return float(np.maximum(depth, entered)[:window].max(initial=0.0))
+    begun = 0
+    for slots in check.problem.slots:
+        if slots.count and not slots.levelled:
+            entered = one.found.regions[:, begun : begun + slots.count]
+            depth = np.maximum(depth, entered.max(axis=1, initial=0.0))
+        begun += slots.count
+    return float(depth[:window].max(initial=0.0))
 
 
 def shared_target(kinds: Iterable[SlotKind], level: LevelPolicy, dimension: int) -> float:

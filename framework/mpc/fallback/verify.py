@@ -126,10 +126,10 @@ def _compiled(
             given[n + own :, k] = point.level
         flat = given.reshape(len(given), count, -1)
         rows = values(f"slot{place}", flat, numbers.columns).reshape(-1, *given.shape[1:])
-        outside, tied = np.split(rows, [slots.constraint.size1_out(0)])
-        deep = (-outside).max(axis=0, initial=0.0)
-        if len(tied):
-            deep = np.maximum(deep, np.abs(tied).max(axis=0))
+        tied = slots.constraint.size1_out(0)
+        deep = np.maximum.reduce(-rows[:tied], axis=0, initial=0.0)
+        if tied < len(rows):
+            deep = np.maximum(deep, np.abs(rows[tied:]).max(axis=0))
         # What an empty slot holds its auxiliaries to says nothing of the plan.
         entered[..., begun : begun + slots.count] = deep * numbers.active
         begun += slots.count

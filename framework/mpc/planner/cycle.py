@@ -28,6 +28,7 @@ from ..fallback.emergency import command_of_plan, emergency
 from ..fallback.instance_check import InstanceCheck, Outcome, shared_target
 from ..fallback.rollout import Motion, carry
 from ..fallback.rungs import Trial, choose, rungs_of
+from ..fallback.stopping import stops
 from ..instance.own_uncertainty import OwnUncertainty, carried
 from ..ocp.problem import Parameters
 from ..ocp.progress_robot import ProgressRobot, progress_robot_of
@@ -35,6 +36,7 @@ from ..ocp.reference import Progress, Reference
 from ..ocp.transcription import Guess
 from ..slots.base import CAPACITIES, Chosen, Surroundings, View, reach_of_bodies
 from ..slots.screen import Travel
+from ..solvers.base import SizelessSolver
 from .multistart import (
     COMPILING,
     Budget,
@@ -378,16 +380,23 @@ def warm_up(settings: PlannerSettings, services: Services, path: Path) -> None:
     """Import and compile before the first decision: decide with obstacles far behind the robot.
 
     What goes wrong here goes wrong again in `step`, which turns it into a reason. With a deadline
-    the first decision of every number of obstacles has to be quick.
+    the first decision of every number of obstacles has to be quick, and may be where the solver
+    is a `SizelessSolver`.
     """
     timed = None if settings.deadline is None else COMPILING * settings.patience
-    crowds = [1] if timed is None else [n for n in CAPACITIES if n <= settings.most_obstacles]
+    every = timed is not None or isinstance(settings.solver, SizelessSolver)
+    crowds = [n for n in CAPACITIES if 0 < n <= settings.most_obstacles] if every else [1]
     settings, samples = changed(settings, deadline=timed), settings.history
     services = replace(services, travel=replace(services.travel, speed=np.inf))  # all take part
     with suppress(Exception):  # a plug-in that raises here is named by `step`
         state = PlannerState.initial(settings, path)
         direction = path.direction(np.zeros(1))[0]
         ego, _ = start_state(settings.robot, path.points[0], direction, settings.reference_speed)
+        start = np.array(ego, float)
+        arc = [0.0] if isinstance(services.body, ProgressRobot) else []
+        list(stops(services.body, np.append(start, arc), settings.horizon, settings.dt))
+        if every:
+            step(settings, state, Observation(0.0, start), services)
         size, rng = settings.robot.dimension, np.random.default_rng(0)
         for tick in range(samples + 2 * len(crowds)):
             count = 1 if tick < samples else crowds[(tick - samples) // 2]
@@ -396,7 +405,7 @@ def warm_up(settings: PlannerSettings, services: Services, path: Path) -> None:
                 away = 100.0 + 0.3 * settings.period * tick + 10.0 * index
                 place = path.points[0] - away * direction + 0.01 * rng.standard_normal(size)
                 far.append(Detection(f"warm-up {index}", place, 1e-4 * np.eye(size), 0.5))
-            seen = Observation(settings.period * tick, np.array(ego, float), tuple(far))
+            seen = Observation(settings.period * tick, start, tuple(far))
             if tick < samples:
                 state = remember(settings, state, seen)
             else:

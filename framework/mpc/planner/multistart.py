@@ -24,7 +24,7 @@ from ...values.errors import WideberthError
 from ...values.motion import Pose, Twist
 from ...values.plan import Plan, Status
 from ..fallback.instance_check import Candidate, InstanceCheck, Outcome, shared_target
-from ..fallback.rollout import SWEEPS, Motion, clip, shift, stand, steer, sweep
+from ..fallback.rollout import SWEEPS, Motion, clip, shift, stand, steer, steer_each, sweep
 from ..fallback.verify import violation
 from ..ocp.problem import Parameters, Problem
 from ..ocp.progress_robot import ProgressRobot
@@ -331,23 +331,36 @@ def other_starts(
     if not names:
         return []
     found: list[Guess] = []
-    pace = max(float(np.abs(parameters.speed).max()), 1e-3)
-    moving = _under_way(robot, parameters, pace)
-    start = parameters.initial
-    for name in dict.fromkeys(names):
-        if name == "along":
-            laid = laid or Laid.along(robot, parameters, problem.dt)
-            states, inputs = laid.states, laid.inputs(robot, problem.dt)
-        else:
-            now = None if name == "coast" else moving
-            twist = sweep(robot, start, name, pace, now)
-            states, inputs = steer(robot, start, twist, problem.horizon, problem.dt)
+    for states, inputs in _trajectories(robot, problem, parameters, names, laid):
         known = [guess, *found]
         if not any(np.array_equal(states, one.states) for one in known):
             found.append(replace(Guess.bare(states, inputs, guess.level), slack=guess.slack))
     if isinstance(robot, ProgressRobot):
         arc = float(parameters.initial[-1])
         return [add_progress(robot, point, parameters, arc, problem.dt) for point in found]
+    return found
+
+
+def _trajectories(
+    robot: Robot,
+    problem: Problem,
+    parameters: Parameters,
+    names: Sequence[str],
+    laid: "Laid | None",
+) -> list[tuple[Array, Array]]:
+    """States (N + 1, n) and inputs (N, m) of each start, see `other_starts`."""
+    pace = max(float(np.abs(parameters.speed).max()), 1e-3)
+    moving, start = _under_way(robot, parameters, pace), parameters.initial
+    once = list(dict.fromkeys(names))
+    twists = [
+        [sweep(robot, start, name, pace, None if name == "coast" else moving)] * problem.horizon
+        for name in once
+        if name != "along"
+    ]
+    found = steer_each(robot, start, twists, problem.dt)
+    if "along" in once:
+        laid = laid or Laid.along(robot, parameters, problem.dt)
+        found.insert(once.index("along"), (laid.states, laid.inputs(robot, problem.dt)))
     return found
 
 

@@ -240,7 +240,8 @@ class KnownDiscs(Known):
             room = body.radius + self.margin + self.obstacles.radius
             at = body.at(pose)
             if not body.outline:
-                apart = np.linalg.norm(means - at.points()[:, None], axis=2)
+                away = means - at.points()[:, None]
+                apart = np.sqrt(np.add.reduce(away * away, axis=2))
             else:
                 apart = separation(at.corner_points()[:, None], means[:, :, None])[0]
             depth = np.maximum(depth, (room - apart).max(axis=1))

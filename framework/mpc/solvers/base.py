@@ -74,6 +74,13 @@ class Solver(ABC):
         """
 
 
+class SizelessSolver(Solver):
+    """A solver that compiles nothing for another number of obstacles.
+
+    A planner makes its problems of every size before the first decision, not when it meets them.
+    """
+
+
 class ManySolver(Solver):
     """A solver that solves many instances of one problem together, see `solve_many`."""
 

@@ -8,13 +8,13 @@ from typing import final
 from ....values.errors import WideberthError
 from ...ocp.problem import Parameters, Problem
 from ...ocp.transcription import Guess
-from ..base import Solution, Solver
+from ..base import SizelessSolver, Solution
 from .solver import Riccati, by_fatrop
 
 
 @final
 @dataclass(frozen=True)
-class RiccatiLive(Solver):
+class RiccatiLive(SizelessSolver):
     """As `Riccati`, but `Fatrop` answers while Numba compiles the core in the background.
 
     Both are the same where the package ships object code for the processor. Elsewhere `Riccati`

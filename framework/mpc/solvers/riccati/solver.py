@@ -15,7 +15,15 @@ from ....values.errors import WideberthError
 from ....values.plan import Status
 from ...ocp.problem import Parameters, Problem
 from ...ocp.transcription import Guess, Multipliers
-from ..base import ManySolver, Solution, on_time, refuse_misfits, refuse_unequal, unwrapped
+from ..base import (
+    ManySolver,
+    SizelessSolver,
+    Solution,
+    on_time,
+    refuse_misfits,
+    refuse_unequal,
+    unwrapped,
+)
 from ..fatrop import Fatrop
 from ..interior_point import (
     ITERATIONS,
@@ -46,7 +54,7 @@ _NAMES = {status: str(status) for status in _STATUS}
 
 @final
 @dataclass(frozen=True)
-class Riccati(ManySolver):
+class Riccati(ManySolver, SizelessSolver):
     """Primal-dual interior point whose Newton steps are a Riccati recursion over the horizon.
 
     Exact Hessians, regularised where the reduced one is not positive definite; a filter line
