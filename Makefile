@@ -4,7 +4,7 @@ ROOMS := framework predictors regions robots controllers simulation experiments
 WORKERS ?= 2
 FIGURES ?= ellipse_construction approximation_error forecast_regions chicken_game crossing
 
-.PHONY: help demo test lint types docs bench core fuzz mutants figures wheel pictures graph lock
+.PHONY: help demo test lint types docs bench acados core fuzz mutants figures wheel pictures graph lock
 .DEFAULT_GOAL := help
 
 help:                   ## list the targets
@@ -36,6 +36,16 @@ docs: .venv/ready       ## build the site into docs/_build/html, warnings as err
 
 bench: .venv/ready      ## measure speed (see benchmarks/README.md)
 	$(BIN)/python benchmarks/run.py
+
+# Its wheel holds another CasADi beside acados, so that it must not be installed into .venv.
+acados: .venv/ready     ## fetch acados, a peer of the benchmarks, into .venv/acados
+	rm -rf .venv/acados
+	$(BIN)/uv pip install --python .venv -q --no-deps --target .venv/acados/wheel \
+	  comma-deps-acados==0.2.2.post92
+	mkdir .venv/acados/interfaces .venv/acados/interfaces/acados_template
+	cd .venv/acados && ln -s wheel/acados/install/lib wheel/acados/install/include \
+	  wheel/acados/install/bin . && cd interfaces/acados_template && \
+	  ln -s ../../wheel/acados/acados_template .
 
 core: .venv/ready       ## compile the solver riccati to the object code that is shipped
 	$(BIN)/python -m wideberth.framework.mpc.solvers.riccati.emit

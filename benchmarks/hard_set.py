@@ -6,20 +6,25 @@ from dataclasses import replace
 import numpy as np
 from judging import LOOSE, TIGHT
 from measuring import Row, labels
+from peers import STOPPABLE, peers
 from planner_answer import PlannerAnswer
-from set_ups import CAP, EXACT, OWN, PERIOD, SetUp, registered, set_ups
+from set_ups import CAP, EXACT, OWN, PERIOD, TOLERANCE, SetUp, registered, set_ups
 
 OTHERWISE = "fatrop"
 """The planner's solver where the own one is not registered."""
 
 
 def candidates() -> dict[str, SetUp]:
-    """Every set-up with the ellipse, and the whole planner, under the paper's deadline."""
-    solvers = registered()
+    """Every set-up with the ellipse, and the whole planner, under the paper's deadline.
+
+    Peers that cannot be stopped are left out.
+    """
+    solvers, endless = registered(), set(peers(TOLERANCE)) - {STOPPABLE}
     planner = PlannerAnswer(solvers.get(OWN, solvers[OTHERWISE]))
     plain = {label: one for label, one in set_ups().items() if one.region != EXACT}
     capped = {label: replace(one, deadline=CAP) for label, one in plain.items()}
     capped = {label: one for label, one in capped.items() if "450 ms" not in label}
+    capped = {label: one for label, one in capped.items() if label not in endless}
     return capped | {"planner": SetUp(planner, deadline=CAP)}
 
 

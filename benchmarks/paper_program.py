@@ -56,8 +56,7 @@ class PaperProgram(Solver):
 
 def _solve(program: dict[str, Any], parameters: Parameters, guess: Guess) -> Solution:
     begin = perf_counter()
-    head = [*parameters.initial, parameters.target, *parameters.reference.ravel()]
-    given = np.concatenate([head, parameters.speed, parameters.slots[0].parameters.ravel()])
+    given = numbers(parameters)
     start = np.concatenate([guess.states[1:].ravel(), guess.inputs.ravel(), [guess.level]])
     solver = program["solver"]
     found = solver(x0=start, p=given, **program["bounds"])
@@ -70,6 +69,12 @@ def _solve(program: dict[str, Any], parameters: Parameters, guess: Guess) -> Sol
     message, count = str(stats["return_status"]), int(stats["iter_count"])
     cost = float(found["f"])
     return Solution(point, status, message, cost, count, perf_counter() - begin)
+
+
+def numbers(parameters: Parameters) -> np.ndarray:
+    """Return the numbers of an instance in a row: x_0, s_ref, places, speeds, ellipses."""
+    head = [*parameters.initial, parameters.target, *parameters.reference.ravel()]
+    return np.concatenate([head, parameters.speed, parameters.slots[0].parameters.ravel()])
 
 
 @cache

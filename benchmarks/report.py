@@ -2,12 +2,12 @@
 
 import argparse
 import os
-from importlib.util import find_spec
 from pathlib import Path
 
 import figures
 import solver_tables
 from measuring import Row, cell, markdown
+from peers import missing
 from questions import Extent, Tables
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -75,6 +75,7 @@ def header(
             f"- Spread: repeats of one instance by {HONEST!r} differ by {known} (max over min, "
             "median over instances)."
         )
-    if not find_spec("do_mpc"):
-        lines.append("- Peer: do-mpc is not installed (the extra `bench`); its row is left out.")
+    left_out = [f"{name} ({why})" for name, why in missing().items()]
+    if left_out:
+        lines.append(f"- Peers without a row: {'; '.join(left_out)}.")
     return "\n".join([*lines, ""])

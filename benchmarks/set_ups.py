@@ -3,11 +3,11 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cache
-from importlib.util import find_spec
 from typing import Any, TypeAlias
 
 import numpy as np
 from paper_program import PaperProgram
+from peers import peers
 
 from wideberth.framework import names
 from wideberth.framework.mpc.assembly import assemble
@@ -70,17 +70,16 @@ class SetUp:
 
 
 def set_ups() -> dict[str, SetUp]:
-    """Return the references, every registered solver on both regions, and a peer."""
+    """Return the references, every registered solver on both regions, and the peers."""
     paper = PaperProgram("mx", TOLERANCE)
     found = {
         PAPER: SetUp(paper),
         f"{PAPER}, 450 ms": SetUp(paper, deadline=CAP, rounds=1),
         HONEST: SetUp(PaperProgram("sx", TOLERANCE)),
     }
-    if find_spec("do_mpc"):
-        from do_mpc_program import DoMpcProgram
-
-        found["do-mpc"] = SetUp(DoMpcProgram(TOLERANCE))
+    for name, peer in peers(TOLERANCE).items():
+        # Those take up to seconds: twice is enough of that.
+        found[name] = SetUp(peer, rounds=2 if name.startswith("sqpmethod") else None)
     solvers = registered()
     found |= {name: SetUp(solver) for name, solver in solvers.items()}
     for name, solver in solvers.items():

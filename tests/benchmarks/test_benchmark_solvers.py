@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -23,7 +22,7 @@ SAMPLE = ROOT / "tests" / "data" / "mpc_instances.npz"
 def bench(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     """Stand where the scripts stand: they import each other by their plain names."""
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
-    modules = ("judging", "paper_program", "perturbations", "set_ups", "solver_speed")
+    modules = ("judging", "paper_program", "peers", "perturbations", "set_ups", "solver_speed")
     modules += ("hard_set", "solver_tables")
     return SimpleNamespace(**{name: import_module(name) for name in modules})
 
@@ -49,16 +48,30 @@ def test_paper_s_program_is_the_assembled_problem(
         assert bench.judging.judged(instance, "mahalanobis_ellipse", own)["violation"] < 1e-7
 
 
-def test_do_mpc_solves_the_paper_s_program(
-    bench: SimpleNamespace, instances: list[Instance]
+PEERS = ("do-mpc", "acados", "alpaqa", "sqpmethod, piqp", "sqpmethod, qpoases", "sqpmethod, osqp")
+
+
+@pytest.mark.parametrize("name", PEERS)
+def test_peers_find_the_optimum(
+    name: str, bench: SimpleNamespace, instances: list[Instance]
 ) -> None:
-    if find_spec("do_mpc") is None:
-        pytest.skip("do-mpc comes with the extra bench")
-    peer = import_module("do_mpc_program").DoMpcProgram(1e-8)
+    """Their plans on an easy instance keep the constraints and cost what IPOPT's costs."""
+    if name in bench.peers.missing():
+        pytest.skip(f"{name}: {bench.peers.missing()[name]}")
+    peer = bench.peers.peers(1e-6)[name]
     problem = bench.set_ups.paper_problem("mahalanobis_ellipse", instances[0].obstacles)
-    (own,) = peer.solve(problem, instances[0].parameters, [instances[0].guess])
+    given = problem, instances[0].parameters, [instances[0].guess]
+    (own,) = peer.solve(*given)
+    (other,) = Ipopt(tolerance=1e-9).solve(*given)
+    assert own.status is other.status is Status.SOLVED
     assert bench.judging.judged(instances[0], "mahalanobis_ellipse", own)["violation"] < 1e-6
-    assert own.cost == pytest.approx(instances[0].best_cost, rel=1e-6)
+    assert own.cost == pytest.approx(other.cost, rel=1e-4)
+
+
+def test_every_peer_has_a_row_or_a_reason(bench: SimpleNamespace) -> None:
+    taking, missing = bench.peers.peers(1e-6), bench.peers.missing()
+    assert {*taking, *missing} == set(PEERS) and not set(taking) & set(missing)
+    assert set(taking) < set(bench.set_ups.set_ups())
 
 
 def test_gauge_of_the_sum_is_one_on_its_boundary(

@@ -44,7 +44,7 @@ def start(*arguments: str, cwd: Path) -> "subprocess.CompletedProcess[str]":
     )
 
 
-def test_dry_run_writes_and_prints_every_table(tmp_path: Path) -> None:
+def test_dry_run_writes_and_prints_every_table(tmp_path: Path, bench: Path) -> None:
     out = tmp_path / "deep" / "bench"
     done = start("--quick", "--out", str(out), cwd=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -71,6 +71,9 @@ def test_dry_run_writes_and_prints_every_table(tmp_path: Path) -> None:
     assert {"paper_mx", "paper_mx, 450 ms", "ipopt_sx"} < set_ups
     solvers = set(names("solvers")) - {"batch"}  # which is measured among the batches
     assert {*solvers, *(f"{name}, exact" for name in solvers)} < set_ups
+    peers = import_module("peers")
+    assert set(peers.peers(1e-6)) < set_ups  # all that are installed here
+    assert all(f"{name} ({why})" in text for name, why in peers.missing().items())
     assert len({row["kind"] for row in tables["hard"]}) == 9
     for name in ("plugins", "scaling"):
         key = "solver" if name == "plugins" else "set-up"
