@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from math import inf
 from typing import TypeVar
 
 import numpy as np
@@ -151,10 +152,11 @@ class Detection:
             object.__setattr__(self, "covariance", covariance)
         if not isinstance(self.sensor, str):
             raise WideberthError(f"detection.sensor is {self.sensor!r}; wanted a str")
-        for name in ("radius", "age"):
-            value = number(f"detection.{name}", getattr(self, name))
-            object.__setattr__(self, name, value)
-            if not 0.0 <= value < np.inf:
+        radius, age = number("detection.radius", self.radius), number("detection.age", self.age)
+        object.__setattr__(self, "radius", radius)
+        object.__setattr__(self, "age", age)
+        for name, value in (("radius", radius), ("age", age)):
+            if not 0.0 <= value < inf:
                 flaw = flaw or f"{name} is {value:g}"
         if not all_finite(position):
             flaw = f"position is {position.tolist()}"

@@ -68,7 +68,7 @@ def filter_axes(past: Histories, noise: Array, model: AxisModel) -> Filtered:
     order = len(model.transition)
     if rows == 0 or count == 0:
         return Filtered(np.zeros((count, order * size)), started(noise, model))
-    variance, vectors = np.linalg.eigh(noise)
+    variance, vectors = _axes(noise)
     local = (past.positions @ vectors).transpose(1, 0, 2).reshape(rows, count * size)
     began = np.repeat(past.began, size)
     spread, seen = variance.ravel(), _from_the_first(past)
@@ -88,6 +88,17 @@ def filter_axes(past: Histories, noise: Array, model: AxisModel) -> Filtered:
     return Filtered(
         np.einsum("oij,ojs->osi", vectors, state.reshape(count, size, order)).reshape(count, -1),
         whole.transpose(0, 1, 3, 2, 4).reshape(count, order * size, order * size),
+    )
+
+
+def _axes(noise: Array) -> tuple[Array, Array]:
+    """Eigenvalues and eigenvectors of each; once where all are the same, as of one sensor."""
+    if not (noise == noise[0]).all():
+        return np.linalg.eigh(noise)
+    values, vectors = np.linalg.eigh(noise[0])
+    return (
+        np.broadcast_to(values, noise.shape[:2]).copy(),
+        np.broadcast_to(vectors, noise.shape).copy(),
     )
 
 

@@ -87,8 +87,12 @@ def _largest(check: InstanceCheck, best: Candidate, entered: Array) -> tuple[flo
 def _entered(check: InstanceCheck, best: Candidate, share: float) -> Array:
     """How far each region is entered at a share of the levels aimed at, (N, O)."""
     parameters = check.parameters
+    first = np.cumsum([0, *(slots.count for slots in check.problem.slots)])
+    used = [first[k] + place for _, k, place, _ in check.around.levelled]
     if check.problem.shared:
         point = replace(best.point, level=share * parameters.target)
+    elif share == 1.0 and check.problem.no_auxiliaries:
+        return best.found.regions[:, used]  # the re-check asked the same
     else:
         lower = [
             own if own.level is None else replace(own, level=share * own.level)
@@ -98,8 +102,7 @@ def _entered(check: InstanceCheck, best: Candidate, share: float) -> Array:
         point = best.point
     point = replace(check, parameters=parameters).suited(point)
     found = violation(check.problem, parameters, point).regions
-    first = np.cumsum([0, *(slots.count for slots in check.problem.slots)])
-    return found[:, [first[k] + place for _, k, place, _ in check.around.levelled]]
+    return found[:, used]
 
 
 def content(check: InstanceCheck, level: Array, dimension: int) -> Array:

@@ -398,19 +398,21 @@ class Laid:
         begin = np.array(here.position, dtype=np.float64)
         places = np.concatenate([begin[None], parameters.reference])
         velocities = np.diff(places, axis=0) / dt
-        headings: list[float | None] = [None] * len(velocities)
+        headings = None
         if here.heading is None:
+            together = Twist(tuple(velocities.T))
             twists = tuple(Twist(tuple(velocity)) for velocity in velocities.tolist())
         else:
             speeds = np.linalg.norm(velocities, axis=1)
-            headings = _headings(velocities, speeds, float(here.heading)).tolist()
+            headings = _headings(velocities, speeds, float(here.heading))
+            together = Twist((speeds, 0.0))
             twists = tuple(Twist((speed, 0.0)) for speed in speeds.tolist())
-        ahead = zip(places[1:].tolist(), headings, twists, strict=True)
-        driven = [
-            robot.state_at(Pose(tuple(place), heading), twist) for place, heading, twist in ahead
-        ]
+        driven = robot.state_at(Pose(tuple(places[1:].T), headings), together)
         bounds = robot.state_bounds()
-        states = np.array([start.tolist(), *driven], dtype=np.float64)
+        states = np.empty((len(places), len(start)))
+        states[0] = start
+        for k, values in enumerate(driven):
+            states[1:, k] = values
         states[1:] = np.minimum(np.maximum(states[1:], bounds.lower), bounds.upper)
         return cls(states, twists)
 
