@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 from judging import LOOSE, judged
-from measuring import Row, Tick, rotated, timed
+from measuring import Row, Tick, bare_loop, rotated, timed
 from set_ups import ELLIPSE, MANY, OWN, TOLERANCE, paper_problem, registered
 
 from wideberth.framework.mpc.ocp.problem import Problem
@@ -16,7 +16,9 @@ from wideberth.framework.mpc.solvers.base import Solution, Solver, solve_many
 from wideberth.framework.plugins.config import build
 from wideberth.tests.oracles.recorded_instances import Instance
 
-ROUNDS = 3
+ROUNDS = 5
+_STEPS = 2_000_000
+"""Of the bare loop beside each round: a tenth of a second."""
 Entry: TypeAlias = Callable[[Problem, Sequence[Instance], int], list[Solution]]
 """(problem, instances, cores) -> one solution each."""
 
@@ -40,7 +42,7 @@ class Way:
 def ways(accelerated: bool) -> list[Way]:
     """Return what solves batches; with JAX, which takes long to compile, if asked for."""
     solvers = registered()
-    every = tuple(sorted({1, os.cpu_count() or 1}))
+    every = _counts()
     found = [
         Way(f"{name}, one by one", partial(_alone, one), (1,)) for name, one in solvers.items()
     ]
@@ -55,10 +57,12 @@ def ways(accelerated: bool) -> list[Way]:
 def measure(
     sizes: Sequence[int], accelerated: bool, instances: list[Instance], tick: Tick
 ) -> list[Row]:
-    """Solve batches of recorded instances, best of three rounds: one row per size, way and cores.
+    """Solve batches of recorded instances, best of the rounds: one row per size, way and cores.
 
     Those with the median number of obstacles are taken, and repeated where a batch is larger than
-    they are many. JAX uses as many cores as it likes, or a GPU.
+    they are many. JAX uses as many cores as it likes, or a GPU. ``gain`` is the time with one core
+    over that with several, and ``loop_gain`` that of bare loops in as many processes, medians of
+    the rounds, in which all of these stand beside each other.
     """
     count = sorted(instance.obstacles for instance in instances)[len(instances) // 2]
     pool = [instance for instance in instances if instance.obstacles == count]
@@ -70,9 +74,12 @@ def measure(
         batch = [pool[i % len(pool)] for i in range(size)]
         found = {}
         times: dict[int, list[float]] = {}
+        loops: dict[int, list[float]] = {cores: [] for cores in _counts()}
         for number, (way, cores) in enumerate(trials):
             found[number] = way.solve(problem, batch, cores)  # compiles
         for turn in range(ROUNDS):
+            for cores in loops:
+                loops[cores].append(timed(partial(bare_loop, cores, _STEPS))[0])
             for number in rotated(list(range(len(trials))), turn):
                 way, cores = trials[number]
                 time, _ = timed(partial(way.solve, problem, batch, cores))
@@ -81,8 +88,20 @@ def measure(
             rate = 1e3 * size / min(times[number])
             row = {"way": way.name, "batch": size, "cores": cores, "obstacles": count}
             row |= {"solves_per_second": rate, "per_core": rate / cores}
+            alone = times.get(number - 1) if way.cores[0] == 1 < cores else None
+            row["gain"] = np.nan if alone is None else _gain(alone, times[number])
+            row["loop_gain"] = cores * _gain(loops[1], loops[cores])
             rows.append(row | {"solved": _solved(batch, found[number])})
     return rows
+
+
+def _counts() -> tuple[int, ...]:
+    """One core, and all of them."""
+    return tuple(sorted({1, os.cpu_count() or 1}))
+
+
+def _gain(alone: Sequence[float], together: Sequence[float]) -> float:
+    return float(np.median(np.divide(alone, together)))
 
 
 def ticks(sizes: Sequence[int]) -> int:

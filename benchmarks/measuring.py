@@ -1,6 +1,8 @@
 """Taking times fairly, and boiling them down to a table."""
 
 import gc
+import subprocess
+import sys
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from time import perf_counter
 from typing import Any, TypeAlias
@@ -26,6 +28,14 @@ def timed(work: Callable[[], Any]) -> tuple[float, Any]:
         return 1e3 * (perf_counter() - begin), result
     finally:
         gc.enable()
+
+
+def bare_loop(processes: int, steps: int) -> None:
+    """Do plain arithmetic in so many processes at once: no work gains more from another one."""
+    command = [sys.executable, "-S", "-c", f"sum(k * k for k in range({steps}))"]
+    started = [subprocess.Popen(command) for _ in range(processes)]
+    for process in started:
+        process.wait()
 
 
 def rotated(names: Sequence[str], turn: int) -> list[str]:

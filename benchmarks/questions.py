@@ -65,7 +65,7 @@ class Extent:
     repeats: tuple[int, int] = (9, 5)
     counts: tuple[int, ...] = (1, 10, 100, 1000)
     risks: int = 50_000
-    batches: tuple[int, ...] = (1, 16, 256)
+    batches: tuple[int, ...] = (1, 16, 256, 1024)
     accelerated: bool = True
     drives: endurance.Durations = field(
         default_factory=lambda: {"riccati": 3600.0, "fatrop": 300.0}

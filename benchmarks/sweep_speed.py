@@ -15,7 +15,7 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from measuring import Row, Tick, cell, rotated, timed
+from measuring import Row, Tick, bare_loop, cell, rotated, timed
 
 from wideberth.experiments.engine.shipped import read_experiment
 from wideberth.experiments.studies.comparison import Comparison
@@ -25,9 +25,8 @@ from wideberth.framework.plugins.yamlfile import dump
 TARGET = 1.7
 """Times as fast with two workers as with one, in the best of three rounds."""
 _CLI = "from wideberth.experiments.cli.app import main; main()"
-_LOOP = "sum(k * k for k in range({}))"
 _STEPS = 30_000_000
-"""Of the loop: seconds, like a sweep of some size."""
+"""Of the bare loop: seconds, like a sweep of some size."""
 
 
 def sweep(episodes: int) -> Comparison:
@@ -56,7 +55,7 @@ def measure(episodes: int, rounds: int, tick: Tick) -> list[Row]:
             seconds: dict[str, float] = {}
             for workers in (1, 2):
                 tick(f"sweep, round {turn + 1}, bare loop x {workers}")
-                seconds[f"loop {workers}"] = _timed(partial(_loop, workers))
+                seconds[f"loop {workers}"] = _timed(partial(bare_loop, workers, _STEPS))
             for workers in map(int, rotated(["1", "2"], turn)):
                 tick(f"sweep, round {turn + 1}, {workers} workers")
                 out = Path(folder) / f"{turn}-{workers}"
@@ -95,13 +94,6 @@ def _run(config: Path, out: Path, workers: int) -> None:
     options = ["--out", str(out), "--workers", str(workers), "--no-figures"]
     command = [sys.executable, "-c", _CLI, "run", str(config), *options]
     subprocess.run(command, check=True, capture_output=True, env={**os.environ, "NO_COLOR": "1"})
-
-
-def _loop(processes: int) -> None:
-    command = [sys.executable, "-c", _LOOP.format(_STEPS)]
-    started = [subprocess.Popen(command) for _ in range(processes)]
-    for process in started:
-        process.wait()
 
 
 def main() -> None:

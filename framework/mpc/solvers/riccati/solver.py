@@ -1,6 +1,7 @@
 """The solver ``riccati``: an interior point along the horizon, as compiled code."""
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from os import cpu_count
@@ -50,6 +51,8 @@ _STATUS = Outcomes(
 )
 """What each outcome of the core is called outside."""
 _NAMES = {status: str(status) for status in _STATUS}
+_AT_ONCE = 32
+"""Instances of `Riccati.solve_many` that a thread solves in one call out of Python, at most."""
 
 
 @final
@@ -129,23 +132,61 @@ class Riccati(ManySolver, SizelessSolver):
     ) -> list[Solution]:
         """Solve many instances of one problem, each from its guess, on several cores.
 
-        The compiled solver holds no lock of Python's while it works, so threads suffice. Results
-        do not depend on their number, which is that of the cores by default.
+        The compiled solver holds no lock of Python's while it works, so threads suffice; each
+        solves several instances in one call out of Python. Results do not depend on the number of
+        threads, which is that of the cores by default. ``seconds`` of a solution is its share of
+        the time of such a call.
         """
         from concurrent.futures import ThreadPoolExecutor
 
         refuse_unequal(parameters, guesses)
-        if parameters:
-            self.solve(problem, parameters[0], [])  # compiles, once and not in every thread
-        pairs = list(zip(parameters, guesses, strict=True))
+        try:
+            made, run = _compiled(problem)
+        except WideberthError as error:
+            why = str(error)
+            pairs = zip(parameters, guesses, strict=True)
+            return [by_fatrop(problem, one, [guess], None, why)[0] for one, guess in pairs]
 
-        def part(some: Sequence[tuple[Parameters, Guess]]) -> list[Solution]:
-            return [self.solve(problem, one, [guess])[0] for one, guess in some]
+        def part(some: slice) -> list[Solution]:
+            return self._row(problem, parameters[some], guesses[some], made, run)
 
-        share = max(1, -(-len(pairs) // (8 * (workers or cpu_count() or 1))))
-        pieces = [pairs[i : i + share] for i in range(0, len(pairs), share)]
-        with ThreadPoolExecutor(workers or cpu_count()) as pool:
+        count, threads = len(guesses), workers or cpu_count() or 1
+        share = min(max(1, -(-count // (8 * threads))), _AT_ONCE)
+        pieces = [slice(i, i + share) for i in range(0, count, share)]
+        if threads == 1:
+            return [solution for some in map(part, pieces) for solution in some]
+        with ThreadPoolExecutor(threads) as pool:
             return [solution for some in pool.map(part, pieces) for solution in some]
+
+    def _row(
+        self,
+        problem: Problem,
+        parameters: Sequence[Parameters],
+        guesses: Sequence[Guess],
+        made: "CompiledProblem",
+        run: "Entry",
+    ) -> list[Solution]:
+        """Solve instances one after the other, in one call of the compiled core."""
+        from .workspace import run_all
+
+        begin, full = perf_counter(), []
+        for one, guess in zip(parameters, guesses, strict=True):
+            refuse_misfits(problem, one, [guess])
+            full.append(with_auxiliaries(one, _with_wrapped_heading(problem, one, guess)))
+        found = []
+        with ExitStack() as lent:
+            spaces = [lent.enter_context(made.workspace(one)) for one in parameters]
+            given = list(zip(spaces, parameters, full, strict=True))
+            warm = [self._begin(problem, *one) for one in given]
+            run_all(run, spaces)
+            spent = (perf_counter() - begin) / len(spaces)
+            for begun, (space, one, guess) in zip(warm, given, strict=True):
+                since = perf_counter() - spent
+                if begun and _failed(problem, space.ended):
+                    found.append(self._one(problem, one, guess, None, made, run, since))
+                else:
+                    found.append(self._result(problem, space, 0, since))
+        return found
 
     def _one(
         self,
@@ -162,18 +203,31 @@ class Riccati(ManySolver, SizelessSolver):
         From multipliers that lead nowhere the guess alone is taken.
         """
         guess = with_auxiliaries(parameters, _with_wrapped_heading(problem, parameters, guess))
-        multipliers, before = guess.multipliers, 0
+        before = 0
         with made.workspace(parameters) as space:
-            warm = multipliers is not None and space.take(multipliers)
-            space.fill(self.settings_for(problem, guess, warm=warm), parameters, guess)
-            ended = self._run(run, space, begin, deadline)
-            if warm and _status_of(problem, ended) not in (Status.SOLVED, Status.DEADLINE):
-                before = int(ended.iterations)
+            warm = self._begin(problem, space, parameters, guess)
+            self._run(run, space, begin, deadline)
+            if warm and _failed(problem, space.ended):
+                before = int(space.ended.iterations)
                 space.fill(self.settings_for(problem, guess), parameters, guess)
-                ended = self._run(run, space, begin, deadline)
-            states, inputs, slack, _, steps = (array.copy() for array in space.found)
-            own = tuple(array.copy() for array in space.own)
-            after = tuple(array.copy() for array in space.after)
+                self._run(run, space, begin, deadline)
+            return self._result(problem, space, before, begin)
+
+    def _begin(
+        self, problem: Problem, space: "Workspace", parameters: Parameters, guess: Guess
+    ) -> bool:
+        """Fill a workspace; return whether the core starts from multipliers."""
+        multipliers = guess.multipliers
+        warm = multipliers is not None and space.take(multipliers)
+        space.fill(self.settings_for(problem, guess, warm=warm), parameters, guess)
+        return warm
+
+    def _result(self, problem: Problem, space: "Workspace", before: int, begin: float) -> Solution:
+        """Read what the core found, after so many iterations of an earlier try."""
+        ended = space.ended
+        states, inputs, slack, _, steps = (array.copy() for array in space.found)
+        own = tuple(array.copy() for array in space.own)
+        after = tuple(array.copy() for array in space.after)
         status, cost, known = _status_of(problem, ended), ended.cost, None
         if problem.penalty is not None:
             cost += problem.penalty * float(slack.sum())
@@ -184,15 +238,12 @@ class Riccati(ManySolver, SizelessSolver):
         point = Guess(states, inputs, own, level, slack, known)
         return Solution(point, status, words, cost, before + int(ended.iterations), spent)
 
-    def _run(
-        self, run: "Entry", space: "Workspace", begin: float, deadline: float | None
-    ) -> Numbers:
+    def _run(self, run: "Entry", space: "Workspace", begin: float, deadline: float | None) -> None:
         """Call the compiled core on what the arrays hold."""
         if deadline is None:
             space.run(run)
         else:
             _until(begin + deadline, run, space)
-        return Numbers(*space.found.numbers.tolist())
 
     def settings_for(self, problem: Problem, guess: Guess, *, warm: bool = False) -> Array:
         """Collect the settings of the compiled core, by the names of `_protocol.Settings`.
@@ -247,6 +298,11 @@ def _compiled(problem: Problem) -> "tuple[CompiledProblem, Entry]":
 
     made = compiled_problem(problem)
     return made, core(len(made.kinds))
+
+
+def _failed(problem: Problem, ended: Numbers) -> bool:
+    """Whether a solve from multipliers led nowhere, so that the guess alone is tried."""
+    return _status_of(problem, ended) not in (Status.SOLVED, Status.DEADLINE)
 
 
 def _status_of(problem: Problem, ended: Numbers) -> Status:

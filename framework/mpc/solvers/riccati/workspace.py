@@ -5,12 +5,15 @@ works on arrays of its own, made once for each size of problem: a solve copies i
 them, hands the core their table, and copies the results out of them.
 """
 
+import ctypes
 from collections.abc import Callable, Iterable, Sequence
+from functools import cache
 from math import isfinite
 from typing import Any
 
 import numpy as np
 
+from ....jit.machine import host, loaded, object_code
 from ....values.arrays import Array
 from ...ocp.problem import Parameters, SlotNumbers
 from ...ocp.transcription import Guess, Multipliers
@@ -100,6 +103,11 @@ class Workspace:
     def _arrays(self) -> Iterable[Any]:
         return (array for group in self.groups for array in group)
 
+    @property
+    def ended(self) -> Numbers:
+        """How the last solve ended."""
+        return Numbers(*self.found.numbers.tolist())
+
     def fill(self, settings: Array, parameters: Parameters, guess: Guess) -> None:
         """Copy the numbers of an instance; the results of empty slots are those of the guess."""
         values = [settings, *_head(parameters), parameters.initial, guess.states, guess.inputs]
@@ -133,8 +141,63 @@ class Workspace:
         MemoryError : there is not enough for the core's own arrays.
         """
         self._table[-WORDS] = (self._stop.flag if stop is None else stop).ctypes.data
-        if entry(*self._arguments) == 1:  # a status of Numba's: an exception was raised
-            raise MemoryError("there is not enough memory for a solve by riccati")
+        _check(entry(*self._arguments))
+
+    @property
+    def table(self) -> int:
+        """Address of the arrays' table, for a solve that nothing stops."""
+        self._table[-WORDS] = self._stop.flag.ctypes.data
+        return self._arguments[-1]
+
+
+def run_all(entry: Any, spaces: Sequence[Workspace]) -> None:
+    """Solve what several workspaces hold, one after the other, in one call out of Python.
+
+    Between the solves nobody waits for Python's lock, so that threads do not hold up each other.
+
+    Raises
+    ------
+    MemoryError : there is not enough for the core's own arrays.
+    """
+    tables, scratch = np.array([space.table for space in spaces]), np.zeros(2, dtype=np.int64)
+    _check(_row_of_calls()(entry, scratch.ctypes.data, tables.ctypes.data, len(tables)))
+
+
+def _check(status: int) -> None:
+    if status == 1:  # of Numba's: an exception was raised
+        raise MemoryError("there is not enough memory for a solve by riccati")
+
+
+@cache
+def _row_of_calls() -> Any:
+    """Return native code that calls an entry for a row of tables, until a status is not 0."""
+    place = loaded(object_code(_ROW_OF_CALLS, host()), ["row_of_calls"])["row_of_calls"]
+    words = [ctypes.c_void_p] * 3
+    return ctypes.CFUNCTYPE(ctypes.c_int, *words, ctypes.c_int64)(place)
+
+
+_ROW_OF_CALLS = """
+define i32 @row_of_calls(ptr %entry, ptr %scratch, ptr %tables, i64 %count) {
+begin:
+  %other = getelementptr i64, ptr %scratch, i64 1
+  br label %next
+next:
+  %i = phi i64 [ 0, %begin ], [ %following, %go ]
+  %following = add i64 %i, 1
+  %more = icmp slt i64 %i, %count
+  br i1 %more, label %go, label %done
+go:
+  %place = getelementptr ptr, ptr %tables, i64 %i
+  %table = load ptr, ptr %place
+  %status = call i32 %entry(ptr %scratch, ptr %other, ptr %table)
+  %well = icmp eq i32 %status, 0
+  br i1 %well, label %next, label %ill
+ill:
+  ret i32 %status
+done:
+  ret i32 0
+}
+"""
 
 
 def _head(parameters: Parameters) -> tuple[Array, Array, Array, Array]:

@@ -1,10 +1,12 @@
 """The structured solver where things go wrong, in other processes, and for many at once."""
 
+import ctypes
 import os
 import re
 import subprocess
 import sys
 from collections import OrderedDict
+from contextlib import ExitStack
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -23,6 +25,7 @@ from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.mpc.solvers.ipopt import Ipopt
 from wideberth.framework.mpc.solvers.riccati import compiled
 from wideberth.framework.mpc.solvers.riccati.solver import Riccati
+from wideberth.framework.mpc.solvers.riccati.workspace import run_all
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.plan import Status
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
@@ -230,6 +233,27 @@ def test_too_little_memory_is_an_error(recorded: list[Instance]) -> None:
         space.run(lambda *_: 1)
 
 
+def test_a_row_of_solves_ends_at_the_first_without_memory(recorded: list[Instance]) -> None:
+    """Natively: the entry is called with the table of each workspace, in their order."""
+    made, seen = compiled.compiled_problem(problem_for(recorded[0])), list[int]()
+
+    @ctypes.CFUNCTYPE(ctypes.c_int, *[ctypes.c_void_p] * 3)
+    def entry(result: int, exception: int, table: int) -> int:
+        assert exception == result + 8
+        seen.append(table)
+        return int(len(seen) == 5)
+
+    with ExitStack() as lent:
+        one = recorded[0].parameters
+        spaces = [lent.enter_context(made.workspace(one)) for _ in range(3)]
+        tables = [space.table for space in spaces]
+        run_all(entry, spaces)
+        assert seen == tables and len(set(tables)) == 3
+        with pytest.raises(MemoryError, match="for a solve by riccati"):
+            run_all(entry, spaces)
+        assert seen == tables + tables[:2]
+
+
 # the same bytes
 
 
@@ -248,5 +272,19 @@ def test_the_same_bytes_for_any_number_of_workers(recorded: list[Instance]) -> N
         found = Riccati().solve_many(problem, *given, workers=workers)
         assert [digest(one) for one in found] == [digest(one) for one in alone]
     assert Riccati().solve_many(problem, [], []) == []
+    warm = [
+        replace(one.guess, multipliers=done.point.multipliers)
+        for one, done in zip(some, alone, strict=True)
+    ]
+    warm[0] = replace(warm[0], multipliers=warm[-1].multipliers)  # those of another instance
+    again = Riccati(iterations=6), problem, given[0], warm
+    singly = [
+        again[0].solve(problem, one, [guess])[0] for one, guess in zip(given[0], warm, strict=True)
+    ]
+    assert len({one.status for one in singly}) == 2  # some fail from them, and begin without
+    for workers in (1, 3):
+        together = again[0].solve_many(*again[1:], workers=workers)
+        assert [digest(one) for one in together] == [digest(one) for one in singly]
+        assert all(0.0 < one.seconds < 10.0 for one in together)
     with pytest.raises(WideberthError, match="8 parameters and 1 guesses"):
         Riccati().solve_many(problem, given[0], given[1][:1])
