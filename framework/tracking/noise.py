@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -135,7 +136,7 @@ class NoiseEvidence:
             self.tracks + tracks,
         )
 
-    @property
+    @cached_property
     def estimate(self) -> NoiseEstimate:
         """The likeliest deviation; `USUAL` where there is no evidence."""
         return NoiseEstimate(self._likeliest(), self.samples, self.tracks)

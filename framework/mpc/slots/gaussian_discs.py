@@ -240,8 +240,8 @@ class KnownDiscs(Known):
             room = body.radius + self.margin + self.obstacles.radius
             at = body.at(pose)
             if not body.outline:
-                away = means - at.points()[:, None]
-                apart = np.sqrt(np.add.reduce(away * away, axis=2))
+                away = [means[..., k] - place[:, None] for k, place in enumerate(at.position)]
+                apart = np.sqrt(sum(one * one for one in away))
             else:
                 apart = separation(at.corner_points()[:, None], means[:, :, None])[0]
             depth = np.maximum(depth, (room - apart).max(axis=1))
