@@ -73,8 +73,8 @@ STAGES: dict[str, tuple[str, ...]] = {
     "parameters filled in": ("framework.mpc.solvers.riccati.workspace:Workspace.fill",),
     "solver, compiled": ("framework.mpc.solvers.riccati.workspace:Workspace.run",),
     "re-check": (
-        "framework.mpc.fallback.verify:violation",
-        "framework.mpc.fallback.instance_check:InstanceCheck.assess",
+        "framework.mpc.fallback.verify:violations",
+        "framework.mpc.fallback.instance_check:InstanceCheck.assess_each",
     ),
     "rung chosen": ("framework.mpc.fallback.rungs:choose",),
     REST: (),

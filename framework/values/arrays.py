@@ -273,7 +273,7 @@ def number(name: str, value: float) -> float:
 def positive(name: str, value: float, *, zero: bool = False) -> float:
     """Return ``value`` if it is finite and above zero (or zero, where ``zero`` allows)."""
     found = number(name, value)
-    if not np.isfinite(found) or found < 0 or (found == 0 and not zero):
+    if not isfinite(found) or found < 0 or (found == 0 and not zero):
         bound = "at least 0" if zero else "above 0"
         raise WideberthError(f"{name} is {found:g}; wanted a finite number {bound}")
     return found
@@ -290,6 +290,6 @@ def probability(name: str, value: float) -> float:
 def whole(name: str, value: int, *, least: int = 1) -> int:
     """Return ``value`` if it is a whole number of at least ``least``."""
     fits = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-    if not fits or not np.isfinite(value) or int(value) != value or value < least:
+    if not fits or not isfinite(value) or int(value) != value or value < least:
         raise WideberthError(f"{name} is {value!r}; wanted a whole number of at least {least}")
     return int(value)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -92,12 +93,9 @@ class _Steering:
     """`steer_each` of S sequences of N twists, compiled."""
 
     def __init__(self, robot: SymbolicDrive, steps: int, dt: float, count: int) -> None:
-        size = robot.dimension
-        x, w = ca.SX.sym("x", len(robot.states)), ca.SX.sym("w", size + 1)
-        state, parts = tuple(ca.vertsplit(x)), tuple(ca.vertsplit(w))
-        control = robot.drive(state, Twist(parts[:size], parts[size]), dt)
-        following = step(robot, state, control, dt)
-        pieces = [ca.densify(ca.vertcat(*part)) for part in (following, control)]
+        x, w, control = _driven(robot, dt)
+        following = step(robot, tuple(ca.vertsplit(x)), tuple(ca.vertsplit(control)), dt)
+        pieces = [ca.densify(ca.vertcat(*following)), control]
         driven = ca.Function("driven", [x, w], pieces).mapaccum(steps)
         self._all = Mapped(driven.map(count))
         self._shape = count, steps
@@ -115,6 +113,31 @@ class _Steering:
             (np.concatenate([first, after]), control)
             for after, control in zip(states, inputs, strict=True)
         ]
+
+
+def drive_each(robot: Robot, states: Array, twists: Sequence[Twist], dt: float) -> Array:
+    """Return the inputs that bring each of N states to a twist in one step, (N, m)."""
+    if isinstance(robot, SymbolicDrive):
+        flat = np.array([(*twist.linear, twist.angular) for twist in twists])
+        return _driving(robot, len(states), dt)([states, flat])[0]
+    pairs = zip(states.tolist(), twists, strict=True)
+    return np.array([robot.drive(tuple(one), twist, dt) for one, twist in pairs], dtype=np.float64)
+
+
+@lru_cache(maxsize=16)
+def _driving(robot: SymbolicDrive, steps: int, dt: float) -> Mapped:
+    """Return `drive_each`, compiled, the same for the same numbers."""
+    x, w, control = _driven(robot, dt)
+    return Mapped(ca.Function("driving", [x, w], [control]).map(steps))
+
+
+def _driven(robot: SymbolicDrive, dt: float) -> tuple[Any, Any, Any]:
+    """Symbols of a state and a twist, and the input that leads there."""
+    size = robot.dimension
+    x, w = ca.SX.sym("x", len(robot.states)), ca.SX.sym("w", size + 1)
+    parts = tuple(ca.vertsplit(w))
+    control = robot.drive(tuple(ca.vertsplit(x)), Twist(parts[:size], parts[size]), dt)
+    return x, w, ca.densify(ca.vertcat(*control))
 
 
 @lru_cache(maxsize=16)

@@ -1,6 +1,7 @@
 """The LevelPolicy interface, and that of policies whose level is a decision variable."""
 
 from abc import ABC, abstractmethod
+from functools import lru_cache
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
@@ -71,6 +72,15 @@ def level_of(region: Region, promise: Promise, tail: float, dimension: int) -> f
         from ...risk.risk_meter import level_for_risk
 
         return level_for_risk(region, tail, dimension)
+    try:
+        return _known_level(region, tail, dimension)
+    except TypeError:  # somebody's region may not be hashable
+        return region.level(tail, dimension)
+
+
+@lru_cache(maxsize=1024)
+def _known_level(region: Region, tail: float, dimension: int) -> float:
+    """Level of a region: the same tails are asked for at every decision."""
     return region.level(tail, dimension)
 
 

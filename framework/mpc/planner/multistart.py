@@ -24,7 +24,17 @@ from ...values.errors import WideberthError
 from ...values.motion import Pose, Twist
 from ...values.plan import Plan, Status
 from ..fallback.instance_check import Candidate, InstanceCheck, Outcome, shared_target
-from ..fallback.rollout import SWEEPS, Motion, clip, shift, stand, steer, steer_each, sweep
+from ..fallback.rollout import (
+    SWEEPS,
+    Motion,
+    clip,
+    drive_each,
+    shift,
+    stand,
+    steer,
+    steer_each,
+    sweep,
+)
 from ..fallback.verify import violation
 from ..ocp.problem import Parameters, Problem
 from ..ocp.progress_robot import ProgressRobot
@@ -418,11 +428,7 @@ class Laid:
 
     def inputs(self, robot: Robot, dt: float) -> Array:
         """Return the inputs that bring each twist to the next, (N, m)."""
-        inputs = [
-            robot.drive(tuple(state), twist, dt)
-            for state, twist in zip(self.states[:-1].tolist(), self.twists, strict=True)
-        ]
-        return clip(robot, np.array(inputs, dtype=np.float64))
+        return clip(robot, drive_each(robot, self.states[:-1], self.twists, dt))
 
 
 def _headings(velocities: Array, speeds: Array, first: float) -> Array:
