@@ -9,6 +9,7 @@ from typing import TypeAlias
 
 import decision
 import endurance
+import exported
 import hard_set
 import many_solves
 import perturbations
@@ -111,7 +112,7 @@ class Question:
 
 BRIEF = (
     *("startup", "solvers", "hard", "scaling", "plugins", "batches", "predictors", "risks"),
-    "stages",
+    *("stages", "export"),
 )
 """Asked of every run."""
 NAMES = (*BRIEF, "sweeps", "endurance", "decisions")
@@ -143,6 +144,7 @@ def questions(instances: Instances, hard: Path | None, extent: Extent) -> dict[s
         "predictors": Question(len(extent.counts), partial(_predictors, extent)),
         "risks": Question(1, partial(_risks, extent)),
         "stages": Question(decision.ticks(extent.stages[0]), partial(_stages, extent)),
+        "export": Question(exported.ticks(), partial(_export, extent)),
         "sweeps": Question(sweep_speed.ticks(extent.sweep[1]), partial(_sweeps, extent)),
         "endurance": Question(endurance.ticks(extent.drives), partial(_endurance, extent)),
         "decisions": Question(endurance.ticks(_decided(extent)), partial(_decisions, extent)),
@@ -223,6 +225,14 @@ def _stages(extent: Extent, tick: Tick) -> Tables:
     return {
         "whole": ("Whole decisions, observation included", whole),
         "stages": ("Where their time goes", stages),
+    }
+
+
+def _export(extent: Extent, tick: Tick) -> Tables:
+    if exported.missing():
+        return {}
+    return {
+        "export": ("The exported solver and Python's call", exported.measure(extent.rounds, tick))
     }
 
 

@@ -4,6 +4,7 @@ import argparse
 import os
 from pathlib import Path
 
+import exported
 import figures
 import solver_tables
 from measuring import Row, cell, markdown
@@ -78,4 +79,6 @@ def header(
     left_out = [f"{name} ({why})" for name, why in missing().items()]
     if left_out:
         lines.append(f"- Peers without a row: {'; '.join(left_out)}.")
+    if exported.missing():
+        lines.append(f"- Exported solver: not measured, since {exported.missing()}.")
     return "\n".join([*lines, ""])

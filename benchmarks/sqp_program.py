@@ -40,7 +40,7 @@ class Sqp(Solver):
     ----------
     qp : the QP solver, a key of `SETTINGS`.
     tolerance : of feasibility and stationarity, unscaled.
-    iterations : limit; each solves one QP.
+    iterations : limit; each solves one QP. A single one is a real-time iteration: a full step.
     """
 
     qp: str
@@ -62,6 +62,7 @@ class Sqp(Solver):
         options: dict[str, Any] = {
             **{"print_header": False, "print_iteration": False, "print_status": False},
             **{"tol_pr": self.tolerance, "tol_du": self.tolerance, "max_iter": self.iterations},
+            **({"max_iter_ls": 0} if self.iterations == 1 else {}),
             **own,
             "qpsol": self.qp,
             "qpsol_options": {**quiet, **own.get("qpsol_options", {})},

@@ -141,11 +141,33 @@ _NOTHING = Chosen((), (), (), None, None)  # type: ignore[arg-type]
 def closed_loop(hertz: float, seed: int, seconds: float, region: str = ELLIPSE) -> list[Row]:
     """Drive among ten walkers; every solve from multipliers is done cold as well."""
     solver = Both(label=f"{hertz:g} Hz", aimed=True)
-    robot, period = unicycle(), 1.0 / hertz
     planner = Planner(
-        robot, build("regions", region), build("predictors", "kalman"),
-        build("levels", "relaxed"), solver, period=period, penalty=1e5, warm_within=1.0,
+        unicycle(), build("regions", region), build("predictors", "kalman"),
+        build("levels", "relaxed"), solver, period=1.0 / hertz, penalty=1e5, warm_within=1.0,
     )  # fmt: skip
+    for _ in crossing(planner, seed, hertz, seconds):
+        pass
+    return solver.pairs
+
+
+def crossing(
+    planner: Planner, seed: int, hertz: float, seconds: float, far: float = np.inf
+) -> Iterator[tuple[float, float]]:
+    """Drive straight through a field of ten walkers, which the robot sees with noise.
+
+    Parameters
+    ----------
+    planner : decides; the robot drives the first input of its plan exactly.
+    seed : of the walkers and the noise.
+    hertz : decisions in a second.
+    seconds : s, the longest drive.
+    far : m, where the drive ends.
+
+    Yields
+    ------
+    Distance to the nearest walker's surface and the place along the path, m, after each decision.
+    """
+    robot, period = planner.robot, 1.0 / hertz
     rng = np.random.default_rng(seed)
     walkers = Field(rng)
     planner.set_path(Route(np.array([[-8.0, 0.0], [30.0, 0.0]])))
@@ -163,8 +185,10 @@ def closed_loop(hertz: float, seed: int, seconds: float, region: str = ELLIPSE) 
         planner.command(observation)
         plan = planner.plan
         assert plan is not None
+        yield float(walkers.gaps(state[:2], robot.radius).min()), float(state[0])
+        if state[0] >= far:
+            return
         state = np.array(step(robot, tuple(state), tuple(plan.inputs[0]), period))
-    return solver.pairs
 
 
 def summary(rows: Sequence[Row]) -> list[Row]:
