@@ -68,20 +68,22 @@ def level_of(region: Region, promise: Promise, tail: float, dimension: int) -> f
     ------
     WideberthError : a collision risk is promised that the region guarantees at no level.
     """
+    try:
+        return _known_level(region, promise, tail, dimension)
+    except TypeError:  # somebody's region may not be hashable
+        return _level(region, promise, tail, dimension)
+
+
+def _level(region: Region, promise: Promise, tail: float, dimension: int) -> float:
     if promise == "risk":
         from ...risk.risk_meter import level_for_risk
 
         return level_for_risk(region, tail, dimension)
-    try:
-        return _known_level(region, tail, dimension)
-    except TypeError:  # somebody's region may not be hashable
-        return region.level(tail, dimension)
-
-
-@lru_cache(maxsize=1024)
-def _known_level(region: Region, tail: float, dimension: int) -> float:
-    """Level of a region: the same tails are asked for at every decision."""
     return region.level(tail, dimension)
+
+
+_known_level = lru_cache(maxsize=1024)(_level)
+"""The same tails are asked for at every decision."""
 
 
 def tail_of(region: Region, promise: Promise, level: float, dimension: int) -> float:
@@ -115,10 +117,8 @@ def spread(
     ------
     WideberthError : as `level_of`.
     """
-    different, place = np.unique(tails, return_inverse=True)
-    found = [level_of(region, promise, float(tail), dimension) for tail in different]
-    levels = np.array(found, dtype=np.float64)[place]
-    return np.repeat(levels[:, None], obstacles, axis=1)
+    found = [level_of(region, promise, tail, dimension) for tail in tails.tolist()]
+    return np.repeat(np.array(found, dtype=np.float64)[:, None], obstacles, axis=1)
 
 
 def checked_promise(promise: str) -> None:
