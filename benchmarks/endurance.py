@@ -10,11 +10,11 @@ import os
 import re
 import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path as File
 from time import perf_counter, process_time, thread_time
-from typing import TypeAlias, final
+from typing import Any, TypeAlias, final
 
 import numpy as np
 from measuring import Row, Tick, spread
@@ -24,7 +24,13 @@ from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.multistart import OTHERS
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.solvers.base import SizelessSolver, Solution, Solver
+from wideberth.framework.mpc.solvers.base import (
+    CheapestSolver,
+    SizelessSolver,
+    Solution,
+    Solver,
+    solve_cheapest,
+)
 from wideberth.framework.plugins.config import build
 from wideberth.framework.robot import start_state
 from wideberth.framework.values.arrays import Array
@@ -82,7 +88,7 @@ class Solves:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Watched(SizelessSolver):
+class Watched(SizelessSolver, CheapestSolver):
     """Solves from one guess after the other with another solver, and notes each."""
 
     solver: Solver
@@ -96,12 +102,29 @@ class Watched(SizelessSolver):
         deadline: float | None = None,
     ) -> list[Solution]:
         """Solve from each guess."""
-        found: list[Solution] = []
-        for guess in guesses:
-            begin, worked = perf_counter(), thread_time()
-            found += self.solver.solve(problem, parameters, [guess], deadline)
-            taken = 1e3 * (perf_counter() - begin), 1e3 * (thread_time() - worked)
-            self.noted.add(*taken, found[-1])
+        given = problem, parameters
+        return [self._noted(self.solver.solve, *given, [one], deadline) for one in guesses]
+
+    def solve_cheapest(
+        self,
+        problem: Problem,
+        parameters: Parameters,
+        guesses: Sequence[Guess],
+        known: Sequence[Solution],
+        within: float,
+        deadline: float | None = None,
+    ) -> list[Solution]:
+        """Do the same, but for what leads to no cheaper plan."""
+        given, found = (self.solver, problem, parameters), list(known)
+        for one in guesses:
+            found.append(self._noted(solve_cheapest, *given, [one], found, within, deadline))
+        return found[len(known) :]
+
+    def _noted(self, solve: Callable[..., list[Solution]], *given: Any) -> Solution:
+        begin, worked = perf_counter(), thread_time()
+        (found,) = solve(*given)
+        taken = 1e3 * (perf_counter() - begin), 1e3 * (thread_time() - worked)
+        self.noted.add(*taken, found)
         return found
 
 

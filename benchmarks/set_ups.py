@@ -14,10 +14,10 @@ from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.planner.multistart import other_starts
+from wideberth.framework.mpc.planner.multistart import SAME, other_starts
 from wideberth.framework.mpc.slots.base import with_auxiliaries
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
-from wideberth.framework.mpc.solvers.base import Solution, Solver
+from wideberth.framework.mpc.solvers.base import Solution, Solver, pressed, solve_cheapest
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.plan import Status
 from wideberth.tests.oracles.recorded_instances import LEVEL, Instance
@@ -47,7 +47,7 @@ class SetUp:
     solver : how the problem is solved.
     region : which constraint is given to it.
     deadline : s, or None.
-    starts : makes the starting points; None to take the instance's own alone.
+    starts : makes further starting points; None to take the instance's own alone.
     rounds : most repeats of one instance, where more would be a waste of time; None for all.
     """
 
@@ -60,10 +60,17 @@ class SetUp:
     def solve(self, problem: Problem, parameters: Parameters, guess: Guess) -> Solution:
         """Solve from one starting point or several; of several keep the cheapest that converged.
 
+        Others are tried as the planner does: where regions press on the first plan, and while they
+        may lead to a cheaper one.
+
+
         Iterations are those of all starts together.
         """
-        guesses = [guess] if self.starts is None else self.starts(problem, parameters, guess)
-        found = self.solver.solve(problem, parameters, guesses, self.deadline)
+        found = self.solver.solve(problem, parameters, [guess], self.deadline)
+        if self.starts is not None and pressed(found[0]):
+            others = self.starts(problem, parameters, guess)
+            given = self.solver, problem, parameters, others, found
+            found += solve_cheapest(*given, SAME * unicycle().radius, self.deadline)
         solved = [one for one in found if one.status is Status.SOLVED]
         best = min(solved, key=lambda one: one.cost, default=found[0])
         return replace(best, iterations=sum(one.iterations for one in found))
@@ -104,10 +111,8 @@ def registered() -> dict[str, Solver]:
 
 
 def several(problem: Problem, parameters: Parameters, guess: Guess) -> list[Guess]:
-    """Return the instance's own guess and all other starting points that the planner has."""
-    robot, kinds = unicycle(), (GaussianDiscs(build("regions", ELLIPSE)),)
-    others = other_starts(robot, problem, parameters, guess)
-    return [guess, *(with_auxiliaries(robot, kinds, parameters, one) for one in others)]
+    """Return all starting points that the planner has beside the instance's own guess."""
+    return other_starts(unicycle(), problem, parameters, guess)  # the ellipse has no auxiliaries
 
 
 @cache

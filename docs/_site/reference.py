@@ -25,7 +25,9 @@ INTERFACES = {
     "wideberth.framework.controller": ("Controller",),
     "wideberth.framework.mpc.levels.base": ("LevelPolicy", "SharedLevel"),
     "wideberth.framework.mpc.costs.base": ("Cost", "ProgressCost", "Weights", "Moment"),
-    "wideberth.framework.mpc.solvers.base": ("Solver", "ManySolver", "Solution"),
+    "wideberth.framework.mpc.solvers.base": (
+        *("Solver", "ManySolver", "CheapestSolver", "Solution"),
+    ),
     "wideberth.framework.mpc.slots.base": ("SlotKind", "LevelledKind", "Known", "Chosen", "View"),
     "wideberth.framework.mpc.fallback.rungs": ("FallbackRung", "NotHeld", "Trial"),
     "wideberth.simulation.scenarios.base": ("Scenario", "Placement", "Cast"),

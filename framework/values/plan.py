@@ -37,6 +37,7 @@ class Status(StrEnum):
     LIMIT = "iteration limit"
     DEADLINE = "deadline"
     INFEASIBLE = "infeasible"
+    GIVEN_UP = "given up"
     FAILED = "failed"
     NOT_RUN = "not run"
 

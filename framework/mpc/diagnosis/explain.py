@@ -8,16 +8,18 @@ from ...plugins.config import build, describe
 from ...predictor import Predictor
 from ...values.errors import WideberthError
 from ...values.forecast import Forecast, Scene
+from ...values.plan import Status
 from ...values.tracks import Tracks
 from ..fallback.instance_check import TOLERANCE
 from ..fallback.verify import violation
 from ..ocp.problem import Parameters, Problem
 from ..ocp.transcription import Guess
 from ..planner.cycle import Solved
+from ..planner.multistart import SAME
 from ..planner.problem_cache import ProblemCache
 from ..planner.settings import PlannerSettings
 from ..slots.base import Room
-from ..solvers.base import Solution, Solver
+from ..solvers.base import Solution, Solver, solve_cheapest
 
 _ROWS = 8
 """Violations that are listed."""
@@ -60,6 +62,7 @@ class SolveRecord:
     guesses : what was solved from.
     point : the plan taken, auxiliaries and level included.
     verdict : what the planner said of it.
+    ends : how the solve from each starting point ended, in words; empty in older records.
     """
 
     planner: dict[str, Any]
@@ -70,6 +73,7 @@ class SolveRecord:
     guesses: tuple[Guess, ...]
     point: Guess
     verdict: PlanSummary
+    ends: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, settings: PlannerSettings, solved: Solved) -> "SolveRecord":
@@ -97,6 +101,7 @@ class SolveRecord:
             solved.guesses,
             solved.point,
             verdict,
+            solved.ends,
         )
 
     def problem(self) -> Problem:
@@ -115,14 +120,20 @@ class SolveRecord:
         return problem
 
     def again(self, solver: Solver | str | None = None) -> list[Solution]:
-        """Solve from each recorded starting point.
+        """Solve from each recorded starting point; give up again where one was given up.
 
         Parameters
         ----------
         solver : another one, or its name; the recorded one by default.
         """
-        own: Solver = self._planner().solver if solver is None else build("solvers", solver)
-        return own.solve(self.problem(), self.parameters, self.guesses)
+        settings = self._planner()
+        own: Solver = settings.solver if solver is None else build("solvers", solver)
+        given = own, self.problem(), self.parameters
+        if not any(end.startswith(Status.GIVEN_UP) for end in self.ends):
+            return own.solve(*given[1:], self.guesses)
+        first = own.solve(*given[1:], self.guesses[:1])
+        within = SAME * settings.robot.radius
+        return first + solve_cheapest(*given, self.guesses[1:], first, within)
 
     def text(self) -> str:
         """Say what happened: rung, reason, sizes, and what the plan taken breaks."""
@@ -139,6 +150,11 @@ class SolveRecord:
             f"{len(self.guesses)} starts, {found.iterations} iterations, "
             f"{1e3 * found.seconds:.1f} ms for the call; cost {found.cost:.6g}, "
             f"largest violation {found.violation:.3g}",
+            *(
+                f"start {number} was {end}"
+                for number, end in enumerate(self.ends, start=1)
+                if end.startswith(Status.GIVEN_UP)
+            ),
             f"{plugs}; N = {len(self.point.inputs)}, {counts}",
         ]
         return "\n".join([*lines, *self._broken()])

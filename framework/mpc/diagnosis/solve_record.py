@@ -97,6 +97,7 @@ def write_solve(path: str | Path, solve: SolveRecord) -> Path:
         "key": solve.key,
         "names": list(solve.names),
         "starts": len(solve.guesses),
+        "ends": list(solve.ends),
         "verdict": asdict(solve.verdict),
     }
     try:
@@ -138,6 +139,7 @@ def read_solve(path: str | Path) -> SolveRecord:
             ),
             point=_guess(_below("point", arrays)),
             verdict=PlanSummary(**content["verdict"]),
+            ends=tuple(map(str, content.get("ends", ()))),
         )
     except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
         raise WideberthError(

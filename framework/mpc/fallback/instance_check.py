@@ -143,12 +143,13 @@ class Outcome:
 
     Attributes
     ----------
-    candidates : the re-checked solutions, that from the last plan first.
+    candidates : the re-checked solutions, that from the last plan first; without those given up.
     guesses : what was solved from.
     obstacle_in_way : whether something is in the way, see `MultiStart`.
     before : whether that was so at the last call.
     status, message : of the first solve, or why there was none.
     note : why the solver was not asked from all other starts, where it did not return.
+    solutions : what the solver returned from each guess, those given up too.
     """
 
     candidates: tuple[Candidate, ...]
@@ -158,6 +159,7 @@ class Outcome:
     status: Status
     message: str
     note: str = ""
+    solutions: tuple[Solution, ...] = ()
 
 
 def contact(check: InstanceCheck, one: Candidate, window: int) -> float:

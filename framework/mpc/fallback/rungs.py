@@ -334,7 +334,7 @@ def _plan(rung: str, best: Candidate, words: list[str], trial: Trial, stamp: flo
     words = [] if rung == Rung.OPTIMAL else words
     if given_way is not None:
         words = [str(given_way), *words]
-    runs = [one.solution for one in outcome.candidates if one.solution is not None]
+    runs = outcome.solutions
     own = best.solution or (runs[0] if runs else None)
     robot, point = check.robot, best.point
     far = [name for _, one in check.around.out_of_reach for name in one.names]

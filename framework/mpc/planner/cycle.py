@@ -135,6 +135,7 @@ class Solved:
     check : the instance. guesses : starting points of the solver.
     point : the plan taken, as the problem states it. plan : the same, with its reasons.
     seconds : of the cycle.
+    ends : how the solve from each starting point ended, in words.
     """
 
     check: InstanceCheck
@@ -142,6 +143,7 @@ class Solved:
     point: Guess
     plan: Plan
     seconds: float
+    ends: tuple[str, ...] = ()
 
 
 @final
@@ -223,7 +225,8 @@ def step(
         plan = strip_progress(robot, plan)
         plan = _in_situation(settings, plan, seen, progress.path, start, outcome.note)
         kept = KeptMultipliers.of(point, check.around.chosen)
-        solved = Solved(check, outcome.guesses, point, plan, budget.spent())
+        ends = tuple(one.message for one in outcome.solutions)
+        solved = Solved(check, outcome.guesses, point, plan, budget.spent(), ends)
         command, note = _limited(robot, command_of_plan(robot, plan))
         smoother = _smoothed(state.smoother, command, stamp)
     except Exception as error:

@@ -10,7 +10,7 @@ head-on, perfectly symmetric encounters these are 9, 11 and 15; with all of `OTH
 136 other hard instances with a known feasible point is solved to its best cost as well.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter
@@ -40,7 +40,7 @@ from ..ocp.problem import Parameters, Problem
 from ..ocp.progress_robot import ProgressRobot
 from ..ocp.reference import Reference
 from ..ocp.transcription import Guess
-from ..solvers.base import Solution, Solver, on_time
+from ..solvers.base import Solution, Solver, on_time, pressed, solve_cheapest
 from ..solvers.watchdog import LeftBehind, Refused, watched
 
 Starts: TypeAlias = tuple[str, ...] | Literal["auto"]
@@ -61,6 +61,10 @@ PATIENCE = 60.0
 
 COMPILING = 10.0
 """The first use of a problem, which compiles it, may take so many times the planner's patience."""
+
+SAME = 2.0 / 3.0
+"""Radii of the robot within which a further start leads to a plan that is known already. On the
+other side of something a plan is farther away than the robot is wide."""
 
 STUCK = 0.1
 """Share of its way that a plan has to come along not to be stuck. Between two people who stand, a
@@ -130,16 +134,39 @@ class Watch:
         ------
         LeftBehind, Refused : there is no solution, see `watch.watched`.
         """
-        given = check.problem, check.parameters
+        call = partial(self._solver.solve, check.problem, check.parameters, guesses)
+        return self._watched(check, call, len(guesses), budget)
+
+    def solve_cheapest(
+        self,
+        check: InstanceCheck,
+        guesses: Sequence[Guess],
+        known: Sequence[Solution],
+        budget: Budget,
+    ) -> list[Solution]:
+        """Do the same, but give up what leads to no cheaper plan, see `base.solve_cheapest`."""
+        call = partial(
+            solve_cheapest, self._solver, check.problem, check.parameters, guesses, known,
+            SAME * check.robot.radius,
+        )  # fmt: skip
+        return self._watched(check, call, len(guesses), budget)
+
+    def _watched(
+        self,
+        check: InstanceCheck,
+        call: Callable[[float | None], list[Solution]],
+        count: int,
+        budget: Budget,
+    ) -> list[Solution]:
+        """Call with what is left of the time for each of ``count`` solves."""
         if budget.deadline is None:
-            limit = self._patience * len(guesses)
+            limit = self._patience * count
             if check.problem.key not in self._used:
                 limit *= COMPILING
                 self._used.add(check.problem.key)
-            return watched(partial(self._solver.solve, *given, guesses, None), limit)
+            return watched(partial(call, None), limit)
         begin, left = budget.spent(), max(budget.left(), 1e-3)
-        call = partial(self._solver.solve, *given, guesses, left)
-        found = watched(call, max(budget.wait(), left))
+        found = watched(partial(call, left), max(budget.wait(), left))
         return [on_time(one, budget.spent() - begin, left) for one in found]
 
 
@@ -147,12 +174,15 @@ class Watch:
 class MultiStart:
     """Solves one instance from the last plan first, then from other starts.
 
+    A `CheapestSolver` gives those up that lead to no cheaper plan than is known. A plan that fails
+    the re-check does not count: what was given up because of one is then solved.
+
     With ``auto`` these are all of `OTHERS` when the first solve gave no feasible plan, when there
     is no last plan, when something has just come into the way, and when the plan does not get
     past it (less than `STUCK` of the way); as long as it stays there else, ``along`` alone. In
     the way is what the reference enters at the level aimed at, or what makes
-    the level give way. With nothing there the problem is the tracking problem, and one start is
-    enough.
+    the level give way. With nothing there, or where no region presses on the plan, the problem is
+    the tracking problem, and one start is enough.
 
     The first solve may take all the time there is. The next one begins while as much is left as
     the longest took so far, since not every solver can be stopped. One that does not return in
@@ -188,7 +218,7 @@ class MultiStart:
         if not np.abs(where).max() <= FARTHEST:
             message = f"state or reference exceed {FARTHEST:g}: nothing was solved"
             return Outcome((), (first,), before, before, Status.FAILED, message)
-        solutions = self._solve(check, [first])
+        solutions = self.watch.solve(check, [first], self.budget)
         candidates = check.assess_each(solutions)
         slots = any(one.active.any() for one in parameters.slots)
         laid = Laid.along(check.robot, parameters, check.problem.dt) if slots else None
@@ -198,13 +228,26 @@ class MultiStart:
         aimed = replace(first, level=target)  # a warm start is at the level of the last plan
         found = other_starts(check.robot, check.problem, parameters, aimed, names, laid)
         others = [check.suited(guess) for guess in found]
-        solutions, note = self._others(check, others, solutions[0].seconds)
-        candidates += check.assess_each(solutions)
-        guesses = (first, *others[: len(solutions)])
-        solved = candidates[0].solution
-        assert solved is not None
-        status, message = solved.status, solved.message
-        return Outcome(tuple(candidates), guesses, there, before, status, message, note)
+        known = solutions if candidates[0].optimal else []
+        more, note = self._others(check, others, known, solutions[0].seconds)
+        assessed = self._assessed(check, more)
+        if any(_refuted(one) for one in assessed):  # others may be given up because of it
+            dropped = [k for k, one in enumerate(more) if one.status is Status.GIVEN_UP]
+            again, why = self._others(check, [others[k] for k in dropped], None, 0.0)
+            for k, one in zip(dropped, again, strict=False):
+                more[k] = replace(one, iterations=one.iterations + more[k].iterations)
+            assessed, note = self._assessed(check, more), note or why
+        solutions += more
+        guesses = (first, *others[: len(more)])
+        status, message = solutions[0].status, solutions[0].message
+        return Outcome(
+            (*candidates, *assessed), guesses, there, before, status, message, note,
+            tuple(solutions),
+        )  # fmt: skip
+
+    def _assessed(self, check: InstanceCheck, solutions: Sequence[Solution]) -> list[Candidate]:
+        """Re-check what was not given up."""
+        return check.assess_each([one for one in solutions if one.status is not Status.GIVEN_UP])
 
     def _names(
         self, check: InstanceCheck, first: Candidate, there: bool, before: bool
@@ -214,30 +257,49 @@ class MultiStart:
             return self.starts
         if not first.optimal:
             return OTHERS
-        if not there:
+        if not there or (first.solution is not None and not pressed(first.solution)):
             return ()
         anew = check.last_inputs is None or not before
         return OTHERS if anew or _stuck(check, first) else ("along",)
 
     def _others(
-        self, check: InstanceCheck, guesses: Sequence[Guess], longest: float
+        self,
+        check: InstanceCheck,
+        guesses: Sequence[Guess],
+        known: Sequence[Solution] | None,
+        longest: float,
     ) -> tuple[list[Solution], str]:
-        """Solve from other starts while there is time; say where that was cut off."""
+        """Solve from other starts while there is time; say where that was cut off.
+
+        Those that lead to no cheaper plan than ``known``, or than one another, are given up; with
+        None they are not.
+        """
         solutions: list[Solution] = []
         try:
             if self.budget.deadline is None:
-                return (self._solve(check, guesses) if guesses else []), ""
+                return (self._solve(check, guesses, known) if guesses else []), ""
             for guess in guesses:
                 if self.budget.left() < longest:
                     break
-                solutions += self._solve(check, [guess])
+                so_far = None if known is None else [*known, *solutions]
+                solutions += self._solve(check, [guess], so_far)
                 longest = max(longest, solutions[-1].seconds)
         except (LeftBehind, Refused) as error:
             return solutions, f"from another start {self.watch.name} {error}"
         return solutions, ""
 
-    def _solve(self, check: InstanceCheck, guesses: Sequence[Guess]) -> list[Solution]:
-        return self.watch.solve(check, guesses, self.budget)
+    def _solve(
+        self, check: InstanceCheck, guesses: Sequence[Guess], known: Sequence[Solution] | None
+    ) -> list[Solution]:
+        if known is None:
+            return self.watch.solve(check, guesses, self.budget)
+        return self.watch.solve_cheapest(check, guesses, known, self.budget)
+
+
+def _refuted(one: Candidate) -> bool:
+    """Whether a solver calls a plan solved that does not pass the re-check."""
+    assert one.solution is not None
+    return one.solution.status is Status.SOLVED and not one.feasible
 
 
 def _stuck(check: InstanceCheck, solved: Candidate) -> bool:
@@ -344,7 +406,8 @@ def other_starts(
     for states, inputs in _trajectories(robot, problem, parameters, names, laid):
         known = [guess, *found]
         if not any(np.array_equal(states, one.states) for one in known):
-            found.append(replace(Guess.bare(states, inputs, guess.level), slack=guess.slack))
+            none = problem.no_auxiliaries
+            found.append(Guess(states, inputs, none, guess.level, guess.slack))
     if isinstance(robot, ProgressRobot):
         arc = float(parameters.initial[-1])
         return [add_progress(robot, point, parameters, arc, problem.dt) for point in found]

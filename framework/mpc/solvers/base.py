@@ -100,6 +100,68 @@ class ManySolver(Solver):
         """
 
 
+class CheapestSolver(Solver):
+    """A solver that gives up starts that lead to no cheaper plan, see `solve_cheapest`."""
+
+    @abstractmethod
+    def solve_cheapest(
+        self,
+        problem: Problem,
+        parameters: Parameters,
+        guesses: Sequence[Guess],
+        known: Sequence[Solution],
+        within: float,
+        deadline: float | None = None,
+    ) -> list[Solution]:
+        """Solve from each guess in turn, but for those that lead to no cheaper plan.
+
+        Unlike with `solve`, a solution depends on those before it, ``known`` ones included. One
+        that is given up has `Status.GIVEN_UP`; its message says why, its point is no plan.
+
+        Parameters
+        ----------
+        known : solutions from other starts; those that did not converge do not count.
+        within : a start leads to a known plan where it comes so near in all that regions see, m
+            (rad for headings).
+        deadline : s by the clock, caps each single solve.
+        """
+
+
+def solve_cheapest(
+    solver: Solver,
+    problem: Problem,
+    parameters: Parameters,
+    guesses: Sequence[Guess],
+    known: Sequence[Solution],
+    within: float,
+    deadline: float | None = None,
+) -> list[Solution]:
+    """Solve from each guess with any solver; only a `CheapestSolver` gives some of them up.
+
+    See there for the parameters.
+    """
+    if isinstance(solver, CheapestSolver):
+        return solver.solve_cheapest(problem, parameters, guesses, known, within, deadline)
+    return solver.solve(problem, parameters, guesses, deadline)
+
+
+NO_FORCE = 1e-3
+"""Where no region presses, all of them relaxed by 1 save less than this share of 1 + |cost|."""
+
+
+def pressed(solution: Solution) -> bool:
+    """Whether regions press on a plan, so that another start may lead to a cheaper one.
+
+    Where none does, the plan is optimal without any region, and that problem is the tracking
+    problem, which has one optimum. Without multipliers nobody knows.
+    """
+    known = solution.point.multipliers
+    if solution.status is not Status.SOLVED or known is None:
+        return True
+    force = sum(float(np.abs(one[one == one]).sum()) for one in known.slots)  # NaN where empty
+    return not force <= NO_FORCE * (1.0 + abs(solution.cost))
+
+
 def solve_many(
     solver: Solver,
     problem: Problem,

@@ -263,7 +263,9 @@ def test_a_record_says_what_its_plan_says() -> None:
             around=SimpleNamespace(chosen=(SimpleNamespace(room=(2,)),)), parameters=None,
             problem=SimpleNamespace(key="k"), names=("a", "?"),
         )  # fmt: skip
-        solved: Any = SimpleNamespace(plan=plan, check=check, guesses=(), point=None, seconds=0.3)
+        solved: Any = SimpleNamespace(
+            plan=plan, check=check, guesses=(), point=None, seconds=0.3, ends=()
+        )
         found = SolveRecord.of(planner(), solved)
         told = found.verdict
         assert (told.stamp, told.status, told.rung) == (1.0, "solved", "optimal")

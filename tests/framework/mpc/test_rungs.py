@@ -176,7 +176,8 @@ def ended(point: Guess, status: Status, cost: float = 5.0, count: int = 3) -> So
 
 
 def outcome(*candidates: Candidate, before: bool = False) -> Outcome:
-    return Outcome(candidates, (), before, before, Status.FAILED, "as told")
+    solutions = tuple(one.solution for one in candidates if one.solution is not None)
+    return Outcome(candidates, (), before, before, Status.FAILED, "as told", solutions=solutions)
 
 
 def judged(

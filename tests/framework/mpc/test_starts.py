@@ -15,10 +15,10 @@ from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.planner.multistart import NAMES, OTHERS, other_starts
+from wideberth.framework.mpc.planner.multistart import NAMES, OTHERS, SAME, other_starts
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.slots.gaussian_discs import Obstacles
-from wideberth.framework.mpc.solvers.base import Solution, Solver, unwrapped
+from wideberth.framework.mpc.solvers.base import CheapestSolver, Solution, Solver, unwrapped
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.mpc.solvers.ipopt import Ipopt
 from wideberth.framework.plugins.config import build
@@ -227,6 +227,68 @@ def test_further_starts_are_paid_for_where_something_is_in_the_way() -> None:
     assert solver.calls == [1, 1, len(OTHERS)]  # it has just come
     made.command(seen(1.0, ("ahead", 5.0, 0.0)))
     assert solver.calls[3:] == [1, 1]  # and stays: along the reference alone
+
+
+@dataclass(frozen=True)
+class Dropping(CheapestSolver):
+    """Solves with fatrop from the first of several starts, and gives the others up.
+
+    ``spoilt`` moves that one's plan off its dynamics. ``calls`` are how many plans each call knew,
+    -1 where it was to solve from each start, and from how many.
+    """
+
+    spoilt: bool = False
+    calls: list[tuple[int, int]] = field(default_factory=list)
+
+    def solve(self, problem: Problem, parameters: Parameters, guesses: Any, deadline: Any = None
+              ) -> list[Solution]:  # fmt: skip
+        self.calls.append((-1, len(guesses)))
+        return Fatrop().solve(problem, parameters, guesses, deadline)
+
+    def solve_cheapest(
+        self, problem: Problem, parameters: Parameters, guesses: Any, known: Any, within: float,
+        deadline: Any = None,
+    ) -> list[Solution]:  # fmt: skip
+        assert within == SAME * Unicycle().radius
+        self.calls.append((len(known), len(guesses)))
+        first, *others = Fatrop().solve(problem, parameters, guesses, deadline)
+        if self.spoilt:
+            first = replace(first, point=replace(first.point, states=first.point.states + 1.0))
+        dropped = [
+            replace(one, status=Status.GIVEN_UP, message="given up", cost=0.0, iterations=1000)
+            for one in others
+        ]
+        return [first, *dropped]
+
+
+def test_a_start_that_is_given_up_is_no_plan_and_on_record() -> None:
+    solver = Dropping()
+    made = planner(solver)
+    solver.calls.clear()
+    made.command(seen(0.0, ("ahead", 5.0, 0.0)))
+    kept = made.explain()
+    count = len(kept.guesses) - 1
+    assert count > 2 and solver.calls == [(-1, 1), (1, count)]
+    assert made.plan is not None and made.plan.rung is Rung.OPTIMAL
+    assert made.plan.cost > 0.0 and made.plan.iterations > 1000 * (count - 1)
+    assert kept.ends[2:] == ("given up",) * (count - 1)
+    assert "start 3 was given up" in kept.text() and "start 2 was" not in kept.text()
+    solver.calls.clear()
+    again = replace(kept, planner={**kept.planner, "solver": "riccati"}).again()
+    assert len(again) == len(kept.guesses)
+    assert any(one.status is Status.GIVEN_UP for one in again)
+
+
+def test_what_was_given_up_for_a_plan_that_fails_the_re_check_is_solved() -> None:
+    solver = Dropping(spoilt=True)
+    made = planner(solver)
+    solver.calls.clear()
+    made.command(seen(0.0, ("ahead", 5.0, 0.0)))
+    count = len(made.explain().guesses) - 1
+    assert count > 2 and solver.calls == [(-1, 1), (1, count), (-1, count - 1)]
+    assert made.plan is not None and made.plan.rung is Rung.OPTIMAL
+    assert made.plan.iterations > 1000 * (count - 1)
+    assert "given up" not in made.explain().text()
 
 
 def test_the_side_is_chosen_on_cost_and_kept() -> None:

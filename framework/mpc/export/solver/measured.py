@@ -152,7 +152,8 @@ def needs(problem: Problem, parameters: Parameters, guess: Guess, solver: Riccat
     room = np.empty(_ROOM + _ALIGN, dtype=np.uint8)
     with _GUARD, made.workspace(full) as space:
         begin(-(-room.ctypes.data // _ALIGN) * _ALIGN)
-        space.fill(solver.settings_for(problem, guess), full, with_auxiliaries(full, guess))
+        space.fill(full)
+        space.begin(solver.settings_for(problem, guess), with_auxiliaries(full, guess))
         space.run(run)
         memory = int(taken())
     if used[0] < 0:

@@ -141,8 +141,12 @@ def _trajectories(solver: Solver) -> tuple[dict[str, tuple[Any, ...]], ...]:
     problem = solver.native.subject.problem
     states = problem.horizon + 1, problem.states
     inputs = problem.horizon, problem.inputs
-    begin = {"states": ("work->states", *states), "inputs": ("problem->start_inputs", *inputs)}
-    begin["multipliers"] = (_NOTHING, 0, 0)
+    begin: dict[str, tuple[Any, ...]] = {
+        "states": ("work->states", *states),
+        "inputs": ("problem->start_inputs", *inputs),
+        "multipliers": (_NOTHING, 0, 0),
+        "plans": (_NOTHING, 0, 0, 0),
+    }
     return begin, {
         "states": ("result->states", *states),
         "inputs": ("result->inputs", *inputs),

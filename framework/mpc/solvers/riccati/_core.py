@@ -44,14 +44,17 @@ from ..interior_point import (
     FILTER_SIZE,
     FIRST_GROWTH,
     FIRST_SHIFT,
+    HARDLY_ENTERED,
     LARGEST_RESIDUAL,
     LARGEST_SHIFT,
     LAST_BARRIER,
     MARGIN,
+    MUCH_DEARER,
     MULTIPLIER_RANGE,
     NEAR,
     RESIDUAL_POWER,
     ROUNDING,
+    SAME_TARGET,
     SHIFT_DECREASE,
     SHIFT_GROWTH,
     SLACK_LEFT,
@@ -196,6 +199,9 @@ def solve(kernels, sizes, limits, settings, head, given, given_slots, found, sto
     longest, reach, slope, attempt, forget = 0.0, 0.0, 0.0, 0, False
     state[SHARE] = BOUNDARY_SHARE
     left, deepest, primal = np.inf, 0.0, np.inf  # left: slack at the last price
+    inequalities = 2 * size.w * size.steps + on_inputs.t.size + on_nodes.t.size
+    for kind in kinds:
+        inequalities += len(kind.active) * size.steps * (len(kind.t) + 2 * len(kind.lower))
     numbers = found.numbers
     while True:
         # the trial point: at first the guess, then along the direction
@@ -251,6 +257,9 @@ def solve(kernels, sizes, limits, settings, head, given, given_slots, found, sto
             if state[RHO] >= scale * settings[SETTING.most_penalty] or total > 0.99 * left:
                 status = OUTCOME.infeasible
                 break
+            if settings[SETTING.plans] > 0.0 and present[1] > scale * settings[SETTING.best]:
+                status = OUTCOME.dearer  # and dearer still at a higher price
+                break
             # slack is left that a higher price may remove; if it does not, this point is kept
             _write_results(size, path, slack, on_inputs, on_nodes, state, kinds, given.initial,
                            given_slots, found, scale)  # fmt: skip
@@ -271,10 +280,18 @@ def solve(kernels, sizes, limits, settings, head, given, given_slots, found, sto
             status = OUTCOME.failed
             break
         state[SHARE] = max(BOUNDARY_SHARE, 1.0 - state[MU])
-        longest, reach, slope = measure_step(size, path, step, model, quadratic, slack, on_inputs,
-                                             on_nodes, state, level, kinds,
-                                             state[SHARE])  # fmt: skip
+        longest, reach, slope, fall = measure_step(size, path, step, model, quadratic, slack,
+                                                   on_inputs, on_nodes, state, level, kinds,
+                                                   state[SHARE])  # fmt: skip
         length, attempt, forget = longest, 0, False
+        if settings[SETTING.plans] > 0.0:
+            total = slack.eps[: size.steps].sum() if slots else 0.0
+            ahead = (present[1] + fall - state[MU] * inequalities) / scale
+            status = hopeless(
+                size, path, step, quadratic.seen, given.plans, settings, ahead, total
+            )
+            if status >= 0:
+                break
     if status == OUTCOME.limit and primal <= tolerance and slots > 0 and deepest > 1e-4:
         # it converges slowly, but all that moves is how slack is shared out
         status, left = OUTCOME.infeasible, np.inf
@@ -282,7 +299,7 @@ def solve(kernels, sizes, limits, settings, head, given, given_slots, found, sto
         _write_results(size, path, slack, on_inputs, on_nodes, state, kinds, given.initial,
                        given_slots, found, scale)  # fmt: skip
         numbers[NUMBER.cost], numbers[NUMBER.level] = present[3] / scale, state[S]
-    elif status != OUTCOME.stopped:
+    elif status == OUTCOME.limit or status == OUTCOME.failed:
         status = OUTCOME.infeasible  # with the point that was kept
     numbers[NUMBER.status], numbers[NUMBER.iterations] = status, iterations
     numbers[NUMBER.error], numbers[NUMBER.penalty] = error, state[RHO] / scale
@@ -657,7 +674,10 @@ def _largest(values, columns):
 def measure_step(
     size, path, step, model, quadratic, slack, inputs, nodes, state, level, kinds, share
 ):
-    """Give the steps of all slacks and multipliers, longest step lengths, and the slope of phi."""
+    """Give the steps of all slacks and multipliers, longest step lengths, and the slope of phi.
+
+    At last the slope of the cost, with slack and without the barrier.
+    """
     mu, ds = state[MU], state[DS]
     slope = level.out[1, 0] * ds
     for i in range(size.steps):
@@ -665,6 +685,7 @@ def measure_step(
             slope += model.drive[size.n + 1 + r, i] * step.v[r, i]
         for r in range(size.n):
             slope += model.node[1 + r, i] * step.v[r, i + 1]
+    fall = slope
     primal, dual, gain = step_bounds(size, path, step, mu, share, 1.0, 1.0)
     slope += gain
     for rows in (inputs, nodes):
@@ -684,6 +705,7 @@ def measure_step(
             slope += slope_slots(size, slots, mu)
         for i in range(size.steps):
             slope += (state[RHO] - mu / slack.eps[i]) * slack.deps[i]
+            fall += state[RHO] * slack.deps[i]
             primal = fraction_to_boundary(1.0, -most[0, i], share, primal)
             dual = fraction_to_boundary(1.0, -most[1, i], share, dual)
     if state[SMIN] > -np.inf:
@@ -694,7 +716,30 @@ def measure_step(
             fraction_to_boundary(state[ZS], state[DZS], share, dual),
         )
         slope -= mu * ds / gap
-    return primal, dual, slope
+    return primal, dual, slope, fall
+
+
+@njit(**LEAN)
+def hopeless(size, path, step, seen, plans, settings, ahead, entered):
+    """Return an outcome where this start will not lead to a better plan than those known, or -1.
+
+    It leads to the same plan where both the present point and that of the whole Newton step are
+    near it. It leads to a dearer one where regions are hardly entered and the cost ``ahead``, that
+    of the whole step by the cost's slope less what the barrier may still be worth, is far above
+    the best.
+    """
+    for k in range(int(settings[SETTING.plans])):
+        here, there = 0.0, 0.0
+        for r in seen:
+            for i in range(1, size.steps + 1):
+                off = path.v[r, i] - plans[k, i, r]
+                here, there = max(here, abs(off)), max(there, abs(off + step.v[r, i]))
+        if here < settings[SETTING.within] and there < SAME_TARGET * settings[SETTING.within]:
+            return OUTCOME.same
+    best = settings[SETTING.best]
+    if entered < HARDLY_ENTERED and ahead > best + MUCH_DEARER * (1.0 + abs(best)):
+        return OUTCOME.dearer
+    return -1
 
 
 @njit(**LEAN)

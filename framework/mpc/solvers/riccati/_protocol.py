@@ -27,23 +27,27 @@ on every x_i, and on x_N beside those."""
 
 Settings = namedtuple(
     "Settings",
-    "iterations tolerance barrier push penalty most_penalty gradient minimum guess warm",
+    "iterations tolerance barrier push penalty most_penalty gradient minimum guess warm plans "
+    "best within",
 )
 """Limits of iterations and errors; first barrier; distance of the start from its bounds; price of
 slack, first and highest; largest gradient after scaling; the level's minimum and guess; 1 where
-multipliers are given, else 0."""
+multipliers are given, else 0; how many plans are known from other starts, the cost of the best,
+and the distance within which a start leads to the same plan."""
 
 Numbers = namedtuple("Numbers", "status iterations cost level error penalty")
 """Results of a solve beside its arrays."""
 
-Outcomes = namedtuple("Outcomes", "solved limit infeasible failed stopped")
-"""How a solve may end."""
+Outcomes = namedtuple("Outcomes", "solved limit infeasible failed stopped same dearer")
+"""How a solve may end; the last two where it is given up since it leads to a plan that is known,
+or to one that is dearer than the best."""
 
 Head = namedtuple("Head", "reference direction speed curve")
 """Parameters of the stage costs, see `ocp.problem.Parameters`."""
 
-Start = namedtuple("Start", "initial states inputs multipliers")
-"""x_0, guessed states (N + 1, n), guessed inputs (N, m), multipliers (N, `width_of` them)."""
+Start = namedtuple("Start", "initial states inputs multipliers plans")
+"""x_0, guessed states (N + 1, n), guessed inputs (N, m), multipliers (N, `width_of` them), states
+of plans from other starts (.., N + 1, n)."""
 
 SlotArguments = namedtuple(
     "SlotArguments",
@@ -94,6 +98,6 @@ def width_of(sizes: Any) -> int:
 def layout(kinds: int) -> tuple[Any, ...]:
     """Return the groups of arrays as the core takes them: of each array type and dimensions."""
     head = Head(_MATRIX, _MATRIX, _VECTOR, _MATRIX)
-    start = Start(_VECTOR, _MATRIX, _MATRIX, _MATRIX)
+    start = Start(_VECTOR, _MATRIX, _MATRIX, _MATRIX, _CUBE)
     found = Found(_MATRIX, _MATRIX, _VECTOR, _VECTOR, _MATRIX)
     return _PLAIN, head, start, *[_SLOTS] * kinds, found, Stop(_VECTOR)

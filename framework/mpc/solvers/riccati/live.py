@@ -8,13 +8,13 @@ from typing import final
 from ....values.errors import WideberthError
 from ...ocp.problem import Parameters, Problem
 from ...ocp.transcription import Guess
-from ..base import SizelessSolver, Solution
+from ..base import CheapestSolver, SizelessSolver, Solution
 from .solver import Riccati, by_fatrop
 
 
 @final
 @dataclass(frozen=True)
-class RiccatiLive(SizelessSolver):
+class RiccatiLive(SizelessSolver, CheapestSolver):
     """As `Riccati`, but `Fatrop` answers while Numba compiles the core in the background.
 
     Both are the same where the package ships object code for the processor. Elsewhere `Riccati`
@@ -31,11 +31,34 @@ class RiccatiLive(SizelessSolver):
         deadline: float | None = None,
     ) -> list[Solution]:
         """Solve from each guess."""
-        from .compiled import LEAST_KINDS, compiled_problem, core_is_coming
-
-        if core_is_coming(max(len(problem.slots), LEAST_KINDS)):
-            with suppress(WideberthError):  # `Riccati` will say it
-                compiled_problem(problem)  # now, as `Riccati` does, and not when the core is here
-            why = "riccati is still compiled in the background"
-            return by_fatrop(problem, parameters, guesses, deadline, why)
+        if _core_is_coming(problem):
+            return by_fatrop(problem, parameters, guesses, deadline, _WHY)
         return Riccati().solve(problem, parameters, guesses, deadline)
+
+    def solve_cheapest(
+        self,
+        problem: Problem,
+        parameters: Parameters,
+        guesses: Sequence[Guess],
+        known: Sequence[Solution],
+        within: float,
+        deadline: float | None = None,
+    ) -> list[Solution]:
+        """Solve from each guess, but for those that lead to no cheaper plan; fatrop from each."""
+        if _core_is_coming(problem):
+            return by_fatrop(problem, parameters, guesses, deadline, _WHY)
+        return Riccati().solve_cheapest(problem, parameters, guesses, known, within, deadline)
+
+
+_WHY = "riccati is still compiled in the background"
+
+
+def _core_is_coming(problem: Problem) -> bool:
+    """Whether Numba still compiles the core; until then this compiles the kernels."""
+    from .compiled import LEAST_KINDS, compiled_problem, core_is_coming
+
+    if not core_is_coming(max(len(problem.slots), LEAST_KINDS)):
+        return False
+    with suppress(WideberthError):  # `Riccati` will say it
+        compiled_problem(problem)  # now, as `Riccati` does, and not when the core is here
+    return True

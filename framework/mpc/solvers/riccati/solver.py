@@ -17,6 +17,7 @@ from ....values.plan import Status
 from ...ocp.problem import Parameters, Problem
 from ...ocp.transcription import Guess, Multipliers
 from ..base import (
+    CheapestSolver,
     ManySolver,
     SizelessSolver,
     Solution,
@@ -36,7 +37,7 @@ from ..interior_point import (
     TOLERANCE,
     WARM_DISTANCE,
 )
-from ._protocol import SETTING, Numbers, Outcomes, Settings
+from ._protocol import OUTCOME, SETTING, Numbers, Outcomes, Settings
 
 if TYPE_CHECKING:
     from .compiled import CompiledProblem
@@ -48,6 +49,8 @@ _STATUS = Outcomes(
     infeasible=Status.INFEASIBLE,
     failed=Status.FAILED,
     stopped=Status.DEADLINE,
+    same=Status.GIVEN_UP,
+    dearer=Status.GIVEN_UP,
 )
 """What each outcome of the core is called outside."""
 _NAMES = {status: str(status) for status in _STATUS}
@@ -57,7 +60,7 @@ _AT_ONCE = 32
 
 @final
 @dataclass(frozen=True)
-class Riccati(ManySolver, SizelessSolver):
+class Riccati(ManySolver, SizelessSolver, CheapestSolver):
     """Primal-dual interior point whose Newton steps are a Riccati recursion over the horizon.
 
     Exact Hessians, regularised where the reduced one is not positive definite; a filter line
@@ -110,17 +113,53 @@ class Riccati(ManySolver, SizelessSolver):
         deadline: float | None = None,
     ) -> list[Solution]:
         """Solve from each guess."""
+        return self._each(problem, parameters, guesses, deadline, None, 0.0)
+
+    def solve_cheapest(
+        self,
+        problem: Problem,
+        parameters: Parameters,
+        guesses: Sequence[Guess],
+        known: Sequence[Solution],
+        within: float,
+        deadline: float | None = None,
+    ) -> list[Solution]:
+        """Solve from each guess, but for those that lead to no cheaper plan.
+
+        See `_core.hopeless` for when a solve is given up.
+        """
+        return self._each(problem, parameters, guesses, deadline, known, within)
+
+    def _each(
+        self,
+        problem: Problem,
+        parameters: Parameters,
+        guesses: Sequence[Guess],
+        deadline: float | None,
+        known: Sequence[Solution] | None,
+        within: float,
+    ) -> list[Solution]:
+        """Solve from each guess; give some up unless ``known`` is None."""
         begin = perf_counter()
-        refuse_misfits(problem, parameters, guesses)
+        refuse_misfits(problem, parameters, [*guesses, *(one.point for one in known or ())])
         try:
             made, run = _compiled(problem)
         except WideberthError as error:
             return by_fatrop(problem, parameters, guesses, deadline, str(error))
-        solutions = []
-        for guess in guesses:
-            found = self._one(problem, parameters, guess, deadline, made, run, begin)
-            solutions.append(on_time(found, perf_counter() - begin, deadline))
-            begin = perf_counter()
+        solutions: list[Solution] = []
+        with made.workspace(parameters) as space:
+            space.fill(parameters)
+            rivals = None if known is None else _Rivals(space, within)
+            for one in known or ():
+                if rivals is not None and one.status is Status.SOLVED:
+                    rivals.add(one)
+            for guess in guesses:
+                found = self._one(problem, parameters, guess, deadline, space, run, begin, rivals)
+                found = on_time(found, perf_counter() - begin, deadline)
+                solutions.append(found)
+                if rivals is not None and found.status is Status.SOLVED:
+                    rivals.add(found)
+                begin = perf_counter()
         return solutions
 
     def solve_many(
@@ -176,14 +215,16 @@ class Riccati(ManySolver, SizelessSolver):
         found = []
         with ExitStack() as lent:
             spaces = [lent.enter_context(made.workspace(one)) for one in parameters]
-            given = list(zip(spaces, parameters, full, strict=True))
-            warm = [self._begin(problem, *one) for one in given]
+            warm = []
+            for space, one, guess in zip(spaces, parameters, full, strict=True):
+                space.fill(one)
+                warm.append(self._begin(problem, space, guess))
             run_all(run, spaces)
             spent = (perf_counter() - begin) / len(spaces)
-            for begun, (space, one, guess) in zip(warm, given, strict=True):
+            for begun, space, one, guess in zip(warm, spaces, parameters, full, strict=True):
                 since = perf_counter() - spent
                 if begun and _failed(problem, space.ended):
-                    found.append(self._one(problem, one, guess, None, made, run, since))
+                    found.append(self._one(problem, one, guess, None, space, run, since, None))
                 else:
                     found.append(self._result(problem, space, 0, since))
         return found
@@ -194,9 +235,10 @@ class Riccati(ManySolver, SizelessSolver):
         parameters: Parameters,
         guess: Guess,
         deadline: float | None,
-        made: "CompiledProblem",
+        space: "Workspace",
         run: "Entry",
         begin: float,
+        rivals: "_Rivals | None",
     ) -> Solution:
         """Call the compiled core and read its result.
 
@@ -204,37 +246,44 @@ class Riccati(ManySolver, SizelessSolver):
         """
         guess = with_auxiliaries(parameters, _with_wrapped_heading(problem, parameters, guess))
         before = 0
-        with made.workspace(parameters) as space:
-            warm = self._begin(problem, space, parameters, guess)
+        warm = self._begin(problem, space, guess, rivals)
+        self._run(run, space, begin, deadline)
+        if warm and _failed(problem, space.ended):
+            before = int(space.ended.iterations)
+            self._begin(problem, space, replace(guess, multipliers=None), rivals)
             self._run(run, space, begin, deadline)
-            if warm and _failed(problem, space.ended):
-                before = int(space.ended.iterations)
-                space.fill(self.settings_for(problem, guess), parameters, guess)
-                self._run(run, space, begin, deadline)
-            return self._result(problem, space, before, begin)
+        return self._result(problem, space, before, begin)
 
     def _begin(
-        self, problem: Problem, space: "Workspace", parameters: Parameters, guess: Guess
+        self,
+        problem: Problem,
+        space: "Workspace",
+        guess: Guess,
+        rivals: "_Rivals | None" = None,
     ) -> bool:
-        """Fill a workspace; return whether the core starts from multipliers."""
+        """Fill in a guess; return whether the core starts from multipliers."""
         multipliers = guess.multipliers
         warm = multipliers is not None and space.take(multipliers)
-        space.fill(self.settings_for(problem, guess, warm=warm), parameters, guess)
+        settings = self.settings_for(problem, guess, warm=warm)
+        if rivals is not None:
+            rivals.write(settings)
+        space.begin(settings, guess)
         return warm
 
     def _result(self, problem: Problem, space: "Workspace", before: int, begin: float) -> Solution:
         """Read what the core found, after so many iterations of an earlier try."""
-        ended = space.ended
-        states, inputs, slack, _, steps = (array.copy() for array in space.found)
+        ended, found = space.ended, space.found
+        states, inputs, slack = found.states.copy(), found.inputs.copy(), found.slack.copy()
         own = tuple(array.copy() for array in space.own)
-        after = tuple(array.copy() for array in space.after)
         status, cost, known = _status_of(problem, ended), ended.cost, None
         if problem.penalty is not None:
             cost += problem.penalty * float(slack.sum())
         if _STATUS[int(ended.status)] is Status.SOLVED:
-            known = Multipliers(steps, after)
+            known = Multipliers(
+                found.multipliers.copy(), tuple(array.copy() for array in space.after)
+            )
         level = ended.level if problem.shared else float("nan")
-        words, spent = _words(status, ended.iterations, ended.error), perf_counter() - begin
+        words, spent = _words(status, ended), perf_counter() - begin
         point = Guess(states, inputs, own, level, slack, known)
         return Solution(point, status, words, cost, before + int(ended.iterations), spent)
 
@@ -256,6 +305,30 @@ class Riccati(ManySolver, SizelessSolver):
         if warm:
             settings[SETTING.warm], settings[SETTING.push] = 1.0, WARM_DISTANCE
         return settings
+
+
+class _Rivals:
+    """Plans from other starts, of which a solve in a workspace is told.
+
+    Parameters
+    ----------
+    space : the arrays of these solves.
+    within : how near to a plan another start leads to the same one.
+    """
+
+    def __init__(self, space: "Workspace", within: float) -> None:
+        self._space, self._within = space, within
+        self._count, self._best = 0, np.inf
+
+    def add(self, solution: Solution) -> None:
+        """Take note of a plan; of those beyond the first `MOST_PLANS` only the cost counts."""
+        self._count = self._space.note(solution.point, self._count)
+        self._best = min(self._best, solution.cost)
+
+    def write(self, settings: Array) -> None:
+        """Tell the next solve of all plans."""
+        settings[SETTING.plans], settings[SETTING.best] = self._count, self._best
+        settings[SETTING.within] = self._within
 
 
 def by_fatrop(
@@ -287,6 +360,9 @@ def _settings_of(solver: Riccati, problem: Problem) -> Array:
         minimum=problem.minimum if problem.shared else -np.inf,
         guess=0.0,
         warm=0.0,
+        plans=0.0,
+        best=np.inf,
+        within=0.0,
     )
     return np.array(settings)
 
@@ -302,7 +378,8 @@ def _compiled(problem: Problem) -> "tuple[CompiledProblem, Entry]":
 
 def _failed(problem: Problem, ended: Numbers) -> bool:
     """Whether a solve from multipliers led nowhere, so that the guess alone is tried."""
-    return _status_of(problem, ended) not in (Status.SOLVED, Status.DEADLINE)
+    fine = Status.SOLVED, Status.DEADLINE, Status.GIVEN_UP
+    return _status_of(problem, ended) not in fine
 
 
 def _status_of(problem: Problem, ended: Numbers) -> Status:
@@ -327,7 +404,8 @@ def with_auxiliaries(parameters: Parameters, guess: Guess) -> Guess:
         return guess
     pairs = zip(guess.auxiliaries or drawn, drawn, strict=True)
     found = [one if one.shape == other.shape else other for one, other in pairs]
-    return replace(guess, auxiliaries=tuple(found))
+    own = tuple(found)
+    return Guess(guess.states, guess.inputs, own, guess.level, guess.slack, guess.multipliers)
 
 
 def _until(end: float, run: "Entry", space: "Workspace") -> None:
@@ -342,8 +420,14 @@ def _until(end: float, run: "Entry", space: "Workspace") -> None:
         timer.cancel()
 
 
-def _words(status: Status, iterations: float, error: float) -> str:
+def _words(status: Status, ended: Numbers) -> str:
     """How the solve ended, in words."""
     if status is Status.INFEASIBLE:
         return "no plan keeps every region; this one enters them least, as far as was found"
-    return f"{_NAMES[status]} after {iterations:.0f} iterations, error {error:.1e}"
+    words = f"{_NAMES[status]} after {ended.iterations:.0f} iterations"
+    if status is Status.GIVEN_UP:
+        same = ended.status == OUTCOME.same
+        return (
+            f"{words}: it leads to {'the same plan as' if same else 'a dearer plan than'} another"
+        )
+    return f"{words}, error {ended.error:.1e}"

@@ -31,6 +31,9 @@ from ._protocol import (
     width_of,
 )
 
+MOST_PLANS = 8
+"""Plans from other starts that a solve is compared with."""
+
 Entry = Callable[[int, int, int], int]
 """The compiled core; it takes places for a result and an exception, not used, and its table."""
 
@@ -70,8 +73,9 @@ class Workspace:
         head = Head(*map(_like, _head(parameters)))
         of_steps = steps, width_of(first.sizes)
         start = Start(
-            np.zeros(n), np.zeros((steps + 1, n)), np.zeros((steps, m)), np.zeros(of_steps)
-        )
+            np.zeros(n), np.zeros((steps + 1, n)), np.zeros((steps, m)), np.zeros(of_steps),
+            np.zeros((MOST_PLANS, steps + 1, n)),
+        )  # fmt: skip
         self.found: Any = Found(
             np.zeros((steps + 1, n)), np.zeros((steps, m)), np.zeros(steps),
             np.zeros(len(Numbers._fields)), np.zeros(of_steps),
@@ -91,11 +95,15 @@ class Workspace:
             one.auxiliaries.size and np.isinf(kind[3]).any()
             for kind, one in zip(kinds, given, strict=True)
         )
-        self._filled: list[Array] = [first.settings, *head, *start[:3]]
+        self._plans: Array = start.plans
+        self._given: list[Array] = [*head, start.initial]
+        self._guessed: list[Array] = [first.settings, start.states, start.inputs]
         for kind, one in zip(made, parameters.slots, strict=False):
-            self._filled += [kind.numbers, kind.active, kind.drawn, kind.begun, kind.found]
-            self._filled += [] if one.level is None else [kind.levels]
+            self._given += [kind.numbers, kind.active, kind.drawn]
+            self._given += [] if one.level is None else [kind.levels]
+            self._guessed += [kind.begun, kind.found]
         self._table = np.array([word for one in self._arrays() for word in _row(one)])
+        self._flag = int(self._table[-WORDS])
         self._scratch = np.zeros(2, dtype=np.int64)
         place = self._scratch.ctypes.data
         self._arguments = place, place + 8, self._table.ctypes.data
@@ -108,15 +116,33 @@ class Workspace:
         """How the last solve ended."""
         return Numbers(*self.found.numbers.tolist())
 
-    def fill(self, settings: Array, parameters: Parameters, guess: Guess) -> None:
-        """Copy the numbers of an instance; the results of empty slots are those of the guess."""
-        values = [settings, *_head(parameters), parameters.initial, guess.states, guess.inputs]
-        for one, begun in zip(parameters.slots, guess.auxiliaries, strict=True):
-            values += [one.parameters, one.active, one.auxiliaries, begun, begun]
+    def fill(self, parameters: Parameters) -> None:
+        """Copy the numbers of an instance."""
+        values = [*_head(parameters), parameters.initial]
+        for one in parameters.slots:
+            values += [one.parameters, one.active, one.auxiliaries]
             if one.level is not None:
                 values.append(one.level)
-        for array, value in zip(self._filled, values, strict=True):
+        for array, value in zip(self._given, values, strict=True):
             array[...] = value
+
+    def begin(self, settings: Array, guess: Guess) -> None:
+        """Copy a guess; the results of empty slots are those of the guess."""
+        values = [settings, guess.states, guess.inputs]
+        for begun in guess.auxiliaries:
+            values += [begun, begun]
+        for array, value in zip(self._guessed, values, strict=True):
+            array[...] = value
+
+    def note(self, plan: Guess, count: int) -> int:
+        """Copy a plan that is known from another start behind ``count`` others, if it fits.
+
+        Returns how many there are now.
+        """
+        if count == MOST_PLANS:
+            return count
+        self._plans[count] = plan.states
+        return count + 1
 
     def take(self, multipliers: Multipliers) -> bool:
         """Copy multipliers, if they are numbers and of a problem of this size; say whether.
@@ -140,13 +166,13 @@ class Workspace:
         ------
         MemoryError : there is not enough for the core's own arrays.
         """
-        self._table[-WORDS] = (self._stop.flag if stop is None else stop).ctypes.data
+        self._table[-WORDS] = self._flag if stop is None else stop.ctypes.data
         _check(entry(*self._arguments))
 
     @property
     def table(self) -> int:
         """Address of the arrays' table, for a solve that nothing stops."""
-        self._table[-WORDS] = self._stop.flag.ctypes.data
+        self._table[-WORDS] = self._flag
         return self._arguments[-1]
 
 

@@ -1,0 +1,157 @@
+"""Starts that lead to no cheaper plan are given up; solves from all of them are the oracle."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wideberth.framework.mpc.levels.paper import Paper
+from wideberth.framework.mpc.ocp.problem import Problem
+from wideberth.framework.mpc.ocp.transcription import Guess
+from wideberth.framework.mpc.planner.multistart import SAME, other_starts
+from wideberth.framework.mpc.solvers.base import (
+    CheapestSolver,
+    Solution,
+    pressed,
+    solve_cheapest,
+)
+from wideberth.framework.mpc.solvers.fatrop import Fatrop
+from wideberth.framework.mpc.solvers.riccati.live import RiccatiLive
+from wideberth.framework.mpc.solvers.riccati.solver import Riccati
+from wideberth.framework.values.errors import WideberthError
+from wideberth.framework.values.plan import Status
+from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
+from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.helpers.problems import assemble
+from wideberth.tests.oracles.recorded_instances import Instance, read_instances
+
+SAMPLE = Path(__file__).parents[3] / "data" / "mpc_instances.npz"
+ROBOT = Unicycle()
+WITHIN = SAME * ROBOT.radius
+
+
+@pytest.fixture(scope="module")
+def recorded() -> list[Instance]:
+    return list(read_instances(SAMPLE, MahalanobisEllipse()))
+
+
+def problem_for(one: Instance) -> Problem:
+    level = Paper(tail=float(np.exp(-5.991 / 2)))
+    sizes = {"horizon": 15, "dt": 0.5, "capacity": one.obstacles}
+    return assemble(ROBOT, MahalanobisEllipse(), level, **sizes)
+
+
+def others(one: Instance) -> list[Guess]:
+    return other_starts(ROBOT, problem_for(one), one.parameters, one.guess)
+
+
+def solved(one: Instance, guesses: Sequence[Guess]) -> list[Solution]:
+    return Riccati().solve(problem_for(one), one.parameters, guesses)
+
+
+def raced(
+    one: Instance, guesses: Sequence[Guess], known: Sequence[Solution], within: float = WITHIN
+) -> list[Solution]:
+    return Riccati().solve_cheapest(problem_for(one), one.parameters, guesses, known, within)
+
+
+def cost(solutions: Sequence[Solution]) -> float:
+    return min(one.cost for one in solutions if one.status is Status.SOLVED)
+
+
+def test_the_cheapest_plan_is_that_of_full_solves_in_fewer_iterations(
+    recorded: list[Instance],
+) -> None:
+    words, spent, full = set(), 0, 0
+    for one in recorded:
+        starts = others(one)
+        every = solved(one, [one.guess, *starts])
+        first = solved(one, [one.guess])
+        found = first + raced(one, starts, first)
+        assert len(found) == len(every)
+        assert cost(found) <= cost(every) + 1e-3 * (1.0 + abs(cost(every)))
+        for own, other in zip(found, every, strict=True):
+            if own.status is Status.GIVEN_UP:
+                assert own.point.multipliers is None
+                words.add(own.message.partition(": ")[2])
+            else:  # as alone, to the byte
+                assert (own.status, own.cost) == (other.status, other.cost)
+                np.testing.assert_array_equal(own.point.states, other.point.states)
+        spent += sum(one.iterations for one in found)
+        full += sum(one.iterations for one in every)
+    assert words == {f"it leads to {plan} another" for plan in (
+        "the same plan as", "a dearer plan than")}  # fmt: skip
+    assert spent < 0.6 * full
+
+
+def test_where_no_region_presses_no_other_start_saves_anything(recorded: list[Instance]) -> None:
+    counts = {True: 0, False: 0}
+    for one in recorded:
+        every = solved(one, [one.guess, *others(one)])
+        counts[pressed(every[0])] += 1
+        if not pressed(every[0]):
+            assert every[0].cost <= cost(every) + 1e-5 * (1.0 + abs(cost(every)))
+            assert pressed(replace(every[0], status=Status.LIMIT))
+            assert pressed(replace(every[0], point=replace(every[0].point, multipliers=None)))
+    assert min(counts.values()) >= 8
+
+
+def side(one: Instance) -> tuple[Guess, Solution]:
+    """A start that is given up, and the solution that it is given up for."""
+    for guess in others(one):
+        for first in solved(one, [one.guess]):
+            if raced(one, [guess], [first])[0].status is Status.GIVEN_UP:
+                return guess, first
+    pytest.skip("none of this instance")
+
+
+def test_what_did_not_converge_is_no_rival(recorded: list[Instance]) -> None:
+    guess, first = side(recorded[-1])
+    (alone,) = solved(recorded[-1], [guess])
+    for known in ([], [replace(first, status=Status.LIMIT)]):
+        (found,) = raced(recorded[-1], [guess], known)
+        assert (found.status, found.cost) == (alone.status, alone.cost)
+        np.testing.assert_array_equal(found.point.states, alone.point.states)
+
+
+def test_nearness_and_cost_give_up_for_reasons_of_their_own(recorded: list[Instance]) -> None:
+    one = recorded[-1]
+    guess, first = side(one)
+    (alone,) = solved(one, [guess])
+    rival = replace(first, point=alone.point, cost=np.inf)
+    (found,) = raced(one, [guess], [rival])
+    assert found.status is Status.GIVEN_UP and "the same plan" in found.message
+    assert found.iterations < alone.iterations
+    (found,) = raced(one, [guess], [rival], within=0.0)
+    assert found.status is alone.status  # never near, never dearer
+    (found,) = raced(one, [guess], [replace(first, cost=-1e9)], within=0.0)
+    assert found.status is Status.GIVEN_UP and "a dearer plan" in found.message
+
+
+def test_more_plans_than_the_core_compares_with(recorded: list[Instance]) -> None:
+    """Beyond the eighth only the cost counts."""
+    one = recorded[-1]
+    guess, first = side(one)
+    (alone,) = solved(one, [guess])
+    away = replace(first.point, states=first.point.states + 100.0)
+    many = [replace(first, point=away, cost=np.inf)] * 8
+    last = replace(first, point=alone.point, cost=np.inf)
+    assert raced(one, [guess], [*many, last])[0].status is alone.status
+    assert raced(one, [guess], [*many[1:], last])[0].status is Status.GIVEN_UP
+    assert raced(one, [guess], [*many, replace(last, cost=-1e9)])[0].status is Status.GIVEN_UP
+
+
+def test_a_plain_solver_solves_from_each(recorded: list[Instance]) -> None:
+    one = recorded[-1]
+    first, starts = solved(one, [one.guess]), others(one)
+    given = problem_for(one), one.parameters, starts
+    assert not isinstance(Fatrop(), CheapestSolver)
+    found = solve_cheapest(Fatrop(), *given, first, WITHIN)
+    assert Status.GIVEN_UP not in {one.status for one in found} and len(found) == len(starts)
+    own, live = (solve_cheapest(a, *given, first, WITHIN) for a in (Riccati(), RiccatiLive()))
+    assert [one.message for one in own] == [one.message for one in live]
+    with pytest.raises(WideberthError, match="states is"):
+        short = replace(first[0].point, states=first[0].point.states[1:])
+        raced(one, starts, [replace(first[0], point=short)])
