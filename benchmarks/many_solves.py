@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from time import process_time
 from typing import TypeAlias
 
 import numpy as np
@@ -60,7 +61,8 @@ def measure(
     """Solve batches of recorded instances, best of the rounds: one row per size, way and cores.
 
     Those with the median number of obstacles are taken, and repeated where a batch is larger than
-    they are many. JAX uses as many cores as it likes, or a GPU. ``gain`` is the time with one core
+    they are many. JAX uses as many cores as it likes, or a GPU. ``processor_us`` is processor time
+    of the whole process for each solve. ``gain`` is the time with one core
     over that with several, and ``loop_gain`` that of bare loops in as many processes, medians of
     the rounds, in which all of these stand beside each other.
     """
@@ -74,6 +76,7 @@ def measure(
         batch = [pool[i % len(pool)] for i in range(size)]
         found = {}
         times: dict[int, list[float]] = {}
+        spent: dict[int, list[float]] = {}
         loops: dict[int, list[float]] = {cores: [] for cores in _counts()}
         for number, (way, cores) in enumerate(trials):
             found[number] = way.solve(problem, batch, cores)  # compiles
@@ -82,12 +85,15 @@ def measure(
                 loops[cores].append(timed(partial(bare_loop, cores, _STEPS))[0])
             for number in rotated(list(range(len(trials))), turn):
                 way, cores = trials[number]
+                begin = process_time()
                 time, _ = timed(partial(way.solve, problem, batch, cores))
+                spent.setdefault(number, []).append(process_time() - begin)
                 times.setdefault(number, []).append(time)
         for number, (way, cores) in enumerate(trials):
             rate = 1e3 * size / min(times[number])
             row = {"way": way.name, "batch": size, "cores": cores, "obstacles": count}
             row |= {"solves_per_second": rate, "per_core": rate / cores}
+            row["processor_us"] = 1e6 * min(spent[number]) / size
             alone = times.get(number - 1) if way.cores[0] == 1 < cores else None
             row["gain"] = np.nan if alone is None else _gain(alone, times[number])
             row["loop_gain"] = cores * _gain(loops[1], loops[cores])

@@ -80,7 +80,7 @@ QUICK = Extent(
     instances=2,
     rounds=1,
     hard=1,
-    sizes=scaling.Sizes(obstacles=(1, 2), steps=(5, 10), among=(1,), instances=1),
+    sizes=scaling.Sizes((1, 2), (5, 10), (1,), instances=1, seen=(2, 30), decisions=1),
     scaling=1,
     plugins=2,
     pair=(1, 1),
@@ -194,6 +194,7 @@ def _scaling(extent: Extent, tick: Tick) -> Tables:
         "scaling_solves": ("", solves),
         "scaling": ("Growth with obstacles and horizon", rows),
         "slopes": ("Exponents of growth", scaling.slopes(rows)),
+        "crowds": ("Decisions among growing crowds", scaling.crowds(extent.sizes, tick)),
     }
 
 

@@ -189,7 +189,8 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver):
         def part(some: slice) -> list[Solution]:
             return self._row(problem, parameters[some], guesses[some], made, run)
 
-        count, threads = len(guesses), workers or cpu_count() or 1
+        count = len(guesses)
+        threads = min(workers or cpu_count() or 1, max(count, 1))
         share = min(max(1, -(-count // (8 * threads))), _AT_ONCE)
         pieces = [slice(i, i + share) for i in range(0, count, share)]
         if threads == 1:
