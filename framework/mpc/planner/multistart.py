@@ -228,7 +228,9 @@ class MultiStart:
         aimed = replace(first, level=target)  # a warm start is at the level of the last plan
         found = other_starts(check.robot, check.problem, parameters, aimed, names, laid)
         others = [check.suited(guess) for guess in found]
-        known = solutions if candidates[0].optimal else []
+        known: list[Solution] | None = solutions if candidates[0].optimal else []
+        if _refuted(candidates[0]):  # those of other starts will be as well
+            known = None
         more, note = self._others(check, others, known, solutions[0].seconds)
         assessed = self._assessed(check, more)
         if any(_refuted(one) for one in assessed):  # others may be given up because of it

@@ -233,17 +233,21 @@ def test_further_starts_are_paid_for_where_something_is_in_the_way() -> None:
 class Dropping(CheapestSolver):
     """Solves with fatrop from the first of several starts, and gives the others up.
 
-    ``spoilt`` moves that one's plan off its dynamics. ``calls`` are how many plans each call knew,
-    -1 where it was to solve from each start, and from how many.
+    ``spoilt`` moves that one's plan off its dynamics, ``worse`` that of the first call. ``calls``
+    are how many plans each call knew, -1 where it was to solve from each start, and from how many.
     """
 
     spoilt: bool = False
+    worse: bool = False
     calls: list[tuple[int, int]] = field(default_factory=list)
 
     def solve(self, problem: Problem, parameters: Parameters, guesses: Any, deadline: Any = None
               ) -> list[Solution]:  # fmt: skip
         self.calls.append((-1, len(guesses)))
-        return Fatrop().solve(problem, parameters, guesses, deadline)
+        first, *others = Fatrop().solve(problem, parameters, guesses, deadline)
+        if self.worse and not others:
+            first = replace(first, point=replace(first.point, states=first.point.states + 1.0))
+        return [first, *others]
 
     def solve_cheapest(
         self, problem: Problem, parameters: Parameters, guesses: Any, known: Any, within: float,
@@ -289,6 +293,15 @@ def test_what_was_given_up_for_a_plan_that_fails_the_re_check_is_solved() -> Non
     assert made.plan is not None and made.plan.rung is Rung.OPTIMAL
     assert made.plan.iterations > 1000 * (count - 1)
     assert "given up" not in made.explain().text()
+
+
+def test_where_the_first_plan_fails_the_re_check_nothing_is_given_up() -> None:
+    solver = Dropping(worse=True)
+    made = planner(solver)
+    solver.calls.clear()
+    made.command(seen(0.0, ("ahead", 5.0, 0.0)))
+    assert solver.calls == [(-1, 1), (-1, len(made.explain().guesses) - 1)]
+    assert made.plan is not None and made.plan.rung is Rung.OPTIMAL
 
 
 def test_the_side_is_chosen_on_cost_and_kept() -> None:
