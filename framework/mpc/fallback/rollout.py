@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -61,36 +61,42 @@ def brake(robot: Robot, start: Array, steps: int, dt: float) -> tuple[Array, Arr
 
 def steer(robot: Robot, start: Array, twist: Twist, steps: int, dt: float) -> tuple[Array, Array]:
     """Drive towards one twist and keep it: states (N + 1, n) and inputs (N, m)."""
-    return steer_each(robot, start, [[twist] * steps], dt)[0]
+    return steer_each(robot, start, [[(twist, steps)]], dt)[0]
+
+
+Held: TypeAlias = Sequence[tuple[Twist, int]]
+"""Twists, and for how many steps each is held."""
 
 
 def steer_each(
-    robot: Robot, start: Array, twists: Sequence[Sequence[Twist]], dt: float
+    robot: Robot, start: Array, manoeuvres: Sequence[Held], dt: float
 ) -> list[tuple[Array, Array]]:
-    """Drive from one start along several sequences of N twists, each held for a step.
+    """Drive from one start along several sequences of held twists, of N steps in all each.
 
     Returns
     -------
     States (N + 1, n) and inputs (N, m) of each.
     """
-    if isinstance(robot, SymbolicDrive) and twists and twists[0]:
-        return _steering(robot, len(twists[0]), dt, len(twists))(start, twists)
-    return [_steer(robot, start, held, dt) for held in twists]
+    steps = sum(count for _, count in manoeuvres[0]) if manoeuvres else 0
+    if isinstance(robot, SymbolicDrive) and steps:
+        return _steering(robot, steps, dt, len(manoeuvres))(start, manoeuvres)
+    return [_steer(robot, start, held, dt) for held in manoeuvres]
 
 
-def _steer(robot: Robot, start: Array, twists: Sequence[Twist], dt: float) -> tuple[Array, Array]:
+def _steer(robot: Robot, start: Array, held: Held, dt: float) -> tuple[Array, Array]:
     states = [tuple(float(value) for value in start)]
     inputs = []
-    for twist in twists:
-        control = robot.drive(states[-1], twist, dt)
-        inputs.append(control)
-        states.append(step(robot, states[-1], control, dt))
-    found = np.array(inputs, dtype=np.float64).reshape(len(twists), len(robot.inputs))
+    for twist, count in held:
+        for _ in range(count):
+            control = robot.drive(states[-1], twist, dt)
+            inputs.append(control)
+            states.append(step(robot, states[-1], control, dt))
+    found = np.array(inputs, dtype=np.float64).reshape(len(inputs), len(robot.inputs))
     return np.array(states, dtype=np.float64), found
 
 
 class _Steering:
-    """`steer_each` of S sequences of N twists, compiled."""
+    """`steer_each` of S sequences of N steps, compiled."""
 
     def __init__(self, robot: SymbolicDrive, steps: int, dt: float, count: int) -> None:
         x, w, control = _driven(robot, dt)
@@ -100,19 +106,16 @@ class _Steering:
         self._all = Mapped(driven.map(count))
         self._shape = count, steps
 
-    def __call__(
-        self, start: Array, twists: Sequence[Sequence[Twist]]
-    ) -> list[tuple[Array, Array]]:
+    def __call__(self, start: Array, manoeuvres: Sequence[Held]) -> list[tuple[Array, Array]]:
         """Drive along each sequence."""
-        flat = [(*twist.linear, twist.angular) for held in twists for twist in held]
-        states, inputs = (
-            rows.reshape(*self._shape, -1) for rows in self._all([start, np.array(flat)])
-        )
-        first = np.asarray(start)[None]
-        return [
-            (np.concatenate([first, after]), control)
-            for after, control in zip(states, inputs, strict=True)
-        ]
+        held = [one for manoeuvre in manoeuvres for one in manoeuvre]
+        twists = np.array([(*twist.linear, twist.angular) for twist, _ in held])
+        flat = np.repeat(twists, [count for _, count in held], axis=0)
+        after, inputs = (rows.reshape(*self._shape, -1) for rows in self._all([start, flat]))
+        count, steps = self._shape
+        states = np.empty((count, steps + 1, after.shape[2]))
+        states[:, 0], states[:, 1:] = start, after
+        return list(zip(states, inputs, strict=True))
 
 
 def drive_each(robot: Robot, states: Array, twists: Sequence[Twist], dt: float) -> Array:

@@ -33,6 +33,7 @@ from .giving_way import aimed, auxiliaries, content, held, out_of_reach
 from .instance_check import TOLERANCE, Candidate, InstanceCheck, Outcome, contact
 from .rollout import follow
 from .stopping import stops
+from .verify import totals
 
 SWITCHING_MARGIN = 0.05
 """Share of 1 + |cost| that another start has to save before the last plan is given up for it. Head
@@ -90,10 +91,14 @@ class Trial:
     def drivable(self) -> tuple[Candidate, ...]:
         """Solutions that keep the limits of motion, held against the lowest level."""
         moving = [one for one in self.outcome.candidates if one.found.motion.max() <= TOLERANCE]
-        lowest = self._at_lowest_level((one.point.states, one.point.inputs) for one in moving)
+        points = self._points((one.point.states, one.point.inputs) for one in moving)
+        if not self.check.problem.shared and self.check.problem.no_auxiliaries:
+            every = [one.found for one in moving]  # the re-check asked the same
+        else:
+            every = self.check.check_each(points)
         return tuple(
-            replace(low, solution=one.solution, cost=one.cost)
-            for low, one in zip(lowest, moving, strict=True)
+            Candidate(point, found, one.solution, cost=one.cost)
+            for point, found, one in zip(points, every, moving, strict=True)
         )
 
     @cached_property
@@ -117,28 +122,33 @@ class Trial:
         depth = contact(check, straight, window)
         if max(depth, straight.found.total) == 0.0:
             return straight
-        further = list(ways)
-        lowest = self._at_lowest_level((states, inputs) for _, states, inputs in further)
-        named = [replace(one, way=name) for one, (name, *_) in zip(lowest, further, strict=True)]
-        every = [(straight, depth)]
-        every += [(one, contact(check, one, window)) for one in (*others, *named)]
-        least = min(depth for _, depth in every) + TOLERANCE
-        return min(
-            (one for one, depth in every if depth <= least), key=lambda one: one.found.total
-        )
+        names, trajectories = [], []
+        for name, states, inputs in ways:
+            names.append(name)
+            trajectories.append((states, inputs))
+        points = self._points(trajectories)
+        checked = zip(names, points, check.check_each(points), strict=True)
+        named = [Candidate(point, found, way=name) for name, point, found in checked]
+        every = [straight, *others, *named]
+        order = np.argsort(totals([one.found for one in every]), kind="stable")
+        looked_at: list[tuple[Candidate, float]] = []
+        for one in (every[k] for k in order):
+            looked_at.append((one, depth if one is straight else contact(check, one, window)))
+            if looked_at[-1][1] == 0.0:
+                break  # what touches nothing beats all that enter regions more
+        least = min(depth for _, depth in looked_at) + TOLERANCE
+        return next(one for one, depth in looked_at if depth <= least)
 
     def at_lowest_level(self, states: Array, inputs: Array) -> Candidate:
         """Re-check a trajectory at the lowest level that the policy allows."""
-        return self._at_lowest_level([(states, inputs)])[0]
+        points = self._points([(states, inputs)])
+        return Candidate(points[0], self.check.check_each(points)[0])
 
-    def _at_lowest_level(self, trajectories: Iterable[tuple[Array, Array]]) -> list[Candidate]:
+    def _points(self, trajectories: Iterable[tuple[Array, Array]]) -> list[Guess]:
+        """Wrap trajectories at the lowest level that the policy allows."""
         problem = self.check.problem
         level = max(problem.minimum, 0.0) if problem.shared else float("nan")
-        points = [self.check.suited(Guess.bare(*driven, level)) for driven in trajectories]
-        return [
-            Candidate(point, found)
-            for point, found in zip(points, self.check.check_each(points), strict=True)
-        ]
+        return [self.check.suited(Guess.bare(*driven, level)) for driven in trajectories]
 
 
 class FallbackRung(ABC):

@@ -7,7 +7,7 @@ import numpy as np
 from ...robot import Robot
 from ...values.arrays import Array
 from ...values.motion import Twist
-from .rollout import brake, steer_each
+from .rollout import Held, brake, steer_each
 
 _FAST = 10.0
 """m/s and rad/s, asked of `Robot.drive`, which stays within the limits."""
@@ -28,13 +28,14 @@ def stops(robot: Robot, start: Array, steps: int, dt: float) -> Iterator[tuple[s
     """
     yield ("straight", *brake(robot, start, steps, dt))
     halt = Twist((0.0,) * robot.dimension)
-    ways, twists = [], []
+    ways: list[str] = []
+    manoeuvres: list[Held] = []
     for name, twist in _ways_out(robot, start):
         for share in (6, 3, 2):
             away = min(max(round(steps / share), 1), steps)
             ways.append(f"{name} for {away * dt:g} s")
-            twists.append([twist] * away + [halt] * (steps - away))
-    for name, found in zip(ways, steer_each(robot, start, twists, dt), strict=True):
+            manoeuvres.append([(twist, away), (halt, steps - away)])
+    for name, found in zip(ways, steer_each(robot, start, manoeuvres, dt), strict=True):
         yield (name, *found)
 
 

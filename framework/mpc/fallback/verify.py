@@ -1,7 +1,7 @@
 """Re-check a plan without the solver that made it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -43,7 +43,7 @@ class Violation:
     @property
     def total(self) -> float:
         """Sum over steps of the deepest entry into any region or thing."""
-        return float((self.regions.max(axis=1, initial=0.0) + self.touched).sum())
+        return float(totals([self])[0])
 
     def breach(self, names: tuple[str, ...]) -> Breach | None:
         """Name what is broken most; ``names`` are those of all slots, (K,)."""
@@ -66,6 +66,12 @@ class Violation:
         return str(self.breach(names) or "nothing is broken")
 
 
+def totals(found: Sequence[Violation]) -> Array:
+    """`Violation.total` of each of several, of the same problem."""
+    deepest = np.stack([one.regions for one in found]).max(axis=2, initial=0.0)
+    return np.asarray((deepest + np.stack([one.touched for one in found])).sum(axis=1))
+
+
 def violation(problem: Problem, parameters: Parameters, point: Guess) -> Violation:
     """Evaluate every constraint of the problem at a point, x_0 included.
 
@@ -81,20 +87,54 @@ def violations(
     if not points:
         return []
     values = _interpreted if problem.constraint_values is None else _compiled
-    motion, entered = values(problem, parameters, points)
-    for own, point in zip(motion, points, strict=True):
-        begin = np.abs(point.states[0] - parameters.initial).max(initial=0.0)
-        own[0] = max(own[0], begin)
-        if problem.ends_at_rest:
+    motion, into_regions = values(problem, parameters, points)
+    begin = np.stack([point.states[0] for point in points]) - parameters.initial
+    motion[:, 0] = np.maximum(motion[:, 0], np.abs(begin).max(axis=1, initial=0.0))
+    if problem.ends_at_rest:
+        for own, point in zip(motion, points, strict=True):
             (final,) = problem.stop_values([point.states[-1]])
             own[-1] = max(own[-1], (-final).max(initial=0.0))
-    found = []
-    for moved, into in zip(motion, entered, strict=True):
-        if np.isfinite(moved).all() and np.isfinite(into).all():
-            found.append(Violation(moved, into))
-        else:
-            found.append(Violation(np.full(problem.horizon, np.inf), np.zeros(into.shape)))
-    return found
+    unknown = ~(np.isfinite(motion).all(axis=1) & np.isfinite(into_regions).all(axis=(1, 2)))
+    motion[unknown], into_regions[unknown] = np.inf, 0.0
+    return [Violation(*pair) for pair in zip(motion, into_regions, strict=True)]
+
+
+def entered(
+    problem: Problem,
+    parameters: Parameters,
+    points: Sequence[Guess],
+    shares: Sequence[float] | None = None,
+) -> Array:
+    """How far several points enter each region, (S, N, K), see `Violation.regions`.
+
+    Parameters
+    ----------
+    problem, parameters : the instance.
+    points : S of them, or one for all shares.
+    shares : S shares of the slots' levels at which the points are looked at; None for 1. Where
+        the level is shared, it is the point's, and they change nothing.
+    """
+    if problem.constraint_values is None:
+        count = len(points) if shares is None else len(shares)
+        every = [*points] * (count if len(points) == 1 else 1)
+        found = [
+            _interpreted(problem, at_share(parameters, share), [point])[1]
+            for point, share in zip(every, shares or [1.0] * count, strict=True)
+        ]
+        into_regions = np.concatenate(found)
+    else:
+        into_regions = _entered_at(problem, parameters, points, shares)
+    into_regions[~np.isfinite(into_regions).all(axis=(1, 2))] = 0.0  # as in `violations`
+    return into_regions
+
+
+def at_share(parameters: Parameters, share: float) -> Parameters:
+    """Return an instance at a share of the levels of its slots."""
+    slots = tuple(
+        own if own.level is None else replace(own, level=share * own.level)
+        for own in parameters.slots
+    )
+    return replace(parameters, slots=slots)
 
 
 def _compiled(
@@ -103,37 +143,56 @@ def _compiled(
     """How far S points break the motion (S, N), and enter regions (S, N, K)."""
     values = problem.constraint_values
     assert values is not None
-    n, m, steps, count = problem.states, problem.inputs, problem.horizon, len(points)
-    steps_of = np.empty((2 * n + m, count, steps))
-    for k, point in enumerate(points):
-        states = point.states.T
-        steps_of[:n, k], steps_of[n : n + m, k] = states[:, :-1], point.inputs.T
-        steps_of[n + m :, k] = states[:, 1:]
+    n, m, steps = problem.states, problem.inputs, problem.horizon
+    states = np.stack([point.states for point in points]).transpose(2, 0, 1)
+    steps_of = np.empty((2 * n + m, len(points), steps))
+    steps_of[:n], steps_of[n + m :] = states[..., :-1], states[..., 1:]
+    steps_of[n : n + m] = np.stack([point.inputs for point in points]).transpose(2, 0, 1)
     rows = values("motion", steps_of, _NONE)
     broken = np.abs(rows[:n]).max(axis=0, initial=0.0)
     motion = np.maximum(broken, (-rows[n:]).max(axis=0, initial=0.0))
-    entered = np.zeros((count, steps, sum(one.count for one in problem.slots)))
+    return motion, _entered_at(problem, parameters, points)
+
+
+def _entered_at(
+    problem: Problem,
+    parameters: Parameters,
+    points: Sequence[Guess],
+    shares: Sequence[float] | None = None,
+) -> Array:
+    """Evaluate `entered` by compiled functions."""
+    values = problem.constraint_values
+    assert values is not None
+    n, steps = problem.states, problem.horizon
+    count = len(points) if shares is None else len(shares)
+    states = np.stack([point.states[1:] for point in points]).transpose(2, 0, 1)
+    into_regions = np.zeros((count, steps, sum(one.count for one in problem.slots)))
     begun = 0
     for place, (slots, numbers) in enumerate(zip(problem.slots, parameters.slots, strict=True)):
         if not slots.count:
             continue
         own = len(slots.auxiliary)
         given = np.empty((n + own + int(problem.shared), count, steps, slots.count))
-        given[:n] = steps_of[n + m :, ..., None]
-        for k, point in enumerate(points):
-            if own:
-                given[n : n + own, k] = point.auxiliaries[place].transpose(2, 0, 1)
-            given[n + own :, k] = point.level
-        flat = given.reshape(len(given), count, -1)
-        rows = values(f"slot{place}", flat, numbers.columns).reshape(-1, *given.shape[1:])
+        given[:n] = states[..., None]
+        if own:
+            lifted = np.stack([point.auxiliaries[place] for point in points])
+            given[n : n + own] = lifted.transpose(3, 0, 1, 2)
+        if problem.shared:
+            given[n + own] = np.array([point.level for point in points])[:, None, None]
+        if shares is None or numbers.level is None:
+            rows = values(f"slot{place}", given.reshape(len(given), count, -1), numbers.columns)
+        else:
+            columns = numbers.columns_at(np.asarray(shares))
+            rows = values(f"slot{place}", given.reshape(len(given), 1, -1), columns)
+        rows = rows.reshape(-1, *given.shape[1:])
         tied = slots.constraint.size1_out(0)
         deep = np.maximum.reduce(-rows[:tied], axis=0, initial=0.0)
         if tied < len(rows):
             deep = np.maximum(deep, np.abs(rows[tied:]).max(axis=0))
         # What an empty slot holds its auxiliaries to says nothing of the plan.
-        entered[..., begun : begun + slots.count] = deep * numbers.active
+        into_regions[..., begun : begun + slots.count] = deep * numbers.active
         begun += slots.count
-    return motion, entered
+    return into_regions
 
 
 _NONE = np.zeros((0, 0))
@@ -144,7 +203,7 @@ def _interpreted(
 ) -> tuple[Array, Array]:
     """Evaluate the same as `_compiled` by CasADi's virtual machine."""
     motion = np.empty((len(points), problem.horizon))
-    entered = np.empty((*motion.shape, sum(one.count for one in problem.slots)))
+    into_regions = np.empty((*motion.shape, sum(one.count for one in problem.slots)))
     for k, point in enumerate(points):
         gap, limits, room, _, *rows = _evaluated(problem, parameters, point)
         parts = [np.abs(gap), -limits, -room]
@@ -153,10 +212,10 @@ def _interpreted(
         pairs = zip(problem.slots, parameters.slots, rows[::2], rows[1::2], strict=True)
         for slots, numbers, outside, tied in pairs:
             if slots.count:
-                own = entered[k, :, begun : begun + slots.count]
-                own[...] = _entered(outside, tied, slots.count) * numbers.active
+                own = into_regions[k, :, begun : begun + slots.count]
+                own[...] = _deepest(outside, tied, slots.count) * numbers.active
                 begun += slots.count
-    return motion, entered
+    return motion, into_regions
 
 
 def price(problem: Problem, parameters: Parameters, point: Guess) -> float:
@@ -186,10 +245,10 @@ def _lifted(problem: Problem, point: Guess) -> list[Array]:
     return [own.reshape(problem.horizon, -1) for own in point.auxiliaries]
 
 
-def _entered(outside: Array, tied: Array, slots: int) -> Array:
+def _deepest(outside: Array, tied: Array, slots: int) -> Array:
     """How far each slot's constraints are broken, (N, slots)."""
-    entered = _per_slot(-outside, slots)
-    return np.maximum(entered, _per_slot(np.abs(tied), slots)) if tied.size else entered
+    broken = _per_slot(-outside, slots)
+    return np.maximum(broken, _per_slot(np.abs(tied), slots)) if tied.size else broken
 
 
 def _per_slot(values: Array, slots: int) -> Array:

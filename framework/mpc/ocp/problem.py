@@ -322,6 +322,13 @@ class SlotNumbers:
         steps, count = self.parameters.shape[:2]
         return np.ascontiguousarray(self.stages().reshape(steps * count, -1).T)
 
+    def columns_at(self, shares: Array) -> Array:
+        """`columns` at each of S shares of the levels, one after the other, (size, S N K)."""
+        found = np.repeat(self.columns[:, None], len(shares), axis=1)
+        if self.level is not None:
+            found[self.parameters.shape[2]] = shares[:, None] * self.level.ravel()
+        return found.reshape(len(found), -1)
+
 
 @dataclass(frozen=True, eq=False)
 class Parameters:

@@ -35,7 +35,7 @@ from ..fallback.rollout import (
     steer_each,
     sweep,
 )
-from ..fallback.verify import violation
+from ..fallback.verify import entered
 from ..ocp.problem import Parameters, Problem
 from ..ocp.progress_robot import ProgressRobot
 from ..ocp.reference import Reference
@@ -323,7 +323,7 @@ def _in_the_way(check: InstanceCheck, solved: Candidate, laid: "Laid | None") ->
     if laid is None:
         return False
     point = check.guess(laid.states, np.zeros((problem.horizon, problem.inputs)))
-    if violation(problem, parameters, point).regions.max(initial=0.0) > 0.0:
+    if entered(problem, parameters, [point]).max(initial=0.0) > 0.0:
         return True
     return problem.shared and solved.point.level < parameters.target - 1e-3
 
@@ -405,15 +405,22 @@ def other_starts(
     if not names:
         return []
     found: list[Guess] = []
+    known = {_numbers(guess.states)}
     for states, inputs in _trajectories(robot, problem, parameters, names, laid):
-        known = [guess, *found]
-        if not any(np.array_equal(states, one.states) for one in known):
+        numbers = _numbers(states)
+        if numbers not in known:
+            known.add(numbers)
             none = problem.no_auxiliaries
             found.append(Guess(states, inputs, none, guess.level, guess.slack))
     if isinstance(robot, ProgressRobot):
         arc = float(parameters.initial[-1])
         return [add_progress(robot, point, parameters, arc, problem.dt) for point in found]
     return found
+
+
+def _numbers(states: Array) -> bytes:
+    """Return what equal states have in common; -0 is 0."""
+    return (states + 0.0).tobytes()
 
 
 def _trajectories(
@@ -427,12 +434,12 @@ def _trajectories(
     pace = max(float(np.abs(parameters.speed).max()), 1e-3)
     moving, start = _under_way(robot, parameters, pace), parameters.initial
     once = list(dict.fromkeys(names))
-    twists = [
-        [sweep(robot, start, name, pace, None if name == "coast" else moving)] * problem.horizon
+    manoeuvres = [
+        [(sweep(robot, start, name, pace, None if name == "coast" else moving), problem.horizon)]
         for name in once
         if name != "along"
     ]
-    found = steer_each(robot, start, twists, problem.dt)
+    found = steer_each(robot, start, manoeuvres, problem.dt)
     if "along" in once:
         laid = laid or Laid.along(robot, parameters, problem.dt)
         found.insert(once.index("along"), (laid.states, laid.inputs(robot, problem.dt)))

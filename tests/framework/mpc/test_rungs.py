@@ -8,6 +8,7 @@ from typing import Any, ClassVar, final
 import numpy as np
 import pytest
 
+from wideberth.framework.jit import exact
 from wideberth.framework.mpc.fallback import rungs as ladder
 from wideberth.framework.mpc.fallback.giving_way import held
 from wideberth.framework.mpc.fallback.instance_check import (
@@ -42,10 +43,12 @@ from wideberth.framework.mpc.slots.contact import Touch
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs, Obstacles
 from wideberth.framework.mpc.solvers.base import Solution
 from wideberth.framework.plugins.config import build, describe
+from wideberth.framework.region import Region
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Twist
 from wideberth.framework.values.plan import Rung, Status
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
+from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.robots.unicycle import Unicycle
 from wideberth.simulation.log.episode_log import read_episode, write_episode
 from wideberth.simulation.measures.summary import robot_rows
@@ -158,9 +161,11 @@ def test_a_plan_on_a_rung_of_ones_own_is_logged_and_counted() -> None:
 # what the rungs choose from, without a solver
 
 
-def instance(level: LevelPolicy, last: Any = None, y: float = 9.0) -> tuple[InstanceCheck, Guess]:
+def instance(
+    level: LevelPolicy, last: Any = None, y: float = 9.0, region: Region | None = None
+) -> tuple[InstanceCheck, Guess]:
     """Somebody stands at (4, y) beside the straight path of a robot at 0.4 m/s."""
-    robot, region = Unicycle(), MahalanobisEllipse()
+    robot, region = Unicycle(), region or MahalanobisEllipse()
     problem, parameters, guess = set_up(robot, region, level, 2, y=y)
     mean = np.tile([4.0, y], (STEPS, 1, 1))
     spread = np.tile(0.01 * np.eye(2), (STEPS, 1, 1, 1))
@@ -259,6 +264,19 @@ def test_solutions_that_can_be_driven_are_held_against_the_lowest_level() -> Non
     assert np.isnan(Trial(instance(Fixed())[0], outcome(kept)).drivable[0].point.level)
 
 
+@pytest.mark.parametrize("region", [MahalanobisEllipse(), MinkowskiSum()], ids=repr)
+def test_a_drivable_solution_is_not_checked_twice_against_the_same_levels(region: Region) -> None:
+    """With auxiliaries it is: those of a manoeuvre are not those of the solver."""
+    check, guess = instance(Fixed(0.05), y=0.4, region=region)
+    one = replace(judged(7.0), point=guess, found=check.check(guess))
+    (found,) = Trial(check, outcome(one)).drivable
+    again = Trial(check, outcome()).at_lowest_level(guess.states, guess.inputs)
+    assert (found.found is one.found) == isinstance(region, MahalanobisEllipse)
+    np.testing.assert_array_equal(found.found.regions, again.found.regions)
+    np.testing.assert_array_equal(found.found.motion, again.found.motion)
+    assert found.point.multipliers is None and found.found.regions.max() > 0.1
+
+
 def test_what_is_entered_before_a_stop_ends_is_counted() -> None:
     """Things without a level are themselves in their regions; others count where expected."""
     slots = [SimpleNamespace(levelled=True, count=2), SimpleNamespace(levelled=False, count=1)]
@@ -340,6 +358,36 @@ def test_the_gentlest_way_touches_least_and_then_enters_least(
     assert (trial.gentlest(others).way or "solution") == wanted
 
 
+def test_the_gentlest_way_is_that_of_all_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Against the rule itself, with ties in both numbers."""
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        touch = rng.choice([0.0, 0.5 * TOLERANCE, 0.9 * TOLERANCE, 1.6 * TOLERANCE, 0.3], 6)
+        entries = list(zip(touch, rng.choice([0.1, 0.2, 0.3], 6), strict=True))
+        least = touch.min() + TOLERANCE
+        numbered = zip(("", *"0123", "s"), entries, strict=True)
+        order = {"": 0, "s": 1, "0": 2, "1": 3, "2": 4, "3": 5}
+        kept = [(total, order[name], name) for name, (depth, total) in numbered if depth <= least]
+        wanted = {"": "straight", "s": "solution"}
+        *_, best = min(kept)
+        trial, others = ways(monkeypatch, *entries)
+        found = trial.gentlest(others).way or "solution"
+        assert found == wanted.get(best, f"way {best}")
+
+
+def test_what_cannot_win_is_not_held_against_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that touches nothing wins against all that enter regions more."""
+    trial, others = ways(monkeypatch, (0.2, 0.5), (0.0, 0.3), (0.3, 0.2), (0.0, 0.4), (0.0, 0.9))
+    looked: list[float] = []
+
+    def counted(check: InstanceCheck, one: Candidate, window: int) -> float:
+        looked.append(one.found.total)
+        return contact(check, one, window)
+
+    monkeypatch.setattr(ladder, "contact", counted)
+    assert trial.gentlest(others).way == "way 0" and looked == [0.5, 0.2, 0.3]
+
+
 def test_the_last_plan_is_driven_from_here_at_the_lowest_level() -> None:
     robot = Unicycle()
     for y, feasible in ((9.0, True), (0.0, False)):
@@ -358,7 +406,8 @@ def test_the_last_plan_is_driven_from_here_at_the_lowest_level() -> None:
 
 
 def test_an_iterate_that_keeps_the_lowest_level_is_feasible_after_all() -> None:
-    check, guess = instance(Fixed())
+    lowest = Relaxed(0.05, weight=3.0, minimum=0.2)
+    check, guess = instance(lowest)
     entering = replace(judged(3.0, broken=1.0), point=guess)
     found = FeasibleIterate().attempt(Trial(check, outcome(entering)))
     assert isinstance(found, Candidate) and found.cost == 3.0
@@ -366,7 +415,7 @@ def test_an_iterate_that_keeps_the_lowest_level_is_feasible_after_all() -> None:
     trial = Trial(check, outcome(judged(2.01), cheaper))
     assert FeasibleIterate().attempt(trial) is cheaper
     assert Optimal().attempt(trial) is trial.near[0]
-    check, guess = instance(Fixed(), y=0.0)
+    check, guess = instance(lowest, y=0.0)
     into = replace(entering, point=replace(guess, states=guess.states))
     assert FeasibleIterate().attempt(Trial(check, outcome(into))) == NotHeld()
 
@@ -484,6 +533,38 @@ def test_the_level_held_is_the_largest_share_that_enters_nothing(y: float) -> No
         return
     assert not inside(share - 2e-3).any() and inside(share + 2e-3).any()
     assert way.held == pytest.approx(region.tail(share * asked))
+
+
+@pytest.mark.parametrize("region", [MahalanobisEllipse(), MinkowskiSum()], ids=repr)
+@pytest.mark.parametrize("level", [Fixed(0.05), Relaxed(0.05, weight=3.0, minimum=0.2)], ids=repr)
+@pytest.mark.parametrize("compiled", [True, False])
+def test_the_share_is_that_of_one_halving_after_the_other(
+    level: LevelPolicy, region: Region, compiled: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not compiled:
+        monkeypatch.setattr(exact, "MOST_OPERATIONS", 1)
+    found = set()
+    for y in (0.2, 0.35, 0.5, 0.65):
+        check, guess = instance(level, y=y, region=region)
+        low, high = 0.0, 1.0
+        for _ in range(12):
+            middle = 0.5 * (low + high)
+            slots = tuple(replace(one, level=middle * one.level) for one in levelled(check))
+            lower = replace(check, parameters=replace(check.parameters, slots=slots))
+            point = lower.suited(replace(guess, level=middle * check.parameters.target))
+            if lower.check(point).regions.max() > TOLERANCE:
+                high = middle
+            else:
+                low = middle
+        kept, way = held(check, Candidate(guess, check.check(guess)), optimal=False)
+        assert way is not None and low > 0.0
+        assert kept.min() == low * levelled(check)[0].level.max()
+        found.add(low)
+    assert len(found) == 4
+
+
+def levelled(check: InstanceCheck) -> list[Any]:
+    return [one for one in check.parameters.slots if one.level is not None]
 
 
 def test_the_level_of_an_optimal_plan_is_the_solver_s() -> None:

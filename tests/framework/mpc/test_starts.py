@@ -96,16 +96,18 @@ def test_manoeuvres_steered_together_are_those_driven_step_by_step(robot: Robot)
     rng = np.random.default_rng(0)
     start = straight(robot, 0.4)[1].initial
     held = [
-        [Twist(tuple(rng.uniform(-1.0, 1.0, robot.dimension)), rng.uniform(-1.0, 1.0))] * 4
-        + [Twist((0.0,) * robot.dimension)] * 5
+        [
+            (Twist(tuple(rng.uniform(-1.0, 1.0, robot.dimension)), rng.uniform(-1.0, 1.0)), 4),
+            (Twist((0.0,) * robot.dimension), 5),
+        ]
         for _ in range(3)
     ]
     found = steer_each(robot, start, held, DT)
     assert len(found) == 3
-    for twists, (states, inputs) in zip(held, found, strict=True):
+    for manoeuvre, (states, inputs) in zip(held, found, strict=True):
         point = tuple(float(value) for value in start)
         assert tuple(states[0]) == point
-        for i, twist in enumerate(twists):
+        for i, twist in enumerate(twist for twist, count in manoeuvre for _ in range(count)):
             control = robot.drive(point, twist, DT)
             point = step(robot, point, control, DT)
             np.testing.assert_allclose(inputs[i], control, rtol=0, atol=1e-12)
