@@ -26,7 +26,7 @@ from ...values.tracks import Tracks
 from ..costs.base import ProgressCost
 from ..fallback.emergency import command_of_plan, emergency
 from ..fallback.instance_check import InstanceCheck, Outcome, shared_target
-from ..fallback.rollout import Motion, carry
+from ..fallback.rollout import Motion, carry, follow
 from ..fallback.rungs import Trial, choose, rungs_of
 from ..fallback.stopping import stops
 from ..instance.own_uncertainty import OwnUncertainty, carried
@@ -39,6 +39,7 @@ from ..slots.screen import Travel
 from ..solvers.base import SizelessSolver
 from .multistart import (
     COMPILING,
+    OTHERS,
     Budget,
     MultiStart,
     Watch,
@@ -397,9 +398,12 @@ def warm_up(settings: PlannerSettings, services: Services, path: Path) -> None:
         ego, _ = start_state(settings.robot, path.points[0], direction, settings.reference_speed)
         start = np.array(ego, float)
         arc = [0.0] if isinstance(services.body, ProgressRobot) else []
-        list(stops(services.body, np.append(start, arc), settings.horizon, settings.dt))
+        body, begin, steps = services.body, np.append(start, arc), settings.horizon
+        follow(body, begin, np.zeros((steps, len(body.inputs))), settings.dt)
+        list(stops(body, begin, steps, settings.dt))
         if every:
-            step(settings, state, Observation(0.0, start), services)
+            from_all = changed(settings, starts=OTHERS)
+            step(from_all, state, Observation(0.0, start), services)
         size, rng = settings.robot.dimension, np.random.default_rng(0)
         for tick in range(samples + 2 * len(crowds)):
             count = 1 if tick < samples else crowds[(tick - samples) // 2]

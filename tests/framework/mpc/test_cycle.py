@@ -7,11 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wideberth.framework.mpc.fallback import rollout
 from wideberth.framework.mpc.planner import best_response, cycle
 from wideberth.framework.mpc.planner import planner as shell
 from wideberth.framework.mpc.planner.best_response import Agent, BestResponsePlanner, state_of
 from wideberth.framework.mpc.planner.cycle import PlannerState, Services, remember, step
+from wideberth.framework.mpc.planner.multistart import OTHERS
 from wideberth.framework.mpc.planner.settings import PlannerSettings, changed
+from wideberth.framework.mpc.solvers.riccati.solver import Riccati
 from wideberth.framework.plugins.config import describe
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast
@@ -188,6 +191,18 @@ def test_a_path_is_warmed_up_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
     made._services.problems.of(((0,), (0, 4)))
     made.set_path(STRAIGHT)
     assert len(calls) == 1
+
+
+def test_every_manoeuvre_is_compiled_before_the_first_decision() -> None:
+    """With a robot like no other test's. Somebody stands in it, so that no rung is left out."""
+    made = planner(robot=Unicycle(max_yaw_rate=0.2931), solver=Riccati())
+    every = (rollout._steering, rollout._driving, rollout._motion)
+    before = [one.cache_info().misses for one in every]
+    for k in range(2):
+        made.command(at(0.5 * k, 0.0, ("other", 0.5, 0.1)))
+    assert made.plan is not None and made.plan.rung in (Rung.LEAST, Rung.BRAKE)
+    assert len(made.explain().guesses) == 1 + len(OTHERS)
+    assert [one.cache_info().misses for one in every] == before
 
 
 def test_commands_follow_one_another_and_stay_within_limits() -> None:
