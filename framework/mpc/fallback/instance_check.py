@@ -107,12 +107,8 @@ class InstanceCheck:
             for found, point in zip(every, points, strict=True)
         ]
 
-    def assess(self, solution: Solution) -> Candidate:
-        """Re-check a solution; one that did not converge is first made drivable."""
-        return self.assess_each([solution])[0]
-
     def assess_each(self, solutions: Sequence[Solution]) -> list[Candidate]:
-        """Re-check several solutions, see `assess`."""
+        """Re-check solutions; those that did not converge are first made drivable."""
         points = [self._drivable(one) for one in solutions]
         every = self.check_each(points)
         return [

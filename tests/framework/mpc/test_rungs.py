@@ -176,6 +176,11 @@ def instance(
     return InstanceCheck(problem, parameters, around, level, last), guess
 
 
+def assessed(check: InstanceCheck, solution: Solution) -> Candidate:
+    """Re-check one solution."""
+    return check.assess_each([solution])[0]
+
+
 def ended(point: Guess, status: Status, cost: float = 5.0, count: int = 3) -> Solution:
     return Solution(point, status, "as told", cost, count, 0.1 * count)
 
@@ -202,13 +207,13 @@ def test_a_converged_plan_is_taken_as_it_is_but_for_its_level(level: float, kept
         (replace(guess, states=guess.states + 5.0, level=level), kept),
     ):
         solution = ended(point, Status.SOLVED)
-        found = check.assess(solution)
+        found = assessed(check, solution)
         assert found.point.level == wanted and found.cost == 5.0 and found.solution is solution
         assert found.point.states is point.states and found.point.inputs is point.inputs
         assert found.feasible == found.optimal == (point.states is guess.states)
         np.testing.assert_array_equal(found.found.touched, np.zeros(STEPS))
     check, guess = instance(Fixed())
-    assert check.assess(ended(guess, Status.SOLVED)).point is guess
+    assert assessed(check, ended(guess, Status.SOLVED)).point is guess
 
 
 def test_an_iterate_is_driven_within_the_limits_and_priced_anew() -> None:
@@ -217,13 +222,13 @@ def test_an_iterate_is_driven_within_the_limits_and_priced_anew() -> None:
         inputs = guess.inputs.copy()
         inputs[0] = 50.0, -50.0
         wild = replace(guess, states=guess.states * 7.0, inputs=inputs)
-        found = check.assess(ended(wild, Status.FAILED, cost=-4.0))
+        found = assessed(check, ended(wild, Status.FAILED, cost=-4.0))
         driven = clip(check.robot, inputs)
         np.testing.assert_array_equal(found.point.inputs, driven)
         states = follow(check.robot, check.parameters.initial, driven, DT)
         np.testing.assert_array_equal(found.point.states, states)
         slow = replace(guess, states=guess.states + 1.0)
-        found = check.assess(ended(slow, Status.FAILED, cost=-4.0))
+        found = assessed(check, ended(slow, Status.FAILED, cost=-4.0))
         assert found.feasible is feasible and not found.optimal
         wanted = price(check.problem, check.parameters, found.point) if feasible else -4.0
         assert found.cost == wanted != (-4.0 if feasible else 0.0)
@@ -433,8 +438,8 @@ def test_why_no_plan_is_optimal() -> None:
 def test_a_plan_tells_what_it_took_and_why() -> None:
     check, guess = instance(Fixed())
     robot, start = check.robot, check.parameters.initial
-    one = check.assess(ended(guess, Status.SOLVED, cost=9.0, count=3))
-    two = check.assess(ended(guess, Status.SOLVED, cost=8.0, count=4))
+    one = assessed(check, ended(guess, Status.SOLVED, cost=9.0, count=3))
+    two = assessed(check, ended(guess, Status.SOLVED, cost=8.0, count=4))
     plan, point = choose(rungs_of(BUILT_IN), Trial(check, outcome(one, two)), 4.5)
     assert point is two.point and plan.cost == 8.0 and plan.rung is Rung.OPTIMAL
     assert (plan.stamp, plan.dt, plan.iterations, plan.reason) == (4.5, DT, 7, "")
@@ -452,7 +457,7 @@ def test_a_plan_tells_what_it_took_and_why() -> None:
     check, _ = instance(Fixed(), y=0.0)
     check = replace(check, parameters=replace(check.parameters, initial=inside))
     first = check.guess(*brake(robot, inside, STEPS, DT))
-    lost = check.assess(ended(replace(first, inputs=first.inputs + 9.0), Status.FAILED))
+    lost = assessed(check, ended(replace(first, inputs=first.inputs + 9.0), Status.FAILED))
     for candidates, status in (((lost,), Status.FAILED), ((), Status.NOT_RUN)):
         told = replace(outcome(*candidates), status=Status.NOT_RUN)
         plan, _ = choose(rungs_of(("optimal", "brake")), Trial(check, told), 0.0)
