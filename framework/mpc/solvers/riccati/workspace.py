@@ -112,8 +112,8 @@ class Workspace:
         return (array for group in self.groups for array in group)
 
     @property
-    def ended(self) -> Numbers:
-        """How the last solve ended."""
+    def ended(self) -> Any:
+        """How the last solve ended, `_protocol.Numbers`."""
         return Numbers(*self.found.numbers.tolist())
 
     def fill(self, parameters: Parameters) -> None:
