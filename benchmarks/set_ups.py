@@ -63,7 +63,6 @@ class SetUp:
         Others are tried as the planner does: where regions press on the first plan, and while they
         may lead to a cheaper one.
 
-
         Iterations are those of all starts together.
         """
         found = self.solver.solve(problem, parameters, [guess], self.deadline)
