@@ -164,7 +164,7 @@ def subject(planner: Planner, sizes: tuple[int, int, int], source: str) -> Subje
     moving, still, corners = sizes
     taker = _Taker()
     settings = changed(planner, solver=taker, most_obstacles=max(moving, still), deadline=None)
-    size, services = planner.robot.dimension, Services.of(settings)
+    size, services = planner.robot.dimension, Services.of(settings).for_all()
     way = Way(np.array([np.zeros(size), 100.0 * np.eye(size)[0]]))
     state = PlannerState.initial(settings, way)
     seen = scene(planner, moving, _walls(planner, still, corners))

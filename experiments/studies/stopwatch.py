@@ -1,7 +1,8 @@
 """A planner that tells how much processor time its solver took."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from time import process_time
 from typing import final
 
@@ -9,7 +10,7 @@ from ...framework.controller import Controller, fresh
 from ...framework.mpc.ocp.problem import Parameters, Problem
 from ...framework.mpc.ocp.transcription import Guess
 from ...framework.mpc.planner.planner import Planner
-from ...framework.mpc.solvers.base import Solution, Solver
+from ...framework.mpc.solvers.base import CheapestSolver, Solution, Solver, solve_cheapest
 from ...framework.values.motion import Command, Observation
 from ...framework.values.path import Path
 from ...framework.values.plan import Plan
@@ -69,8 +70,8 @@ class Stopwatch(Controller):
 
 @final
 @dataclass(frozen=True)
-class _Timed(Solver):
-    """Another solver, whose calls are timed."""
+class _Timed(CheapestSolver):
+    """Another solver, whose calls are timed; it gives starts up where that one does."""
 
     solver: Solver
     laps: list[float]
@@ -83,7 +84,23 @@ class _Timed(Solver):
         deadline: float | None = None,
     ) -> list[Solution]:
         """As the other solver."""
+        return self._timed(partial(self.solver.solve, problem, parameters, guesses, deadline))
+
+    def solve_cheapest(
+        self,
+        problem: Problem,
+        parameters: Parameters,
+        guesses: Sequence[Guess],
+        known: Sequence[Solution],
+        within: float,
+        deadline: float | None = None,
+    ) -> list[Solution]:
+        """As the other solver."""
+        given = self.solver, problem, parameters, guesses, known, within, deadline
+        return self._timed(partial(solve_cheapest, *given))
+
+    def _timed(self, solve: Callable[[], list[Solution]]) -> list[Solution]:
         begin = process_time()
-        found = self.solver.solve(problem, parameters, guesses, deadline)
+        found = solve()
         self.laps.append(process_time() - begin)
         return found

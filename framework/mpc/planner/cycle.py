@@ -125,6 +125,10 @@ class Services:
             Travel.of(robot, settings.horizon, settings.dt),
         )
 
+    def for_all(self) -> "Services":
+        """Return the same, but for obstacles that take part wherever they are: all are in reach."""
+        return replace(self, travel=replace(self.travel, speed=np.inf))
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -391,7 +395,7 @@ def warm_up(settings: PlannerSettings, services: Services, path: Path) -> None:
     every = timed is not None or isinstance(settings.solver, SizelessSolver)
     crowds = [n for n in CAPACITIES if 0 < n <= settings.most_obstacles] if every else [1]
     settings, samples = changed(settings, deadline=timed), settings.history
-    services = replace(services, travel=replace(services.travel, speed=np.inf))  # all take part
+    services = services.for_all()
     with suppress(Exception):  # a plug-in that raises here is named by `step`
         state = PlannerState.initial(settings, path)
         direction = path.direction(np.zeros(1))[0]

@@ -24,7 +24,8 @@ TEN_METRES = np.stack([np.zeros(20), np.linspace(0.5, 10.0, 20)], axis=1)
 def asked(gone, *, inputs=True, there=True, obstacle_in_way=True, optimal=True, starts="auto"):
     """Names of the starts, for a plan whose last state is ``gone`` m ahead of its first."""
     states = np.stack([np.zeros(21), np.linspace(0.0, gone, 21)], axis=1)
-    first = SimpleNamespace(optimal=optimal, point=SimpleNamespace(states=states))
+    point = SimpleNamespace(states=states)
+    first = SimpleNamespace(optimal=optimal, point=point, solution=None)
     check = SimpleNamespace(
         robot=HolonomicVelocity(),
         last_inputs=np.zeros((20, 2)) if inputs else None,
