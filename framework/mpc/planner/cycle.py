@@ -126,7 +126,7 @@ class Services:
         )
 
     def for_all(self) -> "Services":
-        """Return the same, but for obstacles that take part wherever they are: all are in reach."""
+        """Return the same, but for obstacles that take part wherever they are."""
         return replace(self, travel=replace(self.travel, speed=np.inf))
 
 
