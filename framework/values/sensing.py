@@ -1,0 +1,237 @@
+"""What sensors measure, and what a robot concludes about its own motion."""
+
+from dataclasses import dataclass, field
+from math import inf, isfinite
+
+import numpy as np
+
+from .arrays import Array, BoolArray, all_finite, checked, checked_covariance, number, positive
+from .errors import WideberthError
+
+MOTION = ("x", "y", "heading", "forward speed", "lateral speed", "yaw rate")
+"""Entries of a `MotionEstimate`: m, m, rad, m/s, m/s, rad/s. Speeds are in the body frame."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """One turn of a planar LiDAR.
+
+    Ranges that are no measurement are accepted: whoever reads the scan leaves them out.
+
+    Attributes
+    ----------
+    sensor : its name.
+    times : (B,), s, instant of each beam, in the order in which they were cast.
+    bearings : (B,), rad, direction of each beam in the sensor's frame, counter-clockwise.
+    ranges : (B,), m. Infinite where nothing stands within the longest range, NaN where the beam
+        was lost.
+    deviation : m, standard deviation of a range.
+    longest : m, beyond which the sensor sees nothing.
+    mount : (3,), x, y in m and heading in rad of the sensor in the robot's frame.
+
+    Raises
+    ------
+    WideberthError : shapes that do not fit, times or bearings that are not finite, a deviation
+        or longest range that is not positive.
+    """
+
+    sensor: str
+    times: Array
+    bearings: Array
+    ranges: Array
+    deviation: float = 0.01
+    longest: float = 15.0
+    mount: Array = field(default_factory=lambda: np.zeros(3))
+
+    def __post_init__(self) -> None:
+        times = checked("scan.times", self.times, (None,))
+        shape = (len(times),)
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "bearings", checked("scan.bearings", self.bearings, shape))
+        ranges = checked("scan.ranges", self.ranges, shape, finite=False)
+        object.__setattr__(self, "ranges", ranges)
+        object.__setattr__(self, "mount", checked("scan.mount", self.mount, (3,)))
+        positive("scan.deviation", self.deviation)
+        positive("scan.longest", self.longest)
+
+    @property
+    def stamp(self) -> float:
+        """Instant of the last beam, s; NaN for an empty scan."""
+        return float(self.times.max()) if len(self.times) else float("nan")
+
+    @property
+    def met(self) -> BoolArray:
+        """Which beams met something, (B,)."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray((self.ranges > 0.0) & (self.ranges <= self.longest))
+
+
+@dataclass(frozen=True, eq=False)
+class WheelSample:
+    """Angles that wheel encoders have counted.
+
+    Attributes
+    ----------
+    sensor : name of the encoders.
+    time : s.
+    angles : (W,), rad since they were switched on; the left wheels, then as many right ones.
+    flaw : what makes it useless; "" where nothing does.
+    """
+
+    sensor: str
+    time: float
+    angles: Array
+    flaw: str = field(default="", init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        angles = checked("wheel_sample.angles", self.angles, (None,), finite=False)
+        if not len(angles) or len(angles) % 2:
+            raise WideberthError(
+                f"wheel_sample.angles has {len(angles)} entries; wanted the left wheels' angles, "
+                "then as many of right ones"
+            )
+        object.__setattr__(self, "angles", angles)
+        object.__setattr__(self, "time", number("wheel_sample.time", self.time))
+        flaw = "" if all_finite(angles) else f"angles are {angles.tolist()}"
+        object.__setattr__(self, "flaw", flaw or _timeless(self.time))
+
+
+@dataclass(frozen=True, eq=False)
+class InertialSample:
+    """One reading of a gyroscope and an accelerometer.
+
+    Attributes
+    ----------
+    sensor : name of the unit.
+    time : s.
+    yaw_rate : rad/s, with its bias.
+    acceleration : (2,), m/s^2, forward and lateral in the body frame, with its bias.
+    flaw : what makes it useless; "" where nothing does.
+    """
+
+    sensor: str
+    time: float
+    yaw_rate: float
+    acceleration: Array
+    flaw: str = field(default="", init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        size = (2,)
+        felt = checked("inertial_sample.acceleration", self.acceleration, size, finite=False)
+        object.__setattr__(self, "acceleration", felt)
+        object.__setattr__(self, "time", number("inertial_sample.time", self.time))
+        object.__setattr__(self, "yaw_rate", number("inertial_sample.yaw_rate", self.yaw_rate))
+        flaw = "" if all_finite(felt) else f"acceleration is {felt.tolist()}"
+        if not isfinite(self.yaw_rate):
+            flaw = f"yaw rate is {self.yaw_rate}"
+        object.__setattr__(self, "flaw", flaw or _timeless(self.time))
+
+
+def _timeless(time: float) -> str:
+    return "" if -inf < time < inf else f"time is {time}"
+
+
+Sample = Scan | WheelSample | InertialSample
+"""Anything that a sensor on the robot reports."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionEstimate:
+    """Where a robot believes it is and how it moves.
+
+    Attributes
+    ----------
+    time : s.
+    mean : (6,), see `MOTION`.
+    covariance : (6, 6) of it.
+    frame : name of the frame of the pose: "odom", where the robot switched on, or "map".
+
+    Raises
+    ------
+    WideberthError : shapes that do not fit, numbers that are not finite, no covariance.
+    """
+
+    time: float
+    mean: Array
+    covariance: Array
+    frame: str = "odom"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mean", checked("motion_estimate.mean", self.mean, (6,)))
+        covariance = checked_covariance("motion_estimate.covariance", self.covariance, (6, 6))
+        object.__setattr__(self, "covariance", covariance)
+
+    @property
+    def pose(self) -> Array:
+        """x, y, heading, (3,), m and rad."""
+        return self.mean[:3]
+
+
+@dataclass(frozen=True, eq=False)
+class Sightings:
+    """What a detector finds in one scan, in the frame of the poses that it was given.
+
+    All positions are of one instant. The covariances are relative to the robot: they do not hold
+    the error of its own pose, which all of them share.
+
+    Attributes
+    ----------
+    time : s, the instant.
+    positions : (O, 2), m, centres of what may move.
+    covariance : (O, 2, 2), m^2.
+    radius : (O,), m, of a disc that encloses each.
+    static : (S, 2), m, points of what stands still.
+    note : why the scan gave less than it should; "" where it did not.
+
+    Raises
+    ------
+    WideberthError : shapes that do not fit, numbers that are not finite, no covariance.
+    """
+
+    time: float
+    positions: Array
+    covariance: Array
+    radius: Array
+    static: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        positions = checked("sightings.positions", self.positions, (None, 2))
+        count = len(positions)
+        covariance = checked_covariance("sightings.covariance", self.covariance, (count, 2, 2))
+        object.__setattr__(self, "positions", positions)
+        object.__setattr__(self, "covariance", covariance)
+        object.__setattr__(self, "radius", checked("sightings.radius", self.radius, (count,)))
+        object.__setattr__(self, "static", checked("sightings.static", self.static, (None, 2)))
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedObstacle:
+    """An obstacle as a tracker believes in it.
+
+    Attributes
+    ----------
+    ident : identity, never used again for another one.
+    time : s, instant of the state.
+    state : (4,), x, y in m and their rates in m/s.
+    covariance : (4, 4) of the state, relative to the robot as in `Sightings`.
+    radius : m.
+    seen : s, when it was measured last.
+
+    Raises
+    ------
+    WideberthError : shapes that do not fit, numbers that are not finite, no covariance.
+    """
+
+    ident: str
+    time: float
+    state: Array
+    covariance: Array
+    radius: float
+    seen: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "state", checked("tracked_obstacle.state", self.state, (4,)))
+        covariance = checked_covariance("tracked_obstacle.covariance", self.covariance, (4, 4))
+        object.__setattr__(self, "covariance", covariance)
+        positive("tracked_obstacle.radius", self.radius, zero=True)
