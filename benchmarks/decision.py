@@ -29,7 +29,7 @@ from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.motion import Command, Detection, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Plan
-from wideberth.simulation.engine.driver import Plant
+from wideberth.simulation.engine.plant import KinematicPlant
 
 SPEED, PERIOD = 1.25, 0.2
 """m/s and s: the speed for which `recommended` takes 25 steps of 0.2 s, and its period."""
@@ -102,7 +102,7 @@ class Drive:
         self._places = self._rng.uniform(-REACH, REACH, (seen, 2))
         self._velocities = PACE * self._rng.standard_normal((seen, 2))
         path = Path(np.array([[-REACH, 0.0], [3.0 * REACH, 0.0]]))
-        self._plant = Plant(
+        self._plant = KinematicPlant(
             self.planner.robot, *start_state(self.planner.robot, path.points[0], (1.0, 0.0), 0.0)
         )
         self.planner.set_path(path)

@@ -37,7 +37,7 @@ from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.motion import Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Rung
-from wideberth.simulation.engine.driver import Plant
+from wideberth.simulation.engine.plant import KinematicPlant
 from wideberth.simulation.sensing.channel import Channel, noise_of
 from wideberth.simulation.sensing.localisation import Localisation
 
@@ -139,7 +139,7 @@ class Run:
         self.field = Field(np.random.default_rng([seed, 1]))
         here = Path(np.array([[-INNER, 0.0], [0.0, 0.0]]))
         state, twist = start_state(self.robot, here.points[0], here.direction(np.zeros(1))[0], 0.0)
-        self.plant, self.path = Plant(self.robot, state, twist), here
+        self.plant, self.path = KinematicPlant(self.robot, state, twist), here
         planner.set_path(here)
         self.solves.forget()  # what warmed it up
         self.channel = Channel(noise=0.02, dropout=0.02)

@@ -1,77 +1,22 @@
 """A robot in a running episode: its plant, its controller and its log."""
 
 from bisect import bisect_right
-from collections.abc import Sequence
 from dataclasses import replace
-from math import hypot, isfinite, nan
+from math import isfinite, nan
 
 import numpy as np
 
-from ...framework.control.velocity_smoother import VelocitySmoother
 from ...framework.metrics.gaps import BodyMotion
 from ...framework.mpc.fallback.emergency import command_of_plan
-from ...framework.numerics.integration import runge_kutta
-from ...framework.robot import Robot, start_state
+from ...framework.robot import start_state
 from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
-from ...framework.values.motion import Command, Observation, Twist
+from ...framework.values.motion import Command, Observation
 from ...framework.values.path import Path
 from ...framework.values.plan import Plan
 from ..log.episode_log import AgentLog, CommandLog
 from .agents import RobotAgent, along
-
-
-class Plant:
-    """A robot that follows velocity commands through its smoother and low-level controller.
-
-    Each step the velocity smoother says which twist the robot should have at the end of the
-    step, `Robot.drive` turns that into an input, the input is clipped to its bounds and the
-    dynamics are integrated (Runge-Kutta, order four). The plant is the planner's own model
-    at a finer step: what it adds is the ramp and the limits, not a modelling error. The paper
-    simulates skid-steered robots in Gazebo, which slip when they turn.
-
-    Parameters
-    ----------
-    robot : the model.
-    state : (n,) at the start.
-    twist : velocity that counts as commanded before the first command.
-    """
-
-    def __init__(self, robot: Robot, state: Sequence[float], twist: Twist) -> None:
-        self.robot = robot
-        self.state: tuple[float, ...] = tuple(float(value) for value in state)
-        self._smoother = VelocitySmoother.at_rest(twist)
-        bounds = robot.input_bounds()
-        self._limits = tuple(zip(bounds.lower, bounds.upper, strict=True))
-        self.control: tuple[float, ...] = self._drive(twist, 1.0)
-
-    def command(self, command: Command, time: float) -> None:
-        """Take a command that arrives at ``time``, s."""
-        self._smoother = self._smoother.aim(command, time)
-
-    def advance(self, time: float, duration: float) -> None:
-        """Move on by ``duration`` s, from ``time`` s."""
-        self.control = self._drive(self._smoother.at(time + duration), duration)
-        moved = runge_kutta(self.robot.derivative, self.state, self.control, duration)
-        self.state = tuple(float(value) for value in moved)
-
-    @property
-    def position(self) -> tuple[float, ...]:
-        """Where the robot is, (D,), m."""
-        return self.robot.pose(self.state).position
-
-    @property
-    def speed(self) -> float:
-        """Length of the linear velocity, m/s."""
-        linear = self.robot.twist(self.state, self.control).linear
-        return hypot(*linear)
-
-    def _drive(self, twist: Twist, duration: float) -> tuple[float, ...]:
-        wanted = self.robot.drive(self.state, twist, duration)
-        return tuple(
-            min(max(float(value), low), high)
-            for value, (low, high) in zip(wanted, self._limits, strict=True)
-        )
+from .plant import Plant
 
 
 class Driver:
@@ -80,6 +25,7 @@ class Driver:
     Parameters
     ----------
     agent : whom it drives, from the start of the path.
+    plant : its body.
     came : s, when it stands there.
     absent : number of instants of the episode before that.
 
@@ -88,15 +34,14 @@ class Driver:
     present : False once it has left.
     """
 
-    def __init__(self, agent: RobotAgent, came: float = 0.0, absent: int = 0) -> None:
+    def __init__(
+        self, agent: RobotAgent, plant: Plant, came: float = 0.0, absent: int = 0
+    ) -> None:
         self.agent = agent
         self.present: bool = True
         self.absent: int = absent
         self.paths: list[tuple[float, Path]] = [(came, agent.path)]
-        direction = agent.path.direction(np.zeros(1))[0]
-        start = agent.path.points[0]
-        state, twist = start_state(agent.robot, start, direction, agent.speed)
-        self.plant: Plant = Plant(agent.robot, state, twist)
+        self.plant: Plant = plant
         self.states: list[tuple[float, ...]] = [
             *absent * [_nowhere(self.plant.state)],
             self.plant.state,
@@ -198,7 +143,7 @@ class Driver:
         self.controls.append(self.plant.control)
         self.positions.append(self.plant.position)
         goal = self.paths[-1][1].goal
-        here = self.positions[-1]
+        here = self.plant.believed
         away = sum((float(a) - b) ** 2 for a, b in zip(goal, here, strict=True)) ** 0.5
         if self.reached != self.reached and away <= tolerance:
             self.reached = time + duration
@@ -232,11 +177,17 @@ class Driver:
             self.agent.robot, plan, max(int((time - plan.stamp) / plan.dt + 1e-6), 0)
         )
 
-    def note(self, stamp: float, effect: float, command: Command, seconds: float) -> None:
-        """Write down a decision."""
+    def note(
+        self,
+        stamp: float,
+        effect: float,
+        command: Command,
+        seconds: float,
+        plan: Plan | None,
+    ) -> None:
+        """Write down a decision, and the plan behind it as an onlooker sees it."""
         self.commands.append((stamp, effect, command))
         self.seconds.append(seconds)
-        plan = self.agent.controller.plan
         if plan is not None:
             forecast = plan.forecast
             if forecast is not None and forecast.joint_source is not None:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import replace
-from itertools import chain, count
+from itertools import count
 from math import ceil
 from time import perf_counter
 from typing import Any
@@ -16,75 +16,14 @@ from ...framework.controller import avoids_polygons
 from ...framework.metrics.gaps import BodyMotion, gaps, wall_gaps
 from ...framework.values.arrays import Array, whole
 from ...framework.values.errors import WideberthError
-from ...framework.values.motion import Command, Detection, Observation, Truth
+from ...framework.values.motion import Command, Observation
 from ...framework.values.polygon import Polygon
 from ..log.episode_log import AgentLog, CommandLog, Episode
-from ..sensing.channel import Channel, noise_of
 from .agents import Bystander, PathChange, ReplayAgent, RobotAgent
 from .driver import Driver
+from .exchange import ExchangedPositions
 from .settings import Settings
-
-
-class Detecting:
-    """Distributes detections among the robots and people of one episode.
-
-    Parameters
-    ----------
-    channel : how well.
-    seed : of its noise.
-    drivers, others : who is there.
-    """
-
-    def __init__(
-        self,
-        channel: Channel,
-        seed: int,
-        drivers: Sequence[Driver],
-        others: Sequence[Bystander],
-    ) -> None:
-        self._channel, self._seed = channel, seed
-        self._drivers, self._others = drivers, others
-        self._moment: tuple[float, int] | None = None
-        self._known: list[tuple[Driver | None, tuple[Detection, ...]]] = []
-
-    def of(
-        self, driver: Driver, time: float, tick: int, clock: list[float]
-    ) -> tuple[Detection, ...]:
-        """Return the detections of a driver at a time, s, up to the last instant of the clock.
-
-        Without noise and loss all agents observe the same, which is made only once.
-        """
-        measured = time - self._channel.delay
-        if not self._channel.exact:
-            bodies = [body for one, body in self._bodies(measured, clock) if sees(driver, one)]
-            return self._channel.detections(self._seed, driver.name, tick, bodies)
-        if self._moment != (measured, len(clock)):
-            self._moment = measured, len(clock)
-            self._known = [
-                (one, self._channel.detections(self._seed, "", tick, [body]))
-                for one, body in self._bodies(measured, clock)
-            ]
-        return tuple(chain.from_iterable(seen for one, seen in self._known if sees(driver, one)))
-
-    def _bodies(
-        self, measured: float, clock: list[float]
-    ) -> list[tuple[Driver | None, tuple[str, Array, float]]]:
-        """Name, position and radius of all, with the driver of those who decide."""
-        bodies: list[tuple[Driver | None, tuple[str, Array, float]]] = [
-            (one, (one.name, one.position_at(measured, clock), one.radius))
-            for one in self._drivers
-        ]
-        asked = np.array([measured])
-        bodies += [(None, (one.name, one.at(asked)[0], one.radius)) for one in self._others]
-        return bodies
-
-
-def sees(driver: Driver, other: Driver | None) -> bool:
-    """Whether one driver detects another; None is a bystander."""
-    if other is None:
-        return True
-    return other is not driver and (other.agent.visible or not driver.agent.person)
-
+from .world import Around, World
 
 ROBOT_ROOM = 5.0
 """m between the centres of a robot and of somebody who appears; pedestrian_simulator's."""
@@ -110,6 +49,7 @@ class Respawning:
     drivers : who decides; those who come anew have to be added to it.
     others : who else moves.
     polygons : what stands there.
+    world : gives them their bodies.
     """
 
     def __init__(
@@ -117,8 +57,10 @@ class Respawning:
         drivers: Sequence[Driver],
         others: Sequence[Bystander],
         polygons: Sequence[Polygon],
+        world: World,
     ) -> None:
         self._drivers, self._others, self._polygons = drivers, others, polygons
+        self._world = world
         self._names = {one.name: (one.name, 1) for one in drivers if one.agent.respawn}
 
     def newcomers(self, now: float) -> list[tuple[Driver, int]]:
@@ -139,7 +81,7 @@ class Respawning:
                 continue
             agent = replace(one.agent, name=self._next(one.name, [d.name for d, _ in found]))
             one.leave()
-            driver = Driver(agent, now, len(one.states) - 1)
+            driver = Driver(agent, self._world.newcomer(agent), now, len(one.states) - 1)
             period = agent.controller.period
             found.append((driver, ceil((now - agent.phase) / period - _SAME)))
         return found
@@ -248,6 +190,7 @@ class Run:
         others: Sequence[Bystander],
         changes: Sequence[PathChange],
         polygons: Sequence[Polygon],
+        world: World | None = None,
     ) -> None:
         check_cast(robots, others, changes, polygons)
         self.polygons: tuple[Polygon, ...] = tuple(
@@ -257,17 +200,23 @@ class Run:
         self.settings = settings
         self.seed: int = whole("seed", seed, least=0)
         self.others: tuple[Bystander, ...] = tuple(others)
-        self.drivers: list[Driver] = [Driver(agent) for agent in robots]
         self.clock: list[float] = [0.0]
+        self.world: World = ExchangedPositions(settings) if world is None else world
+        plants = self.world.plants(robots, self.others, self.polygons, self.seed)
+        self.drivers: list[Driver] = [
+            Driver(agent, plant) for agent, plant in zip(robots, plants, strict=True)
+        ]
+        self.around: Around = Around(
+            self.drivers, self.others, self.polygons, self.clock, self.seed
+        )
         self.stood: float = 0.0
         self.ended: str = ""
         self.waiting: list[tuple[Driver, int, Observation]] = []
         self.queue: list[tuple[float, int, int, Any]] = []
         self.order: Iterator[int] = count()
-        self.detecting: Detecting = Detecting(
-            settings.channel, self.seed, self.drivers, self.others
+        self.respawning: Respawning = Respawning(
+            self.drivers, self.others, self.polygons, self.world
         )
-        self.respawning: Respawning = Respawning(self.drivers, self.others, self.polygons)
         by_name = {driver.name: driver for driver in self.drivers}
         for change in changes:
             self._push(change.time, _CHANGE, (by_name[change.agent], change.path))
@@ -296,8 +245,7 @@ class Run:
     def look(self, name: str) -> Observation:
         """Return a robot's observation at the present instant, also between its decisions."""
         driver = next(driver for driver in self.drivers if driver.name == name)
-        state, tick = np.array(driver.plant.state), len(driver.commands) + driver.skipped
-        return self._observe(driver, self.clock[-1], tick, state)
+        return self._observe(driver, self.clock[-1], len(driver.commands) + driver.skipped)
 
     def episode(self) -> Episode:
         """Return the log up to now."""
@@ -323,8 +271,10 @@ class Run:
             first = -int((self.settings.history + phase) / period + _SAME)
             for tick in range(first, 0):
                 time = phase + tick * period
-                state = driver.state_before(time)
-                driver.agent.controller.remember(self._observe(driver, time, tick, state))
+                seen = self.world.observe(
+                    driver, time, tick, driver.state_before(time), self.around
+                )
+                driver.agent.controller.remember(seen)
 
     def _handle_events(self, name: str) -> None:
         """Do what is due; the decision of the robot ``name`` is left waiting."""
@@ -338,10 +288,7 @@ class Run:
                 payload[0].plant.command(payload[1], now)
             elif payload[0].present:
                 ticks.append(payload)
-        seen = [
-            (driver, tick, self._observe(driver, now, tick, np.array(driver.plant.state)))
-            for driver, tick in ticks
-        ]
+        seen = [(driver, tick, self._observe(driver, now, tick)) for driver, tick in ticks]
         for decision in seen:
             if decision[0].name == name:
                 self.waiting.append(decision)
@@ -355,7 +302,9 @@ class Run:
         seconds = perf_counter() - begin
         now = observation.stamp
         effect = now + self.settings.latency(seconds)
-        driver.note(now, effect, command, seconds)
+        plan = driver.agent.controller.plan
+        seen = None if plan is None else self.world.in_world(driver, plan)
+        driver.note(now, effect, command, seconds, seen)
         self._deliver(driver, command, now, effect)
         agent, following = driver.agent, tick + 1
         while agent.phase + following * agent.controller.period < effect - _SAME:
@@ -373,30 +322,9 @@ class Run:
         else:
             self._push(effect, _EFFECT, (driver, command))
 
-    def _observe(self, driver: Driver, time: float, tick: int, state: Array) -> Observation:
-        settings = self.settings
-        seen = self.detecting.of(driver, time, tick, self.clock)
-        truth = self._truth(driver, time) if driver.agent.truth and time >= 0 else None
-        if settings.localisation.exact:
-            return Observation(time, state, seen, None, self.polygons, truth)
-        rng = noise_of(self.seed, driver.name, driver.name, tick)
-        robot, control = driver.agent.robot, driver.plant.control
-        estimate, covariance = settings.localisation.measure(robot, state, control, rng)
-        return Observation(time, estimate, seen, covariance, self.polygons, truth)
-
-    def _truth(self, driver: Driver, now: float) -> Truth:
-        """Past and future of the others on a grid of 0.1 s, from the delay before now on."""
-        past = ceil(10 * self.settings.channel.delay) + 10
-        ahead = ceil(10 * self.settings.truth_span) + 1
-        times = now + 0.1 * np.arange(-past, ahead + 1, dtype=np.float64)
-        before = times < now
-        positions: dict[str, Array] = {other.name: other.at(times) for other in self.others}
-        for other in self.drivers:
-            if other is not driver:
-                seen = [other.position_at(float(time), self.clock) for time in times[before]]
-                future = other.future(times[~before], now)
-                positions[other.name] = np.concatenate([np.array(seen), future])
-        return Truth(times, positions)
+    def _observe(self, driver: Driver, time: float, tick: int) -> Observation:
+        state = np.array(driver.plant.state)
+        return self.world.observe(driver, time, tick, state, self.around)
 
     def _step(self) -> str:
         """Move on to the next plant step or event, whichever comes first."""
@@ -407,6 +335,8 @@ class Run:
         target = min(grid, settings.time_limit)
         if self.queue and self.queue[0][0] < target - _SAME:
             target = self.queue[0][0]
+        target = self.world.next_instant(now, target)
+        self.world.move(now, target - now, self.around)
         for driver in self.drivers:
             driver.advance(now, target - now, settings.goal_tolerance)
         self.clock.append(target)

@@ -12,8 +12,8 @@ from wideberth.robots.differential_drive import DifferentialDrive
 from wideberth.robots.holonomic import Holonomic
 from wideberth.robots.unicycle import Unicycle
 from wideberth.simulation.engine.agents import PathChange, ReplayAgent, ScriptedAgent
-from wideberth.simulation.engine.driver import Plant
 from wideberth.simulation.engine.episode import run_episode
+from wideberth.simulation.engine.plant import KinematicPlant
 from wideberth.simulation.measures.summary import robot_rows, summarise
 from wideberth.tests.helpers.pursuit import EAST, QUICK, agent
 
@@ -42,7 +42,7 @@ def test_start_state_of_both_kinds():
 def test_plant_follows_the_ramp_exactly():
     """Ramping v from 0.2 to 0.6 within 0.5 s covers the trapezium's area."""
     state, twist = start_state(Unicycle(), (0.0, 0.0), (0.0, 1.0), 0.2)
-    plant = Plant(Unicycle(max_acceleration=2.0), state, twist)
+    plant = KinematicPlant(Unicycle(max_acceleration=2.0), state, twist)
     plant.command(Command((0.6, 0.0), ramp=0.5), 0.0)
     for k in range(50):
         plant.advance(0.01 * k, 0.01)

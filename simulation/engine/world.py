@@ -1,0 +1,81 @@
+"""The World of an episode: what moves in it, and what each robot observes of it."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ...framework.values.arrays import Array
+from ...framework.values.motion import Observation
+from ...framework.values.plan import Plan
+from ...framework.values.polygon import Polygon
+from .agents import Bystander, RobotAgent
+from .driver import Driver
+from .plant import Plant
+
+
+@dataclass(frozen=True, eq=False)
+class Around:
+    """All that is there in an episode; the two lists grow as it runs.
+
+    Attributes
+    ----------
+    drivers : who decides.
+    others : who moves without deciding.
+    polygons : what stands still.
+    clock : s, the instants so far.
+    seed : of the noise.
+    """
+
+    drivers: list[Driver]
+    others: tuple[Bystander, ...]
+    polygons: tuple[Polygon, ...]
+    clock: list[float]
+    seed: int
+
+
+class World(ABC):
+    """Gives robots their bodies, moves what they share, and tells them what they observe.
+
+    In `ExchangedPositions` robots tell each other where they are, as in the paper's text; in
+    `wideberth.simulation.cascade` they have wheels and sensors in a physics simulator.
+    """
+
+    @abstractmethod
+    def plants(
+        self,
+        agents: Sequence[RobotAgent],
+        others: Sequence[Bystander],
+        polygons: Sequence[Polygon],
+        seed: int,
+    ) -> list[Plant]:
+        """Return the body of each agent, at time 0; called once, before all else.
+
+        Raises
+        ------
+        WideberthError : somebody cannot be in this world.
+        """
+
+    @abstractmethod
+    def newcomer(self, agent: RobotAgent) -> Plant:
+        """Return the body of somebody who appears later, at the start of its path."""
+
+    @abstractmethod
+    def observe(
+        self, driver: Driver, time: float, tick: int, state: Array, around: Around
+    ) -> Observation:
+        """Return what a robot in a true ``state`` (n,) observes at a time, s.
+
+        Times before 0 belong to the history, in which it was on its way to its start.
+        """
+
+    def next_instant(self, now: float, wanted: float) -> float:
+        """Return the instant to move on to, s; by default the one that is wanted."""
+        return wanted
+
+    def move(self, now: float, duration: float, around: Around) -> None:
+        """Move what the plants share on by ``duration`` s; they advance after it."""
+        return
+
+    def in_world(self, driver: Driver, plan: Plan) -> Plan:
+        """Return a robot's plan in the frame, and with the names, of an onlooker."""
+        return plan
