@@ -30,7 +30,8 @@ class ConstantVelocity(Predictor):
     (q T/3 is the variance between the mean velocity over T and the velocity at its end) and
     then grows by F P F' + Q as in `white_acceleration`. Where a tracker gives its own
     covariance of position and velocity, that takes the place of the terms with R: positions
-    that have been filtered do not err independently.
+    that have been filtered do not err independently. Where it gives its velocity as well, v is
+    that, and P_0 its covariance.
 
     Gaps: the sample ``window`` steps back is taken, or the nearest older observed one, or
     the oldest there is; w is the true distance.
@@ -79,8 +80,9 @@ class ConstantVelocity(Predictor):
         times = tracks.dt * (past.late[:, None] + np.arange(1.0, steps + 1))
         mean = past.origin[:, None] + times[..., None] * velocity[:, None]
         covariance = after(step_covariances(*model, start, size, ahead), steps, past.late)
+        tracked = tracks.velocity is not None
         reasons = tuple(
-            "constant_velocity: 1 sample, needs 2" if count == 1 else None
+            "constant_velocity: 1 sample, needs 2" if count == 1 and not tracked else None
             for count in past.samples
         )
         joint = partial(step_joint, *model, start, size, steps, past.late)
@@ -104,7 +106,11 @@ class ConstantVelocity(Predictor):
         cross = np.where(known, noise / span, 0.0)
         spread = np.where(known, 2 * noise / span**2 + drift, self.speed**2 * eye)
         start = _blocks(noise, cross, spread)
-        if tracks.state_covariance is not None:
+        if tracks.state_covariance is not None and tracks.velocity is not None:
+            seen = past.samples > 0
+            velocity = np.where(seen[:, None], tracks.velocity, velocity)
+            start = np.where(seen[:, None, None], tracks.state_covariance, start)
+        elif tracks.state_covariance is not None:
             zero = np.zeros_like(noise)
             tracked = tracks.state_covariance + _blocks(zero, zero, np.where(known, drift, zero))
             start = np.where(known, tracked, start)

@@ -34,7 +34,7 @@ class Kalman(Fittable):
     with velocity 0 and P = blkdiag(R, speed^2 I). Missing samples are predicted over, not
     interpolated. The forecast's joint covariance is exact for this model:
     Cov(s_j, s_h) = F^(j-h) P_h. A tracker's ``state_covariance`` takes the place of the
-    filter's own where there is one (see `roll_out`).
+    filter's own where there is one, and so does its velocity (see `roll_out`).
 
     One sample is enough: the forecast then stays and spreads with ``speed``.
 

@@ -31,6 +31,8 @@ class _Log(NamedTuple):
     radius, covariance, sensor : of the last report.
     fresh : measurements that the estimate of the noise does not know yet.
     looked : whether it knows others.
+    motion : velocity, (D,), m/s, and the covariance of position and velocity, (2D, 2D), at the
+        newest measurement; None where a sensor reports positions alone.
     """
 
     times: Array
@@ -41,6 +43,7 @@ class _Log(NamedTuple):
     sensor: str
     fresh: int
     looked: bool
+    motion: tuple[Array, Array] | None = None
 
     @classmethod
     def begun(cls, size: int) -> "_Log":
@@ -64,12 +67,43 @@ class _Log(NamedTuple):
         later[:-1], later[-1] = times[first:kept], time
         places = np.empty((len(later), len(position)))
         places[:-1], places[-1] = self.positions[first:kept], position
-        return _Log(later, places, *self[2:6], self.fresh + 1, self.looked)
+        return _Log(later, places, *self[2:6], self.fresh + 1, self.looked)  # a motion is past
 
     def reporting(self, stamp: float, detection: Detection) -> "_Log":
         """Return the log with what a detection says beside the position."""
         radius, covariance, sensor = detection.radius, detection.covariance, detection.sensor
-        return _Log(*self[:2], stamp, radius, covariance, sensor, *self[6:])
+        motion, velocity, joint = self.motion, detection.velocity, detection.state_covariance
+        if self.times[-1] == stamp - detection.age:  # not of an older one that came late
+            motion = None if velocity is None or joint is None else (velocity, joint)
+        return _Log(*self[:2], stamp, radius, covariance, sensor, *self[6:8], motion)
+
+    def carried(self, lag: float) -> "_Carried | None":
+        """Return where it is ``lag`` s after the newest measurement; None without a motion.
+
+        p + lag v,   F P F',  F = [[I, lag I], [0, I]],   R + lag^2 P_v
+        """
+        if self.motion is None:
+            return None
+        velocity, joint = self.motion
+        size = len(velocity)
+        moved = np.eye(2 * size) + lag * np.eye(2 * size, k=size)
+        place = self.positions[-1] + lag * velocity
+        return _Carried(place, moved @ joint @ moved.T, lag**2 * joint[size:, size:])
+
+
+class _Carried(NamedTuple):
+    """An obstacle shortly after its newest measurement.
+
+    Attributes
+    ----------
+    position : (D,), m.
+    joint : (2D, 2D), covariance of position and velocity.
+    wider : (D, D), m^2, by which its place is less known than it was measured.
+    """
+
+    position: Array
+    joint: Array
+    wider: Array
 
 
 @final
@@ -130,7 +164,10 @@ class History:
         """Return tracks that end at the newest measurement; None without any.
 
         Positions between two measurements are interpolated linearly; an obstacle measured
-        before the newest instant has NaN at the end.
+        before the newest instant has NaN at the end. One whose tracker states a velocity is
+        carried to the newest instant where that is at most one sample later: obstacles that
+        one tick reports with different ages are then forecast alike. The tracks have velocity
+        and state covariance where all obstacles state them.
         """
         if not self.logs:
             return None
@@ -139,16 +176,44 @@ class History:
         names = sorted(self.logs)
         logs = [self.logs[name] for name in names]
         times, places = [log.times for log in logs], [log.positions for log in logs]
+        positions = interpolated(times, places, grid, self.gap, ON_GRID * self.dt)
+        noise = np.array([self._covariance(log) for log in logs])
+        velocity, joint = self._motions(logs, newest, positions, noise)
         return assembled(  # of detections, which were checked one by one
             Tracks,
-            positions=interpolated(times, places, grid, self.gap, ON_GRID * self.dt),
+            positions=positions,
             dt=self.dt,
             ids=tuple(names),
             radius=np.array([log.radius for log in logs]),
-            noise=np.array([self._covariance(log) for log in logs]),
+            noise=noise,
             stamp=newest,
-            state_covariance=None,
+            state_covariance=joint,
+            velocity=velocity,
         )
+
+    def _motions(
+        self, logs: Sequence[_Log], newest: float, positions: Array, noise: Array
+    ) -> tuple[Array | None, Array | None]:
+        """Carry obstacles to the newest instant in place; return velocities and covariances.
+
+        Velocities are (O, D) and covariances of position and velocity (O, 2D, 2D), where all
+        obstacles have them.
+        """
+        velocities, joints = [], []
+        for row, log in enumerate(logs):
+            lag = newest - float(log.times[-1])
+            late = lag > ON_GRID * self.dt
+            found = log.carried(lag if late and lag <= self.dt else 0.0)
+            if found is None or log.motion is None:
+                continue
+            if late and lag <= self.dt:
+                positions[row, -1] = found.position
+                noise[row] += found.wider
+            velocities.append(log.motion[0])
+            joints.append(found.joint)
+        if len(joints) < len(logs):
+            return None, None
+        return np.array(velocities), np.array(joints)
 
     def _covariance(self, log: _Log) -> Array:
         """Covariance of a measured position, (D, D), m^2: stated, else the sensor's estimate."""
@@ -225,6 +290,8 @@ def admitted(
             reasons.append(f"{refused} it is at {coordinate:.3g} m, at most {FARTHEST:g} m")
         elif one.radius > FARTHEST:
             reasons.append(f"{refused} its radius is {one.radius:.3g} m, at most {FARTHEST:g} m")
+        elif unbounded := _unbounded(one):
+            reasons.append(f"{refused} {unbounded}")
         else:
             fitting.append(one)
     if len(fitting) > MOST:
@@ -240,6 +307,17 @@ def admitted(
     if len(reasons) > NAMED:
         reasons = [*reasons[:NAMED], f"detections refused: {len(reasons) - NAMED} more"]
     return tuple(fitting), reasons
+
+
+def _unbounded(detection: Detection) -> str:
+    """Say what of a tracked motion is too large to compute with; "" where nothing is."""
+    for name, value, limit in (
+        ("velocity", detection.velocity, FARTHEST),
+        ("state covariance", detection.state_covariance, FARTHEST**2),
+    ):
+        if value is not None and (largest := np.abs(value).max(initial=0.0)) > limit:
+            return f"its {name} holds {largest:.3g}, at most {limit:g}"
+    return ""
 
 
 def viewpoint(robot: Robot, observation: Observation) -> Array | None:

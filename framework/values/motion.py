@@ -126,11 +126,13 @@ class Detection:
     radius : m, of the disc that encloses the obstacle.
     age : s, how long ago the position was measured.
     sensor : name of the sensor. Detections of one sensor share their noise.
+    velocity : (D,), m/s, at that instant, from a tracker; None from a sensor that has none.
+    state_covariance : (2D, 2D), of position and velocity, from the same tracker.
     flaw : what makes it useless; "" where nothing does.
 
     Raises
     ------
-    WideberthError : a wrong type or shape.
+    WideberthError : a wrong type or shape, or only one of velocity and state_covariance.
     """
 
     ident: str
@@ -139,6 +141,8 @@ class Detection:
     radius: float
     age: float = 0.0
     sensor: str = ""
+    velocity: Array | None = None
+    state_covariance: Array | None = None
     flaw: str = field(default="", init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -150,6 +154,8 @@ class Detection:
         if self.covariance is not None:
             covariance, flaw = _covariance("covariance", self.covariance, len(position))
             object.__setattr__(self, "covariance", covariance)
+        if self.velocity is not None or self.state_covariance is not None:
+            flaw = flaw or self._check_state(len(position))
         if not isinstance(self.sensor, str):
             raise WideberthError(f"detection.sensor is {self.sensor!r}; wanted a str")
         radius, age = number("detection.radius", self.radius), number("detection.age", self.age)
@@ -161,6 +167,20 @@ class Detection:
         if not all_finite(position):
             flaw = f"position is {position.tolist()}"
         object.__setattr__(self, "flaw", flaw)
+
+    def _check_state(self, size: int) -> str:
+        """Convert the tracker's velocity and covariance; return what makes them useless."""
+        if self.velocity is None or self.state_covariance is None:
+            given = "velocity" if self.state_covariance is None else "state_covariance"
+            raise WideberthError(
+                f"detection.{given} comes alone; state velocity and state_covariance together, or "
+                "neither"
+            )
+        velocity = checked("detection.velocity", self.velocity, (size,), finite=False)
+        joint, flaw = _covariance("state_covariance", self.state_covariance, 2 * size)
+        object.__setattr__(self, "velocity", velocity)
+        object.__setattr__(self, "state_covariance", joint)
+        return flaw if all_finite(velocity) else f"velocity is {velocity.tolist()}"
 
 
 @dataclass(frozen=True, eq=False)

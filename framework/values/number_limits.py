@@ -46,7 +46,7 @@ def bounded(tracks: Tracks, scene: Scene | None) -> Bounded | None:
     - so do those before a leap, see `LEAP`;
     - an eigenvalue of a covariance above `VAGUEST`^2 counts as that much, so that the obstacle
       is still forecast near the place where it was seen;
-    - a radius counts as `FARTHEST` at most;
+    - a radius counts as `FARTHEST` at most, and so does a tracked velocity along an axis;
     - what is below `FINEST` counts as 0, without a reason: nothing is that exact;
     - a time step counts as the nearest limit, for all obstacles;
     - a goal of the scene counts as one in the same direction at the limit, its plan or state
@@ -63,16 +63,12 @@ def bounded(tracks: Tracks, scene: Scene | None) -> Bounded | None:
     radius = np.minimum(tracks.radius, FARTHEST) if wide.any() else tracks.radius
     dt = min(max(tracks.dt, SHORTEST), LONGEST)
     near = None if scene is None else _scene(scene)
-    new = (positions, noise, tracker, radius, dt, near)
-    old = (
-        tracks.positions,
-        tracks.noise,
-        tracks.state_covariance,
-        tracks.radius,
-        tracks.dt,
-        scene,
-    )
-    if all(one is other for one, other in zip(new, old, strict=True)):
+    velocity, fast = _speeds(tracks.velocity, len(tracks))
+    new: dict[str, Any] = {
+        **{"positions": positions, "noise": noise, "state_covariance": tracker},
+        **{"velocity": velocity, "radius": radius, "dt": dt},
+    }
+    if near is scene and all(value is getattr(tracks, name) for name, value in new.items()):
         return None
     causes = {
         f"steps of {tracks.dt:.3g} s, taken as {dt:g} s": np.full(len(tracks), dt != tracks.dt),
@@ -80,15 +76,13 @@ def bounded(tracks: Tracks, scene: Scene | None) -> Bounded | None:
         f"a leap of more than {LEAP:g} m, taken as a new beginning": leapt,
         f"known to more than {VAGUEST:g} m, taken as that": vague,
         f"a radius above {FARTHEST:g} m, taken as that": wide,
+        f"a velocity above {FARTHEST:g} m/s, taken as that": fast,
     }
     reasons = tuple(
         "; ".join(cause for cause, where in causes.items() if where[index]) or None
         for index in range(len(tracks))
     )
-    within = replace(
-        tracks, positions=positions, noise=noise, state_covariance=tracker, radius=radius, dt=dt
-    )
-    return Bounded(within, near, reasons)
+    return Bounded(replace(tracks, **new), near, reasons)
 
 
 def _places(positions: Array) -> tuple[Array, BoolArray]:
@@ -137,6 +131,14 @@ def _spreads(covariance: Array) -> tuple[Array, BoolArray]:
         capped = (vectors * values[:, None, :]) @ vectors.swapaxes(1, 2)
         kept[vague] = 0.5 * (capped + capped.swapaxes(1, 2))
     return kept, vague
+
+
+def _speeds(velocity: Array | None, count: int) -> tuple[Array | None, BoolArray]:
+    """Return velocities within the limits, (O, D), and which were larger, (O,)."""
+    if velocity is None or not _beyond(velocity, FARTHEST):
+        return velocity, np.zeros(count, dtype=np.bool_)
+    fast = np.asarray((np.abs(velocity) > FARTHEST).any(axis=1), dtype=np.bool_)
+    return np.clip(velocity, -FARTHEST, FARTHEST), fast
 
 
 def _scene(scene: Scene) -> Scene:

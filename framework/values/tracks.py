@@ -22,11 +22,12 @@ class Tracks:
     stamp : s, time of the newest sample.
     state_covariance : (O, 2D, 2D) covariance of position and velocity from a tracker, or
         None if there is none.
+    velocity : (O, D), m/s, at the newest observed sample from the same tracker, or None.
 
     Raises
     ------
     WideberthError : shapes that do not fit, dt or radius not positive, covariance not PSD,
-        repeated ids, infinite positions.
+        repeated ids, infinite positions, a velocity without a state covariance.
     """
 
     positions: Array
@@ -36,6 +37,7 @@ class Tracks:
     noise: Array
     stamp: float = 0.0
     state_covariance: Array | None = None
+    velocity: Array | None = None
 
     def __post_init__(self) -> None:
         positions = checked(
@@ -66,6 +68,11 @@ class Tracks:
             shape = (count, 2 * size, 2 * size)
             joint = checked_covariance("tracks.state_covariance", self.state_covariance, shape)
             object.__setattr__(self, "state_covariance", joint)
+        if self.velocity is not None:
+            if self.state_covariance is None:
+                raise WideberthError("tracks.velocity comes alone; state state_covariance as well")
+            velocity = checked("tracks.velocity", self.velocity, (count, size))
+            object.__setattr__(self, "velocity", velocity)
 
     def __repr__(self) -> str:
         """Say who was tracked, for how long, and how much of it was observed."""
@@ -87,7 +94,7 @@ class Tracks:
 
     def select(self, index: list[int]) -> "Tracks":
         """Return the tracks with these indices, in this order."""
-        joint = self.state_covariance
+        joint, velocity = self.state_covariance, self.velocity
         return Tracks(
             self.positions[index],
             self.dt,
@@ -96,4 +103,5 @@ class Tracks:
             self.noise[index],
             self.stamp,
             None if joint is None else joint[index],
+            None if velocity is None else velocity[index],
         )

@@ -251,11 +251,16 @@ def measured_update(
     return state, covariance, density
 
 
-def _tracked(filtered: Filtered, tracker: Array, known: BoolArray) -> tuple[Array, Array]:
-    """States and covariances, with the tracker's position and covariance where known."""
+def _tracked(
+    filtered: Filtered, tracker: Array, velocity: Array | None, samples: IntArray
+) -> tuple[Array, Array]:
+    """States and covariances, with the tracker's own where the velocity is known."""
     state, start = filtered.state.copy(), filtered.covariance.copy()
     both = tracker.shape[1]
+    known = samples > (1 if velocity is None else 0)
     state[known, : both // 2] = 0.0
+    if velocity is not None:
+        state[known, both // 2 : both] = velocity[known]
     start[known, :both, both:] = 0.0
     start[known, both:, :both] = 0.0
     start[known, :both, :both] = tracker[known]
@@ -270,13 +275,14 @@ def roll_out(
     Where the tracks carry a tracker's ``state_covariance``, their positions are estimates
     that hold all earlier measurements, with errors that are not independent as R takes them
     to be. The newest one is then the position, and the tracker's covariance takes the place
-    of the filter's own for position and velocity; only the mean of the velocity (the tracks
-    do not carry it) and components beyond it come from the filter.
+    of the filter's own for position and velocity. The mean of the velocity is the tracker's
+    where the tracks carry it, else the filter's, as components beyond it always are.
     """
     state, start = filtered.state, filtered.covariance
     size = tracks.dimension
     if tracks.state_covariance is not None:
-        state, start = _tracked(filtered, tracks.state_covariance, past.samples > 1)
+        tracker = tracks.state_covariance
+        state, start = _tracked(filtered, tracker, tracks.velocity, past.samples)
     growth = _growth(model, size, steps + int(past.late.max(initial=0)))
     moved = np.einsum("nds,os->ond", growth.reads, state)
     spread = growth.covariances(start)
