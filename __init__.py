@@ -14,7 +14,7 @@ _NAMES = {
     "wideberth.experiments.engine.result": "open_result",
 }
 """Module -> its names that are public here, which are imported on first use."""
-_ROOMS = "controllers experiments framework predictors regions robots simulation"
+_ROOMS = "controllers experiments framework perception predictors regions robots simulation"
 
 # The name is whole: relative imports would make a second copy of the package when pytest imports
 # the checkout folder itself.

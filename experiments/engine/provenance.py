@@ -14,7 +14,8 @@ from .citing import parts
 
 PACKAGE = Path(__file__).resolve().parents[2]
 ROOMS = (
-    "framework", "predictors", "regions", "robots", "controllers", "simulation", "experiments",
+    "framework", "predictors", "regions", "robots", "controllers", "perception", "simulation",
+    "experiments",
 )  # fmt: skip
 LIBRARIES = (
     "casadi", "cvxpy", "filterpy", "jax", "joblib", "matplotlib", "numba", "numpy", "pydantic",

@@ -41,6 +41,9 @@ ROOMS = {
     "static_regions": Room("wideberth.regions.static", f"{_FRAMEWORK}.static_region:StaticRegion"),
     "robots": Room("wideberth.robots", f"{_FRAMEWORK}.robot:Robot"),
     "controllers": Room("wideberth.controllers", f"{_FRAMEWORK}.controller:Controller"),
+    "state_estimators": Room(
+        "wideberth.perception.state", f"{_FRAMEWORK}.state_estimator:StateEstimator"
+    ),
     "solvers": Room(f"{_FRAMEWORK}.mpc.solvers", f"{_FRAMEWORK}.mpc.solvers.base:Solver"),
     "levels": Room(f"{_FRAMEWORK}.mpc.levels", f"{_FRAMEWORK}.mpc.levels.base:LevelPolicy"),
     "slot_kinds": Room(f"{_FRAMEWORK}.mpc.slots", f"{_FRAMEWORK}.mpc.slots.base:SlotKind"),

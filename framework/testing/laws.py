@@ -17,6 +17,7 @@ CHECKS = {
     "check_cost": f"{_HERE}.cost",
     "check_slot_kind": f"{_HERE}.slot_kind",
     "check_controller": f"{_HERE}.controller",
+    "check_state_estimator": f"{_HERE}.state_estimator",
     "check_solver": f"{_HERE}.solver",
     "check_scenario": "wideberth.simulation.scenarios.checking",
 }

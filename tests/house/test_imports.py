@@ -14,9 +14,10 @@ ROOMS = {
     "regions": {"framework"},
     "robots": {"framework"},
     "controllers": {"framework"},
+    "perception": {"framework"},
     "simulation": {"framework"},
     "experiments": {
-        "framework", "predictors", "regions", "robots", "controllers", "simulation",
+        "framework", "predictors", "regions", "robots", "controllers", "perception", "simulation",
     },
 }  # fmt: skip
 HEAVY = {
@@ -71,6 +72,8 @@ ARROWS: dict[str, set[str]] = {
         INTERFACES, "framework/mpc/planner", "framework/plugins", "framework/tracking",
         "framework/values",
     },
+    "perception": set(),
+    "perception/state": set(),
     "predictors": {"predictors/core"},
     "predictors/core": set(),
     "regions": set(),

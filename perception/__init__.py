@@ -1,0 +1,1 @@
+"""Perception: what a robot concludes from its sensors, one group of files per question."""
