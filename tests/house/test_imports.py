@@ -22,7 +22,7 @@ ROOMS = {
 }  # fmt: skip
 HEAVY = {
     "statsmodels", "filterpy", "jax", "cvxpy", "llvmlite", "matplotlib", "pandas", "pydantic",
-    "numba",
+    "numba", "mujoco",
 }  # fmt: skip
 COMPILED = ROOT / "framework" / "mpc" / "solvers" / "riccati" / "_core.py"
 """The file for Numba, imported only to be compiled. Its functions are longer: whatever a
@@ -79,6 +79,7 @@ ARROWS: dict[str, set[str]] = {
     "regions": set(),
     "regions/static": {"regions"},
     "simulation/drawing": set(),
+    "simulation/physics": set(),
     "simulation/log": {"simulation/drawing"},
     "simulation/sensing": set(),
     "simulation/measures": {"simulation/log"},
