@@ -1,6 +1,7 @@
 """The physical world: how robots drive, touch and fall, and that runs repeat to the byte."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -181,7 +182,10 @@ def test_a_robot_pushed_over_says_so_and_stops() -> None:
     assert one.status("b") == ""
 
 
-def test_a_world_without_a_finite_solution_says_so() -> None:
+def test_a_world_without_a_finite_solution_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes MUJOCO_LOG.TXT where it stands
     one = world(PhysicalRobot("a", sensors=(Lidar(), InertialUnit())))
     one.advance(0.2)
     one._data.qvel[0] = np.nan
