@@ -6,15 +6,15 @@ __version__ = "0.1.0"
 
 _NAMES = {
     "wideberth.framework": """
-        Adaptive Command Controller Detection Discs Fittable Forecast GaussianObstacle Observation
-        Outline Path Plan Polygon Pose Predictor Region Robot Scene StaticRegion Tracks Twist
-        WideberthError Windows build cut_windows load load_plugin names recommended register
-        resampled_tracks save_plugin
+        Adaptive Command Controller Costmap Detection Discs Fittable Forecast GaussianObstacle
+        Inflation Observation OccupancyGrid Outline Path Plan Polygon Pose Predictor Region Robot
+        Route RoutePlanner Scene StaticRegion Tracks Twist WideberthError Windows build
+        cut_windows load load_plugin names recommended register resampled_tracks save_plugin
     """,
     "wideberth.experiments.engine.result": "open_result",
 }
 """Module -> its names that are public here, which are imported on first use."""
-_ROOMS = "controllers experiments framework perception predictors regions robots simulation"
+_ROOMS = "controllers experiments framework perception predictors regions robots routes simulation"
 
 # The name is whole: relative imports would make a second copy of the package when pytest imports
 # the checkout folder itself.

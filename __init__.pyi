@@ -9,12 +9,15 @@ from . import framework as framework
 from .framework import Adaptive as Adaptive
 from .framework import Command as Command
 from .framework import Controller as Controller
+from .framework import Costmap as Costmap
 from .framework import Detection as Detection
 from .framework import Discs as Discs
 from .framework import Fittable as Fittable
 from .framework import Forecast as Forecast
 from .framework import GaussianObstacle as GaussianObstacle
+from .framework import Inflation as Inflation
 from .framework import Observation as Observation
+from .framework import OccupancyGrid as OccupancyGrid
 from .framework import Outline as Outline
 from .framework import Path as Path
 from .framework import Plan as Plan
@@ -23,6 +26,8 @@ from .framework import Pose as Pose
 from .framework import Predictor as Predictor
 from .framework import Region as Region
 from .framework import Robot as Robot
+from .framework import Route as Route
+from .framework import RoutePlanner as RoutePlanner
 from .framework import Scene as Scene
 from .framework import StaticRegion as StaticRegion
 from .framework import Tracks as Tracks
@@ -39,6 +44,7 @@ from . import perception as perception
 from . import predictors as predictors
 from . import regions as regions
 from . import robots as robots
+from . import routes as routes
 from . import simulation as simulation
 from pathlib import Path as _Path
 from typing import Any as _Any, Literal as _Literal, overload as _overload
@@ -61,6 +67,9 @@ _controllers_name = _Literal['controllers', 'controller']
 from .perception import state as _state_estimators
 from .framework.state_estimator import StateEstimator as _state_estimators_base
 _state_estimators_name = _Literal['state_estimators', 'state_estimator']
+from . import routes as _route_planners
+from .framework.route_planner import RoutePlanner as _route_planners_base
+_route_planners_name = _Literal['route_planners', 'route_planner']
 from .framework.mpc import solvers as _solvers
 from .framework.mpc.solvers.base import Solver as _solvers_base
 _solvers_name = _Literal['solvers', 'solver']
@@ -194,6 +203,10 @@ def build(room: _state_estimators_name, value: _Literal['ekf'], path: str = "", 
 @_overload
 def build(room: _state_estimators_name, value: _Literal['ukf'], path: str = "", default: _Any = None) -> _state_estimators.Ukf: ...
 @_overload
+def build(room: _route_planners_name, value: _Literal['navfn'], path: str = "", default: _Any = None) -> _route_planners.NavFn: ...
+@_overload
+def build(room: _route_planners_name, value: _Literal['smoothed'], path: str = "", default: _Any = None) -> _route_planners.Smoothed: ...
+@_overload
 def build(room: _solvers_name, value: _Literal['ipopt'], path: str = "", default: _Any = None) -> _solvers.Ipopt: ...
 @_overload
 def build(room: _solvers_name, value: _Literal['fatrop'], path: str = "", default: _Any = None) -> _solvers.Fatrop: ...
@@ -301,6 +314,8 @@ def build(room: _robots_name, value: _Any, path: str = "", default: _Any = None)
 def build(room: _controllers_name, value: _Any, path: str = "", default: _Any = None) -> _controllers_base: ...
 @_overload
 def build(room: _state_estimators_name, value: _Any, path: str = "", default: _Any = None) -> _state_estimators_base: ...
+@_overload
+def build(room: _route_planners_name, value: _Any, path: str = "", default: _Any = None) -> _route_planners_base: ...
 @_overload
 def build(room: _solvers_name, value: _Any, path: str = "", default: _Any = None) -> _solvers_base: ...
 @_overload
@@ -430,6 +445,10 @@ def load(room: _state_estimators_name, target: _Literal['ekf']) -> type[_state_e
 @_overload
 def load(room: _state_estimators_name, target: _Literal['ukf']) -> type[_state_estimators.Ukf]: ...
 @_overload
+def load(room: _route_planners_name, target: _Literal['navfn']) -> type[_route_planners.NavFn]: ...
+@_overload
+def load(room: _route_planners_name, target: _Literal['smoothed']) -> type[_route_planners.Smoothed]: ...
+@_overload
 def load(room: _solvers_name, target: _Literal['ipopt']) -> type[_solvers.Ipopt]: ...
 @_overload
 def load(room: _solvers_name, target: _Literal['fatrop']) -> type[_solvers.Fatrop]: ...
@@ -538,6 +557,8 @@ def load(room: _controllers_name, target: str) -> type[_controllers_base]: ...
 @_overload
 def load(room: _state_estimators_name, target: str) -> type[_state_estimators_base]: ...
 @_overload
+def load(room: _route_planners_name, target: str) -> type[_route_planners_base]: ...
+@_overload
 def load(room: _solvers_name, target: str) -> type[_solvers_base]: ...
 @_overload
 def load(room: _levels_name, target: str) -> type[_levels_base]: ...
@@ -564,6 +585,8 @@ def load_plugin(path: str | _Path, room: _controllers_name) -> _controllers_base
 @_overload
 def load_plugin(path: str | _Path, room: _state_estimators_name) -> _state_estimators_base: ...
 @_overload
+def load_plugin(path: str | _Path, room: _route_planners_name) -> _route_planners_base: ...
+@_overload
 def load_plugin(path: str | _Path, room: _solvers_name) -> _solvers_base: ...
 @_overload
 def load_plugin(path: str | _Path, room: _levels_name) -> _levels_base: ...
@@ -577,4 +600,4 @@ def load_plugin(path: str | _Path, room: _scenarios_name) -> _scenarios_base: ..
 def load_plugin(path: str | _Path, room: _experiments_name) -> _experiments_base: ...
 @_overload
 def load_plugin(path: str | _Path, room: str) -> _Any: ...
-__all__ = ['Adaptive', 'Command', 'Controller', 'Detection', 'Discs', 'Fittable', 'Forecast', 'GaussianObstacle', 'Observation', 'Outline', 'Path', 'Plan', 'Polygon', 'Pose', 'Predictor', 'Region', 'Robot', 'Scene', 'StaticRegion', 'Tracks', 'Twist', 'WideberthError', 'Windows', 'build', 'cut_windows', 'load', 'load_plugin', 'names', 'open_result', 'recommended', 'register', 'resampled_tracks', 'save_plugin']
+__all__ = ['Adaptive', 'Command', 'Controller', 'Costmap', 'Detection', 'Discs', 'Fittable', 'Forecast', 'GaussianObstacle', 'Inflation', 'Observation', 'OccupancyGrid', 'Outline', 'Path', 'Plan', 'Polygon', 'Pose', 'Predictor', 'Region', 'Robot', 'Route', 'RoutePlanner', 'Scene', 'StaticRegion', 'Tracks', 'Twist', 'WideberthError', 'Windows', 'build', 'cut_windows', 'load', 'load_plugin', 'names', 'open_result', 'recommended', 'register', 'resampled_tracks', 'save_plugin']

@@ -4,6 +4,7 @@
 
 from .controller import Controller as Controller
 from .mpc.planner.recommended import recommended as recommended
+from .numerics.inflation import Inflation as Inflation
 from .plugins.config import build as build
 from .plugins.config import describe as describe
 from .plugins.config import load_plugin as load_plugin
@@ -17,10 +18,13 @@ from .predictor import Fittable as Fittable
 from .predictor import Predictor as Predictor
 from .region import Region as Region
 from .robot import Robot as Robot
+from .route_planner import Route as Route
+from .route_planner import RoutePlanner as RoutePlanner
 from .static_region import StaticRegion as StaticRegion
 from .tracking.resampling import resampled_tracks as resampled_tracks
 from .tracking.windows import Windows as Windows
 from .tracking.windows import cut_windows as cut_windows
+from .values.costmap import Costmap as Costmap
 from .values.errors import WideberthError as WideberthError
 from .values.footprint import Discs as Discs
 from .values.footprint import Outline as Outline
@@ -32,8 +36,9 @@ from .values.motion import Detection as Detection
 from .values.motion import Observation as Observation
 from .values.motion import Pose as Pose
 from .values.motion import Twist as Twist
+from .values.occupancy_grid import OccupancyGrid as OccupancyGrid
 from .values.path import Path as Path
 from .values.plan import Plan as Plan
 from .values.polygon import Polygon as Polygon
 from .values.tracks import Tracks as Tracks
-__all__ = ['Adaptive', 'Command', 'Controller', 'Detection', 'Discs', 'Fittable', 'Forecast', 'GaussianObstacle', 'Observation', 'Outline', 'Path', 'Plan', 'Polygon', 'Pose', 'Predictor', 'Region', 'Robot', 'Scene', 'StaticRegion', 'Tracks', 'Twist', 'WideberthError', 'Windows', 'build', 'cut_windows', 'describe', 'load', 'load_plugin', 'names', 'read_config', 'recommended', 'register', 'resampled_tracks', 'save_plugin']
+__all__ = ['Adaptive', 'Command', 'Controller', 'Costmap', 'Detection', 'Discs', 'Fittable', 'Forecast', 'GaussianObstacle', 'Inflation', 'Observation', 'OccupancyGrid', 'Outline', 'Path', 'Plan', 'Polygon', 'Pose', 'Predictor', 'Region', 'Robot', 'Route', 'RoutePlanner', 'Scene', 'StaticRegion', 'Tracks', 'Twist', 'WideberthError', 'Windows', 'build', 'cut_windows', 'describe', 'load', 'load_plugin', 'names', 'read_config', 'recommended', 'register', 'resampled_tracks', 'save_plugin']

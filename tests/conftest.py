@@ -15,6 +15,7 @@ GOLDEN = Path(__file__).with_name("golden_regions.json")
 DENSE = Path(__file__).parent / "data" / "dense"
 LARGE, PAGE = 600e6, 4096
 """Bytes: of a test process that drops what it has compiled, and of a page of memory."""
+NAV2 = Path(__file__).parent / "data" / "nav2"
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 LONG = (
     "benchmarks/test_benchmarks.py",
@@ -50,6 +51,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         default=str(DENSE),
         help="golden cases of the dense benchmarks (default: the copy in tests/data/dense)",
     )
+    parser.addoption(
+        "--golden-nav2",
+        metavar="FOLDER",
+        default=str(NAV2),
+        help="golden cases recorded from Nav2 (default: some of them, copied to tests/data/nav2)",
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -79,6 +86,11 @@ def golden_path(request: pytest.FixtureRequest) -> Path:
 @pytest.fixture(scope="session")
 def dense_folder(request: pytest.FixtureRequest) -> Path:
     return Path(str(request.config.getoption("--dense")))
+
+
+@pytest.fixture(scope="session")
+def nav2_folder(request: pytest.FixtureRequest) -> Path:
+    return Path(str(request.config.getoption("--golden-nav2")))
 
 
 @pytest.fixture(scope="session")

@@ -23,6 +23,7 @@ INTERFACES = {
     "wideberth.framework.static_region": ("StaticRegion",),
     "wideberth.framework.robot": ("Robot",),
     "wideberth.framework.controller": ("Controller",),
+    "wideberth.framework.route_planner": ("RoutePlanner", "Route"),
     "wideberth.framework.mpc.levels.base": ("LevelPolicy", "SharedLevel"),
     "wideberth.framework.mpc.costs.base": ("Cost", "ProgressCost", "Weights", "Moment"),
     "wideberth.framework.mpc.solvers.base": (
@@ -44,6 +45,7 @@ ROOM_TITLES = {
         "Controllers",
         "From observations to commands: our planner and its rivals.",
     ),
+    "route_planners": ("Route planners", "From a costmap to a path."),
     "levels": ("Level policies", "How large is each region?"),
     "costs": ("Costs", "What makes a plan good?"),
     "solvers": ("Solvers", "They solve the optimisation problem of a plan."),

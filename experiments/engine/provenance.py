@@ -14,8 +14,8 @@ from .citing import parts
 
 PACKAGE = Path(__file__).resolve().parents[2]
 ROOMS = (
-    "framework", "predictors", "regions", "robots", "controllers", "perception", "simulation",
-    "experiments",
+    "framework", "predictors", "regions", "robots", "controllers", "perception", "routes",
+    "simulation", "experiments",
 )  # fmt: skip
 LIBRARIES = (
     "casadi", "cvxpy", "filterpy", "jax", "joblib", "matplotlib", "numba", "numpy", "pydantic",

@@ -16,6 +16,7 @@ CHECKS = {
     "check_level": f"{_HERE}.level",
     "check_cost": f"{_HERE}.cost",
     "check_slot_kind": f"{_HERE}.slot_kind",
+    "check_route_planner": f"{_HERE}.route_planner",
     "check_controller": f"{_HERE}.controller",
     "check_state_estimator": f"{_HERE}.state_estimator",
     "check_solver": f"{_HERE}.solver",

@@ -1,5 +1,6 @@
 """Static polygons, their convex parts, and signed distances between convex bodies."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
@@ -321,8 +322,8 @@ _FLAT = 1e-10
 Ring = list[int]
 
 
-def convex_parts(points: Array, corners: int) -> tuple[Array, ...]:
-    """Convex parts that tile a simple polygon.
+def convex_parts(points: Array, corners: int, holes: Sequence[Array] = ()) -> tuple[Array, ...]:
+    """Convex parts that tile a simple polygon, with holes or without.
 
     A constrained Delaunay triangulation; then its diagonals are taken in order of length, the
     longest first, and one is removed where the two parts beside it form a convex part. There
@@ -333,6 +334,7 @@ def convex_parts(points: Array, corners: int) -> tuple[Array, ...]:
     ----------
     points : (V, 2), m, counter-clockwise, a simple polygon.
     corners : most vertices of a part, at least 3.
+    holes : each (V, 2), m, clockwise; they may touch the polygon or each other at corners.
 
     Returns
     -------
@@ -343,18 +345,37 @@ def convex_parts(points: Array, corners: int) -> tuple[Array, ...]:
     S. Hertel and K. Mehlhorn, Fast triangulation of simple polygons, FCT 1983 (BibTeX key
     hertel1983triangulation), for the merging and its bound.
     """
-    points = points[_pruned(points, list(range(len(points))))]
+    if not holes:  # a hole may touch a corner that stands on a straight line
+        points = points[_pruned(points, list(range(len(points))))]
+    rings = [points, *holes]
+    points = np.concatenate(rings)
     parts = [list(range(len(points)))]
-    if not _convex(points, parts[0]):
-        parts = _triangles(points)
-        for edge in _diagonals(points, parts):
-            first, second = (part for part in parts if edge <= set(part))
-            merged = _merged(first, second, edge)
-            if _convex(points, merged):
-                parts[parts.index(first)] = merged
-                parts.remove(second)
+    if holes or not _convex(points, parts[0]):
+        parts = _joined(points, _triangles(points, rings))
     kept = [half for part in parts for half in _halved(_pruned(points, part), corners)]
     return tuple(points[part] for part in kept)
+
+
+def _joined(points: Array, parts: list[Ring]) -> list[Ring]:
+    """Join triangles to convex parts across the edges that they share."""
+    beside: dict[frozenset[int], list[int]] = {}
+    for place, ring in enumerate(parts):
+        for edge in map(frozenset, zip(ring, ring[1:] + ring[:1], strict=True)):
+            beside.setdefault(edge, []).append(place)
+    home = list(range(len(parts)))  # of each triangle, the part that holds it
+    held = [[place] for place in home]
+    rings: list[Ring | None] = [*parts]
+    for edge in _diagonals(points, beside):
+        one, two = sorted(home[place] for place in beside[edge])
+        first, second = rings[one], rings[two]
+        assert first is not None and second is not None
+        merged = _merged(first, second, edge)
+        if _convex(points, merged):
+            rings[one], rings[two] = merged, None
+            held[one] += held[two]
+            for place in held[two]:
+                home[place] = one
+    return [ring for ring in rings if ring is not None]
 
 
 def _halved(ring: Ring, corners: int) -> list[Ring]:
@@ -366,34 +387,27 @@ def _halved(ring: Ring, corners: int) -> list[Ring]:
     return [half for piece in pieces for half in _halved(piece, corners)]
 
 
-def _triangles(points: Array) -> list[Ring]:
-    """Constrained Delaunay triangles as counter-clockwise indices of the points."""
+def _triangles(points: Array, rings: Sequence[Array]) -> list[Ring]:
+    """Constrained Delaunay triangles as counter-clockwise indices of the points of all rings."""
     import shapely
 
     index = {(float(x), float(y)): place for place, (x, y) in enumerate(points)}
-    found = shapely.constrained_delaunay_triangles(shapely.Polygon(points)).geoms
-    rings = []
+    found = shapely.constrained_delaunay_triangles(shapely.Polygon(rings[0], rings[1:])).geoms
+    triangles = []
     for triangle in found:
         corners = shapely.get_coordinates(triangle)[:3]
         ring = [index[float(x), float(y)] for x, y in corners]
         if _heights(points, ring)[0] < 0.0:
             ring.reverse()
         first = ring.index(min(ring))
-        rings.append(ring[first:] + ring[:first])
-    return sorted(rings)
+        triangles.append(ring[first:] + ring[:first])
+    return sorted(triangles)
 
 
-def _diagonals(points: Array, triangles: list[Ring]) -> list[frozenset[int]]:
+def _diagonals(points: Array, beside: Mapping[frozenset[int], list[int]]) -> list[frozenset[int]]:
     """Edges that two triangles share, the longest first."""
-    seen: set[frozenset[int]] = set()
-    shared = []
-    for ring in triangles:
-        for edge in map(frozenset, zip(ring, ring[1:] + ring[:1], strict=True)):
-            if edge in seen:
-                shared.append(edge)
-            seen.add(edge)
     return sorted(
-        shared,
+        (edge for edge, triangles in beside.items() if len(triangles) > 1),
         key=lambda edge: (
             -np.ptp(points[sorted(edge)], axis=0) @ np.ptp(points[sorted(edge)], axis=0),
             sorted(edge),

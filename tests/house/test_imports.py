@@ -15,9 +15,11 @@ ROOMS = {
     "robots": {"framework"},
     "controllers": {"framework"},
     "perception": {"framework"},
+    "routes": {"framework"},
     "simulation": {"framework"},
     "experiments": {
-        "framework", "predictors", "regions", "robots", "controllers", "perception", "simulation",
+        "framework", "predictors", "regions", "robots", "controllers", "perception", "routes",
+        "simulation",
     },
 }  # fmt: skip
 HEAVY = {
@@ -78,6 +80,7 @@ ARROWS: dict[str, set[str]] = {
     "predictors/core": set(),
     "regions": set(),
     "regions/static": {"regions"},
+    "routes": set(),
     "simulation/drawing": set(),
     "simulation/physics": set(),
     "simulation/log": {"simulation/drawing"},

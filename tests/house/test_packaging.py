@@ -12,8 +12,8 @@ import wideberth
 ROOT = Path(__file__).resolve().parents[2]
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 TOP = (
-    "framework", "predictors", "regions", "robots", "controllers", "perception", "simulation",
-    "experiments",
+    "framework", "predictors", "regions", "robots", "controllers", "perception", "routes",
+    "simulation", "experiments",
 )  # fmt: skip
 FACE = ("__init__.py", "__init__.pyi", "py.typed")
 

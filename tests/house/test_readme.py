@@ -166,7 +166,8 @@ def test_links_lead_somewhere() -> None:
 def test_files_and_modules_that_pages_name_exist() -> None:
     """Paths such as framework/region.py, and names such as wideberth.framework.testing."""
     pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")]
-    rooms = "framework|predictors|regions|robots|controllers|perception|simulation|experiments"
+    rooms = "framework|predictors|regions|robots|controllers|perception|routes|simulation"
+    rooms += "|experiments"
     for page in pages:
         text = page.read_text(encoding="utf-8")
         for name in re.findall(rf"`((?:{rooms}|benchmarks|examples|tests|docs)/[\w./-]*)`", text):
