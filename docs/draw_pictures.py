@@ -1,4 +1,4 @@
-"""Draw the pictures at the top of the README: `make pictures` writes docs/figures/."""
+"""Draw the film of the README and the map of the page on routes: `make pictures` writes them."""
 
 import io
 from pathlib import Path
@@ -8,7 +8,9 @@ import numpy as np
 from PIL import Image
 
 import wideberth
-from wideberth import GaussianObstacle
+from wideberth import Costmap, GaussianObstacle, Inflation, OccupancyGrid
+from wideberth.routes import NavFn, Smoothed
+from wideberth.routes.polygons import convex_polygons
 from wideberth.simulation.engine.agents import RobotAgent, ScriptedAgent
 from wideberth.simulation.engine.episode import run_episode
 from wideberth.simulation.engine.settings import Settings
@@ -95,9 +97,46 @@ def film(planner, episode: Episode) -> bytes:
     return buffer.getvalue()
 
 
+def hall() -> OccupancyGrid:
+    """Return the map of a hall: walls, a slanted one, a round pillar, places that nobody saw."""
+    mx, my = np.meshgrid(np.arange(160), np.arange(100))
+    wall = (mx < 3) | (mx > 156) | (my < 3) | (my > 96)
+    wall |= (np.abs(mx - 50) < 2) & (my < 62)
+    wall |= (np.abs(my - 0.45 * mx) < 2) & (mx > 90) & (mx < 135)
+    wall |= np.hypot(mx - 75, my - 72) < 7
+    cells = np.where(wall, 100, 0)
+    cells[80:97, 130:157] = -1
+    return OccupancyGrid(cells, resolution=0.1)
+
+
+def route(file: Path) -> None:
+    """Draw a map with its inflation, a route before and after smoothing, and its polygons."""
+    grid = hall()
+    layer = Inflation(inscribed_radius=0.3, inflation_radius=1.2, cost_scaling_factor=3.0)
+    costmap = layer.inflated(Costmap.from_grid(grid))
+    figure, panels = plt.subplots(1, 2, figsize=(9.6, 3.6), layout="constrained", sharey=True)
+    costmap.plot(panels[0])
+    for planner, style, label in (
+        (NavFn(), "--", "NavFn"),
+        (Smoothed(length=0.8), "-", "smoothed"),
+    ):
+        path = planner.plan(costmap, (1.5, 1.5), (14.2, 2.0)).path
+        panels[0].plot(*path.points.T, style, color="#d55e00", linewidth=1.4, label=label)
+    polygons = convex_polygons(grid, tolerance=0.1)
+    grid.plot(panels[1])
+    for one in polygons:
+        panels[1].fill(*one.points.T, facecolor="none", edgecolor="#0072b2", linewidth=1.2)
+    panels[0].legend(loc="upper left", framealpha=1.0)
+    panels[0].set(title="costs and routes")
+    panels[1].set(title=f"{len(polygons)} polygons")
+    figure.savefig(file, dpi=110, bbox_inches="tight")
+    plt.close(figure)
+
+
 if __name__ == "__main__":
     planner, episode = drive()
     FOLDER.mkdir(exist_ok=True)
+    route(FOLDER / "routes.png")
     written = FOLDER / "episode.gif"
     written.write_bytes(film(planner, episode))
     print(f"{written}: {written.stat().st_size / 1e3:.0f} kB, {episode.duration:.1f} s")

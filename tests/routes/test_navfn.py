@@ -97,6 +97,22 @@ def test_a_goal_in_an_obstacle_gives_a_route_that_ends_near_it() -> None:
         assert route.path is None and "lies in an obstacle" in route.reason
 
 
+def test_of_equally_near_ends_the_first_from_below_is_taken_and_the_square_has_a_border() -> None:
+    """A block of 5 x 5 cells about the goal: with 0.25 m cells its free border is at 0.75 m."""
+    cells = np.zeros((40, 40), dtype=int)
+    cells[18:23, 18:23] = 254
+    costmap = Costmap(cells, 0.25)
+    route = NavFn(tolerance=0.75).plan(costmap, (1.0, 9.0), (5.0, 5.0))
+    assert route.path is not None and route.path.goal.tolist() == [5.0, 4.25]
+    assert NavFn(tolerance=0.5).plan(costmap, (1.0, 9.0), (5.0, 5.0)).path is None
+    cells[:21] = 254  # free above the block alone: at the upper border of the square
+    route = NavFn(tolerance=0.75).plan(Costmap(cells, 0.25), (1.0, 9.0), (5.0, 5.0))
+    assert route.path is not None
+    cells[:23] = 254
+    route = NavFn(tolerance=0.75).plan(Costmap(cells, 0.25), (1.0, 9.0), (5.0, 5.0))
+    assert route.path is not None and route.path.goal.tolist() == [5.0, 5.75]
+
+
 def test_a_maze_on_a_small_map_meets_the_limit_of_cycles() -> None:
     cells = np.zeros((41, 41), dtype=int)
     for row in range(4, 40, 4):

@@ -42,12 +42,21 @@ masks = st.integers(3, 14).flatmap(
 )
 
 
+IN_THE_WAY = (
+    [[1, 1, 1, 1, 0], [1, 1, 0, 1, 1], [0, 1, 0, 0, 1], [1, 0, 1, 1, 1], [1, 0, 0, 0, 0]],
+    [[0, 1, 1, 1, 1], [1, 1, 0, 1, 1], [1, 1, 0, 0, 1], [1, 1, 1, 1, 1], [1, 1, 1, 0, 1]],
+)
+"""Maps on which outlines would cross if other corners were not looked at."""
+
+
 @settings(max_examples=120, deadline=None)
 @given(masks, st.sampled_from([0.0, 0.1, 0.2, 0.4, 1.0]))
 @example([[False] * 3] * 3, 0.1)
 @example([[True] * 3] * 3, 0.1)
 @example([[True, True, False], [True, False, True], [False, True, True]], 0.0)
 @example([[True, True, True], [True, False, True], [True, True, True]], 1.0)
+@example(IN_THE_WAY[0], 0.4)
+@example(IN_THE_WAY[1], 0.7)
 def test_random_maps(mask: list[list[bool]], tolerance: float) -> None:
     grid = grid_of(np.array(mask))
     check(grid, convex_polygons(grid, tolerance), tolerance)
@@ -74,6 +83,14 @@ def test_a_slanted_wall_is_one_polygon_with_a_tolerance() -> None:
     grid = grid_of(np.abs(my - 5 - mx // 3) <= 1)
     assert len(convex_polygons(grid, 0.0)) > 15
     assert len(convex_polygons(grid, 0.25)) == 1
+
+
+def test_the_tolerance_is_met_to_the_digit() -> None:
+    """The inner corner of a stair of one cell stands half a diagonal off the slope."""
+    deep = 0.25 / np.sqrt(2.0)
+    stairs = grid_of(np.tri(8, dtype=bool))
+    assert len(convex_polygons(stairs, 0.999 * deep)) > 1
+    assert len(convex_polygons(stairs, 1.001 * deep)) == 1
 
 
 def test_a_room_keeps_its_inside_free() -> None:
