@@ -10,7 +10,7 @@ class Detector(ABC):
     """Finds obstacles in the scan of a LiDAR.
 
     A detector's settings are the fields of a dataclass; what it remembers (which places have long
-    been occupied) is its state. Laws:
+    been occupied) is its state. Laws, checked by `wideberth.framework.testing.check_detector`:
 
     - `detect` never raises because of what was measured: an empty scan, or one without a range
       that is of use, gives no sightings and a note;

@@ -44,6 +44,7 @@ ROOMS = {
     "state_estimators": Room(
         "wideberth.perception.state", f"{_FRAMEWORK}.state_estimator:StateEstimator"
     ),
+    "detectors": Room("wideberth.perception.detection", f"{_FRAMEWORK}.detector:Detector"),
     "route_planners": Room("wideberth.routes", f"{_FRAMEWORK}.route_planner:RoutePlanner"),
     "solvers": Room(f"{_FRAMEWORK}.mpc.solvers", f"{_FRAMEWORK}.mpc.solvers.base:Solver"),
     "levels": Room(f"{_FRAMEWORK}.mpc.levels", f"{_FRAMEWORK}.mpc.levels.base:LevelPolicy"),

@@ -20,6 +20,7 @@ CHECKS = {
     "check_controller": f"{_HERE}.controller",
     "check_state_estimator": f"{_HERE}.state_estimator",
     "check_solver": f"{_HERE}.solver",
+    "check_detector": f"{_HERE}.detector",
     "check_scenario": "wideberth.simulation.scenarios.checking",
 }
 """Contract check -> the module that it stands in, which is imported on first use."""

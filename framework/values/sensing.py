@@ -171,17 +171,20 @@ class MotionEstimate:
 class Sightings:
     """What a detector finds in one scan, in the frame of the poses that it was given.
 
-    All positions are of one instant. The covariances are relative to the robot: they do not hold
-    the error of its own pose, which all of them share.
+    The covariances are relative to the robot: they do not hold the error of its own pose, which
+    all of them share. Each body was measured at an instant of its own within the scan. A tracker
+    brings all of them to the common instant, since it knows how they move.
 
     Attributes
     ----------
-    time : s, the instant.
+    time : s, instant of the scan, common to all; NaN for a scan without beams.
     positions : (O, 2), m, centres of what may move.
     covariance : (O, 2, 2), m^2.
     radius : (O,), m, of a disc that encloses each.
     static : (S, 2), m, points of what stands still.
     note : why the scan gave less than it should; "" where it did not.
+    times : (O,), s, when each was measured; () where all were at `time`.
+    origin : (2,), m, where the sensor was; None where that is not known.
 
     Raises
     ------
@@ -194,10 +197,18 @@ class Sightings:
     radius: Array
     static: Array = field(default_factory=lambda: np.zeros((0, 2)))
     note: str = ""
+    times: Array = field(default_factory=lambda: np.zeros(0))
+    origin: Array | None = None
 
     def __post_init__(self) -> None:
         positions = checked("sightings.positions", self.positions, (None, 2))
         count = len(positions)
+        if count and not isfinite(number("sightings.time", self.time)):
+            raise WideberthError(f"sightings.time is {self.time}; wanted the instant of the scan")
+        times = self.times if len(self.times) or not count else np.full(count, self.time)
+        object.__setattr__(self, "times", checked("sightings.times", times, (count,)))
+        if self.origin is not None:
+            object.__setattr__(self, "origin", checked("sightings.origin", self.origin, (2,)))
         covariance = checked_covariance("sightings.covariance", self.covariance, (count, 2, 2))
         object.__setattr__(self, "positions", positions)
         object.__setattr__(self, "covariance", covariance)
@@ -217,6 +228,10 @@ class TrackedObstacle:
     covariance : (4, 4) of the state, relative to the robot as in `Sightings`.
     radius : m.
     seen : s, when it was measured last.
+    times : (K,), s, of the measurements that were taken to be of it, oldest first; () where a
+        tracker keeps none.
+    measured : (K, 2), m, these measurements, as the detector gave them.
+    noise : (K, 2, 2), m^2, their covariances.
 
     Raises
     ------
@@ -229,9 +244,19 @@ class TrackedObstacle:
     covariance: Array
     radius: float
     seen: float
+    times: Array = field(default_factory=lambda: np.zeros(0))
+    measured: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    noise: Array = field(default_factory=lambda: np.zeros((0, 2, 2)))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "state", checked("tracked_obstacle.state", self.state, (4,)))
         covariance = checked_covariance("tracked_obstacle.covariance", self.covariance, (4, 4))
         object.__setattr__(self, "covariance", covariance)
         positive("tracked_obstacle.radius", self.radius, zero=True)
+        times = checked("tracked_obstacle.times", self.times, (None,))
+        shape = (len(times), 2)
+        object.__setattr__(self, "times", times)
+        measured = checked("tracked_obstacle.measured", self.measured, shape)
+        object.__setattr__(self, "measured", measured)
+        noise = checked_covariance("tracked_obstacle.noise", self.noise, (*shape, 2))
+        object.__setattr__(self, "noise", noise)

@@ -14,9 +14,9 @@ ROOMS = {
     "regions": {"framework"},
     "robots": {"framework"},
     "controllers": {"framework"},
-    "perception": {"framework"},
     "routes": {"framework"},
     "simulation": {"framework"},
+    "perception": {"framework"},
     "experiments": {
         "framework", "predictors", "regions", "robots", "controllers", "perception", "routes",
         "simulation",
@@ -24,7 +24,7 @@ ROOMS = {
 }  # fmt: skip
 HEAVY = {
     "statsmodels", "filterpy", "jax", "cvxpy", "llvmlite", "matplotlib", "pandas", "pydantic",
-    "numba", "mujoco",
+    "numba", "mujoco", "sklearn",
 }  # fmt: skip
 COMPILED = ROOT / "framework" / "mpc" / "solvers" / "riccati" / "_core.py"
 """The file for Numba, imported only to be compiled. Its functions are longer: whatever a
@@ -75,6 +75,7 @@ ARROWS: dict[str, set[str]] = {
         "framework/values",
     },
     "perception": set(),
+    "perception/detection": set(),
     "perception/state": set(),
     "predictors": {"predictors/core"},
     "predictors/core": set(),

@@ -1,0 +1,143 @@
+"""Where the beams of a scan met something, in the frame of the robot's poses."""
+
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from ...framework.values.arrays import Array, BoolArray, checked
+from ...framework.values.sensing import Scan
+
+IntArray: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
+EMPTY, BLIND = "the scan is empty", "no beam met anything"
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """Points that a scan met, by increasing bearing.
+
+    Attributes
+    ----------
+    points : (n, 2), m.
+    origins : (n, 2), m, where the sensor was when it cast each beam.
+    ranges : (n,), m.
+    times : (n,), s.
+    beams : (n,), number of the beam, counted by bearing over all beams of the scan.
+    total : B, beams of the scan.
+    spacing : rad between two beams.
+    sensor : (2,), m, its mean place; None where no beam has a pose.
+    """
+
+    points: Array
+    origins: Array
+    ranges: Array
+    times: Array
+    beams: IntArray
+    total: int
+    spacing: float
+    sensor: Array | None
+
+    def __len__(self) -> int:
+        """Count the points."""
+        return len(self.points)
+
+    @property
+    def closed(self) -> bool:
+        """Whether the last beam lies beside the first one."""
+        return self.total * self.spacing > 2.0 * np.pi - 0.5 * self.spacing
+
+    def select(self, chosen: BoolArray | IntArray) -> "Hits":
+        """Return some of the points."""
+        return replace(
+            self,
+            points=self.points[chosen],
+            origins=self.origins[chosen],
+            ranges=self.ranges[chosen],
+            times=self.times[chosen],
+            beams=self.beams[chosen],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Beams:
+    """All beams of a scan in the frame of the poses; NaN where a beam has no pose.
+
+    Attributes
+    ----------
+    origins : (B, 2), m, where each began.
+    directions : (B,), rad.
+    ends : (B, 2), m, where each ended; NaN where it met nothing.
+    """
+
+    origins: Array
+    directions: Array
+    ends: Array
+
+    @property
+    def known(self) -> BoolArray:
+        """Which have a pose, (B,)."""
+        return np.asarray(np.isfinite(self.directions))
+
+    @property
+    def met(self) -> BoolArray:
+        """Which ended somewhere, (B,)."""
+        return np.asarray(np.isfinite(self.ends[:, 0]))
+
+
+def beams_of(scan: Scan, poses: Array) -> Beams:
+    """Place each beam by the pose of its own instant, which takes the robot's motion out.
+
+    o = p + Rot(psi) m,   phi = psi + psi_m + bearing,   end = o + r (cos phi, sin phi)
+
+    Parameters
+    ----------
+    scan : B beams; m and psi_m are its mount, r a range.
+    poses : (B, 3), (p, psi), see `Detector.detect`. A pose that is not finite loses its beam.
+
+    Raises
+    ------
+    WideberthError : not one pose per beam.
+    """
+    poses = checked("poses", poses, (len(scan.times), 3), finite=False, reason=", one per beam")
+    known = np.asarray(np.isfinite(poses).all(axis=1))
+    poses = np.where(known[:, None], poses, np.nan)
+    heading = poses[:, 2]
+    along, aside, turn = scan.mount
+    cosine, sine = np.cos(heading), np.sin(heading)
+    shift = np.stack([cosine * along - sine * aside, sine * along + cosine * aside], axis=-1)
+    origins, directions = poses[:, :2] + shift, heading + turn + scan.bearings
+    ranges = np.where(scan.met, scan.ranges, np.nan)
+    unit = np.stack([np.cos(directions), np.sin(directions)], axis=-1)
+    return Beams(origins, directions, origins + ranges[:, None] * unit)
+
+
+def hits_of(scan: Scan, poses: Array) -> tuple[Hits, str]:
+    """Return what the beams met, and why that is less than it should be; "" where it is not.
+
+    Parameters and errors are those of `beams_of`.
+    """
+    beams = beams_of(scan, poses)
+    known = beams.known
+    bearing = np.mod(scan.bearings, 2.0 * np.pi)
+    order = np.argsort(bearing, kind="stable")
+    gaps = np.mod(bearing[order] - bearing[np.roll(order, 1)], 2.0 * np.pi)
+    if len(order) > 1:  # begin after the part that the scan does not cover
+        order = np.roll(order, -int(gaps.argmax()))
+    place = np.flatnonzero(beams.met[order])
+    chosen = order[place]
+    spacing = float(np.median(gaps)) if len(order) > 1 else 0.0
+    found = Hits(
+        *(beams.ends[chosen], beams.origins[chosen], scan.ranges[chosen], scan.times[chosen]),
+        *(place.astype(np.int64), len(order), spacing),
+        beams.origins[known].mean(axis=0) if known.any() else None,
+    )
+    if not len(order):
+        return found, EMPTY
+    if not known.all():
+        return found, f"{int((~known).sum())} of {len(known)} beams have no pose"
+    return found, "" if len(found) else BLIND
+
+
+def without(scan: Scan, lost: BoolArray) -> Scan:
+    """Return the scan as if some of its beams, (B,), had been lost."""
+    return replace(scan, ranges=np.where(lost, np.nan, scan.ranges))

@@ -1,0 +1,79 @@
+"""Beams that end on what a map shows are left out before anything is detected."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import ClassVar, final
+
+import numpy as np
+
+from ...framework.detector import Detector
+from ...framework.plugins.config import build
+from ...framework.values.arrays import Array, positive
+from ...framework.values.errors import WideberthError
+from ...framework.values.polygon import Polygon
+from ...framework.values.sensing import Scan, Sightings
+from .hits import beams_of, without
+
+
+@final
+@dataclass(eq=False)
+class OutsideMap(Detector):
+    """Detects what a map does not show.
+
+    Points within ``tolerance`` of a polygon are static: they take no part in the detection of
+    ``detector``. Somebody who leans on a wall is lost to that distance.
+
+    Parameters
+    ----------
+    detector : finds bodies in what is left.
+    polygons : of the map, in the frame of the poses.
+    tolerance : m; more than the error of the pose in the map and of a range together.
+
+    Raises
+    ------
+    WideberthError : a tolerance that is not positive, something else than polygons.
+    """
+
+    reference: ClassVar[str] = ""
+
+    detector: Detector = field(default_factory=partial(build, "detectors", "discs"))
+    polygons: tuple[Polygon, ...] = ()
+    tolerance: float = 0.2
+
+    def __post_init__(self) -> None:
+        positive("outside_map.tolerance", self.tolerance)
+        self.polygons = _all_polygons(self.polygons)
+
+    def reset(self) -> None:
+        """Forget what the inner detector remembers."""
+        self.detector.reset()
+
+    def detect(self, scan: Scan, poses: Array) -> Sightings:
+        """Find what the map does not show; see `Detector.detect`."""
+        beams = beams_of(scan, poses)
+        shown = beams.met
+        if self.polygons:
+            shown[shown] = _distance(beams.ends[shown], self.polygons) < self.tolerance
+        else:
+            shown[:] = False
+        found = self.detector.detect(without(scan, shown), poses)
+        return replace(found, static=np.concatenate([found.static, beams.ends[shown]]))
+
+
+def _all_polygons(values: Iterable[Polygon]) -> tuple[Polygon, ...]:
+    found = tuple(values)
+    for one in found:
+        if not isinstance(one, Polygon):
+            raise WideberthError(
+                f"outside_map.polygons holds a {type(one).__name__}; wanted Polygon"
+            )
+    return found
+
+
+def _distance(points: Array, polygons: Iterable[Polygon]) -> Array:
+    """Distance of points from the nearest polygon, (n,), m; 0 inside one."""
+    import shapely
+
+    shapes = [shapely.Polygon(polygon.points) for polygon in polygons]
+    return np.asarray(shapely.distance(shapely.points(points)[:, None], shapes).min(axis=1))

@@ -1,0 +1,339 @@
+"""Detectors against rays on discs and boxes whose place is known."""
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wideberth import Polygon, WideberthError
+from wideberth.framework.detector import Detector
+from wideberth.framework.plugins.registry import load, names
+from wideberth.framework.testing.detector import check_detector, laws
+from wideberth.framework.values.arrays import Array
+from wideberth.framework.values.sensing import Scan, Sightings
+from wideberth.perception.detection.chords import Chords
+from wideberth.perception.detection.disc_fit import box, cylinder, fit_disc
+from wideberth.perception.detection.discs import Discs
+from wideberth.perception.detection.groups import by_gap
+from wideberth.perception.detection.hits import hits_of
+from wideberth.perception.detection.outside_map import OutsideMap
+from wideberth.perception.detection.over_time import OverTime
+from wideberth.tests.helpers.contracts import Contract
+from wideberth.tests.oracles.ray_casting import box_corners, cast, scan_of
+
+LARGE, SMALL = (0.60, 0.45), (0.25, 0.215)
+CONTRACT = Contract.of([load("detectors", name)() for name in names("detectors")], laws)
+STANDING = np.zeros((360, 3))
+
+
+@pytest.mark.parametrize(("detector", "law"), CONTRACT.cases())
+def test_contract(detector: str, law: str) -> None:
+    CONTRACT.check(detector, law)
+
+
+def test_density_keeps_the_contract() -> None:
+    pytest.importorskip("sklearn", reason="groups by density need scikit-learn")
+    check_detector(Discs(groups="density"))
+
+
+def test_the_contract_finds_a_detector_that_does_not_turn() -> None:
+    class Stiff(Detector):
+        def reset(self) -> None: ...
+
+        def detect(self, scan: Scan, poses: Array) -> Sightings:
+            found = Discs().detect(scan, poses)
+            return replace(found, positions=np.round(found.positions, 1))
+
+    with pytest.raises(AssertionError, match="turning and shifting: turned and shifted by"):
+        check_detector(Stiff())
+
+
+def away(distance: float, bearing: float) -> Array:
+    return distance * np.array([np.cos(bearing), np.sin(bearing)])
+
+
+def errors(
+    detector: Detector, distance: float, bodies: int, seed: int, half: tuple[float, float] | float
+) -> tuple[Array, Array]:
+    """Errors along and across the line of sight, (n, 2), m, and NEES, (n,), of those found."""
+    rng = np.random.default_rng(seed)
+    found, squares = [], []
+    for bearing in rng.uniform(-np.pi, np.pi, bodies):
+        centre = away(distance, bearing)
+        if isinstance(half, float):
+            scan = scan_of(STANDING, rng, [(centre, half)])
+        else:
+            corners = box_corners(centre, half, rng.uniform(-np.pi, np.pi))
+            scan = scan_of(STANDING, rng, [], [corners])
+        seen = detector.detect(scan, STANDING)
+        if not len(seen.positions):
+            continue
+        assert len(seen.positions) == 1
+        error = seen.positions[0] - centre
+        found.append([error @ away(1, bearing), error @ away(1, bearing + np.pi / 2)])
+        squares.append(error @ np.linalg.solve(seen.covariance[0], error))
+    return np.array(found), np.array(squares)
+
+
+@pytest.mark.parametrize("radius", [0.3, 0.75])
+@pytest.mark.parametrize("distance", [3.0, 8.0])
+def test_cylinders_are_found_without_bias_and_as_sure_as_stated(
+    radius: float, distance: float
+) -> None:
+    """Two degrees of freedom: NEES is 2 on average, with variance 4 / n."""
+    found, squares = errors(Discs((radius,), floor=0.0), distance, 150, 1, radius)
+    assert len(found) == 150
+    assert np.abs(found.mean(axis=0)).max() < 1e-3
+    assert abs(squares.mean() - 2.0) < 3.0 * 2.0 / np.sqrt(len(squares))
+    assert found.std(axis=0).max() < 0.01
+
+
+def test_the_floor_makes_detections_of_one_scan_conservative() -> None:
+    _, squares = errors(Discs((0.75,)), 5.0, 100, 2, 0.75)
+    assert 0.7 < squares.mean() < 2.0
+
+
+@pytest.mark.parametrize(
+    ("half", "bias", "deviation"),
+    [(LARGE, 0.175, (0.042, 0.085)), (SMALL, 0.078, (0.013, 0.032))],
+)
+def test_a_box_taken_for_its_disc_is_found_too_far_away(
+    half: tuple[float, float], bias: float, deviation: tuple[float, float]
+) -> None:
+    """The bias table of the specification at 5 and 8 m."""
+    radius = float(np.hypot(*half))
+    for distance in (5.0, 8.0):
+        found, squares = errors(Discs((radius,)), distance, 150, 3, half)
+        assert abs(found[:, 0].mean() - bias) < 0.012
+        np.testing.assert_allclose(found.std(axis=0), deviation, rtol=0.25)
+        assert squares.mean() > 8.0  # what the fit alone states is far too sure
+
+
+@pytest.mark.parametrize("half", [LARGE, SMALL])
+@pytest.mark.parametrize("distance", [3.0, 8.0])
+def test_a_box_taken_for_a_box_is_found_where_it_is(
+    half: tuple[float, float], distance: float
+) -> None:
+    found, squares = errors(Discs(half), distance, 150, 4, half)
+    assert np.abs(found.mean(axis=0)).max() < 0.01
+    assert 1.0 < squares.mean() < 2.5
+
+
+def test_the_shape_of_a_box_follows_from_its_sides() -> None:
+    shape = box(*LARGE)
+    assert shape.radius == pytest.approx(0.75) and shape.fitted == pytest.approx(0.595, abs=0.005)
+    np.testing.assert_allclose([shape.along, shape.across], [0.038, 0.051], atol=0.004)
+    thin = box(0.4, 0.4)  # a square errs least: its corners are its only fault
+    assert thin.along < shape.along
+    spread = shape.spread(np.array([0.0, 3.0]))
+    np.testing.assert_allclose(spread, np.diag([shape.across**2, shape.along**2]), atol=1e-12)
+    assert cylinder(0.3).spread(np.array([1.0, 1.0])).max() == 0.0
+
+
+def test_exact_points_give_the_exact_centre() -> None:
+    angle = np.linspace(2.0, 4.0, 9)
+    centre = np.array([5.0, 1.0])
+    points = centre + 0.4 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    fit = fit_disc(points, np.zeros((9, 2)), 0.4, 0.01)
+    np.testing.assert_allclose(fit.centre, centre, atol=1e-5)
+    wide = fit_disc(points + 0.05 * (-1.0) ** np.arange(9)[:, None], np.zeros((9, 2)), 0.4, 0.01)
+    assert np.trace(wide.covariance) > 5.0 * np.trace(fit.covariance)  # residuals widen it
+
+
+def turning(rate: float, speed: float = 0.0) -> Array:
+    """Poses of a robot that turns while it scans."""
+    times = 0.1 * np.arange(360) / 360
+    return np.stack([speed * times, 0 * times, rate * times], axis=-1)
+
+
+def test_the_motion_within_a_scan_is_taken_out() -> None:
+    """A robot turning at 0.3 rad/s before a standing cylinder sees it within 1 cm."""
+    rng = np.random.default_rng(5)
+    poses = turning(0.3, 0.5)
+    centre = away(12.0, 2.9)  # near the end of the scan, where 0.1 s at 0.3 rad/s are 0.36 m
+    scan = scan_of(poses, rng, [(centre, 0.75)], deviation=0.003)
+    still = np.broadcast_to(poses[-1], poses.shape)
+    error = Discs((0.75,)).detect(scan, poses).positions[0] - centre
+    assert np.hypot(*error) < 0.01
+    early = scan_of(poses, rng, [(away(12.0, -2.6), 0.75)], deviation=0.003)
+    smeared = Discs((0.75,)).detect(early, still).positions[0] - away(12.0, -2.6)
+    assert np.hypot(*smeared) > 0.2
+
+
+def test_a_mounted_sensor_sees_the_same() -> None:
+    """Ranges from 0.2 m ahead, turned by 1 rad, give the same place."""
+    rng = np.random.default_rng(6)
+    poses = np.tile([1.0, -2.0, 0.7], (360, 1))
+    mount = np.array([0.2, 0.1, 1.0])
+    turn = np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
+    sensor = np.concatenate([poses[0, :2] + turn @ mount[:2], [1.7]])
+    centre = np.array([4.0, 1.0])
+    scan = replace(
+        scan_of(np.tile(sensor, (360, 1)), rng, [(centre, 0.3)], deviation=0.002), mount=mount
+    )
+    seen = Discs().detect(scan, poses)
+    np.testing.assert_allclose(seen.positions, [centre], atol=0.005)
+    assert seen.origin is not None
+    np.testing.assert_allclose(seen.origin, sensor[:2])
+
+
+def test_groups_split_at_gaps_that_grow_with_the_range() -> None:
+    """Two cylinders 0.2 m apart are two at 3 m; one body at 13 m stays one."""
+    rng = np.random.default_rng(7)
+    near = scan_of(STANDING, rng, [([3.0, 0.4], 0.3), ([3.0, -0.4], 0.3)])
+    assert len(Discs().detect(near, STANDING).positions) == 2
+    far = scan_of(STANDING, rng, [([13.0, 0.0], 0.75)])
+    assert len(Discs((0.75,)).detect(far, STANDING).positions) == 1
+    hits, _ = hits_of(far, STANDING)
+    assert len(by_gap(hits, 0.1, 0.00628)) > 1  # the published growth is another scanner's
+
+
+def test_a_body_on_the_seam_of_the_scan_is_one() -> None:
+    rng = np.random.default_rng(8)
+    scan = scan_of(STANDING, rng, [([-4.0, 0.0], 0.3)])
+    seen = Discs().detect(scan, STANDING)
+    assert len(seen.positions) == 1
+    np.testing.assert_allclose(seen.positions[0], [-4.0, 0.0], atol=0.02)
+    half = slice(60, 300)  # a scan that is no full turn has no seam
+    part = Scan("lidar", scan.times[half], scan.bearings[half], scan.ranges[half])
+    assert not len(Discs().detect(part, STANDING[half]).positions)
+
+
+def test_lost_beams_split_no_body_until_three_in_a_row() -> None:
+    rng = np.random.default_rng(9)
+    scan = scan_of(STANDING, rng, [([3.0, 0.0], 0.75)])
+    for lost, count in ((slice(179, 181), 1), (slice(179, 182), 2)):
+        ranges = scan.ranges.copy()
+        ranges[lost] = np.nan
+        assert len(by_gap(hits_of(replace(scan, ranges=ranges), STANDING)[0], 0.1)) == count
+
+
+def test_wide_groups_stand_still() -> None:
+    rng = np.random.default_rng(10)
+    wall = np.array([[4.0, -3.0], [4.2, -3.0], [4.2, 3.0], [4.0, 3.0]])
+    scan = scan_of(STANDING, rng, [([2.0, 2.8], 0.3)], [wall])
+    seen = Discs().detect(scan, STANDING)
+    assert len(seen.positions) == 1 and len(seen.static) > 30
+    assert np.abs(seen.static[:, 0] - 4.0).max() < 0.06
+
+
+def test_density_finds_the_same_bodies() -> None:
+    pytest.importorskip("sklearn", reason="groups by density need scikit-learn")
+    rng = np.random.default_rng(11)
+    scan = scan_of(STANDING, rng, [([3.0, 0.4], 0.3), ([-2.0, 5.0], 0.3)])
+    gap, density = (Discs(groups=kind).detect(scan, STANDING) for kind in ("gap", "density"))
+    order = [np.argsort(one.positions[:, 0]) for one in (gap, density)]
+    np.testing.assert_allclose(density.positions[order[1]], gap.positions[order[0]], atol=1e-9)
+
+
+def test_density_without_the_library_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "sklearn.cluster", None)
+    with pytest.raises(WideberthError, match=r"wideberth\[perception\].*groups: gap"):
+        Discs(groups="density")
+
+
+def test_the_published_rule() -> None:
+    rng = np.random.default_rng(13)
+    scan = scan_of(STANDING, rng, [([3.0, 0.0], 0.75), ([0.0, 2.0], 0.15)])
+    seen = Chords().detect(scan, STANDING)
+    # The paper's robot is never a circle; a leg-sized one is, 0.25 m larger.
+    assert len(seen.positions) == 1 and len(seen.static) > 0
+    assert 0.25 < seen.radius[0] < 0.25 + 0.3 / np.sqrt(3) + 0.02
+    np.testing.assert_allclose(seen.positions[0], [0.0, 2.0], atol=0.08)
+
+
+def test_an_exact_chord() -> None:
+    """Five points on a line of 0.3 m: radius l / sqrt(3), centre l / (2 sqrt(3)) behind it."""
+    bearings = np.arctan(np.linspace(-0.15, 0.15, 7) / 2.0)
+    ranges = 2.0 / np.cos(bearings)
+    scan = Scan("lidar", np.linspace(0.0, 0.1, 7), bearings, ranges)
+    seen = Chords().detect(scan, np.zeros((7, 3)))
+    np.testing.assert_allclose(seen.positions, [[2.0 + 0.3 / (2 * np.sqrt(3)), 0.0]], atol=1e-9)
+    np.testing.assert_allclose(seen.radius, 0.3 / np.sqrt(3) + 0.25)
+
+
+ROOM = np.array([[-6.0, -4.0], [8.0, -4.0], [8.0, 4.0], [-6.0, 4.0]])
+CRATE = box_corners(np.array([3.0, 2.5]), (0.4, 0.3), 0.4)
+
+
+def drive(detector: Detector, seconds: float, walker: bool, seed: int = 14) -> list[Sightings]:
+    """A robot drives through a room with a crate; somebody walks for 4 s and then stands."""
+    rng = np.random.default_rng(seed)
+    found = []
+    for number in range(round(10 * seconds)):
+        times = 0.1 * (number + np.arange(1, 361) / 360)
+        poses = np.stack([0.3 * times, 0.05 * times, 0.1 * np.sin(times)], axis=-1)
+        discs = []
+        if walker:
+            place = np.stack([4.0 - 0.0 * times, -3.0 + np.minimum(times, 4.0)], axis=-1)
+            discs = [(place, 0.3)]
+        scan = scan_of(poses, rng, discs, [ROOM, CRATE], end=times[-1], dropped=0.01)
+        found.append(detector.detect(scan, poses))
+    return found
+
+
+def test_what_stands_all_the_time_is_no_body() -> None:
+    detector = OverTime(Discs((0.3,)))
+    found = drive(detector, 6.0, walker=False)
+    assert max(len(one.positions) for one in found[:25]) > 0  # the crate, before 3 s have passed
+    late = found[32:]
+    assert sum(len(one.positions) for one in late) <= 2
+    assert min(len(one.static) for one in late) > 320
+    plain = drive(Discs((0.3,)), 6.0, walker=False)[32:]
+    assert sum(len(one.positions) for one in plain) > 20
+
+
+def test_somebody_who_has_come_and_stands_still_stays_a_body() -> None:
+    detector = OverTime(Discs((0.3,)))
+    found = drive(detector, 12.0, walker=True)
+    for one in found[35:]:
+        place = np.array([4.0, -3.0 + min(one.time, 4.0)])
+        apart = np.linalg.norm(one.positions - place, axis=1)
+        assert apart.min(initial=np.inf) < 0.1, one.time
+    assert sum(len(one.positions) for one in found[35:]) <= 1.1 * len(found[35:])
+
+
+def test_a_map_tells_from_the_first_scan() -> None:
+    walls = [
+        Polygon(tuple(map(tuple, box_corners(np.array(centre), half, 0.0))))
+        for centre, half in (
+            ([1.0, 4.1], (7.2, 0.1)), ([1.0, -4.1], (7.2, 0.1)),
+            ([-6.1, 0.0], (0.1, 4.2)), ([8.1, 0.0], (0.1, 4.2)),
+        )
+    ]  # fmt: skip
+    crate = Polygon(tuple(map(tuple, CRATE)))
+    found = drive(OutsideMap(Discs((0.3,)), (*walls, crate)), 1.0, walker=True)
+    for one in found:
+        assert len(one.positions) == 1 and len(one.static) > 300
+        np.testing.assert_allclose(one.positions[0], [4.0, -3.0 + one.times[0]], atol=0.05)
+    without = drive(OutsideMap(Discs((0.3,)), tuple(walls)), 1.0, walker=False)
+    assert all(len(one.positions) == 1 for one in without)  # the crate
+
+
+def test_a_clock_that_goes_back_forgets_what_stood() -> None:
+    detector = OverTime(Discs((0.3,)))
+    drive(detector, 4.0, walker=False)
+    again = drive(detector, 0.3, walker=False)
+    assert "clock went back by 3.9 s" in again[0].note and not again[1].note
+    assert len(again[0].positions) > 0
+
+
+def test_bad_settings_are_refused() -> None:
+    with pytest.raises(WideberthError, match=r"discs.shape is \(\); wanted \(radius,\)"):
+        Discs(())
+    with pytest.raises(WideberthError, match=r"discs\.groups is 'k-means'; wanted gap or density"):
+        Discs(groups="k-means")  # type: ignore[arg-type]
+    with pytest.raises(WideberthError, match=r"over_time\.share"):
+        OverTime(share=1.5)
+    with pytest.raises(WideberthError, match="holds a str; wanted Polygon"):
+        OutsideMap(polygons=("wall",))  # type: ignore[arg-type]
+
+
+def test_the_oracle_of_rays() -> None:
+    """A ray straight on a disc, one past it, and one on a box's side."""
+    poses = np.zeros((3, 3))
+    bearings = np.array([0.0, 0.5, np.pi / 2])
+    square = box_corners(np.array([0.0, 5.0]), (1.0, 1.0), 0.0)
+    ranges = cast(poses, bearings, [([4.0, 0.0], 1.0)], [square])
+    np.testing.assert_allclose(ranges, [3.0, np.inf, 4.0])
