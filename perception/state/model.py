@@ -80,6 +80,7 @@ def corrected(
     value: float,
     variance: float,
     farthest: float = inf,
+    slack: float = 0.0,
 ) -> tuple[Array, Array, float]:
     """Return mean and covariance after a measurement, and how far that was from the expected.
 
@@ -96,12 +97,13 @@ def corrected(
     mean, covariance : (9,) and (9, 9), before.
     entries : of the state, whose sum is measured.
     value, variance : z and R.
-    farthest : nu^2 / S beyond which the measurement is left out: mean and covariance stay.
+    farthest : distance beyond which the measurement is left out: mean and covariance stay.
+    slack : variance that is added for this test alone, of what the model knows nothing of.
 
     Returns
     -------
     mean, covariance : new arrays, or those before.
-    distance : nu^2 / S.
+    distance : nu^2 / (S + slack).
     """
     first, *others = entries
     across = covariance[:, first]
@@ -111,7 +113,7 @@ def corrected(
         predicted += float(mean[entry])
     spread = sum(float(across[entry]) for entry in entries) + variance
     surprise = value - predicted
-    distance = surprise * surprise / spread
+    distance = surprise * surprise / (spread + slack)
     if distance > farthest:
         return mean, covariance, distance
     gain = across / spread

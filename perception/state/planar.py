@@ -21,6 +21,8 @@ _QUIET = 2e-5
 """rad/s, what the bias may wander by while it is calibrated."""
 _STIRRED = 1e-3
 """m, way of a wheel's rim from which on the robot no longer stands."""
+_STEP = 1.0
+"""m/s^2, deviation by which the acceleration steps with a command: the gate allows for it."""
 _WILDEST = 1e6
 """m/s, rad/s, m/s^2. Measurements beyond are none, gate or not."""
 _LOST = 1e3
@@ -74,9 +76,9 @@ class PlanarFilter(StateEstimator):
     What is left out, each with its reason: numbers that are none; a measurement outside the gate;
     a sensor that this filter does not read, or a second one of a kind; the same sample twice; the
     speed of wheels of which nothing came for ``patience`` s (the inertial unit alone then makes
-    the updates). A sample that comes late, but after the time of one that is still remembered, is
-    used: all later ones are filtered again, so that the order in which they arrive makes no
-    difference at all. One that comes later still is left out. So is one whose clock is ahead by
+    the updates). A sample that comes late, at most ``memory`` s after newer ones, is used: these
+    are filtered again, so that the order in which they arrive makes no difference at all. One
+    that comes later still is left out. So is one whose clock is ahead by
     more than ``outage`` s, until for that long no other clock has been heard.
 
     Parameters
@@ -85,7 +87,9 @@ class PlanarFilter(StateEstimator):
     noise : a name in `noise.SETTINGS`, or the numbers.
     rest : s after `reset` in which the gyro is calibrated; 0 for none.
     gate : probability with which a good measurement is left out: nu^2 / S beyond the chi-squared
-        quantile of one degree of freedom, 10.8 at 0.001. 0 leaves nothing out.
+        quantile of one degree of freedom, 10.8 at 0.001. 0 leaves nothing out. An acceleration
+        steps with the command, of which the model knows nothing: for its test (1 m/s^2)^2 are
+        added to S.
     memory : s, how late a sample may come.
     interval : s, the shortest time between two updates. Wheels that are read more often lose
         nothing by it, since their angles are counted from the start.
@@ -194,17 +198,18 @@ class PlanarFilter(StateEstimator):
 
     def _untimely(self, key: Key) -> str:
         """Return why a sample cannot be used at its time, "" where it can."""
-        time, newest, oldest = key[0], self._keys[-1][0], self._keys[0]
+        time, newest = key[0], self._keys[-1][0]
+        settled = max(self._keys[0], (newest - self.memory, -1, ""))
         if time > newest + self.outage:
             self._stray = min(time, self._stray if self._stray is not None else time)
             if time > newest + _LOST:
                 return f"its clock is {time - newest:.4g} s ahead: reset from a known pose"
             if time < self._stray + self.outage:
                 return f"its clock is {time - newest:.4g} s ahead of all samples so far"
-        if key <= oldest:
+        if key <= settled:
             return (
-                f"it is of {time:.6g} s; all before {oldest[0]:.6g} s is settled: come sooner, or "
-                "reset where the clock was set back"
+                f"it is of {time:.6g} s; all before {settled[0]:.6g} s is settled: come sooner, "
+                "or reset where the clock was set back"
             )
         if key in self._keys:
             return "the same sensor has reported for this time before"
@@ -295,8 +300,9 @@ class PlanarFilter(StateEstimator):
                 reasons.append(f"{name} {value:.4g} is none that a robot has")
                 continue
             mean, covariance, distance = corrected(
-                mean, covariance, entries, value, variance, self._farthest
-            )
+                mean, covariance, entries, value, variance, self._farthest,
+                _STEP**2 if entries is FORWARD else 0.0,
+            )  # fmt: skip
             if distance > self._farthest:
                 away = sqrt(distance)
                 reasons.append(f"{name} {value:.4g} is {away:.1f} deviations from the expected")
