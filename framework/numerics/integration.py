@@ -72,6 +72,24 @@ def slopes(function: Callable[[Array], Array], point: Sequence[float] | Array) -
     return np.stack(columns, axis=1)
 
 
+def carried_covariance(
+    function: Callable[[Array], Array], point: Sequence[float] | Array, covariance: Array
+) -> Array:
+    """Return the covariance of f(x), to first order: (n, n) -> (m, m).
+
+    With J = df/dx by central differences it is J C J^T.
+
+    Parameters
+    ----------
+    function : f, (n,) -> (m,).
+    point : mean of x, (n,).
+    covariance : C of x.
+    """
+    slope = slopes(function, point)
+    found = slope @ covariance @ slope.T
+    return np.asarray(0.5 * (found + found.T))
+
+
 def _moved(
     point: tuple[Scalar, ...], slope: tuple[Scalar, ...], step_size: Scalar
 ) -> tuple[Scalar, ...]:

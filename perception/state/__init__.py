@@ -4,6 +4,7 @@ from ...framework.plugins.lazy import lazy
 
 BUILT_IN: dict[str, str] = {
     "ekf": "wideberth.perception.state.ekf:Ekf",
+    "scan_matching": "wideberth.perception.state.scan_matching:ScanMatching",
     "ukf": "wideberth.perception.state.ukf:Ukf",
 }
 

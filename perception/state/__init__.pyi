@@ -3,6 +3,7 @@
 # fmt: off
 
 from .ekf import Ekf as Ekf
+from .scan_matching import ScanMatching as ScanMatching
 from .ukf import Ukf as Ukf
-__all__ = ['Ekf', 'Ukf']
+__all__ = ['Ekf', 'ScanMatching', 'Ukf']
 BUILT_IN: dict[str, str]

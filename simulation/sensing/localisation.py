@@ -6,7 +6,7 @@ from typing import final
 
 import numpy as np
 
-from ...framework.numerics.integration import slopes
+from ...framework.numerics.integration import carried_covariance
 from ...framework.robot import Robot
 from ...framework.values.arrays import Array, positive
 from ...framework.values.motion import Pose, Twist
@@ -81,7 +81,5 @@ class Localisation:
             (self.position, self.heading, self.speed), [len(places), len(turns), len(speeds)]
         )
         entries = np.array([*places, *turns, *speeds])
-        slope = slopes(assemble, entries)
         noisy = assemble(entries + spread * rng.standard_normal(len(entries)))
-        covariance = (slope * spread**2) @ slope.T
-        return noisy, 0.5 * (covariance + covariance.T)
+        return noisy, carried_covariance(assemble, entries, np.diag(spread**2))

@@ -68,7 +68,9 @@ ARROWS: dict[str, set[str]] = {
     "framework/risk": {INTERFACES, "framework/numerics", "framework/plugins", "framework/values"},
     "framework/metrics": {"framework/numerics", "framework/risk", "framework/values"},
     "framework/tracking": {INTERFACES, "framework/plugins", "framework/values"},
-    "framework/control": {INTERFACES, "framework/tracking", "framework/values"},
+    "framework/control": {
+        INTERFACES, "framework/numerics", "framework/tracking", "framework/values",
+    },
     "framework/jit": {"framework/numerics", "framework/values"},
     FACE: {
         INTERFACES, "framework/mpc/planner", "framework/plugins", "framework/tracking",

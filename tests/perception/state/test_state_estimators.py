@@ -10,9 +10,11 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.perception.state.noise import SETTINGS
 from wideberth.tests.helpers.contracts import Contract
 
+SQUARE = [{"vertices": [[20, 20], [21, 20], [21, 21], [20, 21]]}]
 ESTIMATORS = {
     "ekf": {"type": "ekf"},
     "ekf, robot_localization": {"type": "ekf", "noise": "robot_localization"},
+    "scan_matching": {"type": "scan_matching", "walls": SQUARE},
     "ukf": {"type": "ukf"},
     "ukf, no rest and no gate": {"type": "ukf", "rest": 0.0, "gate": 0.0},
 }
