@@ -10,8 +10,10 @@ import pytest
 
 from wideberth.framework.mpc.costs.contouring import Contouring
 from wideberth.framework.mpc.fallback.rollout import Motion, carry, follow, steer_each
+from wideberth.framework.mpc.levels.base import LevelPolicy
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.paper import Paper
+from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
@@ -203,9 +205,15 @@ class Counting(Solver):
         return Fatrop().solve(problem, parameters, guesses, deadline)
 
 
-def planner(solver: Solver, **changes: Any) -> Planner:
+def planner(solver: Solver, level: LevelPolicy | None = None, **changes: Any) -> Planner:
     made = Planner(
-        Unicycle(), MahalanobisEllipse(), Static(), Fixed(), solver, penalty=1e4, **changes
+        Unicycle(),
+        MahalanobisEllipse(),
+        Static(),
+        level or Fixed(),
+        solver,
+        penalty=1e4,
+        **changes,
     )
     made.set_path(Path(np.array([[0.0, 0.0], [20.0, 0.0]])))
     if isinstance(solver, Counting):
@@ -229,6 +237,15 @@ def test_further_starts_are_paid_for_where_something_is_in_the_way() -> None:
     assert solver.calls == [1, 1, len(OTHERS)]  # it has just come
     made.command(seen(1.0, ("ahead", 5.0, 0.0)))
     assert solver.calls[3:] == [1, 1]  # and stays: along the reference alone
+
+
+@pytest.mark.parametrize(("weight", "count"), [(1e6, 1), (1e-3, len(OTHERS))])
+def test_every_start_is_tried_where_the_level_gives_way_far(weight: float, count: int) -> None:
+    solver = Counting()
+    made = planner(solver, Relaxed(weight=weight))
+    made.command(seen(0.0, ("ahead", 5.0, 0.0)))
+    made.command(seen(0.5, ("ahead", 5.0, 0.0)))
+    assert solver.calls[2:] == [1, count]
 
 
 @dataclass(frozen=True)
