@@ -76,4 +76,5 @@ def _distance(points: Array, polygons: Iterable[Polygon]) -> Array:
     import shapely
 
     shapes = [shapely.Polygon(polygon.points) for polygon in polygons]
-    return np.asarray(shapely.distance(shapely.points(points)[:, None], shapes).min(axis=1))
+    places = np.asarray(shapely.points(points))[:, None]
+    return np.asarray(shapely.distance(places, shapes).min(axis=1))
