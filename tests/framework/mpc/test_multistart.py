@@ -21,15 +21,21 @@ from wideberth.tests.helpers.problems import set_up, slots_of
 TEN_METRES = np.stack([np.zeros(20), np.linspace(0.5, 10.0, 20)], axis=1)
 
 
-def asked(gone, *, inputs=True, there=True, obstacle_in_way=True, optimal=True, starts="auto"):
-    """Names of the starts, for a plan whose last state is ``gone`` m ahead of its first."""
+def asked(
+    gone, *, inputs=True, there=True, obstacle_in_way=True, optimal=True, starts="auto", level=3.0
+):
+    """Names of the starts, for a plan whose last state is ``gone`` m ahead of its first.
+
+    Its level is asked to be 3 and must not fall below 1.
+    """
     states = np.stack([np.zeros(21), np.linspace(0.0, gone, 21)], axis=1)
-    point = SimpleNamespace(states=states)
+    point = SimpleNamespace(states=states, level=level)
     first = SimpleNamespace(optimal=optimal, point=point, solution=None)
     check = SimpleNamespace(
         robot=HolonomicVelocity(),
         last_inputs=np.zeros((20, 2)) if inputs else None,
-        parameters=SimpleNamespace(reference=TEN_METRES),
+        parameters=SimpleNamespace(reference=TEN_METRES, target=3.0),
+        problem=SimpleNamespace(shared=True, minimum=1.0),
     )
     attempts = MultiStart(None, starts, Budget(None, 0.0))
     return attempts._names(check, first, there, obstacle_in_way)
@@ -43,6 +49,8 @@ def asked(gone, *, inputs=True, there=True, obstacle_in_way=True, optimal=True, 
         (OTHERS, {"inputs": False}),
         (OTHERS, {"optimal": False, "there": False}),
         (("along",), {}),
+        (("along",), {"level": 2.1}),
+        (OTHERS, {"level": 1.9}),
         (("wait",), {"starts": ("wait",)}),
     ],
 )

@@ -203,6 +203,8 @@ def test_every_built_in_survives_describe(room: str, name: str) -> None:
         value = {"type": name, "robot": "unicycle"}
     elif name == "recorded_scene":
         value = {"type": name, "scene": "zara1", "tracks": "."}
+    elif name == "scan_matching":
+        value = {"type": name, "walls": [{"vertices": [[0, 0], [8, 0], [8, 0.2], [0, 0.2]]}]}
     else:
         value = name
     made = build(room, value)
