@@ -69,12 +69,12 @@ class KinematicPlant(Plant):
     """
 
     def __init__(self, robot: Robot, state: Sequence[float], twist: Twist) -> None:
-        self.robot = robot
-        self.state = tuple(float(value) for value in state)
+        self.robot: Robot = robot
+        self.state: tuple[float, ...] = tuple(float(value) for value in state)
         self._smoother = VelocitySmoother.at_rest(twist)
         bounds = robot.input_bounds()
         self._limits = tuple(zip(bounds.lower, bounds.upper, strict=True))
-        self.control = self._drive(twist, 1.0)
+        self.control: tuple[float, ...] = self._drive(twist, 1.0)
 
     @classmethod
     def at_start(cls, agent: RobotAgent) -> "KinematicPlant":

@@ -31,7 +31,7 @@ class WheelDrive:
         self._integral = 0.0
         self._wanted = (0.0, 0.0)
         self._bias = 0.0
-        self.flaw = ""
+        self.flaw: str = ""
         """Why the last command cannot be driven; "" for one that can."""
 
     def command(self, twist: Twist, gyro_bias: float) -> None:
