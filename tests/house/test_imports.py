@@ -239,6 +239,6 @@ def test_functions_are_short(room: str, path: Path) -> None:
                 node.body[1] if ast.get_docstring(node) and len(node.body) > 1 else node.body[0]
             )
             length = (node.end_lineno or 0) - first.lineno + 1
-            assert length <= (135 if path == COMPILED else 40), (
+            assert length <= (120 if path == COMPILED else 40), (
                 f"{node.name} has {length} lines below its docstring"
             )

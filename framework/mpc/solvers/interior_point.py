@@ -42,6 +42,15 @@ BARRIER_TEST = 1000.0
 for 10). With 1000, and from further inside the bounds, the compiled method takes 8.4 iterations in
 the mean on the recorded instances instead of 11.1, and solves one more."""
 
+LONG = 60
+"""Steps from which on a horizon counts as long. Its guess is often far from the solution: if mu
+falls early, regions cut most steps to a few per cent. On shorter horizons that costs less than a
+large first mu costs a guess that is near (docs/solving.md has the table)."""
+
+LONG_BARRIER, LONG_TEST, LONG_PENALTY = 1.0, 10.0, 1e6
+"""What `riccati` takes there: at least this first mu, IPOPT's test, and at least this first price
+of slack on hard regions, since the second price takes up to 150 iterations over 120 steps."""
+
 BARRIER_FACTOR, BARRIER_POWER, LAST_BARRIER = 0.2, 1.5, 0.1
 """mu <- min(factor mu, mu^power), not below the last share of the tolerance (eq. 7)."""
 

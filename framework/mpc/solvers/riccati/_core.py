@@ -36,7 +36,6 @@ from ..interior_point import (
     ARMIJO,
     BARRIER_FACTOR,
     BARRIER_POWER,
-    BARRIER_TEST,
     BOUNDARY_SHARE,
     DEARER,
     DEARER_BARRIER,
@@ -179,9 +178,7 @@ def solve(kernels, sizes, limits, settings, head, given, given_slots, found, sto
     slack, pull = make_slack(block)
     on_inputs, on_nodes = make_limits(size, path, model, trial)
     filtered, level = np.zeros((FILTER_SIZE, 2)), make_level()
-    state = np.zeros(SCALARS)
-    state[MU], state[S] = settings[SETTING.barrier], settings[SETTING.guess]
-    state[SMIN] = settings[SETTING.minimum]
+    state = make_state(settings)
     start_point(size, path, state, given, settings[SETTING.push])
     scale = rescale(size, path, model, kernels, columns, settings[SETTING.gradient])
     state[RHO], state[THETA_MOST] = scale * settings[SETTING.penalty], -1.0
@@ -192,16 +189,11 @@ def solve(kernels, sizes, limits, settings, head, given, given_slots, found, sto
     slots, tolerance = count_slots(kinds), settings[SETTING.tolerance]
     if settings[SETTING.warm] > 0.0:
         state[MU] = LAST_BARRIER * tolerance
-        for r in range(size.n):
-            for i in range(size.steps):
-                path.v[size.w + r, i] = scale * given.multipliers[i, 2 * size.w + r]
+        _take_costates(size, path.v, given.multipliers, scale)
     status, iterations, error, present, length = -1, -1, 0.0, (0.0, 0.0, 0.0, 0.0), 0.0
     longest, reach, slope, attempt, forget = 0.0, 0.0, 0.0, 0, False
-    state[SHARE] = BOUNDARY_SHARE
     left, deepest, primal = np.inf, 0.0, np.inf  # left: slack at the last price
-    inequalities = 2 * size.w * size.steps + on_inputs.t.size + on_nodes.t.size
-    for kind in kinds:
-        inequalities += len(kind.active) * size.steps * (len(kind.t) + 2 * len(kind.lower))
+    inequalities = _count_inequalities(size, kinds)
     numbers = found.numbers
     while True:
         # the trial point: at first the guess, then along the direction
@@ -218,9 +210,6 @@ def solve(kernels, sizes, limits, settings, head, given, given_slots, found, sto
         tried = merit(size, path, model, trial, on_inputs, on_nodes, state, level, kinds, s)
         if iterations >= 0:
             phi = present[1] - state[MU] * present[2]
-            if state[THETA_MOST] < 0.0:
-                state[THETA_MOST] = LARGEST_RESIDUAL * max(1.0, present[0])
-                state[THETA_LEAST] = SMALL_RESIDUAL * max(1.0, present[0])
             new = tried[0], tried[1] - state[MU] * tried[2]
             answer = filter_accepts(filtered, state, length, slope, (present[0], phi), new)
             attempt += 1
@@ -266,15 +255,11 @@ def solve(kernels, sizes, limits, settings, head, given, given_slots, found, sto
             numbers[NUMBER.cost], numbers[NUMBER.level], left = present[3] / scale, state[S], total
             price = present[1] + (DEARER - 1.0) * state[RHO] * total
             present = present[0], price, present[2], present[3]
-            state[RHO] *= DEARER
-            state[MU] = max(state[MU], DEARER_BARRIER)
-            for i in range(size.steps):
-                slack.nu[i] = max(state[RHO] - slack.tally[0, i], state[MU] / slack.eps[i])
-            state[ENTRIES], state[THETA_MOST] = 0, -1.0
+            _raise_price(size, slack, state)
         if iterations >= settings[SETTING.iterations] or stop[0] > 0.0:
             status = OUTCOME.stopped if stop[0] > 0.0 else OUTCOME.limit
             break
-        _lower_barrier(state, tolerance, primal, dual / many, wrong / many)
+        _lower_barrier(state, settings[SETTING.test], tolerance, primal, dual / many, wrong / many)
         if not _direction(size, path, step, model, quadratic, gains, slack, on_inputs, on_nodes,
                           state, level, kinds, kernels):  # fmt: skip
             status = OUTCOME.failed
@@ -306,11 +291,24 @@ def solve(kernels, sizes, limits, settings, head, given, given_slots, found, sto
 
 
 @njit(**LEAN)
-def _lower_barrier(state, tolerance, primal, dual, wrong):
-    """Fiacco and McCormick: a smaller mu once the problem for this one is nearly solved."""
+def _raise_price(size, slack, state):
+    """Raise the price of slack, and begin a new filter."""
+    state[RHO] *= DEARER
+    state[MU] = max(state[MU], DEARER_BARRIER)
+    for i in range(size.steps):
+        slack.nu[i] = max(state[RHO] - slack.tally[0, i], state[MU] / slack.eps[i])
+    state[ENTRIES], state[THETA_MOST] = 0, -1.0
+
+
+@njit(**LEAN)
+def _lower_barrier(state, test, tolerance, primal, dual, wrong):
+    """Fiacco and McCormick: a smaller mu once the problem for this one is nearly solved.
+
+    It is solved well enough where the errors are below ``test`` times mu.
+    """
     mu = state[MU]
     least = LAST_BARRIER * tolerance
-    while mu > least and max(primal, max(dual, wrong)) <= BARRIER_TEST * mu:
+    while mu > least and max(primal, max(dual, wrong)) <= test * mu:
         state[MU] = max(least, min(BARRIER_FACTOR * mu, mu**BARRIER_POWER))
         state[ENTRIES], state[THETA_MOST] = 0, -1.0
         wrong += mu - state[MU]
@@ -499,6 +497,14 @@ def take_multipliers(
         slack.eps[i], slack.nu[i] = mu / price, price
     for slots in kinds:
         clip_slots(size, slots, slack.eps, mu)
+
+
+@njit(**LEAN)
+def _take_costates(size, v, given, scale):
+    """Take given multipliers of the dynamics."""
+    for r in range(size.n):
+        for i in range(size.steps):
+            v[size.w + r, i] = scale * given[i, 2 * size.w + r]
 
 
 @njit(**LEAN)
@@ -746,10 +752,13 @@ def hopeless(size, path, step, seen, plans, settings, ahead, entered):
 def filter_accepts(filtered, state, length, slope, present, found):
     """Whether the filter accepts a trial point: `REFUSE`, `ACCEPT` or `ACCEPT_AND_ADD`.
 
-    ``present`` and ``found`` are (theta, phi).
+    ``present`` and ``found`` are (theta, phi). A new filter takes its limits from the former.
     """
     theta, phi = present
     new_theta, new_phi = found
+    if state[THETA_MOST] < 0.0:
+        state[THETA_MOST] = LARGEST_RESIDUAL * max(1.0, theta)
+        state[THETA_LEAST] = SMALL_RESIDUAL * max(1.0, theta)
     if max(theta, new_theta) <= STILL_RESIDUAL and abs(new_phi - phi) <= STILL_CHANGE * abs(phi):
         return ACCEPT
     if not (new_theta <= state[THETA_MOST] and np.isfinite(new_phi)):
@@ -1786,6 +1795,15 @@ def make_columns(size, head, block):
 
 
 @njit(**FAST)
+def make_state(settings):
+    """Single numbers at the start of a solve."""
+    state = np.zeros(SCALARS)
+    state[MU], state[SHARE] = settings[SETTING.barrier], BOUNDARY_SHARE
+    state[S], state[SMIN] = settings[SETTING.guess], settings[SETTING.minimum]
+    return state
+
+
+@njit(**FAST)
 def make_level():
     """Variable, parameters and results of the kernel ``level``."""
     return Level(np.zeros((1, 1)), np.zeros((2, 1)), np.zeros((3, 1)), np.zeros((3, 1)))
@@ -1831,6 +1849,15 @@ def union(given_slots):
                 found[count] = entry
                 count += 1
     return found[:count]
+
+
+@njit(**LEAN)
+def _count_inequalities(size, kinds):
+    """Count bounds and inequalities, an upper limit: of every bound both sides."""
+    count = (2 * size.w + size.inputs + size.nodes) * size.steps
+    for slots in kinds:
+        count += len(slots.active) * size.steps * (len(slots.t) + 2 * len(slots.lower))
+    return count
 
 
 @njit(**LEAN)

@@ -27,13 +27,14 @@ on every x_i, and on x_N beside those."""
 
 Settings = namedtuple(
     "Settings",
-    "iterations tolerance barrier push penalty most_penalty gradient minimum guess warm plans "
-    "best within",
+    "iterations tolerance barrier test push penalty most_penalty gradient minimum guess warm "
+    "plans best within",
 )
-"""Limits of iterations and errors; first barrier; distance of the start from its bounds; price of
-slack, first and highest; largest gradient after scaling; the level's minimum and guess; 1 where
-multipliers are given, else 0; how many plans are known from other starts, the cost of the best,
-and the distance within which a start leads to the same plan."""
+"""Limits of iterations and errors; first barrier; below how many barriers errors have to be before
+it is lowered; distance of the start from its bounds; price of slack, first and highest; largest
+gradient after scaling; the level's minimum and guess; 1 where multipliers are given, else 0; how
+many plans are known from other starts, the cost of the best, and the distance within which a start
+leads to the same plan."""
 
 Numbers = namedtuple("Numbers", "status iterations cost level error penalty")
 """Results of a solve beside its arrays."""

@@ -28,8 +28,13 @@ from ..base import (
 )
 from ..fatrop import Fatrop
 from ..interior_point import (
+    BARRIER_TEST,
     ITERATIONS,
     LARGEST_GRADIENT,
+    LONG,
+    LONG_BARRIER,
+    LONG_PENALTY,
+    LONG_TEST,
     MOST_PENALTY,
     START_BARRIER,
     START_DISTANCE,
@@ -81,9 +86,10 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver):
     ----------
     iterations : limit.
     tolerance : of the optimality conditions, scaled as by IPOPT.
-    start_barrier : first barrier parameter mu.
+    start_barrier : first barrier parameter mu; at least 1 over 60 steps or more.
     start_distance : of the start from its bounds, relative.
-    start_penalty, most_penalty : price of one unit of slack on hard regions, first and highest.
+    start_penalty, most_penalty : price of one unit of slack on hard regions, first and highest;
+        over 60 steps or more the first is at least 1e6, or the highest where that is lower.
     gradient : largest entry of the cost's gradient after scaling.
     """
 
@@ -305,6 +311,7 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver):
             settings[SETTING.guess] = guess.level
         if warm:
             settings[SETTING.warm], settings[SETTING.push] = 1.0, WARM_DISTANCE
+            settings[SETTING.test] = BARRIER_TEST  # the start is near, whatever the horizon
         return settings
 
 
@@ -348,12 +355,15 @@ def by_fatrop(
 def _settings_of(solver: Riccati, problem: Problem) -> Array:
     """Return the settings of the core for a problem, whatever the guess."""
     price = highest = problem.penalty
+    long = problem.horizon >= LONG
     if price is None or highest is None:
         price, highest = solver.start_penalty, solver.most_penalty
+        price = min(max(price, LONG_PENALTY), highest) if long else price
     settings = Settings(
         iterations=solver.iterations,
         tolerance=solver.tolerance,
-        barrier=solver.start_barrier,
+        barrier=max(solver.start_barrier, LONG_BARRIER) if long else solver.start_barrier,
+        test=LONG_TEST if long else BARRIER_TEST,
         push=solver.start_distance,
         penalty=price,
         most_penalty=highest,

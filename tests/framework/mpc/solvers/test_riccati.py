@@ -19,6 +19,7 @@ from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.solvers.base import Solution
 from wideberth.framework.mpc.solvers.ipopt import Ipopt
+from wideberth.framework.mpc.solvers.riccati._protocol import SETTING
 from wideberth.framework.mpc.solvers.riccati.solver import Riccati
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.region import Region
@@ -136,6 +137,39 @@ def test_any_horizon_and_number_of_obstacles(
         assert violation(*given, ours.point).worst <= 1e-5
         (theirs,) = Ipopt(tolerance=1e-6).solve(*given, [made.guess])
         assert ours.cost <= theirs.cost + 1e-2 * (1.0 + abs(theirs.cost))
+
+
+def test_a_minute_ahead(instances: ModuleType) -> None:
+    """With the settings of short horizons both end at the limit; multipliers need those."""
+    level = Relaxed(weight=1.0, minimum=0.0)
+    recipe = instances.Recipe(Unicycle(), MahalanobisEllipse(), level, 20, 120)
+    for made in recipe.make(range(6, 8)):
+        found = solved(made.problem, made.parameters, made.guess)
+        assert found.status is Status.SOLVED
+        assert violation(made.problem, made.parameters, found.point).worst <= 1e-6
+        moved = replace(made.parameters, initial=made.parameters.initial + 0.01 * np.eye(5)[0])
+        again = solved(made.problem, moved, found.point)
+        assert again.status is Status.SOLVED and again.iterations <= 8
+
+
+def test_settings_of_a_long_horizon_are_bounds(instances: ModuleType) -> None:
+    """The first barrier and price may be larger, and the price is never above the highest."""
+    recipes = [
+        instances.Recipe(Unicycle(), MahalanobisEllipse(), Fixed(), 1, steps) for steps in (59, 60)
+    ]
+    (short,), (long,) = (recipe.make(range(1)) for recipe in recipes)
+    given = [
+        [
+            Riccati(**own).settings_for(made.problem, made.guess)[place]
+            for place in (SETTING.barrier, SETTING.test, SETTING.penalty)
+        ]
+        for made in (short, long)
+        for own in ({}, {"start_barrier": 5.0, "start_penalty": 3e6}, {"most_penalty": 1e5})
+    ]
+    assert given[:3] == [[0.1, 1e3, 1e4], [5.0, 1e3, 3e6], [0.1, 1e3, 1e4]]
+    assert given[3:] == [[1.0, 10.0, 1e6], [5.0, 10.0, 3e6], [1.0, 10.0, 1e5]]
+    soft = replace(long.problem, penalty=1e4)
+    assert Riccati().settings_for(soft, long.guess)[SETTING.penalty] == 1e4
 
 
 def test_a_hundred_obstacles(instances: ModuleType) -> None:
