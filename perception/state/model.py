@@ -81,7 +81,7 @@ def corrected(
     variance: float,
     farthest: float = inf,
     slack: float = 0.0,
-) -> tuple[Array, Array, float]:
+) -> tuple[Array, Array, float, float]:
     """Return mean and covariance after a measurement, and how far that was from the expected.
 
     The measurement is z = h . x + noise of variance R, with h one at ``entries``::
@@ -103,6 +103,7 @@ def corrected(
     Returns
     -------
     mean, covariance : new arrays, or those before.
+    surprise : nu.
     distance : nu^2 / (S + slack).
     """
     first, *others = entries
@@ -115,11 +116,34 @@ def corrected(
     surprise = value - predicted
     distance = surprise * surprise / (spread + slack)
     if distance > farthest:
-        return mean, covariance, distance
+        return mean, covariance, surprise, distance
     gain = across / spread
     kept = _EYE.copy()
     for entry in entries:
         kept[:, entry] -= gain
     after = kept @ covariance @ kept.T
     after += (variance * gain)[:, None] * gain
-    return mean + gain * surprise, after, distance
+    return mean + gain * surprise, after, surprise, distance
+
+
+def doubted(
+    covariance: Array, before: Sequence[float], dt: float, entry: int, surprise: float
+) -> Array:
+    """Return the covariance if an entry of the state may have jumped ``dt`` s ago.
+
+    A measurement that is left out is either wrong, or right because the robot was pushed. With f
+    the derivative of the state by what that entry was ``dt`` s before, a jump by nu gives::
+
+        P <- P + min(nu^2, 1) f f^T
+
+    The next measurement settles which of both it was, and corrects all that moved with it.
+
+    Parameters
+    ----------
+    covariance : (9, 9), now.
+    before : the state ``dt`` s before.
+    entry : of the state, which was measured.
+    surprise : nu.
+    """
+    jump = min(abs(surprise), 1.0) * slope(before, dt)[:, entry]
+    return covariance + jump[:, None] * jump

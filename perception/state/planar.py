@@ -12,7 +12,7 @@ from ...framework.state_estimator import StateEstimator, checked_start
 from ...framework.values.arrays import Array, assembled, positive, probability
 from ...framework.values.errors import WideberthError
 from ...framework.values.sensing import InertialSample, MotionEstimate, Sample, WheelSample
-from .model import BIAS, FORWARD, LATERAL, SIZE, SPEED, YAW_RATE, corrected, wrapped
+from .model import BIAS, FORWARD, LATERAL, SIZE, SPEED, YAW_RATE, corrected, doubted, wrapped
 from .noise import MotionNoise, noise_of
 
 Key: TypeAlias = tuple[float, int, str]
@@ -89,7 +89,8 @@ class PlanarFilter(StateEstimator):
     gate : probability with which a good measurement is left out: nu^2 / S beyond the chi-squared
         quantile of one degree of freedom, 10.8 at 0.001. 0 leaves nothing out. An acceleration
         steps with the command, of which the model knows nothing: for its test (1 m/s^2)^2 are
-        added to S.
+        added to S. What was left out makes the filter doubt itself, see `model.doubted`: a push
+        that goes on is believed at the next update.
     memory : s, how late a sample may come.
     interval : s, the shortest time between two updates. Wheels that are read more often lose
         nothing by it, since their angles are counted from the start.
@@ -299,12 +300,13 @@ class PlanarFilter(StateEstimator):
             if not abs(value) < _WILDEST:
                 reasons.append(f"{name} {value:.4g} is none that a robot has")
                 continue
-            mean, covariance, distance = corrected(
+            mean, covariance, surprise, distance = corrected(
                 mean, covariance, entries, value, variance, self._farthest,
                 _STEP**2 if entries is FORWARD else 0.0,
             )  # fmt: skip
             if distance > self._farthest:
-                away = sqrt(distance)
+                away, dt = sqrt(distance), time - belief.time
+                covariance = doubted(covariance, belief.mean.tolist(), dt, entries[0], surprise)
                 reasons.append(f"{name} {value:.4g} is {away:.1f} deviations from the expected")
         mean[2] = wrapped(mean[2])
         belief = belief._replace(

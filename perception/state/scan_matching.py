@@ -20,6 +20,10 @@ _BEYOND = 0.02
 """m, by which a point may lie past the end of a wall."""
 _FAR = 1.0
 """m from a wall beyond which a point is never of it."""
+_DOUBT = (0.05**2, 0.05**2, 0.02**2)
+"""m^2, m^2, rad^2, by which the pose is less sure after a scan that does not fit the map."""
+_LOST = 0.3
+"""m, deviation up to which it is doubted: scans find no pose that is further off."""
 _ROUNDS = 8
 _STILL = 1e-5
 """m and rad: a step as small ends the search."""
@@ -48,7 +52,9 @@ class ScanMatching(StateEstimator):
 
     with s_i^2 = (deviation of the range along n_i)^2 + ``map_deviation``^2; the new C is the
     inverse of the information matrix, sum_i J_i^T J_i / s_i^2 + C^-1. Where the walls leave a
-    direction open (a corridor), the matrix says so and the odometry decides.
+    direction open (a corridor), the matrix says so and the odometry decides. A scan that does not
+    fit the map is left out, and the pose less sure after it, so that after a push or a slip the
+    gate opens until scans fit again.
 
     Parameters
     ----------
@@ -114,10 +120,12 @@ class ScanMatching(StateEstimator):
         points, directions = self._points(sample, met, now)
         pose, covariance = anchor.moved(now)
         fitted = self._fitted(points, directions, pose, covariance, sample.deviation)
+        self._newest = stamp
         if isinstance(fitted, str):
+            if np.trace(covariance[:2, :2]) < _LOST**2:
+                self._anchor = _Anchor(now, pose, covariance + np.diag(_DOUBT))
             return fitted
         self._anchor = _Anchor(now, *fitted)
-        self._newest = stamp
         return ""
 
     def at(self, time: float) -> MotionEstimate:

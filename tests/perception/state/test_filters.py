@@ -190,7 +190,7 @@ def model_errors(noise, filter_, rng, seconds=20.0):
         covariance = covariance + np.diag(q**2)
         for entries, deviation in kinds:
             value = truth[list(entries)].sum() + deviation * rng.standard_normal()
-            mean, covariance, _ = corrected(mean, covariance, entries, value, deviation**2)
+            mean, covariance, *_ = corrected(mean, covariance, entries, value, deviation**2)
     return truth - mean, covariance
 
 
@@ -320,6 +320,21 @@ def test_a_wild_measurement_is_left_out_with_its_reason():
     assert len(reasons) == 1 and reasons[0].startswith("yaw rate ")
     assert "deviations from the expected" in reasons[0]
     assert np.abs(calm.at(8.0).mean - wild.at(8.0).mean).max() < 0.02
+
+
+def test_a_push_is_believed_at_the_second_update():
+    """The yaw rate jumps from 0 to 0.6 rad/s and stays: the heading loses nothing by the gate."""
+    estimator, clock = made(rest=0.0), 0.01 * np.arange(1, 301)
+    reasons = []
+    for index, time in enumerate(clock.tolist()):
+        rate = 0.6 if time > 1.501 else 0.0
+        reasons.append(estimator.take(InertialSample("unit", time, rate, np.zeros(2))))
+        if index % 3 == 2:
+            reasons.append(estimator.take(WheelSample("wheels", time, np.zeros(4))))
+    found = estimator.at(3.0)
+    assert sum(map(bool, reasons)) == 1
+    assert abs(found.mean[2] - 0.6 * 1.5) < 0.02
+    assert found.mean[5] == pytest.approx(0.6, abs=1e-3)
 
 
 def test_a_jumping_clock_is_not_followed_before_it_is_sure():

@@ -128,7 +128,20 @@ def test_a_scan_of_another_place_is_left_out_with_its_reason():
     assert "beams fit the map" in estimator.take(other)
     nothing = Scan("lidar", np.ones(4), np.arange(4.0), np.full(4, np.inf))
     assert "no beam met anything" in estimator.take(nothing)
-    assert np.array_equal(estimator.at(1.0).mean, before.mean)
+    after = estimator.at(1.0)
+    assert np.allclose(after.mean, before.mean, atol=1e-12)
+    assert np.trace(after.covariance[:2, :2]) > np.trace(before.covariance[:2, :2])
+
+
+def test_a_robot_that_was_pushed_is_found_again():
+    """The pose jumps by 0.3 m and 0.1 rad, of which wheels and gyro know nothing."""
+    estimator, truth = made(), np.array([0.25, -0.15, 0.1])
+    reasons = [
+        estimator.take(standing_scan(WALLS, truth, np.random.default_rng(6), time=time))
+        for time in np.linspace(0.05, 0.95, 10).tolist()
+    ]
+    assert reasons[0] and not reasons[-1]
+    assert np.abs(estimator.at(0.95).mean[:3] - truth).max() < 0.01
 
 
 def test_a_late_scan_and_one_of_no_known_time_are_left_out():
