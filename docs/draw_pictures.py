@@ -1,4 +1,4 @@
-"""Draw the film of the README and the map of the page on routes: `make pictures` writes them."""
+"""Draw the film of the README and the pictures of two pages: `make pictures` writes them."""
 
 import io
 from pathlib import Path
@@ -9,12 +9,14 @@ from PIL import Image
 
 import wideberth
 from wideberth import Costmap, GaussianObstacle, Inflation, OccupancyGrid
+from wideberth.framework.drawing.shapes import ellipses
 from wideberth.routes import NavFn, Smoothed
 from wideberth.routes.polygons import convex_polygons
 from wideberth.simulation.engine.agents import RobotAgent, ScriptedAgent
 from wideberth.simulation.engine.episode import run_episode
 from wideberth.simulation.engine.settings import Settings
 from wideberth.simulation.log.episode_log import Episode
+from wideberth.tests.helpers.driven import driven, in_order, instant, room, scans
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
@@ -133,10 +135,52 @@ def route(file: Path) -> None:
     plt.close(figure)
 
 
+def own_state(file: Path) -> None:
+    """Draw a drive as two filters and a map believe it, and the errors beside the deviations."""
+    rng = np.random.default_rng(15)
+    run, walls = driven(rng, 40.0), room()
+    samples = in_order(run.samples, scans(run, walls, rng))
+    figure, (plane, panel) = plt.subplots(1, 2, figsize=(9.6, 4.2), layout="constrained")
+    for wall in walls:
+        plane.fill(*wall.points.T, color="0.7")
+    plane.plot(*run.truth[:, :2].T, color="k", linewidth=1.0, label="truth")
+    for name, settings, colour in (
+        ("ekf, robot_localization", {"type": "ekf", "noise": "robot_localization"}, "#cc79a7"),
+        ("ekf, small", {"type": "ekf"}, "#d55e00"),
+        ("scan_matching", {"type": "scan_matching", "walls": walls}, "#0072b2"),
+    ):
+        estimator = wideberth.build("state_estimators", settings)
+        estimator.reset(np.zeros(3), 0.0)
+        found, waiting = [], list(samples)
+        for time in np.arange(0.5, run.times[-1], 0.5):
+            while waiting and instant(waiting[0]) <= time:
+                estimator.take(waiting.pop(0))
+            found.append(estimator.at(float(time)))
+        times = np.array([one.time for one in found])
+        true = np.stack([np.interp(times, run.times, run.truth[:, i]) for i in (0, 1)], axis=1)
+        means = np.array([one.mean[:2] for one in found])
+        covariances = np.array([one.covariance[:2, :2] for one in found])
+        off = np.hypot(*(means - true).T)
+        panel.semilogy(times, off, color=colour, label=name)
+        deviation = np.sqrt(np.trace(covariances, axis1=1, axis2=2))
+        panel.semilogy(times, deviation, "--", color=colour, linewidth=0.9)
+        plane.plot(*means.T, color=colour, linewidth=0.9, label=name)
+        for outline in ellipses(means[15::16], covariances[15::16], 5.991):
+            plane.fill(*outline.T, facecolor="none", edgecolor=colour, linewidth=1.2)
+    plane.set(xlim=(-13.5, 13.5), ylim=(-13.5, 13.5), aspect="equal")
+    plane.set(xlabel="x in m", ylabel="y in m", title="a drive of 40 s, ellipses of 95 %")
+    panel.set(xlabel="time in s", ylabel="m", ylim=(1e-4, 30.0))
+    panel.set_title("error of the position; dashed: its deviation")
+    plane.legend(loc="lower right", fontsize="small")
+    figure.savefig(file, dpi=110, bbox_inches="tight")
+    plt.close(figure)
+
+
 if __name__ == "__main__":
     planner, episode = drive()
     FOLDER.mkdir(exist_ok=True)
     route(FOLDER / "routes.png")
+    own_state(FOLDER / "own-state.png")
     written = FOLDER / "episode.gif"
     written.write_bytes(film(planner, episode))
     print(f"{written}: {written.stat().st_size / 1e3:.0f} kB, {episode.duration:.1f} s")

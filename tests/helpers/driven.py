@@ -128,9 +128,11 @@ def scans(drive: Drive, walls, rng: np.random.Generator, people=(), beams: int =
     return found
 
 
+def instant(sample) -> float:
+    """Return the time of a sample, s; of a scan, that of its last beam."""
+    return sample.stamp if isinstance(sample, Scan) else sample.time
+
+
 def in_order(*lists) -> list:
     """Return samples of several lists in the order of their times."""
-    return sorted(
-        (sample for one in lists for sample in one),
-        key=lambda s: s.stamp if isinstance(s, Scan) else s.time,
-    )
+    return sorted((sample for one in lists for sample in one), key=instant)
