@@ -47,8 +47,11 @@ def test_covariance_is_that_of_many_draws(name):
 
 
 def test_the_speed_of_a_robot_without_heading_is_turned_into_the_frame():
-    state, _ = own_state(build("robots", "holonomic"), ESTIMATE, seen_from_here=True)
-    assert np.allclose(state, [1.0, -2.0, 0.4 * np.cos(0.6), 0.4 * np.sin(0.6)])
+    aside = MotionEstimate(3.0, MEAN + 0.1 * np.eye(6)[4], ESTIMATE.covariance)
+    state, _ = own_state(build("robots", "holonomic"), aside, seen_from_here=True)
+    cosine, sine = np.cos(0.6), np.sin(0.6)
+    world = [0.4 * cosine - 0.1 * sine, 0.4 * sine + 0.1 * cosine]
+    assert np.allclose(state, [1.0, -2.0, *world])
 
 
 def test_state_keeps_the_limits():
