@@ -45,6 +45,7 @@ ROOMS = {
         "wideberth.perception.state", f"{_FRAMEWORK}.state_estimator:StateEstimator"
     ),
     "detectors": Room("wideberth.perception.detection", f"{_FRAMEWORK}.detector:Detector"),
+    "trackers": Room("wideberth.perception.tracking", f"{_FRAMEWORK}.tracker:Tracker"),
     "route_planners": Room("wideberth.routes", f"{_FRAMEWORK}.route_planner:RoutePlanner"),
     "solvers": Room(f"{_FRAMEWORK}.mpc.solvers", f"{_FRAMEWORK}.mpc.solvers.base:Solver"),
     "levels": Room(f"{_FRAMEWORK}.mpc.levels", f"{_FRAMEWORK}.mpc.levels.base:LevelPolicy"),

@@ -17,5 +17,6 @@ from .slot_kind import check_slot_kind as check_slot_kind
 from .solver import check_solver as check_solver
 from .state_estimator import check_state_estimator as check_state_estimator
 from .static_region import check_static_region as check_static_region
+from .tracker import check_tracker as check_tracker
 from ...simulation.scenarios.checking import check_scenario as check_scenario
-__all__ = ['CHECKS', 'Law', 'check_controller', 'check_cost', 'check_detector', 'check_level', 'check_predictor', 'check_region', 'check_robot', 'check_route_planner', 'check_scenario', 'check_slot_kind', 'check_solver', 'check_state_estimator', 'check_static_region', 'laws_of']
+__all__ = ['CHECKS', 'Law', 'check_controller', 'check_cost', 'check_detector', 'check_level', 'check_predictor', 'check_region', 'check_robot', 'check_route_planner', 'check_scenario', 'check_slot_kind', 'check_solver', 'check_state_estimator', 'check_static_region', 'check_tracker', 'laws_of']

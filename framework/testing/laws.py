@@ -21,6 +21,7 @@ CHECKS = {
     "check_state_estimator": f"{_HERE}.state_estimator",
     "check_solver": f"{_HERE}.solver",
     "check_detector": f"{_HERE}.detector",
+    "check_tracker": f"{_HERE}.tracker",
     "check_scenario": "wideberth.simulation.scenarios.checking",
 }
 """Contract check -> the module that it stands in, which is imported on first use."""

@@ -79,6 +79,7 @@ ARROWS: dict[str, set[str]] = {
     "perception": set(),
     "perception/detection": set(),
     "perception/state": set(),
+    "perception/tracking": set(),
     "predictors": {"predictors/core"},
     "predictors/core": set(),
     "regions": set(),
