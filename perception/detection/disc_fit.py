@@ -30,18 +30,22 @@ class DiscFit:
     covariance: Array
 
 
-def fit_disc(points: Array, origins: Array, radius: float, deviation: float) -> DiscFit:
+def fit_disc(
+    points: Array, origins: Array, radius: float, deviation: float, rough: float = 0.0
+) -> DiscFit:
     """Fit the centre c of a disc of radius R to points on the side that faces the sensor.
 
     min_c  sum_i (|p_i - c| - R)^2
 
     by Gauss-Newton from the mean point, moved 0.8 R along the line of sight. The error of a
-    range acts along its beam u_i: it moves the residual by its part along the normal n_i. So
+    range acts along its beam u_i: it moves the residual by its part along the normal n_i. So, with
+    w the roughness of the body,
 
-    C = s H^-1 (sum_i sigma^2 (u_i . n_i)^2 n_i n_i') H^-1,   H = sum_i n_i n_i' + 1e-6 I
+    C = H^-1 (sum_i (sigma^2 (u_i . n_i)^2 + w^2) n_i n_i') H^-1,   H = sum_i n_i n_i' + 1e-6 I
 
-    with s = 1 unless the residuals are larger than this noise explains (at 99 %): then s is
-    their ratio to what was expected.
+    Where the residuals are larger than this explains (at 99 %) the points lie on no such disc,
+    say on two bodies that touch. That error is the same at all points, so that the mean square
+    of the residuals is added to C on both axes.
 
     Parameters
     ----------
@@ -49,6 +53,7 @@ def fit_disc(points: Array, origins: Array, radius: float, deviation: float) -> 
     origins : (n, 2), m, of their beams.
     radius : R, m.
     deviation : sigma, m, of a range.
+    rough : w, m, root mean square by which the body differs from a disc.
     """
     middle = points.mean(axis=0)
     sight = middle - origins.mean(axis=0)
@@ -62,11 +67,11 @@ def fit_disc(points: Array, origins: Array, radius: float, deviation: float) -> 
     normal, residual = _normals(points, centre, radius)
     beam = points - origins
     beam = beam / np.maximum(np.linalg.norm(beam, axis=1), 1e-9)[:, None]
-    noise = deviation**2 * (beam * normal).sum(axis=1) ** 2
+    noise = deviation**2 * (beam * normal).sum(axis=1) ** 2 + rough**2
     inverse = np.linalg.inv(normal.T @ normal + RIDGE * np.eye(2))
     inverse = 0.5 * (inverse + inverse.T)
     spread = inverse @ (normal.T * noise) @ normal @ inverse
-    spread = spread * _excess(residual, noise)
+    spread = spread + _misfit(residual, noise) * np.eye(2)
     return DiscFit(centre, 0.5 * (spread + spread.T))
 
 
@@ -77,18 +82,18 @@ def _normals(points: Array, centre: Array, radius: float) -> tuple[Array, Array]
     return away / distance[:, None], distance - radius
 
 
-def _excess(residual: Array, noise: Array) -> float:
-    """Return by how much the residuals exceed the noise, 1 where it explains them.
+def _misfit(residual: Array, noise: Array) -> float:
+    """Return the mean square of the residuals, m^2; 0 where the noise explains them.
 
     The threshold is Wilson's and Hilferty's approximation of a chi-square quantile.
     """
     free = len(residual) - 2
     if free < 1:
-        return 1.0
-    expected = max(float(noise.mean()) * free, 1e-12)
-    ratio = float(residual @ residual) / expected
+        return 0.0
+    square = float(residual @ residual)
     likely = (1.0 - 2.0 / (9.0 * free) + SURE * (2.0 / (9.0 * free)) ** 0.5) ** 3
-    return ratio if ratio > likely else 1.0
+    explained = square <= likely * max(float(noise.mean()) * free, 1e-12)
+    return 0.0 if explained else square / len(residual)
 
 
 @dataclass(frozen=True)
@@ -99,12 +104,14 @@ class Shape:
     ----------
     radius : m, of the disc that encloses it.
     fitted : m, of the disc whose centre comes out right on average.
+    rough : m, root mean square distance of what is seen of it from that disc.
     along, across : m, standard deviations that the unknown heading adds to the centre, along
         the line of sight and across it.
     """
 
     radius: float
     fitted: float
+    rough: float
     along: float
     across: float
 
@@ -124,7 +131,7 @@ class Shape:
 
 def cylinder(radius: float) -> Shape:
     """Return the shape of a cylinder, which looks the same from all sides."""
-    return Shape(radius, radius, 0.0, 0.0)
+    return Shape(radius, radius, 0.0, 0.0, 0.0)
 
 
 @lru_cache(maxsize=16)
@@ -137,15 +144,16 @@ def box(half_length: float, half_width: float) -> Shape:
     exact rays on the box at `HEADINGS` headings; the distance hardly matters.
     """
     radius = hypot(half_length, half_width)
-    fitted, errors = radius, np.zeros((HEADINGS, 2))
+    fitted, errors = radius, np.zeros((HEADINGS, 3))
     for _ in range(4):
         errors = np.array([
             _box_error(half_length, half_width, fitted, heading)
             for heading in np.pi * (np.arange(HEADINGS) + 0.5) / HEADINGS
         ])  # fmt: skip
         fitted -= float(errors[:, 0].mean())
-    along, across = errors.std(axis=0)
-    return Shape(radius, fitted, float(along), float(across))
+    along, across, _ = errors.std(axis=0)
+    rough = np.sqrt(errors[:, 2].mean())
+    return Shape(radius, fitted, float(rough), float(along), float(across))
 
 
 HEADINGS, AWAY, RAYS = 60, 8.0, 41
@@ -153,7 +161,7 @@ HEADINGS, AWAY, RAYS = 60, 8.0, 41
 
 
 def _box_error(half_length: float, half_width: float, radius: float, heading: float) -> Array:
-    """Return by how much a disc is off along and across the line of sight, (2,), m."""
+    """Return how far a disc is off along and across, m, and its mean square residual, m^2."""
     reach = np.arcsin(hypot(half_length, half_width) / AWAY)
     angle = np.linspace(-reach, reach, RAYS)
     beams = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -166,4 +174,5 @@ def _box_error(half_length: float, half_width: float, radius: float, heading: fl
     met = enter < leave
     points = enter[met, None] * beams[met]
     found = fit_disc(points, np.zeros_like(points), radius, 1e-3)
-    return np.asarray(found.centre - np.array([AWAY, 0.0]))
+    _, residual = _normals(points, found.centre, radius)
+    return np.append(found.centre - np.array([AWAY, 0.0]), (residual**2).mean())

@@ -10,11 +10,13 @@ from ...framework.values.arrays import Array, positive, whole
 from ...framework.values.errors import WideberthError
 from ...framework.values.sensing import Scan, Sightings
 from .disc_fit import Shape, box, cylinder, fit_disc
-from .groups import by_density, by_gap, density_library, width
+from .groups import at_notches, by_density, by_gap, density_library, width
 from .hits import Hits, hits_of
 
 SLACK = 0.6
 """m by which a group may be wider than the body that is looked for; wider ones stand still."""
+NOTCH = 0.05
+"""m, or four deviations of a range: least depth of a notch that splits a group."""
 VAGUEST = 1.0
 """m, largest standard deviation of a centre that is of use."""
 
@@ -24,11 +26,12 @@ VAGUEST = 1.0
 class Discs(Detector):
     """Finds bodies of a known shape: groups of points, and a disc fitted to each.
 
-    A group that is wider than the body by more than `SLACK` is a wall: its points are static.
-    The rest is fitted by `fit_disc`. A box is handed on as the disc that encloses it; it is
-    fitted with a smaller one, see `disc_fit.box`, and its covariance holds what its unknown
-    heading does to the centre. That error stays for seconds, while the body keeps its
-    heading, so that no filter can average it away.
+    A group of up to two bodies' width is split where its outline goes back between them
+    (`at_notches`). What is wider than the body by more than `SLACK` is a wall: its points are
+    static. The rest is fitted by `fit_disc`. A box is handed on as the disc that encloses it; it
+    is fitted with a smaller one, see `disc_fit.box`, and its covariance holds what its unknown
+    heading does to the centre. That error stays for seconds, while the body keeps its heading, so
+    that no filter can average it away.
 
     Parameters
     ----------
@@ -81,13 +84,18 @@ class Discs(Detector):
         hits, note = hits_of(scan, poses)
         found: list[tuple[Array, Array, float, float]] = []
         static = [np.zeros((0, 2))]
-        for index in by_gap(hits, self.gap) if self.groups == "gap" else by_density(hits):
-            group = hits.select(index)
-            extent = width(group.points)
-            if extent > 2.0 * self._shape.radius + SLACK:
-                static.append(group.points)
-            elif len(group) >= self.fewest:
-                found += self._disc(group, scan.deviation, extent)
+        depth = max(NOTCH, 4.0 * scan.deviation)
+        for whole_group in by_gap(hits, self.gap) if self.groups == "gap" else by_density(hits):
+            if width(hits.points[whole_group]) > 4.0 * self._shape.radius + SLACK:
+                static.append(hits.points[whole_group])
+                continue
+            for index in at_notches(hits, whole_group, depth):
+                group = hits.select(index)
+                extent = width(group.points)
+                if extent > 2.0 * self._shape.radius + SLACK:
+                    static.append(group.points)
+                elif len(group) >= self.fewest:
+                    found += self._disc(group, scan.deviation, extent)
         positions, covariance, radius, times = zip(*found, strict=True) if found else ((),) * 4
         count = len(found)
         return Sightings(
@@ -106,7 +114,7 @@ class Discs(Detector):
     ) -> list[tuple[Array, Array, float, float]]:
         """Return centre, covariance, radius and time of one body; none where it is too vague."""
         shape = self._shape
-        fit = fit_disc(group.points, group.origins, shape.fitted, deviation)
+        fit = fit_disc(group.points, group.origins, shape.fitted, deviation, shape.rough)
         spread = fit.covariance + self.floor**2 * np.eye(2)
         spread = spread + shape.spread(fit.centre - group.origins.mean(axis=0))
         if np.linalg.eigvalsh(spread)[-1] > VAGUEST**2:

@@ -1,6 +1,7 @@
 """Which points of a scan belong to the same body."""
 
 from importlib import import_module
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -57,7 +58,7 @@ def by_gap(hits: Hits, gap: float, growth: float | None = None) -> list[IntArray
 
 
 def by_density(hits: Hits) -> list[IntArray]:
-    """Group the points by DBSCAN of scikit-learn, whatever their order.
+    """Group the points by DBSCAN of scikit-learn; in each group they are sorted by bearing.
 
     Points that have too few others around them belong to no group.
 
@@ -68,7 +69,15 @@ def by_density(hits: Hits) -> list[IntArray]:
     if not len(hits):
         return []
     labels: Array = density_library().DBSCAN(eps=REACH, min_samples=CROWD).fit(hits.points).labels_
-    return [np.flatnonzero(labels == name) for name in range(int(labels.max()) + 1)]
+    groups = [np.flatnonzero(labels == name) for name in range(int(labels.max()) + 1)]
+    return [_by_bearing(hits, index) for index in groups]
+
+
+def _by_bearing(hits: Hits, index: IntArray) -> IntArray:
+    """Begin after the widest gap, so that a group on the seam of a scan is in order too."""
+    beams = hits.beams[index]
+    gaps = np.mod(beams - np.roll(beams, 1) - 1, max(hits.total, 1))
+    return np.roll(index, -int(gaps.argmax()))
 
 
 def density_library() -> Any:
@@ -85,6 +94,51 @@ def density_library() -> Any:
             f"groups by density need scikit-learn ({error}); install it with: "
             "pip install 'wideberth[perception]', or choose groups: gap"
         ) from None
+
+
+def at_notches(hits: Hits, index: IntArray, depth: float) -> list[IntArray]:
+    """Split a group where its outline goes back between two bodies.
+
+    The points that a convex body shows lie on the side of their convex hull that faces the
+    sensor. The point farthest behind that side, by more than ``depth``, is between two bodies
+    that stand side by side; it goes with the nearer of its neighbours.
+
+    Parameters
+    ----------
+    hits : of a scan.
+    index : of the points of a group, by bearing.
+    depth : m.
+
+    Returns
+    -------
+    Indices of the points of each part, by bearing.
+    """
+    points = hits.points[index]
+    behind = _behind_the_face(points)
+    at = int(behind.argmax())
+    if behind[at] <= depth:
+        return [index]
+    before, after = np.linalg.norm(np.diff(points[at - 1 : at + 2], axis=0), axis=1)
+    cut = at + 1 if before < after else at
+    return at_notches(hits, index[:cut], depth) + at_notches(hits, index[cut:], depth)
+
+
+def _behind_the_face(points: Array) -> Array:
+    """Distance of points, by increasing bearing, behind the face of their hull, (n,), m."""
+    face: list[int] = []
+    for last, (x, y) in enumerate(points.tolist()):
+        while len(face) > 1:
+            (ax, ay), (bx, by) = points[face[-2]].tolist(), points[face[-1]].tolist()
+            if (bx - ax) * (y - by) - (by - ay) * (x - bx) < 0.0:  # it bulges at b
+                break
+            face.pop()
+        face.append(last)
+    found = np.zeros(len(points))
+    for begin, end in pairwise(face):
+        along, away = points[end] - points[begin], points[begin:end] - points[begin]
+        cross = along[0] * away[:, 1] - along[1] * away[:, 0]
+        found[begin:end] = np.abs(cross) / max(float(np.hypot(*along)), 1e-9)
+    return found
 
 
 def width(points: Array) -> float:

@@ -120,7 +120,7 @@ def test_tracks_are_as_sure_as_they_say() -> None:
     values, runs = [], 60
     for seed in range(runs):
         found, truth = wander(np.random.default_rng(seed), 40, 0.02, 0.02)
-        tracker = Nearest()
+        tracker = Nearest(acceleration_density=0.02)
         for one in found:
             assert tracker.update(one) == ""
         (track,) = tracker.at(found[-1].time)
@@ -158,19 +158,19 @@ def test_a_confirmed_track_is_kept_for_a_second() -> None:
 
 @pytest.mark.parametrize("by", ["wall", "body"])
 def test_a_hidden_track_is_kept_for_longer_and_goes_on(by: str) -> None:
-    """Somebody walks behind a pillar, or behind somebody else, for 2.5 s."""
+    """Somebody walks behind a pillar, or behind somebody else, for 1.7 s."""
     tracker = Nearest()
     now = followed(tracker)
     origin, number = (2.0, -5.0), 0
     hidden: list[list[float]] = []
-    for number in range(1, 26):
+    for number in range(1, 18):
         x = 2.5 + 0.05 * number  # where it is, and what stands in the line of sight
         place = [2.0 + 0.4 * (x - 2.0), -3.0]
         hidden = [[8.0, 8.0]] if by == "wall" else [[8.0, 8.0], place]
         static = [place] if by == "wall" else []
         tracker.update(sightings(now + 0.1 * number, hidden, static=static, origin=origin))
-    now += 2.6
-    tracker.update(sightings(now, [[2.5 + 0.05 * 26, 0.0]], origin=origin))
+    now += 1.8
+    tracker.update(sightings(now, [[2.5 + 0.05 * 18, 0.0]], origin=origin))
     near = [one for one in tracker.at(now) if abs(one.state[1]) < 1.0]
     assert [one.ident for one in near] == ["1"] and near[0].seen == now
     tracker.update(sightings(now + 1.1, [[8.0, 8.0]], origin=origin))  # nothing before it now
@@ -189,7 +189,7 @@ def test_all_sightings_are_assigned_at_once() -> None:
 
 def test_a_sure_track_is_preferred_to_a_vague_one() -> None:
     """ln det S: at the same d^2 the sighting is likelier to be of the surer track."""
-    tracker = Nearest()
+    tracker = Nearest(acceleration_density=0.02)
     for number in range(1, 21):
         tracker.update(sightings(0.1 * number, [[0.0, 0.0]]))
     tracker.update(sightings(2.1, [[0.0, 0.0], [0.5, 0.0]], deviation=0.3))  # a vague one is born
@@ -219,7 +219,7 @@ def test_the_radius_is_averaged() -> None:
 
 def test_measurements_are_handed_on_as_of_the_instant_of_their_scan() -> None:
     """Two that move alike but were met at other instants of each scan have one age."""
-    tracker = Nearest()
+    tracker = Nearest(acceleration_density=0.02)
     for number in range(1, 21):
         scan = 0.1 * number
         times = scan - np.array([0.02, 0.08])
@@ -267,7 +267,12 @@ def drive(detector: Discs, tracker: Nearest, half: tuple[float, float] | None, s
 
 def test_from_ranges_to_tracks() -> None:
     """Open floor, a cylinder of 0.75 m at 4 to 8 m: millimetres, and no more sure than it is."""
-    found = np.array([drive(Discs((0.75,)), Nearest(), None, seed) for seed in range(25)])
+    found = np.array(
+        [
+            drive(Discs((0.75,)), Nearest(acceleration_density=0.02), None, seed)
+            for seed in range(25)
+        ]
+    )
     assert np.sqrt((found[:, :2] ** 2).sum(axis=1).mean()) < 0.012
     assert np.sqrt((found[:, 2:4] ** 2).sum(axis=1).mean()) < 0.05
     assert 0.1 < found[:, 4].mean() < 5.0
@@ -276,8 +281,10 @@ def test_from_ranges_to_tracks() -> None:
 def test_the_error_of_a_box_lasts() -> None:
     """A box keeps its heading, so its error does not average away unless the tracker knows."""
     half = (0.6, 0.45)
-    plain = np.array([drive(Discs(half), Nearest(), half, seed) for seed in range(20)])
-    aware = np.array([drive(Discs(half), Nearest(lasting=0.06), half, seed) for seed in range(20)])
+    plain = np.array([drive(Discs(half), Nearest(0.02), half, seed) for seed in range(20)])
+    aware = np.array(
+        [drive(Discs(half), Nearest(0.02, lasting=0.06), half, seed) for seed in range(20)]
+    )
     assert aware[:, 4].mean() < 0.6 * plain[:, 4].mean()
     assert aware[:, 4].mean() < 5.0
 
