@@ -196,7 +196,7 @@ class Nearest(Tracker):
         return np.where(square < self.gate, square + np.log(determinant), FORBIDDEN)
 
     def _shadowed(self, seen: Sightings) -> BoolArray:
-        """Tell which tracks are hidden, as seen from the sensor, by something nearer.
+        """Return which tracks are hidden, as seen from the sensor, by something nearer.
 
         It is if `HIDDEN` of the rays over its width meet a nearer body, or pass a nearer static
         point within `POINT`.
@@ -220,7 +220,7 @@ class Nearest(Tracker):
         return shadow
 
     def _alive(self, track: _Track, shadowed: bool) -> bool:
-        """Tell whether a track is kept after a scan."""
+        """Return whether a track is kept after a scan."""
         if track.confirmed:
             return self._now - track.time <= (self.hidden if shadowed else self.memory)
         return track.lately[-2:] != (False, False) and len(track.lately) < self.window

@@ -15,7 +15,7 @@ from wideberth.framework.tracking.history import History, admitted
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.sensing import Sightings, TrackedObstacle
 from wideberth.perception.detection.discs import Discs
-from wideberth.perception.tracking.handover import Handover
+from wideberth.framework.tracking.handover import Handover
 from wideberth.perception.tracking.kf_hungarian import KfHungarian
 from wideberth.perception.tracking.motion import carried, corrected
 from wideberth.perception.tracking.nearest import Nearest
@@ -293,17 +293,17 @@ def test_what_is_handed_on() -> None:
     tracker, handover = Nearest(), Handover()
     for number in range(1, 4):
         tracker.update(sightings(0.1 * number, [[0.05 * number, 0.0], [0.05 * number, 4.0]]))
-    handover, earlier, present = handover.told(tracker.at(0.35), 0.35)
+    handover, earlier, present = handover.detections(tracker.at(0.35), 0.35)
     assert [len(batch) for batch in earlier] == [2, 2]
     assert [batch[0].age for batch in earlier] == pytest.approx([0.25, 0.15])
     assert [one.age for one in present] == pytest.approx([0.05, 0.05])
     assert all(one.velocity is None for one in present)
     tracker.update(sightings(0.4, [[0.2, 0.0]]))
-    handover, earlier, present = handover.told(tracker.at(0.42), 0.42)
+    handover, earlier, present = handover.detections(tracker.at(0.42), 0.42)
     assert not earlier and [one.age for one in present] == pytest.approx([0.02, 0.12])
-    # What is told reaches a planner's history, all of it.
+    # What is handed on reaches a planner's history, all of it.
     history = History(0.1, 10, 5.0, 1.0)
-    handover, earlier, present = Handover().told(tracker.at(0.42), 0.42)
+    handover, earlier, present = Handover().detections(tracker.at(0.42), 0.42)
     for batch in (*earlier, present):
         kept, refused = admitted(Observation(0.42, np.zeros(3), batch), 2, 5.0, None)
         assert not refused
@@ -316,12 +316,12 @@ def test_filtered_states_are_handed_on_with_their_covariance() -> None:
     tracker = Nearest()
     followed(tracker, 2.0)
     (one,) = tracker.at(2.04)
-    _, earlier, (told,) = Handover("filtered").told((one,), 2.04)
-    assert not earlier and told.age == 0.0 and not told.flaw
-    np.testing.assert_array_equal(told.position, one.state[:2])
-    np.testing.assert_array_equal(told.velocity, one.state[2:])
-    np.testing.assert_array_equal(told.state_covariance, one.covariance)
-    tracks = History(0.5, 10, 5.0, 1.0).add(2.04, (told,)).tracks()
+    _, earlier, (given,) = Handover("filtered").detections((one,), 2.04)
+    assert not earlier and given.age == 0.0 and not given.flaw
+    np.testing.assert_array_equal(given.position, one.state[:2])
+    np.testing.assert_array_equal(given.velocity, one.state[2:])
+    np.testing.assert_array_equal(given.state_covariance, one.covariance)
+    tracks = History(0.5, 10, 5.0, 1.0).add(2.04, (given,)).tracks()
     assert tracks is not None
     forecast = Kalman().predict(tracks, 2)
     np.testing.assert_allclose(forecast.mean[0, 0, 1], one.state[:2] + 1.0 * one.state[2:])
@@ -332,7 +332,7 @@ def test_filtered_states_are_handed_on_with_their_covariance() -> None:
 def test_a_published_tracker_hands_on_its_state() -> None:
     tracker = KfHungarian()
     followed(tracker, 2.0)
-    _, earlier, present = Handover().told(tracker.at(2.0), 2.0)
+    _, earlier, present = Handover().detections(tracker.at(2.0), 2.0)
     assert not earlier and len(present) == 1 and present[0].velocity is not None
 
 

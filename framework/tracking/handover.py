@@ -1,13 +1,13 @@
-"""From a tracker's obstacles to what a planner is told."""
+"""From a tracker's obstacles to the detections of an observation."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, final
 
-from ...framework.values.arrays import number
-from ...framework.values.errors import WideberthError
-from ...framework.values.motion import Detection
-from ...framework.values.sensing import TrackedObstacle
+from ..values.arrays import number
+from ..values.errors import WideberthError
+from ..values.motion import Detection
+from ..values.sensing import TrackedObstacle
 
 Batch = tuple[Detection, ...]
 
@@ -15,7 +15,7 @@ Batch = tuple[Detection, ...]
 @final
 @dataclass(frozen=True, eq=False)
 class Handover:
-    """Turns tracked obstacles into detections: a value that `told` replaces.
+    """Turns tracked obstacles into detections: a value that `detections` replaces.
 
     A planner takes the earlier batches by `remember`, oldest first, and the present one by
     `command`, all at the same stamp: the age of each detection says when it was.
@@ -43,10 +43,10 @@ class Handover:
         if self.kind not in ("measured", "filtered"):
             raise WideberthError(f"handover.kind is {self.kind!r}; wanted measured or filtered")
 
-    def told(
+    def detections(
         self, obstacles: Sequence[TrackedObstacle], now: float
     ) -> tuple["Handover", tuple[Batch, ...], Batch]:
-        """Return what is new of the obstacles.
+        """Return the measurements that were not handed on yet, as detections.
 
         Parameters
         ----------
