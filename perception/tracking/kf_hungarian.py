@@ -37,7 +37,7 @@ class KfHungarian(Tracker):
     Q = a [[dt^4/4, dt^3/2], [dt^3/2, dt^2]], and a position noise of ``noise`` whatever the
     detector states. An obstacle is there at its first sighting, is dropped after ``missed`` scans
     without one, and is handed on only at a speed between ``slowest`` and ``fastest``: one that
-    stands disappears.
+    stands disappears. The package is part of navigation2_dynamic, as of June 2024.
 
     Parameters
     ----------
@@ -51,10 +51,6 @@ class KfHungarian(Tracker):
     Raises
     ------
     WideberthError : a number that is not positive.
-
-    References
-    ----------
-    github.com/ros-navigation/navigation2_dynamic, kf_hungarian_tracker.
     """
 
     reference: ClassVar[str] = ""
