@@ -12,6 +12,7 @@ BUILT_IN: dict[str, str] = {
     "crossing_field": "wideberth.simulation.scenarios.crossing_field:CrossingField",
     "crowdnav": "wideberth.simulation.scenarios.crowdnav:CrowdNav",
     "doorway": "wideberth.simulation.scenarios.doorway:Doorway",
+    "furnished": "wideberth.simulation.scenarios.furnished:Furnished",
     "hallway": "wideberth.simulation.scenarios.hallway:Hallway",
     "model_crowd": "wideberth.simulation.scenarios.model_crowd:ModelCrowd",
     "overtaking": "wideberth.simulation.scenarios.overtaking:Overtaking",

@@ -1,0 +1,157 @@
+"""Another scenario with walls, walkers and routes around the walls."""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path as File
+from typing import final
+
+import numpy as np
+
+from ...framework.numerics.inflation import Inflation
+from ...framework.route_planner import RoutePlanner
+from ...framework.values.arrays import Array, positive
+from ...framework.values.costmap import FREE_SPACE, LETHAL, Costmap
+from ...framework.values.errors import WideberthError
+from ...framework.values.path import Path
+from ...framework.values.polygon import Polygon
+from ..engine.agents import Bystander, RobotAgent, ScriptedAgent
+from .base import Placement, Range, Scenario, checked_range, draw
+from .crossing import Crossing
+
+BEYOND = 2.0
+"""m by which the map reaches beyond walls, starts and goals."""
+SLOPE = 0.5
+"""m beside ``room`` within which a route costs more."""
+
+
+@final
+@dataclass(frozen=True)
+class Walker:
+    """Somebody who walks along a way and gives way to nobody.
+
+    Parameters
+    ----------
+    way : corners, m; the walker stops at the last one.
+    speed : m/s, range.
+    start : s, range of the time at which the first corner is passed.
+    radius : m.
+
+    Raises
+    ------
+    WideberthError : fewer than two corners, a range out of order, a radius not above 0.
+    """
+
+    way: tuple[tuple[float, float], ...]
+    speed: Range = (1.0, 1.0)
+    start: Range = (0.0, 0.0)
+    radius: float = 0.3
+
+    def __post_init__(self) -> None:
+        Path(np.array(self.way))
+        checked_range("walker.speed", self.speed, 0.0)
+        checked_range("walker.start", self.start, -np.inf)
+        positive("walker.radius", self.radius)
+
+
+@final
+@dataclass(frozen=True)
+class Furnished(Scenario):
+    """The robots of another scenario, among walls and walkers of one's own.
+
+    With a route planner the robots' paths lead around the walls: from the start of the other
+    scenario's path to its end, over a map of cells in which the walls are lethal and inflated
+    by ``room``.
+
+    Parameters
+    ----------
+    scenario : draws the robots, and its own people, bystanders and polygons.
+    walls : what stands still beside these.
+    walkers : who walks there beside these; times and speeds are drawn for each.
+    routes : finds the paths; None to keep those of the scenario.
+    room : m, least distance of a route from the walls.
+    resolution : m, of the cells.
+
+    Raises
+    ------
+    WideberthError : a number not above 0; when drawing, no route.
+    """
+
+    scenario: Scenario = field(default_factory=Crossing)
+    walls: tuple[Polygon, ...] = ()
+    walkers: tuple[Walker, ...] = ()
+    routes: RoutePlanner | None = None
+    room: float = 0.9
+    resolution: float = 0.1
+
+    def __post_init__(self) -> None:
+        positive("furnished.room", self.room)
+        positive("furnished.resolution", self.resolution)
+
+    def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
+        """Draw the other scenario's robots, and lay their paths around the walls."""
+        placements = self.scenario.build(rng)
+        if self.routes is None:
+            return placements
+        ends = np.concatenate([one.path.points[[0, -1]] for one in placements])
+        costmap = self.costmap(ends)
+        return tuple(replace(one, path=self._route(one, costmap)) for one in placements)
+
+    def people(
+        self, rng: np.random.Generator, placements: tuple[Placement, ...]
+    ) -> tuple[RobotAgent, ...]:
+        """Draw the other scenario's people."""
+        return self.scenario.people(rng, placements)
+
+    def bystanders(
+        self, rng: np.random.Generator, placements: tuple[Placement, ...]
+    ) -> tuple[Bystander, ...]:
+        """Draw the other scenario's bystanders, then the walkers."""
+        others = self.scenario.bystanders(rng, placements)
+        own = [
+            ScriptedAgent(
+                f"walker {i}", Path(np.array(one.way)), draw(rng, one.speed), one.radius,
+                draw(rng, one.start),
+            )
+            for i, one in enumerate(self.walkers, start=1)
+        ]  # fmt: skip
+        return (*others, *own)
+
+    def polygons(self, rng: np.random.Generator) -> tuple[Polygon, ...]:
+        """Return the other scenario's polygons and the walls."""
+        return (*self.scenario.polygons(rng), *self.walls)
+
+    def inputs(self) -> tuple[File, ...]:
+        """Return the files of the other scenario."""
+        return self.scenario.inputs()
+
+    def costmap(self, places: Array) -> Costmap:
+        """Return the inflated costs of the walls, over all walls and places (K, 2), m."""
+        import shapely
+
+        points = np.concatenate([places, *(wall.points for wall in self.walls)])
+        low = points.min(axis=0) - BEYOND
+        height, width = np.ceil((points.max(axis=0) + BEYOND - low) / self.resolution)[::-1]
+        rows, columns = np.mgrid[: int(height), : int(width)]
+        x, y = low[:, None, None] + self.resolution * (np.stack([columns, rows]) + 0.5)
+        shapes = shapely.union_all([shapely.Polygon(wall.points) for wall in self.walls])
+        away = shapely.distance(shapely.points(x, y), shapes)
+        taken = away <= self.resolution / np.sqrt(2.0)
+        cells = np.where(taken, LETHAL, FREE_SPACE).astype(np.uint8)
+        bare = Costmap(cells, self.resolution, (float(low[0]), float(low[1])))
+        return Inflation(self.room, self.room + SLOPE).inflated(bare)
+
+    def _route(self, one: Placement, costmap: Costmap) -> Path:
+        """Return the route of a robot.
+
+        Raises
+        ------
+        WideberthError : there is none.
+        """
+        assert self.routes is not None, "build asks for routes only with a planner"
+        start, goal = one.path.points[0], one.path.points[-1]
+        route = self.routes.plan(costmap, start, goal)
+        if route.path is None or route.reason:
+            raise WideberthError(
+                f"furnished: no route for {one.name} from {start} to {goal}: {route.reason}; move "
+                "walls or robots, or take a smaller room"
+            )
+        return route.path
