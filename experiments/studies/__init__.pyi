@@ -22,5 +22,6 @@ from .region_gallery import RegionGallery as RegionGallery
 from .region_price import RegionPrice as RegionPrice
 from .replay import Replay as Replay
 from .tuning import Tuning as Tuning
-__all__ = ['ApproximationError', 'BoundaryRisk', 'ClosedLoopRisk', 'Comparison', 'Conservativeness', 'ConvexCertificates', 'CostComparison', 'DynamicMatters', 'EllipseConstruction', 'Encounter', 'Flight', 'ForecastRegions', 'KnownFutures', 'LevelPolicies', 'PlannerParts', 'PredictionBenchmark', 'RegionGallery', 'RegionPrice', 'Replay', 'Tuning']
+from .wheel_calibration import WheelCalibration as WheelCalibration
+__all__ = ['ApproximationError', 'BoundaryRisk', 'ClosedLoopRisk', 'Comparison', 'Conservativeness', 'ConvexCertificates', 'CostComparison', 'DynamicMatters', 'EllipseConstruction', 'Encounter', 'Flight', 'ForecastRegions', 'KnownFutures', 'LevelPolicies', 'PlannerParts', 'PredictionBenchmark', 'RegionGallery', 'RegionPrice', 'Replay', 'Tuning', 'WheelCalibration']
 BUILT_IN: dict[str, str]

@@ -1,5 +1,7 @@
 """The library MuJoCo, imported when it is needed."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
 from typing import Any
@@ -22,3 +24,15 @@ def mujoco() -> Any:
             "the physics simulation needs MuJoCo, which is not installed: "
             "pip install 'wideberth[physics]'"
         ) from error
+
+
+@contextmanager
+def collected_warnings() -> Iterator[list[str]]:
+    """Collect what MuJoCo warns of, which it otherwise prints and writes into MUJOCO_LOG.TXT."""
+    library = mujoco()
+    before, found = library.get_mju_user_warning(), list[str]()
+    library.set_mju_user_warning(found.append)
+    try:
+        yield found
+    finally:
+        library.set_mju_user_warning(before)

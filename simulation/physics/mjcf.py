@@ -51,7 +51,8 @@ def mjcf(scene: PhysicalScene) -> str:
     )
     return f"""<mujoco model="wideberth">
 <compiler angle="radian"/>
-<option timestep="{scene.time_step}" integrator="implicitfast"><flag autoreset="disable"/></option>
+<option timestep="{scene.time_step}" integrator="implicitfast" cone="{scene.cone}"><flag
+autoreset="disable"/></option>
 <visual><global offwidth="1920" offheight="1080"/><headlight ambient="0.4 0.4 0.4"/></visual>
 <default>
 <geom friction="{scene.friction} 0.005 0.0001"/>

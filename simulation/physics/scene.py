@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import final
+from typing import Literal, TypeAlias, final, get_args
 
 import numpy as np
 
@@ -11,6 +11,8 @@ from ...framework.values.errors import WideberthError
 from ...framework.values.polygon import Polygon
 from .body import SkidSteerBody
 from .sensors import Sensor
+
+Cone: TypeAlias = Literal["pyramidal", "elliptic"]
 
 
 @final
@@ -76,18 +78,22 @@ class PhysicalScene:
         becomes a box, or a prism where it is no rectangle. One without a name is called "wall
         0", "wall 1" and so on by its place.
     friction : coefficient of the wheels on the floor.
+    cone : shape of the friction. That of a real floor is "elliptic", the same in all directions.
+        "pyramidal" is MuJoCo's own, with which the bodies here were chosen: along the axes of the
+        world it holds a wheel better than between them.
     time_step : s.
 
     Raises
     ------
-    WideberthError : two things with the same name, a sensor that samples more often than the
-        world steps.
+    WideberthError : two things with the same name, an unknown cone, a sensor that samples more
+        often than the world steps.
     """
 
     robots: tuple[PhysicalRobot, ...]
     people: tuple[PhysicalPerson, ...] = ()
     walls: tuple[Polygon, ...] = ()
     friction: float = 1.0
+    cone: Cone = "pyramidal"
     time_step: float = 0.004
 
     def __post_init__(self) -> None:
@@ -95,6 +101,10 @@ class PhysicalScene:
             object.__setattr__(self, name, tuple(getattr(self, name)))
         positive("physical_scene.friction", self.friction)
         positive("physical_scene.time_step", self.time_step)
+        if self.cone not in get_args(Cone):
+            raise WideberthError(
+                f"physical_scene.cone is {self.cone!r}; wanted one of {', '.join(get_args(Cone))}"
+            )
         _refuse_twins("the scene", self.names)
         for robot in self.robots:
             for sensor in robot.sensors:

@@ -14,7 +14,7 @@ from ...framework.values.motion import Command, Twist
 from ...framework.values.sensing import InertialSample, Sample
 from .body import SkidSteerBody
 from .drive import WheelDrive
-from .library import mujoco
+from .library import collected_warnings, mujoco
 from .mjcf import HULL, SEEN, mjcf
 from .scene import PhysicalRobot, PhysicalScene
 from .sensors import BodyState, Sampler
@@ -123,10 +123,13 @@ class World:
         self._asked += positive("duration", duration)
         self._touching.clear()
         step = self.scene.time_step
-        while self._asked - self._steps * step > 0.5 * step:
-            self._steps += 1
-            if not self._broken:
-                self._advance_one(step)
+        with collected_warnings() as warned:
+            while self._asked - self._steps * step > 0.5 * step:
+                self._steps += 1
+                if not self._broken:
+                    self._advance_one(step)
+        if self._broken and warned:
+            self._broken += f" ({warned[0]})"
 
     def _advance_one(self, step: float) -> None:
         model, data = self._model, self._data

@@ -79,9 +79,9 @@ def test_a_page_has_examples_in_languages_that_are_checked() -> None:
 
 @pytest.mark.parametrize("page", sorted(set(having("python")) - TESTED_ELSEWHERE))
 def test_python_on_a_page_runs(page: str, folder: Path) -> None:
-    for library in {"docs/gymnasium.md": ["gymnasium"], "docs/results.md": ["pandas"]}.get(
-        page, []
-    ):
+    needed = {"docs/gymnasium.md": "gymnasium", "docs/results.md": "pandas"}
+    needed["docs/physics.md"] = "mujoco"
+    if library := needed.get(page):
         pytest.importorskip(library)
     script = "\n".join([BEFORE.get(page, ""), *blocks(page, "python")])
     for slow, quick in SLOW.items():

@@ -1,5 +1,6 @@
 """The physical world: how robots drive, touch and fall, and that runs repeat to the byte."""
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from wideberth.framework.values.motion import Twist
 from wideberth.framework.values.polygon import Polygon
 from wideberth.framework.values.sensing import Scan
 from wideberth.simulation.physics.body import LARGE, SkidSteerBody
+from wideberth.simulation.physics.library import mujoco
 from wideberth.simulation.physics.scene import PhysicalPerson, PhysicalRobot, PhysicalScene
 from wideberth.simulation.physics.sensors import InertialUnit, Lidar, WheelEncoders
 from wideberth.simulation.physics.world import World
@@ -63,6 +65,17 @@ def test_yaw_gain_is_that_of_the_reference_table(
     for (forward, turn), gain in gains.items():
         reached = driven(replace(body, yaw_gain=1.0), forward, turn)[2] / turn
         assert reached == pytest.approx(gain, abs=0.03), (forward, turn)
+
+
+def test_with_an_elliptic_cone_it_does_not_matter_where_a_robot_looks() -> None:
+    for cone, same in (("elliptic", True), ("pyramidal", False)):
+        turned = []
+        for heading in (0.0, np.pi / 4.0):
+            one = world(PhysicalRobot("a", start=(0.0, 0.0, heading)), cone=cone)
+            one.command("a", Twist((0.5, 0.0), 0.5))
+            one.advance(0.5)
+            turned.append(one.truth("a").pose[2] - heading)
+        assert (abs(turned[1] - turned[0]) < 1e-6) == same
 
 
 @pytest.mark.parametrize("body", [SMALL, LARGE], ids=["small", "large"])
@@ -185,13 +198,24 @@ def test_a_robot_pushed_over_says_so_and_stops() -> None:
 def test_a_world_without_a_finite_solution_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.chdir(tmp_path)  # MuJoCo writes MUJOCO_LOG.TXT where it stands
+    monkeypatch.chdir(tmp_path)  # MuJoCo would write MUJOCO_LOG.TXT where it stands
     one = world(PhysicalRobot("a", sensors=(Lidar(), InertialUnit())))
     one.advance(0.2)
     one._data.qvel[0] = np.nan
     one.advance(0.2)
     assert one.time == pytest.approx(0.4)
-    assert one.status("a").startswith("the physics has no finite solution after 0.204 s")
+    first = "the physics has no finite solution after 0.204 s (Nan, Inf or huge value in QVEL"
+    assert one.status("a").startswith(first)
+    one.advance(0.2)
+    assert one.status("a").startswith(first) and one.status("a").count("(") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_mujoco_a_world_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    mujoco.cache_clear()
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(WideberthError, match=r"MuJoCo, .* pip install 'wideberth\[physics\]'"):
+        world(PhysicalRobot("a"))
 
 
 def test_a_command_that_is_not_finite_stops_the_robot() -> None:
@@ -256,6 +280,8 @@ def test_scenes_that_cannot_be_are_refused() -> None:
         world(PhysicalRobot("a"), PhysicalRobot("b", start=(0.6, 0.0, 0.0)))
     with pytest.raises(WideberthError, match=r"start has shape \(2,\); wanted \(3,\)"):
         PhysicalRobot("a", start=(0.0, 0.0))
+    with pytest.raises(WideberthError, match="cone is 'round'; wanted one of pyramidal, elliptic"):
+        PhysicalScene((PhysicalRobot("a"),), cone="round")  # type: ignore[arg-type]
     with pytest.raises(WideberthError, match="mass is 0"):
         SkidSteerBody(mass=0.0)
     with pytest.raises(WideberthError, match="hull is 'ball'; wanted one of cylinder, box"):
