@@ -62,9 +62,8 @@ class WheelCalibration(Experiment):
     )
     captions: ClassVar[Mapping[str, str]] = {
         "wheel_calibration": (
-            "Yaw rate reached over that of wheels without slip, with dotted lines for the theory; "
-            "and how far ahead of its middle a robot turns, over its speed. Bands are those of "
-            "speeds and headings, but for a body that at times turns the wrong way."
+            "Yaw rate over that of wheels without slip, with bands over speeds and headings; "
+            "dotted: the theory. Right: how far ahead of its middle a robot turns, over its speed."
         ),
     }
     headline: ClassVar[tuple[str, ...]] = ("yaw_gain", "theory", "suggested")
@@ -206,7 +205,7 @@ def _style(index: int) -> dict[str, Any]:
 
 
 def _holds(rows: list[Row]) -> bool:
-    """Return whether a body never turns the wrong way."""
+    """Return whether a body never turns the wrong way; bands of one that does fill the panel."""
     return bool(column(rows, "least_rad_s").min() > -STRAIGHT)
 
 
