@@ -259,6 +259,7 @@ class Run:
             seed=self.seed,
             plan_seconds={driver.name: np.array(driver.seconds) for driver in self.drivers},
             polygons=self.polygons,
+            perception=self.world.perception(),
         )
 
     def _push(self, time: float, kind: int, payload: Any) -> None:

@@ -8,6 +8,7 @@ from ...framework.values.arrays import Array
 from ...framework.values.motion import Observation
 from ...framework.values.plan import Plan
 from ...framework.values.polygon import Polygon
+from ..log.perception_log import PerceptionLog
 from .agents import Bystander, RobotAgent
 from .driver import Driver
 from .plant import Plant
@@ -75,6 +76,10 @@ class World(ABC):
     def move(self, now: float, duration: float, around: Around) -> None:
         """Move what the plants share on by ``duration`` s; they advance after it."""
         return
+
+    def perception(self) -> dict[str, PerceptionLog]:
+        """Return what each robot has perceived; empty where robots are told who is where."""
+        return {}
 
     def in_world(self, driver: Driver, plan: Plan) -> Plan:
         """Return a robot's plan in the frame, and with the names, of an onlooker."""

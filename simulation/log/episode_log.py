@@ -29,6 +29,7 @@ from ...framework.values.plan import Breach, BreachKind, GivenWay, Plan, Rung, S
 from ...framework.values.polygon import Polygon
 from ..drawing.film import animation
 from ..drawing.pictures import draw_episode
+from .perception_log import PerceptionLog
 
 if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
@@ -126,6 +127,7 @@ class Episode:
         Kept apart, and not part of `to_bytes`: it is the one thing that a second run with
         the same seed does not repeat.
     polygons : what stood still.
+    perception : name -> what that robot perceived, where robots have sensors.
     """
 
     times: Array
@@ -135,6 +137,7 @@ class Episode:
     seed: int
     plan_seconds: dict[str, Array] = field(default_factory=dict)
     polygons: tuple[Polygon, ...] = ()
+    perception: dict[str, PerceptionLog] = field(default_factory=dict)
 
     @property
     def robots(self) -> tuple[AgentLog, ...]:

@@ -37,26 +37,29 @@ class Judged:
 
     @classmethod
     def of(cls, episode: Episode, log: AgentLog, plan: Plan, tail: float) -> "Judged | None":
-        """Judge a plan; None where its forecast is empty."""
-        forecast = plan.forecast
-        if forecast is None or not plan.tracked:
+        """Judge a plan by what is somebody; None where its forecast has nobody."""
+        names, forecast = {one.name for one in episode.agents}, plan.forecast
+        real = [o for o, name in enumerate(plan.tracked) if name in names]
+        if forecast is None or not real:
             return None
         steps = min(forecast.steps, len(plan.positions) - 1)
         times = plan.stamp + plan.dt * np.arange(1, steps + 1, dtype=np.float64)
-        others = [episode.agent(name) for name in plan.tracked]
+        tracked = [plan.tracked[o] for o in real]
+        others = [episode.agent(name) for name in tracked]
         truth = np.array([episode.at(other, times) for other in others])
         radii = np.array([log.radius + other.radius for other in others])
-        mean, covariance = forecast.mean[:, :, :steps], forecast.covariance[:, :, :steps]
+        mean, covariance = forecast.mean[real, :, :steps], forecast.covariance[real, :, :steps]
+        weight = forecast.weight[real]
         planned = plan.positions[1 : steps + 1]
-        risk = metrics.plan_risk(planned, mean, covariance, forecast.weight, radii)
+        risk = metrics.plan_risk(planned, mean, covariance, weight, radii)
         held = [
             (plan.ids.index(name), o)
-            for o, name in enumerate(plan.tracked)
-            if plan.ids.count(name) == 1 and forecast.weight[o].max() > 1.0 - 1e-9
+            for o, name in enumerate(tracked)
+            if plan.ids.count(name) == 1 and weight[o].max() > 1.0 - 1e-9
         ]
         held = [(i, o) for i, o in held if np.isfinite(truth[o, 0]).all()]
         rows, who = [i for i, _ in held], [o for _, o in held]
-        mode = forecast.weight[who].argmax(axis=1)
+        mode = weight[who].argmax(axis=1)
         content = plan.content[0, rows]
         return cls(
             area=metrics.content_area(covariance, tail),

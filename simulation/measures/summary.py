@@ -129,9 +129,11 @@ def forecast_coverage(episode: Episode, tail: float) -> tuple[Array, Array, floa
     """Share of true positions inside the forecast regions: per step, their number, over all.
 
     Step i of a plan's forecast is for stamp + i dt. Of a mixture the heaviest mode counts.
-    Forecasts that were fallbacks count as well. Steps after the end of the episode do not.
+    Forecasts that were fallbacks count as well. Steps after the end of the episode do not, nor
+    what a robot that sees for itself took for somebody.
     """
     means, covariances, truths = [], [], []
+    bodies = {log.name: log for log in episode.agents}
     for log in episode.robots:
         for plan in log.plans:
             forecast = plan.forecast
@@ -141,9 +143,11 @@ def forecast_coverage(episode: Episode, tail: float) -> tuple[Array, Array, floa
             times = plan.stamp + forecast.dt * steps
             heaviest = np.argmax(forecast.weight, axis=1)
             for o, name in enumerate(plan.tracked):
+                if name not in bodies:
+                    continue
                 means.append(forecast.mean[o, heaviest[o]])
                 covariances.append(forecast.covariance[o, heaviest[o]])
-                truths.append(episode.at(episode.agent(name), times))
+                truths.append(episode.at(bodies[name], times))
     if not means:
         return np.zeros(0), np.zeros(0), float("nan")
     share, number = metrics.coverage(

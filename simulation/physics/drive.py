@@ -29,7 +29,8 @@ class WheelDrive:
     def __init__(self, body: SkidSteerBody) -> None:
         self._body = body
         self._integral = 0.0
-        self._wanted = (0.0, 0.0)
+        self.wanted: tuple[float, float] = (0.0, 0.0)
+        """Forward speed, m/s, and yaw rate, rad/s, of the last command."""
         self._bias = 0.0
         self.flaw: str = ""
         """Why the last command cannot be driven; "" for one that can."""
@@ -39,7 +40,7 @@ class WheelDrive:
         wanted = float(twist.linear[0]), float(twist.angular)
         good = isfinite(wanted[0]) and isfinite(wanted[1]) and isfinite(gyro_bias)
         self.flaw = "" if good else f"the command {wanted}, gyro bias {gyro_bias}, is not finite"
-        self._wanted = wanted if good else (0.0, 0.0)
+        self.wanted = wanted if good else (0.0, 0.0)
         self._bias = gyro_bias if good else 0.0
 
     def wheel_speeds(self, gyro: float | None, duration: float) -> tuple[float, float]:
@@ -50,7 +51,7 @@ class WheelDrive:
         gyro : newest reading, rad/s; None without a gyroscope.
         duration : s, since the last call.
         """
-        forward, turn = self._wanted
+        forward, turn = self.wanted
         if forward == 0.0 and turn == 0.0:
             self._integral = 0.0
             return 0.0, 0.0

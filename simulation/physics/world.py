@@ -45,7 +45,6 @@ class TrueMotion:
     wheel_speeds: Array
 
 
-@final
 class World:
     """Robots, people and walls in MuJoCo, advanced step by step.
 
@@ -133,9 +132,7 @@ class World:
 
     def _advance_one(self, step: float) -> None:
         model, data = self._model, self._data
-        for robot in self._robots.values():
-            robot.drive(step)
-        self._step(model, data)
+        self._move(step)
         if not np.isfinite(data.qpos).all():
             self._broken = f"the physics has no finite solution after {self.time:.3f} s"
             return
@@ -144,6 +141,12 @@ class World:
             self._note_contacts()
         for robot in self._robots.values():
             robot.sense(self.time, self._cast)
+
+    def _move(self, duration: float) -> None:
+        """Bring all bodies on by a step."""
+        for robot in self._robots.values():
+            robot.drive(duration)
+        self._step(self._model, self._data)
 
     def _note_contacts(self) -> None:
         owners = self._owners[self._data.contact.geom]
@@ -280,6 +283,23 @@ class _RobotInWorld:
             left = right = 0.0
         self._control[:2] = left
         self._control[2:] = right
+
+    def carry(self, duration: float) -> None:
+        """Move exactly as commanded, on an arc; the wheels turn as if they did not slip."""
+        forward, turn = self.wheels.wanted
+        begin = self.motion(0.0).pose[2]
+        heading = begin + turn * duration
+        middle = 0.5 * (begin + heading)
+        chord = forward * duration * np.sinc(0.5 * turn * duration / np.pi)
+        self._pose[:2] += chord * np.cos(middle), chord * np.sin(middle)
+        self._pose[3:] = np.cos(0.5 * heading), 0.0, 0.0, np.sin(0.5 * heading)
+        self._velocity[:] = (
+            forward * np.cos(heading), forward * np.sin(heading), 0.0, 0.0, 0.0, turn,
+        )  # fmt: skip
+        aside = 0.5 * self._body.track * turn
+        rims = np.array([forward - aside, forward - aside, forward + aside, forward + aside])
+        self._rates[:] = rims / self._body.wheel_radius
+        self._angles += self._rates * duration
 
     def sense(self, time: float, cast: Any) -> None:
         """Show the robot to its sensors after a step."""

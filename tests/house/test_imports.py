@@ -94,6 +94,7 @@ ARROWS: dict[str, set[str]] = {
     "simulation/scenarios": {
         "simulation/engine", "simulation/log", "simulation/measures", "simulation/sensing",
     },
+    "simulation/cascade": {"simulation/engine", "simulation/log", "simulation/physics"},
     "simulation/gym": {
         "simulation/engine", "simulation/log", "simulation/measures", "simulation/scenarios",
     },

@@ -1,0 +1,1 @@
+"""From ranges to wheels: robots that perceive one another, and drive on wheels."""

@@ -1,0 +1,81 @@
+"""The cascade between the world and a controller: sensors, state, detections, tracks, wheels."""
+
+from dataclasses import dataclass, field, replace
+from typing import Literal, final
+
+from ...framework.detector import Detector
+from ...framework.plugins.registry import unknown
+from ...framework.state_estimator import StateEstimator
+from ...framework.tracker import Tracker
+from ...framework.values.arrays import positive
+from ...framework.values.errors import WideberthError
+from ..physics.body import LARGE, SkidSteerBody
+from ..physics.sensors import InertialUnit, Lidar, WheelEncoders
+
+MECHANICS = ("physics", "kinematic")
+BODIES = {
+    "small": SkidSteerBody(),
+    "large": LARGE,
+    "small_box": replace(SkidSteerBody(), hull="box"),
+    "large_box": replace(LARGE, hull="box"),
+}
+"""Bodies by name. The large ones have the radius of the paper's robots, 0.75 m. A LiDAR sees
+an upright cylinder around the body, or the body as the box that it is."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Cascade:
+    """How robots sense, what they conclude, and what moves them; a stage left out is the truth.
+
+    A controller sees what comes out at the end: its own state, in the frame in which the robot
+    was switched on, and tracked obstacles in the same frame. Nobody tells anybody where they are.
+
+    Parameters
+    ----------
+    body : of every robot, or its name in `BODIES`.
+    mechanics : "physics", wheels on a floor, which slip when the robot turns; or "kinematic", a
+        body that moves exactly as its smoother says.
+    lidar, encoders, imu : the sensors of every robot. The phase of each LiDAR is drawn.
+    state : estimates the robot's own motion from encoders and IMU; None for the truth.
+    detector : finds obstacles in scans; None for the true positions, with noise.
+    tracker : gives them identities and velocities; None for the true identities.
+    handover : what a controller is told of tracked obstacles, see `Handover`.
+    noise : m, standard deviation of each coordinate of a position where there is no detector.
+    rest : s, for which all stand before time 0, so that gyroscopes are calibrated.
+
+    Raises
+    ------
+    WideberthError : a number out of range.
+    """
+
+    body: str | SkidSteerBody = "large"
+    mechanics: Literal["physics", "kinematic"] = "physics"
+    lidar: Lidar = field(default_factory=Lidar)
+    encoders: WheelEncoders = field(default_factory=WheelEncoders)
+    imu: InertialUnit = field(default_factory=InertialUnit)
+    state: StateEstimator | None = None
+    detector: Detector | None = None
+    tracker: Tracker | None = None
+    handover: Literal["measured", "filtered"] = "measured"
+    noise: float = 0.01
+    rest: float = 2.0
+
+    def __post_init__(self) -> None:
+        if isinstance(self.body, str) and self.body not in BODIES:
+            raise WideberthError(f"cascade.body: {unknown('body', self.body, BODIES)}")
+        if self.mechanics not in MECHANICS:
+            raise WideberthError(
+                f"cascade.mechanics is {self.mechanics!r}; wanted one of {', '.join(MECHANICS)}"
+            )
+        if self.handover not in ("measured", "filtered"):
+            raise WideberthError(
+                f"cascade.handover is {self.handover!r}; wanted measured or filtered"
+            )
+        positive("cascade.noise", self.noise, zero=True)
+        positive("cascade.rest", self.rest)
+
+    @property
+    def mechanical_body(self) -> SkidSteerBody:
+        """The body itself."""
+        return BODIES[self.body] if isinstance(self.body, str) else self.body

@@ -1,0 +1,301 @@
+"""The world of robots with wheels and sensors."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import atan2
+from typing import final
+
+import numpy as np
+
+from ...framework.control.velocity_smoother import VelocitySmoother
+from ...framework.robot import Robot
+from ...framework.values.arrays import Array
+from ...framework.values.errors import WideberthError
+from ...framework.values.motion import Command, Observation, Pose, Twist
+from ...framework.values.plan import Plan
+from ...framework.values.polygon import Polygon
+from ..engine.agents import Bystander, RobotAgent
+from ..engine.driver import Driver
+from ..engine.exchange import ExchangedPositions
+from ..engine.plant import KinematicPlant, Plant
+from ..engine.settings import Settings
+from ..engine.world import Around, World
+from ..log.frames import RigidMotion
+from ..log.perception_log import Body, PerceptionLog, Truth
+from ..physics.kinematic import KinematicWorld
+from ..physics.scene import PhysicalPerson, PhysicalRobot, PhysicalScene
+from ..physics.sensors import Sensor
+from ..physics.world import TrueMotion
+from ..physics.world import World as PhysicalWorld
+from .cascade import Cascade
+from .senses import Senses
+
+_LITTLE = 1e-3
+"""s, over which the velocity of those who decide nothing is measured."""
+
+
+@final
+class WheeledPlant(Plant):
+    """A robot's body in the physical world, and the smoother before its wheels.
+
+    Parameters
+    ----------
+    robot : the model that describes its state.
+    truth : how it stands at the start.
+    """
+
+    def __init__(self, robot: Robot, truth: TrueMotion) -> None:
+        self.robot = robot
+        self._smoother = VelocitySmoother.at_rest(Twist((0.0, 0.0)))
+        self.control = (0.0,) * len(robot.inputs)
+        self.follow(truth)
+        self.believe(truth.pose[:2])
+
+    def command(self, command: Command, time: float) -> None:
+        """Take a command that arrives at ``time``, s."""
+        self._smoother = self._smoother.aim(command, time)
+
+    def wanted(self, time: float) -> Twist:
+        """Return what the wheels shall do at a time, s."""
+        return self._smoother.at(time)
+
+    def advance(self, time: float, duration: float) -> None:
+        """Move with the world, see `follow`."""
+
+    def follow(self, truth: TrueMotion) -> None:
+        """Be where the world has moved it."""
+        x, y, heading = truth.pose.tolist()
+        forward, lateral, yaw_rate = truth.twist.tolist()
+        moved = self.robot.state_at(Pose((x, y), heading), Twist((forward, lateral), yaw_rate))
+        self.state = tuple(float(value) for value in moved)
+
+    def believe(self, place: Array) -> None:
+        """Take itself to be at a place, (2,), m."""
+        self._belief = float(place[0]), float(place[1])
+
+    @property
+    def believed(self) -> tuple[float, ...]:
+        """Where it takes itself to be, in its own frame, which is the world's at the start."""
+        return self._belief
+
+
+@final
+class WheeledWorld(World):
+    """Robots that perceive one another with sensors and drive on wheels.
+
+    Robots are bodies of a physical world; people who decide, and everybody else, are cylinders
+    in it that go where they go. All happens at the instants of the smoother's step: a decision
+    that is due between two of them is taken at the second. At time 0 robots stand, and have stood
+    for the cascade's ``rest``; nobody has seen them come.
+
+    Parameters
+    ----------
+    cascade : what lies between the world and the controllers.
+    settings : of the episode; its plant step is the smoother's. People exchange positions by its
+        channel.
+
+    Raises
+    ------
+    WideberthError : settings with a history or an error of localisation.
+    """
+
+    def __init__(self, cascade: Cascade, settings: Settings) -> None:
+        if settings.history or not settings.localisation.exact:
+            raise WideberthError(
+                "settings.history and settings.localisation stand for what the cascade's sensors "
+                "do; set history: 0 and leave localisation out"
+            )
+        self._cascade, self._step = cascade, settings.plant_step
+        self._exchange = ExchangedPositions(settings)
+        self._physics: PhysicalWorld | None = None
+        self._senses: dict[str, Senses] = {}
+
+    def plants(
+        self,
+        agents: Sequence[RobotAgent],
+        others: Sequence[Bystander],
+        polygons: Sequence[Polygon],
+        seed: int,
+    ) -> list[Plant]:
+        """Build the physical world, and let it stand for the cascade's ``rest``."""
+        rng = np.random.default_rng((seed, len(agents)))
+        robots, people = [], []
+        for agent in agents:
+            _check(agent, self._cascade.mechanical_body.radius)
+            if agent.person:
+                start = np.array(agent.path.points[0])
+                people.append(PhysicalPerson(agent.name, start, agent.radius))
+            else:
+                robots.append(self._equipped(agent, rng))
+        first = np.array([-self._cascade.rest])
+        people += [PhysicalPerson(one.name, one.at(first)[0], one.radius) for one in others]
+        scene = PhysicalScene(tuple(robots), tuple(people), tuple(polygons))
+        world = KinematicWorld if self._cascade.mechanics == "kinematic" else PhysicalWorld
+        self._physics = world(scene, rng)
+        plants: list[Plant] = [
+            KinematicPlant.at_start(agent)
+            if agent.person
+            else WheeledPlant(agent.robot, self._physics.truth(agent.name))
+            for agent in agents
+        ]
+        steps = round(self._cascade.rest / self._step)
+        for k in range(-steps, 0):
+            self._advance(k * self._step, (k + 1) * self._step, agents, plants, others)
+        return plants
+
+    def newcomer(self, agent: RobotAgent) -> Plant:
+        """Refuse whoever would appear: bodies of the physical world are there from the start."""
+        raise WideberthError(f"{agent.name} cannot appear in a physical world")
+
+    def next_instant(self, now: float, wanted: float) -> float:
+        """Return the next instant of the smoother."""
+        return (round(now / self._step) + 1) * self._step
+
+    def move(self, now: float, duration: float, around: Around) -> None:
+        """Let the physics run, with what the smoothers say, and show the result to the senses."""
+        agents = [driver.agent for driver in around.drivers]
+        plants = [driver.plant for driver in around.drivers]
+        end = now + duration
+        fresh = self._advance(now, end, agents, plants, around.others)
+        for driver in around.drivers:
+            if driver.name in fresh:
+                senses, clock = self._senses[driver.name], self._clock(end)
+                for batch in senses.reports(clock):
+                    seen = senses.observation(end, clock, batch, around.polygons)
+                    driver.agent.controller.remember(seen)
+
+    def observe(
+        self, driver: Driver, time: float, tick: int, state: Array, around: Around
+    ) -> Observation:
+        """Return what a robot believes; people are told positions by the channel."""
+        if driver.agent.person:
+            return self._exchange.observe(driver, time, tick, state, around)
+        senses, clock = self._senses[driver.name], self._clock(time)
+        return senses.observation(time, clock, senses.present(clock), around.polygons)
+
+    def in_world(self, driver: Driver, plan: Plan) -> Plan:
+        """Move a plan from the robot's own frame to the world's, with the names of bodies."""
+        senses = self._senses.get(driver.name)
+        if senses is None:
+            return plan
+        own = senses.estimator.at(self._clock(plan.stamp)).pose
+        motion = RigidMotion.between(own, self._world.truth(driver.name).pose)
+        return motion.plan(plan, driver.agent.robot, senses.known)
+
+    def perception(self) -> dict[str, PerceptionLog]:
+        """Return what each robot has perceived."""
+        return {name: senses.log() for name, senses in self._senses.items()}
+
+    @property
+    def senses(self) -> dict[str, Senses]:
+        """What each robot perceives and believes; their clock is ``rest`` ahead."""
+        return self._senses
+
+    @property
+    def _world(self) -> PhysicalWorld:
+        assert self._physics is not None, "plants() builds it"
+        return self._physics
+
+    def _clock(self, time: float) -> float:
+        """Time of the sensors, s, which are switched on when the rest begins."""
+        return time + self._cascade.rest
+
+    def _equipped(self, agent: RobotAgent, rng: np.random.Generator) -> PhysicalRobot:
+        """Put sensors on a robot; without a detector its LiDAR stays in the box."""
+        cascade, start = self._cascade, start_pose(agent)
+        phase = float(rng.uniform(0.0, 1.0 / cascade.lidar.rate))
+        noise = np.random.default_rng(rng.integers(2**63))
+        self._senses[agent.name] = Senses(agent.robot, cascade, start, phase, noise)
+        sensors: tuple[Sensor, ...] = (cascade.encoders, cascade.imu)
+        if cascade.detector is not None:
+            sensors = (replace(cascade.lidar, phase=phase), *sensors)
+        return PhysicalRobot(agent.name, cascade.mechanical_body, start, sensors)
+
+    def _advance(
+        self,
+        now: float,
+        end: float,
+        agents: Sequence[RobotAgent],
+        plants: Sequence[Plant],
+        others: Sequence[Bystander],
+    ) -> set[str]:
+        """Move all bodies, and return the names of the robots that have seen something new."""
+        physics, middle = self._world, np.array([0.5 * (now + end)])
+        for agent, plant in zip(agents, plants, strict=True):
+            if isinstance(plant, WheeledPlant):
+                bias = self._senses[agent.name].gyro_bias
+                physics.command(agent.name, plant.wanted(end), gyro_bias=bias)
+            else:
+                physics.move_person(agent.name, plant.position)
+        for other in others:
+            physics.move_person(other.name, other.at(middle)[0])
+        physics.advance(end - now)
+        for agent, plant in zip(agents, plants, strict=True):
+            if isinstance(plant, WheeledPlant):
+                plant.follow(physics.truth(agent.name))
+        due, bodies, fresh = (
+            physics.samples_due(),
+            self._bodies(end, agents, plants, others),
+            set(),
+        )
+        for agent, plant in zip(agents, plants, strict=True):
+            if not isinstance(plant, WheeledPlant):
+                continue
+            senses, found = self._senses[agent.name], physics.truth(agent.name)
+            rest = tuple(one for one in bodies if one.name != agent.name)
+            truth = Truth(self._clock(end), found.pose, found.twist, rest)
+            if senses.look(truth, senses.take(due[agent.name])):
+                fresh.add(agent.name)
+            plant.believe(senses.estimator.at(truth.time).pose[:2])
+        return fresh
+
+    def _bodies(
+        self,
+        time: float,
+        agents: Sequence[RobotAgent],
+        plants: Sequence[Plant],
+        others: Sequence[Bystander],
+    ) -> list[Body]:
+        """Return where everybody is at the end of a step."""
+        found = []
+        for agent, plant in zip(agents, plants, strict=True):
+            pose = agent.robot.pose(plant.state)
+            turn = RigidMotion(0.0 if pose.heading is None else float(pose.heading), np.zeros(2))
+            linear = agent.robot.twist(plant.state, plant.control).linear
+            velocity = turn.points(np.array(linear))
+            found.append(Body(agent.name, np.array(plant.position), velocity, agent.radius))
+        instants = time + np.array([0.0, -_LITTLE])
+        for one in others:
+            now, before = one.at(instants)
+            found.append(Body(one.name, now, (now - before) / _LITTLE, one.radius))
+        return found
+
+
+def _check(agent: RobotAgent, radius: float) -> None:
+    """Refuse what cannot be in a physical world.
+
+    Raises
+    ------
+    WideberthError : it respawns, begins at speed, or its model is smaller than its body.
+    """
+    if agent.respawn:
+        raise WideberthError(
+            f"{agent.name} comes anew after it has arrived; bodies cannot appear in a physical "
+            "world; choose a scenario without respawn"
+        )
+    if agent.radius < radius - 1e-9 and not agent.person:
+        raise WideberthError(
+            f"the model of {agent.name} has a radius of {agent.radius:g} m and its body one of "
+            f"{radius:g} m; give the robot radius: {radius:g}, or another body"
+        )
+    if agent.speed and not agent.person:
+        raise WideberthError(
+            f"{agent.name} moves at {agent.speed:g} m/s at time 0; robots with wheels begin at "
+            "rest: give speed 0, and the speed as reference_speed"
+        )
+
+
+def start_pose(agent: RobotAgent) -> Array:
+    """Return where an agent stands at the start of its path and looks along it, (3,)."""
+    along = agent.path.direction(np.zeros(1))[0]
+    return np.array([*agent.path.points[0], atan2(along[1], along[0])])

@@ -1,0 +1,135 @@
+"""What robots perceived and believed in an episode, beside the truth."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple, final
+
+import numpy as np
+
+from ...framework.values.arrays import Array
+from ...framework.values.sensing import MotionEstimate, Sightings, TrackedObstacle
+from .frames import RigidMotion
+
+NEAR = 1.0
+"""m. What is believed farther from every body than this is nobody."""
+
+
+class Body(NamedTuple):
+    """Somebody who can be seen.
+
+    Attributes
+    ----------
+    name : identity.
+    position, velocity : (2,), m and m/s, in the world.
+    radius : m.
+    """
+
+    name: str
+    position: Array
+    velocity: Array
+    radius: float
+
+
+class Truth(NamedTuple):
+    """What really is, for one robot.
+
+    Attributes
+    ----------
+    time : s.
+    pose : (3,), x, y in m and heading in rad.
+    twist : (3,), forward and lateral speed in m/s, yaw rate in rad/s.
+    bodies : who else is there.
+    """
+
+    time: float
+    pose: Array
+    twist: Array
+    bodies: tuple[Body, ...]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Glance:
+    """What a robot believed after one scan, beside the truth.
+
+    Beliefs are in the robot's own frame, which is the world's when it is switched on.
+
+    Attributes
+    ----------
+    truth : of the same instant.
+    own : what it believed of itself.
+    sightings : what was found in the scan.
+    obstacles : what was tracked.
+    names : identity of each obstacle -> who it is; "" for nobody.
+    points : (P, 2), m, where the scan hit something.
+    """
+
+    truth: Truth
+    own: MotionEstimate
+    sightings: Sightings
+    obstacles: tuple[TrackedObstacle, ...]
+    names: dict[str, str]
+    points: Array
+
+    @property
+    def to_world(self) -> RigidMotion:
+        """The motion from the robot's own frame to the world's."""
+        return RigidMotion.between(self.own.pose, self.truth.pose)
+
+    def later(self, shift: float) -> "Glance":
+        """Return the same with another zero of time: each instant is ``shift`` s later."""
+        seen = self.sightings
+        return replace(
+            self,
+            truth=self.truth._replace(time=self.truth.time + shift),
+            own=replace(self.own, time=self.own.time + shift),
+            sightings=replace(seen, time=seen.time + shift, times=seen.times + shift),
+            obstacles=tuple(
+                replace(one, time=one.time + shift, seen=one.seen + shift, times=one.times + shift)
+                for one in self.obstacles
+            ),
+        )
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PerceptionLog:
+    """What one robot perceived; times are those of the episode.
+
+    Attributes
+    ----------
+    glances : one per scan, in order; the first ones lie before time 0, while it stood.
+    notes : why samples and scans gave less than they should -> how often.
+    """
+
+    glances: tuple[Glance, ...] = ()
+    notes: dict[str, int] = field(default_factory=dict)
+
+    def at(self, time: float) -> Glance | None:
+        """Return the newest glance at a time, s; None before the first."""
+        known = [one for one in self.glances if one.truth.time <= time + 1e-9]
+        return known[-1] if known else None
+
+
+def named(
+    places: Sequence[Array], idents: Sequence[str], bodies: Sequence[Body]
+) -> dict[str, str]:
+    """Say who each believed obstacle is: the nearest body within `NEAR`, each body once.
+
+    Nearest pairs go first, so that of two beliefs in one body the better one has its name.
+    """
+    who = dict.fromkeys(idents, "")
+    if not places or not bodies:
+        return who
+    apart = np.linalg.norm(
+        np.array(places)[:, None] - np.array([one.position for one in bodies]), axis=2
+    )
+    taken: set[int] = set()
+    for flat in np.argsort(apart, axis=None, kind="stable"):
+        i, j = divmod(int(flat), len(bodies))
+        if apart[i, j] > NEAR:
+            break
+        if not who[idents[i]] and j not in taken:
+            who[idents[i]] = bodies[j].name
+            taken.add(j)
+    return who

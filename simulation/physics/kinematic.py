@@ -1,0 +1,19 @@
+"""A world in which robots move exactly as they are told, seen by the same sensors."""
+
+from typing import final
+
+from .world import World
+
+
+@final
+class KinematicWorld(World):
+    """The same bodies and sensors, without wheels that slip.
+
+    Each robot moves with the forward speed and the yaw rate of its command, at once and
+    exactly; its wheels turn as if they did not slip. Nothing stops it at a wall, and contacts are
+    not noted.
+    """
+
+    def _move(self, duration: float) -> None:
+        for robot in self._robots.values():
+            robot.carry(duration)

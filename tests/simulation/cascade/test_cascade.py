@@ -1,0 +1,200 @@
+"""The cascade: ideal stages are the truth, runs repeat to the byte, bad settings are refused."""
+
+import hashlib
+import subprocess
+import sys
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wideberth import WideberthError, recommended
+from wideberth.framework.controller import Controller
+from wideberth.framework.values.motion import Command, Observation
+from wideberth.framework.values.path import Path
+from wideberth.framework.values.plan import Plan
+from wideberth.perception.detection.discs import Discs
+from wideberth.perception.state.ekf import Ekf
+from wideberth.perception.tracking.nearest import Nearest
+from wideberth.robots.unicycle import Unicycle
+from wideberth.simulation.cascade.cascade import Cascade
+from wideberth.simulation.cascade.world import WheeledWorld
+from wideberth.simulation.engine.agents import RobotAgent
+from wideberth.simulation.engine.episode import Run, run_episode
+from wideberth.simulation.engine.settings import Settings
+from wideberth.simulation.log.episode_log import Episode
+from wideberth.simulation.measures.perception import perception_row
+from wideberth.simulation.measures.summary import summarise
+from wideberth.simulation.scenarios.crossing import Crossing
+
+pytest.importorskip("mujoco", reason="pip install 'wideberth[physics]'")
+IDEAL = Cascade(mechanics="kinematic", noise=0.0)
+SHORT = Settings(history=0.0, time_limit=6.0)
+
+
+def whole(**changes: Any) -> Cascade:
+    """Return a cascade that senses all that it knows."""
+    return replace(
+        Cascade(
+            state=Ekf(wheel_radius=0.165, noise="large"),
+            detector=Discs(shape=(0.75,)),
+            tracker=Nearest(acceleration_density=0.02),
+        ),
+        **changes,
+    )
+
+
+class Bends(Controller):
+    """Drives bends, and keeps what it was told."""
+
+    period = 0.5
+
+    def __init__(self) -> None:
+        self.seen: list[Observation] = []
+        self.told: list[Observation] = []
+
+    def reset(self) -> None:
+        self.seen, self.told = [], []
+
+    def set_path(self, path: Path) -> None:
+        pass
+
+    def remember(self, observation: Observation) -> None:
+        self.told.append(observation)
+
+    def command(self, observation: Observation) -> Command:
+        self.seen.append(observation)
+        speed = min(0.1 * len(self.seen), 0.4)
+        return Command((speed, 0.0), 0.02 * (-1.0) ** (len(self.seen) // 4), 0.5)
+
+    @property
+    def plan(self) -> Plan | None:
+        return None
+
+
+def bending(name: str, start: tuple[float, float], goal: tuple[float, float]) -> RobotAgent:
+    way = Path(np.array([start, goal]))
+    return RobotAgent(name, Unicycle(), Bends(), way, 0.0, reference_speed=0.5)
+
+
+def pair() -> list[RobotAgent]:
+    return [bending("one", (0.0, 0.0), (20.0, 0.0)), bending("two", (8.0, 2.0), (-9.0, 3.0))]
+
+
+def run(cascade: Cascade, agents: list[RobotAgent], **more: Any) -> tuple[Episode, WheeledWorld]:
+    settings = more.pop("settings", SHORT)
+    world = WheeledWorld(cascade, settings)
+    one = Run(agents, settings, more.get("seed", 0), (), (), more.get("polygons", ()), world)
+    one.advance()
+    return one.episode(), world
+
+
+def observed(agent: RobotAgent) -> Bends:
+    assert isinstance(agent.controller, Bends)
+    return agent.controller
+
+
+def test_with_ideal_stages_all_that_is_told_is_true() -> None:
+    agents = pair()
+    episode, _ = run(IDEAL, agents)
+    for agent, other in (agents, agents[::-1]):
+        log = episode.agent(agent.name)
+        told = observed(agent).told
+        assert len(told) == pytest.approx(10.0 * episode.duration, abs=1.0)  # turns of the LiDAR
+        for one in (*observed(agent).seen, *told):
+            instant = np.array([one.stamp])
+            assert np.allclose(one.state[:2], episode.at(log, instant)[0], atol=1e-9)
+            for seen in one.detections:
+                assert seen.ident == other.name and 0.0 <= seen.age <= 0.1 + 1e-9
+                then = max(one.stamp - seen.age, 0.0)
+                truth = episode.at(episode.agent(other.name), np.array([then]))[0]
+                assert np.allclose(seen.position, truth, atol=1e-9)
+
+
+def test_ideal_wheels_drive_as_the_planners_own_model() -> None:
+    """The smoother's output is held for a step of 20 ms: half a step of the change of speed."""
+    episode, _ = run(IDEAL, pair())
+    exact = run_episode(pair(), SHORT)
+    for log, other in zip(episode.agents, exact.agents, strict=True):
+        apart = np.abs(episode.at(log, exact.times) - other.positions).max()
+        assert apart < 0.5 * 0.02 * 0.4 + 1e-3
+        assert np.abs(np.unwrap(log.headings)[-1] - np.unwrap(other.headings)[-1]) < 0.01
+
+
+def crossing(cascade: Cascade | None) -> dict[str, Any]:
+    """Let the recommended planner cross; without a cascade positions are exchanged."""
+    settings, cast = Settings(history=0.0), Crossing().cast(0)
+    agents = []
+    for place in cast.placements:
+        agent = place.agent(Unicycle(), recommended(Unicycle(), 0.5), False)
+        agents.append(replace(agent, speed=0.0, reference_speed=agent.reference))
+    if cascade is None:
+        return summarise(run_episode(agents, settings), 0.05)
+    return summarise(run(cascade, agents, settings=settings)[0], 0.05)
+
+
+def test_ideal_stages_cross_as_with_exchanged_positions() -> None:
+    exact, ideal = crossing(None), crossing(IDEAL)
+    assert exact["ended"] == ideal["ended"] == "goals"
+    assert ideal["first"] == exact["first"] and not ideal["errors"]
+    assert ideal["clearance"] == pytest.approx(exact["clearance"], abs=0.1)
+    assert ideal["duration"] == pytest.approx(exact["duration"], abs=1.0)
+
+
+def test_what_is_perceived_is_near_the_truth() -> None:
+    row = perception_row(run(whole(), pair())[0])
+    assert row["own_error"] < 0.05 and row["detection_error"] < 0.05
+    assert row["track_error"] < 0.05 and row["speed_error"] < 0.2
+    assert row["identities"] < 1.6 and row["false_tracks"] < 0.1
+
+
+def digest() -> str:
+    episode, _ = run(whole(), pair(), seed=3, settings=replace(SHORT, time_limit=3.0))
+    logs = episode.perception.values()
+    beliefs = [one.own.mean for log in logs for one in log.glances]
+    return hashlib.sha256(episode.to_bytes() + np.array(beliefs).tobytes()).hexdigest()
+
+
+def test_the_same_seed_gives_the_same_bytes_in_any_process() -> None:
+    script = f"import sys; sys.path.insert(0, {sys.path[0]!r}); import {__name__} as one; "
+    script += "print(one.digest())"
+    other = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert other.stdout.split()[-1] == digest()
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"body": "larg"}, "did you mean 'large'"),
+        ({"mechanics": "hover"}, "wanted one of physics, kinematic"),
+        ({"noise": -1.0}, "cascade.noise is -1"),
+        ({"rest": 0.0}, "cascade.rest is 0"),
+        ({"handover": "smoothed"}, "cascade.handover is 'smoothed'"),
+    ],
+    ids=lambda one: next(iter(one)) if isinstance(one, dict) else "",
+)
+def test_bad_stages_are_refused(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(WideberthError, match=words):
+        Cascade(**changes)
+
+
+def test_settings_that_stand_for_sensors_are_refused() -> None:
+    with pytest.raises(WideberthError, match="set history: 0"):
+        WheeledWorld(IDEAL, Settings())
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"speed": 0.5}, "begin at rest"),
+        ({"robot": Unicycle(radius=0.3)}, "give the robot radius: 0.75"),
+    ],
+    ids=["speed", "radius"],
+)
+def test_robots_that_cannot_be_there_are_refused(changes: dict[str, Any], words: str) -> None:
+    one, two = pair()
+    with pytest.raises(WideberthError, match=words):
+        run(IDEAL, [replace(one, **changes), two])
