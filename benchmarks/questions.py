@@ -21,6 +21,7 @@ import solver_speed
 import solver_tables
 import startup
 import sweep_speed
+import tracking
 from measuring import Row, Tick
 from set_ups import SetUp, set_ups
 
@@ -54,6 +55,7 @@ class Extent:
     decisions : of each solver with a deadline.
     stages : drives of the planner, and decisions in each.
     sweep : episodes of the sweep, and rounds.
+    crowds : that detectors and trackers are shown.
     """
 
     instances: int | None = None
@@ -74,6 +76,7 @@ class Extent:
     decisions: int = 20_000
     stages: tuple[int, int] = (3, 60)
     sweep: tuple[int, int] = (200, 3)
+    crowds: tracking.Crowds = field(default_factory=tracking.Crowds)
 
 
 QUICK = Extent(
@@ -93,6 +96,7 @@ QUICK = Extent(
     decisions=60,
     stages=(1, 3),
     sweep=(2, 1),
+    crowds=tracking.Crowds(seconds=1.5),
 )
 
 
@@ -112,7 +116,7 @@ class Question:
 
 BRIEF = (
     *("startup", "solvers", "hard", "scaling", "plugins", "batches", "predictors", "risks"),
-    *("stages", "export"),
+    *("stages", "export", "tracking"),
 )
 """Asked of every run."""
 NAMES = (*BRIEF, "sweeps", "endurance", "decisions")
@@ -145,6 +149,7 @@ def questions(instances: Instances, hard: Path | None, extent: Extent) -> dict[s
         "risks": Question(1, partial(_risks, extent)),
         "stages": Question(decision.ticks(extent.stages[0]), partial(_stages, extent)),
         "export": Question(exported.ticks(), partial(_export, extent)),
+        "tracking": Question(tracking.ticks(extent.crowds), partial(_tracking, extent)),
         "sweeps": Question(sweep_speed.ticks(extent.sweep[1]), partial(_sweeps, extent)),
         "endurance": Question(endurance.ticks(extent.drives), partial(_endurance, extent)),
         "decisions": Question(endurance.ticks(_decided(extent)), partial(_decisions, extent)),
@@ -235,6 +240,11 @@ def _export(extent: Extent, tick: Tick) -> Tables:
     return {
         "export": ("The exported solver and Python's call", exported.measure(extent.rounds, tick))
     }
+
+
+def _tracking(extent: Extent, tick: Tick) -> Tables:
+    rows = tracking.measure(extent.crowds, tick)
+    return {"tracking": ("Detectors and trackers among people", rows)}
 
 
 def _sweeps(extent: Extent, tick: Tick) -> Tables:

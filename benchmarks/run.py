@@ -33,6 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _options(arguments)
     logging.getLogger("wideberth").setLevel(logging.CRITICAL)  # the tables count the same
     extent = QUICK if options.quick else replace(Extent(), rounds=options.rounds)
+    extent = replace(extent, crowds=replace(extent.crowds, folder=options.people))
     file = options.instances
     try:
         instances = solver_speed.by_region(options.instances, extent.instances, set_ups())
@@ -94,6 +95,11 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         "--instances", type=Path, default=sample, help="recorded instances (default: the sample)"
     )
     parser.add_argument("--hard", type=Path, help="hard instances (default: made of the sample)")
+    parser.add_argument(
+        "--people",
+        default=Extent().crowds.folder,
+        help="folder of recordings, `frame id x y`, for tracking (default: synthetic crowds)",
+    )
     parser.add_argument("--out", type=Path, default=ROOT / "results" / "bench", help="folder")
     parser.add_argument(
         "--only",

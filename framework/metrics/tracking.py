@@ -13,6 +13,9 @@ from ..values.sensing import TrackedObstacle
 
 IntArray: TypeAlias = NDArray[np.int64]
 
+NINETY_FIVE = 9.488
+"""95 % quantile of chi-square with four degrees of freedom."""
+
 
 @final
 @dataclass(frozen=True)
@@ -107,14 +110,16 @@ class TrackScores:
     Attributes
     ----------
     gospa : m, mean over the instants.
-    located : m, root mean square distance of the pairs.
+    located : m, root mean square distance of the nearest pairs.
     missed, false : share of the true obstacles without a track, and tracks without an obstacle
         per instant.
     switches : how often an obstacle went on under another identity.
     latency : s, mean time from an obstacle's appearance to its first track; NaN without one.
     followed : share of the obstacles that ever had a track.
     speed_error : m/s, root mean square error of the velocity.
-    nees : mean of e' P^-1 e over the pairs, e the error of position and velocity; 4 is honest.
+    nees : mean of e' P^-1 e over the nearest pairs, e the error of position and velocity; 4 is
+        honest.
+    inside : share of the nearest pairs whose error lies in the 95 % region that the track states.
     pairs, obstacles, instants : that these were taken over.
     """
 
@@ -127,6 +132,7 @@ class TrackScores:
     followed: float
     speed_error: float
     nees: float
+    inside: float
     pairs: int
     obstacles: int
     instants: int
@@ -152,16 +158,25 @@ def track_scores(
     run: Iterable[tuple[float, Mapping[str, Array], Iterable[TrackedObstacle]]],
     *,
     cut: float = 1.0,
+    near: float = 0.5,
 ) -> TrackScores:
     """Score tracks against the true obstacles, instant by instant.
 
-    GOSPA of each instant with p = 2. For the rest an obstacle keeps the track that it had while
-    that is closer than ``cut``; the others are paired at the least sum of squares (CLEAR MOT).
+    GOSPA of each instant with p = 2. To count, an obstacle keeps the track that it had while that
+    is closer than ``near``; the others are paired at the least sum of squares, where closer than
+    ``near`` (CLEAR MOT). Errors are those of the pairs at the least sum of squares, whichever
+    tracks they had before: where two tracks change places, that is two switches, and no error of
+    a position.
 
     Parameters
     ----------
     run : time, s; true states by name, (4,), position and velocity; and the tracks at that time.
-    cut : m, beyond which a track is not of an obstacle.
+    cut : m, of GOSPA.
+    near : m, beyond which a track is not of an obstacle; about the width of one.
+
+    Raises
+    ------
+    WideberthError : a distance that is not positive.
 
     References
     ----------
@@ -169,14 +184,18 @@ def track_scores(
     metrics", EURASIP J. Image Video Process. 2008.
     """
     positive("cut", cut)
+    positive("near", near)
     tally = _Tally()
     for time, truth, obstacles in run:
         tracks = {one.ident: one for one in obstacles}
         places = np.reshape([state[:2] for state in truth.values()], (-1, 2))
         seen = np.reshape([one.state[:2] for one in tracks.values()], (-1, 2))
         tally.values.append(gospa(places, seen, cut=cut).value)
-        pairs = _continued(truth, tracks, tally.last, cut)
-        _count(tally, time, truth, tracks, pairs)
+        _count(tally, time, truth, tracks, _continued(truth, tracks, tally.last, near))
+        for name, ident in _continued(truth, tracks, {}, near).items():
+            error = np.asarray(truth[name]) - tracks[ident].state
+            tally.errors.append(error)
+            tally.nees.append(nees(error, tracks[ident].covariance))
     errors = np.reshape(tally.errors, (-1, 4))
     waits = [tally.found[name] - tally.began[name] for name in tally.found]
     return TrackScores(
@@ -189,6 +208,7 @@ def track_scores(
         followed=len(tally.found) / max(len(tally.began), 1),
         speed_error=_root(errors[:, 2:]),
         nees=_mean(tally.nees),
+        inside=_mean(value <= NINETY_FIVE for value in tally.nees),
         pairs=len(errors),
         obstacles=len(tally.began),
         instants=len(tally.values),
@@ -199,21 +219,21 @@ def _continued(
     truth: Mapping[str, Array],
     tracks: Mapping[str, TrackedObstacle],
     last: Mapping[str, str],
-    cut: float,
+    near: float,
 ) -> dict[str, str]:
     """Return obstacle -> track: those that go on, then the nearest of the others."""
     pairs: dict[str, str] = {}
     for name, state in truth.items():
         track = tracks.get(last.get(name, ""))
         if track is not None and track.ident not in pairs.values():
-            if np.hypot(*(state[:2] - track.state[:2])) < cut:
+            if np.hypot(*(state[:2] - track.state[:2])) < near:
                 pairs[name] = track.ident
     names = [name for name in truth if name not in pairs]
     idents = [ident for ident in tracks if ident not in pairs.values()]
     true = np.reshape([truth[name][:2] for name in names], (-1, 2))
     found = np.reshape([tracks[ident].state[:2] for ident in idents], (-1, 2))
     distance = np.linalg.norm(true[:, None] - found[None], axis=2)
-    rows, columns = _assigned(distance, cut, 2.0)
+    rows, columns = _assigned(distance, near, 2.0)
     chosen = zip(rows.tolist(), columns.tolist(), strict=True)
     return pairs | {names[row]: idents[column] for row, column in chosen}
 
@@ -235,9 +255,6 @@ def _count(
         tally.found.setdefault(name, time)
         tally.switches += tally.last.get(name, ident) != ident
         tally.last[name] = ident
-        error = np.asarray(truth[name]) - tracks[ident].state
-        tally.errors.append(error)
-        tally.nees.append(nees(error, tracks[ident].covariance))
 
 
 def nees(error: Array, covariance: Array) -> float:

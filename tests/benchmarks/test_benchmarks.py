@@ -54,7 +54,7 @@ def test_dry_run_writes_and_prints_every_table(tmp_path: Path, bench: Path) -> N
     assert set(tables) - raw | ({"export"} if unable else set()) == {
         "startup", "solvers", "speedups", "quality", "obstacles", "hard", "safe", "scaling",
         "slopes", "plugins", "plugin_totals", "batches", "predictors", "risks", "stages",
-        "export", "targets", "whole", "crowds",
+        "export", "targets", "whole", "crowds", "tracking",
     }  # fmt: skip
     assert raw < set(tables)
     for name in ("times", "growth", "hard", "stages"):
@@ -113,6 +113,7 @@ def test_one_question_alone(tmp_path: Path) -> None:
         (["--hard", "nowhere.npz"], "nowhere.npz cannot be read: No such file"),
         (["--hard", "text.npz"], "text.npz is no npz archive"),
         (["--out", "text.npz"], "File exists"),
+        (["--people", "nowhere"], "nowhere is no folder"),
         (["--rounds", "0"], "wanted a whole number of at least 1"),
     ],
 )

@@ -97,13 +97,31 @@ def test_what_a_run_counts() -> None:
     assert scores.switches == 1 and scores.pairs == 3 and scores.instants == 4
     assert scores.latency == pytest.approx(0.1) and scores.followed == 0.5
     assert scores.missed == pytest.approx(4 / 7) and scores.false == pytest.approx(2 / 4)
-    assert scores.located == pytest.approx(np.sqrt((0.09 + 0.09 + 0.01) / 3))
-    assert scores.nees == pytest.approx((9.0 + 9.0 + 1.0) / 3)
+    # Of the two tracks beside it at 0.2 s the nearer one counts for the errors.
+    assert scores.located == pytest.approx(np.sqrt((0.09 + 0.01 + 0.01) / 3))
+    assert scores.nees == pytest.approx((9.0 + 1.0 + 1.0) / 3) and scores.inside == 1.0
     wanted = [gospa([[0, 0]], []).value, gospa([[0, 0], [9, 0]], [[0.3, 0]]).value]
     wanted += [gospa([[0, 0], [9, 0]], [[0.3, 0], [0.1, 0]]).value]
     wanted += [gospa([[0, 0], [9, 0]], [[0.1, 0], [5, 0]]).value]
     assert scores.gospa == pytest.approx(np.mean(wanted))
     assert nees(np.array([1.0, 2.0]), np.diag([1.0, 4.0])) == pytest.approx(2.0)
+
+
+def test_tracks_that_change_places() -> None:
+    """Each track is exact for the other one: switches where they stand apart; no error at all."""
+    for apart, switches in ((0.75, 2), (0.4, 0)):
+        truth = {"a": np.zeros(4), "b": np.array([apart, 0.0, 0.0, 0.0])}
+        run = [
+            (0.0, truth, [track("1", 0.0), track("2", apart)]),
+            (0.1, truth, [track("1", apart), track("2", 0.0)]),
+        ]
+        scores = track_scores(run)
+        assert scores.switches == switches
+        assert scores.nees == 0.0 and scores.inside == 1.0 and scores.missed == 0.0
+    off = track_scores([(0.0, truth, [track("1", 0.1), track("2", 0.75)])])
+    assert off.inside == 0.5 and off.nees == pytest.approx((1.0 + 12.25) / 2)
+    with pytest.raises(WideberthError, match=r"near is 0"):
+        track_scores(run, near=0.0)
 
 
 def test_a_run_without_anything() -> None:
