@@ -10,13 +10,20 @@ from ...framework.values.arrays import Array, positive, whole
 from ...framework.values.errors import WideberthError
 from ...framework.values.sensing import Scan, Sightings
 from .disc_fit import Shape, box, cylinder, fit_disc
-from .groups import at_notches, by_density, by_gap, density_library, width
+from .groups import (
+    at_notches,
+    by_density,
+    by_gap,
+    deepest_of_noise,
+    density_library,
+    width,
+)
 from .hits import Hits, hits_of
 
 SLACK = 0.6
 """m by which a group may be wider than the body that is looked for; wider ones stand still."""
 NOTCH = 0.05
-"""m, or four deviations of a range: least depth of a notch that splits a group."""
+"""m, least depth of a notch that splits a group, where the noise makes none as deep."""
 VAGUEST = 1.0
 """m, largest standard deviation of a centre that is of use."""
 
@@ -42,8 +49,9 @@ class Discs(Detector):
         loses bodies whose points are more than 0.3 m apart.
     gap : m, least distance that splits a group.
     fewest : points of a group; with 5 a small robot vanishes beyond 8 m at 360 beams.
-    floor : m, standard deviation added to each centre for what the scan does not know: the
-        error of the poses within a scan.
+    drift, turn : m and rad, by which the poses within a scan err against each other (standard
+        deviations). The error of a centre is the first one in all directions, and the second one
+        times its distance across the line of sight.
 
     Raises
     ------
@@ -57,7 +65,8 @@ class Discs(Detector):
     groups: Literal["gap", "density"] = "gap"
     gap: float = 0.1
     fewest: int = 3
-    floor: float = 0.003
+    drift: float = 0.001
+    turn: float = 0.0005
     _shape: Shape = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -68,7 +77,8 @@ class Discs(Detector):
         for size in self.shape:
             positive("discs.shape", size)
         positive("discs.gap", self.gap)
-        positive("discs.floor", self.floor, zero=True)
+        positive("discs.drift", self.drift, zero=True)
+        positive("discs.turn", self.turn, zero=True)
         whole("discs.fewest", self.fewest)
         if self.groups not in ("gap", "density"):
             raise WideberthError(f"discs.groups is {self.groups!r}; wanted gap or density")
@@ -84,11 +94,11 @@ class Discs(Detector):
         hits, note = hits_of(scan, poses)
         found: list[tuple[Array, Array, float, float]] = []
         static = [np.zeros((0, 2))]
-        depth = max(NOTCH, 4.0 * scan.deviation)
         for whole_group in by_gap(hits, self.gap) if self.groups == "gap" else by_density(hits):
             if width(hits.points[whole_group]) > 4.0 * self._shape.radius + SLACK:
                 static.append(hits.points[whole_group])
                 continue
+            depth = max(NOTCH, deepest_of_noise(len(whole_group)) * scan.deviation)
             for index in at_notches(hits, whole_group, depth):
                 group = hits.select(index)
                 extent = width(group.points)
@@ -115,8 +125,10 @@ class Discs(Detector):
         """Return centre, covariance, radius and time of one body; none where it is too vague."""
         shape = self._shape
         fit = fit_disc(group.points, group.origins, shape.fitted, deviation, shape.rough)
-        spread = fit.covariance + self.floor**2 * np.eye(2)
-        spread = spread + shape.spread(fit.centre - group.origins.mean(axis=0))
+        sight = fit.centre - group.origins.mean(axis=0)
+        aside = self.turn * np.array([-sight[1], sight[0]])
+        spread = fit.covariance + self.drift**2 * np.eye(2) + np.outer(aside, aside)
+        spread = spread + shape.spread(sight)
         if np.linalg.eigvalsh(spread)[-1] > VAGUEST**2:
             return []
         radius = max(shape.radius, 0.5 * extent)

@@ -2,6 +2,7 @@
 
 from importlib import import_module
 from itertools import pairwise
+from math import log, sqrt
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ REACH, CROWD = 0.3, 3
 def by_gap(hits: Hits, gap: float, growth: float | None = None) -> list[IntArray]:
     """Split the points, in the order of their bearings, at gaps that grow with the range.
 
-    Neighbours belong together if at most `MISSING` beams between them met nothing and
+    Neighbours belong together if at most `MISSING` beams lie between them and
 
     |p_i - p_j| < gap + growth r,   r the nearer range
 
@@ -28,7 +29,9 @@ def by_gap(hits: Hits, gap: float, growth: float | None = None) -> list[IntArray
     Parameters
     ----------
     gap : m.
-    growth : per m of range; by default twice the angle between two beams.
+    growth : per m of range; by default twice the angle between two beams, times one more than
+        the beams that were lost between: on a slanting outline points are then farther apart.
+        Beams that met nothing do not count, since they passed through.
 
     Returns
     -------
@@ -42,8 +45,8 @@ def by_gap(hits: Hits, gap: float, growth: float | None = None) -> list[IntArray
     count = len(hits)
     if not count:
         return []
-    share = 2.0 * hits.spacing if growth is None else growth
     after = np.roll(np.arange(count), -1)
+    share = 2.0 * hits.spacing * (1.0 + hits.lost[after]) if growth is None else growth
     apart = np.linalg.norm(hits.points[after] - hits.points, axis=1)
     nearer = np.minimum(hits.ranges[after], hits.ranges)
     between = np.mod(hits.beams[after] - hits.beams, max(hits.total, 1)) - 1
@@ -121,6 +124,19 @@ def at_notches(hits: Hits, index: IntArray, depth: float) -> list[IntArray]:
     before, after = np.linalg.norm(np.diff(points[at - 1 : at + 2], axis=0), axis=1)
     cut = at + 1 if before < after else at
     return at_notches(hits, index[:cut], depth) + at_notches(hits, index[cut:], depth)
+
+
+def deepest_of_noise(points: int) -> float:
+    """Return how deep a notch the noise makes in a smooth outline, in deviations of a range.
+
+    The largest of n normal numbers is about sqrt(2 ln n). The hull passes through the outermost
+    points, and the notch is at the innermost one: twice as much, and one for good measure.
+
+    Parameters
+    ----------
+    points : n, of the group.
+    """
+    return 1.0 + 2.0 * sqrt(2.0 * log(max(points, 2)))
 
 
 def _behind_the_face(points: Array) -> Array:

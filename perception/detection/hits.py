@@ -23,6 +23,8 @@ class Hits:
     ranges : (n,), m.
     times : (n,), s.
     beams : (n,), number of the beam, counted by bearing over all beams of the scan.
+    lost : (n,), beams since the point before, in the whole scan, whose range is none: something
+        may have stood there. The others met nothing.
     total : B, beams of the scan.
     spacing : rad between two beams.
     sensor : (2,), m, its mean place; None where no beam has a pose.
@@ -33,6 +35,7 @@ class Hits:
     ranges: Array
     times: Array
     beams: IntArray
+    lost: IntArray
     total: int
     spacing: float
     sensor: Array | None
@@ -55,6 +58,7 @@ class Hits:
             ranges=self.ranges[chosen],
             times=self.times[chosen],
             beams=self.beams[chosen],
+            lost=self.lost[chosen],
         )
 
 
@@ -126,9 +130,11 @@ def hits_of(scan: Scan, poses: Array) -> tuple[Hits, str]:
     place = np.flatnonzero(beams.met[order])
     chosen = order[place]
     spacing = float(np.median(gaps)) if len(order) > 1 else 0.0
+    none = np.cumsum(~(scan.ranges[order] > 0.0))  # NaN is not either
+    lost = np.diff(none[place], prepend=none[place[-1]] - none[-1]) if len(place) else place
     found = Hits(
         *(beams.ends[chosen], beams.origins[chosen], scan.ranges[chosen], scan.times[chosen]),
-        *(place.astype(np.int64), len(order), spacing),
+        *(place.astype(np.int64), lost.astype(np.int64), len(order), spacing),
         beams.origins[known].mean(axis=0) if known.any() else None,
     )
     if not len(order):

@@ -140,6 +140,9 @@ class Nearest(Tracker):
         if anew:
             self._tracks = []
         self._now = sightings.time
+        # Carried over a long gap a track would be so vague that any sighting fits it.
+        held = max(self.memory, self.hidden)
+        self._tracks = [one for one in self._tracks if self._now - one.time <= held]
         seen = in_order(sightings)
         pairs = self._assigned(seen)
         shadow = self._shadowed(seen)

@@ -54,25 +54,32 @@ def away(distance: float, bearing: float) -> Array:
 
 
 def errors(
-    detector: Detector, distance: float, bodies: int, seed: int, half: tuple[float, float] | float
+    detector: Detector,
+    distance: float,
+    bodies: int,
+    seed: int,
+    half: tuple[float, float] | float,
+    beams: int = 360,
+    dropped: float = 0.0,
 ) -> tuple[Array, Array]:
     """Errors along and across the line of sight, (n, 2), m, and NEES, (n,), of those found."""
-    rng = np.random.default_rng(seed)
+    rng, poses = np.random.default_rng(seed), np.zeros((beams, 3))
     found, squares = [], []
     for bearing in rng.uniform(-np.pi, np.pi, bodies):
         centre = away(distance, bearing)
         if isinstance(half, float):
-            scan = scan_of(STANDING, rng, [(centre, half)])
+            scan = scan_of(poses, rng, [(centre, half)], dropped=dropped)
         else:
             corners = box_corners(centre, half, rng.uniform(-np.pi, np.pi))
-            scan = scan_of(STANDING, rng, [], [corners])
-        seen = detector.detect(scan, STANDING)
+            scan = scan_of(poses, rng, [], [corners], dropped=dropped)
+        seen = detector.detect(scan, poses)
         if not len(seen.positions):
             continue
-        assert len(seen.positions) == 1
-        error = seen.positions[0] - centre
+        assert dropped or len(seen.positions) == 1
+        row = int(np.linalg.norm(seen.positions - centre, axis=1).argmin())
+        error = seen.positions[row] - centre
         found.append([error @ away(1, bearing), error @ away(1, bearing + np.pi / 2)])
-        squares.append(error @ np.linalg.solve(seen.covariance[0], error))
+        squares.append(error @ np.linalg.solve(seen.covariance[row], error))
     return np.array(found), np.array(squares)
 
 
@@ -82,16 +89,33 @@ def test_cylinders_are_found_without_bias_and_as_sure_as_stated(
     radius: float, distance: float
 ) -> None:
     """Two degrees of freedom: NEES is 2 on average, with variance 4 / n."""
-    found, squares = errors(Discs((radius,), floor=0.0), distance, 150, 1, radius)
+    found, squares = errors(Discs((radius,), drift=0.0, turn=0.0), distance, 150, 1, radius)
     assert len(found) == 150
     assert np.abs(found.mean(axis=0)).max() < 1e-3
     assert abs(squares.mean() - 2.0) < 3.0 * 2.0 / np.sqrt(len(squares))
     assert found.std(axis=0).max() < 0.01
 
 
-def test_the_floor_makes_detections_of_one_scan_conservative() -> None:
-    _, squares = errors(Discs((0.75,)), 5.0, 100, 2, 0.75)
-    assert 0.7 < squares.mean() < 2.0
+def test_poses_that_err_within_a_scan_widen_the_covariance() -> None:
+    """1 mm in all directions, and 0.5 mrad of the distance across the line of sight."""
+    scan = scan_of(STANDING, np.random.default_rng(2), [([0.0, 10.0], 0.75)])
+    exact = Discs((0.75,), drift=0.0, turn=0.0).detect(scan, STANDING).covariance[0]
+    more = Discs((0.75,)).detect(scan, STANDING).covariance[0] - exact
+    np.testing.assert_allclose(more, np.diag([1e-6 + 0.005**2, 1e-6]), atol=1e-7)
+
+
+@pytest.mark.parametrize("beams", [180, 360, 720])
+@pytest.mark.parametrize("half", [0.3, 0.75, SMALL, LARGE])
+def test_detections_are_as_sure_as_they_say(half: tuple[float, float] | float, beams: int) -> None:
+    """Mean NEES between 0.7 and 3 (2 is exact), at all distances where bodies are seen."""
+    for distance in (1.5, 4.0, 8.0, 12.0):
+        detector = Discs((half,) if isinstance(half, float) else half)
+        _, squares = errors(detector, distance, 60, 15, half, beams, dropped=0.01)
+        if len(squares) < 40:  # too few beams meet it
+            assert distance * 2.0 * np.pi / beams > 0.2
+            continue
+        assert 0.7 < squares.mean() < 3.0, (distance, squares.mean())
+        assert (squares < 5.991).mean() > 0.85, distance
 
 
 @pytest.mark.parametrize(
@@ -233,6 +257,37 @@ def test_one_convex_body_has_no_notch() -> None:
         hits, _ = hits_of(scan_of(STANDING, rng, [], [corners]), STANDING)
         (group,) = by_gap(hits, 1.5)  # sides along the line of sight have wide gaps
         assert len(at_notches(hits, group, 0.05)) == 1
+
+
+def test_noise_on_many_points_is_no_notch() -> None:
+    """Three hundred points of one cylinder: the innermost lies 7 deviations behind the hull."""
+    rng, poses = np.random.default_rng(23), np.zeros((720, 3))
+    for bearing in rng.uniform(-np.pi, np.pi, 60):
+        scan = scan_of(poses, rng, [(away(1.5, bearing), 0.75)])
+        assert len(Discs((0.75,)).detect(scan, poses).positions) == 1
+
+
+def test_lost_beams_on_a_slanting_side_split_no_box() -> None:
+    """Points there are far apart; with two beams lost between, three times as far."""
+    corners = box_corners(np.array([8.0, 0.0]), LARGE, np.pi / 4)
+    scan = scan_of(STANDING, np.random.default_rng(24), [], [corners], deviation=0.001)
+    ranges = scan.ranges.copy()
+    ranges[181:183] = np.nan
+    hits, _ = hits_of(replace(scan, ranges=ranges), STANDING)
+    assert len(by_gap(hits, 0.1)) == 1
+    ranges[181:183] = np.inf  # they passed through
+    assert len(by_gap(hits_of(replace(scan, ranges=ranges), STANDING)[0], 0.1)) == 2
+
+
+def test_lost_beams_are_counted_over_the_seam() -> None:
+    ranges = np.full(360, 5.0)
+    ranges[[0, 1, 359, 100]] = np.nan
+    ranges[[50, 200]] = np.inf
+    bearings = -np.pi + 2.0 * np.pi * np.arange(360) / 360
+    hits, _ = hits_of(Scan("lidar", np.linspace(0.0, 0.1, 360), bearings, ranges), STANDING)
+    assert hits.lost.sum() == 4 and sorted(hits.lost[hits.lost > 0]) == [1, 3]
+    first = int(hits.lost.argmax())
+    assert np.arctan2(*hits.points[first, ::-1]) == pytest.approx(bearings[2])
 
 
 def test_a_misfit_is_no_small_error() -> None:

@@ -14,7 +14,7 @@ from wideberth.framework.tracker import Tracker
 from wideberth.framework.tracking.handover import Handover
 from wideberth.framework.tracking.history import History, admitted
 from wideberth.framework.values.arrays import Array
-from wideberth.framework.values.sensing import Sightings, TrackedObstacle
+from wideberth.framework.values.sensing import Scan, Sightings, TrackedObstacle
 from wideberth.perception.detection.discs import Discs
 from wideberth.perception.tracking.kf_hungarian import KfHungarian
 from wideberth.perception.tracking.motion import carried, corrected
@@ -177,6 +177,16 @@ def test_a_hidden_track_is_kept_for_longer_and_goes_on(by: str) -> None:
     assert all(abs(one.state[1]) > 1.0 for one in tracker.at(now + 1.1))
 
 
+def test_after_a_long_gap_nobody_is_taken_for_somebody_else() -> None:
+    """The sensor was off for 30 s, or the clock was set: then any sighting would fit any track."""
+    tracker = Nearest()
+    now = followed(tracker) + 30.0
+    for number in range(3):
+        assert tracker.update(sightings(now + 0.1 * number, [[9.0, 9.0]])) == ""
+    (one,) = tracker.at(now + 0.2)
+    assert one.ident != "1" and np.hypot(*one.state[2:]) < 0.1
+
+
 def test_all_sightings_are_assigned_at_once() -> None:
     """The nearest pair taken first would leave the other track without a sighting."""
     tracker = Nearest(gate=1e4)
@@ -276,6 +286,59 @@ def test_from_ranges_to_tracks() -> None:
     assert np.sqrt((found[:, :2] ** 2).sum(axis=1).mean()) < 0.012
     assert np.sqrt((found[:, 2:4] ** 2).sum(axis=1).mean()) < 0.05
     assert 0.1 < found[:, 4].mean() < 5.0
+
+
+def broken(scan: Scan, kind: str) -> Scan:
+    """A scan as a sensor that fails gives it."""
+    half = np.arange(len(scan.ranges)) < 180
+    return {
+        "empty": Scan("lidar", np.zeros(0), np.zeros(0), np.zeros(0)),
+        "blind": replace(scan, ranges=np.full(len(scan.ranges), np.inf)),
+        "lost": replace(scan, ranges=np.full(len(scan.ranges), np.nan)),
+        "negative": replace(scan, ranges=-scan.ranges),
+        "half lost": replace(scan, ranges=np.where(half, np.nan, scan.ranges)),
+        "late": replace(scan, times=scan.times - 0.3),
+        "twice": scan,
+        "clock back": replace(scan, times=scan.times - 500.0),
+        "clock on": replace(scan, times=scan.times + 500.0),
+    }[kind]
+
+
+@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize(
+    ("kind", "lives"),
+    [("empty", True), ("blind", True), ("lost", True), ("negative", True), ("half lost", True),
+     ("late", True), ("twice", True), ("clock back", False), ("clock on", False)],
+)  # fmt: skip
+def test_a_bad_scan_neither_raises_nor_ends_what_it_should_not(
+    name: str, kind: str, lives: bool
+) -> None:
+    """One bad scan after 2 s; then ten sound ones on the clock that the bad one had."""
+    rng, tracker, detector = np.random.default_rng(8), KINDS[name](), Discs((0.3,))
+    poses, notes = np.zeros((360, 3)), []
+    shift = {"clock back": -500.0, "clock on": 500.0}.get(kind, 0.0)
+    idents: list[set[str]] = []
+    for number in range(1, 32):
+        time = 0.1 * number
+        places = np.stack([np.full(360, 3.0), np.full(360, -1.0 + 0.5 * time)], axis=-1)
+        scan = scan_of(poses, rng, [(places, 0.3)], end=time)
+        if number == 21:
+            bad = broken(scan, kind)
+            if kind == "twice":
+                tracker.update(detector.detect(bad, poses))
+            seen = detector.detect(bad, np.zeros((len(bad.times), 3)))
+        else:
+            later = shift if number > 21 else 0.0
+            seen = detector.detect(replace(scan, times=scan.times + later), poses)
+        notes.append((seen.note, tracker.update(seen)))
+        now = seen.time if np.isfinite(seen.time) else time
+        idents.append({one.ident for one in tracker.at(now)})
+    assert len(idents[19]) == 1 and len(idents[-1]) == 1
+    counts_scans = name == "kf_hungarian" and kind == "clock on"  # and no seconds, as published
+    assert (idents[19] == idents[-1]) == (lives or counts_scans)
+    assert all(note == ("", "") for note in (*notes[:20], *notes[21:]))
+    said = any(notes[20])
+    assert said == (kind not in ("half lost", "clock on"))
 
 
 def test_the_error_of_a_box_lasts() -> None:
