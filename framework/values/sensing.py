@@ -185,6 +185,8 @@ class Sightings:
     note : why the scan gave less than it should; "" where it did not.
     times : (O,), s, when each was measured; () where all were at `time`.
     origin : (2,), m, where the sensor was; None where that is not known.
+    lasting : m per axis, standard deviation of the part of the errors that stays while a body is
+        seen from one side: that of a box whose heading is unknown. No filter averages it away.
 
     Raises
     ------
@@ -199,8 +201,10 @@ class Sightings:
     note: str = ""
     times: Array = field(default_factory=lambda: np.zeros(0))
     origin: Array | None = None
+    lasting: float = 0.0
 
     def __post_init__(self) -> None:
+        positive("sightings.lasting", self.lasting, zero=True)
         positions = checked("sightings.positions", self.positions, (None, 2))
         count = len(positions)
         if count and not isfinite(number("sightings.time", self.time)):

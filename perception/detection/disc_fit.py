@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from math import hypot
+from math import hypot, sqrt
 
 import numpy as np
 
@@ -114,6 +114,11 @@ class Shape:
     rough: float
     along: float
     across: float
+
+    @property
+    def lasting(self) -> float:
+        """Standard deviation per axis of the error that stays with the heading, m."""
+        return hypot(self.along, self.across) / sqrt(2.0)
 
     def spread(self, sight: Array) -> Array:
         """Return what the shape adds to the covariance of a centre, (2, 2), m^2.

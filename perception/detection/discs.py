@@ -38,7 +38,7 @@ class Discs(Detector):
     static. The rest is fitted by `fit_disc`. A box is handed on as the disc that encloses it; it
     is fitted with a smaller one, see `disc_fit.box`, and its covariance holds what its unknown
     heading does to the centre. That error stays for seconds, while the body keeps its heading, so
-    that no filter can average it away.
+    that no filter can average it away: `Sightings.lasting` says how large it is.
 
     Parameters
     ----------
@@ -117,6 +117,7 @@ class Discs(Detector):
             note,
             np.reshape(times, count),
             hits.sensor,
+            self._shape.lasting,
         )
 
     def _disc(

@@ -80,6 +80,7 @@ class Nearest(Tracker):
 
     Measurements are handed on as of the instant of their scan, which all of them share:
     z + v (T - t) with covariance R + (T - t)^2 P_v. Two obstacles of one scan then have one age.
+    What of the errors lasts (`Sightings.lasting`) is added to the covariance of each state.
 
     Parameters
     ----------
@@ -89,9 +90,6 @@ class Nearest(Tracker):
     needed, window : sightings, scans.
     memory, hidden : s.
     history : s of measurements that are handed on.
-    lasting : m per axis, standard deviation of an error that stays while an obstacle is seen,
-        such as that of a box whose heading is unknown. No filter averages it away: it is added
-        to the covariance that is handed on.
 
     Raises
     ------
@@ -112,15 +110,14 @@ class Nearest(Tracker):
     memory: float = 1.0
     hidden: float = 2.0
     history: float = 10.0
-    lasting: float = 0.0
     _tracks: list[_Track] = field(init=False, repr=False)
     _now: float = field(init=False, repr=False)
     _born: int = field(init=False, repr=False)
+    _lasting: float = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         for name in ("acceleration_density", "gate", "speed", "memory", "hidden", "history"):
             positive(f"nearest.{name}", getattr(self, name))
-        positive("nearest.lasting", self.lasting, zero=True)
         whole("nearest.window", self.window)
         if whole("nearest.needed", self.needed) > self.window:
             raise WideberthError(
@@ -131,6 +128,7 @@ class Nearest(Tracker):
     def reset(self) -> None:
         """Forget all tracks."""
         self._tracks, self._now, self._born = [], -np.inf, 0
+        self._lasting = 0.0
 
     def update(self, sightings: Sightings) -> str:
         """Assign the sightings of a scan; see `Tracker.update`."""
@@ -139,7 +137,7 @@ class Nearest(Tracker):
             return note
         if anew:
             self._tracks = []
-        self._now = sightings.time
+        self._now, self._lasting = sightings.time, sightings.lasting
         # Carried over a long gap a track would be so vague that any sighting fits it.
         held = max(self.memory, self.hidden)
         self._tracks = [one for one in self._tracks if self._now - one.time <= held]
@@ -274,7 +272,7 @@ class Nearest(Tracker):
         """Return what is handed on of a track."""
         dt = time - track.time
         state, covariance = carried(track.state, track.covariance, dt, self.acceleration_density)
-        covariance[:2, :2] += self.lasting**2 * np.eye(2)
+        covariance[:2, :2] += self._lasting**2 * np.eye(2)
         scans, times, places, noises, velocities, drifts = map(
             np.array, zip(*track.measured, strict=True)
         )

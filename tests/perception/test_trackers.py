@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from wideberth import Observation, WideberthError
+from wideberth.framework.detector import Detector
 from wideberth.framework.metrics.tracking import nees, track_scores
 from wideberth.framework.plugins.registry import load, names
 from wideberth.framework.testing.tracker import check_tracker, laws
@@ -253,7 +254,9 @@ def test_history_is_bounded() -> None:
     assert len(one.times) == 21 and one.times[0] == pytest.approx(8.0)
 
 
-def drive(detector: Discs, tracker: Nearest, half: tuple[float, float] | None, seed: int) -> Array:
+def drive(
+    detector: Detector, tracker: Nearest, half: tuple[float, float] | None, seed: int
+) -> Array:
     """NEES of the track of a robot that passes at 0.5 m/s, one value per run, and its errors."""
     rng = np.random.default_rng(seed)
     start, speed = np.array([6.0, rng.uniform(-3.0, 3.0)]), 0.5
@@ -342,14 +345,22 @@ def test_a_bad_scan_neither_raises_nor_ends_what_it_should_not(
 
 
 def test_the_error_of_a_box_lasts() -> None:
-    """A box keeps its heading, so its error does not average away unless the tracker knows."""
+    """A box keeps its heading, so its error does not average away; the detector says so."""
     half = (0.6, 0.45)
-    plain = np.array([drive(Discs(half), Nearest(0.02), half, seed) for seed in range(20)])
-    aware = np.array(
-        [drive(Discs(half), Nearest(0.02, lasting=0.06), half, seed) for seed in range(20)]
-    )
-    assert aware[:, 4].mean() < 0.6 * plain[:, 4].mean()
-    assert aware[:, 4].mean() < 5.0
+
+    class Forgetful(Detector):
+        """Leaves out what lasts."""
+
+        def reset(self) -> None: ...
+
+        def detect(self, scan: Scan, poses: Array) -> Sightings:
+            return replace(Discs(half).detect(scan, poses), lasting=0.0)
+
+    plain = np.array([drive(Forgetful(), Nearest(0.02), half, seed)[4] for seed in range(20)])
+    aware = np.array([drive(Discs(half), Nearest(0.02), half, seed)[4] for seed in range(20)])
+    assert aware.mean() < 0.6 * plain.mean() and 1.0 < aware.mean() < 4.0
+    assert Discs((0.3,)).detect(scan_of(np.zeros((4, 3)), np.random.default_rng(0), []),
+                                np.zeros((4, 3))).lasting == 0.0  # fmt: skip
 
 
 def test_what_is_handed_on() -> None:
