@@ -10,6 +10,7 @@ from PIL import Image
 import wideberth
 from wideberth import Costmap, GaussianObstacle, Inflation, OccupancyGrid
 from wideberth.framework.drawing.shapes import ellipses
+from wideberth.framework.values.sensing import Scan
 from wideberth.routes import NavFn, Smoothed
 from wideberth.routes.polygons import convex_polygons
 from wideberth.simulation.engine.agents import RobotAgent, ScriptedAgent
@@ -17,6 +18,7 @@ from wideberth.simulation.engine.episode import run_episode
 from wideberth.simulation.engine.settings import Settings
 from wideberth.simulation.log.episode_log import Episode
 from wideberth.tests.helpers.driven import driven, in_order, instant, room, scans
+from wideberth.tests.oracles.ray_casting import box_corners, scan_of
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
@@ -176,11 +178,85 @@ def own_state(file: Path) -> None:
     plt.close(figure)
 
 
+def tracking(file: Path) -> None:
+    """Draw a scan and the tracks after 4.4 s; beside it a cylinder and a box, enlarged."""
+    rng, poses, end = np.random.default_rng(17), np.zeros((360, 3)), 4.4
+    detector = wideberth.build("detectors", "over_time")
+    tracker = wideberth.build("trackers", "nearest")
+    wall = np.array([[-6.5, -3.4], [6.0, -3.4], [6.0, -3.2], [-6.5, -3.2]])
+    pillar = box_corners(np.array([0.7, 2.1]), (0.45, 0.3), 0.3)
+    start = np.array([[-3.4, 3.9], [3.6, 4.9], [-4.4, -1.6], [4.4, -2.0]])
+    pace = np.array([[0.95, 0.05], [-0.1, -0.9], [0.25, 0.15], [0.0, 0.6]])
+    for time in np.arange(0.1, end + 0.05, 0.1):
+        walkers = start + time * pace
+        discs = [(place, 0.3) for place in walkers]
+        scan = scan_of(poses, rng, discs, [wall, pillar], end=float(time), dropped=0.01)
+        seen = detector.detect(scan, poses)
+        tracker.update(seen)
+    figure = plt.figure(figsize=(9.6, 4.6), layout="constrained")
+    panels = figure.subplot_mosaic(
+        [["scene", "cylinder"], ["scene", "box"]], width_ratios=(2.4, 1)
+    )
+    panel = panels["scene"]
+    for outline in (wall, pillar):
+        panel.fill(*outline.T, color="0.85")
+    for place in walkers:
+        panel.add_patch(plt.Circle(place, 0.3, facecolor="none", edgecolor="k", linewidth=0.8))
+    panel.plot(*met(scan), ".", color="0.35", markersize=2.5, label="scan")
+    panel.plot(*seen.static.T, ".", color="#009e73", markersize=2.5, label="stands still")
+    panel.plot(*seen.positions.T, "+", color="#d55e00", markersize=9, label="detections")
+    for one, later in zip(tracker.at(end), tracker.at(end + 1.0), strict=True):
+        x, y = one.state[:2]
+        arrow = {"arrowstyle": "->", "color": "#0072b2"}
+        panel.annotate("", later.state[:2], (x, y), arrowprops=arrow)
+        (outline,) = ellipses(later.state[None, :2], later.covariance[None, :2, :2], 5.991)
+        panel.fill(*outline.T, facecolor="none", edgecolor="#0072b2", linewidth=1.0)
+        panel.text(x - 0.55, y + 0.35, one.ident, color="#0072b2")
+    panel.plot(0, 0, "^", color="k")
+    panel.plot([], [], color="#0072b2", label="tracks, 1 s ahead (95 %)")
+    panel.set(xlim=(-6.6, 6.2), ylim=(-3.7, 5.9), aspect="equal", xlabel="x in m", ylabel="y in m")
+    panel.legend(loc="upper left", fontsize="small", framealpha=1.0)
+    enlarged(panels["cylinder"], (0.75,))
+    enlarged(panels["box"], (0.6, 0.45))
+    figure.savefig(file, dpi=110, bbox_inches="tight")
+    plt.close(figure)
+
+
+def met(scan: Scan) -> np.ndarray:
+    """Return the points of a scan by a sensor at the origin, (2, B)."""
+    ranges = np.where(scan.met, scan.ranges, np.nan)
+    return ranges * [np.cos(scan.bearings), np.sin(scan.bearings)]
+
+
+def enlarged(panel, shape: tuple[float, ...]) -> None:
+    """Draw what a scan meets of a body 4 m away, and where its centre is found."""
+    centre, poses, rng = np.array([0.0, 4.0]), np.zeros((360, 3)), np.random.default_rng(3)
+    if len(shape) == 1:
+        angle = np.linspace(0.0, 2.0 * np.pi, 100)
+        body = centre + shape[0] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        scan = scan_of(poses, rng, [(centre, shape[0])])
+    else:
+        body = box_corners(centre, shape, 0.9)
+        scan = scan_of(poses, rng, [], [body])
+    seen = wideberth.build("detectors", {"type": "discs", "shape": list(shape)}).detect(
+        scan, poses
+    )
+    panel.fill(*body.T, facecolor="0.93", edgecolor="k", linewidth=0.8)
+    panel.plot(*met(scan), ".", color="0.35", markersize=4)
+    panel.plot(*centre, "x", color="k", markersize=6)
+    panel.plot(*seen.positions.T, "+", color="#d55e00", markersize=9)
+    for outline in ellipses(seen.positions, seen.covariance, 5.991):
+        panel.fill(*outline.T, facecolor="none", edgecolor="#d55e00", linewidth=1.2)
+    panel.set(xlim=(-0.95, 0.95), ylim=(3.15, 4.85), aspect="equal")
+    panel.set_axis_off()
+
+
 if __name__ == "__main__":
     planner, episode = drive()
     FOLDER.mkdir(exist_ok=True)
     route(FOLDER / "routes.png")
     own_state(FOLDER / "own-state.png")
+    tracking(FOLDER / "tracking.png")
     written = FOLDER / "episode.gif"
     written.write_bytes(film(planner, episode))
     print(f"{written}: {written.stat().st_size / 1e3:.0f} kB, {episode.duration:.1f} s")
