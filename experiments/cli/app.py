@@ -592,6 +592,43 @@ def play(
         typer.echo("no browser was found to open it with; open the file yourself")
 
 
+@app.command(no_args_is_help=True)
+def film(
+    episode: Annotated[
+        str,
+        typer.Argument(
+            help="An episode (files/*.npz), a result's folder, or its config's name.",
+            autocompletion=completing.results,
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option(help=".gif, or .mp4 with ffmpeg; NAME.gif by default.")
+    ] = None,
+    rate: Annotated[float, typer.Option(help="Frames per second.")] = 10.0,
+    speed: Annotated[float, typer.Option(help="Seconds of the episode in one second.")] = 4.0,
+) -> None:
+    """Film an episode in space, drawn by MuJoCo; from above where that cannot be."""
+    from ...simulation.physics.film import film as filmed
+    from ..engine.progress import working
+    from ..engine.result import read_episode
+    from ..report.player import find_episodes
+
+    path = expanded(episode)
+    found = find_episodes(path if path.exists() else result_folder(episode))
+    if len(found) > 1:
+        typer.echo(f"{found[0]} is filmed, the first of {len(found)}")
+    log = read_episode(found[0])
+    try:
+        made = filmed(log, rate=rate, speed=speed)
+    except WideberthError as error:
+        typer.echo(f"{error}\nIt is filmed from above instead.")
+        made = log.animate(rate=rate, speed=speed)
+    written = expanded(out) if out else Path(f"{found[0].stem}.gif")
+    with working("drawing the frames"):
+        made.save(written)
+    typer.echo(f"written: {written} ({written.stat().st_size / 1e6:.1f} MB)")
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Enter from the shell: a `WideberthError` becomes one message and exit code 2.
 

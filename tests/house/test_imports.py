@@ -86,7 +86,7 @@ ARROWS: dict[str, set[str]] = {
     "regions/static": {"regions"},
     "routes": set(),
     "simulation/drawing": set(),
-    "simulation/physics": set(),
+    "simulation/physics": {"simulation/drawing"},
     "simulation/log": {"simulation/drawing"},
     "simulation/sensing": set(),
     "simulation/measures": {"simulation/log"},
