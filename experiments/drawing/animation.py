@@ -12,9 +12,11 @@ import numpy as np
 from ...framework.mpc.planner.planner import Planner
 from ...framework.values.arrays import Array, positive, probability
 from ...framework.values.plan import Plan
+from ...simulation.drawing import artists
 from ...simulation.drawing.film import Stage, canvas_of
 from ...simulation.drawing.logged import Agent
 from ...simulation.log.episode_log import Episode
+from .beliefs import Onlooker, beliefs_of, explain, magnified
 from .kept_out import kept_out_of
 from .plotting import paper_style
 
@@ -62,7 +64,8 @@ def animate(
     step = seconds_per_second * hundredths / 100.0
     times = np.append(np.arange(0.0, episode.duration - 0.5 * step, step), episode.duration)
     with paper_style():
-        stage = _Frames(episode, tail, planner, f"{seconds_per_second:g} times real time")
+        note = f"{seconds_per_second:g} times real time"
+        stage = _Frames(episode, tail, planner, note)
         some = [np.asarray(stage.image(time)) for time in times[:: max(len(times) // 5, 1)]]
         # One palette for all frames keeps still what stands still, and the file small.
         sheet = Image.fromarray(np.concatenate(some))
@@ -98,9 +101,18 @@ class _Frames:
         self.figure = Figure(dpi=120)
         self.canvas = canvas_of(self.figure)
         self.stage = Stage(self.figure, episode, tail, regions, note)
+        beliefs = beliefs_of(episode)
+        looks, scale = artists.looks(episode), magnified(beliefs, tail)
+        self.onlookers = [
+            Onlooker(self.stage.panel, some, looks[name].color, tail, scale)
+            for name, some in beliefs.items()
+        ]
+        if beliefs:
+            explain(self.figure, tail, scale)
         self.canvas.draw()
         self.figure.set_layout_engine("none")
-        for artist in self.stage.moving:
+        believed = [artist for one in self.onlookers for artist in one.moving]
+        for artist in (*self.stage.moving, *believed):
             artist.set_animated(True)
         self.canvas.draw()
         self.still = self.canvas.copy_from_bbox(self.figure.bbox)
@@ -109,7 +121,10 @@ class _Frames:
         """Draw the frame at a time, s."""
         from PIL import Image
 
-        moving = self.stage.show(time)
+        moving = list(self.stage.show(time))
+        for one in self.onlookers:
+            one.show(time)
+            moving += one.moving
         self.canvas.restore_region(self.still)
         for artist in moving:
             self.figure.draw_artist(artist)

@@ -15,6 +15,7 @@ from ...framework.values.plan import Plan, Rung
 from ...simulation.drawing import artists
 from ...simulation.drawing.pictures import draw_ways, once
 from ...simulation.log.episode_log import AgentLog, Episode
+from .beliefs import Beliefs, belief_at, beliefs_of, draw_belief, magnified
 from .kept_out import kept_out_of
 from .plotting import COLUMN, PAGE, paper_style
 
@@ -24,7 +25,8 @@ if TYPE_CHECKING:
 _EVERY = 3  # steps from one drawn region to the next
 _ORDER = (
     *("reference path", "reference points", "planned positions", "kept out of"),
-    *("asked content", "robot and its trail", "obstacle and its trail", "static"),
+    *("asked content", "robot and its trail", "obstacle", "static"),
+    *("points of the scan", "body as it is tracked", "ellipse of"),
 )
 
 
@@ -44,6 +46,9 @@ def draw_views(
     The paper's figures show the regions before the enlargement, of a content that it does not
     give, while its plans choose a level of their own, so that plans cut through what is drawn.
     The title says what content the plan holds (the smallest over steps and obstacles).
+
+    Of robots with sensors each panel has the newest scan and the tracks at that stamp, with their
+    identities, over what really is there, in grey.
 
     Parameters
     ----------
@@ -70,11 +75,12 @@ def draw_views(
     apart = np.linalg.norm(first.positions - second.positions, axis=1)
     near = np.flatnonzero(apart <= distance)
     moment = float(episode.times[near[0] if near.size else np.argmin(apart)])
+    beliefs = beliefs_of(episode)
     with paper_style():
         figure = Figure()
         panels = figure.subplots(1, 2)
         boxes = [
-            _view(panel, episode, log, moment, tail, planner)
+            _view(panel, episode, log, moment, tail, planner, beliefs)
             for panel, log in zip(panels, episode.robots, strict=True)
         ]
         span = np.max([high - low for low, high in boxes], axis=0)
@@ -113,6 +119,7 @@ def _view(
     moment: float,
     tail: float,
     planner: Planner | None,
+    beliefs: Beliefs,
 ) -> tuple[Array, Array]:
     """Draw one robot's view; return the corners of what has to be seen."""
     plan = artists.plan_at(ego, moment)
@@ -120,10 +127,13 @@ def _view(
     path = [path for begin, path in ego.paths if begin <= time + 1e-9][-1]
     panel.plot(*path.points[:, :2].T, "-", color=REFERENCE, linewidth=0.7, label="reference path")
     artists.walls(panel, episode)
-    seen = [_world(panel, episode, ego, time)]
+    belief = belief_at(beliefs.get(ego.name, ()), time)
+    seen = [_world(panel, episode, ego, time, belief is not None)]
     if plan is not None:
         kept = _kept_out(panel, episode, ego, plan, planner)
         seen += [*kept, *_intention(panel, plan, tail)]
+    if belief is not None:
+        seen.append(draw_belief(panel, belief, OTHER, tail, magnified(beliefs, tail)))
     panel.set_title(_title(ego, plan, time, tail))
     points = np.concatenate(seen)
     return points.min(axis=0) - 0.3, points.max(axis=0) + 0.3
@@ -192,26 +202,30 @@ def _intention(panel: Any, plan: Plan, tail: float) -> list[Array]:
     return [regions.reshape(-1, 2), reference, planned]
 
 
-def _world(panel: Any, episode: Episode, ego: AgentLog, time: float) -> Array:
-    """Draw the discs and the ways driven so far; return the corners of the robots' discs."""
+def _world(panel: Any, episode: Episode, ego: AgentLog, time: float, believed: bool) -> Array:
+    """Draw the discs and the ways driven so far; return the corners of the robots' discs.
+
+    Where ``believed`` others are drawn too, the true ones are grey below them.
+    """
     from matplotlib.collections import PolyCollection
 
     corners = []
+    shade, hatch = ("0.45", None) if believed else (OTHER, "/////")
+    words = "obstacle as it is, and its trail" if believed else "obstacle and its trail"
     for log in episode.agents:
         here = episode.at(log, np.array([time]))[0, :2]
         before = log.positions[episode.times <= time, :2]
         trail = np.concatenate([before, here[None]])
         own = log is ego
-        colour, line = (BLACK, "-") if own else (OTHER, "--")
+        colour, line = (BLACK, "-") if own else (shade, "--")
         panel.plot(*trail.T, linestyle=line, color=colour, linewidth=1.0)
         if not np.isfinite(here).all():
             continue
-        face = "white" if own else (OTHER, 0.25)
+        face = "white" if own else (shade, 0.25)
         body = PolyCollection(
             artists.shapes(log, here, artists.heading_at(episode, log, time)), facecolor=face,
-            edgecolor=colour, linewidth=0.9, linestyle=line, hatch=None if own else "/////",
-            zorder=1.5,
-            label="robot and its trail" if own else once(panel, "obstacle and its trail"),
+            edgecolor=colour, linewidth=0.9, linestyle=line, hatch=None if own else hatch,
+            zorder=1.5, label="robot and its trail" if own else once(panel, words),
         )  # fmt: skip
         panel.add_collection(body, autolim=False)
         panel.plot(*artists.nose(episode, log, time).T, "-", color=colour, linewidth=2.0)

@@ -47,6 +47,8 @@ def kept_out_of(
     """
     if plan.positions.shape[1] != 2:
         return {}
+    if plan.situation is not None and plan.situation.region is not None:
+        return kept_out(plan, plan.situation, steps)
     radii = [episode.agent(name).radius if name in plan.ids else 0.0 for name in plan.tracked]
     room = _body(log, planner.region) + planner.margin
     situation = Situation(planner.region, room, np.array(radii), log.radius)

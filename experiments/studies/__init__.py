@@ -9,6 +9,7 @@ BUILT_IN: dict[str, str] = {
     "comparison": f"{_HERE}.comparison:Comparison",
     "closed_loop_risk": f"{_HERE}.closed_loop_risk:ClosedLoopRisk",
     "conservativeness": f"{_HERE}.conservativeness:Conservativeness",
+    "cascade": f"{_HERE}.cascade:CascadeStudy",
     "encounter": f"{_HERE}.encounter:Encounter",
     "flight": f"{_HERE}.flight:Flight",
     "replay": f"{_HERE}.replay:Replay",

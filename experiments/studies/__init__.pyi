@@ -4,6 +4,7 @@
 
 from .approximation_error import ApproximationError as ApproximationError
 from .boundary_risk import BoundaryRisk as BoundaryRisk
+from .cascade import CascadeStudy as CascadeStudy
 from .closed_loop_risk import ClosedLoopRisk as ClosedLoopRisk
 from .comparison import Comparison as Comparison
 from .conservativeness import Conservativeness as Conservativeness
@@ -23,5 +24,5 @@ from .region_price import RegionPrice as RegionPrice
 from .replay import Replay as Replay
 from .tuning import Tuning as Tuning
 from .wheel_calibration import WheelCalibration as WheelCalibration
-__all__ = ['ApproximationError', 'BoundaryRisk', 'ClosedLoopRisk', 'Comparison', 'Conservativeness', 'ConvexCertificates', 'CostComparison', 'DynamicMatters', 'EllipseConstruction', 'Encounter', 'Flight', 'ForecastRegions', 'KnownFutures', 'LevelPolicies', 'PlannerParts', 'PredictionBenchmark', 'RegionGallery', 'RegionPrice', 'Replay', 'Tuning', 'WheelCalibration']
+__all__ = ['ApproximationError', 'BoundaryRisk', 'CascadeStudy', 'ClosedLoopRisk', 'Comparison', 'Conservativeness', 'ConvexCertificates', 'CostComparison', 'DynamicMatters', 'EllipseConstruction', 'Encounter', 'Flight', 'ForecastRegions', 'KnownFutures', 'LevelPolicies', 'PlannerParts', 'PredictionBenchmark', 'RegionGallery', 'RegionPrice', 'Replay', 'Tuning', 'WheelCalibration']
 BUILT_IN: dict[str, str]

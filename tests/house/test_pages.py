@@ -19,10 +19,11 @@ import yaml
 
 from wideberth import build, save_plugin
 from wideberth.experiments.cli.app import app
-from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.engine.shipped import config_path, read_experiment
 from wideberth.framework.mpc.diagnosis.solve_record import Record
 from wideberth.framework.mpc.fallback.rungs import rungs_of
 from wideberth.framework.plugins import registry
+from wideberth.framework.plugins.yamlfile import read_config
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -112,6 +113,9 @@ def test_yaml_on_a_page_builds(page: str, folder: Path) -> None:
                 build(ROOMS[key], value)
             elif key == "rungs":
                 assert len(rungs_of(value)) == len(value)
+            elif key in ("cascades", "cases"):
+                own = read_config(config_path("perception_faults"))
+                build("experiments", {**own, "cases": {}, key: value})
             elif key == "record":
                 Record(**value)
             else:
