@@ -11,6 +11,7 @@ from ...framework.values.arrays import positive
 from ...framework.values.errors import WideberthError
 from ..physics.body import LARGE, SkidSteerBody
 from ..physics.sensors import InertialUnit, Lidar, WheelEncoders
+from .faults import Faults
 
 MECHANICS = ("physics", "kinematic")
 BODIES = {
@@ -42,11 +43,15 @@ class Cascade:
     tracker : gives them identities and velocities; None for the true identities.
     handover : what a controller is told of tracked obstacles, see `Handover`.
     noise : m, standard deviation of each coordinate of a position where there is no detector.
+    latency : s, from the end of a scan until what it shows has been found. The instants of what is
+        found are those of its beams, so that a controller knows how old it is.
     rest : s, for which all stand before time 0, so that gyroscopes are calibrated.
+    patience : s, for which a sensor may give nothing of use; then the robot stops.
+    faults : what goes wrong.
 
     Raises
     ------
-    WideberthError : a number out of range.
+    WideberthError : a number out of range, wheels that slip on a body without wheels.
     """
 
     body: str | SkidSteerBody = "large"
@@ -59,7 +64,10 @@ class Cascade:
     tracker: Tracker | None = None
     handover: Literal["measured", "filtered"] = "measured"
     noise: float = 0.01
+    latency: float = 0.0
     rest: float = 2.0
+    patience: float = 0.5
+    faults: Faults = field(default_factory=Faults)
 
     def __post_init__(self) -> None:
         if isinstance(self.body, str) and self.body not in BODIES:
@@ -73,7 +81,14 @@ class Cascade:
                 f"cascade.handover is {self.handover!r}; wanted measured or filtered"
             )
         positive("cascade.noise", self.noise, zero=True)
+        positive("cascade.latency", self.latency, zero=True)
         positive("cascade.rest", self.rest)
+        positive("cascade.patience", self.patience)
+        if self.faults.mechanical and self.mechanics != "physics":
+            raise WideberthError(
+                f"cascade.faults push a robot or let its wheels slip, and cascade.mechanics is "
+                f"{self.mechanics!r}; that needs physics"
+            )
 
     @property
     def mechanical_body(self) -> SkidSteerBody:

@@ -1,8 +1,8 @@
 """What one robot perceives and believes, from its samples to its observation."""
 
 from collections.abc import Sequence
-from dataclasses import fields, is_dataclass
-from typing import Any, TypeVar, cast, final
+from copy import deepcopy
+from typing import final
 
 import numpy as np
 
@@ -11,7 +11,6 @@ from ...framework.robot import Robot
 from ...framework.state_estimator import StateEstimator, poses_at
 from ...framework.tracking.handover import Batch, Handover
 from ...framework.values.arrays import Array
-from ...framework.values.errors import WideberthError
 from ...framework.values.motion import Observation
 from ...framework.values.polygon import Polygon
 from ...framework.values.sensing import (
@@ -20,23 +19,35 @@ from ...framework.values.sensing import (
     Scan,
     Sightings,
     TrackedObstacle,
+    WheelSample,
 )
 from ..log.frames import RigidMotion
 from ..log.perception_log import Body, Glance, PerceptionLog, Truth, named
 from .cascade import Cascade
 from .oracles import TrueState
+from .watchdog import Watchdog
 
-P = TypeVar("P")
+STILL = 2e-3
+"""rad between two samples of a wheel that stands: a tick of its encoder."""
+SAME = 1e-3
+"""s by which an estimate may be of another time than was asked for."""
+AGAIN = "the gyroscope is calibrated anew"
 
 
 @final
 class Senses:
-    """The chain of one robot; changes as the episode runs. All times are those of its sensors.
+    """The chain of one robot; changes as the episode runs.
+
+    It lives by the clock of its sensors, which is `clock` ahead of the episode's. A robot that no
+    longer knows how it moves (its clock was set, or samples failed to come for long) is `stop`ped.
+    Once its wheels have stood for a while it starts anew from where it took itself to be, with a
+    gyroscope that is calibrated anew, and drives on.
 
     Parameters
     ----------
     robot : its model.
     cascade : the stages.
+    name : of the robot.
     start : (3,), its pose when it is switched on, m and rad.
     phase : s, of its LiDAR.
     rng : noise of true positions, where there is no detector.
@@ -45,7 +56,7 @@ class Senses:
     ----------
     estimator : of its own motion.
     gyro_bias : rad/s, as calibrated at rest.
-    glances : what it believed after each scan.
+    glances : what it believed after each scan, by the clock of the episode.
     known : identity of an obstacle -> who it was taken for last.
     notes : why samples and scans gave less than they should -> how often.
     """
@@ -54,124 +65,179 @@ class Senses:
         self,
         robot: Robot,
         cascade: Cascade,
+        name: str,
         start: Array,
         phase: float,
         rng: np.random.Generator,
     ) -> None:
         self._robot, self._cascade = robot, cascade
         self._rng, self._phase = rng, phase
-        self.estimator: StateEstimator = (
-            TrueState() if cascade.state is None else anew(cascade.state)
-        )
-        self.estimator.reset(start, 0.0)
-        self._detector = None if cascade.detector is None else anew(cascade.detector)
-        self._tracker = None if cascade.tracker is None else anew(cascade.tracker)
+        self._faults = cascade.faults.of(name)
+        self._time = -cascade.rest
+        now = self.clock(self._time)
+        known = cascade.state is not None
+        self.estimator: StateEstimator = deepcopy(cascade.state) if known else TrueState()
+        self.estimator.reset(start, now)
+        self._detector, self._tracker = deepcopy(cascade.detector), deepcopy(cascade.tracker)
         for stage in (self._detector, self._tracker):
             if stage is not None:
                 stage.reset()
+        needed = [cascade.encoders.name, cascade.imu.name] if known else []
+        needed += [cascade.lidar.name] if cascade.detector is not None else []
+        self._watchdog = Watchdog(needed, cascade.patience, now)
         self._handover = Handover("measured" if self._tracker is None else cascade.handover)
-        self._turns = self._turn_of(0.0)
-        self._at_rest = 0
+        self._coming: list[tuple[float, Sightings, Array]] = []
+        self._seen: tuple[TrackedObstacle, ...] = ()
+        self._turns = self._turn_of(self._time)
+        self._rest_ends, self._at_rest = now + cascade.rest, 0
+        self._wheels: tuple[float, Array] = now, np.full(4, np.nan)
+        self._lost = ""
         self.gyro_bias: float = 0.0
         self.glances: list[Glance] = []
         self.known: dict[str, str] = {}
         self.notes: dict[str, int] = {}
 
+    def clock(self, time: float) -> float:
+        """Return the time of its sensors, s, at a time of the episode, s."""
+        return time + self._cascade.rest + self._faults.clock(time)
+
+    @property
+    def stop(self) -> str:
+        """Why it must stand still; "" if it need not."""
+        return self._watchdog.reason() or self._lost
+
     def log(self) -> PerceptionLog:
-        """Return what it has perceived; time 0 is that of the episode, when the rest is over."""
-        glances = tuple(one.later(-self._cascade.rest) for one in self.glances)
-        return PerceptionLog(glances, dict(self.notes))
+        """Return what it has perceived."""
+        return PerceptionLog(tuple(self.glances), dict(self.notes))
 
-    def take(self, samples: Sequence[Sample]) -> list[Scan]:
-        """Use samples in the order of their times, and return the scans among them."""
-        scans = []
-        for sample in samples:
-            if isinstance(sample, Scan):
-                scans.append(sample)
-                continue
-            self._note(self.estimator.take(sample))
-            if isinstance(sample, InertialSample) and sample.time <= self._cascade.rest:
-                self._calibrate(sample)
-        return scans
-
-    def _calibrate(self, sample: InertialSample) -> None:
-        """Take the mean yaw rate of a robot at rest for the gyroscope's bias."""
-        self._at_rest += 1
-        self.gyro_bias += (sample.yaw_rate - self.gyro_bias) / self._at_rest
-
-    def look(self, truth: Truth, scans: Sequence[Scan]) -> bool:
-        """Detect and track what scans that have ended now show; return whether there was one.
+    def sense(self, truth: Truth, samples: Sequence[Sample]) -> bool:
+        """Use what came since the last call; return whether obstacles were looked for anew.
 
         Parameters
         ----------
         truth : of now.
-        scans : that the LiDAR has ended since the last call; without a detector the true positions
-            are seen whenever one would have ended.
+        samples : since the last call, in the order of their times; without a detector the true
+            positions are seen whenever the LiDAR would have ended a scan.
         """
+        now, passed = self.clock(truth.time), truth.time - self._time
+        self._time = truth.time
+        if jump := self._watchdog.jumped(now, passed):
+            self._lost = f"the clock was set by {jump:.3g} s"
         if isinstance(self.estimator, TrueState):
-            self.estimator.note(truth.time, truth.pose, truth.twist)
-        if self._detector is not None:
-            for scan in scans:
-                poses = poses_at(self.estimator, scan.times)
-                sightings = self._detector.detect(scan, poses)
-                self._note(sightings.note)
-                self._conclude(sightings, _points(scan, poses), truth)
-            return bool(scans)
-        turns, self._turns = self._turns, self._turn_of(truth.time)
-        if turns < self._turns:
-            self._conclude(self._true_sightings(truth), np.zeros((0, 2)), truth)
-        return turns < self._turns
+            if self._lost:
+                self.estimator.reset(truth.pose, now)
+                self._lost = ""
+            self.estimator.note(now, truth.pose, truth.twist)
+        heard = (self._faults.heard(sample, truth.time) for sample in samples)
+        scans = self._take([one for one in heard if one is not None], now)
+        self._regain(now)
+        if self._detector is None:
+            turns, self._turns = self._turns, self._turn_of(truth.time)
+            if turns < self._turns:
+                due = truth.time + self._cascade.latency
+                self._coming.append((due, self._true_sightings(truth, now), np.zeros((0, 2))))
+        for scan in scans:
+            self._detect(scan, truth.time + self._cascade.latency)
+        fresh = [one for one in self._coming if one[0] <= truth.time + 1e-9]
+        for one in fresh:
+            self._coming.remove(one)
+            self._conclude(*one[1:], truth, now)
+        return bool(fresh)
 
-    def reports(self, clock: float) -> tuple[Batch, ...]:
-        """Return what the last scan has added for a controller to remember, oldest first.
+    def _take(self, samples: Sequence[Sample], now: float) -> list[Scan]:
+        """Let the estimator use samples, and return the scans among them."""
+        scans = []
+        for sample in samples:
+            self._watchdog.hear(sample)
+            if isinstance(sample, Scan):
+                scans.append(sample)
+                if self.estimator.at(now).frame != "map":
+                    continue
+            self._note(self.estimator.take(sample))
+            if isinstance(sample, InertialSample) and now <= self._rest_ends:
+                self._calibrate(sample)
+            if isinstance(sample, WheelSample) and not sample.flaw:
+                since, angles = self._wheels
+                still = np.abs(sample.angles - angles).max() < STILL
+                self._wheels = since if still else now, sample.angles
+        return scans
 
-        Parameters
-        ----------
-        clock : s, now.
-        """
-        self._handover, earlier, present = self._handover.detections(self._tracked(clock), clock)
+    def _calibrate(self, sample: InertialSample) -> None:
+        """Take the mean yaw rate of a robot at rest for the gyroscope's bias."""
+        if not sample.flaw:
+            self._at_rest += 1
+            self.gyro_bias += (sample.yaw_rate - self.gyro_bias) / self._at_rest
+
+    def _regain(self, now: float) -> None:
+        """Begin anew once the wheels have stood, where it is not known how the robot moves."""
+        patience = self._cascade.patience
+        if self._lost and self._lost == AGAIN and now >= self._rest_ends:
+            self._lost = ""
+        if not self._lost and abs(self.estimator.at(now).time - now) > patience:
+            self._lost = "its own motion is not known"
+        stood = now - self._wheels[0] > patience
+        if self._lost not in ("", AGAIN) and stood and not self._watchdog.reason():
+            self.estimator.reset(self.estimator.at(now).pose, now)
+            self._rest_ends, self._at_rest, self.gyro_bias = now + self._cascade.rest, 0, 0.0
+            self._lost = AGAIN
+
+    def _detect(self, scan: Scan, due: float) -> None:
+        """Find obstacles in a scan; a tracker is told of them when they are due."""
+        assert self._detector is not None, "scans are of use to a detector alone"
+        if len(scan.times) and abs(self.estimator.at(scan.stamp).time - scan.stamp) > SAME:
+            self._note("a scan is of a time at which the robot's own pose is not known")
+            return
+        poses = poses_at(self.estimator, scan.times)
+        sightings = self._detector.detect(scan, poses)
+        self._note(sightings.note)
+        self._coming.append((due, sightings, _points(scan, poses)))
+
+    def reports(self) -> tuple[Batch, ...]:
+        """Return what the last scan has added for a controller to remember, oldest first."""
+        now = self.clock(self._time)
+        self._handover, earlier, present = self._handover.detections(self._tracked(now), now)
         return (*earlier, present)
 
-    def observation(
-        self, stamp: float, clock: float, detections: Batch, polygons: tuple[Polygon, ...]
-    ) -> Observation:
-        """Return what the controller is told.
+    def present(self) -> Batch:
+        """Return one detection of each obstacle, the newest."""
+        now = self.clock(self._time)
+        return self._handover.detections(self._tracked(now), now)[2]
+
+    def observation(self, detections: Batch, polygons: tuple[Polygon, ...]) -> Observation:
+        """Return what the controller is told now, by the clock of the episode.
 
         Parameters
         ----------
-        stamp, clock : s, the same instant for the episode and for the sensors.
         detections : that it is told.
         polygons : what stands still.
         """
-        state, covariance = own_state(self._robot, self.estimator.at(clock), seen_from_here=True)
-        return Observation(stamp, state, detections, covariance, polygons)
+        own = self.estimator.at(self.clock(self._time))
+        state, covariance = own_state(self._robot, own, seen_from_here=True)
+        return Observation(self._time, state, detections, covariance, polygons)
 
-    def present(self, clock: float) -> Batch:
-        """Return one detection of each obstacle, the newest."""
-        return self._handover.detections(self._tracked(clock), clock)[2]
-
-    def _tracked(self, clock: float) -> tuple[TrackedObstacle, ...]:
+    def _tracked(self, now: float) -> tuple[TrackedObstacle, ...]:
         """Return the obstacles as of now."""
-        if self._tracker is not None:
-            return self._tracker.at(clock)
-        return self.glances[-1].obstacles if self.glances else ()
+        return self._seen if self._tracker is None else self._tracker.at(now)
 
-    def _conclude(self, sightings: Sightings, points: Array, truth: Truth) -> None:
+    def _conclude(self, sightings: Sightings, points: Array, truth: Truth, now: float) -> None:
         """Track what a scan has shown, and note it beside the truth."""
-        own = self.estimator.at(truth.time)
+        own = self.estimator.at(now)
         to_world = RigidMotion.between(own.pose, truth.pose)
         bodies = truth.bodies
         if self._tracker is None:
-            obstacles = self._named(sightings, to_world, bodies)
+            obstacles = self._seen = self._named(sightings, to_world, bodies)
         else:
             self._note(self._tracker.update(sightings))
-            obstacles = self._tracker.at(sightings.time)
+            obstacles = (
+                self._tracker.at(sightings.time) if sightings.time == sightings.time else ()
+            )
         places = [to_world.points(one.state[:2]) for one in obstacles]
         names = named(places, [one.ident for one in obstacles], bodies)
         self.known |= {ident: name for ident, name in names.items() if name}
-        self.glances.append(Glance(truth, own, sightings, obstacles, names, points))
+        glance = Glance(truth, own, sightings, obstacles, names, points)
+        self.glances.append(glance.later(truth.time - now))
 
-    def _true_sightings(self, truth: Truth) -> Sightings:
+    def _true_sightings(self, truth: Truth, now: float) -> Sightings:
         """Return true positions within the LiDAR's range, with noise, in the robot's frame."""
         reach = self._cascade.lidar.longest
         seen = [
@@ -179,12 +245,12 @@ class Senses:
             for one in truth.bodies
             if np.linalg.norm(one.position - truth.pose[:2]) - one.radius <= reach
         ]
-        to_own = RigidMotion.between(truth.pose, self.estimator.at(truth.time).pose)
+        to_own = RigidMotion.between(truth.pose, self.estimator.at(now).pose)
         places = to_own.points(np.array([one.position for one in seen]).reshape(-1, 2))
         noise = self._cascade.noise
         places = places + noise * self._rng.standard_normal(places.shape)
         spread = np.tile(max(noise, 1e-3) ** 2 * np.eye(2), (len(seen), 1, 1))
-        return Sightings(truth.time, places, spread, np.array([one.radius for one in seen]))
+        return Sightings(now, places, spread, np.array([one.radius for one in seen]))
 
     def _named(
         self, sightings: Sightings, to_world: RigidMotion, bodies: Sequence[Body]
@@ -231,15 +297,3 @@ def _points(scan: Scan, poses: Array) -> Array:
         ],
         axis=1,
     )
-
-
-def anew(stage: P) -> P:
-    """Return another one with the same settings: every robot needs one of its own."""
-    if not is_dataclass(stage):
-        raise WideberthError(
-            f"{type(stage).__name__} is no dataclass; the settings of a stage are its fields, so "
-            "that it can be built again for every robot"
-        )
-    settings = {one.name: getattr(stage, one.name) for one in fields(stage) if one.init}
-    kind: Any = type(stage)
-    return cast(P, kind(**settings))

@@ -21,7 +21,7 @@ from ..engine.plant import KinematicPlant, Plant
 from ..engine.settings import Settings
 from ..engine.world import Around, World
 from ..log.frames import RigidMotion
-from ..log.perception_log import Body, PerceptionLog, Truth
+from ..log.perception_log import Body, PerceptionLog, Stop, Truth
 from ..physics.kinematic import KinematicWorld
 from ..physics.scene import PhysicalPerson, PhysicalRobot, PhysicalScene
 from ..physics.sensors import Sensor
@@ -30,6 +30,8 @@ from ..physics.world import World as PhysicalWorld
 from .cascade import Cascade
 from .senses import Senses
 
+_HALT = Command((0.0, 0.0), ramp=0.5)
+"""With 0.5 m/s that brakes at 1 m/s^2."""
 _LITTLE = 1e-3
 """s, over which the velocity of those who decide nothing is measured."""
 
@@ -48,12 +50,33 @@ class WheeledPlant(Plant):
         self.robot = robot
         self._smoother = VelocitySmoother.at_rest(Twist((0.0, 0.0)))
         self.control = (0.0,) * len(robot.inputs)
+        self._reason = ""
+        self._stops: list[Stop] = []
         self.follow(truth)
         self.believe(truth.pose[:2])
 
     def command(self, command: Command, time: float) -> None:
-        """Take a command that arrives at ``time``, s."""
-        self._smoother = self._smoother.aim(command, time)
+        """Take a command that arrives at ``time``, s; one that is stopped takes none."""
+        if not self._reason:
+            self._smoother = self._smoother.aim(command, time)
+
+    def guard(self, reason: str, time: float) -> None:
+        """Stop for a reason; with "" the next command counts again.
+
+        What stands behind a colon in a reason may change while it lasts.
+        """
+        if reason.partition(":")[0] == self._reason.partition(":")[0]:
+            return
+        if self._reason:
+            self._stops[-1] = self._stops[-1]._replace(end=time)
+        if reason:
+            self._smoother = self._smoother.aim(_HALT, time)
+            self._stops.append(Stop(time, np.inf, reason))
+        self._reason = reason
+
+    def stops(self, now: float) -> tuple[Stop, ...]:
+        """Return when and why it was stopped up to now, s."""
+        return tuple(one._replace(end=min(one.end, now)) for one in self._stops)
 
     def wanted(self, time: float) -> Twist:
         """Return what the wheels shall do at a time, s."""
@@ -109,6 +132,8 @@ class WheeledWorld(World):
         self._exchange = ExchangedPositions(settings)
         self._physics: PhysicalWorld | None = None
         self._senses: dict[str, Senses] = {}
+        self._bodies: dict[str, WheeledPlant] = {}
+        self._now = -cascade.rest
 
     def plants(
         self,
@@ -138,6 +163,11 @@ class WheeledWorld(World):
             else WheeledPlant(agent.robot, self._physics.truth(agent.name))
             for agent in agents
         ]
+        self._bodies = {
+            agent.name: plant
+            for agent, plant in zip(agents, plants, strict=True)
+            if isinstance(plant, WheeledPlant)
+        }
         steps = round(self._cascade.rest / self._step)
         for k in range(-steps, 0):
             self._advance(k * self._step, (k + 1) * self._step, agents, plants, others)
@@ -159,9 +189,9 @@ class WheeledWorld(World):
         fresh = self._advance(now, end, agents, plants, around.others)
         for driver in around.drivers:
             if driver.name in fresh:
-                senses, clock = self._senses[driver.name], self._clock(end)
-                for batch in senses.reports(clock):
-                    seen = senses.observation(end, clock, batch, around.polygons)
+                senses = self._senses[driver.name]
+                for batch in senses.reports():
+                    seen = senses.observation(batch, around.polygons)
                     driver.agent.controller.remember(seen)
 
     def observe(
@@ -170,25 +200,28 @@ class WheeledWorld(World):
         """Return what a robot believes; people are told positions by the channel."""
         if driver.agent.person:
             return self._exchange.observe(driver, time, tick, state, around)
-        senses, clock = self._senses[driver.name], self._clock(time)
-        return senses.observation(time, clock, senses.present(clock), around.polygons)
+        senses = self._senses[driver.name]
+        return senses.observation(senses.present(), around.polygons)
 
     def in_world(self, driver: Driver, plan: Plan) -> Plan:
         """Move a plan from the robot's own frame to the world's, with the names of bodies."""
         senses = self._senses.get(driver.name)
         if senses is None:
             return plan
-        own = senses.estimator.at(self._clock(plan.stamp)).pose
+        own = senses.estimator.at(senses.clock(plan.stamp)).pose
         motion = RigidMotion.between(own, self._world.truth(driver.name).pose)
         return motion.plan(plan, driver.agent.robot, senses.known)
 
     def perception(self) -> dict[str, PerceptionLog]:
         """Return what each robot has perceived."""
-        return {name: senses.log() for name, senses in self._senses.items()}
+        return {
+            name: replace(senses.log(), stops=self._bodies[name].stops(self._now))
+            for name, senses in self._senses.items()
+        }
 
     @property
     def senses(self) -> dict[str, Senses]:
-        """What each robot perceives and believes; their clock is ``rest`` ahead."""
+        """What each robot perceives and believes."""
         return self._senses
 
     @property
@@ -196,20 +229,17 @@ class WheeledWorld(World):
         assert self._physics is not None, "plants() builds it"
         return self._physics
 
-    def _clock(self, time: float) -> float:
-        """Time of the sensors, s, which are switched on when the rest begins."""
-        return time + self._cascade.rest
-
     def _equipped(self, agent: RobotAgent, rng: np.random.Generator) -> PhysicalRobot:
         """Put sensors on a robot; without a detector its LiDAR stays in the box."""
         cascade, start = self._cascade, start_pose(agent)
         phase = float(rng.uniform(0.0, 1.0 / cascade.lidar.rate))
         noise = np.random.default_rng(rng.integers(2**63))
-        self._senses[agent.name] = Senses(agent.robot, cascade, start, phase, noise)
+        self._senses[agent.name] = Senses(agent.robot, cascade, agent.name, start, phase, noise)
         sensors: tuple[Sensor, ...] = (cascade.encoders, cascade.imu)
         if cascade.detector is not None:
             sensors = (replace(cascade.lidar, phase=phase), *sensors)
-        return PhysicalRobot(agent.name, cascade.mechanical_body, start, sensors)
+        grip = cascade.faults.of(agent.name).grip
+        return PhysicalRobot(agent.name, cascade.mechanical_body, start, sensors, grip)
 
     def _advance(
         self,
@@ -221,6 +251,7 @@ class WheeledWorld(World):
     ) -> set[str]:
         """Move all bodies, and return the names of the robots that have seen something new."""
         physics, middle = self._world, np.array([0.5 * (now + end)])
+        self._push(now, end)
         for agent, plant in zip(agents, plants, strict=True):
             if isinstance(plant, WheeledPlant):
                 bias = self._senses[agent.name].gyro_bias
@@ -230,26 +261,32 @@ class WheeledWorld(World):
         for other in others:
             physics.move_person(other.name, other.at(middle)[0])
         physics.advance(end - now)
+        self._now = end
         for agent, plant in zip(agents, plants, strict=True):
             if isinstance(plant, WheeledPlant):
                 plant.follow(physics.truth(agent.name))
-        due, bodies, fresh = (
-            physics.samples_due(),
-            self._bodies(end, agents, plants, others),
-            set(),
-        )
+        due, fresh = physics.samples_due(), set()
+        bodies = self._seen(end, agents, plants, others)
         for agent, plant in zip(agents, plants, strict=True):
             if not isinstance(plant, WheeledPlant):
                 continue
             senses, found = self._senses[agent.name], physics.truth(agent.name)
             rest = tuple(one for one in bodies if one.name != agent.name)
-            truth = Truth(self._clock(end), found.pose, found.twist, rest)
-            if senses.look(truth, senses.take(due[agent.name])):
+            if senses.sense(Truth(end, found.pose, found.twist, rest), due[agent.name]):
                 fresh.add(agent.name)
-            plant.believe(senses.estimator.at(truth.time).pose[:2])
+            plant.guard(physics.status(agent.name) or senses.stop, end)
+            plant.believe(senses.estimator.at(senses.clock(end)).pose[:2])
         return fresh
 
-    def _bodies(
+    def _push(self, now: float, end: float) -> None:
+        """Push who is pushed in this step."""
+        push = self._cascade.faults.push
+        if push is not None and now <= push[0] < end:
+            for name in self._senses:
+                if self._cascade.faults.of(name).push is not None:
+                    self._world.push(name, push[1])
+
+    def _seen(
         self,
         time: float,
         agents: Sequence[RobotAgent],

@@ -77,11 +77,10 @@ class Glance:
         return RigidMotion.between(self.own.pose, self.truth.pose)
 
     def later(self, shift: float) -> "Glance":
-        """Return the same with another zero of time: each instant is ``shift`` s later."""
+        """Return the same with beliefs of another clock: their instants are ``shift`` s later."""
         seen = self.sightings
         return replace(
             self,
-            truth=self.truth._replace(time=self.truth.time + shift),
             own=replace(self.own, time=self.own.time + shift),
             sightings=replace(seen, time=seen.time + shift, times=seen.times + shift),
             obstacles=tuple(
@@ -89,6 +88,20 @@ class Glance:
                 for one in self.obstacles
             ),
         )
+
+
+class Stop(NamedTuple):
+    """A time in which a robot stood, or braked, whatever its controller said.
+
+    Attributes
+    ----------
+    begin, end : s.
+    reason : why.
+    """
+
+    begin: float
+    end: float
+    reason: str
 
 
 @final
@@ -100,10 +113,12 @@ class PerceptionLog:
     ----------
     glances : one per scan, in order; the first ones lie before time 0, while it stood.
     notes : why samples and scans gave less than they should -> how often.
+    stops : when it was stopped for its own safety, and why.
     """
 
     glances: tuple[Glance, ...] = ()
     notes: dict[str, int] = field(default_factory=dict)
+    stops: tuple[Stop, ...] = ()
 
     def at(self, time: float) -> Glance | None:
         """Return the newest glance at a time, s; None before the first."""

@@ -21,8 +21,9 @@ def perception_row(episode: Episode, since: float = 0.0) -> dict[str, Any]:
     honest). ``detection_error`` and ``detection_nees`` (2) are those of positions in a scan,
     ``track_error`` and ``speed_error`` root mean squares over tracked obstacles, m and m/s, and
     ``track_nees`` (4) that of their states. ``identities`` counts the identities that one body
-    had, ``false_tracks`` the share of tracked obstacles that are nobody, ``missed`` the share of
-    bodies within the range that no track stands for.
+    had, ``false_tracks`` the share of tracked obstacles that are nobody. ``stopped`` is the time
+    in s for which a robot was stopped for its own safety, and ``stop_reason`` the first reason,
+    "" where none was.
 
     Parameters
     ----------
@@ -37,7 +38,12 @@ def perception_row(episode: Episode, since: float = 0.0) -> dict[str, Any]:
         raise WideberthError("the episode has no perception; run it in a WheeledWorld")
     logs = episode.perception.values()
     rows = [_of_robot([one for one in log.glances if one.truth.time > since]) for log in logs]
-    return {name: known_mean([row[name] for row in rows]) for name in rows[0]}
+    stops = [stop for log in logs for stop in log.stops if stop.end > since]
+    return {
+        **{name: known_mean([row[name] for row in rows]) for name in rows[0]},
+        "stopped": sum(one.end - max(one.begin, since) for one in stops) / len(rows),
+        "stop_reason": min(stops).reason if stops else "",
+    }
 
 
 def _of_robot(glances: Sequence[Glance]) -> dict[str, float]:

@@ -34,7 +34,7 @@ def mjcf(scene: PhysicalScene) -> str:
     """
     meshes, bodies = [], []
     for index, robot in enumerate(scene.robots):
-        bodies.append(_robot(f"robot{index}", robot))
+        bodies.append(_robot(f"robot{index}", robot, scene.friction))
     for index, person in enumerate(scene.people):
         bodies.append(_person(f"person{index}", person))
     for index, wall in enumerate(scene.walls):
@@ -78,7 +78,7 @@ def _person(label: str, person: PhysicalPerson) -> str:
     )
 
 
-def _robot(label: str, robot: PhysicalRobot) -> str:
+def _robot(label: str, robot: PhysicalRobot, friction: float) -> str:
     body = robot.body
     x, y, heading = robot.start
     radius = body.wheel_radius
@@ -88,7 +88,7 @@ def _robot(label: str, robot: PhysicalRobot) -> str:
         f'{0.5 * side * body.track} 0"><joint name="{label}.{index}" axis="0 1 0" '
         f'damping="0.01" armature="{body.armature}"/><geom type="ellipsoid" size="{size}" '
         f'mass="{0.0375 * body.mass}" group="{MECHANICS}" contype="1" conaffinity="0" '
-        'rgba="0.15 0.15 0.15 1"/></body>'
+        f'{_grip(friction, robot.grip[index])}rgba="0.15 0.15 0.15 1"/></body>'
         for index, (side, ahead) in enumerate(((1, 1), (1, -1), (-1, 1), (-1, -1)))
     )
     tall, centre = 0.5 * (HULL_TOP - HULL_BOTTOM), 0.5 * (HULL_TOP + HULL_BOTTOM) - radius
@@ -106,6 +106,11 @@ def _robot(label: str, robot: PhysicalRobot) -> str:
         'contype="2" conaffinity="2" rgba="0.25 0.5 0.8 1"/>'
         f"{''.join(wheels)}</body>"
     )
+
+
+def _grip(friction: float, factor: float) -> str:
+    """Return a wheel's own friction, which then counts instead of the floor's."""
+    return "" if factor == 1.0 else f'priority="1" friction="{factor * friction} 0.005 0.0001" '
 
 
 def _prism(label: str, points: Array) -> tuple[str, str]:

@@ -26,20 +26,25 @@ class PhysicalRobot:
     body : its mechanics.
     start : (3,), x and y of its middle in m, heading in rad.
     sensors : what it carries, each with a name of its own.
+    grip : (4,) of its wheels, in the order of `TrueMotion`, factors of the scene's friction.
 
     Raises
     ------
-    WideberthError : a start that is no finite (3,), two sensors with the same name.
+    WideberthError : a start that is no finite (3,), two sensors with the same name, a grip that
+        is not above 0.
     """
 
     name: str
     body: SkidSteerBody = field(default_factory=SkidSteerBody)
     start: Array = field(default_factory=lambda: np.zeros(3))
     sensors: tuple[Sensor, ...] = ()
+    grip: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "start", checked(f"{self.name}.start", self.start, (3,)))
         object.__setattr__(self, "sensors", tuple(self.sensors))
+        for factor in checked(f"{self.name}.grip", self.grip, (4,)):
+            positive(f"{self.name}.grip", float(factor))
         _refuse_twins(f"the sensors of {self.name}", (sensor.name for sensor in self.sensors))
 
 

@@ -196,6 +196,16 @@ class World:
             raise WideberthError(_unknown("person", name, self._people))
         self._data.mocap_pos[self._people[name], :2] = checked("position", position, (2,))
 
+    def push(self, name: str, rate: float) -> None:
+        """Push a robot sideways at once.
+
+        Parameters
+        ----------
+        name : of the robot.
+        rate : rad/s, that it gets about its forward axis.
+        """
+        self._robot(name).roll(rate)
+
     def _cast(self, excluded: int, origin: Array, directions: Array, longest: float) -> Array:
         count = len(directions)
         geoms, found = np.empty(count, dtype=np.int32), np.empty(count)
@@ -300,6 +310,10 @@ class _RobotInWorld:
         rims = np.array([forward - aside, forward - aside, forward + aside, forward + aside])
         self._rates[:] = rims / self._body.wheel_radius
         self._angles += self._rates * duration
+
+    def roll(self, rate: float) -> None:
+        """Add a rate, rad/s, about the forward axis."""
+        self._velocity[3] += rate
 
     def sense(self, time: float, cast: Any) -> None:
         """Show the robot to its sensors after a step."""
