@@ -235,7 +235,7 @@ class Senses:
         names = named(places, [one.ident for one in obstacles], bodies)
         self.known |= {ident: name for ident, name in names.items() if name}
         glance = Glance(truth, own, sightings, obstacles, names, points)
-        self.glances.append(glance.later(truth.time - now))
+        self.glances.append(glance.kept(truth.time - now))
 
     def _true_sightings(self, truth: Truth, now: float) -> Sightings:
         """Return true positions within the LiDAR's range, with noise, in the robot's frame."""

@@ -1,11 +1,11 @@
 """Episode logs, from which every metric is computed, and their files.
 
-File format "wideberth/episode", version 5: a NumPy archive (npz, deflated) with two members.
+File format "wideberth/episode", version 6: a NumPy archive (npz, deflated) with two members.
 ``numbers`` is a float64 vector with all arrays one after the other; ``meta`` is JSON in UTF-8, in
 which an array is written as {"at": offset, "shape": [...]}. One vector, since an archive member
 for each of thousands of small arrays is slow and large. Neither holds a clock reading, so that the
-same episode gives the same bytes. Older versions are still read: 4 (no `Plan.situation`), 3 (no
-`Plan.given_way`), 2 (no `Plan.breach`), 1 (no footprints and no polygons).
+same episode gives the same bytes. Older versions are still read: 5 (no perception), 4 (no
+`Plan.situation`), 3 (no `Plan.given_way`), 2 (no `Plan.breach`), 1 (no footprints, no polygons).
 """
 
 import io
@@ -29,6 +29,7 @@ from ...framework.values.plan import Breach, BreachKind, GivenWay, Plan, Rung, S
 from ...framework.values.polygon import Polygon
 from ..drawing.film import animation
 from ..drawing.pictures import draw_episode
+from .perception_file import packed, unpacked
 from .perception_log import PerceptionLog
 
 if TYPE_CHECKING:
@@ -247,7 +248,7 @@ class Episode:
         return read_episode(data)
 
 
-VERSION = 5
+VERSION = 6
 _COMMANDS = ("stamp", "effect", "linear", "omega", "ramp")
 _SERIES = ("positions", "headings", "speeds", "yaw_rates")
 _PLAN_ARRAYS = (
@@ -296,6 +297,9 @@ def write_episode(episode: Episode) -> bytes:
         "times": pack.put(episode.times),
         "agents": [_pack_agent(pack, agent) for agent in episode.agents],
         "polygons": [[one.name, pack.put(one.vertices)] for one in episode.polygons],
+        "perception": {
+            name: packed(pack.put, log) for name, log in sorted(episode.perception.items())
+        },
     }
     meta = json.dumps(stamped("episode", VERSION, content), sort_keys=True)
     buffer = io.BytesIO()
@@ -340,6 +344,9 @@ def _unpack_episode(unpack: _Unpacker, content: dict[str, Any]) -> Episode:
         goal_tolerance=float(unpack.get(content["goal_tolerance"])),
         seed=content["seed"],
         polygons=polygons,
+        perception={
+            name: unpacked(unpack.get, log) for name, log in content.get("perception", {}).items()
+        },
     )
 
 

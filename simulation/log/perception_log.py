@@ -10,6 +10,8 @@ from ...framework.values.arrays import Array
 from ...framework.values.sensing import MotionEstimate, Sightings, TrackedObstacle
 from .frames import RigidMotion
 
+GRAIN = 1e-3
+"""m, to which the points of scans are rounded in a log."""
 NEAR = 1.0
 """m. What is believed farther from every body than this is nobody."""
 
@@ -76,17 +78,33 @@ class Glance:
         """The motion from the robot's own frame to the world's."""
         return RigidMotion.between(self.own.pose, self.truth.pose)
 
-    def later(self, shift: float) -> "Glance":
-        """Return the same with beliefs of another clock: their instants are ``shift`` s later."""
+    def kept(self, shift: float) -> "Glance":
+        """Return it as it is logged.
+
+        Points are rounded to a `GRAIN`, and the measurements behind a track are left out.
+
+        Parameters
+        ----------
+        shift : s, by which the instants of beliefs become later: they are those of another clock.
+        """
         seen = self.sightings
         return replace(
             self,
             own=replace(self.own, time=self.own.time + shift),
-            sightings=replace(seen, time=seen.time + shift, times=seen.times + shift),
+            sightings=replace(
+                seen,
+                time=seen.time + shift,
+                times=seen.times + shift,
+                static=_rounded(seen.static),
+            ),
             obstacles=tuple(
-                replace(one, time=one.time + shift, seen=one.seen + shift, times=one.times + shift)
+                TrackedObstacle(
+                    *(one.ident, one.time + shift, one.state, one.covariance, one.radius),
+                    one.seen + shift,
+                )
                 for one in self.obstacles
             ),
+            points=_rounded(self.points),
         )
 
 
@@ -148,3 +166,7 @@ def named(
             who[idents[i]] = bodies[j].name
             taken.add(j)
     return who
+
+
+def _rounded(points: Array) -> Array:
+    return np.asarray(np.rint(points / GRAIN) * GRAIN)

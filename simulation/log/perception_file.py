@@ -1,0 +1,136 @@
+"""How the perception of an episode is written to its file: one array per quantity and robot."""
+
+from collections.abc import Callable, Iterable, Sequence
+from itertools import accumulate
+from typing import Any
+
+import numpy as np
+
+from ...framework.values.arrays import Array
+from ...framework.values.sensing import MotionEstimate, Sightings, TrackedObstacle
+from .perception_log import GRAIN, Body, Glance, PerceptionLog, Stop, Truth
+
+Put = Callable[[Any], dict[str, Any]]
+"""Stores an array and returns its place."""
+Get = Callable[[dict[str, Any]], Array]
+"""Returns the array of a place."""
+
+
+def packed(put: Put, log: PerceptionLog) -> dict[str, Any]:
+    """Return a log as JSON, with the places of its arrays."""
+    glances = log.glances
+    words = sorted({word for one in glances for word in _words(one)})
+    number = {word: index for index, word in enumerate(words)}
+    bodies = [body for one in glances for body in one.truth.bodies]
+    seen = [one.sightings for one in glances]
+    columns = {
+        "truth": _rows([(one.truth.time, *one.truth.pose, *one.truth.twist) for one in glances]),
+        "bodies": _rows([
+            (number[one.name], *one.position, *one.velocity, one.radius) for one in bodies
+        ]),
+        "own": _rows([
+            (one.own.time, number[one.own.frame], *one.own.mean, *one.own.covariance.ravel())
+            for one in glances
+        ]),
+        "scans": _rows([
+            (one.time, number[one.note], *((np.nan,) * 2 if one.origin is None else one.origin))
+            for one in seen
+        ]),
+        "sightings": _joined([
+            np.column_stack([
+                one.times, one.radius, one.positions, one.covariance.reshape(-1, 4)
+            ])
+            for one in seen
+        ]),
+        "obstacles": _rows([
+            (
+                number[track.ident], number[one.names[track.ident]], track.time, track.seen,
+                track.radius, *track.state, *track.covariance.ravel(),
+            )
+            for one in glances
+            for track in one.obstacles
+        ]),
+        "static": _grains(one.static for one in seen),
+        "points": _grains(one.points for one in glances),
+        "counts": _rows([
+            (
+                len(one.truth.bodies), len(one.sightings.positions), len(one.obstacles),
+                len(one.sightings.static), len(one.points),
+            )
+            for one in glances
+        ]),
+    }  # fmt: skip
+    return {
+        "words": words,
+        "notes": log.notes,
+        "stops": [[put((stop.begin, stop.end)), stop.reason] for stop in log.stops],
+        "columns": {name: put(values) for name, values in columns.items()},
+    }
+
+
+def unpacked(get: Get, stored: dict[str, Any]) -> PerceptionLog:
+    """Return the log that `packed` has written."""
+    columns = {name: get(place) for name, place in stored["columns"].items()}
+    words, counts = stored["words"], columns["counts"].astype(np.int64)
+    ends = [list(accumulate(column, initial=0)) for column in counts.T.tolist()]
+    parts = ("bodies", "sightings", "obstacles", "static", "points")
+    glances = []
+    for row in range(len(counts)):
+        own = {
+            name: columns[name][ends[k][row] : ends[k][row + 1]] for k, name in enumerate(parts)
+        }
+        whole = {name: columns[name][row] for name in ("truth", "own", "scans")}
+        glances.append(_glance({**own, **whole}, words))
+    stops = []
+    for place, reason in stored["stops"]:
+        begin, end = get(place).tolist()
+        stops.append(Stop(begin, end, reason))
+    return PerceptionLog(tuple(glances), dict(stored["notes"]), tuple(stops))
+
+
+def _glance(rows: dict[str, Array], words: Sequence[str]) -> Glance:
+    """Return one glance from its rows."""
+    truth, own, scan, seen = rows["truth"], rows["own"], rows["scans"], rows["sightings"]
+    bodies = tuple(
+        Body(words[int(row[0])], row[1:3].copy(), row[3:5].copy(), float(row[5]))
+        for row in rows["bodies"]
+    )
+    obstacles, names = [], {}
+    for row in rows["obstacles"]:
+        time, last, radius = row[2:5].tolist()
+        ident = words[int(row[0])]
+        names[ident] = words[int(row[1])]
+        state, covariance = row[5:9].copy(), row[9:].reshape(4, 4).copy()
+        obstacles.append(TrackedObstacle(ident, time, state, covariance, radius, last))
+    return Glance(
+        Truth(float(truth[0]), truth[1:4].copy(), truth[4:].copy(), bodies),
+        MotionEstimate(
+            float(own[0]), own[2:8].copy(), own[8:].reshape(6, 6).copy(), words[int(own[1])]
+        ),
+        Sightings(
+            *(float(scan[0]), seen[:, 2:4].copy(), seen[:, 4:].reshape(-1, 2, 2).copy()),
+            *(seen[:, 1].copy(), rows["static"] * GRAIN, words[int(scan[1])], seen[:, 0].copy()),
+            None if np.isnan(scan[2:]).any() else scan[2:].copy(),
+        ),
+        tuple(obstacles),
+        names,
+        rows["points"] * GRAIN,
+    )
+
+
+def _words(one: Glance) -> Iterable[str]:
+    yield from (one.own.frame, one.sightings.note, *one.names, *one.names.values())
+    yield from (body.name for body in one.truth.bodies)
+
+
+def _rows(rows: Sequence[Sequence[float]]) -> Array:
+    return np.array(rows, dtype=np.float64).reshape(len(rows), -1 if rows else 0)
+
+
+def _joined(parts: Sequence[Array]) -> Array:
+    return np.concatenate(parts) if parts else np.zeros((0, 0))
+
+
+def _grains(points: Iterable[Array]) -> Array:
+    """Return points as whole numbers of `GRAIN`, which are small when they are deflated."""
+    return np.rint(np.concatenate([np.zeros((0, 2)), *points]) / GRAIN)
