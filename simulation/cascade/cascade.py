@@ -41,7 +41,8 @@ class Cascade:
     state : estimates the robot's own motion from encoders and IMU; None for the truth.
     detector : finds obstacles in scans; None for the true positions, with noise.
     tracker : gives them identities and velocities; None for the true identities.
-    handover : what a controller is told of tracked obstacles, see `Handover`.
+    handover : what a controller is told of tracked obstacles, see `Handover`. With "filtered" the
+        forecasts hold what they promise for boxes too, whose detections err alike for seconds.
     noise : m, standard deviation of each coordinate of a position where there is no detector.
     latency : s, from the end of a scan until what it shows has been found. The instants of what is
         found are those of its beams, so that a controller knows how old it is.
@@ -62,7 +63,7 @@ class Cascade:
     state: StateEstimator | None = None
     detector: Detector | None = None
     tracker: Tracker | None = None
-    handover: Literal["measured", "filtered"] = "measured"
+    handover: Literal["measured", "filtered"] = "filtered"
     noise: float = 0.01
     latency: float = 0.0
     rest: float = 2.0

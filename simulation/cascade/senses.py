@@ -76,7 +76,7 @@ class Senses:
         self._time = -cascade.rest
         now = self.clock(self._time)
         known = cascade.state is not None
-        self.estimator: StateEstimator = deepcopy(cascade.state) if known else TrueState()
+        self.estimator: StateEstimator = deepcopy(cascade.state) or TrueState()
         self.estimator.reset(start, now)
         self._detector, self._tracker = deepcopy(cascade.detector), deepcopy(cascade.tracker)
         for stage in (self._detector, self._tracker):

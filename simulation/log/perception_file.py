@@ -108,8 +108,13 @@ def _glance(rows: dict[str, Array], words: Sequence[str]) -> Glance:
             float(own[0]), own[2:8].copy(), own[8:].reshape(6, 6).copy(), words[int(own[1])]
         ),
         Sightings(
-            *(float(scan[0]), seen[:, 2:4].copy(), seen[:, 4:].reshape(-1, 2, 2).copy()),
-            *(seen[:, 1].copy(), rows["static"] * GRAIN, words[int(scan[1])], seen[:, 0].copy()),
+            float(scan[0]),
+            seen[:, 2:4].copy(),
+            seen[:, 4:].reshape(-1, 2, 2).copy(),
+            seen[:, 1].copy(),
+            rows["static"] * GRAIN,
+            words[int(scan[1])],
+            seen[:, 0].copy(),
             None if np.isnan(scan[2:]).any() else scan[2:].copy(),
         ),
         tuple(obstacles),

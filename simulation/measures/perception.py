@@ -20,7 +20,8 @@ def perception_row(episode: Episode, since: float = 0.0) -> dict[str, Any]:
     share of the way driven; ``own_nees`` the mean of e' P^-1 e over the pose (3 where P is
     honest). ``detection_error`` and ``detection_nees`` (2) are those of positions in a scan,
     ``track_error`` and ``speed_error`` root mean squares over tracked obstacles, m and m/s, and
-    ``track_nees`` (4) that of their states. ``identities`` counts the identities that one body
+    ``track_nees`` (4) that of their states. A ``_coverage`` is the share of these errors that lie
+    in their nominal regions of 95 %. ``identities`` counts the identities that one body
     had, ``false_tracks`` the share of tracked obstacles that are nobody. ``stopped`` is the time
     in s for which a robot was stopped for its own safety, and ``stop_reason`` the first reason,
     "" where none was.
@@ -62,15 +63,25 @@ def _of_robot(glances: Sequence[Glance]) -> dict[str, float]:
     return {
         "own_error": last,
         "drift": last / way if way > 0.0 else float("nan"),
-        "own_nees": known_mean([_squared(error, spread) for error, spread in owns]),
+        **_judged("own", owns, 3),
         "detection_error": _root(np.array([error for error, _ in found]).reshape(-1, 2)),
-        "detection_nees": known_mean([_squared(error, spread) for error, spread in found]),
+        **_judged("detection", found, 2),
         "track_error": _root(errors[:, :2]),
         "speed_error": _root(errors[:, 2:]),
-        "track_nees": known_mean([_squared(error, spread) for error, spread in tracked]),
+        **_judged("track", tracked, 4),
         "identities": known_mean([len(some) for name, some in names.items() if name]),
         "false_tracks": ghosts / max(ghosts + len(tracked), 1),
     }
+
+
+def _judged(name: str, pairs: Sequence[tuple[Array, Array]], size: int) -> dict[str, float]:
+    """Return the mean of e' P^-1 e, and the share of it within the nominal 95 %."""
+    from scipy.special import chdtri
+
+    squares = np.array([_squared(error, spread) for error, spread in pairs])
+    squares = squares[~np.isnan(squares)]
+    inside = squares <= float(chdtri(size, 0.05))
+    return {f"{name}_nees": known_mean(squares), f"{name}_coverage": known_mean(inside)}
 
 
 def _own(one: Glance) -> tuple[Array, Array]:

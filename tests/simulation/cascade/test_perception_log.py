@@ -144,6 +144,8 @@ def test_measures_of_a_belief_that_is_off_by_known_amounts() -> None:
     assert row["detection_nees"] == pytest.approx(9.0)
     assert row["track_error"] == pytest.approx(0.3) and row["track_nees"] == pytest.approx(9.0)
     assert row["speed_error"] == pytest.approx(0.0) and row["identities"] == 1.0
+    coverages = [row[f"{stage}_coverage"] for stage in ("own", "detection", "track")]
+    assert coverages == [0.0, 0.0, 1.0]  # 9 against 7.8, 6.0 and 9.5
     assert row["false_tracks"] == pytest.approx(0.5)
     assert row["stopped"] == pytest.approx(0.6) and row["stop_reason"] == "first"
 
