@@ -43,6 +43,10 @@ class Cascade:
     tracker : gives them identities and velocities; None for the true identities.
     handover : what a controller is told of tracked obstacles, see `Handover`. With "filtered" the
         forecasts hold what they promise for boxes too, whose detections err alike for seconds.
+    walls : where a controller's polygons come from. "known": they are those of the episode, in the
+        robot's own frame, as on a map; drift of the own pose shifts the robot among them, which
+        `scan_matching` prevents. "seen": they lie behind what its last scan met that stands
+        still, see `walls_behind`.
     noise : m, standard deviation of each coordinate of a position where there is no detector.
     latency : s, from the end of a scan until what it shows has been found. The instants of what is
         found are those of its beams, so that a controller knows how old it is.
@@ -64,6 +68,7 @@ class Cascade:
     detector: Detector | None = None
     tracker: Tracker | None = None
     handover: Literal["measured", "filtered"] = "filtered"
+    walls: Literal["known", "seen"] = "known"
     noise: float = 0.01
     latency: float = 0.0
     rest: float = 2.0
@@ -81,6 +86,10 @@ class Cascade:
             raise WideberthError(
                 f"cascade.handover is {self.handover!r}; wanted measured or filtered"
             )
+        if self.walls not in ("known", "seen"):
+            raise WideberthError(f"cascade.walls is {self.walls!r}; wanted known or seen")
+        if self.walls == "seen" and self.detector is None:
+            raise WideberthError("cascade.walls are seen in scans; give the cascade a detector")
         positive("cascade.noise", self.noise, zero=True)
         positive("cascade.latency", self.latency, zero=True)
         positive("cascade.rest", self.rest)

@@ -7,6 +7,7 @@ from typing import final
 import numpy as np
 
 from ...framework.control.own_state import own_state
+from ...framework.numerics.walls import walls_behind
 from ...framework.robot import Robot
 from ...framework.state_estimator import StateEstimator, poses_at
 from ...framework.tracking.handover import Batch, Handover
@@ -88,6 +89,7 @@ class Senses:
         self._handover = Handover("measured" if self._tracker is None else cascade.handover)
         self._coming: list[tuple[float, Sightings, Array]] = []
         self._seen: tuple[TrackedObstacle, ...] = ()
+        self._walls: tuple[Polygon, ...] = ()
         self._turns = self._turn_of(self._time)
         self._rest_ends, self._at_rest = now + cascade.rest, 0
         self._wheels: tuple[float, Array] = now, np.full(4, np.nan)
@@ -209,8 +211,10 @@ class Senses:
         Parameters
         ----------
         detections : that it is told.
-        polygons : what stands still.
+        polygons : what stands still, where that is known.
         """
+        if self._cascade.walls == "seen":
+            polygons = self._walls
         own = self.estimator.at(self.clock(self._time))
         state, covariance = own_state(self._robot, own, seen_from_here=True)
         return Observation(self._time, state, detections, covariance, polygons)
@@ -224,6 +228,10 @@ class Senses:
         own = self.estimator.at(now)
         to_world = RigidMotion.between(own.pose, truth.pose)
         bodies = truth.bodies
+        if self._cascade.walls == "seen":
+            sensor = own.pose[:2] if sightings.origin is None else sightings.origin
+            gap = 2.0 * self._cascade.mechanical_body.radius
+            self._walls = walls_behind(sightings.static, sensor, gap)
         if self._tracker is None:
             obstacles = self._seen = self._named(sightings, to_world, bodies)
         else:

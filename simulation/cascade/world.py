@@ -32,6 +32,8 @@ from .senses import Senses
 
 _HALT = Command((0.0, 0.0), ramp=0.5)
 """With 0.5 m/s that brakes at 1 m/s^2."""
+_ELSEWHERE = 1e4
+"""m, where those are who are absent: no sensor sees so far."""
 _LITTLE = 1e-3
 """s, over which the velocity of those who decide nothing is measured."""
 
@@ -153,7 +155,10 @@ class WheeledWorld(World):
             else:
                 robots.append(self._equipped(agent, rng))
         first = np.array([-self._cascade.rest])
-        people += [PhysicalPerson(one.name, one.at(first)[0], one.radius) for one in others]
+        people += [
+            PhysicalPerson(one.name, _present(one.at(first)[0], row), one.radius)
+            for row, one in enumerate(others)
+        ]
         scene = PhysicalScene(tuple(robots), tuple(people), tuple(polygons))
         world = KinematicWorld if self._cascade.mechanics == "kinematic" else PhysicalWorld
         self._physics = world(scene, rng)
@@ -258,8 +263,8 @@ class WheeledWorld(World):
                 physics.command(agent.name, plant.wanted(end), gyro_bias=bias)
             else:
                 physics.move_person(agent.name, plant.position)
-        for other in others:
-            physics.move_person(other.name, other.at(middle)[0])
+        for row, other in enumerate(others):
+            physics.move_person(other.name, _present(other.at(middle)[0], row))
         physics.advance(end - now)
         self._now = end
         for agent, plant in zip(agents, plants, strict=True):
@@ -304,6 +309,9 @@ class WheeledWorld(World):
         instants = time + np.array([0.0, -_LITTLE])
         for one in others:
             now, before = one.at(instants)
+            if np.isnan(now).any():
+                continue
+            before = np.where(np.isnan(before), now, before)
             found.append(Body(one.name, now, (now - before) / _LITTLE, one.radius))
         return found
 
@@ -330,6 +338,11 @@ def _check(agent: RobotAgent, radius: float) -> None:
             f"{agent.name} moves at {agent.speed:g} m/s at time 0; robots with wheels begin at "
             "rest: give speed 0, and the speed as reference_speed"
         )
+
+
+def _present(place: Array, row: int) -> Array:
+    """Return a place, (2,), m; far away from everybody for somebody who is absent (NaN)."""
+    return np.array([_ELSEWHERE + 10.0 * row, 0.0]) if np.isnan(place).any() else place
 
 
 def start_pose(agent: RobotAgent) -> Array:

@@ -11,16 +11,18 @@ import pytest
 
 from wideberth import WideberthError, recommended
 from wideberth.framework.controller import Controller
+from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.values.motion import Command, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Plan
+from wideberth.framework.values.polygon import Polygon
 from wideberth.perception.detection.discs import Discs
 from wideberth.perception.state.ekf import Ekf
 from wideberth.perception.tracking.nearest import Nearest
 from wideberth.robots.unicycle import Unicycle
 from wideberth.simulation.cascade.cascade import Cascade
 from wideberth.simulation.cascade.world import WheeledWorld
-from wideberth.simulation.engine.agents import RobotAgent
+from wideberth.simulation.engine.agents import ReplayAgent, RobotAgent
 from wideberth.simulation.engine.episode import Run, run_episode
 from wideberth.simulation.engine.settings import Settings
 from wideberth.simulation.log.episode_log import Episode
@@ -165,9 +167,44 @@ def test_the_same_seed_gives_the_same_bytes_in_any_process() -> None:
     assert other.stdout.split()[-1] == digest()
 
 
+def test_walls_that_are_seen_are_kept_clear_of_as_those_that_are_known() -> None:
+    """The way leads through a wall that is too wide for the planner to find around."""
+    robot, stands = Unicycle(), []
+    wall = Polygon(((3.0, -4.0), (3.5, -4.0), (3.5, 2.0), (3.0, 2.0)), "wall")
+    for walls in ("known", "seen"):
+        settings = describe(recommended(robot, 0.5, quiet=True))
+        planner = build("controllers", {**settings, "static_region": "separating_line"})
+        way = Path(np.array([[0.0, 0.0], [12.0, 0.0]]))
+        agent = RobotAgent("one", robot, planner, way, 0.0, reference_speed=0.5)
+        limit = Settings(history=0.0, time_limit=12.0)
+        episode, _ = run(whole(walls=walls), [agent], settings=limit, polygons=[wall])
+        assert not summarise(episode, 0.05)["errors"]
+        stands.append(episode.robots[0].positions[-1])
+    gaps = [3.0 - robot.radius - float(place[0]) for place in stands]
+    assert all(0.05 < gap < 0.4 for gap in gaps)
+    assert gaps[1] == pytest.approx(gaps[0], abs=0.05)
+
+
+def test_who_comes_and_goes_is_seen_while_there() -> None:
+    times = np.array([0.0, 2.0, 4.0, 6.0])
+    places = np.array([[np.nan] * 2, [4.0, -1.0], [4.0, 1.0], [np.nan] * 2])
+    other = ReplayAgent("other", times, places, 0.75)
+    world = WheeledWorld(whole(), SHORT)
+    one = Run([bending("one", (0.0, 0.0), (20.0, 0.0))], SHORT, 0, (other,), (), (), world)
+    one.advance()
+    tracked = {
+        round(glance.truth.time, 1): [name for name in glance.names.values() if name]
+        for glance in one.episode().perception["one"].glances
+    }
+    assert any(tracked[time] == ["other"] for time in tracked if 2.5 < time < 3.9)
+    assert not any(names for time, names in tracked.items() if time < 2.0 or time > 5.5)
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
+        ({"walls": "felt"}, "cascade.walls is 'felt'"),
+        ({"walls": "seen"}, "give the cascade a detector"),
         ({"body": "larg"}, "did you mean 'large'"),
         ({"mechanics": "hover"}, "wanted one of physics, kinematic"),
         ({"noise": -1.0}, "cascade.noise is -1"),
