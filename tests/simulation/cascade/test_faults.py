@@ -1,20 +1,25 @@
 """Every fault ends in a safe stop with its reason, never in an exception."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from wideberth import WideberthError
+from wideberth import WideberthError, recommended
 from wideberth.framework.controller import Controller
+from wideberth.framework.plugins.config import build, describe
+from wideberth.framework.predictor import Predictor
+from wideberth.framework.values.forecast import Forecast, Scene
 from wideberth.framework.values.motion import Command, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Plan
 from wideberth.framework.values.sensing import Scan, WheelSample
+from wideberth.framework.values.tracks import Tracks
 from wideberth.perception.detection.discs import Discs
 from wideberth.perception.state.ekf import Ekf
 from wideberth.perception.tracking.nearest import Nearest
+from wideberth.predictors.constant_velocity import ConstantVelocity
 from wideberth.robots.unicycle import Unicycle
 from wideberth.simulation.cascade.cascade import Cascade
 from wideberth.simulation.cascade.faults import Faults
@@ -200,3 +205,31 @@ def test_a_watchdog_minds_what_is_of_no_use() -> None:
     dog.hear(far)
     assert dog.reason().startswith("encoders: ")
     assert dog.jumped(4.2, 0.2) == pytest.approx(3.0)
+
+
+@dataclass(frozen=True)
+class Fails(Predictor):
+    """Forecasts until one obstacle has been seen for two seconds."""
+
+    def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
+        if np.isfinite(tracks.positions).all(axis=2).sum() > 4:
+            raise RuntimeError("the model file is gone")
+        return ConstantVelocity().predict(tracks, steps, scene)
+
+
+def test_a_planner_whose_predictor_fails_stops_the_robot_and_says_why() -> None:
+    robot = Unicycle()
+    settings = describe(recommended(robot, 0.5, quiet=True))
+    planner = build("controllers", {**settings, "predictor": Fails()})
+    agents = [
+        RobotAgent("one", robot, planner, Path(np.array([[0.0, 0.0], [20.0, 0.0]])), 0.0),
+        RobotAgent("two", robot, Ahead(), Path(np.array([[8.0, 4.0], [50.0, 4.0]])), 0.0),
+    ]
+    agents = [replace(agent, reference_speed=0.5) for agent in agents]
+    limit = Settings(history=0.0, time_limit=8.0, plant_step=0.04)
+    cascade = Cascade(mechanics="kinematic", noise=0.0)
+    one = Run(agents, limit, 0, (), (), (), WheeledWorld(cascade, limit))
+    one.advance()
+    log = one.episode().robots[0]
+    assert "the model file is gone" in log.plans[-1].reason
+    assert log.speeds.max() > 0.2 and log.speeds[-1] < 0.02
