@@ -94,6 +94,12 @@ class Cascade:
         positive("cascade.latency", self.latency, zero=True)
         positive("cascade.rest", self.rest)
         positive("cascade.patience", self.patience)
+        for sensor in (self.lidar, self.encoders, self.imu):
+            if self.patience * sensor.rate <= 2.0:
+                raise WideberthError(
+                    f"cascade.patience is {self.patience:g} s; wanted more than two periods of "
+                    f"{sensor.name}, {2.0 / sensor.rate:g} s"
+                )
         if self.faults.mechanical and self.mechanics != "physics":
             raise WideberthError(
                 f"cascade.faults push a robot or let its wheels slip, and cascade.mechanics is "

@@ -79,12 +79,13 @@ class Senses:
         known = cascade.state is not None
         self.estimator: StateEstimator = deepcopy(cascade.state) or TrueState()
         self.estimator.reset(start, now)
+        self._frame = self.estimator.at(now).frame
         self._detector, self._tracker = deepcopy(cascade.detector), deepcopy(cascade.tracker)
         for stage in (self._detector, self._tracker):
             if stage is not None:
                 stage.reset()
         needed = [cascade.encoders.name, cascade.imu.name] if known else []
-        needed += [cascade.lidar.name] if cascade.detector is not None else []
+        needed += [cascade.lidar.name] if self.needs_scans else []
         self._watchdog = Watchdog(needed, cascade.patience, now)
         self._handover = Handover("measured" if self._tracker is None else cascade.handover)
         self._coming: list[tuple[float, Sightings, Array]] = []
@@ -98,6 +99,11 @@ class Senses:
         self.glances: list[Glance] = []
         self.known: dict[str, str] = {}
         self.notes: dict[str, int] = {}
+
+    @property
+    def needs_scans(self) -> bool:
+        """Whether it looks for others, or for its own place in a map, in scans."""
+        return self._detector is not None or self._frame == "map"
 
     def clock(self, time: float) -> float:
         """Return the time of its sensors, s, at a time of the episode, s."""
@@ -138,7 +144,7 @@ class Senses:
             if turns < self._turns:
                 due = truth.time + self._cascade.latency
                 self._coming.append((due, self._true_sightings(truth, now), np.zeros((0, 2))))
-        for scan in scans:
+        for scan in scans if self._detector is not None else ():
             self._detect(scan, truth.time + self._cascade.latency)
         fresh = [one for one in self._coming if one[0] <= truth.time + 1e-9]
         for one in fresh:
@@ -150,11 +156,14 @@ class Senses:
         """Let the estimator use samples, and return the scans among them."""
         scans = []
         for sample in samples:
-            self._watchdog.hear(sample)
             if isinstance(sample, Scan):
                 scans.append(sample)
-                if self.estimator.at(now).frame != "map":
+                if self._detector is None:  # else it has yet to turn out to be of use
+                    self._watchdog.hear(sample)
+                if self._frame != "map":
                     continue
+            else:
+                self._watchdog.hear(sample)
             self._note(self.estimator.take(sample))
             if isinstance(sample, InertialSample) and now <= self._rest_ends:
                 self._calibrate(sample)
@@ -189,6 +198,7 @@ class Senses:
         if len(scan.times) and abs(self.estimator.at(scan.stamp).time - scan.stamp) > SAME:
             self._note("a scan is of a time at which the robot's own pose is not known")
             return
+        self._watchdog.hear(scan)
         poses = poses_at(self.estimator, scan.times)
         sightings = self._detector.detect(scan, poses)
         self._note(sightings.note)

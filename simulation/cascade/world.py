@@ -235,13 +235,14 @@ class WheeledWorld(World):
         return self._physics
 
     def _equipped(self, agent: RobotAgent, rng: np.random.Generator) -> PhysicalRobot:
-        """Put sensors on a robot; without a detector its LiDAR stays in the box."""
+        """Put sensors on a robot; a LiDAR that it does not need stays in the box."""
         cascade, start = self._cascade, start_pose(agent)
         phase = float(rng.uniform(0.0, 1.0 / cascade.lidar.rate))
         noise = np.random.default_rng(rng.integers(2**63))
-        self._senses[agent.name] = Senses(agent.robot, cascade, agent.name, start, phase, noise)
+        senses = Senses(agent.robot, cascade, agent.name, start, phase, noise)
+        self._senses[agent.name] = senses
         sensors: tuple[Sensor, ...] = (cascade.encoders, cascade.imu)
-        if cascade.detector is not None:
+        if senses.needs_scans:
             sensors = (replace(cascade.lidar, phase=phase), *sensors)
         grip = cascade.faults.of(agent.name).grip
         return PhysicalRobot(agent.name, cascade.mechanical_body, start, sensors, grip)

@@ -18,9 +18,11 @@ from wideberth.framework.values.plan import Plan
 from wideberth.framework.values.polygon import Polygon
 from wideberth.perception.detection.discs import Discs
 from wideberth.perception.state.ekf import Ekf
+from wideberth.perception.state.scan_matching import ScanMatching
 from wideberth.perception.tracking.nearest import Nearest
 from wideberth.robots.unicycle import Unicycle
 from wideberth.simulation.cascade.cascade import Cascade
+from wideberth.simulation.cascade.faults import Faults
 from wideberth.simulation.cascade.world import WheeledWorld
 from wideberth.simulation.engine.agents import ReplayAgent, RobotAgent
 from wideberth.simulation.engine.episode import Run, run_episode
@@ -28,6 +30,7 @@ from wideberth.simulation.engine.settings import Settings
 from wideberth.simulation.log.episode_log import Episode
 from wideberth.simulation.measures.perception import perception_row
 from wideberth.simulation.measures.summary import summarise
+from wideberth.simulation.physics.sensors import Lidar
 from wideberth.simulation.scenarios.crossing import Crossing
 
 pytest.importorskip("mujoco", reason="pip install 'wideberth[physics]'")
@@ -185,6 +188,21 @@ def test_walls_that_are_seen_are_kept_clear_of_as_those_that_are_known() -> None
     assert gaps[1] == pytest.approx(gaps[0], abs=0.05)
 
 
+def test_a_map_bounds_the_drift_of_a_robot_that_is_told_of_the_others() -> None:
+    wall = Polygon(((-3.0, -6.0), (12.0, -6.0), (12.0, -5.8), (-3.0, -5.8)), "long")
+    end = Polygon(((9.0, -4.0), (9.2, -4.0), (9.2, 4.0), (9.0, 4.0)), "end")
+    odometry = Ekf(wheel_radius=0.165, noise="large")
+    errors = []
+    for state in (odometry, ScanMatching((wall, end), odometry)):
+        off = Faults(gyro_step=(0.0, 0.03))
+        stages = Cascade(state=state, faults=off)
+        episode, world = run(stages, pair()[:1], polygons=[wall, end])
+        last = episode.perception["one"].glances[-1]
+        errors.append(float(np.linalg.norm(last.own.pose[:2] - last.truth.pose[:2])))
+        assert last.own.frame == world.senses["one"].estimator.at(2.0).frame
+    assert errors[1] < 0.03 < 2.0 * errors[1] + 0.03 < errors[0]
+
+
 def test_who_comes_and_goes_is_seen_while_there() -> None:
     times = np.array([0.0, 2.0, 4.0, 6.0])
     places = np.array([[np.nan] * 2, [4.0, -1.0], [4.0, 1.0], [np.nan] * 2])
@@ -209,6 +227,7 @@ def test_who_comes_and_goes_is_seen_while_there() -> None:
         ({"mechanics": "hover"}, "wanted one of physics, kinematic"),
         ({"noise": -1.0}, "cascade.noise is -1"),
         ({"rest": 0.0}, "cascade.rest is 0"),
+        ({"lidar": Lidar(rate=4.0)}, "more than two periods of lidar, 0.5 s"),
         ({"handover": "smoothed"}, "cascade.handover is 'smoothed'"),
     ],
     ids=lambda one: next(iter(one)) if isinstance(one, dict) else "",

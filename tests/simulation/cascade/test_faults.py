@@ -167,6 +167,14 @@ def test_stamps_that_are_late_put_obstacles_in_the_wrong_place() -> None:
     assert glance.sightings.time == pytest.approx(glance.truth.time + 0.3, abs=0.05)
 
 
+def test_scans_of_a_time_that_nobody_knows_stop_the_robot() -> None:
+    episode, seen = run(Faults(late_stamps=3.0), 2.0)
+    log = episode.perception["one"]
+    assert log.stops[0].reason.startswith("lidar: ") and log.stops[0].end == 2.0
+    assert standing(episode, 2.0) and not any(one.detections for one in seen)
+    assert any(reason.startswith("a scan is of a time") for reason in log.notes)
+
+
 @pytest.mark.parametrize(
     ("faults", "words"),
     [
