@@ -18,29 +18,52 @@ Get = Callable[[dict[str, Any]], Array]
 
 def packed(put: Put, log: PerceptionLog) -> dict[str, Any]:
     """Return a log as JSON, with the places of its arrays."""
-    glances = log.glances
-    words = sorted({word for one in glances for word in _words(one)})
+    words = sorted({word for one in log.glances for word in _words(one)})
     number = {word: index for index, word in enumerate(words)}
-    bodies = [body for one in glances for body in one.truth.bodies]
-    seen = [one.sightings for one in glances]
-    columns = {
+    columns = {**_whole(log.glances, number), **_parts(log.glances, number)}
+    return {
+        "words": words,
+        "notes": log.notes,
+        "stops": [[put((stop.begin, stop.end)), stop.reason] for stop in log.stops],
+        "columns": {name: put(values) for name, values in columns.items()},
+    }
+
+
+def _whole(glances: Sequence[Glance], number: dict[str, int]) -> dict[str, Array]:
+    """Return the columns that have one row per glance."""
+    return {
         "truth": _rows([(one.truth.time, *one.truth.pose, *one.truth.twist) for one in glances]),
-        "bodies": _rows([
-            (number[one.name], *one.position, *one.velocity, one.radius) for one in bodies
-        ]),
         "own": _rows([
             (one.own.time, number[one.own.frame], *one.own.mean, *one.own.covariance.ravel())
             for one in glances
         ]),
         "scans": _rows([
             (one.time, number[one.note], *((np.nan,) * 2 if one.origin is None else one.origin))
-            for one in seen
+            for one in (glance.sightings for glance in glances)
+        ]),
+        "counts": _rows([
+            (
+                len(one.truth.bodies), len(one.sightings.positions), len(one.obstacles),
+                len(one.sightings.static), len(one.points),
+            )
+            for one in glances
+        ]),
+    }  # fmt: skip
+
+
+def _parts(glances: Sequence[Glance], number: dict[str, int]) -> dict[str, Array]:
+    """Return the columns of which each glance has as many rows as its counts say."""
+    return {
+        "bodies": _rows([
+            (number[body.name], *body.position, *body.velocity, body.radius)
+            for one in glances
+            for body in one.truth.bodies
         ]),
         "sightings": _joined([
             np.column_stack([
                 one.times, one.radius, one.positions, one.covariance.reshape(-1, 4)
             ])
-            for one in seen
+            for one in (glance.sightings for glance in glances)
         ]),
         "obstacles": _rows([
             (
@@ -50,22 +73,9 @@ def packed(put: Put, log: PerceptionLog) -> dict[str, Any]:
             for one in glances
             for track in one.obstacles
         ]),
-        "static": _grains(one.static for one in seen),
+        "static": _grains(one.sightings.static for one in glances),
         "points": _grains(one.points for one in glances),
-        "counts": _rows([
-            (
-                len(one.truth.bodies), len(one.sightings.positions), len(one.obstacles),
-                len(one.sightings.static), len(one.points),
-            )
-            for one in glances
-        ]),
     }  # fmt: skip
-    return {
-        "words": words,
-        "notes": log.notes,
-        "stops": [[put((stop.begin, stop.end)), stop.reason] for stop in log.stops],
-        "columns": {name: put(values) for name, values in columns.items()},
-    }
 
 
 def unpacked(get: Get, stored: dict[str, Any]) -> PerceptionLog:
