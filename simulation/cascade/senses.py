@@ -195,14 +195,20 @@ class Senses:
     def _detect(self, scan: Scan, due: float) -> None:
         """Find obstacles in a scan; a tracker is told of them when they are due."""
         assert self._detector is not None, "scans are of use to a detector alone"
-        if len(scan.times) and abs(self.estimator.at(scan.stamp).time - scan.stamp) > SAME:
+        known = not len(scan.times) or self._known_at(scan.stamp)
+        if known or self._lost:  # where its own motion is lost that is reason enough to stand
+            self._watchdog.hear(scan)
+        if not known:
             self._note("a scan is of a time at which the robot's own pose is not known")
             return
-        self._watchdog.hear(scan)
         poses = poses_at(self.estimator, scan.times)
         sightings = self._detector.detect(scan, poses)
         self._note(sightings.note)
         self._coming.append((due, sightings, _points(scan, poses)))
+
+    def _known_at(self, time: float) -> bool:
+        """Whether the estimator can speak of a time, s."""
+        return abs(self.estimator.at(time).time - time) <= SAME
 
     def reports(self) -> tuple[Batch, ...]:
         """Return what the last scan has added for a controller to remember, oldest first."""

@@ -147,8 +147,8 @@ def test_a_gyroscope_that_errs_turns_the_robot_and_its_belief_apart() -> None:
 
 
 def test_late_detections_say_how_old_they_are() -> None:
-    soon, seen_soon = run(Faults(), 5.0)
-    late, seen_late = run(Faults(), 5.0, latency=0.3)
+    soon, seen_soon = run(Faults(), 5.0, handover="measured")
+    late, seen_late = run(Faults(), 5.0, handover="measured", latency=0.3)
     ages = [
         np.mean([d.age for one in seen[4:] for d in one.detections])
         for seen in (seen_soon, seen_late)
