@@ -43,7 +43,7 @@ class Crowds:
     """
 
     folder: str = "shipped:"
-    seconds: float = 60.0
+    seconds: float = 30.0
     seeds: tuple[int, ...] = (0,)
 
 

@@ -84,7 +84,7 @@ class Nearest(Tracker):
 
     Parameters
     ----------
-    acceleration_density : q, m^2/s^3. 0.1 suits people who walk and turn; a slow robot has 0.02.
+    acceleration_density : q, m^2/s^3. 0.2 suits people who walk and turn; a slow robot has 0.02.
     gate : of d^2; 13.8 lets 99.9 % of the right ones through.
     speed : m/s per axis, standard deviation of the first velocity.
     needed, window : sightings, scans.
@@ -102,7 +102,7 @@ class Nearest(Tracker):
 
     reference: ClassVar[str] = "blackman1999design"
 
-    acceleration_density: float = 0.1
+    acceleration_density: float = 0.2
     gate: float = 13.8
     speed: float = 1.0
     needed: int = 3

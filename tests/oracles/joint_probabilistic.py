@@ -47,7 +47,7 @@ class JointProbabilistic(Tracker):
     clutter : sightings of nobody per m^2.
     """
 
-    acceleration_density: float = 0.1
+    acceleration_density: float = 0.2
     speed: float = 1.0
     needed: int = 3
     window: int = 5
