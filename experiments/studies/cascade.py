@@ -61,7 +61,7 @@ COLUMNS = (
 )  # fmt: skip
 PERCEIVED = (
     "goal_error", "drift", "own_nees", "detection_error", "detection_nees", "track_error",
-    "speed_error", "track_nees", "identities", "false_tracks",
+    "speed_error", "track_nees", "track_coverage", "identities", "false_tracks", "stopped",
 )  # fmt: skip
 """Columns of the table whose mean over the episodes stands in the summary."""
 _SEED = 0
@@ -512,7 +512,11 @@ def draw_changes(drawn: Mapping[str, Mapping[str, Row]], against: str) -> Any:
     panels[0].set_yticks(range(len(names)), [name.replace("_", " ") for name in names])
     panels[0].set_ylim(len(names) - 0.5, -0.5)
     counts = [line["episodes"] for lines in drawn.values() for line in lines.values()]
-    told = [f"Change against {against}: mean over {counts[0]} seeds, intervals of 95 %."]
+    hit = sum(line["collisions"] for lines in drawn.values() for line in lines.values())
+    told = [
+        f"Change against {against}: mean over {counts[0]} seeds, intervals of 95 %; "
+        f"{hit} collisions in {sum(counts)} episodes."
+    ]
     if min(counts) >= ENOUGH:
         told += [fill(sentence(largest(place, lines)), 118) for place, lines in drawn.items()]
     else:

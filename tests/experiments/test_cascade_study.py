@@ -108,6 +108,16 @@ def test_quick_settings_keep_the_question() -> None:
     assert len(faults.played()) == 2 and faults.seeds == 1
 
 
+def test_routes_of_the_warehouse_meet_in_one_aisle() -> None:
+    study = shipped("warehouse")
+    walls = {wall.name: wall for wall in study.scenarios["aisle"].cast(0).polygons}
+    for seed in (0, 1):
+        for one in study.scenarios["aisle"].cast(seed).placements:
+            middle = one.path.points[np.abs(one.path.points[:, 0]) < 2.0]
+            assert (middle[:, 1] > walls["middle shelf"].points[:, 1].max()).all()
+            assert (middle[:, 1] < walls["upper shelf"].points[:, 1].min()).all()
+
+
 def rows_of(values: list[float], **others: Any) -> list[Row]:
     return [
         {"seed": i, "clearance": v, "time_s": 30.0 + v, "coverage": float("nan"),
