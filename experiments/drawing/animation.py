@@ -109,6 +109,7 @@ class _Frames:
         ]
         if beliefs:
             explain(self.figure, tail, scale)
+            self.figure.draw_without_rendering()  # the layout takes another round
         self.canvas.draw()
         self.figure.set_layout_engine("none")
         believed = [artist for one in self.onlookers for artist in one.moving]

@@ -20,7 +20,7 @@ from ...simulation.log.perception_log import Glance
 SCALES = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 """Ellipses are drawn as many times as large, so that they are seen."""
 LEGIBLE = 0.2
-"""m, semi-axis that ellipses have at most, as drawn, at the median."""
+"""m, semi-axis that nine of ten ellipses have at most, as drawn."""
 LATEST = 1.0
 """s, for which a belief is drawn after its scan."""
 MOST = 24
@@ -95,7 +95,7 @@ def magnified(beliefs: Beliefs, tail: float) -> float:
     if not spreads:
         return 1.0
     largest = np.linalg.eigvalsh(np.concatenate(spreads))[:, -1]
-    axis = float(np.sqrt(content_bound(2, tail) * np.median(largest)))
+    axis = float(np.sqrt(content_bound(2, tail) * np.quantile(largest, 0.9)))
     return max((scale for scale in SCALES if scale * axis <= LEGIBLE), default=1.0)
 
 
@@ -160,6 +160,8 @@ def explain(figure: Any, tail: float, scale: float) -> None:
     from matplotlib.patches import Patch
 
     (legend,) = figure.legends
+    width, height = figure.get_size_inches()
+    figure.set_size_inches(width, height + 0.45)
     handles = [*legend.legend_handles]
     words = [text.get_text() for text in legend.get_texts()]
     handles += [
