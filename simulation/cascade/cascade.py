@@ -11,9 +11,10 @@ from ...framework.values.arrays import positive
 from ...framework.values.errors import WideberthError
 from ..physics.body import LARGE, SkidSteerBody
 from ..physics.sensors import InertialUnit, Lidar, WheelEncoders
+from ..physics.slip import slip_of
 from .faults import Faults
 
-MECHANICS = ("physics", "kinematic")
+MECHANICS = ("physics", "slip", "kinematic")
 BODIES = {
     "small": SkidSteerBody(),
     "large": LARGE,
@@ -35,8 +36,9 @@ class Cascade:
     Parameters
     ----------
     body : of every robot, or its name in `BODIES`.
-    mechanics : "physics", wheels on a floor, which slip when the robot turns; or "kinematic", a
-        body that moves exactly as its smoother says.
+    mechanics : "physics", wheels on a floor, which slip when the robot turns; "slip", the model
+        that was fitted to it, without the jitter of the contacts; or "kinematic", a body that
+        moves exactly as its smoother says.
     lidar, encoders, imu : the sensors of every robot. The phase of each LiDAR is drawn.
     state : estimates the robot's own motion from encoders and IMU; None for the truth.
     detector : finds obstacles in scans; None for the true positions, with noise.
@@ -56,11 +58,12 @@ class Cascade:
 
     Raises
     ------
-    WideberthError : a number out of range, wheels that slip on a body without wheels.
+    WideberthError : a number out of range, wheels that slip on a body without wheels, a body
+        whose slip was never fitted.
     """
 
     body: str | SkidSteerBody = "large"
-    mechanics: Literal["physics", "kinematic"] = "physics"
+    mechanics: Literal["physics", "slip", "kinematic"] = "physics"
     lidar: Lidar = field(default_factory=Lidar)
     encoders: WheelEncoders = field(default_factory=WheelEncoders)
     imu: InertialUnit = field(default_factory=InertialUnit)
@@ -90,6 +93,8 @@ class Cascade:
             raise WideberthError(f"cascade.walls is {self.walls!r}; wanted known or seen")
         if self.walls == "seen" and self.detector is None:
             raise WideberthError("cascade.walls are seen in scans; give the cascade a detector")
+        if self.mechanics == "slip":
+            slip_of(self.mechanical_body)
         positive("cascade.noise", self.noise, zero=True)
         positive("cascade.latency", self.latency, zero=True)
         positive("cascade.rest", self.rest)

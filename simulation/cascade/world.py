@@ -22,7 +22,7 @@ from ..engine.settings import Settings
 from ..engine.world import Around, World
 from ..log.frames import RigidMotion
 from ..log.perception_log import Body, PerceptionLog, Stop, Truth
-from ..physics.kinematic import KinematicWorld
+from ..physics.kinematic import KinematicWorld, SlippingWorld
 from ..physics.scene import PhysicalPerson, PhysicalRobot, PhysicalScene
 from ..physics.sensors import Sensor
 from ..physics.world import TrueMotion
@@ -34,6 +34,8 @@ _HALT = Command((0.0, 0.0), ramp=0.5)
 """With 0.5 m/s that brakes at 1 m/s^2."""
 _ELSEWHERE = 1e4
 """m, where those are who are absent: no sensor sees so far."""
+WORLDS = {"physics": PhysicalWorld, "slip": SlippingWorld, "kinematic": KinematicWorld}
+"""World of each of the cascade's mechanics."""
 _LITTLE = 1e-3
 """s, over which the velocity of those who decide nothing is measured."""
 
@@ -160,8 +162,7 @@ class WheeledWorld(World):
             for row, one in enumerate(others)
         ]
         scene = PhysicalScene(tuple(robots), tuple(people), tuple(polygons))
-        world = KinematicWorld if self._cascade.mechanics == "kinematic" else PhysicalWorld
-        self._physics = world(scene, rng)
+        self._physics = WORLDS[self._cascade.mechanics](scene, rng)
         plants: list[Plant] = [
             KinematicPlant.at_start(agent)
             if agent.person

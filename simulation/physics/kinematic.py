@@ -1,4 +1,4 @@
-"""A world in which robots move exactly as they are told, seen by the same sensors."""
+"""Worlds in which robots are moved by a formula, seen by the same sensors."""
 
 from typing import final
 
@@ -17,3 +17,16 @@ class KinematicWorld(World):
     def _move(self, duration: float) -> None:
         for robot in self._robots.values():
             robot.carry(duration)
+
+
+@final
+class SlippingWorld(World):
+    """The same bodies, sensors and yaw-rate loop, on wheels that slip as `SlipModel` says.
+
+    That is the physics without the jitter of the contacts. Nothing stops a robot at a wall, and
+    contacts are not noted. A body without a fitted model is refused by the first `advance`.
+    """
+
+    def _move(self, duration: float) -> None:
+        for robot in self._robots.values():
+            robot.slide(duration)

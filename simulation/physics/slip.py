@@ -1,6 +1,7 @@
 """A fast model of a skid-steered robot whose wheels slip, in NumPy, fitted to the physics."""
 
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import final
 
 import numpy as np
@@ -100,6 +101,7 @@ class SlipModel:
         return pose + np.stack(step, axis=-1), steady + left_over * fading
 
 
+@cache
 def slip_of(body: SkidSteerBody) -> SlipModel:
     """Return the model that was fitted to a body in the physics; hull and yaw gain are its own.
 

@@ -18,6 +18,7 @@ from .library import collected_warnings, mujoco
 from .mjcf import HULL, SEEN, mjcf
 from .scene import PhysicalRobot, PhysicalScene
 from .sensors import BodyState, Sampler
+from .slip import slip_of
 
 TIPPED = np.radians(45.0)
 """rad from upright, beyond which a robot counts as pushed over."""
@@ -297,18 +298,41 @@ class _RobotInWorld:
     def carry(self, duration: float) -> None:
         """Move exactly as commanded, on an arc; the wheels turn as if they did not slip."""
         forward, turn = self.wheels.wanted
-        begin = self.motion(0.0).pose[2]
+        x, y, begin = self.motion(0.0).pose.tolist()
         heading = begin + turn * duration
         middle = 0.5 * (begin + heading)
         chord = forward * duration * np.sinc(0.5 * turn * duration / np.pi)
-        self._pose[:2] += chord * np.cos(middle), chord * np.sin(middle)
+        aside = 0.5 * self._body.track * turn
+        self._put(
+            (x + chord * np.cos(middle), y + chord * np.sin(middle), heading),
+            (forward, 0.0, turn), (forward - aside, forward + aside), duration,
+        )  # fmt: skip
+
+    def slide(self, duration: float) -> None:
+        """Move as the body's slip model says, with the wheels that the yaw-rate loop wants."""
+        left, right = self.wheels.wheel_speeds(self._gyro, duration)
+        rims = left * self._body.wheel_radius, right * self._body.wheel_radius
+        now = self.motion(0.0)
+        pose, twist = slip_of(self._body).moved(now.pose, now.twist, *rims, duration)
+        self._put(pose, twist, rims, duration)
+
+    def _put(
+        self,
+        pose: Sequence[float] | Array,
+        twist: Sequence[float] | Array,
+        rims: tuple[float, float],
+        duration: float,
+    ) -> None:
+        """Be somewhere upright at a velocity, with wheels that turned for a while."""
+        x, y, heading = pose
+        ahead, aside, turn = twist
+        cosine, sine = np.cos(heading), np.sin(heading)
+        self._pose[:2] = x, y
         self._pose[3:] = np.cos(0.5 * heading), 0.0, 0.0, np.sin(0.5 * heading)
         self._velocity[:] = (
-            forward * np.cos(heading), forward * np.sin(heading), 0.0, 0.0, 0.0, turn,
+            ahead * cosine - aside * sine, ahead * sine + aside * cosine, 0.0, 0.0, 0.0, turn,
         )  # fmt: skip
-        aside = 0.5 * self._body.track * turn
-        rims = np.array([forward - aside, forward - aside, forward + aside, forward + aside])
-        self._rates[:] = rims / self._body.wheel_radius
+        self._rates[:] = np.repeat(rims, 2) / self._body.wheel_radius
         self._angles += self._rates * duration
 
     def roll(self, rate: float) -> None:

@@ -30,6 +30,7 @@ from wideberth.simulation.engine.settings import Settings
 from wideberth.simulation.log.episode_log import Episode
 from wideberth.simulation.measures.perception import perception_row
 from wideberth.simulation.measures.summary import summarise
+from wideberth.simulation.physics.body import SkidSteerBody
 from wideberth.simulation.physics.sensors import Lidar
 from wideberth.simulation.scenarios.crossing import Crossing
 
@@ -224,7 +225,8 @@ def test_who_comes_and_goes_is_seen_while_there() -> None:
         ({"walls": "felt"}, "cascade.walls is 'felt'"),
         ({"walls": "seen"}, "give the cascade a detector"),
         ({"body": "larg"}, "did you mean 'large'"),
-        ({"mechanics": "hover"}, "wanted one of physics, kinematic"),
+        ({"mechanics": "hover"}, "wanted one of physics, slip, kinematic"),
+        ({"mechanics": "slip", "body": SkidSteerBody(mass=20.0)}, "no slip model was fitted"),
         ({"noise": -1.0}, "cascade.noise is -1"),
         ({"rest": 0.0}, "cascade.rest is 0"),
         ({"lidar": Lidar(rate=4.0)}, "more than two periods of lidar, 0.5 s"),

@@ -10,11 +10,13 @@ from scipy.integrate import solve_ivp
 
 from wideberth import WideberthError
 from wideberth.framework.values.motion import Twist
+from wideberth.framework.values.sensing import WheelSample
 from wideberth.simulation.physics.body import LARGE, SkidSteerBody
 from wideberth.simulation.physics.calibration import fitted, measured, suggested_yaw_gain
 from wideberth.simulation.physics.drive import WheelDrive
+from wideberth.simulation.physics.kinematic import SlippingWorld
 from wideberth.simulation.physics.scene import PhysicalRobot, PhysicalScene
-from wideberth.simulation.physics.sensors import InertialUnit
+from wideberth.simulation.physics.sensors import InertialUnit, WheelEncoders
 from wideberth.simulation.physics.slip import SlipModel, slip_of
 from wideberth.simulation.physics.world import World
 
@@ -125,6 +127,38 @@ def test_unseen_drives_end_where_they_end_in_the_physics(
         assert np.hypot(*error[:2]) < 0.05 * way
         assert abs(np.angle(np.exp(1j * error[2]))) < 0.1
     assert (np.sqrt(np.mean(np.square(off), axis=0)) < (0.015, 0.015, 0.03)).all()
+
+
+@pytest.mark.parametrize("looped", [False, True], ids=["open", "yaw-rate loop"])
+def test_a_world_of_the_model_moves_and_senses_as_it(*, looped: bool) -> None:
+    pytest.importorskip("mujoco", reason="pip install 'wideberth[physics]'")
+    quiet = InertialUnit(rate=250.0, rate_deviation=0.0, rate_bias=0.0, rate_walk=0.0)
+    sensors = (WheelEncoders(rate=250.0), *((quiet,) if looped else ()))
+    start = np.array([1.0, 2.0, 0.7])
+    robot = PhysicalRobot("a", LARGE, start, sensors)
+    world = SlippingWorld(PhysicalScene((robot,)), np.random.default_rng(0))
+    model, drive, angle = slip_of(LARGE), WheelDrive(LARGE), 0.0
+    pose, twist, gyro = start, np.zeros(3), None  # nothing is read before the first step
+    for turn in (0.2, -0.3):
+        command = Twist((0.5, 0.0), turn)
+        world.command("a", command)
+        drive.command(command, 0.0)
+        world.advance(1.0)
+        for _ in range(250):
+            left, right = drive.wheel_speeds(gyro, 0.004)
+            rims = LARGE.wheel_radius * left, LARGE.wheel_radius * right
+            pose, twist = model.moved(pose, twist, *rims, 0.004)
+            gyro = float(twist[2]) if looped else None
+            angle += left * 0.004
+        truth = world.truth("a")
+        assert truth.pose == pytest.approx(pose, abs=1e-6)
+        assert truth.twist == pytest.approx(twist, abs=1e-6)
+        wheels = [one for one in world.samples_due()["a"] if isinstance(one, WheelSample)]
+        assert wheels[-1].angles[0] == pytest.approx(angle, abs=0.001)
+    strange = PhysicalRobot("b", replace(LARGE, mass=70.0))
+    other = SlippingWorld(PhysicalScene((strange,)), np.random.default_rng(0))
+    with pytest.raises(WideberthError, match="no slip model was fitted"):
+        other.advance(0.1)
 
 
 def test_a_body_that_was_not_measured_is_refused() -> None:
