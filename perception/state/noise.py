@@ -38,8 +38,8 @@ class MotionNoise:
     WideberthError : a number that is negative; a measurement without noise.
     """
 
-    position: float = 4e-5
-    heading: float = 3e-6
+    position: float = 4.5e-5
+    heading: float = 3.5e-6
     speed: float = 0.05
     lateral_speed: float = 2e-4
     yaw_rate: float = 0.02
@@ -71,7 +71,7 @@ class MotionNoise:
 
 SETTINGS: dict[str, MotionNoise] = {
     "small": MotionNoise(),
-    "large": MotionNoise(position=1e-4, heading=1e-5, wheels=0.009, jitter=0.012),
+    "large": MotionNoise(position=6e-5, heading=6e-6, wheels=0.009, jitter=0.012),
     "robot_localization": MotionNoise(
         position=0.05, heading=0.06, speed=0.025, lateral_speed=0.025, yaw_rate=0.02,
         acceleration=0.01, bias_walk=0.0, start=1e-9, start_speed=1e-9, start_acceleration=1e-9,

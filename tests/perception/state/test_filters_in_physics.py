@@ -1,4 +1,4 @@
-"""The extended filter on a robot in MuJoCo: NEES in its band, drift below a percent."""
+"""The filters on robots in MuJoCo: NEES in its band, drift below a percent."""
 
 import numpy as np
 import pytest
@@ -8,19 +8,29 @@ from wideberth.framework.plugins.config import build
 from wideberth.framework.values.motion import Twist
 from wideberth.framework.values.sensing import InertialSample
 
+FILTERS = ("ekf", "ukf")
 
-def errors(run, seconds):
-    """Drive with a new speed and yaw rate every 4 s; return NEES over time and drift per way."""
+
+def errors(run, seconds, noise):
+    """Drive with a new speed and yaw rate every 4 s; return per filter NEES and drift per way.
+
+    NEES of the pose and of forward speed and yaw rate, both means over time.
+    """
+    from wideberth.simulation.physics.body import LARGE, SkidSteerBody
     from wideberth.simulation.physics.scene import PhysicalRobot, PhysicalScene
     from wideberth.simulation.physics.sensors import InertialUnit, WheelEncoders
     from wideberth.simulation.physics.world import World
 
     rng = np.random.default_rng([21, run])
+    body = LARGE if noise == "large" else SkidSteerBody()
     sensors = WheelEncoders(phase=float(rng.uniform(0.0, 0.01))), InertialUnit()
-    world = World(PhysicalScene(robots=(PhysicalRobot("robot", sensors=sensors),)), rng)
-    estimator = build("state_estimators", "ekf")
-    estimator.reset(np.zeros(3), 0.0)
-    wanted, given, way, found, rest = np.zeros(2), np.zeros(2), 0.0, [], []
+    world = World(PhysicalScene(robots=(PhysicalRobot("robot", body, sensors=sensors),)), rng)
+    settings = {"wheel_radius": body.wheel_radius, "noise": noise}
+    estimators = [build("state_estimators", {"type": name, **settings}) for name in FILTERS]
+    for one in estimators:
+        one.reset(np.zeros(3), 0.0)
+    wanted, given, way, rest = np.zeros(2), np.zeros(2), 0.0, []
+    found = [[] for _ in FILTERS]
     for step in range(round(50 * (2.0 + seconds))):
         if step >= 100 and step % 200 == 100:
             wanted = np.array([rng.uniform(0.2, 0.6), rng.uniform(-0.3, 0.3)])
@@ -29,25 +39,46 @@ def errors(run, seconds):
         world.command("robot", Twist((given[0], 0.0), given[1]), gyro_bias=bias)
         world.advance(0.02)
         for sample in world.samples_due()["robot"]:
-            assert not estimator.take(sample)
+            for one in estimators:
+                one.take(sample)
             if step < 100 and isinstance(sample, InertialSample):
                 rest.append(sample.yaw_rate)
         truth = world.truth("robot")
         way += 0.02 * abs(truth.twist[0])
         if step > 100 and step % 25 == 0:
-            estimate = estimator.at(truth.time)
-            off = estimate.pose - truth.pose
-            off[2] = np.angle(np.exp(1j * off[2]))
-            found.append(off @ np.linalg.solve(estimate.covariance[:3, :3], off))
-    return np.mean(found), np.hypot(*off[:2]) / way
+            for place, one in enumerate(estimators):
+                found[place].append(nees(one.at(truth.time), truth))
+    apart = [np.hypot(*(one.at(truth.time).pose - truth.pose)[:2]) for one in estimators]
+    means = np.mean(found, axis=1)
+    return np.column_stack([means, np.array(apart) / way])
+
+
+def nees(estimate, truth):
+    """Return squared Mahalanobis distances: of the pose, and of forward speed and yaw rate."""
+    off = estimate.mean - np.concatenate([truth.pose, truth.twist])
+    off[2] = np.angle(np.exp(1j * off[2]))
+    parts = ([0, 1, 2], [3, 5])
+    covariances = (estimate.covariance[np.ix_(part, part)] for part in parts)
+    return [
+        off[part] @ np.linalg.solve(covariance, off[part])
+        for part, covariance in zip(parts, covariances, strict=True)
+    ]
 
 
 @pytest.mark.parametrize(
-    ("runs", "seconds"), [(8, 20.0), pytest.param(50, 40.0, marks=pytest.mark.slow)]
+    ("noise", "runs", "seconds"),
+    [
+        ("small", 8, 20.0),
+        pytest.param("small", 50, 40.0, marks=pytest.mark.slow),
+        pytest.param("large", 50, 40.0, marks=pytest.mark.slow),
+    ],
 )
-def test_nees_and_drift(runs, seconds):
+def test_nees_and_drift(noise, runs, seconds):
     pytest.importorskip("mujoco", reason="pip install 'wideberth[physics]'")
-    nees, drift = np.array([errors(run, seconds) for run in range(runs)]).T
-    low, high = chi2.ppf([0.025, 0.975], 3 * runs) / runs
-    assert low < nees.mean() < high, nees.mean()
-    assert drift.mean() < 0.01, drift
+    every = np.array([errors(run, seconds, noise) for run in range(runs)])
+    for name, (pose, twist, drift) in zip(FILTERS, every.mean(axis=0), strict=True):
+        for value, size in ((pose, 3), (twist, 2)):
+            low, high = chi2.ppf([0.025, 0.975], size * runs) / runs
+            assert low < value < high, (name, size, value)
+        assert drift < 0.01, (name, drift)
+    assert np.abs(every[:, 0] - every[:, 1]).max() < 0.1  # the model is almost linear
