@@ -43,8 +43,7 @@ class Cascade:
     state : estimates the robot's own motion from encoders and IMU; None for the truth.
     detector : finds obstacles in scans; None for the true positions, with noise.
     tracker : gives them identities and velocities; None for the true identities.
-    handover : what a controller is told of tracked obstacles, see `Handover`. With "filtered" the
-        forecasts hold what they promise for boxes too, whose detections err alike for seconds.
+    handover : what a controller is told of tracked obstacles, see `Handover`.
     walls : where a controller's polygons come from. "known": they are those of the episode, in the
         robot's own frame, as on a map; drift of the own pose shifts the robot among them, which
         `scan_matching` prevents. "seen": they lie behind what its last scan met that stands

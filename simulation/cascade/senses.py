@@ -1,5 +1,6 @@
 """What one robot perceives and believes, from its samples to its observation."""
 
+import re
 from collections.abc import Sequence
 from copy import deepcopy
 from typing import final
@@ -32,6 +33,8 @@ STILL = 2e-3
 """rad between two samples of a wheel that stands: a tick of its encoder."""
 SAME = 1e-3
 """s by which an estimate may be of another time than was asked for."""
+NUMBERS = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?")
+"""In a note; notes that differ by them alone are of one kind."""
 AGAIN = "the gyroscope is calibrated anew"
 
 
@@ -302,7 +305,7 @@ class Senses:
 
     def _note(self, reason: str) -> None:
         if reason:
-            kind = reason.split(":")[0]
+            kind = NUMBERS.sub("...", reason)
             self.notes[kind] = self.notes.get(kind, 0) + 1
 
 

@@ -130,7 +130,7 @@ class PerceptionLog:
     Attributes
     ----------
     glances : one per scan, in order; the first ones lie before time 0, while it stood.
-    notes : why samples and scans gave less than they should -> how often.
+    notes : why samples and scans gave less than they should, "..." for numbers -> how often.
     stops : when it was stopped for its own safety, and why.
     """
 

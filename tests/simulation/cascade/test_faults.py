@@ -122,6 +122,7 @@ def test_a_clock_that_is_set_stops_the_robot_until_it_knows_its_motion(jump: flo
     assert abs(last.own.time - last.truth.time) < 0.01
     assert np.linalg.norm(last.own.pose[:2] - last.truth.pose[:2]) < 0.5  # the way of braking
     assert all(0.0 <= d.age < 1.0 for one in seen for d in one.detections)
+    assert log.notes and len(log.notes) < 10  # hundreds of samples came at a wrong time
 
 
 def test_a_robot_that_is_pushed_over_stays_where_it_lies() -> None:
