@@ -34,7 +34,11 @@ _HALT = Command((0.0, 0.0), ramp=0.5)
 """With 0.5 m/s that brakes at 1 m/s^2."""
 _ELSEWHERE = 1e4
 """m, where those are who are absent: no sensor sees so far."""
-WORLDS = {"physics": PhysicalWorld, "slip": SlippingWorld, "kinematic": KinematicWorld}
+WORLDS: dict[str, type[PhysicalWorld]] = {
+    "physics": PhysicalWorld,
+    "slip": SlippingWorld,
+    "kinematic": KinematicWorld,
+}
 """World of each of the cascade's mechanics."""
 _LITTLE = 1e-3
 """s, over which the velocity of those who decide nothing is measured."""

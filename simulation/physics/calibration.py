@@ -6,13 +6,14 @@ from typing import final
 
 import numpy as np
 
+from ...framework.values.arrays import Array
 from ...framework.values.motion import Twist
 from .body import SkidSteerBody
 from .scene import Cone, PhysicalRobot, PhysicalScene
 from .slip import SlipModel
 from .world import World
 
-HEADINGS = np.pi / 2.0 * np.arange(4) / 4.0
+HEADINGS: Array = np.linspace(0.0, 0.5 * np.pi, 4, endpoint=False)
 """rad, in the world, at which a motion is begun: friction repeats itself after a quarter turn."""
 SPEEDS = (0.0, 0.25, 0.5, 1.0)
 """m/s."""
