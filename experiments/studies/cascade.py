@@ -465,7 +465,7 @@ def sentence(rows: Sequence[Row]) -> str:
     if silent:
         parts.append(f"not changed beyond chance: {', '.join(silent)}")
     place = f"{rows[0]['place']}, " if rows[0]["place"] else ""
-    return f"{place}{'. '.join(parts)}."
+    return f"{place}{'; '.join(parts)}."
 
 
 def _short(row: Row) -> str:
