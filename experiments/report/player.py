@@ -469,7 +469,7 @@ def _forecasts(episode: Episode, log: AgentLog, plan: Plan, shown: Shown) -> lis
             {
                 "name": name,
                 "weight": _number(forecast.weight[owner, mode]),
-                "radius": episode.agent(name).radius,
+                "radius": _radius(episode, plan, int(owner)),
                 "mean": _columns(mean[i]),
                 "ellipses": [_columns(shape[i]) for shape in shapes],
                 "held": series(_held(plan, name, size, bound)[steps]),
@@ -480,6 +480,14 @@ def _forecasts(episode: Episode, log: AgentLog, plan: Plan, shown: Shown) -> lis
             }
         )
     return entries
+
+
+def _radius(episode: Episode, plan: Plan, owner: int) -> float:
+    """Radius of a tracked obstacle, m; of a false track what the robot took it for."""
+    names = [log.name for log in episode.agents]
+    if plan.situation is not None and plan.tracked[owner] not in names:
+        return float(plan.situation.radii[owner])
+    return episode.agent(plan.tracked[owner]).radius
 
 
 def ellipses(spread: Array, bound: float) -> Array:

@@ -21,6 +21,7 @@ from wideberth.experiments.drawing.episodes import draw_views
 from wideberth.experiments.engine.base import Row
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.report.player import content
 from wideberth.experiments.studies.cascade import (
     MEASURES,
     CascadeStudy,
@@ -209,6 +210,21 @@ def test_views_and_film_show_what_is_believed(episode: Episode) -> None:
     film = animate(episode, tail=0.05, rate=2.0, seconds_per_second=20.0)
     bare = animate(replace(episode, perception={}), tail=0.05, rate=2.0, seconds_per_second=20.0)
     assert film[:6] == b"GIF89a" and film != bare
+
+
+def test_a_false_track_is_in_the_player_with_the_size_it_was_taken_for(episode: Episode) -> None:
+    agents = tuple(
+        replace(log, name="stranger") if log.name == "upper" else log for log in episode.agents
+    )
+    stored = content(replace(episode, agents=agents), 0.05)
+    radii = {
+        entry["radius"]
+        for agent in stored["agents"]
+        for plan in agent.get("plans", ())
+        for entry in plan["forecast"]
+        if entry["name"] == "upper"
+    }
+    assert radii and min(radii) > 0.7 and max(radii) < 0.8
 
 
 @pytest.mark.parametrize(
