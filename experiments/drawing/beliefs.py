@@ -192,17 +192,19 @@ class Onlooker:
         from matplotlib.collections import PolyCollection
         from matplotlib.patheffects import withStroke
 
-        self.beliefs, self.tail, self.scale = beliefs, tail, scale
-        (self.points,) = panel.plot([], [], zorder=2.9, **{**SCAN, "color": colour})
-        self.bodies = PolyCollection(
+        self._beliefs, self._tail, self._scale = beliefs, tail, scale
+        (self._points,) = panel.plot([], [], zorder=2.9, **{**SCAN, "color": colour})
+        self._bodies = PolyCollection(
             [], facecolor="none", edgecolor=colour, linewidth=1.0, linestyle=(0, (3, 1.5))
         )
-        self.spreads = PolyCollection([], facecolor=(colour, 0.3), edgecolor=colour, linewidth=0.7)
-        for one in (self.bodies, self.spreads):
+        self._spreads = PolyCollection(
+            [], facecolor=(colour, 0.3), edgecolor=colour, linewidth=0.7
+        )
+        for one in (self._bodies, self._spreads):
             panel.add_collection(one, autolim=False)
         stroke = [withStroke(linewidth=1.5, foreground="white")]
         most = max((len(one.idents) for one in beliefs), default=0)
-        self.words = [
+        self._words = [
             panel.text(0.0, 0.0, "", color=colour, fontsize=7, ha="center", va="bottom",
                        path_effects=stroke, clip_on=True)
             for _ in range(min(most, MOST))
@@ -211,16 +213,16 @@ class Onlooker:
     @property
     def moving(self) -> list[Any]:
         """All artists that change, from back to front."""
-        return [self.bodies, self.spreads, self.points, *self.words]
+        return [self._bodies, self._spreads, self._points, *self._words]
 
     def show(self, time: float) -> None:
         """Bring the artists to a time, s."""
-        belief = belief_at(self.beliefs, time)
-        self.points.set_data(*(np.zeros((2, 0)) if belief is None else belief.points.T))
-        self.bodies.set_verts([] if belief is None else discs(belief))
-        self.spreads.set_verts([] if belief is None else rims(belief, self.tail, self.scale))
+        belief = belief_at(self._beliefs, time)
+        self._points.set_data(*(np.zeros((2, 0)) if belief is None else belief.points.T))
+        self._bodies.set_verts([] if belief is None else discs(belief))
+        self._spreads.set_verts([] if belief is None else rims(belief, self._tail, self._scale))
         idents = () if belief is None else belief.idents
-        for i, word in enumerate(self.words):
+        for i, word in enumerate(self._words):
             word.set_text(f"track {idents[i]}" if i < len(idents) else "")
             if belief is not None and i < len(idents):
                 word.set_position(belief.places[i] + np.array([0.0, belief.radii[i]]))

@@ -455,17 +455,16 @@ def largest(place: str, lines: Mapping[str, Row]) -> list[Row]:
 def sentence(rows: Sequence[Row]) -> str:
     """Say what matters most, from the rows of `largest` of one place."""
     told = [
-        f"{_short(row)} by {row['case']}, {_signed(row['change'])} "
+        f"{row['case']} changes {_short(row)} most, by {_signed(row['change'])} "
         f"({_signed(row['change_low'])} to {_signed(row['change_high'])})"
         for row in rows
         if row["case"]
     ]
     silent = [_short(row) for row in rows if not row["case"]]
-    parts = [f"changed most: {'; '.join(told)}"] if told else []
     if silent:
-        parts.append(f"not changed beyond chance: {', '.join(silent)}")
-    place = f"{rows[0]['place']}, " if rows[0]["place"] else ""
-    return f"{place}{'; '.join(parts)}."
+        told.append(f"nothing changes {' or '.join(silent)} beyond chance")
+    place = f"{rows[0]['place']}: " if rows[0]["place"] else ""
+    return f"{place}{'; '.join(told)}."
 
 
 def _short(row: Row) -> str:

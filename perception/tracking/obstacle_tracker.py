@@ -113,7 +113,7 @@ class ObstacleTracker(Tracker):
             axis = moved @ track.covariance @ moved.T + growth
             state = (moved @ track.state[:, :2]).ravel()
             radius = max(float(track.state[0, 2]), 0.0)
-            spread = np.kron(0.5 * (axis + axis.T), np.eye(2))
+            spread = np.asarray(np.kron(0.5 * (axis + axis.T), np.eye(2)), dtype=np.float64)
             found.append(TrackedObstacle(track.ident, time, state, spread, radius, track.seen))
         return tuple(found)
 

@@ -156,8 +156,8 @@ def test_what_matters_most_is_beyond_chance() -> None:
     }
     told = sentence(largest("crossing", lines))
     assert told == (
-        "crossing, changed most: clearance by sure, \u22120.2 (\u22120.3 to \u22120.1); not "
-        "changed beyond chance: time, coverage, level given up."
+        "crossing: sure changes clearance most, by \u22120.2 (\u22120.3 to \u22120.1); nothing "
+        "changes time or coverage or level given up beyond chance."
     )
 
 
