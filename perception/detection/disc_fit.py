@@ -14,6 +14,8 @@ RIDGE = 1e-6
 """Added to the normal equations: points in one direction alone leave the other one open."""
 SURE = 2.33
 """Standard normal quantile of 0.99: residuals beyond it are no noise of the sensor alone."""
+FAINT = 0.002
+"""m, of a residual that tells no body from another, however exact the sensor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,10 +26,12 @@ class DiscFit:
     ----------
     centre : (2,), m.
     covariance : (2, 2), m^2, of the centre.
+    surprise : -2 ln of the likelihood of the residuals, but for a constant.
     """
 
     centre: Array
     covariance: Array
+    surprise: float
 
 
 def fit_disc(
@@ -72,7 +76,9 @@ def fit_disc(
     inverse = 0.5 * (inverse + inverse.T)
     spread = inverse @ (normal.T * noise) @ normal @ inverse
     spread = spread + _misfit(residual, noise) * np.eye(2)
-    return DiscFit(centre, 0.5 * (spread + spread.T))
+    blurred = noise + FAINT**2
+    surprise = float((residual**2 / blurred + np.log(blurred)).sum())
+    return DiscFit(centre, 0.5 * (spread + spread.T), surprise)
 
 
 def _normals(points: Array, centre: Array, radius: float) -> tuple[Array, Array]:

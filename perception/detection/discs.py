@@ -1,6 +1,6 @@
 """Discs of a known radius, fitted to groups of neighbouring points."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, Literal, final
 
 import numpy as np
@@ -9,7 +9,7 @@ from ...framework.detector import Detector
 from ...framework.values.arrays import Array, positive, whole
 from ...framework.values.errors import WideberthError
 from ...framework.values.sensing import Scan, Sightings
-from .disc_fit import Shape, box, cylinder, fit_disc
+from .disc_fit import DiscFit, Shape, box, cylinder, fit_disc
 from .groups import (
     at_notches,
     by_density,
@@ -26,12 +26,14 @@ NOTCH = 0.05
 """m, least depth of a notch that splits a group, where the noise makes none as deep."""
 VAGUEST = 1.0
 """m, largest standard deviation of a centre that is of use."""
+UNLIKELY = 0.05
+"""Share below which a shape does not make a body larger."""
 
 
 @final
 @dataclass(eq=False)
 class Discs(Detector):
-    """Finds bodies of a known shape: groups of points, and a disc fitted to each.
+    """Finds bodies of known shapes: groups of points, and a disc fitted to each.
 
     A group of up to two bodies' width is split where its outline goes back between them
     (`at_notches`). What is wider than the body by more than `SLACK` is a wall: its points are
@@ -40,10 +42,19 @@ class Discs(Detector):
     heading does to the centre. That error stays for seconds, while the body keeps its heading, so
     that no filter can average it away: `Sightings.lasting` says how large it is.
 
+    Where a body may have one of several shapes k, each is fitted. With the likelihoods L_k of the
+    points the centre is handed on as the mixture that all are equally likely to be, by its mean
+    and covariance::
+
+        w_k = L_k / sum L        c = sum w_k c_k        C = sum w_k (C_k + (c_k - c) (c_k - c)^T)
+
+    Near bodies are told apart; of far ones, met by a few beams, C says that they are not. The
+    radius is the largest of those that are not `UNLIKELY`.
+
     Parameters
     ----------
-    shape : (radius,) of a cylinder, or (half length, half width) of a box, m. All that moves is
-        taken for it.
+    shape : (radius,) of a cylinder, or (half length, half width) of a box, m.
+    others : further shapes, each given likewise. All that moves is taken for one of them.
     groups : "gap" splits the points where neighbours are apart (`by_gap`); "density" clusters
         them by DBSCAN (`by_density`; needs scikit-learn), which does not mind their order, but
         loses bodies whose points are more than 0.3 m apart.
@@ -62,20 +73,15 @@ class Discs(Detector):
     reference: ClassVar[str] = "przybyla2017detection"
 
     shape: tuple[float, ...] = (0.3,)
+    others: tuple[tuple[float, ...], ...] = ()
     groups: Literal["gap", "density"] = "gap"
     gap: float = 0.1
     fewest: int = 3
     drift: float = 0.001
     turn: float = 0.0005
-    _shape: Shape = field(init=False, repr=False)
+    _shapes: tuple[Shape, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        if len(self.shape) not in (1, 2):
-            raise WideberthError(
-                f"discs.shape is {self.shape!r}; wanted (radius,) or (half length, half width)"
-            )
-        for size in self.shape:
-            positive("discs.shape", size)
         positive("discs.gap", self.gap)
         positive("discs.drift", self.drift, zero=True)
         positive("discs.turn", self.turn, zero=True)
@@ -84,7 +90,7 @@ class Discs(Detector):
             raise WideberthError(f"discs.groups is {self.groups!r}; wanted gap or density")
         if self.groups == "density":
             density_library()
-        self._shape = cylinder(*self.shape) if len(self.shape) == 1 else box(*self.shape)
+        self._shapes = tuple(_shape(sizes) for sizes in (self.shape, *self.others))
 
     def reset(self) -> None:
         """Do nothing: each scan stands for itself."""
@@ -94,15 +100,16 @@ class Discs(Detector):
         hits, note = hits_of(scan, poses)
         found: list[tuple[Array, Array, float, float]] = []
         static = [np.zeros((0, 2))]
+        widest = 2.0 * max(shape.radius for shape in self._shapes)
         for whole_group in by_gap(hits, self.gap) if self.groups == "gap" else by_density(hits):
-            if width(hits.points[whole_group]) > 4.0 * self._shape.radius + SLACK:
+            if width(hits.points[whole_group]) > 2.0 * widest + SLACK:
                 static.append(hits.points[whole_group])
                 continue
             depth = max(NOTCH, deepest_of_noise(len(whole_group)) * scan.deviation)
             for index in at_notches(hits, whole_group, depth):
                 group = hits.select(index)
                 extent = width(group.points)
-                if extent > 2.0 * self._shape.radius + SLACK:
+                if extent > widest + SLACK:
                     static.append(group.points)
                 elif len(group) >= self.fewest:
                     found += self._disc(group, scan.deviation, extent)
@@ -117,20 +124,52 @@ class Discs(Detector):
             note,
             np.reshape(times, count),
             hits.sensor,
-            self._shape.lasting,
+            max(shape.lasting for shape in self._shapes),
         )
 
     def _disc(
         self, group: Hits, deviation: float, extent: float
     ) -> list[tuple[Array, Array, float, float]]:
         """Return centre, covariance, radius and time of one body; none where it is too vague."""
-        shape = self._shape
+        shapes = [one for one in self._shapes if extent <= 2.0 * one.radius + SLACK]
+        fits = [self._fitted(group, deviation, shape) for shape in shapes]
+        surprise = np.array([fit.surprise for fit in fits])
+        weights = np.exp(-0.5 * (surprise - surprise.min()))
+        weights = weights / weights.sum()
+        centre = weights @ np.array([fit.centre for fit in fits])
+        spread = np.zeros((2, 2))
+        for weight, fit in zip(weights, fits, strict=True):
+            off = fit.centre - centre
+            spread = spread + weight * (fit.covariance + np.outer(off, off))
+        if np.linalg.eigvalsh(spread)[-1] > VAGUEST**2:
+            return []
+        likely = max(
+            shape.radius
+            for weight, shape in zip(weights, shapes, strict=True)
+            if weight >= UNLIKELY
+        )
+        return [(centre, spread, max(likely, 0.5 * extent), float(group.times.mean()))]
+
+    def _fitted(self, group: Hits, deviation: float, shape: Shape) -> DiscFit:
+        """Return the fit of one shape, with all that makes its centre uncertain."""
         fit = fit_disc(group.points, group.origins, shape.fitted, deviation, shape.rough)
         sight = fit.centre - group.origins.mean(axis=0)
         aside = self.turn * np.array([-sight[1], sight[0]])
         spread = fit.covariance + self.drift**2 * np.eye(2) + np.outer(aside, aside)
-        spread = spread + shape.spread(sight)
-        if np.linalg.eigvalsh(spread)[-1] > VAGUEST**2:
-            return []
-        radius = max(shape.radius, 0.5 * extent)
-        return [(fit.centre, spread, radius, float(group.times.mean()))]
+        return replace(fit, covariance=spread + shape.spread(sight))
+
+
+def _shape(sizes: tuple[float, ...]) -> Shape:
+    """Return the shape of a cylinder or a box.
+
+    Raises
+    ------
+    WideberthError : other sizes.
+    """
+    if len(sizes) not in (1, 2):
+        raise WideberthError(
+            f"discs.shape is {sizes!r}; wanted (radius,) or (half length, half width)"
+        )
+    for size in sizes:
+        positive("discs.shape", size)
+    return cylinder(*sizes) if len(sizes) == 1 else box(*sizes)

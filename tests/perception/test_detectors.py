@@ -433,3 +433,32 @@ def test_the_oracle_of_rays() -> None:
     square = box_corners(np.array([0.0, 5.0]), (1.0, 1.0), 0.0)
     ranges = cast(poses, bearings, [([4.0, 0.0], 1.0)], [square])
     np.testing.assert_allclose(ranges, [3.0, np.inf, 4.0])
+
+
+@pytest.mark.parametrize("radius", [0.3, 0.75])
+def test_bodies_of_several_sizes(radius: float) -> None:
+    """Near ones are told apart; a detector of one size finds the other one elsewhere."""
+    both, rng, poses = Discs(shape=(0.75,), others=((0.3,),)), np.random.default_rng(5), STANDING
+    other = Discs(shape=(1.05 - radius,))
+    for bearing in rng.uniform(-np.pi, np.pi, 20):
+        centre = away(rng.uniform(2.0, 6.0), bearing)
+        scan = scan_of(poses, rng, [(centre, radius)])
+        seen, elsewhere = both.detect(scan, poses), other.detect(scan, poses)
+        assert seen.radius == pytest.approx([radius], abs=0.03)
+        assert np.linalg.norm(seen.positions[0] - centre) < 0.05
+        assert (np.linalg.norm(elsewhere.positions - centre, axis=1) > 0.2).all()
+
+
+@pytest.mark.parametrize("distance", [3.0, 7.0, 11.0])
+@pytest.mark.parametrize("radius", [0.3, 0.75])
+def test_covariance_of_bodies_of_several_sizes(radius: float, distance: float) -> None:
+    """It is honest, and says of far bodies that their size is unknown."""
+    both = Discs(shape=(0.75,), others=((0.3,),))
+    _, squares = errors(both, distance, 80, 7, radius)
+    assert len(squares) >= 75
+    assert squares.mean() < 3.2
+
+
+def test_a_second_shape_that_is_none() -> None:
+    with pytest.raises(WideberthError, match=r"discs.shape is \(\); wanted"):
+        Discs(others=((),))
