@@ -39,6 +39,13 @@ SetPlugin = Annotated[
     list[str] | None,
     typer.Option("--set", help="KEY=VALUE of the plug-in, as in base.window=2; repeatable."),
 ]
+KeptEpisode = Annotated[
+    str,
+    typer.Argument(
+        help="An episode (files/*.npz), a result's folder, or its config's name.",
+        autocompletion=completing.results,
+    ),
+]
 Out = Annotated[Path | None, typer.Option(help="Folder of the result; results/NAME by default.")]
 Workers = Annotated[int, typer.Option(help="Processes; the result does not depend on it.")]
 Quick = Annotated[bool, typer.Option("--quick", help="A reduced version, in seconds.")]
@@ -558,13 +565,7 @@ def report(
 
 @app.command(no_args_is_help=True)
 def play(
-    episode: Annotated[
-        str,
-        typer.Argument(
-            help="An episode (files/*.npz), a result's folder, or its config's name.",
-            autocompletion=completing.results,
-        ),
-    ],
+    episode: KeptEpisode,
     out: Annotated[
         Path | None, typer.Option(help="HTML file; the episode's name by default.")
     ] = None,
@@ -594,13 +595,7 @@ def play(
 
 @app.command(no_args_is_help=True)
 def film(
-    episode: Annotated[
-        str,
-        typer.Argument(
-            help="An episode (files/*.npz), a result's folder, or its config's name.",
-            autocompletion=completing.results,
-        ),
-    ],
+    episode: KeptEpisode,
     out: Annotated[
         Path | None, typer.Option(help=".gif, or .mp4 with ffmpeg; NAME.gif by default.")
     ] = None,
