@@ -146,10 +146,11 @@ def own_state(file: Path) -> None:
     for wall in walls:
         plane.fill(*wall.points.T, color="0.7")
     plane.plot(*run.truth[:, :2].T, color="k", linewidth=1.0, label="truth")
-    for name, settings, colour in (
-        ("ekf, robot_localization", {"type": "ekf", "noise": "robot_localization"}, "#cc79a7"),
-        ("ekf, small", {"type": "ekf"}, "#d55e00"),
-        ("scan_matching", {"type": "scan_matching", "walls": walls}, "#0072b2"),
+    localization = {"type": "ekf", "noise": "robot_localization"}
+    for name, settings, colour, marker in (
+        ("ekf, robot_localization", localization, "#cc79a7", "^"),
+        ("ekf, small", {"type": "ekf"}, "#d55e00", "o"),
+        ("scan_matching", {"type": "scan_matching", "walls": walls}, "#0072b2", "s"),
     ):
         estimator = wideberth.build("state_estimators", settings)
         estimator.reset(np.zeros(3), 0.0)
@@ -163,10 +164,11 @@ def own_state(file: Path) -> None:
         means = np.array([one.mean[:2] for one in found])
         covariances = np.array([one.covariance[:2, :2] for one in found])
         off = np.hypot(*(means - true).T)
-        panel.semilogy(times, off, color=colour, label=name)
+        look = {"color": colour, "marker": marker, "markevery": 8, "markersize": 4.0}
+        panel.semilogy(times, off, **look)
         deviation = np.sqrt(np.trace(covariances, axis1=1, axis2=2))
-        panel.semilogy(times, deviation, "--", color=colour, linewidth=0.9)
-        plane.plot(*means.T, color=colour, linewidth=0.9, label=name)
+        panel.semilogy(times, deviation, "--", linewidth=0.9, **look)
+        plane.plot(*means.T, linewidth=0.9, label=name, **look)
         for outline in ellipses(means[15::16], covariances[15::16], 5.991):
             plane.fill(*outline.T, facecolor="none", edgecolor=colour, linewidth=1.2)
     plane.set(xlim=(-13.5, 13.5), ylim=(-13.5, 13.5), aspect="equal")
