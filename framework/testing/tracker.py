@@ -123,6 +123,9 @@ def _check_followed(tracker: Tracker, run: Sequence[Sightings]) -> None:
 
 
 def _check_asking(tracker: Tracker, run: Sequence[Sightings]) -> None:
+    tracker.reset()
+    if tracker.at(run[0].time):
+        raise AssertionError("at knew obstacles before anything was seen")
     once = _shown(tracker, run)
     for time in (run[-1].time + 100.0, run[0].time, run[-1].time):
         again = tracker.at(time)

@@ -36,7 +36,7 @@ class Handover:
     WideberthError : another kind.
     """
 
-    kind: Literal["measured", "filtered"] = "measured"
+    kind: Literal["measured", "filtered"]
     newest: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

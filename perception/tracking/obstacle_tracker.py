@@ -104,6 +104,8 @@ class ObstacleTracker(Tracker):
         """Return the obstacles that have not faded; see `Tracker.at`."""
         if not np.isfinite(number("time", time)):
             raise WideberthError(f"time is {time}; wanted the instant that is asked for")
+        if not self._tracks:
+            return ()
         dt, found = time - self._now, []
         moved = np.array([[1.0, dt], [0.0, 1.0]])
         growth = abs(dt) * self.rate * np.diag([self.variance, self.rate_variance])

@@ -104,6 +104,10 @@ class Cascade:
                     f"cascade.patience is {self.patience:g} s; wanted more than two periods of "
                     f"{sensor.name}, {2.0 / sensor.rate:g} s"
                 )
+        names = [sensor.name for sensor in (self.lidar, self.encoders, self.imu)]
+        if self.faults.silent and self.faults.silent[0] not in names:
+            wrong = self.faults.silent[0]
+            raise WideberthError(f"cascade.faults.silent: {unknown('sensor', wrong, names)}")
         if self.faults.mechanical and self.mechanics != "physics":
             raise WideberthError(
                 f"cascade.faults push a robot or let its wheels slip, and cascade.mechanics is "

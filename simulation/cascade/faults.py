@@ -80,6 +80,10 @@ class Faults:
         """Return by how much the clock of the sensors has been set at a time, s."""
         return 0.0 if self.jump is None or time < self.jump[0] else self.jump[1]
 
+    def gyro_error(self, time: float) -> float:
+        """Return by how much the gyroscope's bias has changed at a time, s, in rad/s."""
+        return 0.0 if self.gyro_step is None or time < self.gyro_step[0] else self.gyro_step[1]
+
     def heard(self, sample: Sample, now: float) -> Sample | None:
         """Return what a robot gets for a sample; None for nothing.
 
@@ -100,7 +104,7 @@ class Faults:
             if shift or ranges is not sample.ranges:
                 sample = replace(sample, times=sample.times + shift, ranges=ranges)
             return sample
-        step = self.gyro_step
-        if isinstance(sample, InertialSample) and step is not None and now >= step[0]:
-            sample = replace(sample, yaw_rate=sample.yaw_rate + step[1])
+        step = self.gyro_error(now)
+        if isinstance(sample, InertialSample) and step:
+            sample = replace(sample, yaw_rate=sample.yaw_rate + step)
         return replace(sample, time=sample.time + shift) if shift else sample

@@ -43,7 +43,7 @@ class TrueState(StateEstimator):
         if len(self._times) == 1:
             return MotionEstimate(self._times[0], self._means[0], np.zeros((6, 6)))
         first, last = self._times[index - 1], self._times[index]
-        share = min(max((time - first) / (last - first), 0.0), 1.0)
+        share = min(max((time - first) / (last - first), 0.0), 1.0) if last > first else 1.0
         change = self._means[index] - self._means[index - 1]
         change[2] = (change[2] + np.pi) % (2.0 * np.pi) - np.pi
         mean = self._means[index - 1] + share * change

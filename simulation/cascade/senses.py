@@ -134,11 +134,14 @@ class Senses:
         self._time = truth.time
         if jump := self._watchdog.jumped(now, passed):
             self._lost = f"the clock was set by {jump:.3g} s"
+            self._rest_ends = -np.inf  # which was of the clock before
+            self._wheels = self._wheels[0] + jump, self._wheels[1]
         if isinstance(self.estimator, TrueState):
             if self._lost:
                 self.estimator.reset(truth.pose, now)
                 self._lost = ""
-            self.estimator.note(now, truth.pose, truth.twist)
+            else:
+                self.estimator.note(now, truth.pose, truth.twist)
         heard = (self._faults.heard(sample, truth.time) for sample in samples)
         scans = self._take([one for one in heard if one is not None], now)
         self._regain(now)

@@ -8,6 +8,7 @@ from typing import final
 import numpy as np
 
 from ...framework.control.velocity_smoother import VelocitySmoother
+from ...framework.plugins.registry import unknown
 from ...framework.robot import Robot
 from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
@@ -151,6 +152,10 @@ class WheeledWorld(World):
         seed: int,
     ) -> list[Plant]:
         """Build the physical world, and let it stand for the cascade's ``rest``."""
+        for name in self._cascade.faults.robots:
+            known = [agent.name for agent in agents if not agent.person]
+            if name not in known:
+                raise WideberthError(f"cascade.faults.robots: {unknown('robot', name, known)}")
         rng = np.random.default_rng((seed, len(agents)))
         robots, people = [], []
         for agent in agents:
@@ -265,7 +270,9 @@ class WheeledWorld(World):
         self._push(now, end)
         for agent, plant in zip(agents, plants, strict=True):
             if isinstance(plant, WheeledPlant):
-                bias = self._senses[agent.name].gyro_bias
+                # the yaw-rate loop reads the physical gyroscope, without what the faults add
+                error = self._cascade.faults.of(agent.name).gyro_error(now)
+                bias = self._senses[agent.name].gyro_bias - error
                 physics.command(agent.name, plant.wanted(end), gyro_bias=bias)
             else:
                 physics.move_person(agent.name, plant.position)

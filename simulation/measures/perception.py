@@ -117,6 +117,8 @@ def _tracked(one: Glance) -> list[tuple[Array, Array]]:
             lag = one.truth.time - obstacle.time
             place = to_world.points(obstacle.state[:2]) - (body.position - lag * body.velocity)
             speed = turn.points(obstacle.state[2:]) - body.velocity
+            if not obstacle.covariance[2:, 2:].any():  # nobody has measured one
+                speed = np.full(2, np.nan)
             rotation = np.kron(np.eye(2), turn.points(np.eye(2)).T)
             joint = rotation @ obstacle.covariance @ rotation.T
             pairs.append((np.concatenate([place, speed]), joint))
@@ -131,4 +133,5 @@ def _squared(error: Array, covariance: Array) -> float:
 
 
 def _root(errors: Array) -> float:
-    return float(np.sqrt((errors**2).sum(axis=1).mean())) if len(errors) else float("nan")
+    known = errors[np.isfinite(errors).all(axis=1)]
+    return float(np.sqrt((known**2).sum(axis=1).mean())) if len(known) else float("nan")

@@ -23,6 +23,8 @@ from .slip import slip_of
 TIPPED = np.radians(45.0)
 """rad from upright, beyond which a robot counts as pushed over."""
 _UPRIGHT = cos(TIPPED)
+_WILDEST = 1e6
+"""m, rad, m/s and rad/s, beyond which the physics has failed."""
 
 
 @final
@@ -133,8 +135,10 @@ class World:
 
     def _advance_one(self, step: float) -> None:
         model, data = self._model, self._data
+        before = data.qpos.copy()
         self._move(step)
-        if not np.isfinite(data.qpos).all():
+        if not (_tame(data.qpos) and _tame(data.qvel)):
+            data.qpos[:], data.qvel[:] = before, 0.0  # all stand where they were last
             self._broken = f"the physics has no finite solution after {self.time:.3f} s"
             return
         self._place(model, data)  # a step leaves the places of its beginning behind
@@ -240,6 +244,11 @@ class World:
         self._note_contacts()
         for one, other in sorted(self._touching):
             raise WideberthError(f"{one} and {other} overlap at the start; move one of them")
+
+
+def _tame(numbers: Array) -> bool:
+    """Whether numbers are finite, and none that a world of robots has is as large."""
+    return bool((np.abs(numbers) < _WILDEST).all())
 
 
 def _unknown(kind: str, name: str, known: Any) -> str:

@@ -116,8 +116,19 @@ class Furnished(Scenario):
         return (*others, *own)
 
     def polygons(self, rng: np.random.Generator) -> tuple[Polygon, ...]:
-        """Return the other scenario's polygons and the walls."""
-        return (*self.scenario.polygons(rng), *self.walls)
+        """Return the other scenario's polygons and the walls.
+
+        Raises
+        ------
+        WideberthError : there are polygons that routes would lead through.
+        """
+        others = self.scenario.polygons(rng)
+        if others and self.routes is not None:
+            raise WideberthError(
+                "furnished: routes lead around its walls alone, and the scenario within has "
+                f"{len(others)} polygons of its own; give these as walls of another scenario"
+            )
+        return (*others, *self.walls)
 
     def inputs(self) -> tuple[File, ...]:
         """Return the files of the other scenario."""

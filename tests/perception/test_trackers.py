@@ -364,7 +364,7 @@ def test_the_error_of_a_box_lasts() -> None:
 
 
 def test_what_is_handed_on() -> None:
-    tracker, handover = Nearest(), Handover()
+    tracker, handover = Nearest(), Handover("measured")
     for number in range(1, 4):
         tracker.update(sightings(0.1 * number, [[0.05 * number, 0.0], [0.05 * number, 4.0]]))
     handover, earlier, present = handover.detections(tracker.at(0.35), 0.35)
@@ -377,7 +377,7 @@ def test_what_is_handed_on() -> None:
     assert not earlier and [one.age for one in present] == pytest.approx([0.02, 0.12])
     # What is handed on reaches a planner's history, all of it.
     history = History(0.1, 10, 5.0, 1.0)
-    handover, earlier, present = Handover().detections(tracker.at(0.42), 0.42)
+    handover, earlier, present = Handover("measured").detections(tracker.at(0.42), 0.42)
     for batch in (*earlier, present):
         kept, refused = admitted(Observation(0.42, np.zeros(3), batch), 2, 5.0, None)
         assert not refused
@@ -406,7 +406,7 @@ def test_filtered_states_are_handed_on_with_their_covariance() -> None:
 def test_a_published_tracker_hands_on_its_state() -> None:
     tracker = KfHungarian()
     followed(tracker, 2.0)
-    _, earlier, present = Handover().detections(tracker.at(2.0), 2.0)
+    _, earlier, present = Handover("measured").detections(tracker.at(2.0), 2.0)
     assert not earlier and len(present) == 1 and present[0].velocity is not None
 
 

@@ -78,3 +78,9 @@ def test_walkers_are_drawn_from_their_ranges() -> None:
 def test_what_makes_no_scene_is_refused(settings: dict[str, object], message: str) -> None:
     with pytest.raises(WideberthError, match=message):
         furnished(**settings)
+
+
+def test_routes_that_would_lead_through_the_walls_within_are_refused() -> None:
+    within = furnished(scenario=GAME, walls=(SHELF,))
+    with pytest.raises(WideberthError, match="routes lead around its walls alone"):
+        furnished(scenario=within, routes={"type": "navfn"}).cast(0)

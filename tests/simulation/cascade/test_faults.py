@@ -242,3 +242,46 @@ def test_a_planner_whose_predictor_fails_stops_the_robot_and_says_why() -> None:
     log = one.episode().robots[0]
     assert "the model file is gone" in log.plans[-1].reason
     assert log.speeds.max() > 0.2 and log.speeds[-1] < 0.02
+
+
+@pytest.mark.parametrize("jump", [5.0, -5.0], ids=["ahead", "back"])
+def test_a_clock_that_is_set_does_no_harm_to_who_knows_the_truth(jump: float) -> None:
+    episode, _ = run(Faults(jump=(3.0, jump)), 5.0, state=None, detector=None, tracker=None)
+    last = episode.perception["one"].glances[-1]
+    assert np.linalg.norm(last.own.pose - last.truth.pose) < 1e-9
+
+
+@pytest.mark.parametrize("jump", [20.0, -20.0], ids=["ahead", "back"])
+def test_a_robot_at_rest_waits_as_long_whichever_way_its_clock_is_set(jump: float) -> None:
+    """Half a second at rest and two for the gyroscope, and no more."""
+    episode, _ = run(Faults(jump=(0.02, jump)), 4.0)
+    stops = episode.perception["one"].stops
+    assert stops[-1].reason == "the gyroscope is calibrated anew"
+    assert 2.0 < stops[-1].end < 3.2
+
+
+def test_physics_that_diverges_is_a_stop_with_its_reason() -> None:
+    for stages in ({}, {"state": None, "detector": None, "tracker": None}):
+        episode, _ = run(Faults(push=(0.5, 1e9)), 2.0, **stages)
+        (stop,) = episode.perception["one"].stops
+        assert stop.reason.startswith("the physics has no finite solution")
+        assert all(np.abs(agent.positions).max() < 10.0 for agent in episode.agents)
+
+
+def test_the_yaw_rate_loop_follows_the_gyroscope_that_errs() -> None:
+    """Told to drive straight it turns at the rate by which the gyroscope's bias has changed."""
+    episode, _ = run(Faults(gyro_step=(1.0, 0.05)), 7.0)
+    agent = episode.agents[0]
+    turned = np.interp([4.0, 7.0], episode.times, np.unwrap(agent.headings))
+    assert np.diff(turned)[0] / 3.0 == pytest.approx(-0.05, abs=0.015)
+
+
+def test_names_in_faults_are_of_somebody() -> None:
+    with pytest.raises(WideberthError, match=r"cascade.faults.silent: .*lidr.*lidar"):
+        Cascade(faults=Faults(silent=("lidr", 1.0, 2.0)))
+    settings = Settings(history=0.0)
+    world = WheeledWorld(Cascade(faults=Faults(robots=("nobody",))), settings)
+    path = Path(np.array([[0.0, 0.0], [5.0, 0.0]]))
+    agent = RobotAgent("one", Unicycle(), Ahead(), path, 0.0)
+    with pytest.raises(WideberthError, match=r"cascade.faults.robots: .*nobody"):
+        Run([agent], settings, 0, (), (), (), world)

@@ -1,6 +1,6 @@
 """What robots perceived is read again to the same values, and is small in a file."""
 
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -153,3 +153,12 @@ def test_measures_of_a_belief_that_is_off_by_known_amounts() -> None:
 def test_without_perception_there_is_nothing_to_measure() -> None:
     with pytest.raises(WideberthError, match="run it in a WheeledWorld"):
         perception_row(episode())
+
+
+def test_a_speed_that_nobody_measured_has_no_error() -> None:
+    one = glance(0.1, 2, 2)
+    still = np.zeros((4, 4))
+    still[:2, :2] = 0.01 * np.eye(2)
+    told = tuple(replace(track, covariance=still) for track in one.obstacles)
+    row = perception_row(episode(one=PerceptionLog((replace(one, obstacles=told),), {})))
+    assert np.isnan(row["speed_error"]) and np.isfinite(row["track_error"])
