@@ -56,9 +56,9 @@ class WheeledPlant(Plant):
     """
 
     def __init__(self, robot: Robot, truth: TrueMotion) -> None:
-        self.robot = robot
+        self.robot: Robot = robot
         self._smoother = VelocitySmoother.at_rest(Twist((0.0, 0.0)))
-        self.control = (0.0,) * len(robot.inputs)
+        self.control: tuple[float, ...] = (0.0,) * len(robot.inputs)
         self._reason = ""
         self._stops: list[Stop] = []
         self.follow(truth)
@@ -99,7 +99,7 @@ class WheeledPlant(Plant):
         x, y, heading = truth.pose.tolist()
         forward, lateral, yaw_rate = truth.twist.tolist()
         moved = self.robot.state_at(Pose((x, y), heading), Twist((forward, lateral), yaw_rate))
-        self.state = tuple(float(value) for value in moved)
+        self.state: tuple[float, ...] = tuple(float(value) for value in moved)
 
     def believe(self, place: Array) -> None:
         """Take itself to be at a place, (2,), m."""
