@@ -5,8 +5,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ...framework.values.arrays import Array, BoolArray, checked
-from ...framework.values.sensing import Scan
+from ...framework.values.arrays import Array, BoolArray
+from ...framework.values.sensing import Scan, beams_of
 
 IntArray: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
 EMPTY, BLIND = "the scan is empty", "no beam met anything"
@@ -60,59 +60,6 @@ class Hits:
             beams=self.beams[chosen],
             lost=self.lost[chosen],
         )
-
-
-@dataclass(frozen=True, eq=False)
-class Beams:
-    """All beams of a scan in the frame of the poses; NaN where a beam has no pose.
-
-    Attributes
-    ----------
-    origins : (B, 2), m, where each began.
-    directions : (B,), rad.
-    ends : (B, 2), m, where each ended; NaN where it met nothing.
-    """
-
-    origins: Array
-    directions: Array
-    ends: Array
-
-    @property
-    def known(self) -> BoolArray:
-        """Which have a pose, (B,)."""
-        return np.asarray(np.isfinite(self.directions))
-
-    @property
-    def met(self) -> BoolArray:
-        """Which ended somewhere, (B,)."""
-        return np.asarray(np.isfinite(self.ends[:, 0]))
-
-
-def beams_of(scan: Scan, poses: Array) -> Beams:
-    """Place each beam by the pose of its own instant, which takes the robot's motion out.
-
-    o = p + Rot(psi) m,   phi = psi + psi_m + bearing,   end = o + r (cos phi, sin phi)
-
-    Parameters
-    ----------
-    scan : B beams; m and psi_m are its mount, r a range.
-    poses : (B, 3), (p, psi), see `Detector.detect`. A pose that is not finite loses its beam.
-
-    Raises
-    ------
-    WideberthError : not one pose per beam.
-    """
-    poses = checked("poses", poses, (len(scan.times), 3), finite=False, reason=", one per beam")
-    known = np.asarray(np.isfinite(poses).all(axis=1))
-    poses = np.where(known[:, None], poses, np.nan)
-    heading = poses[:, 2]
-    along, aside, turn = scan.mount
-    cosine, sine = np.cos(heading), np.sin(heading)
-    shift = np.stack([cosine * along - sine * aside, sine * along + cosine * aside], axis=-1)
-    origins, directions = poses[:, :2] + shift, heading + turn + scan.bearings
-    ranges = np.where(scan.met, scan.ranges, np.nan)
-    unit = np.stack([np.cos(directions), np.sin(directions)], axis=-1)
-    return Beams(origins, directions, origins + ranges[:, None] * unit)
 
 
 def hits_of(scan: Scan, poses: Array) -> tuple[Hits, str]:

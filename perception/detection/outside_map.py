@@ -12,8 +12,8 @@ from ...framework.plugins.config import build
 from ...framework.values.arrays import Array, positive
 from ...framework.values.errors import WideberthError
 from ...framework.values.polygon import Polygon
-from ...framework.values.sensing import Scan, Sightings
-from .hits import beams_of, without
+from ...framework.values.sensing import Scan, Sightings, beams_of
+from .hits import without
 
 
 @final

@@ -9,8 +9,8 @@ import numpy as np
 from ...framework.detector import Detector
 from ...framework.plugins.config import build
 from ...framework.values.arrays import Array, BoolArray, positive, probability, whole
-from ...framework.values.sensing import Scan, Sightings
-from .hits import beams_of, without
+from ...framework.values.sensing import Scan, Sightings, beams_of
+from .hits import without
 
 STEEP = 1.0
 """m; between two beams whose ranges differ by more, nothing is known of what lies between."""

@@ -22,6 +22,7 @@ from ...framework.values.sensing import (
     Sightings,
     TrackedObstacle,
     WheelSample,
+    beams_of,
 )
 from ..log.frames import RigidMotion
 from ..log.perception_log import Body, Glance, PerceptionLog, Truth, named
@@ -210,7 +211,8 @@ class Senses:
         poses = poses_at(self.estimator, scan.times)
         sightings = self._detector.detect(scan, poses)
         self._note(sightings.note)
-        self._coming.append((due, sightings, _points(scan, poses)))
+        beams = beams_of(scan, poses)
+        self._coming.append((due, sightings, beams.ends[beams.met]))
 
     def _known_at(self, time: float) -> bool:
         """Whether the estimator can speak of a time, s."""
@@ -310,20 +312,3 @@ class Senses:
         if reason:
             kind = NUMBERS.sub("...", reason)
             self.notes[kind] = self.notes.get(kind, 0) + 1
-
-
-def _points(scan: Scan, poses: Array) -> Array:
-    """Where the beams hit something, in the frame of the poses, (P, 2), m."""
-    met = scan.met
-    x, y, turn = scan.mount
-    heading = poses[met, 2]
-    cosine, sine = np.cos(heading), np.sin(heading)
-    bearing = heading + turn + scan.bearings[met]
-    ranges = scan.ranges[met]
-    return np.stack(
-        [
-            poses[met, 0] + cosine * x - sine * y + ranges * np.cos(bearing),
-            poses[met, 1] + sine * x + cosine * y + ranges * np.sin(bearing),
-        ],
-        axis=1,
-    )
