@@ -1,11 +1,9 @@
 """The benchmarks' dry run writes its tables; how they boil times down has oracles."""
 
 import doctest
-import logging
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -22,13 +20,10 @@ FOLDER = Path(__file__).resolve().parents[2] / "benchmarks"
 
 
 @pytest.fixture
-def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def bench(monkeypatch: pytest.MonkeyPatch) -> Path:
     """Stand where the scripts stand: they import each other by their plain names."""
-    log = logging.getLogger("wideberth")
-    level = log.level  # which a run sets
     monkeypatch.syspath_prepend(str(FOLDER))
-    yield FOLDER
-    log.setLevel(level)
+    return FOLDER
 
 
 @pytest.fixture
