@@ -1,6 +1,6 @@
 PY  ?= python3
 BIN := .venv/bin
-ROOMS := framework predictors regions robots controllers perception routes simulation experiments
+ROOMS := framework predictors regions robots controllers perception routes bridges simulation experiments
 WORKERS ?= 2
 FIGURES ?= ellipse_construction approximation_error forecast_regions chicken_game crossing
 

@@ -15,16 +15,17 @@ ROOMS = {
     "robots": {"framework"},
     "controllers": {"framework"},
     "routes": {"framework"},
+    "bridges": {"framework"},
     "simulation": {"framework"},
     "perception": {"framework"},
     "experiments": {
         "framework", "predictors", "regions", "robots", "controllers", "perception", "routes",
-        "simulation",
+        "bridges", "simulation",
     },
 }  # fmt: skip
 HEAVY = {
     "statsmodels", "filterpy", "jax", "cvxpy", "llvmlite", "matplotlib", "pandas", "pydantic",
-    "numba", "mujoco", "sklearn",
+    "numba", "mujoco", "sklearn", "rosbags", "cyclonedds",
 }  # fmt: skip
 COMPILED = ROOT / "framework" / "mpc" / "solvers" / "riccati" / "_core.py"
 """The file for Numba, imported only to be compiled. Its functions are longer: whatever a
@@ -85,6 +86,7 @@ ARROWS: dict[str, set[str]] = {
     "regions": set(),
     "regions/static": {"regions"},
     "routes": set(),
+    "bridges": set(),
     "simulation/drawing": set(),
     "simulation/physics": {"simulation/drawing"},
     "simulation/log": {"simulation/drawing"},

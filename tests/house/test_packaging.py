@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 TOP = (
     "framework", "predictors", "regions", "robots", "controllers", "perception", "routes",
-    "simulation", "experiments",
+    "bridges", "simulation", "experiments",
 )  # fmt: skip
 FACE = ("__init__.py", "__init__.pyi", "py.typed")
 

@@ -1,0 +1,1 @@
+"""Formats of other software: messages, recordings and parameter files of ROS 2."""
