@@ -28,8 +28,8 @@ def own_state(
     that only turns velocities (of a robot whose state holds them in the frame) is left out with
     the pose.
 
-    Where a robot has both, a map and what it sees, the covariance can serve one of them alone: see
-    from here, and enlarge the map by a margin.
+    Where a robot has both, a map and what it sees, an `Observation` holds both: the covariance
+    from here for its detections, and ``map_covariance`` for its polygons.
 
     Parameters
     ----------

@@ -56,6 +56,7 @@ def sample_view() -> View:
         route=np.stack([position, position]),
         planned=position,
         own=np.zeros((STEPS, 2, 2)),
+        own_on_map=np.zeros((STEPS, 2, 2)),
         here=position,
         travel=np.full(STEPS, np.inf),
         level=Fixed(0.05),

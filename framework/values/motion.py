@@ -209,10 +209,14 @@ class Observation:
     ----------
     stamp : s.
     state : (n,) the robot's own estimated state, in the robot's own units.
-    covariance : (n, n) of that estimate; None if unknown (taken as exact).
+    covariance : (n, n) of that estimate, relative to the detections; None if unknown (taken as
+        exact).
     polygons : what stands still and where, all of it (a map), or what is known of it.
     detections : obstacles seen now; a missing one was not seen.
     truth : the future, where a simulation grants it (the oracle predictor alone reads it).
+    map_covariance : (n, n) of the state relative to the polygons, where these are known in another
+        frame than the detections: on a map, while the robot's own sensors see the others, whose
+        places share the error of its pose. None where ``covariance`` holds for both.
     flaw : what makes its own numbers useless; "" where nothing does.
 
     Raises
@@ -226,6 +230,7 @@ class Observation:
     covariance: Array | None = None
     polygons: tuple[Polygon, ...] = ()
     truth: Truth | None = field(default=None, repr=False)
+    map_covariance: Array | None = None
     flaw: str = field(default="", init=False, repr=False)
 
     def __repr__(self) -> str:
@@ -247,9 +252,11 @@ class Observation:
         object.__setattr__(self, "stamp", stamp)
         object.__setattr__(self, "state", state)
         flaw = ""
-        if self.covariance is not None:
-            covariance, flaw = _covariance("covariance", self.covariance, len(state))
-            object.__setattr__(self, "covariance", covariance)
+        for name in ("map_covariance", "covariance"):
+            if (given := getattr(self, name)) is not None:
+                covariance, wrong = _covariance(name, given, len(state))
+                object.__setattr__(self, name, covariance)
+                flaw = wrong or flaw
         if not all_finite(state):
             flaw = f"state is {state.tolist()}"
         if not np.isfinite(stamp):
@@ -272,7 +279,8 @@ def checked_numbers(observation: Observation) -> None:
     """
     if observation.flaw:
         raise WideberthError(f"the observation's {observation.flaw}")
-    for name, limit in (("state", FARTHEST), ("covariance", FARTHEST**2)):
+    limits = {"state": FARTHEST, "covariance": FARTHEST**2, "map_covariance": FARTHEST**2}
+    for name, limit in limits.items():
         value = getattr(observation, name)
         if value is not None and (largest := np.abs(value).max(initial=0.0)) > limit:
             raise WideberthError(

@@ -232,16 +232,23 @@ class Senses:
     def observation(self, detections: Batch, polygons: tuple[Polygon, ...]) -> Observation:
         """Return what the controller is told now, by the clock of the episode.
 
+        Detections share the error of the own pose; polygons of a map do not, see `own_state`.
+
         Parameters
         ----------
         detections : that it is told.
         polygons : what stands still, where that is known.
         """
-        if self._cascade.walls == "seen":
-            polygons = self._walls
         own = self.estimator.at(self.clock(self._time))
         state, covariance = own_state(self._robot, own, seen_from_here=True)
-        return Observation(self._time, state, detections, covariance, polygons)
+        on_map = None
+        if self._cascade.walls == "seen":
+            polygons = self._walls
+        elif polygons:
+            on_map = own_state(self._robot, own, seen_from_here=False)[1]
+        return Observation(
+            self._time, state, detections, covariance, polygons, map_covariance=on_map
+        )
 
     def _tracked(self, now: float) -> tuple[TrackedObstacle, ...]:
         """Return the obstacles as of now."""

@@ -302,16 +302,22 @@ def _fill(
     target = shared_target(settings.kinds, settings.level, robot.dimension)
     first = Guess.bare(*trajectory, target)
     here = np.broadcast_to(_place(robot, start), reference.position.shape)
-    known = _spread(settings, state, seen.observation)
+    told = seen.observation
+    known = _spread(settings, state, told, told.covariance)
+    own = own_on_map = services.own.spread(known, first.states, first.inputs)
+    if told.map_covariance is not None and told.polygons:
+        known = _spread(settings, state, told, told.map_covariance)
+        own_on_map = services.own.spread(known, first.states, first.inputs)
     view = View(
-        observation=seen.observation,
+        observation=told,
         tracks=seen.tracks,
         forecast=seen.forecast,
         times=stamp + settings.grid,
         reference=reference,
         route=np.stack([reference.position, here]),
         planned=_place(robot, first.states[1:].T).T,
-        own=services.own.spread(known, first.states, first.inputs),
+        own=own,
+        own_on_map=own_on_map,
         here=here,
         travel=services.travel.bounds(start),
         level=settings.level,
@@ -353,10 +359,9 @@ def _warm(
 
 
 def _spread(
-    settings: PlannerSettings, state: PlannerState, observation: Observation
+    settings: PlannerSettings, state: PlannerState, observation: Observation, known: Array | None
 ) -> Array | None:
-    """Covariance of the plan's first state."""
-    known = observation.covariance
+    """Covariance of the plan's first state, from one of the observation's."""
     if known is None or not settings.latency:
         return known
     return carried(

@@ -54,7 +54,8 @@ class View:
     route : (R, N, D), m, places where the robot may be at each step: the reference, and where it
         is now.
     planned : (N, D), m, positions of the shifted last plan.
-    own : (N, D, D), m^2, covariance of the robot's own position.
+    own : (N, D, D), m^2, covariance of the robot's own position relative to the detections.
+    own_on_map : (N, D, D), m^2, relative to the polygons.
     here : (N, D), m, where the robot is now, again for each step.
     travel : (N,), m, how far from there its limits let it be at each step; infinite where that is
         not known.
@@ -72,6 +73,7 @@ class View:
     route: Array
     planned: Array
     own: Array
+    own_on_map: Array
     here: Array
     travel: Array
     level: LevelPolicy

@@ -234,9 +234,10 @@ class StaticPolygons(SlotKind):
         walls, polygons = NONE, view.observation.polygons
         if polygons:
             route = np.concatenate([*view.route, view.planned])
-            reach = nearness(robot.radius + view.margin, view.aside, view.own, view.level)
+            around = robot.radius + view.margin
+            reach = nearness(around, view.aside, view.own_on_map, view.level)
             walls = choose_walls(polygons, self.region, route, reach, view.most)
-        return self.chosen(robot, walls, view.level, view.margin, view.own)
+        return self.chosen(robot, walls, view.level, view.margin, view.own_on_map)
 
     def chosen(
         self, robot: Robot, walls: Walls, level: LevelPolicy, margin: float, own: Array
@@ -245,8 +246,9 @@ class StaticPolygons(SlotKind):
 
         Parameters
         ----------
-        robot, level, margin, own : see `View`.
+        robot, level, margin : see `View`.
         walls : the polygons.
+        own : (N, 2, 2), m^2, `View.own_on_map`.
         """
         numbers = SlotNumbers.none(len(own))
         if self.region is not None and len(walls):
