@@ -302,14 +302,9 @@ def _fill(
     target = shared_target(settings.kinds, settings.level, robot.dimension)
     first = Guess.bare(*trajectory, target)
     here = np.broadcast_to(_place(robot, start), reference.position.shape)
-    told = seen.observation
-    known = _spread(settings, state, told, told.covariance)
-    own = own_on_map = services.own.spread(known, first.states, first.inputs)
-    if told.map_covariance is not None and told.polygons:
-        known = _spread(settings, state, told, told.map_covariance)
-        own_on_map = services.own.spread(known, first.states, first.inputs)
+    own, own_on_map = _own(settings, state, services, seen.observation, first)
     view = View(
-        observation=told,
+        observation=seen.observation,
         tracks=seen.tracks,
         forecast=seen.forecast,
         times=stamp + settings.grid,
@@ -358,15 +353,26 @@ def _warm(
     return replace(first, level=kept.level, multipliers=kept.at(share, parameters, chosen))
 
 
-def _spread(
-    settings: PlannerSettings, state: PlannerState, observation: Observation, known: Array | None
-) -> Array | None:
-    """Covariance of the plan's first state, from one of the observation's."""
-    if known is None or not settings.latency:
-        return known
-    return carried(
-        known, lambda x: _delayed(settings, state, observation.stamp, x), observation.state
-    )
+def _own(
+    settings: PlannerSettings,
+    state: PlannerState,
+    services: Services,
+    observation: Observation,
+    first: Guess,
+) -> tuple[Array, Array]:
+    """Covariances of the own position relative to detections and to polygons, each (N, D, D)."""
+
+    def grown(known: Array | None) -> Array:
+        if known is not None and settings.latency:
+            stamp = observation.stamp
+            known = carried(
+                known, lambda x: _delayed(settings, state, stamp, x), observation.state
+            )
+        return services.own.spread(known, first.states, first.inputs)
+
+    own = grown(observation.covariance)
+    apart = observation.map_covariance is not None and observation.polygons
+    return own, grown(observation.map_covariance) if apart else own
 
 
 def _place(robot: Robot, state: Array) -> Array:
