@@ -16,6 +16,7 @@ from ...framework.values.errors import WideberthError
 from ...simulation.engine.episode import Run
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
+from ...simulation.measures.avoidable import avoidable
 from ...simulation.measures.summary import summarise, time_rows
 from ...simulation.scenarios.base import Cast, Scenario
 from .base import Outcome, Row, Task
@@ -41,6 +42,16 @@ def play(
     run = _begun(scenario.cast(seed), robot, controller, settings, seed)
     run.advance()
     return run.episode()
+
+
+def could_avoid(
+    episode: Episode, scenario: Scenario, robot: Robot, controller: Controller, settings: Settings
+) -> Row:
+    """Whether the first contact of an episode was `avoidable`; other arguments as of `play`."""
+    cast = scenario.cast(episode.seed)
+    robots = [one.agent(robot, controller, truth=False) for one in cast.placements]
+    agents = [*robots, *cast.people]
+    return {**avoidable(episode, agents, settings, cast.bystanders, (), cast.polygons)}
 
 
 def check_settings(seeds: int, tail: float, **named: Sized) -> None:

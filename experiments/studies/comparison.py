@@ -40,6 +40,7 @@ from ..engine.closed_loop import (
     check_shown,
     check_starts,
     column,
+    could_avoid,
     first_of,
     grid,
     group,
@@ -223,6 +224,7 @@ def measured(
     episode = play(scenario, robot, controller, settings, task.seed)
     made = outcome(episode, task, tail, keep=task.seed in show)
     made.rows[0].update(measures(episode, tail, settings.time_limit))
+    made.rows[0].update(could_avoid(episode, scenario, robot, controller, settings))
     judged = scenario.judge(episode)
     made.rows[0].update({f"judged_{name}": value for name, value in judged.items()})
     return made
@@ -283,6 +285,9 @@ MEANS = {
 }
 """Column of the summary -> column of the table whose mean over the episodes it is."""
 
+COULD = "avoidable_"
+"""Beginning of the columns that are shares of the first contacts, where there are any."""
+
 LABELS = ("scenario", "robot", "settings", "controller", "seed")
 """Columns that say which episode it was."""
 
@@ -320,6 +325,7 @@ def condensed(rows: Sequence[Row]) -> Row:
         "deadline_misses": int(column(rows, "deadline_misses").sum()),
         "errors": next((str(row["errors"]) for row in rows if row["errors"]), ""),
     }
+    line |= {name: known_mean(column(rows, name)) for name in rows[0] if name.startswith(COULD)}
     judged = [name for name in rows[0] if name.startswith("judged_")]
     found = {name: _judgement([row[name] for row in rows]) for name in judged}
     return line | {name: value for name, value in found.items() if value is not None}

@@ -1,11 +1,13 @@
 """A robot in a running episode: its plant, its controller and its log."""
 
 from bisect import bisect_right
+from copy import copy, deepcopy
 from dataclasses import replace
 from math import isfinite, nan
 
 import numpy as np
 
+from ...framework.controller import Controller
 from ...framework.metrics.gaps import BodyMotion
 from ...framework.mpc.fallback.emergency import command_of_plan
 from ...framework.robot import start_state
@@ -61,6 +63,31 @@ class Driver:
         self.seconds: list[float] = []
         agent.controller.reset()
         agent.controller.set_path(agent.path)
+
+    def clone(self, controller: Controller | None = None) -> "Driver":
+        """Return another driver in the same state, with a log of its own that goes on from here.
+
+        Parameters
+        ----------
+        controller : decides from now on; None for a copy of this one's, with all that it
+            remembers.
+
+        Raises
+        ------
+        WideberthError : the controller cannot be copied.
+        """
+        try:
+            decides = deepcopy(self.agent.controller) if controller is None else controller
+        except Exception as error:  # compiled problems, say
+            raise WideberthError(
+                f"the controller of {self.name} cannot be copied ({error}); give another one"
+            ) from None
+        twin = copy(self)
+        twin.agent, twin.plant = replace(self.agent, controller=decides), copy(self.plant)
+        twin.paths, twin.states, twin.controls = [*self.paths], [*self.states], [*self.controls]
+        twin.positions, twin.commands = [*self.positions], [*self.commands]
+        twin.plans, twin.seconds = [*self.plans], [*self.seconds]
+        return twin
 
     @property
     def name(self) -> str:

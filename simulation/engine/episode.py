@@ -1,9 +1,10 @@
 """The event loop: robots that decide at their own rates, and everything that moves between."""
 
 import heapq
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from copy import copy
 from dataclasses import replace
 from itertools import count
 from math import ceil
@@ -12,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ...framework.controller import avoids_polygons
+from ...framework.controller import Controller, avoids_polygons
 from ...framework.metrics.gaps import BodyMotion, gaps, wall_gaps
 from ...framework.values.arrays import Array, whole
 from ...framework.values.errors import WideberthError
@@ -62,6 +63,12 @@ class Respawning:
         self._drivers, self._others, self._polygons = drivers, others, polygons
         self._world = world
         self._names = {one.name: (one.name, 1) for one in drivers if one.agent.respawn}
+
+    def clone(self, drivers: Sequence[Driver], world: World) -> "Respawning":
+        """Return another one, in the same state, for copies of the drivers in another world."""
+        twin = Respawning(drivers, self._others, self._polygons, world)
+        twin._names = dict(self._names)
+        return twin
 
     def newcomers(self, now: float) -> list[tuple[Driver, int]]:
         """Replace people who arrived before ``now``, s, where there is room; return the new ones.
@@ -241,6 +248,45 @@ class Run:
             if (watcher := _WATCHER.get()) is not None:
                 watcher(self)
         return None
+
+    def advance_to(self, time: float) -> None:
+        """Run until an instant, s, or to the end; what is decided at it is still to come."""
+        for decision in self.waiting:
+            self._decide(*decision)
+        self.waiting = []
+        while not self.ended and self.clock[-1] < time - _SAME:
+            self._handle_events("")
+            self.ended = self._step() or self._verdict()
+
+    def clone(self, controllers: Mapping[str, Controller] | None = None) -> "Run":
+        """Return another run in the same state; neither of the two changes the other.
+
+        It goes on as this one does: controllers are copied with all that they remember, and the
+        noise hangs on the seed, on names and ticks.
+
+        Parameters
+        ----------
+        controllers : name -> who decides there from now on, instead of a copy.
+
+        Raises
+        ------
+        WideberthError : a decision is waiting, or a controller or the world cannot be copied.
+        """
+        if self.waiting:
+            raise WideberthError("a decision is waiting; advance the run before cloning it")
+        given = controllers or {}
+        twin, world = copy(self), self.world.clone()
+        own = {id(one): one.clone(given.get(one.name)) for one in self.drivers}
+        twin.world, twin.drivers, twin.clock = world, list(own.values()), [*self.clock]
+        twin.around = Around(twin.drivers, self.others, self.polygons, twin.clock, self.seed)
+        twin.respawning = self.respawning.clone(twin.drivers, world)
+        twin.waiting, following = [], next(self.order)
+        twin.order = count(following)
+        twin.queue = [
+            (time, kind, place, (own[id(payload[0])], payload[1]))
+            for time, kind, place, payload in self.queue
+        ]
+        return twin
 
     def look(self, name: str) -> Observation:
         """Return a robot's observation at the present instant, also between its decisions."""

@@ -46,6 +46,10 @@ class ExchangedPositions(World):
         """Return the planner's own model, at a finer step."""
         return KinematicPlant.at_start(agent)
 
+    def clone(self) -> "ExchangedPositions":
+        """Return another world with the same settings: there is nothing else to it."""
+        return ExchangedPositions(self._settings)
+
     def observe(
         self, driver: Driver, time: float, tick: int, state: Array, around: Around
     ) -> Observation:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ...framework.values.arrays import Array
+from ...framework.values.errors import WideberthError
 from ...framework.values.motion import Observation
 from ...framework.values.plan import Plan
 from ...framework.values.polygon import Polygon
@@ -76,6 +77,18 @@ class World(ABC):
     def move(self, now: float, duration: float, around: Around) -> None:
         """Move what the plants share on by ``duration`` s; they advance after it."""
         return
+
+    def clone(self) -> "World":
+        """Return another world whose plants, copied, go on as in this one.
+
+        Raises
+        ------
+        WideberthError : it cannot be copied, as a physics simulator cannot.
+        """
+        raise WideberthError(
+            f"{type(self).__name__} cannot be copied in the middle of an episode; only the world "
+            "of exchanged positions can"
+        )
 
     def perception(self) -> dict[str, PerceptionLog]:
         """Return what each robot has perceived; empty where robots are told who is where."""
