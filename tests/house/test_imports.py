@@ -91,8 +91,8 @@ ARROWS: dict[str, set[str]] = {
     "simulation/physics": {"simulation/drawing"},
     "simulation/log": {"simulation/drawing"},
     "simulation/sensing": set(),
-    "simulation/measures": {"simulation/log"},
-    "simulation/engine": {"simulation/log", "simulation/measures", "simulation/sensing"},
+    "simulation/engine": {"simulation/log", "simulation/sensing"},
+    "simulation/measures": {"simulation/engine", "simulation/log"},
     "simulation/scenarios": {
         "simulation/engine", "simulation/log", "simulation/measures", "simulation/sensing",
     },
