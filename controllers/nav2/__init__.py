@@ -1,0 +1,1 @@
+"""Nav2's local controllers, and the loop that they run in."""
