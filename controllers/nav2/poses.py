@@ -1,6 +1,6 @@
 """Angles, poses and plans as Nav2 computes with them. A pose is x, y (m) and yaw (rad)."""
 
-from math import cos, fmod, hypot, pi, sin
+from math import atan2, cos, fmod, hypot, pi, sin
 
 import numpy as np
 
@@ -31,8 +31,13 @@ def in_base_frame(poses: Array, pose: Array) -> Array:
     seen = np.empty((len(poses), 3))
     seen[:, 0] = cosine * dx + sine * dy
     seen[:, 1] = cosine * dy - sine * dx
-    seen[:, 2] = poses[:, 2] - yaw
+    seen[:, 2] = wrapped(poses[:, 2] - yaw)
     return seen
+
+
+def wrapped(angles: Array) -> Array:
+    """Return angles in (-pi, pi], rad; those that lie there stay as they are, bit by bit."""
+    return np.where(np.abs(angles) <= pi, angles, np.arctan2(np.sin(angles), np.cos(angles)))
 
 
 def lengths(poses: Array) -> Array:
@@ -51,3 +56,33 @@ def length(poses: Array) -> float:
 def distance(first: Array, second: Array) -> float:
     """Return the distance of two poses or points in the plane, m."""
     return hypot(float(first[0] - second[0]), float(first[1] - second[1]))
+
+
+def look_ahead(poses: Array, reach: float, beyond: bool = False) -> tuple[Array, float]:
+    """Return the point of a plan (N, 3) at an arc length from its first pose.
+
+    Parameters
+    ----------
+    poses : (N, 3), N >= 1.
+    reach : m.
+    beyond : go on straight past the end of a plan that is too short; else its last pose is it.
+
+    Returns
+    -------
+    point : (3,), the yaw is that of its step; of the last pose, its own.
+    arc : m, its arc length.
+    """
+    passed = 0.0
+    for i, step in enumerate(lengths(poses).tolist(), start=1):
+        if passed + step >= reach:
+            return _along(poses[i - 1], poses[i], poses[i - 1], reach - passed), reach
+        passed += step
+    if beyond and len(poses) > 1:
+        return _along(poses[-2], poses[-1], poses[-1], reach - passed), reach
+    return poses[-1].copy(), passed
+
+
+def _along(begin: Array, end: Array, start: Array, way: float) -> Array:
+    """Return the pose ``way`` (m) from ``start`` in the direction of a step."""
+    yaw = atan2(float(end[1] - begin[1]), float(end[0] - begin[0]))
+    return np.array([start[0] + way * cos(yaw), start[1] + way * sin(yaw), yaw])

@@ -1,0 +1,49 @@
+"""The outline of a robot equals Nav2's: corners, radii and costs."""
+
+import numpy as np
+import pytest
+
+from wideberth.controllers.nav2.footprint import RobotFootprint, line_cost, outline_cost
+from wideberth.tests.controllers.nav2.golden import Case, costmap_of, parametrize
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    parametrize(metafunc, "footprint")
+
+
+def test_corners_and_radii_are_equal(footprint: Case) -> None:
+    if "radius" not in footprint:
+        pytest.skip("the case is one of costs")
+    expect = footprint["expect"]
+    made = RobotFootprint.round_of(footprint["radius"], footprint.get("footprint_padding", 0.0))
+    assert np.abs(made.vertices - expect["points"]).max() < 1e-12
+    assert abs(made.inscribed - expect["inscribed_radius"]) < 1e-12
+    assert abs(made.circumscribed - expect["circumscribed_radius"]) < 1e-12
+
+
+def test_costs_are_equal(footprint: Case) -> None:
+    if "queries" not in footprint:
+        pytest.skip("the case is one of corners")
+    robot, costmap = RobotFootprint.of(footprint["footprint"]), costmap_of(footprint["costmap"])
+    for query in footprint["queries"]:
+        pose = np.array(query["pose"])
+        assert robot.cost(costmap, pose) == query["cost"], pose
+        plain = outline_cost(
+            costmap.cells, *costmap.origin, costmap.resolution, robot.vertices, *pose
+        )
+        assert plain == query["cost"], pose
+
+
+def test_unknown_exceeds_lethal_only_where_it_comes_first() -> None:
+    cells = np.zeros((1, 4), np.uint8)
+    cells[0, 1], cells[0, 2] = 255, 254
+    assert line_cost(cells, 0, 0, 1, 0) == 255
+    assert line_cost(cells, 0, 0, 3, 0) == 254
+
+
+def test_a_corner_off_the_map_is_lethal() -> None:
+    costmap = costmap_of({"width": 9, "height": 9, "resolution": 0.1, "origin_x": 0, "origin_y": 0})
+    robot = RobotFootprint.round_of(0.2)
+    assert robot.cost(costmap, np.array([0.45, 0.45, 0.3])) == 0
+    assert robot.cost(costmap, np.array([0.15, 0.45, 0.3])) == 254
+    assert robot.cost(costmap, np.array([0.45, 0.75, 0.3])) == 254
