@@ -1,7 +1,7 @@
 """Regulated pure pursuit: an arc to a point ahead, slower in curves and near obstacles."""
 
 from dataclasses import dataclass
-from math import atan2, copysign, hypot, inf, log, pi, sqrt
+from math import atan2, hypot, inf, log, pi, sqrt
 from typing import final
 
 import numpy as np

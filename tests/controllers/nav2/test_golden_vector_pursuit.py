@@ -1,0 +1,54 @@
+"""Vector pursuit equals the original."""
+
+import numpy as np
+import pytest
+
+from wideberth.controllers.nav2.goal_checker import GoalChecker
+from wideberth.controllers.nav2.local_controller import NO_VALID_CONTROL, Tick
+from wideberth.controllers.nav2.vector_pursuit import VectorPursuit
+from wideberth.tests.controllers.nav2.golden import (
+    Case,
+    assert_equal_answer,
+    costmap_of,
+    footprint_of,
+    parametrize,
+)
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    parametrize(metafunc, "vpc_radius", "vpc_controller")
+
+
+def controller_of(case: Case) -> VectorPursuit:
+    """The one adapter from the parameters of a case."""
+    return VectorPursuit(**case["params"])
+
+
+def test_radii_are_equal(vpc_radius: Case) -> None:
+    found = controller_of(vpc_radius).turning_radius(np.array(vpc_radius["target_base"]))
+    wanted = vpc_radius["expect"]["turning_radius"]
+    assert abs(found - wanted) <= 1e-9 * wanted
+
+
+def test_commands_are_equal(vpc_controller: Case) -> None:
+    controller, path = controller_of(vpc_controller), np.array(vpc_controller["path"])
+    costmap, robot = costmap_of(vpc_controller["costmap"]), vpc_controller["robot"]
+    footprint, probe = footprint_of(robot), controller_of(vpc_controller)
+    controller.new_path(path)
+    for i, stored in enumerate(vpc_controller["ticks"]):
+        expect, pose = dict(stored["expect"]), np.array(stored["pose"])
+        if expect.get("exception") == "PlannerException":  # see the class
+            expect["exception"] = NO_VALID_CONTROL
+        tick = Tick(
+            0.05 * i, pose, np.zeros(3), path, path[-1], costmap, footprint,
+            robot["track_unknown"], GoalChecker(),
+        )  # fmt: skip
+        probe = controller_of(vpc_controller)
+        probe.new_path(controller.left)
+        probe._last = controller._last
+        assert_equal_answer(controller.velocity(tick), expect, 1e-9)
+        if "target_base" in expect:
+            target = probe.target(probe.pruned(costmap, pose))
+            assert np.abs(target - expect["target_base"]).max() < 1e-9
+        if "plan_left" in expect:
+            assert len(controller.left) == expect["plan_left"]
