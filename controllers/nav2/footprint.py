@@ -182,13 +182,7 @@ def outline_cost(
 
 @cache
 def compiled() -> Callable[..., Any]:
-    """Return `outline_cost` as Numba compiles it: once per machine, then from its cache."""
-    import numba
-    from numba.extending import register_jitable
+    """Return `outline_cost` as Numba compiles it."""
+    from ...framework.jit.kernels import kernel
 
-    register_jitable(line_cost)
-    tool: Any = numba
-    try:
-        return tool.njit(cache=True)(outline_cost)  # type: ignore[no-any-return]
-    except RuntimeError:  # no folder that can be written
-        return tool.njit(outline_cost)  # type: ignore[no-any-return]
+    return kernel(outline_cost, line_cost)

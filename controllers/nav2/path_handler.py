@@ -143,7 +143,10 @@ def first_inversion(path: Array) -> int:
     for i, step in enumerate(steps[1:], start=1):
         if np.hypot(*step) <= _STILL:
             continue
-        if np.hypot(*before) > _STILL and np.float32(before[0] * step[0] + before[1] * step[1]) < 0:
+        if (
+            np.hypot(*before) > _STILL
+            and np.float32(before[0] * step[0] + before[1] * step[1]) < 0
+        ):
             return i + 1
         before = step
     return len(path)

@@ -197,9 +197,7 @@ class RegulatedPurePursuit(LocalController):
         stopping = sqrt(2.0 * self.max_angular_accel * abs(angle))
         return sign * stopping if abs(found) > stopping else found
 
-    def _regulated(
-        self, tick: Tick, plan: Array, curvature: float, sign: float
-    ) -> float | None:
+    def _regulated(self, tick: Tick, plan: Array, curvature: float, sign: float) -> float | None:
         """Speed, m/s, less in curves, near obstacles and near the goal; None off the costmap."""
         cost = int(tick.costmap.at(tick.pose[:2], outside=-1))
         if cost < 0:

@@ -150,6 +150,8 @@ class VectorPursuit(LocalController):
             if cost < 0:
                 return Answer.refusal("the robot is off its costmap", CONTROLLER_EXCEPTION)
             radius = self.turning_radius(target)
+            if not radius:
+                return Answer.refusal("the point ahead is behind, and the turning radius zero")
             speed = sign * self._speed(plan, radius, cost, tick.footprint.inscribed)
             turning = speed / radius if target[1] >= 0.0 else -speed / radius
         arc = None
@@ -172,7 +174,9 @@ class VectorPursuit(LocalController):
         if not len(self._left):
             return self._left
         half = 0.5 * max(costmap.width, costmap.height) * costmap.resolution
-        reach = half if self.max_robot_pose_search_dist is None else self.max_robot_pose_search_dist
+        reach = (
+            half if self.max_robot_pose_search_dist is None else self.max_robot_pose_search_dist
+        )
         bound = within(self._left, reach) if reach >= 0.0 else len(self._left)
         apart = np.hypot(*(self._left[:, :2] - pose[:2]).T)
         closest = bound - 1 - int(np.argmin(apart[:bound][::-1]))

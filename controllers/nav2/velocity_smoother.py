@@ -116,7 +116,8 @@ class VelocitySmoother:
         bounds = [self._bound(i, now[i], wanted[i]) for i in range(3)]
         share = self._share(now, wanted, bounds) if self.scale_velocities else 1.0
         out = [
-            c + min(max(share * (u - c), -b), b) for c, u, b in zip(now, wanted, bounds, strict=True)
+            c + min(max(share * (u - c), -b), b)
+            for c, u, b in zip(now, wanted, bounds, strict=True)
         ]
         self._last = (out[0], out[1], out[2])
         sent = [

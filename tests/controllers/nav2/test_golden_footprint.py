@@ -42,7 +42,9 @@ def test_unknown_exceeds_lethal_only_where_it_comes_first() -> None:
 
 
 def test_a_corner_off_the_map_is_lethal() -> None:
-    costmap = costmap_of({"width": 9, "height": 9, "resolution": 0.1, "origin_x": 0, "origin_y": 0})
+    costmap = costmap_of(
+        {"width": 9, "height": 9, "resolution": 0.1, "origin_x": 0, "origin_y": 0}
+    )
     robot = RobotFootprint.round_of(0.2)
     assert robot.cost(costmap, np.array([0.45, 0.45, 0.3])) == 0
     assert robot.cost(costmap, np.array([0.15, 0.45, 0.3])) == 254

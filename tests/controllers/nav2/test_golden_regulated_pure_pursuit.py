@@ -26,7 +26,11 @@ def controller_of(case: Case) -> RegulatedPurePursuit:
 
 
 def ticks_of(case: Case) -> list[Tick]:
-    costmap, footprint, checker = costmap_of(case["costmap"]), footprint_of(case["robot"]), GoalChecker()
+    costmap, footprint, checker = (
+        costmap_of(case["costmap"]),
+        footprint_of(case["robot"]),
+        GoalChecker(),
+    )
     plan, goal = np.array(case["path"]), np.array(case["global_goal"])
     return [
         Tick(
