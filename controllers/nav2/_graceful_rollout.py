@@ -70,16 +70,17 @@ def placed(ground: Ground, pose: Pose) -> Pose:
 def hits(ground: Ground, pose: Pose, scale: float) -> bool:
     """Tell whether the robot at a pose of its own frame hits something; not off the map.
 
-    A round robot is judged by the cost at its centre, another by its outline times ``scale``.
+    A round robot is judged by the cost at its centre, another by its outline times ``scale``; a
+    triangle does not grow.
     """
     x, y, yaw = placed(ground, pose)
     cost = cell_cost(ground, x, y)
     if cost < 0:
         return False
     if not ground.use_radius:
+        outline = ground.vertices * (scale if len(ground.vertices) > 3 else 1.0)
         cost = outline_cost(
-            ground.cells, ground.left, ground.low, ground.resolution, ground.vertices * scale, x,
-            y, yaw,
+            ground.cells, ground.left, ground.low, ground.resolution, outline, x, y, yaw
         )  # fmt: skip
     if cost == NO_INFORMATION:
         return not ground.track_unknown

@@ -1,4 +1,4 @@
-"""The graceful controller: a feedback law on pose towards the farthest pose it can reach freely."""
+"""The graceful controller: a feedback law on pose, towards the farthest pose that is free."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -174,6 +174,7 @@ class Graceful(LocalController):
                 if way is not None:
                     limit = self._limit(ground) - self.obstacle_cost_margin
                     return self._approached(ground, way, target) if way.highest >= limit else way
+                target = self._faced(target)[0]  # turned round twice, as in the original
             way = self._validated(ground, target)
             if way is not None:
                 return way
@@ -188,11 +189,16 @@ class Graceful(LocalController):
         for i in range(len(plan) - 2, -1, -1):
             yield (float(plan[i, 0]), float(plan[i, 1]), float(plan[i, 2])), float(arc[i])
 
-    def _validated(self, ground: rollout.Ground, target: Pose) -> Way | None:
-        """Return the way to a target, slower where the grown outline hits something."""
+    def _faced(self, target: Pose) -> tuple[Pose, bool]:
+        """Turn a target behind the robot round where it may drive backwards; say whether so."""
         backward = self.allow_backward and target[0] < 0.0
         if backward:
             target = (target[0], target[1], normalized(target[2] + pi))
+        return target, backward
+
+    def _validated(self, ground: rollout.Ground, target: Pose) -> Way | None:
+        """Return the way to a target, slower where the grown outline hits something."""
+        target, backward = self._faced(target)
         turns = self._turns_first and self.initial_rotation
         if abs(atan2(target[1], target[0])) < self.initial_rotation_tolerance:
             turns = self._turns_first = False

@@ -1,6 +1,6 @@
 """Angles, poses and plans as Nav2 computes with them. A pose is x, y (m) and yaw (rad)."""
 
-from math import atan2, cos, fmod, hypot, pi, sin
+from math import atan2, cos, fmod, hypot, pi, sin, sqrt
 
 import numpy as np
 
@@ -86,3 +86,23 @@ def _along(begin: Array, end: Array, start: Array, way: float) -> Array:
     """Return the pose ``way`` (m) from ``start`` in the direction of a step."""
     yaw = atan2(float(end[1] - begin[1]), float(end[0] - begin[0]))
     return np.array([start[0] + way * cos(yaw), start[1] + way * sin(yaw), yaw])
+
+
+def rotation_rate(
+    angle: float, turning: float, fastest: float, accel: float, period: float
+) -> float:
+    """Return the yaw rate of a turn on the spot that can stop in time, rad/s.
+
+    Parameters
+    ----------
+    angle : rad, to turn by.
+    turning : rad/s, present yaw rate.
+    fastest : rad/s.
+    accel : rad/s^2.
+    period : s, until the next command.
+    """
+    sign = 1.0 if angle > 0.0 else -1.0
+    change = accel * period
+    found = min(max(sign * fastest, turning - change), turning + change)
+    stopping = sqrt(2.0 * accel * abs(angle))
+    return sign * stopping if abs(found) > stopping else found

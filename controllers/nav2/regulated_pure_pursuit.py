@@ -1,7 +1,7 @@
 """Regulated pure pursuit: an arc to a point ahead, slower in curves and near obstacles."""
 
 from dataclasses import dataclass
-from math import atan2, hypot, inf, log, pi, sqrt
+from math import atan2, hypot, inf, log, pi
 from typing import final
 
 import numpy as np
@@ -12,7 +12,7 @@ from ...framework.values.motion import Twist
 from .collision_arc import collision_arc
 from .dynamic_window import nearest_to_curvature, window
 from .local_controller import CONTROLLER_EXCEPTION, Answer, LocalController, Tick
-from .poses import in_base_frame, length, look_ahead, normalized
+from .poses import in_base_frame, length, look_ahead, normalized, rotation_rate
 
 _LOG_INSCRIBED = float(np.float32(log(INSCRIBED)))
 """Nav2 takes this logarithm in single precision."""
@@ -53,8 +53,8 @@ class RegulatedPurePursuit(LocalController):
     approach_velocity_scaling_dist : m, from which on it slows for the goal.
     max_allowed_time_to_collision_up_to_carrot : s.
     min_distance_to_obstacle : m that have to be free ahead; negative: time alone counts.
-    use_regulated_linear_velocity_scaling : has no effect without a radius or cost that slows.
-    regulated_linear_scaling_min_radius : m.
+    use_regulated_linear_velocity_scaling : slow in curves.
+    regulated_linear_scaling_min_radius : m, tighter curves slow.
     regulated_linear_scaling_min_speed : m/s, below which curves and costs do not slow.
     use_cost_regulated_linear_velocity_scaling : slow near obstacles.
     cost_scaling_dist : m, from an obstacle, from which on it slows.
@@ -147,7 +147,10 @@ class RegulatedPurePursuit(LocalController):
         sign = -1.0 if self.allow_reversing and carrot[0] < 0.0 else 1.0
         turn = self.turn(tick, plan, ahead, sign)
         if turn is not None:
-            speed, turning = 0.0, self._rotation(turn, float(tick.speed[2]))
+            speed, turning = 0.0, rotation_rate(
+                turn, float(tick.speed[2]), self.rotate_to_heading_angular_vel,
+                self.max_angular_accel, 1.0 / self.controller_frequency,
+            )  # fmt: skip
         else:
             regulated = self._regulated(tick, plan, _curvature(ahead), sign)
             if regulated is None:
@@ -187,15 +190,6 @@ class RegulatedPurePursuit(LocalController):
         if sign < 0.0:
             angle = normalized(angle + pi)
         return angle if abs(angle) > self.rotate_to_heading_min_angle else None
-
-    def _rotation(self, angle: float, turning: float) -> float:
-        """Yaw rate for a turn by an angle, rad/s, from the present one."""
-        sign = 1.0 if angle > 0.0 else -1.0
-        change = self.max_angular_accel / self.controller_frequency
-        wanted = sign * self.rotate_to_heading_angular_vel
-        found = min(max(wanted, turning - change), turning + change)
-        stopping = sqrt(2.0 * self.max_angular_accel * abs(angle))
-        return sign * stopping if abs(found) > stopping else found
 
     def _regulated(self, tick: Tick, plan: Array, curvature: float, sign: float) -> float | None:
         """Speed, m/s, less in curves, near obstacles and near the goal; None off the costmap."""

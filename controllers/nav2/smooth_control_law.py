@@ -30,7 +30,7 @@ Pose = tuple[float, float, float]
 
 def wound(angle: float) -> float:
     """Return an angle in (-pi, pi], as `poses.normalized`, here for Numba."""
-    rest = np.fmod(angle + pi, 2.0 * pi)
+    rest: float = np.fmod(angle + pi, 2.0 * pi)
     if rest <= 0.0:
         return rest + pi
     return rest - pi

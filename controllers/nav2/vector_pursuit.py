@@ -195,7 +195,7 @@ class VectorPursuit(LocalController):
         reach = min(reach, _cusp_distance(plan))
         far = np.flatnonzero(np.hypot(plan[:, 0], plan[:, 1]) >= reach)
         place = int(far[0]) if len(far) else len(plan) - 1
-        point = plan[place].copy()
+        point: Array = plan[place].copy()
         if not len(far) or not place:
             if not self.use_heading_from_path and len(plan) > 1:
                 point[2] = _heading(plan[max(place - 1, 0)], plan[max(place, 1)])

@@ -11,21 +11,24 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     parametrize(metafunc, "footprint")
 
 
-def test_corners_and_radii_are_equal(footprint: Case) -> None:
-    if "radius" not in footprint:
-        pytest.skip("the case is one of costs")
-    expect = footprint["expect"]
-    made = RobotFootprint.round_of(footprint["radius"], footprint.get("footprint_padding", 0.0))
+def test_corners_radii_and_costs_are_equal(footprint: Case) -> None:
+    if "radius" in footprint:
+        check_corners(footprint)
+    else:
+        check_costs(footprint)
+
+
+def check_corners(case: Case) -> None:
+    expect = case["expect"]
+    made = RobotFootprint.round_of(case["radius"], case.get("footprint_padding", 0.0))
     assert np.abs(made.vertices - expect["points"]).max() < 1e-12
     assert abs(made.inscribed - expect["inscribed_radius"]) < 1e-12
     assert abs(made.circumscribed - expect["circumscribed_radius"]) < 1e-12
 
 
-def test_costs_are_equal(footprint: Case) -> None:
-    if "queries" not in footprint:
-        pytest.skip("the case is one of corners")
-    robot, costmap = RobotFootprint.of(footprint["footprint"]), costmap_of(footprint["costmap"])
-    for query in footprint["queries"]:
+def check_costs(case: Case) -> None:
+    robot, costmap = RobotFootprint.of(case["footprint"]), costmap_of(case["costmap"])
+    for query in case["queries"]:
         pose = np.array(query["pose"])
         assert robot.cost(costmap, pose) == query["cost"], pose
         plain = outline_cost(

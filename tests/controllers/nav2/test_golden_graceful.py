@@ -84,7 +84,7 @@ def test_commands_are_equal(gc_controller: Case) -> None:
         assert controller.does_initial_rotation == expect["do_initial_rotation"]
         if expect.get("safe_approach_angle") is not None:
             assert controller.safe_approach_angle == pytest.approx(expect["safe_approach_angle"])
-        if "local_plan_base" in expect and expect["local_plan_base"]:
+        if expect.get("local_plan_base"):
             assert answer.expected is not None
             assert len(answer.expected) == expect["local_plan_len"]
             found = in_base_frame(answer.expected, pose)
