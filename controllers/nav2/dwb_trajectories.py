@@ -1,0 +1,213 @@
+"""Twists that DWB samples, and the trajectories that they lead to."""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...framework.values.arrays import Array, BoolArray
+from ...framework.values.costmap import Costmap
+
+_NARROW = 1e-5
+"""m/s or rad/s. A window that is narrower has one sample; a sample may exceed it by as much."""
+_ROUNDING = float(np.finfo(np.float32).eps)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Trajectories:
+    """Where each of K twists leads, from the robot's pose on.
+
+    Rows of ``poses`` are as long as that of the longest trajectory; behind the end of a shorter
+    one its last pose is repeated.
+
+    Attributes
+    ----------
+    twists : (K, 3), forward and lateral speed, m/s, and yaw rate, rad/s.
+    poses : (K, P, 3), x, y, m, and yaw, rad.
+    counts : (K,), number of poses of each.
+    steps : (K,), s between two poses.
+    cells : (K, P), index of the cell that holds a pose, row by row; -1 off the map.
+    """
+
+    twists: Array
+    poses: Array
+    counts: NDArray[np.int64]
+    steps: Array
+    cells: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        """Return K."""
+        return len(self.twists)
+
+    @property
+    def last(self) -> Array:
+        """Pose at the end of each, (K, 3)."""
+        return np.asarray(self.poses[:, -1])
+
+    @property
+    def there(self) -> BoolArray:
+        """Tell which poses are not repetitions of the last, (K, P)."""
+        return np.asarray(np.arange(self.poses.shape[1]) < self.counts[:, None])
+
+    def only(self, kept: BoolArray) -> "Trajectories":
+        """Leave out those that ``kept``, (K,), does not mark."""
+        if kept.all():
+            return self
+        return Trajectories(
+            self.twists[kept], self.poses[kept], self.counts[kept], self.steps[kept],
+            self.cells[kept],
+        )  # fmt: skip
+
+    def at(self, time: float) -> Array:
+        """Return the poses at a time, s, (K, 3), between two of them on the straight line."""
+        ahead = np.minimum(time / self.steps, self.counts - 1.0)
+        before, rows = np.floor(ahead).astype(np.int64), np.arange(len(self))
+        first = self.poses[rows, before]
+        second = self.poses[rows, np.minimum(before + 1, self.counts - 1)]
+        return np.asarray(first + (ahead - before)[:, None] * (second - first))
+
+
+def cells_of(costmap: Costmap, points: Array) -> NDArray[np.int64]:
+    """Return the index of the cell that holds each point, (..., 2) m; -1 off the map."""
+    x = np.floor((points[..., 0] - costmap.origin[0]) / costmap.resolution)
+    y = np.floor((points[..., 1] - costmap.origin[1]) / costmap.resolution)
+    inside = (x >= 0) & (y >= 0) & (x < costmap.width) & (y < costmap.height)
+    return np.where(inside, y * costmap.width + x, -1.0).astype(np.int64)
+
+
+@final
+@dataclass(frozen=True)
+class Sampling:
+    """How DWB samples twists and rolls them out; names, units and defaults are DWB's.
+
+    Attributes
+    ----------
+    low, high : least and largest vx, vy, omega, (3,), m/s and rad/s.
+    gain, loss : acceleration, and deceleration (below zero), per axis, (3,), m/s^2 and rad/s^2.
+    samples : per axis, (3,).
+    slowest, fastest : m/s, of the speed; a negative one sets no limit.
+    slowest_turn : rad/s.
+    sim_time : s, of a trajectory.
+    window : s, for which the robot may accelerate to a sample.
+    instant : whether a trajectory has the sampled twist from the start on.
+    """
+
+    low: Array
+    high: Array
+    gain: Array
+    loss: Array
+    samples: tuple[int, int, int]
+    slowest: float
+    fastest: float
+    slowest_turn: float
+    sim_time: float
+    window: float
+    instant: bool
+    linear_granularity: float
+    angular_granularity: float
+    time_granularity: float
+    discretize_by_time: bool
+    include_last_point: bool
+    limit_vel_cmd_in_traj: bool
+
+    def twists(self, speed: Array) -> Array:
+        """Return the twists within reach of a speed (3,): (K, 3), never the standstill.
+
+        The yaw rate changes first, then vy, then vx.
+        """
+        values = [self._values(i, float(speed[i])) for i in range(3)]
+        x, y, turn = (grid.ravel() for grid in np.meshgrid(*values, indexing="ij"))
+        return np.stack([x, y, turn], axis=1)[self._allowed(x, y, turn)]
+
+    def _values(self, axis: int, now: float) -> list[float]:
+        """Return the samples of an axis, with a zero where they change their sign.
+
+        They are added up step by step, so that rounding is that of the original.
+        """
+        low, high = float(self.low[axis]), float(self.high[axis])
+        now = min(max(now, low), high)
+        gain, loss = self.gain[axis] * self.window, self.loss[axis] * self.window
+        top, bottom = (float(reach(now, end, gain, loss)) for end in (high, low))
+        if abs(top - bottom) < _NARROW:
+            return [bottom]
+        step = (top - bottom) / (max(2, self.samples[axis]) - 1)
+        found: list[float] = []
+        value = bottom
+        while value <= top + _NARROW:
+            if found and found[-1] < 0.0 < value:
+                found.append(0.0)
+            found.append(value)
+            value += step
+        return found
+
+    def _allowed(self, x: Array, y: Array, turn: Array) -> BoolArray:
+        square = x * x + y * y
+        fast = (self.fastest >= 0.0) & (square > self.fastest**2 + _ROUNDING)
+        slow = (square + _ROUNDING < self.slowest**2) & (
+            np.abs(turn) + _ROUNDING < self.slowest_turn
+        )
+        slow &= (self.slowest >= 0.0) and (self.slowest_turn >= 0.0)
+        return np.asarray(~fast & ~slow & ((square != 0.0) | (turn != 0.0)))
+
+    def trajectories(
+        self, pose: Array, speed: Array, twists: Array, costmap: Costmap
+    ) -> Trajectories:
+        """Roll twists (K, 3) out from a pose (3,) and a speed (3,).
+
+        In each step dt the velocity goes towards the sample as fast as the robot can, then
+
+            x += (vx cos yaw + vy cos(yaw + pi/2)) dt,    yaw += omega dt
+
+        with the yaw from before the step.
+        """
+        number = self._numbers(twists)
+        steps = self.sim_time / number
+        longest = int(number.max(initial=1))
+        poses = np.empty((longest + 1 + self.include_last_point, 3, len(twists)))
+        now, velocity = np.tile(pose[:, None], len(twists)), np.tile(speed[:, None], len(twists))
+        wanted = np.ascontiguousarray(twists.T)
+        gain, loss = self.gain[:, None] * steps, self.loss[:, None] * steps
+        sent, poses[0] = twists, now
+        for i in range(longest):
+            if i < 1 or not self.instant:
+                velocity = wanted if self.instant else reach(velocity, wanted, gain, loss)
+            if i == 0 and self.limit_vel_cmd_in_traj:
+                sent = velocity.T.copy()
+            now = moved(now, velocity, np.where(i < number, steps, 0.0))
+            poses[i + 1] = now
+        poses[longest + 1 :] = now
+        found = np.ascontiguousarray(poses.transpose(2, 0, 1))
+        counts = number.astype(np.int64) + 1 + self.include_last_point
+        return Trajectories(sent, found, counts, steps, cells_of(costmap, found))
+
+    def _numbers(self, twists: Array) -> Array:
+        """Return the number of steps of each trajectory, (K,)."""
+        if self.discretize_by_time:
+            return np.full(len(twists), max(1.0, np.ceil(self.sim_time / self.time_granularity)))
+        far = np.hypot(twists[:, 0], twists[:, 1]) * self.sim_time / self.linear_granularity
+        turn = np.abs(twists[:, 2]) * self.sim_time / self.angular_granularity
+        return np.asarray(np.maximum(1.0, np.ceil(np.maximum(far, turn))))
+
+
+def reach(
+    now: Array | float, wanted: Array | float, gain: Array | float, loss: Array | float
+) -> Array:
+    """Return the velocity nearest to ``wanted`` within a change of ``gain`` up, ``loss`` down."""
+    up = np.minimum(wanted, now + gain)
+    return np.where(now < wanted, up, np.maximum(wanted, now + loss))
+
+
+def moved(pose: Array, velocity: Array, step: Array) -> Array:
+    """Return the poses (3, K) after a step of (K,) s at velocities (3, K) in the body's frame."""
+    x, y, yaw = pose
+    forward, lateral, turn = velocity
+    aside = yaw + 0.5 * np.pi
+    return np.stack(
+        [
+            x + (forward * np.cos(yaw) + lateral * np.cos(aside)) * step,
+            y + (forward * np.sin(yaw) + lateral * np.sin(aside)) * step,
+            yaw + turn * step,
+        ]
+    )
