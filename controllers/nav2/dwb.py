@@ -275,7 +275,7 @@ class DWB(LocalController):
         totals, asked = found.totals.copy(), found.asked.copy()
         best, least = None, np.inf
         weighed = [bool(weight) for weight in found.weights]
-        columns: list[list[float]] = sums.T.tolist()
+        columns: Any = sums.T.tolist()
         for k, column in enumerate(columns):
             for c, total in enumerate(column):
                 asked[k] = c + 1

@@ -1,12 +1,10 @@
 """Critics of DWB: each gives every trajectory a score, or forbids it."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache
 from itertools import pairwise
 from math import atan2, cos, hypot, sin, trunc
-from typing import Any, ClassVar, Literal, final
+from typing import ClassVar, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +12,8 @@ from numpy.typing import NDArray
 from ...framework.values.arrays import Array
 from ...framework.values.costmap import INSCRIBED, LETHAL, NO_INFORMATION, Costmap
 from .dwb_trajectories import Trajectories, cells_of
-from .footprint import line_cost
 from .local_controller import Tick
+from .outlines import outline_costs
 from .poses import length, shortest_angle
 
 Aggregation = Literal["last", "sum", "product"]
@@ -241,67 +239,12 @@ class ObstacleFootprint(Critic):
         assert self._tick is not None  # `prepare` comes first
         costmap, there = self._tick.costmap, trajectories.there
         under = np.zeros(there.shape)
-        left, low = costmap.origin
-        under[there] = compiled()(
-            costmap.cells, left, low, costmap.resolution, self._tick.footprint.vertices,
-            trajectories.poses[there],
-        )  # fmt: skip
+        vertices = self._tick.footprint.vertices
+        under[there] = outline_costs(costmap, vertices, trajectories.poses[there], back=True)
         under[trajectories.cells < 0] = LETHAL
         last = under[np.arange(len(under)), trajectories.counts - 1]
         found = under.sum(axis=1) if self.sum_scores else last
         return np.where((under >= LETHAL).any(axis=1), np.nan, found)
-
-
-def outline_costs(
-    cells: NDArray[np.uint8], left: float, low: float, resolution: float, vertices: Array,
-    poses: Array,
-) -> NDArray[np.int64]:  # fmt: skip
-    """Return the largest cost under the edges of a polygon at each pose; 254 off the map.
-
-    The last edge runs from the last vertex to the first: the line from cell to cell is not
-    symmetric, and the edge of `wideberth.controllers.nav2.footprint.outline_cost` runs back.
-
-    Parameters
-    ----------
-    cells : (height, width), of the costmap.
-    left, low, resolution : m, origin and side of its cells.
-    vertices : (V, 2), m, in the body's frame.
-    poses : (P, 3), m and rad.
-    """
-    high, wide = cells.shape
-    count = len(vertices)
-    places = np.empty((count, 2), np.int64)
-    found = np.zeros(len(poses), np.int64)
-    for k in range(len(poses)):
-        cosine, sine = np.cos(poses[k, 2]), np.sin(poses[k, 2])
-        for i in range(count):
-            x = poses[k, 0] + (vertices[i, 0] * cosine - vertices[i, 1] * sine)
-            y = poses[k, 1] + (vertices[i, 0] * sine + vertices[i, 1] * cosine)
-            mx, my = np.floor((x - left) / resolution), np.floor((y - low) / resolution)
-            if not (0 <= mx < wide and 0 <= my < high):
-                found[k] = LETHAL
-            else:
-                places[i, 0], places[i, 1] = int(mx), int(my)
-        for i in range(count):
-            if found[k] < LETHAL:
-                j = (i + 1) % count
-                cost = line_cost(cells, places[i, 0], places[i, 1], places[j, 0], places[j, 1])
-                found[k] = max(found[k], cost)
-    return found
-
-
-@cache
-def compiled() -> Callable[..., Any]:
-    """Return `outline_costs` as Numba compiles it: once per machine, then from its cache."""
-    import numba
-    from numba.extending import register_jitable
-
-    register_jitable(line_cost)
-    tool: Any = numba
-    try:
-        return tool.njit(cache=True)(outline_costs)  # type: ignore[no-any-return]
-    except RuntimeError:  # no folder that can be written
-        return tool.njit(outline_costs)  # type: ignore[no-any-return]
 
 
 @dataclass(eq=False)

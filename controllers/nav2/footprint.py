@@ -104,7 +104,7 @@ class RobotFootprint:
         return int(
             compiled()(
                 costmap.cells, left, low, costmap.resolution, self.vertices, float(pose[0]),
-                float(pose[1]), float(pose[2]),
+                float(pose[1]), float(pose[2]), False,
             )
         )  # fmt: skip
 
@@ -151,11 +151,11 @@ def line_cost(cells: NDArray[np.uint8], x0: int, y0: int, x1: int, y1: int) -> i
 
 def outline_cost(
     cells: NDArray[np.uint8], left: float, low: float, resolution: float,
-    vertices: Array, x: float, y: float, yaw: float,
+    vertices: Array, x: float, y: float, yaw: float, back: bool,
 ) -> int:  # fmt: skip
     """Return the highest cost on the edges of a polygon; see `RobotFootprint.cost`.
 
-    The last edge runs from the first vertex to the last one.
+    The last edge runs from the first vertex to the last one, or ``back`` from there to the first.
     """
     high, wide = cells.shape
     count = len(vertices)
@@ -172,7 +172,9 @@ def outline_cost(
         places[i, 0], places[i, 1] = mx, my
     highest = 0
     for i in range(count):
-        begin, end = (i, i + 1) if i < count - 1 else (0, count - 1)
+        begin, end = i, (i + 1) % count
+        if end == 0 and not back:
+            begin, end = end, begin
         cost = line_cost(cells, places[begin, 0], places[begin, 1], places[end, 0], places[end, 1])
         if cost == LETHAL:
             return LETHAL

@@ -1,0 +1,168 @@
+"""MPPI equals what was recorded from Nav2: `--golden-nav2 FOLDER` names other cases."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wideberth.controllers.nav2.footprint import RobotFootprint
+from wideberth.controllers.nav2.goal_checker import GoalChecker
+from wideberth.controllers.nav2.local_controller import Tick
+from wideberth.controllers.nav2.mppi import MPPI
+from wideberth.controllers.nav2.mppi_rollouts import Situation
+from wideberth.framework.values.costmap import Costmap
+
+Case = dict[str, Any]
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    folder = Path(str(metafunc.config.getoption("--golden-nav2")))
+    for name in {"mppi_critics", "mppi_ticks"} & {*metafunc.fixturenames}:
+        path = folder / f"{name}.json"
+        if path.is_file():
+            cases = json.loads(path.read_text(encoding="utf-8"))["cases"]
+            metafunc.parametrize(name, cases, ids=[f"{name}{case['id']}" for case in cases])
+        else:
+            reason = f"{path} is missing; --golden-nav2 names a folder that has it"
+            missing = pytest.param(None, marks=pytest.mark.skip(reason=reason))
+            metafunc.parametrize(name, [missing])
+
+
+def costmap_of(stored: dict[str, Any]) -> Costmap:
+    values, counts = zip(*stored["data_rle"], strict=True)
+    cells = np.repeat(values, counts).reshape(stored["height"], stored["width"])
+    return Costmap(
+        cells.astype(np.uint8), stored["resolution"], (stored["origin_x"], stored["origin_y"])
+    )
+
+
+def controller_of(case: Case) -> MPPI:
+    """The one adapter from the parameters of a case."""
+    inflation = {f"ObstaclesCritic.{name}": case["inflation"][name] for name in case["inflation"]}
+    controller = MPPI.from_parameters({**inflation, **case["params"]})
+    noise = [case["noise_vx_f32"], case["noise_wz_f32"]]
+    controller.memory.noise = np.array(noise, np.float32).transpose(0, 2, 1)
+    return controller
+
+
+def tick_of(case: Case, stored: Case, first: int = 0) -> Tick:
+    robot = case["robot"]
+    if robot["use_radius"]:
+        footprint = RobotFootprint.round_of(robot["robot_radius"])
+    else:
+        footprint = RobotFootprint.of(robot["footprint"])
+    return Tick(
+        time=0.0,
+        pose=np.array(stored["pose"]),
+        speed=np.array([stored["speed_v"], 0.0, stored["speed_w"]]),
+        plan=np.array(case["path"])[first:],
+        goal=np.array(case["goal"]),
+        costmap=costmap_of(case["costmap"]),
+        footprint=footprint,
+        track_unknown=robot["track_unknown"],
+        checker=GoalChecker(),
+    )
+
+
+def prepared(case: Case) -> MPPI:
+    controller = controller_of(case)
+    memory = controller.memory
+    controls = [case["control_sequence_vx_f32"], case["control_sequence_wz_f32"]]
+    memory.controls = np.array(controls, np.float32)
+    memory.history = np.array([case["control_history_vx"], case["control_history_wz"]])
+    memory.last = np.array([case["last_command_v"], case["last_command_w"]])
+    if sent := case.get("delay_command_history"):
+        memory.sent = (np.array(sent["vx"], np.float32), np.array(sent["wz"], np.float32))
+    return controller
+
+
+def near(found: np.ndarray, stored: list[Any], tolerance: float) -> None:
+    wanted = np.array(stored, np.float64)
+    assert found.shape == wanted.shape
+    assert np.abs(found - wanted).max() < tolerance
+
+
+def equal_costs(found: np.ndarray, stored: list[Any]) -> None:
+    np.testing.assert_allclose(found, np.array(stored, np.float64), rtol=1e-4, atol=1e-4)
+
+
+def test_rollouts_are_equal(mppi_critics: Case) -> None:
+    controller, expect = prepared(mppi_critics), mppi_critics["expect"]
+    tick = tick_of(mppi_critics, mppi_critics)
+    speed = controller.speed(tick)
+    near(speed, expect["state_speed"], 1e-6)
+    situation = Situation(tick, controller.limits, controller.model_dt)
+    assert situation.length == pytest.approx(expect["local_path_length_f32"], rel=1e-6)
+    controls, rollouts = controller.sampled(situation, speed)
+    near(controls[0].T, expect["cvx_f32"], 1e-6)
+    near(controls[1].T, expect["cwz_f32"], 1e-6)
+    near(rollouts.vx.T, expect["vx_f32"], 1e-6)
+    near(rollouts.wz.T, expect["wz_f32"], 1e-6)
+    near(rollouts.yaw.T, expect["yaw_f32"], 1e-6)
+    near(rollouts.x.T, expect["x_f32"], 1e-5)
+    near(rollouts.y.T, expect["y_f32"], 1e-5)
+
+
+def test_each_critic_is_equal(mppi_critics: Case) -> None:
+    controller, expect = prepared(mppi_critics), mppi_critics["expect"]
+    tick = tick_of(mppi_critics, mppi_critics)
+    situation = Situation(tick, controller.limits, controller.model_dt)
+    _, rollouts = controller.sampled(situation, controller.speed(tick))
+    if "furthest_reached_path_point" in expect:  # otherwise no critic asked for it
+        assert situation.furthest(rollouts) == expect["furthest_reached_path_point"]
+    if "path_pts_valid" in expect:
+        assert situation.valid.astype(int).tolist() == expect["path_pts_valid"]
+    assert len(controller.critics) == len(expect["critics"])
+    for critic in controller.critics:
+        stored = expect["critics"][type(critic).__name__]
+        situation.all_collide = False
+        cost = critic.cost(rollouts, situation)
+        equal_costs(np.zeros(len(stored["costs_f32"])) if cost is None else cost,
+                    stored["costs_f32"])  # fmt: skip
+        assert situation.all_collide == stored["fail_flag"], type(critic).__name__
+
+
+def test_controls_are_equal(mppi_critics: Case) -> None:
+    whole, expect = prepared(mppi_critics), mppi_critics["expect"]
+    controller = replace(whole, critics=whole.critics[:8])
+    controller.memory = whole.memory
+    tick = tick_of(mppi_critics, mppi_critics)
+    situation = Situation(tick, controller.limits, controller.model_dt)
+    speed = controller.speed(tick)
+    noisy, rollouts = controller.sampled(situation, speed)
+    for critic in controller.critics:  # recorded without the stop where all collide
+        cost = critic.cost(rollouts, situation)
+        controller.costs += 0.0 if cost is None else cost
+    equal_costs(controller.costs, expect["total_first_eight_f32"])
+    controller.average(noisy, speed)
+    equal_costs(controller.costs, expect["costs_after_gamma_f32"])
+    near(controller.memory.controls[0], expect["new_control_sequence_vx_f32"], 2e-5)
+    near(controller.memory.controls[1], expect["new_control_sequence_wz_f32"], 2e-5)
+    ahead = controller.ahead(tick)
+    near(ahead, expect["optimal_trajectory_f32"], 2e-5)
+    assert controller.free(ahead, tick) == (expect["validator"] == "SUCCESS")
+    near(controller.memory.controls[:, 1], expect["command"], 2e-5)
+
+
+def test_ticks_are_equal(mppi_ticks: Case) -> None:
+    controller = controller_of(mppi_ticks)
+    for i, stored in enumerate(mppi_ticks["ticks"]):
+        expect = stored["expect"]
+        if "fallback" in stored or "fallback" in expect:
+            return
+        answer = controller.velocity(tick_of(mppi_ticks, stored, stored["path_start_index"]))
+        if "exception" in expect:
+            assert answer.twist is None and answer.error == expect["exception"]
+            return
+        tolerance = 1e-4 if i < 3 else 1e-3
+        assert answer.twist is not None
+        assert abs(answer.twist.linear[0] - expect["v"]) < tolerance
+        assert abs(answer.twist.angular - expect["w"]) < tolerance
+        if i == 0:
+            equal_costs(controller.costs, expect["costs_f32"])
+        controls = controller.memory.controls
+        near(controls[0], expect["control_sequence_after_shift_vx_f32"], tolerance)
+        near(controls[1], expect["control_sequence_after_shift_wz_f32"], tolerance)
