@@ -104,7 +104,7 @@ class RobotFootprint:
         return int(
             compiled()(
                 costmap.cells, left, low, costmap.resolution, self.vertices, float(pose[0]),
-                float(pose[1]), float(pose[2]), False,
+                float(pose[1]), float(pose[2]),
             )
         )  # fmt: skip
 
@@ -151,7 +151,7 @@ def line_cost(cells: NDArray[np.uint8], x0: int, y0: int, x1: int, y1: int) -> i
 
 def outline_cost(
     cells: NDArray[np.uint8], left: float, low: float, resolution: float,
-    vertices: Array, x: float, y: float, yaw: float, back: bool,
+    vertices: Array, x: float, y: float, yaw: float, back: bool = False,
 ) -> int:  # fmt: skip
     """Return the highest cost on the edges of a polygon; see `RobotFootprint.cost`.
 

@@ -45,14 +45,7 @@ def each_outline(
 
 @cache
 def compiled() -> Callable[..., Any]:
-    """Return `each_outline` as Numba compiles it: once per machine, then from its cache."""
-    import numba
-    from numba.extending import register_jitable
+    """Return `each_outline` as Numba compiles it."""
+    from ...framework.jit.kernels import kernel
 
-    for inner in (line_cost, outline_cost):
-        register_jitable(inner)
-    tool: Any = numba
-    try:
-        return tool.njit(cache=True)(each_outline)  # type: ignore[no-any-return]
-    except RuntimeError:  # no folder that can be written
-        return tool.njit(each_outline)  # type: ignore[no-any-return]
+    return kernel(each_outline, outline_cost, line_cost)

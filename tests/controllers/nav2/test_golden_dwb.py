@@ -1,48 +1,27 @@
 """DWB equals evaluations recorded from Nav2: `--golden-nav2 FOLDER` names other cases."""
 
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from wideberth.controllers.nav2.dwb import DWB, Evaluation
-from wideberth.controllers.nav2.footprint import RobotFootprint
 from wideberth.controllers.nav2.goal_checker import GoalChecker
 from wideberth.controllers.nav2.local_controller import Tick
-from wideberth.framework.values.costmap import Costmap
-
-Case = dict[str, Any]
+from wideberth.tests.controllers.nav2.golden import (
+    Case,
+    assert_equal_answer,
+    costmap_of,
+    footprint_of,
+    parametrize,
+)
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    path = Path(str(metafunc.config.getoption("--golden-nav2"))) / "dwb.json"
-    if "dwb" not in metafunc.fixturenames:
-        return
-    if path.is_file():
-        cases = json.loads(path.read_text(encoding="utf-8"))["cases"]
-        metafunc.parametrize("dwb", cases, ids=[f"dwb{case['id']}" for case in cases])
-    else:
-        reason = f"{path} is missing; --golden-nav2 names a folder that has it"
-        missing = pytest.param(None, marks=pytest.mark.skip(reason=reason))
-        metafunc.parametrize("dwb", [missing])
-
-
-def costmap_of(stored: dict[str, Any]) -> Costmap:
-    values, counts = zip(*stored["data_rle"], strict=True)
-    cells = np.repeat(values, counts).reshape(stored["height"], stored["width"])
-    return Costmap(
-        cells.astype(np.uint8), stored["resolution"], (stored["origin_x"], stored["origin_y"])
-    )
+    parametrize(metafunc, "dwb")
 
 
 def ticks_of(case: Case) -> list[Tick]:
-    robot = case["robot"]
-    if robot["use_radius"]:
-        footprint = RobotFootprint.round_of(robot["robot_radius"])
-    else:
-        footprint = RobotFootprint.of(robot["footprint"])
     return [
         Tick(
             time=0.05 * i,
@@ -51,8 +30,8 @@ def ticks_of(case: Case) -> list[Tick]:
             plan=np.array(case["path"]),
             goal=np.array(case["global_goal"]),
             costmap=costmap_of(case["costmap"]),
-            footprint=footprint,
-            track_unknown=robot["track_unknown"],
+            footprint=footprint_of(case["robot"]),
+            track_unknown=case["robot"]["track_unknown"],
             checker=GoalChecker(),
         )
         for i, tick in enumerate(case["ticks"])
@@ -93,10 +72,5 @@ def test_evaluations_are_equal(dwb: Case) -> None:
         assert found is not None and len(found.trajectories) == len(expect["trajectories"])
         for k, trajectory in enumerate(expect["trajectories"]):
             compared(found, k, trajectory)
-        if "exception" in expect:
-            assert answer.twist is None and answer.error == expect["exception"]
-            continue
-        assert found.best == expect["best_index"]
-        assert answer.twist is not None
-        assert abs(answer.twist.linear[0] - expect["v"]) < 1e-9
-        assert abs(answer.twist.angular - expect["w"]) < 1e-9
+        assert_equal_answer(answer, expect, 1e-9)
+        assert found.best == expect.get("best_index")

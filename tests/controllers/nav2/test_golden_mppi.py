@@ -1,42 +1,26 @@
 """MPPI equals what was recorded from Nav2: `--golden-nav2 FOLDER` names other cases."""
 
-import json
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from wideberth.controllers.nav2.footprint import RobotFootprint
 from wideberth.controllers.nav2.goal_checker import GoalChecker
 from wideberth.controllers.nav2.local_controller import Tick
 from wideberth.controllers.nav2.mppi import MPPI
 from wideberth.controllers.nav2.mppi_rollouts import Situation
-from wideberth.framework.values.costmap import Costmap
-
-Case = dict[str, Any]
+from wideberth.tests.controllers.nav2.golden import (
+    Case,
+    assert_equal_answer,
+    costmap_of,
+    footprint_of,
+    parametrize,
+)
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    folder = Path(str(metafunc.config.getoption("--golden-nav2")))
-    for name in {"mppi_critics", "mppi_ticks"} & {*metafunc.fixturenames}:
-        path = folder / f"{name}.json"
-        if path.is_file():
-            cases = json.loads(path.read_text(encoding="utf-8"))["cases"]
-            metafunc.parametrize(name, cases, ids=[f"{name}{case['id']}" for case in cases])
-        else:
-            reason = f"{path} is missing; --golden-nav2 names a folder that has it"
-            missing = pytest.param(None, marks=pytest.mark.skip(reason=reason))
-            metafunc.parametrize(name, [missing])
-
-
-def costmap_of(stored: dict[str, Any]) -> Costmap:
-    values, counts = zip(*stored["data_rle"], strict=True)
-    cells = np.repeat(values, counts).reshape(stored["height"], stored["width"])
-    return Costmap(
-        cells.astype(np.uint8), stored["resolution"], (stored["origin_x"], stored["origin_y"])
-    )
+    parametrize(metafunc, "mppi_critics", "mppi_ticks")
 
 
 def controller_of(case: Case) -> MPPI:
@@ -49,11 +33,6 @@ def controller_of(case: Case) -> MPPI:
 
 
 def tick_of(case: Case, stored: Case, first: int = 0) -> Tick:
-    robot = case["robot"]
-    if robot["use_radius"]:
-        footprint = RobotFootprint.round_of(robot["robot_radius"])
-    else:
-        footprint = RobotFootprint.of(robot["footprint"])
     return Tick(
         time=0.0,
         pose=np.array(stored["pose"]),
@@ -61,8 +40,8 @@ def tick_of(case: Case, stored: Case, first: int = 0) -> Tick:
         plan=np.array(case["path"])[first:],
         goal=np.array(case["goal"]),
         costmap=costmap_of(case["costmap"]),
-        footprint=footprint,
-        track_unknown=robot["track_unknown"],
+        footprint=footprint_of(case["robot"]),
+        track_unknown=case["robot"]["track_unknown"],
         checker=GoalChecker(),
     )
 
@@ -154,13 +133,10 @@ def test_ticks_are_equal(mppi_ticks: Case) -> None:
         if "fallback" in stored or "fallback" in expect:
             return
         answer = controller.velocity(tick_of(mppi_ticks, stored, stored["path_start_index"]))
-        if "exception" in expect:
-            assert answer.twist is None and answer.error == expect["exception"]
-            return
         tolerance = 1e-4 if i < 3 else 1e-3
-        assert answer.twist is not None
-        assert abs(answer.twist.linear[0] - expect["v"]) < tolerance
-        assert abs(answer.twist.angular - expect["w"]) < tolerance
+        assert_equal_answer(answer, expect, tolerance)
+        if answer.twist is None:
+            return
         if i == 0:
             equal_costs(controller.costs, expect["costs_f32"])
         controls = controller.memory.controls
