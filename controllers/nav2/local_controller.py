@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from ...framework.values.arrays import Array
 from ...framework.values.costmap import Costmap
-from ...framework.values.motion import Twist
+from ...framework.values.motion import Observation, Twist
 from .footprint import RobotFootprint
 from .goal_checker import GoalChecker
 
@@ -32,6 +32,8 @@ class Tick:
     footprint : of the robot, with its padding.
     track_unknown : whether a cell of unknown cost is free to go.
     checker : of the goal; asking it changes its memory, as in Nav2.
+    observation : what the robot sees beside the costmap, for controllers that know of people;
+        None for those of Nav2's own that do not.
     """
 
     time: float
@@ -43,6 +45,7 @@ class Tick:
     footprint: RobotFootprint
     track_unknown: bool
     checker: GoalChecker
+    observation: Observation | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +79,7 @@ class LocalController(ABC):
 
     Laws:
 
-    - After `reset` it answers as a new one, but for its speed limit.
+    - `reset` forgets what the original forgets; a new one is made for a new robot.
     - `velocity` raises nothing: where Nav2 throws, the answer names the exception.
     - Equal ticks after equal calls have equal answers, bit by bit.
     """

@@ -10,7 +10,7 @@ import numpy as np
 from ...framework.values.arrays import Array, positive
 from ...framework.values.costmap import Costmap
 from ...framework.values.errors import WideberthError
-from ...framework.values.motion import Twist
+from ...framework.values.motion import Observation, Twist
 from .footprint import RobotFootprint
 from .goal_checker import GoalChecker
 from .local_controller import NO_VALID_CONTROL, Answer, LocalController, Tick
@@ -71,6 +71,7 @@ class Sight:
     updated : s, when that was made.
     footprint : of the robot, with its padding.
     track_unknown : whether a cell of unknown cost is free to go.
+    observation : the whole of it; None where there is none.
     """
 
     time: float
@@ -80,6 +81,7 @@ class Sight:
     updated: float
     footprint: RobotFootprint
     track_unknown: bool = False
+    observation: Observation | None = None
 
 
 @final
@@ -167,7 +169,7 @@ class ControllerServer:
         answer = self.controller.velocity(
             Tick(
                 seen.time, seen.pose, self._measured(seen.speed), plan, self._goal, seen.costmap,
-                seen.footprint, seen.track_unknown, self.goal_checker,
+                seen.footprint, seen.track_unknown, self.goal_checker, seen.observation,
             )
         )  # fmt: skip
         return self._judged(answer, seen.time)

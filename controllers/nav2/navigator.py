@@ -1,0 +1,358 @@
+"""Nav2 as a controller: local costmap, controller server, recoveries and velocity smoother."""
+
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from pathlib import Path as File
+from typing import final
+
+import numpy as np
+
+from ...framework.control.command_limits import attained, within_reach
+from ...framework.control.rate_limited_warnings import WARNINGS
+from ...framework.controller import Controller, checked_path, checked_ready, checked_use
+from ...framework.robot import Robot
+from ...framework.route_planner import RoutePlanner
+from ...framework.values.arrays import Array, positive
+from ...framework.values.costmap import Costmap
+from ...framework.values.errors import WideberthError
+from ...framework.values.footprint import Outline
+from ...framework.values.motion import Command, Observation, Twist, checked_numbers, sound
+from ...framework.values.path import Path
+from ...framework.values.plan import Plan
+from ..steering import FAST, top_speed, yaw_acceleration
+from .footprint import RobotFootprint
+from .local_controller import Answer
+from .local_controllers import Limits
+from .local_costmap import LayeredCostmap, Surroundings
+from .params_file import read_params_file
+from .rays import Rays
+from .recoveries import Outcome, Recovery, Situation
+from .route import GlobalRoute
+from .server import Sight, Status
+from .settings import Settings
+
+SPACING = 0.05
+"""m, between the poses that a path is given as: Nav2's planners give one per cell."""
+_HELPED = {
+    Status.UNKNOWN, Status.CONTROLLER_TIMED_OUT, Status.FAILED_TO_MAKE_PROGRESS,
+    Status.NO_VALID_CONTROL, Status.PATIENCE_EXCEEDED,
+}  # fmt: skip
+"""Results after which Nav2 tries again; an invalid path is none of them."""
+_STILL = Twist((0.0, 0.0))
+
+
+class Navigation(StrEnum):
+    """How the way to the goal stands."""
+
+    FOLLOWING = "following"
+    RECOVERING = "recovering"
+    SUCCEEDED = "succeeded"
+    FAILED = "failed"
+
+
+@final
+@dataclass(eq=False)
+class Nav2(Controller):
+    """Drives a robot as Nav2 does, with any of its local controllers.
+
+    Each call is a tick of the controller server. The local costmap is updated at its own rate. A
+    path is followed until its goal; where that fails, the local costmap is cleared and it is tried
+    once more; then follow recoveries in turn, after `Recoveries.number_of_retries` of which the
+    robot stands for good. Commands pass the velocity smoother.
+
+    The robot's surroundings are what the observation holds: its detections as discs, where they
+    are by now if their velocity is known, and its polygons. A `View` sees them by rays, which end
+    at the first body, or all of them if it is exact. Positions are taken as they are measured.
+
+    The headings of a path are its directions: Nav2's own NavFn gives none.
+
+    Parameters
+    ----------
+    robot : to be driven, in the plane; it has a heading.
+    settings : the local controller and all that is around it.
+    params_file : one of Nav2's files, ``nav2_params.yaml``; its settings are then taken instead.
+    robot_limits : bound the controller and the smoother by what this robot can do.
+    planner : finds new routes as the default behaviour tree does, once a second at most; None to
+        keep to the path.
+    global_margin : m, by which the costmap for these routes reaches beyond the path.
+
+    Raises
+    ------
+    WideberthError : a robot without heading or in space, or parameters that are not known.
+    """
+
+    robot: Robot
+    settings: Settings = field(default_factory=Settings)
+    params_file: File | None = None
+    robot_limits: bool = False
+    planner: RoutePlanner | None = None
+    global_margin: float = 4.0
+
+    def __post_init__(self) -> None:
+        kind = type(self.robot).__name__
+        rest = np.zeros(len(self.robot.states))
+        if self.robot.dimension != 2 or self.robot.pose(tuple(rest)).heading is None:
+            raise WideberthError(
+                f"Nav2's controllers drive robots in the plane that have a heading; {kind} has "
+                "none: take unicycle or differential_drive"
+            )
+        positive("nav2.global_margin", self.global_margin)
+        self._set = (
+            self.settings if self.params_file is None else read_params_file(self.params_file)
+        )
+        if self.robot_limits:
+            self._set = self._set.within(_limits_of(self.robot))
+        self.period = 1.0 / self._set.controller_frequency
+        self.footprint = self._outline()
+        self._path: Array | None = None
+        self._make()
+
+    def _outline(self) -> RobotFootprint:
+        """Return the robot's outline with its padding."""
+        padding, given = self._set.view.footprint_padding, self._set
+        if given.footprint:
+            return RobotFootprint.of(given.footprint, padding)
+        if given.robot_radius is None and isinstance(self.robot.footprint, Outline):
+            return RobotFootprint.of(self.robot.footprint.vertices, padding)
+        radius = self.robot.radius if given.robot_radius is None else given.robot_radius
+        return RobotFootprint.round_of(radius, padding)
+
+    def _make(self) -> None:
+        """Make everything that remembers anew."""
+        self._server = self._set.make_server()
+        self._smoother = self._set.make_smoother()
+        self._recoveries = self._set.make_recoveries()
+        self._local = LayeredCostmap(self._set.view, self.footprint)
+        self._route: GlobalRoute | None = None
+        self._navigation, self._reason = Navigation.FOLLOWING, ""
+        self._retried = self._begun = False
+        self._answer: Answer | None = None
+        self._last = np.zeros(3)
+        self._stamp = -np.inf
+
+    def reset(self) -> None:
+        """Forget everything but the settings and the path."""
+        self._make()
+
+    def set_path(self, path: Path) -> None:
+        """Follow this path from now on; with the goal of the former one it is a replanned one."""
+        poses = poses_along(checked_path(self.robot, path))
+        same = self._path is not None and np.array_equal(self._path[-1, :2], poses[-1, :2])
+        self._path = poses
+        if same and self._begun and self._navigation is Navigation.FOLLOWING:
+            self._server.replan(poses)
+            return
+        self._begun, self._retried, self._route = False, False, None
+        self._navigation = Navigation.FOLLOWING
+        self._recoveries.reset()
+
+    def remember(self, observation: Observation) -> None:
+        """Update the local costmap, where its time has come."""
+        self._look(checked_use(self.robot, observation))
+
+    def command(self, observation: Observation) -> Command:
+        """Return the smoothed command of a tick; raises for wrong use alone, see `reason`.
+
+        Raises
+        ------
+        WideberthError : no path is set, or something else than an observation of this robot.
+        """
+        checked_ready(self._path)
+        checked_use(self.robot, observation)
+        self._reason = ""
+        try:
+            checked_numbers(observation)
+            command = self._ticked(observation)
+            if not np.isfinite((*command.linear, command.omega)).all():
+                raise WideberthError(f"the command is {command}, which is not finite")
+            command = within_reach(self.robot, command)
+        except Exception as error:  # whatever a plug-in throws
+            self._reason = f"{type(error).__name__}: {error}"
+            WARNINGS.warn(type(self).__name__, "stands still", self._reason)
+            command = Command((0.0, 0.0))
+        self._last = np.array([*command.linear, command.omega])
+        return command
+
+    @property
+    def plan(self) -> Plan | None:
+        """None: what a local controller expects is in `answer`."""
+        return None
+
+    @property
+    def reason(self) -> str:
+        """What was wrong at the last tick; "" where nothing was."""
+        return self._reason
+
+    @property
+    def navigation(self) -> Navigation:
+        """How the way to the goal stands."""
+        return self._navigation
+
+    @property
+    def recoveries(self) -> int:
+        """Recoveries that were tried on the way to this goal."""
+        return self._recoveries.tried
+
+    @property
+    def answer(self) -> Answer | None:
+        """What the local controller answered last; None before, and while it is not asked."""
+        return self._answer
+
+    @property
+    def costmap(self) -> Costmap | None:
+        """The local costmap; None before the first observation."""
+        return self._local.shown
+
+    def _look(self, observation: Observation) -> Surroundings | None:
+        """Update the costmap; return what is around, or None if the numbers are of no use."""
+        if observation.flaw:
+            return None
+        pose = self._pose(observation)
+        detections, notes = sound(observation, 2)
+        for words in notes:
+            WARNINGS.warn(type(self).__name__, "detection", words)
+        places = [
+            one.position if one.velocity is None else one.position + one.age * one.velocity
+            for one in detections
+        ]
+        centres = np.array(places, dtype=np.float64).reshape(-1, 2)
+        radii = np.array([one.radius for one in detections], dtype=np.float64)
+        view = self._set.view
+        rays = Rays.cast(
+            pose[:2], centres, radii, observation.polygons, round(view.beams), view.laser_range
+        )
+        seen = Surroundings(rays, centres, radii, observation.polygons)
+        self._local.update(observation.stamp, pose, seen)
+        return seen
+
+    def _pose(self, observation: Observation) -> Array:
+        pose = self.robot.pose(tuple(float(value) for value in observation.state))
+        return np.array([*pose.position, pose.heading], dtype=np.float64)
+
+    def _speed(self, observation: Observation) -> Array:
+        """Measured vx, vy, m/s, and yaw rate, rad/s; the last command where it is the input."""
+        state = tuple(float(value) for value in observation.state)
+        count = len(self.robot.inputs)
+        twist, other = (self.robot.twist(state, (value,) * count) for value in (0.0, 1.0))
+        if (twist.linear, twist.angular) != (other.linear, other.angular):
+            return self._last
+        return np.array([*twist.linear, twist.angular], dtype=np.float64)
+
+    def _ticked(self, observation: Observation) -> Command:
+        """Look, decide and smooth."""
+        time = observation.stamp
+        if time < self._stamp:  # another clock: nothing that is remembered holds
+            self._make()
+        self._stamp = time
+        seen = self._look(observation)
+        costmap = self._local.shown
+        assert seen is not None and costmap is not None  # the numbers were checked
+        pose, speed = self._pose(observation), self._speed(observation)
+        sight = Sight(
+            time, pose, speed, costmap, self._local.updated, self.footprint,
+            self._set.view.track_unknown_space, observation,
+        )  # fmt: skip
+        self._smoother.measure((float(speed[0]), float(speed[1]), float(speed[2])), time)
+        twist = self._decided(sight, seen)
+        if twist is not None:
+            linear = (float(twist.linear[0]), float(twist.linear[1]))
+            self._smoother.take((*linear, float(twist.angular)), time)
+        out = self._smoother.output(time) or (0.0, 0.0, 0.0)
+        return Command((out[0], out[1]), out[2])
+
+    def _decided(self, sight: Sight, seen: Surroundings) -> Twist | None:
+        """Return the velocity of the behaviour tree's present branch."""
+        self._answer = None
+        if self._navigation is Navigation.RECOVERING:
+            return self._recover(sight)
+        if self._navigation is not Navigation.FOLLOWING:
+            return _STILL
+        path = checked_ready(self._path)
+        if not self._begun:
+            self._begun = True
+            if self.planner is not None:
+                view = replace(self._set.view, static_layer=True)
+                self._route = GlobalRoute.around(
+                    self.planner, view, self.footprint, path, self.global_margin
+                )
+            self._server.begin(path, sight.time)
+        if self._route is not None and not self._routed(self._route, sight, seen):
+            return _STILL
+        step = self._server.tick(sight, 1.0 / self._set.view.update_frequency)
+        self._answer, self._reason = step.answer, step.reason
+        if step.status is Status.SUCCEEDED:
+            self._navigation = Navigation.SUCCEEDED
+        elif step.status is not Status.RUNNING:
+            self._reason = f"{step.status}: {step.reason}"
+            self._failed(sight, step.status)
+        return step.twist
+
+    def _routed(self, route: GlobalRoute, sight: Sight, seen: Surroundings) -> bool:
+        """Plan a new route where the tree wants one; tell whether there is one to follow."""
+        found, reason = route.update(sight.time, sight.pose, seen)
+        if found is not None:
+            self._path = poses_along(found)
+            self._server.replan(self._path)
+        elif reason:
+            self._reason = reason
+            self._failed(sight, Status.UNKNOWN, again=True)
+        return not reason
+
+    def _failed(self, sight: Sight, status: Status, again: bool = False) -> None:
+        """Try once more with a cleared costmap, then recover, then give up."""
+        if status not in _HELPED:
+            self._navigation = Navigation.FAILED
+        elif not self._retried and not again:
+            self._retried = True
+            self._local.clear()
+            self._server.begin(checked_ready(self._path), sight.time)
+        else:
+            self._retried = False
+            self._start(self._recoveries.begin(_situation(sight)))
+
+    def _start(self, recovery: Recovery | None) -> None:
+        """Take note of the recovery that has started, if any."""
+        self._navigation = Navigation.FAILED if recovery is None else Navigation.RECOVERING
+        if recovery is Recovery.CLEAR:
+            self._local.clear()
+            if self._route is not None:
+                self._route.clear()
+
+    def _recover(self, sight: Sight) -> Twist:
+        """Go on with the recovery; after it, follow the path again."""
+        twist, outcome = self._recoveries.velocity(_situation(sight))
+        self._reason = f"recovering: {self._recoveries.now or outcome}"
+        if outcome is Outcome.SUCCEEDED:
+            self._navigation = Navigation.FOLLOWING
+            self._server.begin(checked_ready(self._path), sight.time)
+        elif outcome is Outcome.FAILED:
+            self._navigation = Navigation.FAILED
+        elif self._recoveries.now is Recovery.CLEAR:
+            self._start(Recovery.CLEAR)
+        return twist
+
+
+def poses_along(path: Path) -> Array:
+    """Return poses (N, 3) along a path, `SPACING` apart, each heading along it."""
+    count = max(int(np.ceil(path.length / SPACING)), 1)
+    arc = np.union1d(np.linspace(0.0, path.length, count + 1), path.arc)
+    points = path.at(arc)
+    way = path.direction(arc)
+    return np.column_stack([points, np.arctan2(way[:, 1], way[:, 0])])
+
+
+def _situation(sight: Sight) -> Situation:
+    return Situation(sight.time, sight.pose, sight.speed, sight.costmap, sight.footprint)
+
+
+def _limits_of(robot: Robot) -> Limits:
+    """Ask a robot how fast it can be, and how fast it can become so."""
+    rest, soon = np.zeros(len(robot.states)), 1e-3
+    ahead, turn = Twist((FAST, 0.0)), Twist((0.0, 0.0), FAST)
+    gained = float(attained(robot, rest, [ahead], soon)[0, 0])
+    return Limits(
+        top_speed(robot, rest),
+        float(attained(robot, rest, [turn])[0, 2]),
+        gained / soon,
+        yaw_acceleration(robot, rest),
+    )

@@ -1,0 +1,254 @@
+"""Nav2's own parameter files, `nav2_params.yaml`, as settings of the loop."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from ...framework.plugins.yamlfile import parse, read_config
+from ...framework.values.errors import WideberthError, nearest
+from .local_costmap import View
+from .recoveries import Recoveries
+from .settings import Settings
+from .velocity_smoother import VelocitySmoother
+
+PLUGINS = {
+    "nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController": (
+        "regulated_pure_pursuit"
+    ),
+    "nav2_graceful_controller::GracefulController": "graceful",
+    "vector_pursuit_controller::VectorPursuitController": "vector_pursuit",
+    "dwb_core::DWBLocalPlanner": "dwb",
+    "nav2_mppi_controller::MPPIController": "mppi",
+    "teb_local_planner::TebLocalPlannerROS": "teb",
+    "nav2_rotation_shim_controller::RotationShimController": "rotation_shim",
+}
+"""Names of controllers in Nav2's files -> ours."""
+_PARTS = {
+    "nav2_controller::SimpleGoalChecker": "goal_checker",
+    "nav2_controller::SimpleProgressChecker": "progress_checker",
+    "nav2_controller::FeasiblePathHandler": "path_handler",
+}
+"""Names of other plug-ins of the controller server -> the settings that they go to."""
+_WITHOUT_ROS = frozenset(
+    """
+    action_server_result_timeout allow_parameter_qos_overrides always_send_full_costmap
+    behavior_plugins bond_heartbeat_period bond_timeout controller_plugins costmap_topic
+    enable_stamped_cmd_vel filters footprint_topic global_costmap_topic global_footprint_topic
+    global_frame goal_checker_plugins initial_transform_timeout introspection_mode
+    local_costmap_topic local_footprint_topic local_frame map_topic odom_topic
+    path_handler_plugins progress_checker_plugin progress_checker_plugins publish_frequency
+    publish_zero_velocity robot_base_frame service_introspection_mode speed_limit_topic
+    stamp_smoothed_velocity_with_smoothing_time subscribe_to_stamped_footprint
+    transform_tolerance use_realtime_priority use_sim_time
+    """.split()
+)
+"""Parameters of nodes that have no meaning without ROS."""
+_DRAWN = frozenset(
+    """
+    cancel_deceleration debug_trajectory_details map_frame min_lookahead odom_topic plugin
+    publish_cost_grid_pc publish_critics_stats publish_evaluation publish_global_plan
+    publish_local_plan publish_optimal_trajectory publish_trajectories publish_transformed_plan
+    stateful transform_tolerance use_cancel_deceleration visualize
+    """.split()
+)
+"""Parameters of controllers that draw, that belong to ROS, or that have no effect here."""
+_SIDEWAYS = ("vy_std", "vy_max", "ay_max", "ay_min", "TrajectoryVisualizer.", "DiffDrive.")
+"""Beginnings of MPPI's parameters that a robot without sideways motion does not need."""
+_MODELS = {"DiffDrive": "diff_drive", "Ackermann": "ackermann"}
+_LAYER = frozenset(
+    """
+    clearing combination_method data_type enabled expected_update_rate footprint_clearing_enabled
+    map_subscribe_transient_local mark_threshold marking max_obstacle_height min_obstacle_height
+    observation_persistence observation_sources obstacle_min_range origin_z plugin
+    publish_voxel_map raytrace_min_range sensor_frame subscribe_to_updates tf_filter_tolerance
+    topic transport_type unknown_threshold z_resolution z_voxels
+    """.split()
+)
+"""Parameters of layers that have no effect in the plane."""
+_SEEN = frozenset(
+    """
+    cost_scaling_factor inf_is_valid inflation_radius obstacle_max_range raytrace_max_range
+    """.split()
+)
+"""Parameters of layers that a view has."""
+
+
+def read_params_file(path: Path | str, controller: str = "FollowPath") -> Settings:
+    """Read the settings of the loop from one of Nav2's parameter files.
+
+    Of its sections the controller server, the local costmap, the velocity smoother and the
+    behaviour server are read; what they lack has the default of Nav2's code. Names that have no
+    meaning without ROS (topics, frames, drawing) are passed over.
+
+    Parameters
+    ----------
+    path : of the file.
+    controller : name of the controller in the file.
+
+    Raises
+    ------
+    WideberthError : no such file or controller, a plug-in or a name that is not known; the nearest
+        known one is named.
+    """
+    file = Path(path)
+    nodes = {name: _section(value) for name, value in read_config(file).items()}
+    if "controller_server" not in nodes:
+        raise WideberthError(f"{file} has no section controller_server; is it one of Nav2's?")
+    settings = _server(nodes["controller_server"], controller)
+    costmap = _section(nodes.get("local_costmap", {}).get("local_costmap", {}))
+    settings |= _costmap(costmap, "local_costmap")
+    for node, kind, name in (
+        ("velocity_smoother", VelocitySmoother, "velocity_smoother"),
+        ("behavior_server", Recoveries, "recoveries"),
+    ):
+        given = {
+            key: value for key, value in nodes.get(node, {}).items() if key not in _WITHOUT_ROS
+        }
+        if node == "behavior_server":
+            given = {key: value for key, value in given.items() if not isinstance(value, Mapping)}
+        _refuse_unknown(node, given, _fields(kind))
+        settings[name] = given
+    return Settings(**settings)
+
+
+def _section(value: Any) -> dict[str, Any]:
+    """Return the parameters of a node."""
+    if not isinstance(value, Mapping):
+        return {}
+    inner = value.get("ros__parameters", value)
+    return dict(inner) if isinstance(inner, Mapping) else {}
+
+
+def _server(given: Mapping[str, Any], controller: str) -> dict[str, Any]:
+    """Return the settings of the controller server and its plug-ins."""
+    plugins = {
+        name: value for name, value in given.items()
+        if isinstance(value, Mapping) and "plugin" in value
+    }  # fmt: skip
+    if controller not in plugins:
+        raise WideberthError(
+            f"controller_server has no controller {controller!r}{nearest(controller, plugins)} "
+            f"Plug-ins there: {', '.join(sorted(plugins)) or 'none'}"
+        )
+    settings: dict[str, Any] = {"server": {}}
+    for name, value in plugins.items():
+        part = _PARTS.get(str(value["plugin"]))
+        if part is not None:
+            settings[part] = {key: entry for key, entry in value.items() if key != "plugin"}
+        elif name == controller:
+            settings |= _controller(value)
+        elif str(value["plugin"]) not in PLUGINS:
+            near = nearest(str(value["plugin"]), [*PLUGINS, *_PARTS])
+            raise WideberthError(
+                f"{name}.plugin is {value['plugin']!r}, which is not known{near}"
+            )
+    plain = {key: v for key, v in given.items() if key not in plugins and key not in _WITHOUT_ROS}
+    settings["controller_frequency"] = float(plain.pop("controller_frequency", 20.0))
+    known = [
+        "failure_tolerance", "min_x_velocity_threshold", "min_y_velocity_threshold",
+        "min_theta_velocity_threshold", "costmap_update_timeout", "controller_frequency",
+    ]  # fmt: skip
+    _refuse_unknown("controller_server", plain, known)
+    settings["server"] = plain
+    return settings
+
+
+def _controller(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the name and the parameters of a controller."""
+    plugin = str(given["plugin"])
+    if plugin not in PLUGINS:
+        hint = f"{nearest(plugin, PLUGINS)} Known: {', '.join(sorted(PLUGINS))}"
+        raise WideberthError(f"the controller's plugin is {plugin!r}; there is none such{hint}")
+    local = PLUGINS[plugin]
+    flat = {key: value for key, value in _flat(given) if key.split(".")[-1] not in _DRAWN}
+    primary = flat.pop("primary_controller", None)
+    if primary is not None:
+        if primary not in PLUGINS:
+            raise WideberthError(f"primary_controller is {primary!r}{nearest(primary, PLUGINS)}")
+        flat["primary_controller"] = PLUGINS[primary]
+    if "mppi" in (local, flat.get("primary_controller")):
+        flat = _of_mppi(flat)
+    if "dwb" in (local, flat.get("primary_controller")):
+        flat = _of_dwb(flat)
+    return {"local": local, "parameters": flat}
+
+
+def _of_mppi(flat: Mapping[str, Any]) -> dict[str, Any]:
+    """Return MPPI's parameters by the names that its class has."""
+    found = {key: value for key, value in flat.items() if not key.startswith(_SIDEWAYS)}
+    if "motion_model" in found:
+        found["motion_model"] = _MODELS.get(found["motion_model"], found["motion_model"])
+    if "AckermannConstraints.min_turning_r" in found:
+        found["min_turning_r"] = found.pop("AckermannConstraints.min_turning_r")
+    return found
+
+
+def _of_dwb(flat: Mapping[str, Any]) -> dict[str, Any]:
+    """Return DWB's parameters; tolerances that it shares with RotateToGoal go to that critic."""
+    shared = ("xy_goal_tolerance", "trans_stopped_velocity")
+    found = {key: value for key, value in flat.items() if key not in shared}
+    if "RotateToGoal" in found.get("critics", ["RotateToGoal"]):
+        found |= {f"RotateToGoal.{key}": flat[key] for key in shared if key in flat}
+    return found
+
+
+def _flat(given: Mapping[str, Any]) -> Iterable[tuple[str, Any]]:
+    """Yield dotted names and values."""
+    for key, value in given.items():
+        if isinstance(value, Mapping):
+            yield from ((f"{key}.{inner}", entry) for inner, entry in _flat(value))
+        else:
+            yield key, value
+
+
+def _costmap(given: Mapping[str, Any], place: str) -> dict[str, Any]:
+    """Return the view and the robot's outline of a costmap."""
+    view: dict[str, Any] = {"inflation_radius": 0.55, "cost_scaling_factor": 10.0}
+    settings: dict[str, Any] = {}
+    layers = given.get("plugins", ["static_layer", "obstacle_layer", "inflation_layer"])
+    view["static_layer"] = any("static" in str(name) for name in layers)
+    for name, value in given.items():
+        if isinstance(value, Mapping):
+            view |= _layer(value, f"{place}.{name}")
+        elif name == "footprint":
+            settings["footprint"] = _outline(value)
+        elif name == "robot_radius":
+            settings["robot_radius"] = float(value)
+        elif name not in _WITHOUT_ROS and name != "plugins":
+            _refuse_unknown(place, [name], [*_fields(View), "footprint", "robot_radius"])
+            view[name] = value
+    return settings | {"view": View(**view)}
+
+
+def _layer(given: Mapping[str, Any], place: str) -> dict[str, Any]:
+    """Return what a layer of a costmap sets of the view."""
+    found: dict[str, Any] = {}
+    for name, value in given.items():
+        if isinstance(value, Mapping):
+            found |= _layer(value, f"{place}.{name}")
+        elif name not in _LAYER | _WITHOUT_ROS:
+            _refuse_unknown(place, [name], _SEEN | _LAYER)
+            found[name] = value
+    return found
+
+
+def _outline(value: Any) -> tuple[tuple[float, float], ...]:
+    """Return the corners that Nav2 writes as text, [[x, y], ...]."""
+    corners = parse(value, "footprint") if isinstance(value, str) else value
+    try:
+        return tuple((float(x), float(y)) for x, y in corners)
+    except (TypeError, ValueError):
+        raise WideberthError(f"footprint is {value!r}; wanted [[x, y], ...] in m") from None
+
+
+def _fields(kind: type) -> list[str]:
+    return [one.name for one in fields(kind) if one.init]
+
+
+def _refuse_unknown(place: str, given: Iterable[str], known: Iterable[str]) -> None:
+    """Refuse a name that is not known, and name the nearest."""
+    names = list(known)
+    for name in given:
+        if name not in names:
+            raise WideberthError(f"{place} has no parameter {name!r}{nearest(name, names)}")
