@@ -57,7 +57,7 @@ class Nav2(Controller):
 
     Each call is a tick of the controller server. The local costmap is updated at its own rate. A
     path is followed until its goal; where that fails, the local costmap is cleared and it is tried
-    once more; then follow recoveries in turn, after `Recoveries.number_of_retries` of which the
+    once more, along what is left of the path; then follow recoveries in turn, after `Recoveries.number_of_retries` of which the
     robot stands for good. Commands pass the velocity smoother.
 
     The robot's surroundings are what the observation holds: its detections as discs, where they
@@ -305,7 +305,7 @@ class Nav2(Controller):
         elif not self._retried and not again:
             self._retried = True
             self._local.clear()
-            self._server.begin(checked_ready(self._path), sight.time)
+            self._server.again(sight.time)
         else:
             self._retried = False
             self._start(self._recoveries.begin(_situation(sight)))
@@ -324,7 +324,7 @@ class Nav2(Controller):
         self._reason = f"recovering: {self._recoveries.now or outcome}"
         if outcome is Outcome.SUCCEEDED:
             self._navigation = Navigation.FOLLOWING
-            self._server.begin(checked_ready(self._path), sight.time)
+            self._server.again(sight.time)
         elif outcome is Outcome.FAILED:
             self._navigation = Navigation.FAILED
         elif self._recoveries.now is Recovery.CLEAR:

@@ -66,6 +66,11 @@ class PathHandler:
         """Poses (N, 3) that have not been passed, up to the next cusp or turn on the spot."""
         return self._left
 
+    @property
+    def rest(self) -> Array:
+        """All poses (N, 3) that have not been passed."""
+        return np.concatenate([self._left, self._whole[self._cut :]]) if self._cut else self._left
+
     def set_plan(self, path: Array) -> None:
         """Follow a path (N, 3) from now on."""
         self._whole = np.array(path, dtype=np.float64).reshape(-1, 3)

@@ -145,6 +145,10 @@ class ControllerServer:
         self.goal_checker.reset()
         self._goal = path[-1].copy()
 
+    def again(self, time: float) -> None:
+        """Start a new action along what is left of the path, from a time (s) on."""
+        self.begin(self.path_handler.rest, time)
+
     def tick(self, seen: Sight, late: float) -> Step:
         """Return what to command now.
 
