@@ -251,12 +251,11 @@ class LayeredCostmap:
         """Return the cells that discs and polygons touch now."""
         lethal = _covered(grid, seen.polygons)
         half = 0.5 * grid.resolution
-        x = grid.origin[0] + (np.arange(grid.width) + 0.5) * grid.resolution
-        y = grid.origin[1] + (np.arange(grid.height) + 0.5) * grid.resolution
         for centre, radius in zip(seen.centres, seen.radii, strict=True):
+            x, y, near = _around(grid, lethal, centre - radius, centre + radius)
             dx = np.maximum(np.abs(x - centre[0]) - half, 0.0)
             dy = np.maximum(np.abs(y - centre[1]) - half, 0.0)
-            lethal |= dx[None] ** 2 + dy[:, None] ** 2 <= radius**2
+            near |= dx**2 + dy**2 <= radius**2
         return np.where(lethal, LETHAL, FREE_SPACE).astype(np.uint8)
 
 
@@ -269,14 +268,21 @@ def _to_border(grid: Costmap, origin: Array, ways: Array) -> Array:
     return np.asarray(np.where(ways == 0.0, np.inf, far).min(axis=1, initial=np.inf))
 
 
+def _around(
+    grid: Costmap, cells: BoolArray, low: Array, high: Array
+) -> tuple[Array, Array, BoolArray]:
+    """Return centres (1, X) and (Y, 1), m, and a view of the cells that a box reaches."""
+    x0, y0 = np.maximum(grid.world_to_map(low), 0)
+    x1, y1 = grid.world_to_map(high) + 1
+    x = grid.origin[0] + (np.arange(x0, min(x1, grid.width)) + 0.5) * grid.resolution
+    y = grid.origin[1] + (np.arange(y0, min(y1, grid.height)) + 0.5) * grid.resolution
+    return x[None], y[:, None], cells[y0 : y0 + len(y), x0 : x0 + len(x)]
+
+
 def _within(grid: Costmap, corners: Array) -> BoolArray:
     """Tell which cells have their centres within a polygon (V, 2), m, (height, width)."""
     inside = np.zeros((grid.height, grid.width), np.bool_)
-    x0, y0 = np.maximum(grid.world_to_map(corners.min(axis=0)), 0)
-    x1, y1 = grid.world_to_map(corners.max(axis=0)) + 1
-    x = grid.origin[0] + (np.arange(x0, min(x1, grid.width)) + 0.5) * grid.resolution
-    y = (grid.origin[1] + (np.arange(y0, min(y1, grid.height)) + 0.5) * grid.resolution)[:, None]
-    near = inside[y0 : y0 + len(y), x0 : x0 + len(x)]
+    x, y, near = _around(grid, inside, corners.min(axis=0), corners.max(axis=0))
     for (u1, v1), (u2, v2) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         if v1 != v2:
             crossing = u1 + (y - v1) / (v2 - v1) * (u2 - u1)

@@ -56,9 +56,10 @@ class Nav2(Controller):
     """Drives a robot as Nav2 does, with any of its local controllers.
 
     Each call is a tick of the controller server. The local costmap is updated at its own rate. A
-    path is followed until its goal; where that fails, the local costmap is cleared and it is tried
-    once more, along what is left of the path; then follow recoveries in turn, after `Recoveries.number_of_retries` of which the
-    robot stands for good. Commands pass the velocity smoother.
+    path is followed until its goal. Where that fails, the local costmap is cleared and what is
+    left of the path is tried once more; then follow recoveries in turn. After
+    `Recoveries.number_of_retries` of them the robot stands for good. Commands pass the velocity
+    smoother.
 
     The robot's surroundings are what the observation holds: its detections as discs, where they
     are by now if their velocity is known, and its polygons. A `View` sees them by rays, which end
@@ -148,7 +149,12 @@ class Nav2(Controller):
 
     def remember(self, observation: Observation) -> None:
         """Update the local costmap, where its time has come."""
-        self._look(checked_use(self.robot, observation))
+        checked_use(self.robot, observation)
+        try:
+            checked_numbers(observation)
+            self._look(observation)
+        except WideberthError as error:
+            WARNINGS.warn(type(self).__name__, "observation", str(error))
 
     def command(self, observation: Observation) -> Command:
         """Return the smoothed command of a tick; raises for wrong use alone, see `reason`.
@@ -203,10 +209,8 @@ class Nav2(Controller):
         """The local costmap; None before the first observation."""
         return self._local.shown
 
-    def _look(self, observation: Observation) -> Surroundings | None:
-        """Update the costmap; return what is around, or None if the numbers are of no use."""
-        if observation.flaw:
-            return None
+    def _look(self, observation: Observation) -> Surroundings:
+        """Update the costmap; return what is around."""
         pose = self._pose(observation)
         detections, notes = sound(observation, 2)
         for words in notes:
@@ -246,7 +250,7 @@ class Nav2(Controller):
         self._stamp = time
         seen = self._look(observation)
         costmap = self._local.shown
-        assert seen is not None and costmap is not None  # the numbers were checked
+        assert costmap is not None  # it has just been updated
         pose, speed = self._pose(observation), self._speed(observation)
         sight = Sight(
             time, pose, speed, costmap, self._local.updated, self.footprint,

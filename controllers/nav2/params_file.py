@@ -140,9 +140,7 @@ def _server(given: Mapping[str, Any], controller: str) -> dict[str, Any]:
             settings |= _controller(value)
         elif str(value["plugin"]) not in PLUGINS:
             near = nearest(str(value["plugin"]), [*PLUGINS, *_PARTS])
-            raise WideberthError(
-                f"{name}.plugin is {value['plugin']!r}, which is not known{near}"
-            )
+            raise WideberthError(f"{name}.plugin is {value['plugin']!r}, which is not known{near}")
     plain = {key: v for key, v in given.items() if key not in plugins and key not in _WITHOUT_ROS}
     settings["controller_frequency"] = float(plain.pop("controller_frequency", 20.0))
     known = [

@@ -7,7 +7,7 @@ from typing import final
 
 import numpy as np
 
-from ...framework.values.arrays import Array, BoolArray
+from ...framework.values.arrays import FARTHEST, Array, BoolArray
 from ...framework.values.polygon import Polygon
 from ...framework.values.sensing import Scan
 
@@ -71,8 +71,10 @@ class Rays:
         """
         angle = 2.0 * np.pi / beams * np.arange(beams)
         ways = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        near = (np.abs(centres) <= FARTHEST).all(axis=1) & (radii <= FARTHEST)
         ranges = np.minimum(
-            _to_discs(ways, centres - origin, radii), _to_edges(ways, origin, polygons)
+            _to_discs(ways, centres[near] - origin, radii[near]),
+            _to_edges(ways, origin, polygons),
         )
         return cls(origin, ways, np.where(ranges <= longest, ranges, inf), longest)
 
