@@ -178,9 +178,9 @@ def costs_at(
     side = width(costmap.resolution)
     mx, my = (x.astype(width) - left) / side, (y.astype(width) - low) / side
     inside = (mx >= 0.0) & (my >= 0.0) & (mx < costmap.width) & (my < costmap.height)
-    cells = my.astype(np.int32) * costmap.width + mx.astype(np.int32)
+    row, column = (np.where(inside, at, 0.0).astype(np.int32) for at in (my, mx))
     table = costmap.cells.ravel().astype(np.float32)
-    return np.where(inside, table[np.where(inside, cells, 0)], np.float32(NO_INFORMATION))
+    return np.where(inside, table[row * costmap.width + column], np.float32(NO_INFORMATION))
 
 
 def collides(
