@@ -324,8 +324,8 @@ class Nav2(Controller):
 
     def _recover(self, sight: Sight) -> Twist:
         """Go on with the recovery; after it, follow the path again."""
+        self._reason = f"recovering: {self._recoveries.now}"
         twist, outcome = self._recoveries.velocity(_situation(sight))
-        self._reason = f"recovering: {self._recoveries.now or outcome}"
         if outcome is Outcome.SUCCEEDED:
             self._navigation = Navigation.FOLLOWING
             self._server.again(sight.time)

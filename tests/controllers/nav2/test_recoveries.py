@@ -42,7 +42,9 @@ def test_they_follow_in_turn_and_end_as_wanted() -> None:
     assert names == [Recovery.WAIT] and time == pytest.approx(5.0, abs=0.06) and not pose.any()
     pose, time, outcome, names = driven(robin)
     assert names == [Recovery.BACK_UP] and outcome is Outcome.SUCCEEDED
-    assert pose[0] == pytest.approx(-0.30, abs=0.15 * PERIOD) and time == pytest.approx(2.0, abs=0.06)
+    assert pose[0] == pytest.approx(-0.30, abs=0.15 * PERIOD) and time == pytest.approx(
+        2.0, abs=0.06
+    )
     assert driven(robin)[3] == [Recovery.CLEAR]
     assert robin.tried == 5
 

@@ -1,0 +1,191 @@
+"""Settings of the loop, and Nav2's own parameter files."""
+
+from pathlib import Path
+
+import pytest
+
+from wideberth.controllers.nav2.dwb import DWB
+from wideberth.controllers.nav2.graceful import Graceful
+from wideberth.controllers.nav2.local_controllers import Limits, built
+from wideberth.controllers.nav2.mppi import MPPI
+from wideberth.controllers.nav2.params_file import read_params_file
+from wideberth.controllers.nav2.regulated_pure_pursuit import RegulatedPurePursuit
+from wideberth.controllers.nav2.rotation_shim import RotationShim
+from wideberth.controllers.nav2.settings import Settings
+from wideberth.framework.values.errors import WideberthError
+
+FILE = """
+amcl:
+  ros__parameters: {alpha1: 0.2}
+controller_server:
+  ros__parameters:
+    use_sim_time: true
+    controller_frequency: 10.0
+    failure_tolerance: 0.4
+    goal_checker_plugins: [general_goal_checker]
+    progress_checker_plugins: [progress_checker]
+    controller_plugins: [FollowPath]
+    progress_checker:
+      plugin: "nav2_controller::SimpleProgressChecker"
+      required_movement_radius: 0.3
+    general_goal_checker:
+      plugin: "nav2_controller::SimpleGoalChecker"
+      xy_goal_tolerance: 0.2
+      stateful: true
+    FollowPath:
+%s
+local_costmap:
+  local_costmap:
+    ros__parameters:
+      update_frequency: 4.0
+      publish_frequency: 2.0
+      global_frame: odom
+      rolling_window: true
+      width: 5
+      height: 4
+      resolution: 0.1
+      footprint: "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"
+      plugins: ["voxel_layer", "inflation_layer"]
+      inflation_layer:
+        plugin: "nav2_costmap_2d::InflationLayer"
+        cost_scaling_factor: 4.0
+        inflation_radius: 0.6
+      voxel_layer:
+        plugin: "nav2_costmap_2d::VoxelLayer"
+        enabled: true
+        observation_sources: scan
+        scan: {topic: /scan, obstacle_max_range: 2.4, raytrace_max_range: 2.8, marking: true}
+      always_send_full_costmap: true
+velocity_smoother:
+  ros__parameters:
+    smoothing_frequency: 20.0
+    max_velocity: [0.4, 0.0, 1.0]
+    min_velocity: [-0.4, 0.0, -1.0]
+    odom_topic: "odom"
+behavior_server:
+  ros__parameters:
+    cycle_frequency: 10.0
+    behavior_plugins: ["spin"]
+    spin: {plugin: "nav2_behaviors::Spin"}
+    max_rotational_vel: 0.9
+"""
+GRACEFUL = """
+      plugin: "nav2_graceful_controller::GracefulController"
+      lambda: 1.5
+      v_linear_max: 0.6
+      transform_tolerance: 0.1
+"""
+
+
+def read(tmp_path: Path, controller: str, old: str = "", new: str = "") -> Settings:
+    file = tmp_path / "nav2_params.yaml"
+    file.write_text(
+        (FILE % controller.strip("\n")).replace(old, new) if old else FILE % controller
+    )
+    return read_params_file(file)
+
+
+def test_a_file_is_read_whole(tmp_path: Path) -> None:
+    found = read(tmp_path, GRACEFUL)
+    controller = found.make_controller()
+    assert isinstance(controller, Graceful)
+    assert (controller.lambda_, controller.v_linear_max, controller.k_phi) == (1.5, 0.6, 2.0)
+    server = found.make_server()
+    assert server.failure_tolerance == 0.4 and server.min_x_velocity_threshold == 1e-4
+    assert server.goal_checker.xy_goal_tolerance == 0.2
+    assert server.progress_checker.required_movement_radius == 0.3
+    assert found.controller_frequency == 10.0 and len(found.footprint) == 4
+    view = found.view
+    assert (view.width, view.height, view.resolution, view.update_frequency) == (5, 4, 0.1, 4.0)
+    assert (view.inflation_radius, view.cost_scaling_factor) == (0.6, 4.0)
+    assert (view.obstacle_max_range, view.raytrace_max_range) == (2.4, 2.8)
+    assert not view.static_layer
+    assert found.make_smoother().max_velocity == (0.4, 0.0, 1.0)
+    assert found.make_recoveries().max_rotational_vel == 0.9
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("lambda", "lamda", "'lamda': did you mean 'lambda"),
+        ("v_linear_max", "v_linear_maxx", "did you mean 'v_linear_max'"),
+        ("failure_tolerance", "failure_toleranze", "did you mean 'failure_tolerance'"),
+        ("xy_goal_tolerance", "xy_goal_tol", "did you mean 'xy_goal_tolerance'"),
+        ("inflation_radius", "inflation_radios", "did you mean 'inflation_radius'"),
+        ("rolling_window", "roling_window", "did you mean 'rolling_window'"),
+        ("max_rotational_vel", "max_rotation_vel", "did you mean 'max_rotational_vel'"),
+        ("max_velocity", "max_velocities", "did you mean 'max_velocity'"),
+        ("GracefulController", "GracefullController", "did you mean 'nav2_graceful"),
+        ("FollowPath:", "FollowPaths:", "did you mean 'FollowPaths'"),
+        ("controller_server:", "controller_sever:", "no section controller_server"),
+    ],
+)
+def test_unknown_names_are_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
+    with pytest.raises(WideberthError, match=message):
+        read(tmp_path, GRACEFUL, old, new)
+
+
+def test_mppi_of_a_file(tmp_path: Path) -> None:
+    text = """
+      plugin: "nav2_mppi_controller::MPPIController"
+      batch_size: 500
+      vy_max: 0.5
+      motion_model: "DiffDrive"
+      visualize: true
+      TrajectoryVisualizer: {trajectory_step: 5, time_step: 3}
+      AckermannConstraints: {min_turning_r: 0.3}
+      critics: [CostCritic, GoalCritic]
+      CostCritic: {enabled: true, cost_power: 1, cost_weight: 3.0, consider_footprint: false}
+      GoalCritic: {enabled: true, threshold_to_consider: 1.2}
+"""
+    made = read(tmp_path, text).make_controller()
+    assert isinstance(made, MPPI) and made.batch_size == 500 and made.min_turning_r == 0.3
+    assert [type(critic).__name__ for critic in made.critics] == ["CostCritic", "GoalCritic"]
+    with pytest.raises(WideberthError, match="cost_weight"):
+        read(tmp_path, text, "cost_weight", "cost_wait")
+
+
+def test_dwb_behind_a_shim_of_a_file(tmp_path: Path) -> None:
+    text = """
+      plugin: "nav2_rotation_shim_controller::RotationShimController"
+      primary_controller: "dwb_core::DWBLocalPlanner"
+      angular_dist_threshold: 0.6
+      max_vel_x: 0.26
+      max_vel_theta: 1.0
+      xy_goal_tolerance: 0.22
+      critics: ["RotateToGoal", "PathDist"]
+      PathDist.scale: 32.0
+"""
+    made = read(tmp_path, text).make_controller()
+    assert isinstance(made, RotationShim) and made.angular_dist_threshold == 0.6
+    assert isinstance(made.primary, DWB) and made.primary.max_vel_x == 0.26
+    assert made.primary.critics[0].xy_goal_tolerance == 0.22  # type: ignore[attr-defined]
+
+
+def test_old_names_are_read() -> None:
+    made = built("regulated_pure_pursuit", {"desired_linear_vel": 0.3})
+    assert isinstance(made, RegulatedPurePursuit) and made.max_linear_vel == 0.3
+
+
+def test_unknown_controllers_are_refused() -> None:
+    with pytest.raises(WideberthError, match="did you mean 'graceful'"):
+        Settings("gracefull")
+    with pytest.raises(WideberthError, match="cannot be imported"):
+        Settings("nowhere:Nothing")
+    with pytest.raises(WideberthError, match="no LocalController"):
+        Settings("wideberth.controllers.nav2.local_costmap:View")
+    made = Settings("wideberth.tests.controllers.nav2.ticks:Scripted").make_controller()
+    assert type(made).__name__ == "Scripted"
+
+
+@pytest.mark.parametrize(
+    "local",
+    ["dwb", "graceful", "mppi", "regulated_pure_pursuit", "rotation_shim", "vector_pursuit"],
+)
+def test_limits_reach_every_controller(local: str) -> None:
+    limits = Limits(0.7, 0.3, 0.8, 0.1)
+    bound = Settings.shipped(local).within(limits)
+    values = {value for value in bound.parameters.values() if isinstance(value, float)}
+    assert {0.3} <= values and (local == "rotation_shim" or 0.7 in values)
+    assert bound.make_smoother().max_accel == (0.8, 0.0, 0.1)
+    bound.make_controller()
