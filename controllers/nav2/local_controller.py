@@ -8,6 +8,7 @@ from ...framework.values.costmap import Costmap
 from ...framework.values.motion import Observation, Twist
 from .footprint import RobotFootprint
 from .goal_checker import GoalChecker
+from .people import ExpectedPeople
 
 NO_VALID_CONTROL, INVALID_PATH, CONTROLLER_EXCEPTION = (
     "NoValidControl",
@@ -34,6 +35,7 @@ class Tick:
     checker : of the goal; asking it changes its memory, as in Nav2.
     observation : what the robot sees beside the costmap, for controllers that know of people;
         None for those of Nav2's own that do not.
+    people : forecasts, for controllers that make use of them; None where there are none.
     """
 
     time: float
@@ -46,6 +48,7 @@ class Tick:
     track_unknown: bool
     checker: GoalChecker
     observation: Observation | None = None
+    people: ExpectedPeople | None = None
 
 
 @dataclass(frozen=True, eq=False)

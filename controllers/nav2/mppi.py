@@ -12,9 +12,10 @@ from ...framework.values.errors import WideberthError
 from ...framework.values.motion import Twist
 from .critic_parameters import checked_names, split_critics
 from .dwb_trajectories import cells_of
+from .expected_people import ExpectedPeopleCritic
 from .local_controller import Answer, LocalController, Tick
 from .mppi_critics import (
-    CRITICS,
+    NAV2,
     ConstraintCritic,
     CostCritic,
     Critic,
@@ -27,6 +28,8 @@ from .mppi_critics import (
 )
 from .mppi_rollouts import Limits, Rollouts, Single, Situation, delayed, driven, followed
 
+CRITICS: dict[str, type[Critic]] = {**NAV2, "ExpectedPeopleCritic": ExpectedPeopleCritic}
+"""Name in a parameter file -> class: Nav2's, and one of ours."""
 BRINGUP: dict[str, Any] = {
     "batch_size": 2000,
     "regenerate_noises": True,
@@ -38,6 +41,13 @@ BRINGUP: dict[str, Any] = {
     "PathAngleCritic.max_angle_to_furthest": 1.0,
 }
 """Parameters of Nav2's own robot that differ from the code's defaults."""
+MODELS = {
+    "DiffDrive": "diff_drive",
+    "mppi::DiffDriveMotionModel": "diff_drive",
+    "Ackermann": "ackermann",
+    "mppi::AckermannMotionModel": "ackermann",
+}
+"""Motion models by the names that Nav2 has or had for them."""
 SMOOTHED = 20
 """Fewer controls than this and one are not smoothed."""
 SHOWN = 50
@@ -192,7 +202,7 @@ class MPPI(LocalController):
         Parameters
         ----------
         parameters : name -> value; those of a critic as ``Critic.name``, and ``critics``, a list
-            of names.
+            of names. The motion model may be named as in any version of Nav2.
 
         Raises
         ------
@@ -207,9 +217,15 @@ class MPPI(LocalController):
         rest = {**parameters}
         names = tuple(rest.pop("critics", [type(critic).__name__ for critic in cls.critics]))
         critics, rest = split_critics(CRITICS, names, rest)
-        lookahead = rest.pop("TrajectoryValidator.collision_lookahead_time", None)
-        if lookahead is not None:
-            rest["collision_lookahead_time"] = lookahead
+        model = rest.get("motion_model", "diff_drive")
+        plugin = rest.pop(f"{model}.plugin", model)
+        rest["motion_model"] = MODELS.get(plugin, plugin)
+        for full in (
+            "TrajectoryValidator.collision_lookahead_time", "AckermannConstraints.min_turning_r",
+            f"{model}.min_turning_r",
+        ):  # fmt: skip
+            if full in rest:
+                rest[full.partition(".")[2]] = rest.pop(full)
         checked_names(cls, rest)
         return cls(critics=critics, **rest)
 
@@ -257,10 +273,14 @@ class MPPI(LocalController):
     @property
     def limits(self) -> Limits:
         """Limits of now, with that of the speed."""
+        return self.limits_at(self._share)
+
+    def limits_at(self, share: float) -> Limits:
+        """Return the limits with velocities scaled by so much."""
         return Limits(
-            vx_max=self.vx_max * self._share,
-            vx_min=self.vx_min * self._share,
-            wz_max=self.wz_max * self._share,
+            vx_max=self.vx_max * share,
+            vx_min=self.vx_min * share,
+            wz_max=self.wz_max * share,
             ax_max=self.ax_max,
             ax_min=self.ax_min,
             az_max=self.az_max,
@@ -274,7 +294,7 @@ class MPPI(LocalController):
 
     def velocity(self, tick: Tick) -> Answer:
         """Improve U and return the command of now, or the exception NoValidControl."""
-        situation = Situation(tick, self.limits, self.model_dt)
+        situation = Situation(tick, self.limits_at(1.0), self.model_dt)
         speed = self.speed(tick)
         for _ in range(self.retry_attempt_limit + 1):
             self.costs = np.zeros(self.batch_size, np.float32)

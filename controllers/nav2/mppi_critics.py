@@ -457,7 +457,7 @@ class VelocityDeadbandCritic(Critic):
         return np.asarray(total * np.float32(self.cost_weight))
 
 
-CRITICS: dict[str, type[Critic]] = {
+NAV2: dict[str, type[Critic]] = {
     kind.__name__: kind
     for kind in (
         ConstraintCritic, CostCritic, ObstaclesCritic, GoalCritic, GoalAngleCritic,

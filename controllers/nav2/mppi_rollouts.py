@@ -156,7 +156,7 @@ class Situation:
     Attributes
     ----------
     tick : inputs of the controller.
-    limits : of the robot.
+    limits : of the robot; a speed limit leaves them, as in the original.
     dt : s, a step.
     all_collide : whether the last critic asked found that every trajectory collides.
     """
