@@ -46,7 +46,7 @@ def crowd(steps: int = 20, dt: float = 0.2, seed: int = 1) -> Forecast:
     rng = np.random.default_rng(seed)
     start, velocity = rng.uniform(-0.5, 1.5, (3, 2, 1, 2)), rng.normal(0.0, 0.5, (3, 2, 1, 2))
     mean = start + np.arange(1, steps + 1)[:, None] * dt * velocity
-    root = rng.normal(0.0, 0.2, (3, 2, 1, 2, 2)) + 0.25 * np.eye(2)
+    root = rng.normal(0.0, 0.06, (3, 2, 1, 2, 2)) + 0.3 * np.eye(2)
     grown = 1.0 + 0.1 * np.arange(steps)[:, None, None]
     covariance = root @ np.swapaxes(root, -1, -2) * grown
     return Forecast(mean, covariance, np.array([[0.7, 0.3], [1.0, 0.0], [0.2, 0.8]]), dt,
