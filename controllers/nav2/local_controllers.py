@@ -13,6 +13,7 @@ LOCAL: dict[str, str] = {
     "dwb": "wideberth.controllers.nav2.dwb:DWB",
     "graceful": "wideberth.controllers.nav2.graceful:Graceful",
     "mppi": "wideberth.controllers.nav2.mppi:MPPI",
+    "mppi_foresight": "wideberth.controllers.nav2.foresight:Foresight",
     "regulated_pure_pursuit": (
         "wideberth.controllers.nav2.regulated_pure_pursuit:RegulatedPurePursuit"
     ),
@@ -25,7 +26,7 @@ LOCAL: dict[str, str] = {
 _RENAMED = {"lambda": "lambda_", "desired_linear_vel": "max_linear_vel"}
 """Names that Nav2 uses or has used -> fields, where the class lacks the former."""
 _PRIMARY = "primary_controller"
-_OF_CRITICS = {"dwb", "mppi"}
+_OF_CRITICS = {"dwb", "mppi", "mppi_foresight"}
 """Controllers whose critics have parameters of their own, as ``Critic.name``."""
 
 
@@ -99,6 +100,8 @@ _NEGATIVE = {
     "dwb": {"decel_lim_x": "acceleration", "decel_lim_theta": "yaw_acceleration"},
     "mppi": {"ax_min": "acceleration"},
 }  # fmt: skip
+for _bounds in (_POSITIVE, _NEGATIVE):
+    _bounds["mppi_foresight"] = _bounds["mppi"]
 
 _SHIPPED_DWB: dict[str, Any] = {
     "critics": [
@@ -119,7 +122,7 @@ def shipped_parameters(local: str) -> dict[str, Any]:
 
     MPPI is the controller that it ships now, DWB the one that it shipped before.
     """
-    if local == "mppi":
+    if local in ("mppi", "mppi_foresight"):
         from .mppi import BRINGUP
 
         return dict(BRINGUP)
