@@ -26,7 +26,7 @@ def tick_of(people: ExpectedPeople | None, time: float = 0.0, y: float = 0.0) ->
     plan = np.stack([np.linspace(0.0, 3.0, 61), np.zeros(61), np.zeros(61)], axis=1)
     return Tick(
         time, np.array([0.0, y, 0.0]), np.zeros(3), plan, plan[-1], costmap, BODY, False,
-        GoalChecker(), people,
+        GoalChecker(), people=people,
     )  # fmt: skip
 
 
