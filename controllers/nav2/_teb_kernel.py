@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...framework.jit.late import late
 from ...framework.values.arrays import Array
 
 (
@@ -41,7 +42,7 @@ def wrapped(angle: float) -> float:
     """Return an angle in [-pi, pi), rad."""
     if -np.pi <= angle < np.pi:
         return angle
-    rest = angle - 2.0 * np.pi * np.floor(angle / (2.0 * np.pi))
+    rest: float = angle - 2.0 * np.pi * np.floor(angle / (2.0 * np.pi))
     if rest >= np.pi:
         rest -= 2.0 * np.pi
     if rest < -np.pi:
@@ -66,7 +67,7 @@ def below(value: float, least: float, margin: float) -> float:
 def speed_of(z: Array, o: int) -> tuple[float, float]:
     """Return the signed speed and the yaw rate between the poses at ``o`` and ``o + 4``.
 
-        v = |dp| / dt  s(100 dp . e)    s(a) = a / (1 + |a|)    e: heading of the first pose
+    v = |dp| / dt  s(100 dp . e)    s(a) = a / (1 + |a|)    e: heading of the first pose
     """
     dx, dy = z[o + 4] - z[o], z[o + 5] - z[o + 1]
     ahead = 100.0 * (dx * np.cos(z[o + 2]) + dy * np.sin(z[o + 2]))
@@ -130,7 +131,9 @@ def all_errors(
     total = 0.0
     for i in range(len(kind)):
         errors_of(kind[i], z, begin[i], data[i], limits, found[i])
-        total += weight[i, 0] * found[i, 0] * found[i, 0] + weight[i, 1] * found[i, 1] * found[i, 1]
+        total += (
+            weight[i, 0] * found[i, 0] * found[i, 0] + weight[i, 1] * found[i, 1] * found[i, 1]
+        )
     return total
 
 
@@ -179,7 +182,7 @@ def slopes_near(z: Array, o: int, data: Array, margin: float, slope: Array) -> b
 
 
 def slopes_of_kinematics(z: Array, o: int, slope: Array) -> None:
-    """Compute the derivatives of |c| and of max(0, -dp . e), e being the first heading:
+    """Compute the derivatives of |c| and of max(0, -dp . e), with the first heading e.
 
     c = (cos yaw_0 + cos yaw_1) dy - (sin yaw_0 + sin yaw_1) dx
     """
@@ -305,23 +308,10 @@ def moved(z: Array, kept: Array, x: Array) -> None:
 
 
 @cache
-def compiled() -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Return `all_errors` and `minimise` as Numba compiles them: once per machine, then cached."""
-    import numba
-    from numba.extending import register_jitable
-
-    for inner in (
+def compiled() -> tuple[Callable[..., Any], ...]:
+    """Return `all_errors` and `minimise` as Numba compiles them."""
+    inner = (
         wrapped, within, below, speed_of, errors_of, slopes_near, slopes_of_kinematics, slopes_of,
-        normal_equations, solved, moved,
-    ):  # fmt: skip
-        register_jitable(inner)
-    tool: Any = numba
-    register_jitable(all_errors)
-
-    def made(function: Callable[..., Any]) -> Callable[..., Any]:
-        try:
-            return tool.njit(cache=True)(function)  # type: ignore[no-any-return]
-        except RuntimeError:  # no folder that can be written
-            return tool.njit(function)  # type: ignore[no-any-return]
-
-    return made(all_errors), made(minimise)
+        normal_equations, solved, moved, all_errors,
+    )  # fmt: skip
+    return late((all_errors, minimise), inner)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...framework.jit.late import late
 from ...framework.values.arrays import Array
 
 AHEAD, STEP = 120.0, 0.1
@@ -40,7 +41,8 @@ def field_along(dx: float, dy: float, dt: float, p: Array, velocity: Array) -> f
     b = 1.0 / np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
     rx, ry, rt = qx * a - p[0] * b, qy * a - p[1] * b, qt * a - p[2] * b
     fx, fy, ft = ey * rt - et * ry, et * rx - ex * rt, ex * ry - ey * rx
-    return (fx * dx + fy * dy + ft * dt) / near
+    along: float = (fx * dx + fy * dy + ft * dt) / near
+    return along
 
 
 def add_segment(
@@ -73,9 +75,7 @@ def add_segment(
             p[0] = places[m, 0] - begin[0] - share * span[0]
             p[1] = places[m, 1] - begin[1] - share * span[1]
             p[2] = -begin[2] - share * span[2]
-            total += field_along(
-                part * span[0], part * span[1], part * span[2], p, velocities[m]
-            )
+            total += field_along(part * span[0], part * span[1], part * span[2], p, velocities[m])
             done += STEP
         signature[m] += total / (4.0 * np.pi)
 
@@ -212,17 +212,5 @@ def step_to(points: Array, depth: int, place: Array, speed: float) -> None:
 @cache
 def compiled() -> tuple[Callable[..., Any], ...]:
     """Return `signature_of`, `alike`, `connections` and `new_paths` as Numba compiles them."""
-    import numba
-    from numba.extending import register_jitable
-
-    for inner in (field_along, add_segment, alike, keeps_clear, step_to):
-        register_jitable(inner)
-    tool: Any = numba
-
-    def made(function: Callable[..., Any]) -> Callable[..., Any]:
-        try:
-            return tool.njit(cache=True)(function)  # type: ignore[no-any-return]
-        except RuntimeError:  # no folder that can be written
-            return tool.njit(function)  # type: ignore[no-any-return]
-
-    return made(signature_of), made(alike), made(connections), made(new_paths)
+    inner = field_along, add_segment, alike, keeps_clear, step_to
+    return late((signature_of, alike, connections, new_paths), inner)

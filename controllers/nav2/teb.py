@@ -200,7 +200,8 @@ def obstacles_of(tick: Tick, settings: TebParameters) -> Obstacles:
 def lethal_points(costmap: Costmap) -> Array:
     """Return the centres (M, 2) of the lethal cells, m; not of the last row and column."""
     mx, my = np.nonzero(costmap.cells[:-1, :-1].T == LETHAL)
-    return np.asarray(costmap.origin) + (np.column_stack([mx, my]) + 0.5) * costmap.resolution
+    centres = np.column_stack([mx, my]) + 0.5
+    return np.array(costmap.origin, dtype=np.float64) + centres * costmap.resolution
 
 
 def saturated(velocity: tuple[float, float], settings: TebParameters) -> tuple[float, float]:

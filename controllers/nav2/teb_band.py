@@ -55,7 +55,9 @@ class Band:
         while len(poses) < settings.min_samples - 1:
             poses.append(_middle(poses[-1], goal))
         poses.append(goal)
-        return cls(np.array(poses), np.array([_shortest(*two, settings) for two in pairwise(poses)]))
+        return cls(
+            np.array(poses), np.array([_shortest(*two, settings) for two in pairwise(poses)])
+        )
 
     @classmethod
     def unpacked(cls, z: Array) -> "Band":

@@ -223,9 +223,7 @@ def signature_of(band: Band, obstacles: Obstacles, settings: TebParameters) -> A
     times = np.concatenate([[0.0], np.cumsum(band.intervals)])
     points = np.column_stack([band.poses[:, :2], times])
     moving = settings.include_dynamic_obstacles
-    signature: Array = kernel.compiled()[0](
-        points, obstacles.places, obstacles.velocities, moving
-    )
+    signature: Array = kernel.compiled()[0](points, obstacles.places, obstacles.velocities, moving)
     return signature
 
 

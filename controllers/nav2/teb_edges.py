@@ -87,13 +87,23 @@ class Edges:
         made.add_standing(band, pull)
         made.add_moving(band, pull)
         made.add_motion(pull)
-        return cls(*(np.concatenate(parts) for parts in made.columns))
+        kinds, begins, data, weights = made.columns
+        return cls(
+            np.concatenate(kinds), np.concatenate(begins), np.concatenate(data),
+            np.concatenate(weights),
+        )  # fmt: skip
 
     def errors(self, band: Band, settings: TebParameters) -> tuple[Array, float]:
         """Return the errors (E, 2), 0 where an edge has one alone, and the sum of w e^2."""
         found = np.zeros((len(self.kind), 2))
         total = kernel.compiled()[0](
-            self.kind, self.begin, self.data, self.weight, band.packed(), limits_of(settings), found
+            self.kind,
+            self.begin,
+            self.data,
+            self.weight,
+            band.packed(),
+            limits_of(settings),
+            found,
         )
         return found, float(total)
 
