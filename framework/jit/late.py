@@ -9,7 +9,8 @@ def late(
 ) -> tuple[Callable[..., Any], ...]:
     """Compile plain functions with Numba: once per machine, then from its cache.
 
-    Where nothing can be cached they are compiled for this process alone.
+    Where nothing can be cached they are compiled for this process alone. A division by zero gives
+    infinity or NaN, as in NumPy.
 
     Parameters
     ----------
@@ -31,13 +32,13 @@ def late(
     from numba.extending import register_jitable
 
     for function in inner:
-        register_jitable(function)
+        register_jitable(error_model="numpy")(function)
     tool: Any = numba
 
     def made(function: Callable[..., Any]) -> Callable[..., Any]:
         try:
-            return tool.njit(cache=True)(function)  # type: ignore[no-any-return]
+            return tool.njit(cache=True, error_model="numpy")(function)  # type: ignore[no-any-return]
         except RuntimeError:  # no folder that can be written
-            return tool.njit(function)  # type: ignore[no-any-return]
+            return tool.njit(error_model="numpy")(function)  # type: ignore[no-any-return]
 
     return tuple(made(function) for function in functions)
