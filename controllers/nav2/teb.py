@@ -2,29 +2,32 @@
 
 from collections import deque
 from dataclasses import dataclass, fields
-from math import atan2, ceil, cos, hypot, sin
+from math import atan2, ceil, cos, hypot, sin, sqrt
 from typing import final
 
 import numpy as np
 
 from ...framework.values.arrays import Array, whole
 from ...framework.values.costmap import LETHAL, Costmap
-from ...framework.values.motion import Twist
+from ...framework.values.motion import Twist, sound
+from ..reactive import Neighbours
 from ._teb_kernel import wrapped
 from .local_controller import INVALID_PATH, Answer, LocalController, Tick
 from .teb_band import Band
 from .teb_classes import Candidate, Candidates
-from .teb_edges import Obstacles, Pull, optimised
+from .teb_edges import STANDING, Obstacles, Pull, optimised
 from .teb_parameters import TebParameters
 
-_SHARE, _AVERAGED, _SLOWEST = 0.85, 3, 0.01
+_SHARE, _AVERAGED, _SLOWEST, _FORGET = 0.85, 3, 0.01, 1.0
 """Of half the map that a band may cover; steps of the plan that the heading at the local goal is
-averaged over; m/s, a lower limit of speed leaves nothing to optimise."""
+averaged over; m/s, a lower limit of speed leaves nothing to optimise; s, after which an obstacle
+that is not reported any more is forgotten."""
+NOTHING_MOVES = np.zeros((0, 5))
 
 
 @final
 @dataclass(eq=False)
-class Teb(TebParameters, LocalController):
+class TEB(TebParameters, LocalController):
     """Optimises poses and intervals of a short trajectory and commands its first velocity.
 
     The band minimises the weighted squares of what breaks a limit, of nearness to obstacles and
@@ -37,9 +40,14 @@ class Teb(TebParameters, LocalController):
     Attributes
     ----------
     seed : of the graph whose paths begin new bands.
+    told_of_moving : what the observation says of moving obstacles is made use of, as the original
+        does with its topic of obstacles; False for costmaps alone.
 
     Notes
     -----
+    Lethal cells within a moving obstacle of which it is told are left out: it is foretold, so
+    that it is no obstacle where it stands now.
+
     The plan is Nav2's pruned one; at its end, unless that is the goal, the band faces the way of
     the last step. Nav2 has no port of TEB to its newest interface; there the exception that it
     throws would end the journey at once. Here it is `NO_VALID_CONTROL`, which is forgiven for a
@@ -53,6 +61,7 @@ class Teb(TebParameters, LocalController):
     """
 
     seed: int = 0
+    told_of_moving: bool = True
 
     def __post_init__(self) -> None:
         TebParameters.__post_init__(self)
@@ -64,6 +73,7 @@ class Teb(TebParameters, LocalController):
         """Forget the bands and the oscillation."""
         self._rng = np.random.default_rng(self.seed)
         self._sway = _Sway(self)
+        self._neighbours = Neighbours(_FORGET)
         self._drop()
 
     def new_path(self, path: Array) -> None:
@@ -90,7 +100,8 @@ class Teb(TebParameters, LocalController):
         if settings.max_vel_x < _SLOWEST:
             return self._refused(f"max_vel_x is {settings.max_vel_x:g} m/s, too slow for a band")
         start = float(tick.speed[0]), float(tick.speed[2])
-        pull = Pull(obstacles_of(tick, settings), start, turn)
+        discs = self._moving(tick) if self.told_of_moving else NOTHING_MOVES
+        pull = Pull(obstacles_of(tick, discs, settings), start, turn)
         found = self._planned(plan, pull, tick)
         if isinstance(found, str):
             return self._refused(found)
@@ -101,6 +112,23 @@ class Teb(TebParameters, LocalController):
         self._sway.commanded(v, w)
         others = tuple(one.band.poses for one in self._candidates.bands)
         return Answer(Twist((v, 0.0), w), expected=found.poses, sampled=others)
+
+    def _moving(self, tick: Tick) -> Array:
+        """Return the obstacles that move, (K, 5): x, y, radius (m) and vx, vy (m/s), for now.
+
+        A velocity is the tracker's, or else the difference of the last two positions; who is
+        slower than 1 mm/s is left to the costmap.
+        """
+        if tick.observation is None:
+            return NOTHING_MOVES
+        self._neighbours.take(tick.observation, tick.pose[:2])
+        names, places, velocities, radii = self._neighbours.now()
+        tracked = {one.ident: one.velocity for one in sound(tick.observation, 2)[0]}
+        for i, name in enumerate(names):
+            velocity = tracked.get(name)
+            velocities[i] = velocities[i] if velocity is None else velocity
+        discs = np.column_stack([places, radii, velocities])
+        return discs[np.hypot(velocities[:, 0], velocities[:, 1]) >= STANDING]
 
     def _planned(self, plan: Array, pull: Pull, tick: Tick) -> Band | str:
         """Return the band to drive, or why there is none."""
@@ -176,11 +204,11 @@ def _heading_at(plan: Array, last: int, goal: Array) -> float:
     return atan2(float(np.sin(angles).sum()), float(np.cos(angles).sum()))
 
 
-def obstacles_of(tick: Tick, settings: TebParameters) -> Obstacles:
-    """Return every lethal cell as a point, column by column, and the moving discs.
+def obstacles_of(tick: Tick, discs: Array, settings: TebParameters) -> Obstacles:
+    """Return lethal cells as points, column by column, and the moving discs (K, 5).
 
     Cells behind the robot are left out beyond `costmap_obstacles_behind_robot_dist`; so are the
-    last row and the last column of the map, as in the original.
+    last row and the last column of the map, as in the original, and cells of the discs.
     """
     points = np.zeros((0, 2))
     if settings.include_costmap_obstacles:
@@ -188,8 +216,11 @@ def obstacles_of(tick: Tick, settings: TebParameters) -> Obstacles:
         step = points - tick.pose[:2]
         behind = step[:, 0] * cos(tick.pose[2]) + step[:, 1] * sin(tick.pose[2]) < 0.0
         far = np.hypot(step[:, 0], step[:, 1]) > settings.costmap_obstacles_behind_robot_dist
-        points = points[~(behind & far)]
-    discs = tick.moving
+        kept = ~(behind & far)
+        for x, y, radius, _, _ in discs:
+            reach = radius + sqrt(2.0) * tick.costmap.resolution
+            kept &= np.hypot(points[:, 0] - x, points[:, 1] - y) > reach
+        points = points[kept]
     return Obstacles(
         np.concatenate([points, discs[:, :2]]),
         np.concatenate([np.zeros(len(points)), discs[:, 2]]),

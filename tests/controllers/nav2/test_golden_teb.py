@@ -1,7 +1,5 @@
 """TEB equals vectors recorded from the original: `--golden-nav2 FOLDER` for others."""
 
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,23 +9,15 @@ from wideberth.controllers.nav2 import _teb_kernel as kernel
 from wideberth.controllers.nav2.teb_band import Band
 from wideberth.controllers.nav2.teb_edges import NAMES, Edges, Obstacles, Pull, optimised
 from wideberth.controllers.nav2.teb_parameters import TebParameters
+from wideberth.tests.controllers.nav2.golden import Case, parametrize
 
-Case = dict[str, Any]
 EXACT, OPTIMUM, CLOSE = 1e-9, 0.02, 1e-3
 """The tolerance of what precedes an optimisation, the one of its cost, and what else is near."""
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """One test per case."""
-    if "teb" not in metafunc.fixturenames:
-        return
-    path = Path(str(metafunc.config.getoption("--golden-nav2"))) / "teb.json"
-    if path.is_file():
-        cases = json.loads(path.read_text(encoding="utf-8"))["cases"]
-        metafunc.parametrize("teb", cases, ids=[f"{case['group']}{case['id']}" for case in cases])
-    else:
-        reason = f"{path} is missing; --golden-nav2 names a folder that has it"
-        metafunc.parametrize("teb", [pytest.param(None, marks=pytest.mark.skip(reason=reason))])
+    parametrize(metafunc, "teb")
 
 
 class Adapter:

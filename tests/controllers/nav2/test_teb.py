@@ -12,13 +12,21 @@ from wideberth.controllers.nav2 import _teb_signature as signatures
 from wideberth.controllers.nav2.footprint import RobotFootprint
 from wideberth.controllers.nav2.goal_checker import GoalChecker
 from wideberth.controllers.nav2.local_controller import INVALID_PATH, NO_VALID_CONTROL, Tick
-from wideberth.controllers.nav2.teb import Teb, _Sway, lethal_points, local_plan, saturated
+from wideberth.controllers.nav2.teb import (
+    TEB,
+    _Sway,
+    lethal_points,
+    local_plan,
+    obstacles_of,
+    saturated,
+)
 from wideberth.controllers.nav2.teb_band import Band
 from wideberth.controllers.nav2.teb_classes import Candidates, signature_of
 from wideberth.controllers.nav2.teb_edges import Edges, Obstacles, Pull, limits_of
 from wideberth.controllers.nav2.teb_parameters import TebParameters
 from wideberth.framework.values.costmap import LETHAL, Costmap
 from wideberth.framework.values.errors import WideberthError
+from wideberth.framework.values.motion import Detection, Observation
 
 NOTHING = Obstacles(np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2)))
 CELL = 0.05
@@ -56,13 +64,30 @@ def tick_of(
     pose = plan[0] if pose is None else pose
     return Tick(
         time, pose, np.array([speed[0], 0.0, speed[1]]), plan, plan[-1], map_of(rows, pose),
-        RobotFootprint.round_of(0.2), False, GoalChecker(),
-        np.zeros((0, 5)) if moving is None else moving,
+        RobotFootprint.round_of(0.2), False, GoalChecker(), observed(time, pose, moving),
     )  # fmt: skip
 
 
+def observed(time: float, pose: np.ndarray, moving: np.ndarray | None) -> Observation | None:
+    """What a tracker reports of discs x, y, radius, vx, vy."""
+    if moving is None:
+        return None
+    people = [
+        Detection(
+            str(i),
+            row[:2],
+            None,
+            float(row[2]),
+            velocity=row[3:],
+            state_covariance=1e-4 * np.eye(4),
+        )
+        for i, row in enumerate(moving)
+    ]
+    return Observation(time, pose, tuple(people))
+
+
 def drive(
-    teb: Teb, rows: list[tuple[float, ...]], length: float, moving: np.ndarray | None = None
+    teb: TEB, rows: list[tuple[float, ...]], length: float, moving: np.ndarray | None = None
 ) -> tuple[list[np.ndarray], list[float]]:
     """Drive along x for 30 s at most; return the poses, and how near each disc came."""
     path, pose, speed, time = straight(length), np.zeros(3), (0.0, 0.0), 0.0
@@ -99,9 +124,9 @@ def settings_of(**changes: float) -> TebParameters:
     )
 
 
-def teb_of(**changes: object) -> Teb:
+def teb_of(**changes: object) -> TEB:
     given = {name: getattr(settings_of(), name) for name in vars(settings_of())}
-    return Teb(**{**given, **changes})  # type: ignore[arg-type]
+    return TEB(**{**given, **changes})  # type: ignore[arg-type]
 
 
 def test_the_solver_reaches_what_scipy_reaches() -> None:
@@ -282,11 +307,11 @@ def test_a_speed_limit_lowers_the_band() -> None:
 
 def test_wrong_parameters_are_named() -> None:
     with pytest.raises(WideberthError, match=r"teb\.max_vel_x"):
-        Teb(max_vel_x=0.0)
+        TEB(max_vel_x=0.0)
     with pytest.raises(WideberthError, match=r"teb\.min_samples"):
-        Teb(min_samples=2)
+        TEB(min_samples=2)
     with pytest.raises(WideberthError, match=r"teb\.weight_obstacle"):
-        Teb(weight_obstacle=-1.0)
+        TEB(weight_obstacle=-1.0)
 
 
 def test_swaying_is_noticed_and_one_sense_kept() -> None:
@@ -313,9 +338,24 @@ def test_a_disc_on_the_way_is_passed_and_the_goal_reached() -> None:
 def test_a_moving_disc_is_given_way_only_if_it_is_told() -> None:
     crossing = np.array([[2.0, -1.8, 0.3, 0.0, 0.35]])
     _, told = drive(teb_of(include_costmap_obstacles=False), [], 4.0, crossing)
-    _, untold = drive(teb_of(include_dynamic_obstacles=False, include_costmap_obstacles=False,
-                             weight_obstacle=0.0), [], 4.0, crossing)  # fmt: skip
+    _, untold = drive(
+        teb_of(include_costmap_obstacles=False, told_of_moving=False), [], 4.0, crossing
+    )
     assert min(told) > 0.3 > min(untold)
+
+
+def test_what_moves_is_taken_out_of_the_costmap() -> None:
+    pose, settings = np.zeros(3), settings_of()
+    both = [(1.0, 0.0, 0.2), (1.0, 1.5, 0.2)]
+    walking = np.array([[1.0, 0.0, 0.2, 0.3, 0.0], [1.0, 1.5, 0.2, 0.0, 0.0]])
+    tick = tick_of(straight(2.0), both, pose, moving=walking)
+    discs = teb_of()._moving(tick)
+    assert discs.tolist() == [[1.0, 0.0, 0.2, 0.3, 0.0]]
+    found = obstacles_of(tick, discs, settings)
+    assert int(found.moving.sum()) == 1 and found.places[found.moving].tolist() == [[1.0, 0.0]]
+    assert (found.places[~found.moving][:, 1] > 1.2).all() and len(found.places) > 30
+    without = obstacles_of(tick, np.zeros((0, 5)), settings)
+    assert (without.places[:, 1] < 0.3).any() and not without.moving.any()
 
 
 def test_equal_ticks_have_equal_answers_after_a_reset() -> None:
