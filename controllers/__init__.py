@@ -10,6 +10,7 @@ BUILT_IN: dict[str, str] = {
     "moussaid_force": "wideberth.controllers.moussaid_force:MoussaidForce",
     "mpc": "wideberth.framework.mpc.planner.planner:Planner",
     "mpc_constant_velocity": "wideberth.controllers.presets:MpcConstantVelocity",
+    "nav2": "wideberth.controllers.nav2.navigator:Nav2",
     "orca": "wideberth.controllers.orca:Orca",
     "policy": "wideberth.controllers.policy:Policy",
     "pure_pursuit": "wideberth.controllers.pure_pursuit:PurePursuit",

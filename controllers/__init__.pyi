@@ -5,6 +5,7 @@
 from .constant_velocity import ConstantVelocity as ConstantVelocity
 from .dynamic_window import DynamicWindow as DynamicWindow
 from .moussaid_force import MoussaidForce as MoussaidForce
+from .nav2.navigator import Nav2 as Nav2
 from .orca import Orca as Orca
 from .policy import Policy as Policy
 from .presets import LinearizedChance as LinearizedChance
@@ -13,5 +14,5 @@ from .presets import MpcConstantVelocity as MpcConstantVelocity
 from .pure_pursuit import PurePursuit as PurePursuit
 from .social_force import SocialForce as SocialForce
 from ..framework.mpc.planner.planner import Planner as Planner
-__all__ = ['ConstantVelocity', 'DynamicWindow', 'LinearizedChance', 'Lmpcc', 'MoussaidForce', 'MpcConstantVelocity', 'Orca', 'Planner', 'Policy', 'PurePursuit', 'SocialForce']
+__all__ = ['ConstantVelocity', 'DynamicWindow', 'LinearizedChance', 'Lmpcc', 'MoussaidForce', 'MpcConstantVelocity', 'Nav2', 'Orca', 'Planner', 'Policy', 'PurePursuit', 'SocialForce']
 BUILT_IN: dict[str, str]

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..framework.jit.late import late
+
 NEUTRAL, OBSTACLE, UNREACHED = 50, 254, 1e10
 """Cost of a free cell and of an obstacle; potential of a cell that the wave has not reached."""
 BUFFER = 10_000
@@ -270,25 +272,10 @@ def fall(p: Potentials, n: int, step: int) -> np.float32:
 
 
 @cache
-def compiled() -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Return `spread` and `descend` as Numba compiles them: once per machine, then from its cache.
-
-    Where nothing can be cached they are compiled for this process alone.
-    """
-    import numba
-    from numba.extending import register_jitable
-
-    for inner in (
+def compiled() -> tuple[Callable[..., Any], ...]:
+    """Return `spread` and `descend` as Numba compiles them."""
+    inner = (
         candidate, push, update, rounded, carried, beside_unreached, lowest_around, mixed, fall,
         find_slope, slope_at,
-    ):  # fmt: skip
-        register_jitable(inner)
-    tool: Any = numba
-
-    def made(function: Callable[..., Any]) -> Callable[..., Any]:
-        try:
-            return tool.njit(cache=True)(function)  # type: ignore[no-any-return]
-        except RuntimeError:  # no folder that can be written
-            return tool.njit(function)  # type: ignore[no-any-return]
-
-    return made(spread), made(descend)
+    )  # fmt: skip
+    return late((spread, descend), inner)

@@ -7,6 +7,7 @@ from typing import Any, final
 
 import numpy as np
 
+from ...framework.jit.late import late
 from ...framework.values.arrays import Array, positive, whole
 from ...framework.values.forecast import LIGHT
 from .mppi_critics import Critic
@@ -184,6 +185,4 @@ def risks(
 @cache
 def compiled() -> Callable[..., Any]:
     """Return `risks` as Numba compiles it."""
-    from ...framework.jit.kernels import kernel
-
-    return kernel(risks)
+    return late([risks])[0]

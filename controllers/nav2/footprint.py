@@ -9,6 +9,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...framework.jit.late import late
 from ...framework.values.arrays import Array, checked, positive
 from ...framework.values.costmap import LETHAL, Costmap
 from ...framework.values.errors import WideberthError
@@ -185,6 +186,4 @@ def outline_cost(
 @cache
 def compiled() -> Callable[..., Any]:
     """Return `outline_cost` as Numba compiles it."""
-    from ...framework.jit.kernels import kernel
-
-    return kernel(outline_cost, line_cost)
+    return late([outline_cost], [line_cost])[0]

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, final
 
 import numpy as np
 
+from ...framework.jit.late import late
 from ...framework.values.arrays import Array, positive
 from ...framework.values.errors import WideberthError
 from ...framework.values.motion import Twist
@@ -318,15 +319,8 @@ class _Compiled(NamedTuple):
 @cache
 def compiled() -> _Compiled:
     """Return the functions of the rollout as Numba compiles them."""
-    from ...framework.jit.kernels import kernel
-
     inner = (
         line_cost, outline_cost, wound, egocentric, regular_velocity, next_pose,
         rollout.cell_cost, rollout.placed, rollout.hits, rollout.turning_rate,
     )  # fmt: skip
-    return _Compiled(
-        *(
-            kernel(getattr(rollout, name), *inner, error_model="numpy")
-            for name in _Compiled._fields
-        )
-    )
+    return _Compiled(*late([getattr(rollout, name) for name in _Compiled._fields], inner))

@@ -23,7 +23,10 @@ LOCAL: dict[str, str] = {
 }
 """Name -> where the class is; another one is named as "module:Class"."""
 
-_RENAMED = {"lambda": "lambda_", "desired_linear_vel": "max_linear_vel"}
+_RENAMED = {
+    "lambda": "lambda_", "desired_linear_vel": "max_linear_vel",
+    "footprint_model.radius": "robot_radius",
+}  # fmt: skip
 """Names that Nav2 uses or has used -> fields, where the class lacks the former."""
 _PRIMARY = "primary_controller"
 _OF_CRITICS = {"dwb", "mppi", "mppi_foresight"}

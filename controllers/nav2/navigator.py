@@ -103,9 +103,10 @@ class Nav2(Controller):
         )
         if self.robot_limits:
             self._set = self._set.within(_limits_of(self.robot))
+        self._set = self._set.sized(self.robot.radius)
         self.period = 1.0 / self._set.controller_frequency
         self.footprint = self._outline()
-        self._path: Array | None = None
+        self._given: Array | None = None
         self._make()
 
     def _outline(self) -> RobotFootprint:
@@ -120,6 +121,7 @@ class Nav2(Controller):
 
     def _make(self) -> None:
         """Make everything that remembers anew."""
+        self._path = self._given
         self._server = self._set.make_server()
         self._smoother = self._set.make_smoother()
         self._recoveries = self._set.make_recoveries()
@@ -139,7 +141,7 @@ class Nav2(Controller):
         """Follow this path from now on; with the goal of the former one it is a replanned one."""
         poses = poses_along(checked_path(self.robot, path))
         same = self._path is not None and np.array_equal(self._path[-1, :2], poses[-1, :2])
-        self._path = poses
+        self._path = self._given = poses
         if same and self._begun and self._navigation is Navigation.FOLLOWING:
             self._server.replan(poses)
             return

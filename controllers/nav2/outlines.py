@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...framework.jit.late import late
 from ...framework.values.arrays import Array
 from ...framework.values.costmap import Costmap
 from .footprint import line_cost, outline_cost
@@ -46,6 +47,4 @@ def each_outline(
 @cache
 def compiled() -> Callable[..., Any]:
     """Return `each_outline` as Numba compiles it."""
-    from ...framework.jit.kernels import kernel
-
-    return kernel(each_outline, outline_cost, line_cost)
+    return late([each_outline], [outline_cost, line_cost])[0]

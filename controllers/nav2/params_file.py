@@ -55,6 +55,8 @@ _DRAWN = frozenset(
 """Parameters of controllers that draw, that belong to ROS, or that have no effect here."""
 _SIDEWAYS = ("vy_std", "vy_max", "ay_max", "ay_min", "TrajectoryVisualizer.", "DiffDrive.")
 """Beginnings of MPPI's parameters that a robot without sideways motion does not need."""
+_OF_TEB = ("footprint_model.type", "costmap_converter_")
+"""Beginnings of TEB's parameters that have no effect: it keeps a disc clear of cells."""
 _MODELS = {"DiffDrive": "diff_drive", "Ackermann": "ackermann"}
 _LAYER = frozenset(
     """
@@ -167,6 +169,8 @@ def _controller(given: Mapping[str, Any]) -> dict[str, Any]:
         flat["primary_controller"] = PLUGINS[primary]
     if "mppi" in (local, flat.get("primary_controller")):
         flat = _of_mppi(flat)
+    if "teb" in (local, flat.get("primary_controller")):
+        flat = {key: value for key, value in flat.items() if not key.startswith(_OF_TEB)}
     if "dwb" in (local, flat.get("primary_controller")):
         flat = _of_dwb(flat)
     return {"local": local, "parameters": flat}

@@ -77,6 +77,16 @@ class Settings:
         """Return the settings that Nav2 has shipped for its own robot with this controller."""
         return cls(local, shipped_parameters(local))
 
+    def sized(self, radius: float) -> "Settings":
+        """Return the same settings for a robot of this radius, m; TEB keeps a disc clear.
+
+        One that the parameters name stays.
+        """
+        named = {"robot_radius", "footprint_model.radius"} & self.parameters.keys()
+        if self.local != "teb" or named:
+            return self
+        return replace(self, parameters={**self.parameters, "robot_radius": radius})
+
     def make_controller(self) -> LocalController:
         """Return a new local controller."""
         return built(self.local, self.parameters)

@@ -3,6 +3,9 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
+_KNOWN: set[Callable[..., Any]] = set()
+"""Functions that Numba knows as inner ones."""
+
 
 def late(
     functions: Sequence[Callable[..., Any]], inner: Sequence[Callable[..., Any]] = ()
@@ -32,7 +35,9 @@ def late(
     from numba.extending import register_jitable
 
     for function in inner:
-        register_jitable(error_model="numpy")(function)
+        if function not in _KNOWN:  # several kernels may share one
+            _KNOWN.add(function)
+            register_jitable(error_model="numpy")(function)
     tool: Any = numba
 
     def made(function: Callable[..., Any]) -> Callable[..., Any]:

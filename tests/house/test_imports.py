@@ -77,6 +77,7 @@ ARROWS: dict[str, set[str]] = {
         INTERFACES, "framework/mpc/planner", "framework/plugins", "framework/tracking",
         "framework/values",
     },
+    "controllers/nav2": {"controllers"},
     "perception": set(),
     "perception/detection": set(),
     "perception/state": set(),

@@ -8,7 +8,7 @@ from wideberth.controllers.nav2.goal_checker import GoalChecker
 from wideberth.controllers.nav2.graceful import Graceful
 from wideberth.controllers.nav2.local_controller import Tick
 from wideberth.controllers.nav2.poses import in_base_frame
-from wideberth.framework.jit.kernels import kernel
+from wideberth.framework.jit.late import late
 from wideberth.tests.controllers.nav2.golden import (
     Case,
     assert_equal_answer,
@@ -24,9 +24,7 @@ PLAIN = {name: getattr(law_module, name) for name in NAMES}
 
 @pytest.fixture(scope="module")
 def compiled() -> dict:
-    return {
-        name: kernel(function, *INNER, error_model="numpy") for name, function in PLAIN.items()
-    }
+    return dict(zip(PLAIN, late([*PLAIN.values()], INNER), strict=True))
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

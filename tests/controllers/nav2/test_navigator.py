@@ -19,9 +19,12 @@ from wideberth.robots import DifferentialDrive, HolonomicVelocity, Unicycle
 from wideberth.routes import NavFn
 
 ROBOT = Unicycle(0.3, 0.7, 1.5, 2.0, 3.0)
-LOCAL = ["dwb", "graceful", "mppi", "regulated_pure_pursuit", "rotation_shim", "vector_pursuit"]
+LOCAL = [
+    "dwb", "graceful", "mppi", "mppi_foresight", "regulated_pure_pursuit", "rotation_shim", "teb",
+    "vector_pursuit",
+]  # fmt: skip
 SMALL = {
-    "mppi": {"batch_size": 200},
+    "mppi": {"batch_size": 200}, "mppi_foresight": {"batch_size": 200},
     "dwb": {"vx_samples": 6, "vtheta_samples": 9, "max_vel_x": 0.5, "max_speed_xy": 0.5},
 }  # fmt: skip
 People = Callable[[float], list[tuple[float, float]]]
@@ -115,6 +118,16 @@ def test_replanning_leads_it_round() -> None:
     states, _ = driven(nav2, 60.0, lambda _: [(2.5, 0.0)])
     assert nav2.navigation is Navigation.SUCCEEDED and nav2.recoveries == 0
     assert (np.hypot(*(states[:, :2] - [2.5, 0.0]).T) > 0.6).all()
+
+
+def test_after_a_reset_it_follows_the_path_that_it_was_given() -> None:
+    nav2 = Nav2(ROBOT, settings("regulated_pure_pursuit"), planner=NavFn())
+    nav2.set_path(Path([(0.0, 0.0), (5.0, 0.0)]))
+    found = []
+    for _ in range(2):
+        nav2.reset()
+        found.append(driven(nav2, 3.0, lambda _: [(2.5, 0.0)])[0].tobytes())
+    assert found[0] == found[1]
 
 
 def test_a_wall_around_the_goal_leaves_no_route() -> None:

@@ -180,7 +180,10 @@ def test_unknown_controllers_are_refused() -> None:
 
 @pytest.mark.parametrize(
     "local",
-    ["dwb", "graceful", "mppi", "regulated_pure_pursuit", "rotation_shim", "vector_pursuit"],
+    [
+        "dwb", "graceful", "mppi", "mppi_foresight", "regulated_pure_pursuit", "rotation_shim",
+        "teb", "vector_pursuit",
+    ],  # fmt: skip
 )
 def test_limits_reach_every_controller(local: str) -> None:
     limits = Limits(0.7, 0.3, 0.8, 0.1)
@@ -189,3 +192,16 @@ def test_limits_reach_every_controller(local: str) -> None:
     assert {0.3} <= values and (local == "rotation_shim" or 0.7 in values)
     assert bound.make_smoother().max_accel == (0.8, 0.0, 0.1)
     bound.make_controller()
+
+
+def test_teb_of_a_file_keeps_its_radius(tmp_path: Path) -> None:
+    text = """
+      plugin: "teb_local_planner::TebLocalPlannerROS"
+      footprint_model: {type: circular, radius: 0.17}
+      costmap_converter_rate: 5
+      max_vel_x: 0.26
+"""
+    found = read(tmp_path, text)
+    assert found.sized(0.5).make_controller().robot_radius == 0.17  # type: ignore[attr-defined]
+    assert Settings("teb").sized(0.5).make_controller().robot_radius == 0.5  # type: ignore[attr-defined]
+    assert Settings("graceful").sized(0.5) == Settings("graceful")
