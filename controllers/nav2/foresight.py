@@ -7,6 +7,7 @@ from typing import Any, final
 import numpy as np
 
 from ...framework.plugins.config import build
+from ...framework.plugins.yamlfile import shared_settings
 from ...framework.predictor import Predictor
 from ...framework.tracking.perception import Perception, scene_of
 from ...framework.values.arrays import Array, positive, whole
@@ -17,8 +18,6 @@ from .people import ExpectedPeople
 
 CRITIC = "ExpectedPeopleCritic"
 """Name of the critic that makes use of forecasts."""
-USUAL: Mapping[str, Any] = {"type": "kalman", "acceleration_density": 0.01}
-"""Predictor of MPPI with forecasts where none is named: the one that is recommended."""
 
 
 @final
@@ -65,14 +64,16 @@ class Foresight(LocalController):
     def from_parameters(cls, parameters: Mapping[str, Any]) -> "Foresight":
         """Return MPPI with forecasts: with all its parameters, and a ``predictor`` by its config.
 
-        The critic that makes use of the forecasts is added at the end if it is not named.
+        Without one it is the recommended one. The critic that makes use of the forecasts is added
+        at the end if it is not named.
 
         Raises
         ------
         WideberthError : an unknown name.
         """
         rest = {**parameters}
-        predictor = build("predictors", rest.pop("predictor", USUAL), "predictor")
+        wanted = rest.pop("predictor", None) or shared_settings("recommended")["predictor"]
+        predictor = build("predictors", wanted, "predictor")
         usual = [type(critic).__name__ for critic in MPPI.critics]
         critics = [*rest.pop("critics", usual)]
         rest["critics"] = critics if CRITIC in critics else [*critics, CRITIC]

@@ -94,7 +94,8 @@ class MPPI(LocalController):
     and its second element is the command. Where every trajectory collides, or the trajectory of U
     does, all is forgotten and tried again, ``retry_attempt_limit`` times. Costs, controls and
     commands equal those of the original, with its peculiarities: U starts with the last command,
-    within what the measured speed allows, and unknown flags of a failed try are not cleared.
+    within what the measured speed allows, and what critics found out in a failed try holds
+    for the next one.
 
     Parameters have the names, units and defaults of Nav2.
 
@@ -193,6 +194,7 @@ class MPPI(LocalController):
             )
         if not self.critics:
             raise WideberthError("mppi.critics is empty; wanted at least one critic")
+        self._rng = np.random.default_rng(self.seed)
         self.reset()
 
     @classmethod
@@ -230,8 +232,7 @@ class MPPI(LocalController):
         return cls(critics=critics, **rest)
 
     def reset(self) -> None:
-        """Forget what earlier ticks left; the noise is again that of the beginning."""
-        self._rng = np.random.default_rng(self.seed)
+        """Forget what earlier ticks left, and draw new noise."""
         self.rollouts, self.costs = None, np.zeros(self.batch_size, np.float32)
         self._forget()
 

@@ -11,6 +11,7 @@ from wideberth.controllers.nav2.dwb_critics import (
     Oscillation,
     PathDist,
     RotateToGoal,
+    Twirling,
     dense,
     distances,
     path_cells,
@@ -120,6 +121,19 @@ def test_a_footprint_at_an_obstacle_is_not_allowed() -> None:
     assert np.isnan(critic.scores(reach[1]))
 
 
+def test_the_footprint_is_drawn_back_to_its_first_vertex() -> None:
+    rng = np.random.default_rng(2)
+    costmap = Costmap(rng.integers(0, 253, (60, 60)).astype(np.uint8), 0.05, (-1.5, -1.5))
+    shape = RobotFootprint.of([[0.31, 0.2], [0.3, -0.22], [-0.25, -0.2], [-0.27, 0.21]])
+    poses = np.column_stack([rng.uniform(-0.9, 0.9, (300, 2)), rng.uniform(-3.0, 3.0, 300)])
+    one_each = Trajectories(np.zeros((300, 3)), poses[:, None], np.ones(300, int), np.ones(300),
+                            np.zeros((300, 1), int))  # fmt: skip
+    critic = ObstacleFootprint()
+    critic.prepare(tick_of(costmap, footprint=shape))
+    wanted = outline_costs(costmap, shape.vertices, poses, back=True)
+    assert critic.scores(one_each).tolist() == wanted.tolist()
+
+
 def test_samples_hold_a_zero_where_the_sign_changes_but_no_standstill() -> None:
     sampling = DWB(**{**LIMITS, "min_vel_x": -0.26}).sampling
     twists = sampling.twists(np.zeros(3))
@@ -155,6 +169,38 @@ def test_rollouts_reach_their_twist_at_the_acceleration() -> None:
     assert found.last[0, 0] == pytest.approx((speeds * found.steps[0]).sum())
     half = found.at(0.5 * 1.7)[0, 0]
     assert found.poses[0, :, 0].searchsorted(half) == pytest.approx(found.counts[0] / 2, abs=1.5)
+
+
+def test_lateral_speed_moves_to_the_left() -> None:
+    sampling = DWB(**LIMITS, max_vel_y=0.2, acc_lim_y=9.0).sampling
+    start = np.array([0.0, 0.2, 0.0])
+    found = sampling.trajectories(np.array([0.0, 0.0, 0.5]), start, start[None], free())
+    wanted = 1.7 * 0.2 * np.array([-np.sin(0.5), np.cos(0.5)])
+    assert found.last[0, :2] == pytest.approx(wanted)
+
+
+def test_while_it_moves_the_sign_of_turns_is_not_watched() -> None:
+    critic = Oscillation()
+    critic.prepare(tick_of(free()))
+    for turn in (0.5, -0.5):
+        critic.debrief(np.array([0.2, 0.0, turn]))
+    twists = np.array([[0.0, 0.0, 0.5], [0.0, 0.0, -0.5]])
+    both = Trajectories(twists, np.zeros((2, 1, 3)), np.ones(2, int), np.ones(2),
+                        np.zeros((2, 1), int))  # fmt: skip
+    assert not np.isnan(critic.scores(both)).any()
+    for turn in (0.5, -0.5):
+        critic.debrief(np.array([0.04, 0.0, turn]))
+    assert np.isnan(critic.scores(both)).tolist() == [True, False]
+
+
+def test_nothing_is_cut_short_by_a_total_of_zero() -> None:
+    controller = DWB(critics=(Twirling(scale=1.0), Twirling(scale=2.0)), **LIMITS)
+    found = controller.judged(tick_of(free()))
+    turns = np.abs(found.trajectories.twists[:, 2])
+    assert found.totals == pytest.approx(3.0 * turns)
+    first = int(np.argmin(turns))  # a total of exactly 0 from here on
+    assert turns[first] == 0.0 and (found.asked[first:] == 2).all()
+    assert (found.asked[1:first] < 2).any() or first < 2
 
 
 def test_turning_back_is_forbidden_until_the_robot_has_moved() -> None:
