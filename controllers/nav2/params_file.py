@@ -55,8 +55,32 @@ _DRAWN = frozenset(
 """Parameters of controllers that draw, that belong to ROS, or that have no effect here."""
 _SIDEWAYS = ("vy_std", "vy_max", "ay_max", "ay_min", "TrajectoryVisualizer.", "DiffDrive.")
 """Beginnings of MPPI's parameters that a robot without sideways motion does not need."""
-_OF_TEB = ("footprint_model.type", "costmap_converter_")
-"""Beginnings of TEB's parameters that have no effect: it keeps a disc clear of cells."""
+_OF_TEB = {
+    "teb_autosize": True, "exact_arc_length": False, "global_plan_viapoint_sep": -1.0,
+    "feasibility_check_lookahead_distance": -1.0, "max_vel_y": 0.0, "min_turning_radius": 0.0,
+    "cmd_angle_instead_rotvel": False, "legacy_obstacle_association": False,
+    "costmap_converter_plugin": "", "optimization_activate": True, "obstacle_cost_exponent": 1.0,
+    "weight_velocity_obstacle_ratio": 0.0, "simple_exploration": False,
+    "selection_alternative_time_cost": False, "switching_blocking_period": 0.0,
+    "roadmap_graph_area_length_scale": 1.0, "delete_detours_backwards": True,
+    "selection_dropping_probability": 0.0, "divergence_detection_enable": False,
+}  # fmt: skip
+"""Parameters of TEB that ours has at this value alone, the original's default."""
+_OF_TEB_WITHOUT_EFFECT = frozenset(
+    """
+    acc_lim_y costmap_converter_rate costmap_converter_spin_thread
+    divergence_detection_max_chi_squared enable_multithreading footprint_model.line_end
+    footprint_model.line_start footprint_model.vertices global_plan_prune_distance
+    h_signature_prescaler is_footprint_dynamic
+    obstacle_keypoint_offset obstacle_poses_affected obstacle_proximity_lower_bound
+    obstacle_proximity_ratio_max_vel obstacle_proximity_upper_bound optimization_verbose
+    publish_feedback selection_viapoint_cost_scale shrink_horizon_backup
+    shrink_horizon_min_duration via_points_ordered viapoints_all_candidates visualize_hc_graph
+    visualize_with_time_as_z_axis_scale weight_acc_lim_y weight_kinematics_turning_radius
+    weight_max_vel_y weight_viapoint wheelbase xy_goal_tolerance yaw_goal_tolerance
+    """.split()
+)
+"""Parameters of TEB for other robots, for what the table above switches off, or for pictures."""
 _MODELS = {"DiffDrive": "diff_drive", "Ackermann": "ackermann"}
 _LAYER = frozenset(
     """
@@ -169,10 +193,10 @@ def _controller(given: Mapping[str, Any]) -> dict[str, Any]:
         flat["primary_controller"] = PLUGINS[primary]
     if "mppi" in (local, flat.get("primary_controller")):
         flat = _of_mppi(flat)
-    if "teb" in (local, flat.get("primary_controller")):
-        flat = {key: value for key, value in flat.items() if not key.startswith(_OF_TEB)}
     if "dwb" in (local, flat.get("primary_controller")):
         flat = _of_dwb(flat)
+    if "teb" in (local, flat.get("primary_controller")):
+        flat = _of_teb(flat)
     return {"local": local, "parameters": flat}
 
 
@@ -192,6 +216,30 @@ def _of_dwb(flat: Mapping[str, Any]) -> dict[str, Any]:
     found = {key: value for key, value in flat.items() if key not in shared}
     if "RotateToGoal" in found.get("critics", ["RotateToGoal"]):
         found |= {f"RotateToGoal.{key}": flat[key] for key in shared if key in flat}
+    return found
+
+
+def _of_teb(flat: Mapping[str, Any]) -> dict[str, Any]:
+    """Return TEB's parameters by the names that its class has.
+
+    Raises
+    ------
+    WideberthError : a part of the original is switched on that is not offered here.
+    """
+    found = {key: value for key, value in flat.items() if key not in _OF_TEB_WITHOUT_EFFECT}
+    for name, only in _OF_TEB.items():
+        value = found.pop(name, only)
+        if value != only and not (name == "global_plan_viapoint_sep" and value <= 0.0):
+            raise WideberthError(f"TEB's {name} is {value!r}; here it can be {only!r} alone")
+    model = found.pop("footprint_model.type", "point")
+    radius = found.pop("footprint_model.radius", 0.0)
+    if model not in ("point", "circular"):
+        raise WideberthError(
+            f"TEB's footprint_model.type is {model!r}; wanted 'point', or 'circular' with a "
+            "footprint_model.radius that encloses the robot"
+        )
+    if model == "circular":
+        found["robot_radius"] = float(radius)
     return found
 
 

@@ -1,7 +1,7 @@
 """Bands that pass the obstacles at other sides: TEB's homotopy classes, and which is driven."""
 
 from dataclasses import dataclass
-from math import atan2, hypot, inf, pi
+from math import atan2, hypot, inf
 from typing import final
 
 import numpy as np
@@ -12,9 +12,6 @@ from ._teb_kernel import wrapped
 from .teb_band import Band
 from .teb_edges import Obstacles, Optimum, Pull, optimised
 from .teb_parameters import TebParameters
-
-_STARTING, _TURNED = 0.4, 0.5 * pi
-"""m that a band's first direction is measured over; rad, one that is off by more is a detour."""
 
 
 @final
@@ -150,7 +147,8 @@ class Candidates:
         """Drop bands that begin backwards or last much longer, compared with the best."""
         if len(self.bands) < 2 or self.best is None:
             return
-        ahead = _first_direction(self.best.band)
+        shortest = settings.length_start_orientation_vector
+        ahead = _first_direction(self.best.band, shortest)
         if ahead is None:
             return
         longest = settings.max_ratio_detours_duration_best_duration * max(
@@ -158,10 +156,10 @@ class Candidates:
         )
         kept = []
         for one in self.bands:
-            direction = _first_direction(one.band)
+            direction = _first_direction(one.band, shortest)
             if one is self.best or (
                 direction is not None
-                and abs(wrapped(direction - ahead)) <= _TURNED
+                and abs(wrapped(direction - ahead)) <= settings.detours_orientation_tolerance
                 and one.band.duration <= longest
             ):
                 kept.append(one)
@@ -231,10 +229,10 @@ def _apart(first: Array, second: Array) -> float:
     return hypot(float(first[0] - second[0]), float(first[1] - second[1]))
 
 
-def _first_direction(band: Band) -> float | None:
+def _first_direction(band: Band, length: float) -> float | None:
     """Return the direction to the first pose that is far enough away; None without one."""
     step = band.poses[:, :2] - band.poses[0, :2]
-    far = np.flatnonzero(np.hypot(step[:, 0], step[:, 1]) > _STARTING)
+    far = np.flatnonzero(np.hypot(step[:, 0], step[:, 1]) > length)
     return atan2(step[far[0], 1], step[far[0], 0]) if len(far) else None
 
 

@@ -56,6 +56,8 @@ class TebParameters:
     h_signature_threshold : an obstacle with less is too far to tell bands apart.
     max_ratio_detours_duration_best_duration : a band that lasts so much longer than the best is
         dropped.
+    detours_orientation_tolerance, length_start_orientation_vector : rad, m; so is a band whose
+        first direction, over that length, is off the best one's by more.
     oscillation_recovery : a robot that turns to and fro is made to keep one sense.
     oscillation_v_eps, oscillation_omega_eps : of the greatest speeds; a lower mean is standing.
     oscillation_recovery_min_duration, oscillation_filter_duration : s.
@@ -121,6 +123,8 @@ class TebParameters:
     obstacle_heading_threshold: float = 0.45
     h_signature_threshold: float = 0.1
     max_ratio_detours_duration_best_duration: float = 3.0
+    detours_orientation_tolerance: float = 0.5 * pi
+    length_start_orientation_vector: float = 0.4
     oscillation_recovery: bool = True
     oscillation_v_eps: float = 0.1
     oscillation_omega_eps: float = 0.1

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from math import cos, pi, sin
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from wideberth.controllers.nav2 import _teb_signature as signatures
 from wideberth.controllers.nav2.footprint import RobotFootprint
 from wideberth.controllers.nav2.goal_checker import GoalChecker
 from wideberth.controllers.nav2.local_controller import INVALID_PATH, NO_VALID_CONTROL, Tick
+from wideberth.controllers.nav2.params_file import read_params_file
 from wideberth.controllers.nav2.teb import (
     TEB,
     _Sway,
@@ -21,7 +23,7 @@ from wideberth.controllers.nav2.teb import (
     saturated,
 )
 from wideberth.controllers.nav2.teb_band import Band
-from wideberth.controllers.nav2.teb_classes import Candidates, signature_of
+from wideberth.controllers.nav2.teb_classes import Candidate, Candidates, signature_of
 from wideberth.controllers.nav2.teb_edges import Edges, Obstacles, Pull, limits_of
 from wideberth.controllers.nav2.teb_parameters import TebParameters
 from wideberth.framework.values.costmap import LETHAL, Costmap
@@ -253,6 +255,52 @@ def test_a_rejected_best_gives_way_unless_it_was_driven_before() -> None:
         candidates.update(straight(3.0), pull, settings, 0.25, rng)
         candidates.reject_best(settings)
     assert candidates.best is None
+
+
+def test_detours_are_dropped() -> None:
+    settings, x = settings_of(), np.linspace(0.0, 2.0, 11)
+    ahead, slow, back = (
+        Candidate(Band(np.column_stack([sign * x, 0.0 * x, 0.0 * x]), np.full(10, step)), np.zeros(0))
+        for sign, step in ((1.0, 0.3), (1.0, 1.0), (-1.0, 0.3))
+    )
+    candidates = Candidates()
+    candidates.bands, candidates.best = [ahead, slow, back], ahead
+    candidates._drop_detours(settings)
+    assert candidates.bands == [ahead]
+    candidates.bands = [ahead, slow, back]
+    candidates._drop_detours(
+        settings_of(detours_orientation_tolerance=4.0, max_ratio_detours_duration_best_duration=4.0)
+    )
+    assert candidates.bands == [ahead, slow, back]
+
+
+def test_a_parameter_file_of_the_original_is_read(tmp_path: Path) -> None:
+    given = """
+controller_server:
+  ros__parameters:
+    controller_plugins: ["FollowPath"]
+    FollowPath:
+      plugin: "teb_local_planner::TebLocalPlannerROS"
+      teb_autosize: True
+      max_vel_x: 0.26
+      max_vel_y: 0.0
+      footprint_model: {type: "circular", radius: 0.2}
+      enable_multithreading: True
+      max_number_classes: 3
+"""
+    file = tmp_path / "nav2_params.yaml"
+    file.write_text(given)
+    made = read_params_file(file).make_controller()
+    assert isinstance(made, TEB)
+    assert (made.max_vel_x, made.robot_radius, made.max_number_classes) == (0.26, 0.2, 3)
+    for old, new, message in (
+        ("max_vel_y: 0.0", "max_vel_y: 0.1", "max_vel_y is 0.1"),
+        ('"circular"', '"two_circles"', "footprint_model.type"),
+        ("max_number_classes", "max_number_clases", "did you mean 'max_number_classes'"),
+    ):
+        file.write_text(given.replace(old, new))
+        with pytest.raises(WideberthError, match=message):
+            read_params_file(file).make_controller()
 
 
 def test_lethal_cells_become_points_but_for_the_last_row_and_column() -> None:
