@@ -260,7 +260,9 @@ def test_a_rejected_best_gives_way_unless_it_was_driven_before() -> None:
 def test_detours_are_dropped() -> None:
     settings, x = settings_of(), np.linspace(0.0, 2.0, 11)
     ahead, slow, back = (
-        Candidate(Band(np.column_stack([sign * x, 0.0 * x, 0.0 * x]), np.full(10, step)), np.zeros(0))
+        Candidate(
+            Band(np.column_stack([sign * x, 0.0 * x, 0.0 * x]), np.full(10, step)), np.zeros(0)
+        )
         for sign, step in ((1.0, 0.3), (1.0, 1.0), (-1.0, 0.3))
     )
     candidates = Candidates()
@@ -269,7 +271,9 @@ def test_detours_are_dropped() -> None:
     assert candidates.bands == [ahead]
     candidates.bands = [ahead, slow, back]
     candidates._drop_detours(
-        settings_of(detours_orientation_tolerance=4.0, max_ratio_detours_duration_best_duration=4.0)
+        settings_of(
+            detours_orientation_tolerance=4.0, max_ratio_detours_duration_best_duration=4.0
+        )
     )
     assert candidates.bands == [ahead, slow, back]
 
