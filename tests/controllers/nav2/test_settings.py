@@ -181,9 +181,15 @@ def test_unknown_controllers_are_refused() -> None:
 @pytest.mark.parametrize(
     "local",
     [
-        "dwb", "graceful", "mppi", "mppi_foresight", "regulated_pure_pursuit", "rotation_shim",
-        "teb", "vector_pursuit",
-    ],  # fmt: skip
+        "dwb",
+        "graceful",
+        "mppi",
+        "mppi_foresight",
+        "regulated_pure_pursuit",
+        "rotation_shim",
+        "teb",
+        "vector_pursuit",
+    ],
 )
 def test_limits_reach_every_controller(local: str) -> None:
     limits = Limits(0.7, 0.3, 0.8, 0.1)
