@@ -14,35 +14,60 @@ from numpy.typing import NDArray
 from ...framework.jit.late import late
 from ...framework.values.arrays import Array
 
-AHEAD, STEP = 120.0, 0.1
-"""s that an obstacle's line is long; length of an integration step in x, y (m) and t (s)."""
+Vector = tuple[float, float, float]
+
+AHEAD = 120.0
+"""s that an obstacle's line is long."""
+MOST = 500_000
+"""Segments times obstacles that one search for paths looks at; it ends there with what it has."""
 
 
-def field_along(dx: float, dy: float, dt: float, p: Array, velocity: Array) -> float:
-    """Return Biot and Savart's field of an obstacle's line, times a step (dx, dy, dt).
+def cross(a: Vector, b: Vector) -> Vector:
+    """Return a x b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
-    The line runs from the obstacle's place now, seen at ``p`` = (x, y, t) from the trajectory, to
-    its place in 120 s. With p_1 and p_2 its ends as seen from the trajectory and d the
-    perpendicular on it:
 
-        (d x p_2 / |p_2| - d x p_1 / |p_1|) / |d|^2 . step
+def dot(a: Vector, b: Vector) -> float:
+    """Return a . b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def angle_between(a: Vector, b: Vector) -> float:
+    """Return asin(a . b / (|a| |b|)), rad; 0 where one of them is 0."""
+    size = np.sqrt(dot(a, a) * dot(b, b))
+    return float(np.arcsin(min(1.0, max(-1.0, dot(a, b) / size)))) if size > 0.0 else 0.0
+
+
+def turn_about(begin: Array, end: Array, place: Array, velocity: Array) -> float:
+    """Return how far a straight segment winds about an obstacle's line, in turns.
+
+    The line runs from the obstacle's place now to its place in 120 s. The field of a current
+    along it, integrated along the segment, is Gauss' double integral over two straight lines,
+
+        1 / (4 pi) int int (r_1 - r_2) . (dr_1 x dr_2) / |r_1 - r_2|^3,
+
+    which is a solid angle over 4 pi: that of all directions from one line to the other. A
+    segment of any length takes the same work; the original adds steps of 0.1 up.
+
+    References
+    ----------
+    K. Klenin, J. Langowski, Computation of writhe in modeling of supercoiled DNA, Biopolymers 54
+    (2000), method 1a.
     """
-    lx, ly, lt = AHEAD * velocity[0], AHEAD * velocity[1], AHEAD
-    qx, qy, qt = p[0] + lx, p[1] + ly, p[2] + lt
-    cx, cy, ct = p[1] * qt - p[2] * qy, p[2] * qx - p[0] * qt, p[0] * qy - p[1] * qx
-    square = lx * lx + ly * ly + lt * lt
-    ex, ey, et = (
-        (ly * ct - lt * cy) / square, (lt * cx - lx * ct) / square, (lx * cy - ly * cx) / square
+    dx, dy = AHEAD * velocity[0], AHEAD * velocity[1]
+    a = place[0] - begin[0], place[1] - begin[1], -begin[2]
+    b = a[0] + dx, a[1] + dy, a[2] + AHEAD
+    c = place[0] - end[0], place[1] - end[1], -end[2]
+    d = c[0] + dx, c[1] + dy, c[2] + AHEAD
+    ab, bd, dc, ca = cross(a, b), cross(b, d), cross(d, c), cross(c, a)
+    solid = (
+        angle_between(ab, bd) + angle_between(bd, dc) + angle_between(dc, ca)
+        + angle_between(ca, ab)
     )  # fmt: skip
-    near = ex * ex + ey * ey + et * et
-    if near == 0.0:
-        return 0.0
-    a = 1.0 / np.sqrt(qx * qx + qy * qy + qt * qt)
-    b = 1.0 / np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
-    rx, ry, rt = qx * a - p[0] * b, qy * a - p[1] * b, qt * a - p[2] * b
-    fx, fy, ft = ey * rt - et * ry, et * rx - ex * rt, ex * ry - ey * rx
-    along: float = (fx * dx + fy * dy + ft * dt) / near
-    return along
+    span = end[0] - begin[0], end[1] - begin[1], end[2] - begin[2]
+    sense = dot(cross((dx, dy, AHEAD), span), a)
+    turns: float = np.sign(sense) * solid / (4.0 * np.pi)
+    return turns
 
 
 def add_segment(
@@ -54,30 +79,16 @@ def add_segment(
     ----------
     begin, end : (3,), x, y (m) and t (s).
     places, velocities : (M, 2), of the obstacles.
-    moving : add the field along the segment over 4 pi; else the angle that it turns about each
-        obstacle, rad.
+    moving : add the turns about the lines in x, y, t; else the angle that the segment turns about
+        each obstacle, rad.
     """
-    span = end - begin
-    length = np.sqrt(np.sum(span * span))
-    if length == 0.0:
-        return
-    p = np.empty(3)
     for m in range(len(places)):
-        if not moving:
+        if moving:
+            signature[m] += turn_about(begin, end, places[m], velocities[m])
+        else:
             ax, ay = begin[0] - places[m, 0], begin[1] - places[m, 1]
             bx, by = end[0] - places[m, 0], end[1] - places[m, 1]
             signature[m] += np.arctan2(ax * by - ay * bx, ax * bx + ay * by)
-            continue
-        done, total = 0.0, 0.0
-        while done < length:
-            step = min(STEP, length - done)
-            share, part = done / length, step / length
-            p[0] = places[m, 0] - begin[0] - share * span[0]
-            p[1] = places[m, 1] - begin[1] - share * span[1]
-            p[2] = -begin[2] - share * span[2]
-            total += field_along(part * span[0], part * span[1], part * span[2], p, velocities[m])
-            done += STEP
-        signature[m] += total / (4.0 * np.pi)
 
 
 def signature_of(points: Array, places: Array, velocities: Array, moving: bool) -> Array:
@@ -167,9 +178,10 @@ def new_paths(
     points[0, :2] = vertices[0]
     used = np.zeros(size, np.bool_)
     used[0] = True
-    depth, arrived = 0, True
-    while depth >= 0 and count < len(known):
+    depth, arrived, left = 0, True, MOST // max(1, len(places))
+    while depth >= 0 and count < len(known) and left > 0:
         if arrived and joined[node[depth], goal]:
+            left -= 1
             step_to(points, depth, vertices[goal], speed)
             signature[depth + 1] = signature[depth]
             add_segment(
@@ -192,6 +204,7 @@ def new_paths(
         following[depth] = j + 1
         if used[j] or not joined[node[depth], j]:
             continue
+        left -= 1
         step_to(points, depth, vertices[j], speed)
         signature[depth + 1] = signature[depth]
         add_segment(
@@ -212,5 +225,5 @@ def step_to(points: Array, depth: int, place: Array, speed: float) -> None:
 @cache
 def compiled() -> tuple[Callable[..., Any], ...]:
     """Return `signature_of`, `alike`, `connections` and `new_paths` as Numba compiles them."""
-    inner = field_along, add_segment, alike, keeps_clear, step_to
+    inner = cross, dot, angle_between, turn_about, add_segment, alike, keeps_clear, step_to
     return late((signature_of, alike, connections, new_paths), inner)

@@ -1,6 +1,7 @@
 """Nav2's TEB: a timed elastic band, kept short, smooth, fast and away from obstacles."""
 
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from math import atan2, ceil, cos, hypot, sin, sqrt
 from typing import final
@@ -99,6 +100,8 @@ class TEB(TebParameters, LocalController):
             return self._refused("the plan is empty", INVALID_PATH)
         if settings.max_vel_x < _SLOWEST:
             return self._refused(f"max_vel_x is {settings.max_vel_x:g} m/s, too slow for a band")
+        if tick.footprint.cost(tick.costmap, tick.pose) >= LETHAL:  # every band begins here
+            return self._refused("the robot cannot stand where it is")
         start = float(tick.speed[0]), float(tick.speed[2])
         discs = self._moving(tick) if self.told_of_moving else NOTHING_MOVES
         pull = Pull(obstacles_of(tick, discs, settings), start, turn)
@@ -259,17 +262,24 @@ def feasible(band: Band, tick: Tick, settings: TebParameters) -> bool:
     last = settings.feasibility_check_no_poses
     if not 0 <= last < len(band.poses):
         last = len(band.poses) - 1
-    inside, finest = tick.footprint.inscribed, settings.min_resolution_collision_check_angular
-    for i in range(last + 1):
-        poses = [band.poses[i]]
-        if i < last:
-            step = band.poses[i + 1] - band.poses[i]
-            step[2] = wrapped(float(step[2]))
-            parts = max(ceil(abs(step[2]) / finest), ceil(hypot(step[0], step[1]) / inside))
-            poses += [band.poses[i] + step * (k / parts) for k in range(1, parts)]
-        if any(tick.footprint.cost(tick.costmap, pose) >= LETHAL for pose in poses):
-            return False
-    return True
+    return all(
+        tick.footprint.cost(tick.costmap, pose) < LETHAL
+        for pose in _checked(band.poses[: last + 1], tick.footprint.inscribed, settings)
+    )
+
+
+def _checked(poses: Array, inside: float, settings: TebParameters) -> Iterator[Array]:
+    """Give one pose after the other: a band may be far longer than the map, where one ends."""
+    finest = settings.min_resolution_collision_check_angular
+    for i, pose in enumerate(poses):
+        yield pose
+        if i + 1 == len(poses):
+            return
+        step = poses[i + 1] - pose
+        step[2] = wrapped(float(step[2]))
+        parts = max(ceil(abs(step[2]) / finest), ceil(hypot(step[0], step[1]) / inside))
+        for k in range(1, parts):
+            yield pose + step * (k / parts)
 
 
 class _Sway:

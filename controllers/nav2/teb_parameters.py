@@ -65,7 +65,7 @@ class TebParameters:
 
     Raises
     ------
-    WideberthError : a number that is negative or not finite, no speed, or too few samples.
+    WideberthError : a number that is negative or not finite, a speed of zero, or too few samples.
     """
 
     robot_radius: float = 0.0
@@ -139,8 +139,8 @@ class TebParameters:
                 positive(name, value, zero=True)
             elif field.name in _COUNTS and field.name != "feasibility_check_no_poses":
                 whole(name, value)
-        positive("teb.max_vel_x", self.max_vel_x)
-        positive("teb.max_vel_theta", self.max_vel_theta)
+        for name in ("max_vel_x", "max_vel_theta", "min_resolution_collision_check_angular"):
+            positive(f"teb.{name}", getattr(self, name))
         if self.min_samples < 3:
             raise WideberthError(
                 f"teb.min_samples is {self.min_samples}; a band needs at least three poses"

@@ -211,6 +211,48 @@ def test_a_full_turn_about_an_obstacle_is_one() -> None:
         assert found[0] == pytest.approx(2.0 * pi * wanted, abs=1e-9)
 
 
+def test_turns_about_a_moving_obstacle_are_gauss_integral() -> None:
+    rng = np.random.default_rng(4)
+    nodes, weights = np.polynomial.legendre.leggauss(200)
+    nodes, weights = 0.5 * (nodes + 1.0), 0.5 * weights
+    low, high = np.arcsinh([-20.0, signatures.AHEAD - 20.0])
+    sinh, cosh = (f(low + nodes * (high - low)) for f in (np.sinh, np.cosh))
+    times, density = 20.0 + sinh, (high - low) * cosh * weights  # many where the segment is
+    for _ in range(8):
+        begin = np.array([*rng.normal(size=2), 20.0 + rng.normal()])
+        end = begin + np.array([*rng.normal(size=2), 3.0])
+        place, velocity = rng.normal(size=2), 0.1 * rng.normal(size=2)
+        line = np.array([*velocity, 1.0])
+        segment = begin + nodes[:, None] * (end - begin)
+        apart = segment[:, None] - (np.array([*place, 0.0]) + times[:, None] * line)[None]
+        field = apart @ np.cross(end - begin, line) / np.linalg.norm(apart, axis=2) ** 3
+        wanted = float(weights @ field @ density) / (4.0 * pi)
+        found = signatures.turn_about(begin, end, place, velocity)
+        assert found == pytest.approx(wanted, abs=1e-6)
+    assert signatures.turn_about(begin, begin, place, velocity) == 0.0
+
+
+def test_work_is_bounded_whatever_comes(monkeypatch: pytest.MonkeyPatch) -> None:
+    settings, ahead = settings_of(), discs((1.5, 0.0, 0.2))
+    band = Band.from_plan(straight(3.0), settings)
+    for time in (1e12, np.inf, -1e12):
+        endless = Band(band.poses, np.full_like(band.intervals, time))
+        assert signature_of(endless, ahead, settings).shape == (1,)
+    away = replace(tick_of(straight(2.0), []), pose=np.array([-1e9, -1e9, 0.0]))
+    answer = teb_of().velocity(away)
+    assert answer.error == NO_VALID_CONTROL and "stand" in answer.reason
+    far = np.concatenate([straight(2.0), [[1e9, 0.0, 0.0]]])
+    assert teb_of().velocity(tick_of(far, [])).error == NO_VALID_CONTROL
+    calls = []
+    monkeypatch.setattr(signatures, "MOST", 100)
+    monkeypatch.setattr(signatures, "add_segment", lambda *given: calls.append(given))
+    places = np.zeros((4, 2))
+    vertices = np.column_stack([np.arange(17.0), np.zeros(17)])
+    joined = np.triu(np.ones((17, 17), bool), 1)  # more than 30 000 paths
+    signatures.new_paths(vertices, joined, 1.0, places, places, True, 0.1, np.zeros((5, 4)), 1)
+    assert 25 <= len(calls) <= 26
+
+
 @pytest.mark.parametrize("moving", [False, True])
 def test_sides_are_told_apart(moving: bool) -> None:
     settings = settings_of(include_dynamic_obstacles=moving)
