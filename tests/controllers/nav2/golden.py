@@ -1,32 +1,17 @@
 """Cases recorded from Nav2: what the tests of its controllers share."""
 
-import json
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import pytest
 
 from wideberth.controllers.nav2.footprint import RobotFootprint
 from wideberth.controllers.nav2.local_controller import Answer
 from wideberth.framework.values.costmap import Costmap
 
 Case = dict[str, Any]
-
-
-def parametrize(metafunc: pytest.Metafunc, *names: str) -> None:
-    """One test per case of the file that the argument names."""
-    folder = Path(str(metafunc.config.getoption("--golden-nav2")))
-    for name in {*names} & {*metafunc.fixturenames}:
-        path = folder / f"{name}.json"
-        if path.is_file():
-            cases = json.loads(path.read_text(encoding="utf-8"))["cases"]
-            ids = [f"{name}{case.get('id', i)}" for i, case in enumerate(cases)]
-            metafunc.parametrize(name, cases, ids=ids)
-        else:
-            reason = f"{path} is missing; --golden-nav2 names a folder that has it"
-            missing = pytest.param(None, marks=pytest.mark.skip(reason=reason))
-            metafunc.parametrize(name, [missing])
+Checks = tuple[Callable[[Case], None], ...]
+"""What is compared with each case of a file."""
 
 
 def costmap_of(stored: Case) -> Costmap:

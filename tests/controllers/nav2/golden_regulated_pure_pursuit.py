@@ -1,7 +1,6 @@
 """Regulated pure pursuit equals Nav2's."""
 
 import numpy as np
-import pytest
 
 from wideberth.controllers.nav2.goal_checker import GoalChecker
 from wideberth.controllers.nav2.local_controller import Tick
@@ -9,15 +8,11 @@ from wideberth.controllers.nav2.poses import in_base_frame, look_ahead
 from wideberth.controllers.nav2.regulated_pure_pursuit import RegulatedPurePursuit
 from wideberth.tests.controllers.nav2.golden import (
     Case,
+    Checks,
     assert_equal_answer,
     costmap_of,
     footprint_of,
-    parametrize,
 )
-
-
-def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    parametrize(metafunc, "rpp")
 
 
 def controller_of(case: Case) -> RegulatedPurePursuit:
@@ -42,7 +37,7 @@ def ticks_of(case: Case) -> list[Tick]:
     ]  # fmt: skip
 
 
-def test_commands_are_equal(rpp: Case) -> None:
+def commands_are_equal(rpp: Case) -> None:
     controller = controller_of(rpp)
     controller.new_path(np.array(rpp["path"]))
     for stored, tick in zip(rpp["ticks"], ticks_of(rpp), strict=True):
@@ -59,3 +54,8 @@ def test_commands_are_equal(rpp: Case) -> None:
             sign = -1.0 if controller.allow_reversing and carrot[0] < 0.0 else 1.0
             turning = controller.turn(tick, plan, ahead, sign) is not None
             assert turning == expect["rotating"]
+
+
+CHECKS: dict[str, Checks] = {
+    "rpp": (commands_are_equal,),
+}

@@ -1,4 +1,4 @@
-"""MPPI equals what was recorded from Nav2: `--golden-nav2 FOLDER` names other cases."""
+"""MPPI equals what was recorded from Nav2."""
 
 from dataclasses import replace
 from typing import Any
@@ -12,15 +12,11 @@ from wideberth.controllers.nav2.mppi import MPPI
 from wideberth.controllers.nav2.mppi_rollouts import Situation
 from wideberth.tests.controllers.nav2.golden import (
     Case,
+    Checks,
     assert_equal_answer,
     costmap_of,
     footprint_of,
-    parametrize,
 )
-
-
-def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    parametrize(metafunc, "mppi_critics", "mppi_ticks")
 
 
 def controller_of(case: Case) -> MPPI:
@@ -68,7 +64,7 @@ def equal_costs(found: np.ndarray, stored: list[Any]) -> None:
     np.testing.assert_allclose(found, np.array(stored, np.float64), rtol=1e-4, atol=1e-4)
 
 
-def test_rollouts_are_equal(mppi_critics: Case) -> None:
+def rollouts_are_equal(mppi_critics: Case) -> None:
     controller, expect = prepared(mppi_critics), mppi_critics["expect"]
     tick = tick_of(mppi_critics, mppi_critics)
     speed = controller.speed(tick)
@@ -85,7 +81,7 @@ def test_rollouts_are_equal(mppi_critics: Case) -> None:
     near(rollouts.y.T, expect["y_f32"], 1e-5)
 
 
-def test_each_critic_is_equal(mppi_critics: Case) -> None:
+def each_critic_is_equal(mppi_critics: Case) -> None:
     controller, expect = prepared(mppi_critics), mppi_critics["expect"]
     tick = tick_of(mppi_critics, mppi_critics)
     situation = Situation(tick, controller.limits, controller.model_dt)
@@ -104,7 +100,7 @@ def test_each_critic_is_equal(mppi_critics: Case) -> None:
         assert situation.all_collide == stored["fail_flag"], type(critic).__name__
 
 
-def test_controls_are_equal(mppi_critics: Case) -> None:
+def controls_are_equal(mppi_critics: Case) -> None:
     whole, expect = prepared(mppi_critics), mppi_critics["expect"]
     controller = replace(whole, critics=whole.critics[:8])
     controller.memory = whole.memory
@@ -126,7 +122,7 @@ def test_controls_are_equal(mppi_critics: Case) -> None:
     near(controller.memory.controls[:, 1], expect["command"], 2e-5)
 
 
-def test_ticks_are_equal(mppi_ticks: Case) -> None:
+def ticks_are_equal(mppi_ticks: Case) -> None:
     controller = controller_of(mppi_ticks)
     for i, stored in enumerate(mppi_ticks["ticks"]):
         expect = stored["expect"]
@@ -142,3 +138,13 @@ def test_ticks_are_equal(mppi_ticks: Case) -> None:
         controls = controller.memory.controls
         near(controls[0], expect["control_sequence_after_shift_vx_f32"], tolerance)
         near(controls[1], expect["control_sequence_after_shift_wz_f32"], tolerance)
+
+
+CHECKS: dict[str, Checks] = {
+    "mppi_critics": (
+        rollouts_are_equal,
+        each_critic_is_equal,
+        controls_are_equal,
+    ),
+    "mppi_ticks": (ticks_are_equal,),
+}

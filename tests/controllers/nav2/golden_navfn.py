@@ -1,11 +1,8 @@
-"""NavFn and the inflation equal vectors recorded from Nav2: `--golden-nav2 FOLDER` for others."""
+"""NavFn and the inflation equal vectors recorded from Nav2."""
 
 import base64
 import hashlib
-import json
 import zlib
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,30 +10,7 @@ import pytest
 from wideberth.framework.numerics.inflation import Inflation
 from wideberth.framework.values.costmap import Costmap
 from wideberth.routes.navfn import NavFn, Wave, nearest_cell
-
-Case = dict[str, Any]
-
-
-def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """One test per case of the file that the argument names."""
-    folder = Path(str(metafunc.config.getoption("--golden-nav2")))
-    for name in {"navfn", "inflation"} & {*metafunc.fixturenames}:
-        path = folder / f"{name}.json"
-        if path.is_file():
-            cases = json.loads(path.read_text(encoding="utf-8"))["cases"]
-            metafunc.parametrize(name, cases, ids=[f"{name}{case['id']}" for case in cases])
-        else:
-            reason = f"{path} is missing; --golden-nav2 names a folder that has it"
-            missing = pytest.param(None, marks=pytest.mark.skip(reason=reason))
-            metafunc.parametrize(name, [missing])
-
-
-def costmap_of(stored: dict[str, Any]) -> Costmap:
-    values, counts = zip(*stored["data_rle"], strict=True)
-    cells = np.repeat(values, counts).reshape(stored["height"], stored["width"])
-    return Costmap(
-        cells.astype(np.uint8), stored["resolution"], (stored["origin_x"], stored["origin_y"])
-    )
+from wideberth.tests.controllers.nav2.golden import Case, Checks, costmap_of
 
 
 def planner_of(case: Case) -> NavFn:
@@ -55,7 +29,7 @@ def digest(array: np.ndarray) -> str:
     return hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest()
 
 
-def test_potentials_are_equal_bit_by_bit(navfn: Case) -> None:
+def potentials_are_equal_bit_by_bit(navfn: Case) -> None:
     expect = navfn["expect"]
     _, wave = wave_of(navfn)
     assert wave.potential.dtype == np.float32
@@ -68,7 +42,7 @@ def test_potentials_are_equal_bit_by_bit(navfn: Case) -> None:
         assert np.array_equal(wave.potential.ravel(), stored)
 
 
-def test_paths_are_equal(navfn: Case) -> None:
+def paths_are_equal(navfn: Case) -> None:
     costmap = costmap_of(navfn["costmap"])
     route = planner_of(navfn).plan(costmap, navfn["start"][:2], navfn["goal"][:2])
     if "exception" in navfn["expect"]:
@@ -80,7 +54,7 @@ def test_paths_are_equal(navfn: Case) -> None:
     assert np.abs(route.path.points - path).max() < 1e-9
 
 
-def test_cells_of_the_way_are_equal_bit_by_bit(navfn: Case) -> None:
+def cells_of_the_way_are_equal_bit_by_bit(navfn: Case) -> None:
     costmap, wave = wave_of(navfn)
     planner = planner_of(navfn)
     cells = np.array(navfn["expect"].get("path_cells_goal_to_start_f32", []), np.float32)
@@ -94,7 +68,7 @@ def test_cells_of_the_way_are_equal_bit_by_bit(navfn: Case) -> None:
     assert target is not None and (begin == target) == wave.reached(target)
 
 
-def test_inflation_is_equal_in_every_cell(inflation: Case) -> None:
+def inflation_is_equal_in_every_cell(inflation: Case) -> None:
     settings, expect = inflation["params"], inflation["expect"]
     layer = Inflation(
         settings["inscribed_radius"], settings["inflation_radius"],
@@ -108,3 +82,13 @@ def test_inflation_is_equal_in_every_cell(inflation: Case) -> None:
     quarters = expect["compute_cost_every_quarter_cell"]
     costs = [layer.cost_at(0.25 * i, before.resolution) for i in range(len(quarters))]
     assert costs == quarters
+
+
+CHECKS: dict[str, Checks] = {
+    "navfn": (
+        potentials_are_equal_bit_by_bit,
+        paths_are_equal,
+        cells_of_the_way_are_equal_bit_by_bit,
+    ),
+    "inflation": (inflation_is_equal_in_every_cell,),
+}

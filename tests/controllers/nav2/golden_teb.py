@@ -1,4 +1,4 @@
-"""TEB equals vectors recorded from the original: `--golden-nav2 FOLDER` for others."""
+"""TEB equals vectors recorded from the original."""
 
 from typing import Any
 
@@ -9,15 +9,10 @@ from wideberth.controllers.nav2 import _teb_kernel as kernel
 from wideberth.controllers.nav2.teb_band import Band
 from wideberth.controllers.nav2.teb_edges import NAMES, Edges, Obstacles, Pull, optimised
 from wideberth.controllers.nav2.teb_parameters import TebParameters
-from wideberth.tests.controllers.nav2.golden import Case, parametrize
+from wideberth.tests.controllers.nav2.golden import Case, Checks
 
 EXACT, OPTIMUM, CLOSE = 1e-9, 0.02, 1e-3
 """The tolerance of what precedes an optimisation, the one of its cost, and what else is near."""
-
-
-def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """One test per case."""
-    parametrize(metafunc, "teb")
 
 
 class Adapter:
@@ -50,7 +45,7 @@ def assert_band(found: Band, stored: dict[str, Any], tolerance: float) -> None:
     assert np.abs(found.intervals - np.array(stored["dt"])).max() < tolerance
 
 
-def test_the_first_band_and_its_resizing_are_equal(teb: Case) -> None:
+def the_first_band_and_its_resizing_are_equal(teb: Case) -> None:
     case = Adapter(teb)
     band = Band.from_plan(case.plan, case.settings)
     assert_band(band, case.expect["band_after_init"], EXACT)
@@ -58,7 +53,7 @@ def test_the_first_band_and_its_resizing_are_equal(teb: Case) -> None:
     assert_band(band.resized(case.settings), first, EXACT)
 
 
-def test_edges_are_equal_in_their_order(teb: Case) -> None:
+def edges_are_equal_in_their_order(teb: Case) -> None:
     case = Adapter(teb)
     stored = case.expect["outer_iterations"][0]
     band = Band.from_plan(case.plan, case.settings).resized(case.settings)
@@ -74,7 +69,7 @@ def test_edges_are_equal_in_their_order(teb: Case) -> None:
     assert cost == pytest.approx(stored["chi2_before"], abs=EXACT, rel=EXACT)
 
 
-def test_every_optimisation_ends_where_the_original_does(teb: Case) -> None:
+def every_optimisation_ends_where_the_original_does(teb: Case) -> None:
     case = Adapter(teb)
     for outer, stored in enumerate(case.expect["outer_iterations"]):
         band = Band(
@@ -87,7 +82,7 @@ def test_every_optimisation_ends_where_the_original_does(teb: Case) -> None:
         assert cost == pytest.approx(stored["chi2_after"], rel=OPTIMUM)
 
 
-def test_the_command_of_the_first_tick(teb: Case) -> None:
+def the_command_of_the_first_tick(teb: Case) -> None:
     case = Adapter(teb)
     optimum = optimised(Band.from_plan(case.plan, case.settings), case.pull(), case.settings)
     assert optimum is not None
@@ -97,7 +92,7 @@ def test_the_command_of_the_first_tick(teb: Case) -> None:
     assert velocity == pytest.approx((case.expect["v"], case.expect["w"]), abs=CLOSE)
 
 
-def test_warm_starts_go_on_from_the_last_band(teb: Case) -> None:
+def warm_starts_go_on_from_the_last_band(teb: Case) -> None:
     case = Adapter(teb)
     ticks = case.expect.get("warm_start_ticks", [])
     if not ticks:
@@ -114,3 +109,14 @@ def test_warm_starts_go_on_from_the_last_band(teb: Case) -> None:
         assert_band(optimum.band, stored, CLOSE)
         velocity = optimum.band.velocity(case.settings)
         assert velocity == pytest.approx((tick["v"], tick["w"]), abs=CLOSE)
+
+
+CHECKS: dict[str, Checks] = {
+    "teb": (
+        the_first_band_and_its_resizing_are_equal,
+        edges_are_equal_in_their_order,
+        every_optimisation_ends_where_the_original_does,
+        the_command_of_the_first_tick,
+        warm_starts_go_on_from_the_last_band,
+    ),
+}

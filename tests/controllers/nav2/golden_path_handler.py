@@ -1,20 +1,15 @@
 """The pruned plan and the goal checker equal Nav2's."""
 
 import numpy as np
-import pytest
 
 from wideberth.controllers.nav2.goal_checker import GoalChecker
 from wideberth.controllers.nav2.path_handler import PathHandler
-from wideberth.tests.controllers.nav2.golden import Case, costmap_of, parametrize
+from wideberth.tests.controllers.nav2.golden import Case, Checks, costmap_of
 
 CHECKER = {
     "xy_goal_tolerance", "yaw_goal_tolerance", "path_length_tolerance", "stateful",
     "xy_goal_tolerance_buffer", "symmetric_yaw_tolerance",
 }  # fmt: skip
-
-
-def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    parametrize(metafunc, "path_handler")
 
 
 def parts_of(case: Case) -> tuple[PathHandler, GoalChecker]:
@@ -25,7 +20,7 @@ def parts_of(case: Case) -> tuple[PathHandler, GoalChecker]:
     return PathHandler(**handler), GoalChecker(**checker)
 
 
-def test_plans_and_flags_are_equal(path_handler: Case) -> None:
+def plans_and_flags_are_equal(path_handler: Case) -> None:
     handler, checker = parts_of(path_handler)
     costmap = costmap_of(path_handler["costmap_geometry"])
     handler.set_plan(np.array(path_handler["path"]))
@@ -43,3 +38,8 @@ def test_plans_and_flags_are_equal(path_handler: Case) -> None:
         assert len(handler.left) == expect["plan_left"]
         assert checker.xy_reached(pose, goal, plan) == expect["goal_xy_reached"]
         assert checker.reached(pose, goal, plan) == expect["goal_reached"]
+
+
+CHECKS: dict[str, Checks] = {
+    "path_handler": (plans_and_flags_are_equal,),
+}

@@ -1,4 +1,4 @@
-"""DWB equals evaluations recorded from Nav2: `--golden-nav2 FOLDER` names other cases."""
+"""DWB equals evaluations recorded from Nav2."""
 
 from typing import Any
 
@@ -10,15 +10,11 @@ from wideberth.controllers.nav2.goal_checker import GoalChecker
 from wideberth.controllers.nav2.local_controller import Tick
 from wideberth.tests.controllers.nav2.golden import (
     Case,
+    Checks,
     assert_equal_answer,
     costmap_of,
     footprint_of,
-    parametrize,
 )
-
-
-def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    parametrize(metafunc, "dwb")
 
 
 def ticks_of(case: Case) -> list[Tick]:
@@ -64,7 +60,7 @@ def compared(found: Evaluation, k: int, stored: Case) -> None:
         assert found.weights[c] == pytest.approx(weight, rel=1e-6), found.names[c]
 
 
-def test_evaluations_are_equal(dwb: Case) -> None:
+def evaluations_are_equal(dwb: Case) -> None:
     controller = DWB.from_parameters(dwb["params"])
     for tick, stored in zip(ticks_of(dwb), dwb["ticks"], strict=True):
         answer, expect = controller.velocity(tick), stored["expect"]
@@ -74,3 +70,8 @@ def test_evaluations_are_equal(dwb: Case) -> None:
             compared(found, k, trajectory)
         assert_equal_answer(answer, expect, 1e-9)
         assert found.best == expect.get("best_index")
+
+
+CHECKS: dict[str, Checks] = {
+    "dwb": (evaluations_are_equal,),
+}

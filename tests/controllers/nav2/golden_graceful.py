@@ -1,5 +1,7 @@
 """The graceful controller equals Nav2's."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -11,10 +13,10 @@ from wideberth.controllers.nav2.poses import in_base_frame
 from wideberth.framework.jit.late import late
 from wideberth.tests.controllers.nav2.golden import (
     Case,
+    Checks,
     assert_equal_answer,
     costmap_of,
     footprint_of,
-    parametrize,
 )
 
 NAMES = ("egocentric", "regular_velocity", "next_pose")
@@ -22,13 +24,9 @@ INNER = [getattr(law_module, name) for name in ("wound", *NAMES)]
 PLAIN = {name: getattr(law_module, name) for name in NAMES}
 
 
-@pytest.fixture(scope="module")
+@cache
 def compiled() -> dict:
     return dict(zip(PLAIN, late([*PLAIN.values()], INNER), strict=True))
-
-
-def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    parametrize(metafunc, "gc_law", "gc_controller")
 
 
 def controller_of(case: Case) -> Graceful:
@@ -53,15 +51,15 @@ def check_law(case: Case, law_functions: dict, tolerance: float) -> None:
         assert np.abs(np.subtract(pose, wanted)).max() <= tolerance
 
 
-def test_the_compiled_law_is_equal(gc_law: Case, compiled: dict) -> None:
-    check_law(gc_law, compiled, 1e-9)
+def the_compiled_law_is_equal(gc_law: Case) -> None:
+    check_law(gc_law, compiled(), 1e-9)
 
 
-def test_the_plain_law_is_equal_but_for_single_precision(gc_law: Case) -> None:
+def the_plain_law_is_equal_but_for_single_precision(gc_law: Case) -> None:
     check_law(gc_law, PLAIN, 2e-6)
 
 
-def test_commands_are_equal(gc_controller: Case) -> None:
+def commands_are_equal(gc_controller: Case) -> None:
     controller, probe = controller_of(gc_controller), controller_of(gc_controller)
     plan, goal = np.array(gc_controller["path"]), np.array(gc_controller["global_goal"])
     costmap, robot = costmap_of(gc_controller["costmap"]), gc_controller["robot"]
@@ -87,3 +85,12 @@ def test_commands_are_equal(gc_controller: Case) -> None:
             assert len(answer.expected) == expect["local_plan_len"]
             found = in_base_frame(answer.expected, pose)
             assert np.abs(found - expect["local_plan_base"]).max() < 1e-9
+
+
+CHECKS: dict[str, Checks] = {
+    "gc_law": (
+        the_compiled_law_is_equal,
+        the_plain_law_is_equal_but_for_single_precision,
+    ),
+    "gc_controller": (commands_are_equal,),
+}

@@ -1,22 +1,17 @@
 """Vector pursuit equals the original."""
 
 import numpy as np
-import pytest
 
 from wideberth.controllers.nav2.goal_checker import GoalChecker
 from wideberth.controllers.nav2.local_controller import NO_VALID_CONTROL, Tick
 from wideberth.controllers.nav2.vector_pursuit import VectorPursuit
 from wideberth.tests.controllers.nav2.golden import (
     Case,
+    Checks,
     assert_equal_answer,
     costmap_of,
     footprint_of,
-    parametrize,
 )
-
-
-def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    parametrize(metafunc, "vpc_radius", "vpc_controller")
 
 
 def controller_of(case: Case) -> VectorPursuit:
@@ -24,13 +19,13 @@ def controller_of(case: Case) -> VectorPursuit:
     return VectorPursuit(**case["params"])
 
 
-def test_radii_are_equal(vpc_radius: Case) -> None:
+def radii_are_equal(vpc_radius: Case) -> None:
     found = controller_of(vpc_radius).turning_radius(np.array(vpc_radius["target_base"]))
     wanted = vpc_radius["expect"]["turning_radius"]
     assert abs(found - wanted) <= 1e-9 * wanted
 
 
-def test_commands_are_equal(vpc_controller: Case) -> None:
+def commands_are_equal(vpc_controller: Case) -> None:
     controller, path = controller_of(vpc_controller), np.array(vpc_controller["path"])
     costmap, robot = costmap_of(vpc_controller["costmap"]), vpc_controller["robot"]
     footprint, probe = footprint_of(robot), controller_of(vpc_controller)
@@ -52,3 +47,9 @@ def test_commands_are_equal(vpc_controller: Case) -> None:
             assert np.abs(target - expect["target_base"]).max() < 1e-9
         if "plan_left" in expect:
             assert len(controller.left) == expect["plan_left"]
+
+
+CHECKS: dict[str, Checks] = {
+    "vpc_radius": (radii_are_equal,),
+    "vpc_controller": (commands_are_equal,),
+}
