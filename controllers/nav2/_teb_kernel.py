@@ -275,7 +275,7 @@ def minimise(
         normal_equations(kind, begin, data, weight, z, limits, found, matrix, vector)
         if done == 0:
             damping, growth = 1e-5 * np.max(np.abs(matrix[:, 0])), 2.0
-        rho, trials = -1.0, 0
+        rho, trials, trial = -1.0, 0, cost
         while rho < 0.0 and trials < TRIALS:
             trials += 1
             rho = -1.0

@@ -182,11 +182,7 @@ def new_paths(
     while depth >= 0 and count < len(known) and left > 0:
         if arrived and joined[node[depth], goal]:
             left -= 1
-            step_to(points, depth, vertices[goal], speed)
-            signature[depth + 1] = signature[depth]
-            add_segment(
-                points[depth], points[depth + 1], places, velocities, moving, signature[depth + 1]
-            )
+            step_to(points, signature, depth, vertices[goal], speed, places, velocities, moving)
             fresh = True
             for k in range(count):
                 fresh = fresh and not alike(signature[depth + 1], known[k], moving, threshold)
@@ -205,21 +201,22 @@ def new_paths(
         if used[j] or not joined[node[depth], j]:
             continue
         left -= 1
-        step_to(points, depth, vertices[j], speed)
-        signature[depth + 1] = signature[depth]
-        add_segment(
-            points[depth], points[depth + 1], places, velocities, moving, signature[depth + 1]
-        )
+        step_to(points, signature, depth, vertices[j], speed, places, velocities, moving)
         depth += 1
         node[depth], following[depth], used[j], arrived = j, 0, True, True
     return paths, count
 
 
-def step_to(points: Array, depth: int, place: Array, speed: float) -> None:
-    """Write the next point of a path, x, y and t, behind the one at ``depth``."""
+def step_to(
+    points: Array, signature: Array, depth: int, place: Array, speed: float, places: Array,
+    velocities: Array, moving: bool,
+) -> None:  # fmt: skip
+    """Write a path's next point, x, y and t, behind the one at ``depth``, and its signature."""
     dx, dy = place[0] - points[depth, 0], place[1] - points[depth, 1]
     points[depth + 1, 0], points[depth + 1, 1] = place[0], place[1]
     points[depth + 1, 2] = points[depth, 2] + np.sqrt(dx * dx + dy * dy) / speed
+    signature[depth + 1] = signature[depth]
+    add_segment(points[depth], points[depth + 1], places, velocities, moving, signature[depth + 1])
 
 
 @cache

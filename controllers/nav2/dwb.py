@@ -277,6 +277,7 @@ class DWB(LocalController):
         weighed = [bool(weight) for weight in found.weights]
         columns: Any = sums.T.tolist()
         for k, column in enumerate(columns):
+            total = 0.0
             for c, total in enumerate(column):
                 asked[k] = c + 1
                 if total != total:  # forbidden

@@ -380,7 +380,7 @@ class MPPI(LocalController):
             smooth = np.convolve(padded[axis], _FILTERS[self.sgf_order], mode="valid")
             memory.controls[axis, :last] = smooth[:last]
         now = memory.controls[:, int(self.shifting), None]
-        memory.history = np.concatenate([memory.history[:, 1:], now], axis=1)
+        memory.history = np.concatenate([memory.history[:, 1:], now.astype(np.float64)], axis=1)
 
     def _limit(self, speed: Array) -> None:
         """Bring U within the limits of velocity and acceleration."""
