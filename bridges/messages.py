@@ -1,7 +1,7 @@
 """Messages of ROS 2: built, written as CDR, read back, and named by their type hash."""
 
 from functools import cache
-from typing import Any, final
+from typing import Any, Self, final
 
 from ..framework.plugins.registry import unknown
 from ..framework.values.errors import WideberthError, nearest, short
@@ -12,6 +12,9 @@ DISTRIBUTIONS = ("humble", "jazzy", "kilted", "lyrical")
 """Of ROS 2, oldest first."""
 MOST_BYTES = 2**26
 """Of one message; a longer one is refused."""
+
+_RULE = "=" * 80 + "\n"
+"""Line between the parts of a definition."""
 
 
 @final
@@ -43,6 +46,37 @@ class Messages:
         self.distribution: str = distribution
         self.store: Any = types.get_typestore(types.Stores[f"ROS2_{distribution.upper()}"])
         self.add(DEFINITIONS)
+
+    @classmethod
+    def of_text(cls, name: str, text: str) -> Self:
+        """Return the types that the text of one definition holds, as a recording stores it.
+
+        Parameters
+        ----------
+        name : of the type.
+        text : of its .msg file, with those that it holds behind it; or as IDL.
+
+        Raises
+        ------
+        WideberthError : text that is no definition.
+        """
+        types = needed("rosbags.typesys")
+        found: dict[str, Any] = {}
+        try:
+            if text.startswith(_RULE + "IDL: "):
+                for part in text.split(_RULE)[1:]:
+                    found |= types.get_types_from_idl(part.partition("\n")[2])
+            else:
+                found = types.get_types_from_msg(text, name)
+            made = cls.__new__(cls)
+            made.distribution = ""
+            made.store = types.get_typestore(types.Stores.EMPTY)
+            made.store.register(found)
+            made.type_hash(name)
+        except Exception as error:  # of a strange text: it fails in any way
+            reason = short(str(error), 80)
+            raise WideberthError(f"its definition of {name} cannot be read: {reason}") from None
+        return made
 
     def add(self, definitions: dict[str, str]) -> None:
         """Learn types from the text of their definitions, name -> text of a .msg file.

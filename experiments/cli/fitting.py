@@ -6,6 +6,7 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
+from ...bridges.bag_file import is_bag
 from ...framework.plugins.config import build, describe, import_plugins, load_plugin
 from ...framework.plugins.io import expanded
 from ...framework.plugins.registry import class_path, load, name_of, names, unknown
@@ -103,6 +104,8 @@ def _fittable() -> list[str]:
 def read_files(paths: Sequence[str], dt: float) -> dict[str, Recording]:
     """Read recordings, each by its path; a folder means its files `PATTERN`.
 
+    A folder that is a recording of ROS 2 is read as one.
+
     Raises
     ------
     WideberthError : no file, one given twice, or as `TrackFile.read`.
@@ -116,7 +119,7 @@ def read_files(paths: Sequence[str], dt: float) -> dict[str, Recording]:
 
 
 def _files(path: Path) -> list[str]:
-    if not path.is_dir():
+    if not path.is_dir() or is_bag(path):
         return [str(path)]
     found = sorted(str(file) for file in path.glob(PATTERN) if file.is_file())
     if not found:

@@ -6,6 +6,8 @@ from typing import Any, Literal, TypeAlias, final
 
 import numpy as np
 
+from ...bridges.bag_file import is_bag, storage_files
+from ...bridges.bag_tracks import read_bag_tracks
 from ...framework.plugins.registry import unknown
 from ...framework.tracking.recordings import (
     TRACK_COLUMNS,
@@ -36,16 +38,18 @@ DRAWS = 1000
 @final
 @dataclass(frozen=True)
 class TrackFile:
-    """A text file of recorded positions, and what the file itself cannot tell.
+    """A file of recorded positions, and what the file itself cannot tell.
 
     Parameters
     ----------
-    path : relative to the working folder; ``shipped:crowd.txt`` and ``shipped:robot.txt`` are
-        the synthetic recordings that come with the package.
+    path : of a text file, or of a recording of ROS 2 (a folder of rosbag2, or its .mcap or .db3;
+        extra ``ros``), relative to the working folder; ``shipped:crowd.txt`` and
+        ``shipped:robot.txt`` are the synthetic recordings that come with the package.
     dt : s. Of ``frame id x y`` the time between rows, which the file does not hold; a log of
-        ``time x y theta`` is resampled to it.
+        ``time x y theta`` and a recording of ROS 2 are resampled to it.
     frames_per_row : frame numbers between rows; by default the smallest step within a track.
-    kind : "tracks" (``frame id x y``) or "robot-log" (``time x y theta``). Both have four
+    kind : "tracks" (``frame id x y``), "robot-log" (``time x y theta``) or "bag", a recording of
+        ROS 2, which "auto" knows by its files. The first two have four
         columns. "auto" takes a file for a robot log if a value of its first column has a
         fraction; or if the first column increases from each row to the next and a value of
         the second column has one. Frames and identities are whole numbers or names, and
@@ -53,6 +57,7 @@ class TrackFile:
         metres is mistaken: state its kind.
     radius : m, of a recorded body (0.3 m: a person).
     minimum_samples : samples that a usable track has in a row.
+    topic : of a recording of ROS 2; see `wideberth.bridges.bag_tracks.read_bag_tracks`.
 
     Raises
     ------
@@ -62,9 +67,10 @@ class TrackFile:
     path: str = f"{SHIPPED}crowd.txt"
     dt: float = 0.4
     frames_per_row: int | None = None
-    kind: Literal["auto", "tracks", "robot-log"] = "auto"
+    kind: Literal["auto", "tracks", "robot-log", "bag"] = "auto"
     radius: float = 0.3
     minimum_samples: int = 8
+    topic: str | None = None
 
     def __post_init__(self) -> None:
         positive("tracks.dt", self.dt)
@@ -89,6 +95,15 @@ class TrackFile:
             raise WideberthError(f"tracks.path: {unknown('shipped recording', name, known)}")
         return DATA / name
 
+    @property
+    def is_bag(self) -> bool:
+        """Whether it is a recording of ROS 2."""
+        return self.kind == "bag" or (self.kind == "auto" and is_bag(self.file))
+
+    def files(self) -> list[File]:
+        """Return all files that are read."""
+        return storage_files(self.file) if self.is_bag else [self.file]
+
     def read(self) -> Recording:
         """Read the file.
 
@@ -96,9 +111,10 @@ class TrackFile:
         ------
         WideberthError : as the readers, and when no track is usable.
         """
-        kind = guess_kind(self.file) if self.kind == "auto" else self.kind
         few = self.minimum_samples
-        if kind == "robot-log":
+        if self.is_bag:
+            recording = read_bag_tracks(self.file, self.dt, topic=self.topic, minimum_samples=few)
+        elif (guess_kind(self.file) if self.kind == "auto" else self.kind) == "robot-log":
             recording = read_robot_log(self.file, self.dt, minimum_samples=few)
         else:
             recording = read_tracks(

@@ -30,6 +30,7 @@ from ..engine.closed_loop import (
     outcome,
     shown_of_fewer,
 )
+from ..engine.progress import say
 from .crowd import Situation, TrackFile, counted_reasons, draw_situation
 
 if TYPE_CHECKING:
@@ -138,6 +139,8 @@ class Replay(Experiment):
         WideberthError : a file that cannot be used, or too short for an episode.
         """
         recording = self.tracks.read()
+        if self.tracks.is_bag:
+            say(recording.report())
         seeds = range(self.first_seed, self.first_seed + self.seeds)
         for seed in seeds:
             self.situation(recording, seed)
@@ -148,8 +151,8 @@ class Replay(Experiment):
         ]
 
     def inputs(self) -> list[Path]:
-        """Return the recording."""
-        return [self.tracks.file]
+        """Return the files of the recording."""
+        return self.tracks.files()
 
     def situation(self, recording: Recording, seed: int) -> Situation:
         """Draw one episode; the same for all planners."""

@@ -280,7 +280,7 @@ def read_tracks(
     samples = read_samples(Path(path))
     step = frames_per_row or _frame_step(samples)
     positions, notes = _on_grid(samples, step, dt, path)
-    reasons = tuple(_unusable(track, dt, minimum_samples, longest_gap) for track in positions)
+    reasons = tuple(unusable(track, dt, minimum_samples, longest_gap) for track in positions)
     if None not in reasons:
         notes += (f"are the columns `{' '.join(TRACK_COLUMNS)}`, in this order?",)
     times = np.asarray(dt * np.arange(positions.shape[1]), dtype=np.float64)
@@ -331,7 +331,7 @@ def read_robot_log(
     positions = interpolated([clock], [table[:, 1:3]], grid, bridge, OFF_GRID)[0]
     lost = int(np.isnan(positions[:, 0]).sum())
     notes = (f"{lost} rows unobserved: in gaps longer than {bridge:g} s",) if lost else ()
-    reason = _unusable(positions, dt, minimum_samples, longest_gap)
+    reason = unusable(positions, dt, minimum_samples, longest_gap)
     name = Path(path).stem if ident is None else ident
     times = table[0, 0] + dt * np.arange(count)
     return Recording(dt, times, (name,), positions[None], (reason,), notes)
@@ -401,7 +401,7 @@ def _frame_step(samples: Samples) -> int:
     return min(steps, default=1)
 
 
-def _unusable(track: Array, dt: float, minimum: int, longest_gap: float) -> str | None:
+def unusable(track: Array, dt: float, minimum: int, longest_gap: float) -> str | None:
     """Return why no stretch of a gridded track, (T, D), is long enough; None if one is."""
     seen = np.flatnonzero(np.isfinite(track).all(axis=1))
     breaks = np.flatnonzero(np.diff(seen) * dt > longest_gap + OFF_GRID)

@@ -271,3 +271,36 @@ def test_robot_log_is_played() -> None:
     (row,) = experiment.measure(task).rows
     assert row["recording"] == "robot" and row["aimed"] == "robot" and row["people"] == 1
     assert row["tracks_usable"] == 1 and row["ended"] == "goals"
+
+
+def test_a_recording_of_ros_is_replayed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("rosbags", reason="pip install 'wideberth[ros]'")
+    from wideberth.tests.helpers.bags import obstacles, odometry, write_bag
+
+    recording = TrackFile().read()
+    rows_of = recording.positions.swapaxes(0, 1)
+    rows = [
+        (topic, 1000.0 + time, message)
+        for time, places in zip(recording.times, rows_of, strict=True)
+        for topic, message in (
+            ("/obstacles", obstacles(1000.0 + time, np.nan_to_num(places, nan=1e9))),
+            ("/odom", odometry(1000.0 + time, (0, 0, 0), (0, 0, 0))),
+        )
+    ]
+    for _, _, message in rows[::2]:
+        message.obstacles = [one for one in message.obstacles if one.position.x < 1e8]
+    bag = write_bag(tmp_path / "walk", rows)
+    found = TrackFile(str(bag)).read()
+    order = np.argsort(found.ids)
+    assert len(found.ids) == len(recording.ids)
+    np.testing.assert_allclose(found.positions[order], recording.positions, atol=1e-9)
+    experiment = shipped(f"tracks.path={bag}", "seeds=1")
+    assert len(experiment.tasks()) == 3
+    said = capsys.readouterr().err
+    assert "topics used: /obstacles, in the frame 'map'" in said
+    assert "topics that could be used instead: /odom" in said
+    assert experiment.inputs() == [bag / "walk.mcap"]
+    other = shipped(f"tracks.path={bag}", "tracks.topic=/odom")
+    assert other.tracks.read().ids == ("/odom",)

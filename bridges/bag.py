@@ -1,0 +1,283 @@
+"""Recordings of ROS 2 (rosbag2, as MCAP or SQLite): topics, clocks, frames, and what was said."""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple, final
+
+import numpy as np
+
+from ..framework.values.arrays import Array
+from ..framework.values.errors import WideberthError, nearest
+from ..framework.values.occupancy_grid import OccupancyGrid
+from ..framework.values.path import Path as Route
+from ..framework.values.sensing import Scan
+from .bag_file import RawBag, read_raw
+from .clocks import stamps
+from .frames import FrameTree
+from .messages import Messages, messages
+from .readings import READ, Clock, Motion, Reading, Transforms, Way, reading_of, tilted
+
+FIXED = ("map", "odom", "world")
+"""Frames that stand still, the first that a recording has is taken."""
+NANO = 1e-9
+
+
+@final
+@dataclass(frozen=True)
+class Topic:
+    """One topic of a recording.
+
+    Attributes
+    ----------
+    name : with its slash. kind : type of its messages.
+    count : of the messages. publishers : number of them, as far as the recording tells.
+    """
+
+    name: str
+    kind: str
+    count: int
+    publishers: int
+
+
+class Timed(NamedTuple):
+    """What a message said, when, and which publisher of its topic sent it (0 is the first)."""
+
+    time: float
+    reading: Reading
+    source: int
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Bag:
+    """What a recording holds, as far as it can be read.
+
+    Times are in s from `epoch`, on the clock of the stamps: of the simulation where there was
+    one.
+
+    Attributes
+    ----------
+    path : of the recording.
+    epoch : ns, the time that is 0 here.
+    topics : all topics by name, the unreadable ones too.
+    timed : name -> what its messages said, sorted by time.
+    frames : all motions between frames.
+    notes : what was noticed on the way, a sentence each.
+    """
+
+    path: Path
+    epoch: int
+    topics: Mapping[str, Topic]
+    timed: Mapping[str, tuple[Timed, ...]]
+    frames: FrameTree
+    notes: tuple[str, ...]
+
+    def named(self, *kinds: str) -> tuple[str, ...]:
+        """Return the topics of these types that hold something, the longest first."""
+        found = [name for name, rows in self.timed.items() if rows]
+        found = [name for name in found if self.topics[name].kind in kinds]
+        return tuple(sorted(found, key=lambda name: (-len(self.timed[name]), name)))
+
+    def rows(self, topic: str) -> tuple[Timed, ...]:
+        """Return what a topic said.
+
+        Raises
+        ------
+        WideberthError : no such topic, or none that can be read.
+        """
+        if topic in self.timed:
+            return self.timed[topic]
+        if topic in self.topics:
+            raise WideberthError(f"{self.path}: {topic} holds {self.topics[topic].kind}; not read")
+        raise WideberthError(f"{self.path} has no topic {topic!r}{nearest(topic, self.topics)}")
+
+    def fixed_frame(self, topics: Iterable[str]) -> str:
+        """Return the frame that stands still for what topics say.
+
+        It is map, odom or world, the first that is connected with most of their messages; else
+        the top of their tree.
+        """
+        said = Counter(row.reading.frame for topic in topics for row in self.rows(topic))
+        if not said:
+            return ""
+        top = self.frames.root(said.most_common(1)[0][0])
+        return next((one for one in FIXED if self.frames.root(one) == top), top)
+
+    def scans(self, topic: str, base: str) -> tuple[Scan, ...]:
+        """Return the scans of a topic, mounted in the robot's frame.
+
+        Parameters
+        ----------
+        topic : of a LiDAR. base : the robot's frame.
+
+        Raises
+        ------
+        WideberthError : no such topic, or no way from its frame to the robot's.
+        """
+        found = []
+        for time, reading, _ in self.rows(topic):
+            if isinstance(reading.content, Scan):
+                scan = reading.content
+                mount = self.frames.motion(base, reading.frame, [time])[0]
+                if np.isfinite(mount).all():
+                    found.append(
+                        Scan(
+                            topic, time + scan.times, scan.bearings, scan.ranges,
+                            scan.deviation, scan.longest, mount,
+                        )
+                    )  # fmt: skip
+        return tuple(found)
+
+    def motions(self, topic: str) -> tuple[Array, Array, Array]:
+        """Return the odometry of a topic: times (T,), poses (T, 3) and twists (T, 3)."""
+        rows = [row for row in self.rows(topic) if isinstance(row.reading.content, Motion)]
+        said = [row.reading.content for row in rows]
+        poses = [one.pose for one in said if isinstance(one, Motion)]
+        twists = [one.twist for one in said if isinstance(one, Motion)]
+        times = np.array([row.time for row in rows])
+        return times, np.reshape(poses, (-1, 3)), np.reshape(twists, (-1, 3))
+
+    def routes(self, topic: str) -> tuple[tuple[float, Route], ...]:
+        """Return when paths of a topic came, and each in its own frame."""
+        found = []
+        for time, reading, _ in self.rows(topic):
+            if isinstance(reading.content, Way) and len(reading.content.points) >= 2:
+                found.append((time, Route(reading.content.points)))
+        return tuple(found)
+
+    def maps(self, topic: str) -> tuple[OccupancyGrid, ...]:
+        """Return the maps of a topic, each in its own frame."""
+        said = [reading.content for _, reading, _ in self.rows(topic)]
+        return tuple(one for one in said if isinstance(one, OccupancyGrid))
+
+
+def read_bag(path: str | Path) -> Bag:
+    """Read a recording of ROS 2 (rosbag2, MCAP or SQLite) as far as it can be read.
+
+    Definitions that the recording holds are used, for those that it lacks ours. What cannot be
+    read is named in the notes and left out; the rest is kept.
+
+    Parameters
+    ----------
+    path : a folder of rosbag2, or one of its files (.mcap, .db3).
+
+    Raises
+    ------
+    WideberthError : no such recording, or nothing in it that can be read.
+    """
+    file = Path(path)
+    raw = read_raw(file, READ)
+    said, flaws = _said(raw)
+    epoch = _epoch(said)
+    topics: dict[str, Topic] = {}
+    for i, one in enumerate(raw.topics):
+        known = topics.get(one.name)
+        if known is not None and known.kind != one.kind:
+            flaws.setdefault(i, Counter())[f"the topic holds {known.kind} as well"] += one.size
+        topics[one.name] = Topic(
+            *(one.name, known.kind if known else one.kind),
+            one.size + (known.count if known else 0),
+            one.publishers + (known.publishers if known else 0),
+        )
+    timed, notes = _timed(raw, said, epoch)
+    for i, counted in flaws.items():
+        reason, total = counted.most_common(1)[0][0], counted.total()
+        notes.append(f"{raw.topics[i].name}: {total} messages left out: {reason}")
+    notes += [
+        f"{one.name} has {one.publishers} publishers"
+        for one in topics.values()
+        if one.publishers > 1 and one.kind in READ - {"tf2_msgs/msg/TFMessage"}
+    ]
+    frames = _frames(timed)
+    notes += [f"frames: {text} ({count} times)" for text, count in frames.notes.items()]
+    return Bag(file, epoch, topics, timed, frames, (*raw.notes, *notes))
+
+
+_Said = dict[int, list[tuple[int, Reading]]]
+"""Number of a raw topic -> when each of its messages was received, ns, and what it said."""
+
+
+def _said(raw: RawBag) -> tuple[_Said, dict[int, Counter[str]]]:
+    """Read all messages; return what they say, and why others could not be read."""
+    types: dict[tuple[str, str], Messages | str] = {}
+    said: _Said = {}
+    flaws: dict[int, Counter[str]] = {}
+    for one in raw.messages:
+        kind = raw.topics[one.source].kind
+        key = (kind, one.definition)
+        if key not in types:
+            types[key] = _types(*key)
+        try:
+            known = types[key]
+            if isinstance(known, str):
+                raise WideberthError(known)
+            reading = reading_of(kind, known.read(kind, one.data))
+            said.setdefault(one.source, []).append((one.received, reading))
+        except WideberthError as error:
+            flaws.setdefault(one.source, Counter())[str(error)] += 1
+    return said, flaws
+
+
+def _types(kind: str, definition: str) -> Messages | str:
+    """Return the types that a definition holds, or why it cannot be read."""
+    try:
+        return Messages.of_text(kind, definition) if definition else messages()
+    except WideberthError as error:
+        return str(error)
+
+
+def _epoch(said: _Said) -> int:
+    """Return the earliest stamp of what moves, ns; else the earliest receipt."""
+    lasting = (Transforms, OccupancyGrid, Clock, Way)
+    rows = [row for rows in said.values() for row in rows]
+    moving = [one.stamp for _, one in rows if one.stamp and not isinstance(one.content, lasting)]
+    return min(moving or [received for received, _ in rows], default=0)
+
+
+def _timed(raw: RawBag, said: _Said, epoch: int) -> tuple[dict[str, tuple[Timed, ...]], list[str]]:
+    """Put what was said on one clock; say what was noticed."""
+    first = min((rows[0][0] for rows in said.values()), default=0)
+    clocks = [row for rows in said.values() for row in rows if isinstance(row[1].content, Clock)]
+    found: dict[str, list[Timed]] = {}
+    notes = []
+    for source, rows in said.items():
+        name = raw.topics[source].name
+        received = NANO * np.array([at - first for at, _ in rows], dtype=np.float64)
+        stamped = np.array(
+            [NANO * (one.stamp - epoch) if one.stamp else np.nan for _, one in rows]
+        )
+        if clocks and np.isnan(stamped).all():
+            ours = [NANO * (at - first) for at, _ in clocks]
+            stamped = np.interp(received, ours, [NANO * (one.stamp - epoch) for _, one in clocks])
+        lasting = isinstance(rows[0][1].content, OccupancyGrid | Way)
+        when = stamps(stamped, received)
+        notes += [] if lasting else [f"{name}: {text}" for text in when.notes]
+        number = len({row.source for row in found.get(name, [])})
+        found.setdefault(name, []).extend(
+            Timed(float(time), one, number)
+            for time, (_, one) in zip(when.times, rows, strict=True)
+        )
+    ordered = {name: tuple(sorted(rows, key=lambda row: row.time)) for name, rows in found.items()}
+    return ordered, notes
+
+
+def _frames(timed: Mapping[str, tuple[Timed, ...]]) -> FrameTree:
+    """Collect the motions between frames, on the same clock."""
+    tree = FrameTree()
+    for name, rows in timed.items():
+        for time, reading, _ in rows:
+            if isinstance(reading.content, Transforms):
+                for parent, child, stamp, pose, _ in reading.content.rows:
+                    own = time + NANO * (stamp - reading.stamp)
+                    tree.add(parent, child, own, pose, static=name.endswith("tf_static"))
+            for child in tilted(reading.content):
+                tree.notes[f"{child!r} tilts; only its yaw is used"] = 1
+    known = {*tree.names, ""}
+    for rows in timed.values():
+        for time, reading, _ in rows:
+            moved = reading.content
+            if isinstance(moved, Motion) and moved.child not in known:
+                tree.add(reading.frame, moved.child, time, moved.pose)
+    return tree

@@ -1,0 +1,173 @@
+"""Tracks of the obstacles, or of the robots, in a recording of ROS 2."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import final
+
+import numpy as np
+
+from ..framework.tracking.recordings import OFF_GRID, Recording, unusable
+from ..framework.tracking.resampling import MOST_CELLS, interpolated
+from ..framework.values.arrays import Array, positive, whole
+from ..framework.values.errors import WideberthError
+from .bag import Bag, Timed, read_bag
+from .frames import composed
+from .readings import OBSTACLES, Motion, Obstacles
+
+ODOMETRY = "nav_msgs/msg/Odometry"
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Samples:
+    """When and where each identity was, in the fixed frame; what was left out, and why."""
+
+    times: dict[str, list[float]]
+    places: dict[str, list[Array]]
+    radii: list[float]
+    notes: tuple[str, ...]
+
+
+def read_bag_tracks(
+    path: str | Path,
+    dt: float,
+    *,
+    topic: str | None = None,
+    frame: str | None = None,
+    bridge: float = 1.0,
+    minimum_samples: int = 8,
+    longest_gap: float = 1.0,
+) -> Recording:
+    """Read who moved where in a recording of ROS 2, and resample it to ``dt``.
+
+    The positions are taken to the fixed frame by the motions between frames of the same instant.
+
+    Parameters
+    ----------
+    path : a folder of rosbag2, or one of its files (.mcap, .db3).
+    dt : s, of the grid, which starts at the first sample.
+    topic : of obstacles or odometry; by default the one of obstacles with the most messages, else
+        all odometry, each robot under the name of its topic.
+    frame : in which positions are wanted; by default `Bag.fixed_frame`.
+    bridge : s; positions are interpolated linearly across gaps up to this long.
+    minimum_samples, longest_gap : as in `wideberth.framework.tracking.recordings.read_tracks`.
+
+    The notes name the topics that were used, and those that could be.
+
+    Raises
+    ------
+    WideberthError : no such recording, topic or frame, or nobody in it.
+    """
+    positive("dt", dt)
+    positive("bridge", bridge)
+    whole("minimum_samples", minimum_samples)
+    positive("longest_gap", longest_gap)
+    bag = read_bag(path)
+    chosen, others = _chosen(bag, topic)
+    fixed = bag.fixed_frame(chosen) if frame is None else frame
+    found = _samples(bag, chosen, fixed)
+    if not found.times:
+        reasons = "; ".join((*found.notes, *bag.notes)) or "their messages are empty"
+        raise WideberthError(f"{path}: nobody is in {', '.join(chosen)}: {reasons}")
+    notes = [f"topics used: {', '.join(chosen)}, in the frame {fixed!r}"]
+    notes += [f"topics that could be used instead: {', '.join(others)}"] if others else []
+    sizes = sorted(found.radii)
+    notes += [f"radii in it: {sizes[0]:.3g} to {sizes[-1]:.3g} m"] if sizes else []
+    return _gridded(found, dt, bridge, minimum_samples, longest_gap, (*notes, *bag.notes))
+
+
+def _chosen(bag: Bag, topic: str | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the topics to use, and those that could be used."""
+    obstacles, robots = bag.named(*OBSTACLES), bag.named(ODOMETRY)
+    if topic is not None:
+        bag.rows(topic)
+        if topic not in obstacles + robots:
+            wanted = ", ".join(sorted({*OBSTACLES, ODOMETRY}))
+            raise WideberthError(
+                f"{bag.path}: {topic} holds {bag.topics[topic].kind}; tracks come from {wanted}; "
+                f"it has {', '.join(obstacles + robots) or 'none of them'}"
+            )
+        chosen: tuple[str, ...] = (topic,)
+    else:
+        chosen = obstacles[:1] or robots
+    if not chosen:
+        kinds = sorted({f"{one.name} ({one.kind})" for one in bag.topics.values()})
+        raise WideberthError(
+            f"{bag.path} holds neither obstacles nor odometry; its topics are {', '.join(kinds)}"
+            + "".join(f"; {note}" for note in bag.notes)
+        )
+    return chosen, tuple(one for one in obstacles + robots if one not in chosen)
+
+
+def _samples(bag: Bag, topics: Iterable[str], fixed: str) -> _Samples:
+    """Collect positions by identity, in the fixed frame."""
+    found = _Samples({}, {}, [], ())
+    lost: dict[str, int] = {}
+    for topic in topics:
+        rows = bag.rows(topic)
+        for row, pose in zip(rows, _poses(bag, rows, fixed, lost), strict=True):
+            if not np.isfinite(pose).all():
+                continue
+            for ident, place, radius in _who(topic, row):
+                if not ident or not np.isfinite(place).all():
+                    reason = "without identity" if not ident else "that are not finite"
+                    lost[f"obstacles {reason}"] = lost.get(f"obstacles {reason}", 0) + 1
+                    continue
+                found.times.setdefault(ident, []).append(row.time)
+                found.places.setdefault(ident, []).append(composed(pose, place)[:2])
+                found.radii.extend([radius] if np.isfinite(radius) else [])
+    notes = tuple(f"left out: {count} {what}" for what, count in sorted(lost.items()))
+    return _Samples(found.times, found.places, found.radii, notes)
+
+
+def _who(topic: str, row: Timed) -> list[tuple[str, Array, float]]:
+    """Return identity, pose and radius of everybody in a message."""
+    mark = f" ({row.source + 1})" if row.source else ""
+    content = row.reading.content
+    if isinstance(content, Motion):
+        return [(f"{topic}{mark}", content.pose, float("nan"))]
+    if isinstance(content, Obstacles):
+        return [(one.ident and one.ident + mark, one.pose, one.radius) for one in content.seen]
+    return []
+
+
+def _poses(bag: Bag, rows: tuple[Timed, ...], fixed: str, lost: dict[str, int]) -> Array:
+    """Return the pose of each message's frame in the fixed one, (T, 3); NaN where unknown."""
+    found = np.full((len(rows), 3), np.nan)
+    names = np.array([row.reading.frame for row in rows], dtype=object)
+    times = np.array([row.time for row in rows])
+    for name in sorted(set(names)):
+        here = names == name
+        try:
+            found[here] = bag.frames.motion(fixed, name, times[here])
+        except WideberthError as error:
+            lost[f"messages: {error}"] = int(here.sum())
+            continue
+        unknown = int(np.isnan(found[here]).any(axis=1).sum())
+        if unknown:
+            what = f"messages at times at which no motion from {name!r} to {fixed!r} is known"
+            lost[what] = lost.get(what, 0) + unknown
+    return found
+
+
+def _gridded(
+    found: _Samples, dt: float, bridge: float, minimum: int, longest: float, notes: tuple[str, ...]
+) -> Recording:
+    """Resample all identities to one grid."""
+    times, places = [], []
+    for ident in found.times:
+        clock, first = np.unique(np.array(found.times[ident]), return_index=True)
+        times.append(clock)
+        places.append(np.array(found.places[ident])[first])
+    start, end = min(one[0] for one in times), max(one[-1] for one in times)
+    rows = (end - start) / dt + 1.0
+    if rows * len(times) > MOST_CELLS:
+        raise WideberthError(
+            f"{len(times)} tracks over {end - start:g} s in steps of {dt:g} s are more than "
+            f"{MOST_CELLS} samples; choose a longer dt"
+        )
+    grid = start + dt * np.arange(int(rows + OFF_GRID))
+    positions = interpolated(times, places, grid, bridge, OFF_GRID)
+    reasons = tuple(unusable(track, dt, minimum, longest) for track in positions)
+    return Recording(dt, grid, tuple(found.times), positions, reasons, (*notes, *found.notes))

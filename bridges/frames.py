@@ -1,0 +1,162 @@
+"""Frames of a robot in the plane, and the motions between them over time (tf)."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..framework.values.arrays import Array
+from ..framework.values.errors import WideberthError, nearest
+
+SLACK = 0.5
+"""s, for which a motion is taken to stay as it was before its first and after its last report."""
+TILT = 0.1
+"""rad, of the vertical axis; a frame that tilts more than this is not one of the plane."""
+
+
+def yaw_of(x: ArrayLike, y: ArrayLike, z: ArrayLike, w: ArrayLike) -> Array:
+    """Return the yaw of unit quaternions, rad: atan2(2 (w z + x y), 1 - 2 (y^2 + z^2))."""
+    x, y, z, w = (np.asarray(one, dtype=np.float64) for one in (x, y, z, w))
+    return np.asarray(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+
+
+def tilt_of(x: float, y: float) -> float:
+    """Return the angle between the vertical axes of two frames, rad: arccos(1 - 2 (x^2 + y^2)).
+
+    x and y are the quaternion's; a sensor that hangs upside down has pi.
+    """
+    return float(np.arccos(np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0)))
+
+
+def composed(outer: Array, inner: Array) -> Array:
+    """Return the motion ``outer`` after ``inner``, (..., 3) each: x, y in m and yaw in rad."""
+    cosine, sine = np.cos(outer[..., 2]), np.sin(outer[..., 2])
+    x = outer[..., 0] + cosine * inner[..., 0] - sine * inner[..., 1]
+    y = outer[..., 1] + sine * inner[..., 0] + cosine * inner[..., 1]
+    return np.stack([x, y, outer[..., 2] + inner[..., 2]], axis=-1)
+
+
+def inverted(motion: Array) -> Array:
+    """Return the motion back, (..., 3): x, y in m and yaw in rad."""
+    cosine, sine = np.cos(motion[..., 2]), np.sin(motion[..., 2])
+    x = -cosine * motion[..., 0] - sine * motion[..., 1]
+    y = sine * motion[..., 0] - cosine * motion[..., 1]
+    return np.stack([x, y, -motion[..., 2]], axis=-1)
+
+
+@dataclass(eq=False)
+class _Edge:
+    """Reports of the pose of one frame in another."""
+
+    parent: str
+    static: bool
+    rows: list[tuple[float, float, float, float]] = field(default_factory=list)
+    table: Array | None = None
+
+    def at(self, times: Array) -> Array:
+        """Poses at these times, (T, 3); NaN where nothing is known."""
+        if self.table is None:
+            rows = np.array(sorted(self.rows))
+            rows[:, 3] = np.unwrap(rows[:, 3])
+            self.table = rows
+        if self.static:
+            return np.broadcast_to(self.table[-1, 1:], (len(times), 3))
+        clock = self.table[:, 0]
+        found = np.stack([np.interp(times, clock, column) for column in self.table.T[1:]], axis=-1)
+        found[(times < clock[0] - SLACK) | (times > clock[-1] + SLACK)] = np.nan
+        return found
+
+
+@final
+class FrameTree:
+    """A tree of frames, each with its pose in its parent over time.
+
+    Between two reports a pose is interpolated, the yaw the shorter way round.
+
+    Examples
+    --------
+    >>> tree = FrameTree()
+    >>> tree.add("odom", "base", 0.0, (0.0, 0.0, 0.0))
+    >>> tree.add("odom", "base", 1.0, (2.0, 0.0, 0.0))
+    >>> tree.add("base", "lidar", 0.0, (0.1, 0.0, 0.0), static=True)
+    >>> tree.motion("odom", "lidar", [0.5]).tolist()
+    [[1.1, 0.0, 0.0]]
+    """
+
+    def __init__(self) -> None:
+        self._edges: dict[str, _Edge] = {}
+        self.notes: dict[str, int] = {}
+        """What was wrong with reports -> how often."""
+
+    def add(
+        self, parent: str, child: str, time: float, pose: Iterable[float], static: bool = False
+    ) -> None:
+        """Take a report of a frame's pose in its parent: x, y in m, yaw in rad, at a time in s.
+
+        A report that is not finite, or would close a circle, is left out; of two parents the later
+        one counts. `notes` says so.
+        """
+        row = (float(time), *map(float, pose))
+        if not np.isfinite(row).all():
+            return self._note(f"a pose of {child!r} is not finite")
+        if child == parent or child in self._above(parent):
+            return self._note(f"{child!r} in {parent!r} closes a circle of frames")
+        edge = self._edges.get(child)
+        if edge is None or edge.parent != parent:
+            if edge is not None:
+                self._note(f"{child!r} has two parents, {edge.parent!r} and {parent!r}")
+            edge = self._edges[child] = _Edge(parent, static)
+        edge.static, edge.table = static, None
+        edge.rows.append(row)  # type: ignore[arg-type]
+        return None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All frames, sorted."""
+        parents = {edge.parent for edge in self._edges.values()}
+        return tuple(sorted(parents | set(self._edges)))
+
+    def root(self, name: str) -> str:
+        """Return the frame at the top of the tree that a frame belongs to."""
+        return ([name, *self._above(name)])[-1]
+
+    def motion(self, target: str, source: str, times: ArrayLike) -> Array:
+        """Return the poses of one frame in another, (T, 3): x, y in m, yaw in rad.
+
+        NaN at times for which some pose between the two was not reported.
+
+        Parameters
+        ----------
+        target : frame in which the result is. source : frame whose pose is wanted.
+        times : (T,), s.
+
+        Raises
+        ------
+        WideberthError : there is no way between the two.
+        """
+        clock = np.asarray(times, dtype=np.float64)
+        up, down = ([one, *self._above(one)] for one in (source, target))
+        if up[-1] != down[-1]:
+            near = nearest(source, {*self.names} - {source})
+            raise WideberthError(f"no frame connects {source!r} with {target!r}{near}")
+        common = next(one for one in up if one in down)
+        return composed(inverted(self._chain(down, common, clock)), self._chain(up, common, clock))
+
+    def _chain(self, names: list[str], top: str, times: Array) -> Array:
+        """Poses of the first frame in the one called ``top``."""
+        found = np.zeros((len(times), 3))
+        for name in names[: names.index(top)]:
+            found = composed(self._edges[name].at(times), found)
+        return found
+
+    def _above(self, name: str) -> list[str]:
+        found = []
+        while (edge := self._edges.get(name)) is not None:
+            name = edge.parent
+            found.append(name)
+        return found
+
+    def _note(self, text: str) -> None:
+        self.notes[text] = self.notes.get(text, 0) + 1

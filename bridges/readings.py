@@ -1,0 +1,306 @@
+"""What the messages of ROS 2 say, as values of ours in the frame of the message."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeAlias, final
+
+import numpy as np
+
+from ..framework.values.arrays import Array
+from ..framework.values.errors import WideberthError
+from ..framework.values.occupancy_grid import OccupancyGrid
+from ..framework.values.sensing import Scan
+from .frames import TILT, tilt_of, yaw_of
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """An obstacle in a message.
+
+    Attributes
+    ----------
+    ident : identity; "" where the message states none.
+    pose : (3,), x, y in m and heading in rad.
+    radius : m, of the disc around it; NaN where its size is not stated.
+    velocity : (2,), m/s, or None.
+    covariance : (2, 2), m^2, of the position, or None where the message holds zeros.
+    velocity_covariance : (2, 2), (m/s)^2, or None.
+    """
+
+    ident: str
+    pose: Array
+    radius: float
+    velocity: Array | None = None
+    covariance: Array | None = None
+    velocity_covariance: Array | None = None
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Obstacles:
+    """All obstacles of one message."""
+
+    seen: tuple[Seen, ...]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A pose with its motion, from odometry.
+
+    Attributes
+    ----------
+    child : frame whose pose it is.
+    pose : (3,), x, y in m and heading in rad.
+    twist : (3,), forward and lateral speed in m/s, yaw rate in rad/s.
+    covariance : (3, 3), of the pose; None where the message holds zeros.
+    """
+
+    child: str
+    pose: Array
+    twist: Array
+    covariance: Array | None = None
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Transforms:
+    """Poses of frames in their parents: (parent, child, ns, pose, tilt in rad) each."""
+
+    rows: tuple[tuple[str, str, int, tuple[float, float, float], float], ...]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Way:
+    """Points of a path, (P, 2), m."""
+
+    points: Array
+
+
+@final
+@dataclass(frozen=True)
+class Clock:
+    """Simulated time, ns."""
+
+    now: int
+
+
+Content: TypeAlias = Obstacles | Motion | Transforms | Way | Clock | Scan | OccupancyGrid
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """The content of one message.
+
+    Attributes
+    ----------
+    stamp : ns, from its header; 0 where it has none.
+    frame : of its header.
+    content : what it says, in that frame.
+    """
+
+    stamp: int
+    frame: str
+    content: Content
+
+
+def nanoseconds(stamp: Any) -> int:
+    """Return a stamp of ROS 2, ns."""
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def pose_of(pose: Any) -> Array:
+    """Return x, y in m and the yaw in rad of a pose of ROS 2."""
+    turn = pose.orientation
+    yaw = yaw_of(turn.x, turn.y, turn.z, turn.w)
+    return np.array([pose.position.x, pose.position.y, float(yaw)], dtype=np.float64)
+
+
+def _stated(matrix: Array) -> Array | None:
+    """Return a covariance, or None for the zeros of a sender that does not know it."""
+    return None if not np.any(matrix) else np.asarray(matrix)
+
+
+def _plane(numbers: Any, size: int) -> Array | None:
+    """Return the (2, 2) part for x and y of a covariance that is written row by row."""
+    return _stated(np.asarray(numbers, dtype=np.float64).reshape(size, size)[:2, :2])
+
+
+def _width(size: Any) -> float:
+    """Return the radius of the disc around a box; NaN for a box without extent."""
+    half = 0.5 * float(np.hypot(size.x, size.y))
+    return half if half > 0.0 else float("nan")
+
+
+def _obstacle_array(message: Any) -> Obstacles:
+    return Obstacles(
+        tuple(
+            Seen(
+                bytes(np.asarray(one.uuid.uuid, np.uint8)).hex(),
+                np.array([one.position.x, one.position.y, 0.0]),
+                0.5 * max(one.size.x, one.size.y) or float("nan"),
+                np.array([one.velocity.x, one.velocity.y]),
+                _plane(one.position_covariance, 3),
+                _plane(one.velocity_covariance, 3),
+            )
+            for one in message.obstacles
+        )
+    )
+
+
+def _costmap_obstacles(message: Any) -> Obstacles:
+    seen = []
+    for one in message.obstacles:
+        corners = np.array([(point.x, point.y) for point in one.polygon.points], dtype=np.float64)
+        if not len(corners):
+            continue
+        centre = corners.mean(axis=0)
+        reach = float(np.linalg.norm(corners - centre, axis=1).max()) + float(one.radius)
+        turn, speed = one.orientation, one.velocities.twist.linear
+        heading = float(yaw_of(turn.x, turn.y, turn.z, turn.w))
+        seen.append(
+            Seen(
+                str(one.id) if one.id >= 0 else "",
+                np.array([*centre, heading]),
+                reach if reach > 0.0 else float("nan"),
+                np.array([speed.x, speed.y]),
+                None,
+                _plane(one.velocities.covariance, 6),
+            )
+        )
+    return Obstacles(tuple(seen))
+
+
+def _gaussian_obstacles(message: Any) -> Obstacles:
+    none = float("nan")
+    return Obstacles(
+        tuple(
+            Seen(str(one.id) if one.id >= 0 else "", pose_of(one.pose), none)
+            for one in message.obstacles
+        )
+    )
+
+
+def _boxes(message: Any) -> Obstacles:
+    return Obstacles(
+        tuple(
+            Seen(
+                one.id,
+                pose_of(one.bbox.center),
+                _width(one.bbox.size),
+                None,
+                _plane(one.results[0].pose.covariance, 6) if one.results else None,
+            )
+            for one in message.detections
+        )
+    )
+
+
+def _odometry(message: Any) -> Motion:
+    twist = message.twist.twist
+    rows = np.asarray(message.pose.covariance, dtype=np.float64).reshape(6, 6)
+    plane = rows[np.ix_([0, 1, 5], [0, 1, 5])]
+    pose = pose_of(message.pose.pose)
+    speeds = np.array([twist.linear.x, twist.linear.y, twist.angular.z])
+    return Motion(message.child_frame_id, pose, speeds, _stated(plane))
+
+
+def _transforms(message: Any) -> Transforms:
+    rows = []
+    for one in message.transforms:
+        place, turn = one.transform.translation, one.transform.rotation
+        yaw = float(yaw_of(turn.x, turn.y, turn.z, turn.w))
+        names = one.header.frame_id.lstrip("/"), one.child_frame_id.lstrip("/")
+        pose = (float(place.x), float(place.y), yaw)
+        rows.append((*names, nanoseconds(one.header.stamp), pose, tilt_of(turn.x, turn.y)))
+    return Transforms(tuple(rows))
+
+
+def scan_of(message: Any) -> Scan:
+    """Return a scan; times are from its first beam, ranges beyond the sensor's are none."""
+    ranges = np.array(message.ranges, dtype=np.float64)
+    count = np.arange(len(ranges), dtype=np.float64)
+    least, most = float(message.range_min), float(message.range_max)
+    ranges = np.where(ranges < least, np.nan, np.where(ranges > most, np.inf, ranges))
+    return Scan(
+        message.header.frame_id,
+        np.asarray(float(message.time_increment) * count),
+        np.asarray(float(message.angle_min) + float(message.angle_increment) * count),
+        ranges,
+        longest=most,
+    )
+
+
+def _way(message: Any) -> Way:
+    places = [(one.pose.position.x, one.pose.position.y) for one in message.poses]
+    points = np.array(places, dtype=np.float64).reshape(-1, 2)
+    new = np.ones(len(points), dtype=bool)
+    new[1:] = (np.diff(points, axis=0) != 0.0).any(axis=1)
+    return Way(points[new])
+
+
+def grid_of(message: Any) -> OccupancyGrid:
+    """Return a map.
+
+    Raises
+    ------
+    WideberthError : its axes are turned, or its numbers are no map.
+    """
+    info, origin = message.info, pose_of(message.info.origin)
+    if abs(origin[2]) > 1e-6:
+        raise WideberthError(f"the map is turned by {origin[2]:.3g} rad; wanted 0: turn its image")
+    cells = np.asarray(message.data, dtype=np.int8).reshape(int(info.height), int(info.width))
+    return OccupancyGrid(cells, float(info.resolution), (float(origin[0]), float(origin[1])))
+
+
+_CONTENT: dict[str, Callable[[Any], Content]] = {
+    "nav2_dynamic_msgs/msg/ObstacleArray": _obstacle_array,
+    "costmap_converter_msgs/msg/ObstacleArrayMsg": _costmap_obstacles,
+    "mpc_planner_msgs/msg/ObstacleArray": _gaussian_obstacles,
+    "vision_msgs/msg/Detection3DArray": _boxes,
+    "nav_msgs/msg/Odometry": _odometry,
+    "tf2_msgs/msg/TFMessage": _transforms,
+    "sensor_msgs/msg/LaserScan": scan_of,
+    "nav_msgs/msg/Path": _way,
+    "nav_msgs/msg/OccupancyGrid": grid_of,
+    "rosgraph_msgs/msg/Clock": lambda message: Clock(nanoseconds(message.clock)),
+}
+OBSTACLES: frozenset[str] = frozenset(list(_CONTENT)[:4])
+"""Types of messages that hold obstacles."""
+READ: frozenset[str] = frozenset(_CONTENT)
+"""Types of messages that are read."""
+
+
+def reading_of(kind: str, message: Any) -> Reading:
+    """Return what a message says.
+
+    Parameters
+    ----------
+    kind : one of `READ`. message : as `Messages.read` gives it.
+
+    Raises
+    ------
+    WideberthError : its fields are not those of our definition, or its numbers are of no use.
+    """
+    try:
+        content = _CONTENT[kind](message)
+        if isinstance(content, Clock):
+            return Reading(content.now, "", content)
+        if isinstance(content, Transforms):
+            return Reading(content.rows[0][2] if content.rows else 0, "", content)
+        frame = str(message.header.frame_id).lstrip("/")
+        return Reading(nanoseconds(message.header.stamp), frame, content)
+    except AttributeError as error:
+        raise WideberthError(f"it is of another definition: {error}") from None
+    except (IndexError, OverflowError, TypeError, ValueError) as error:
+        raise WideberthError(f"its numbers are of no use: {error}") from None
+
+
+def tilted(content: Content) -> tuple[str, ...]:
+    """Return the frames of a message that tilt by more than `TILT`."""
+    if not isinstance(content, Transforms):
+        return ()
+    return tuple(child for _, child, _, _, tilt in content.rows if tilt > TILT)
