@@ -135,11 +135,17 @@ def _width(size: Any) -> float:
     return half if half > 0.0 else float("nan")
 
 
+def _name(uuid: bytes) -> str:
+    """Return the name that an identity of ours holds, see `wording.identity`; else its digits."""
+    text = uuid.rstrip(b"\0").decode("latin-1")
+    return text if text and text.isascii() and text.isprintable() else uuid.hex()
+
+
 def _obstacle_array(message: Any) -> Obstacles:
     return Obstacles(
         tuple(
             Seen(
-                bytes(np.asarray(one.uuid.uuid, np.uint8)).hex(),
+                _name(bytes(np.asarray(one.uuid.uuid, np.uint8))),
                 np.array([one.position.x, one.position.y, 0.0]),
                 0.5 * max(one.size.x, one.size.y) or float("nan"),
                 np.array([one.velocity.x, one.velocity.y]),

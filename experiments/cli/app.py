@@ -624,6 +624,33 @@ def film(
     typer.echo(f"written: {written} ({written.stat().st_size / 1e6:.1f} MB)")
 
 
+@app.command(no_args_is_help=True)
+def bag(
+    episode: KeptEpisode,
+    out: Annotated[Path, typer.Option(help="Folder of the recording; it must not exist yet.")],
+    storage: Annotated[str, typer.Option(help="mcap or sqlite3.")] = "mcap",
+    distribution: Annotated[
+        str, typer.Option(help="Of ROS 2: humble, jazzy, kilted or lyrical.")
+    ] = "jazzy",
+) -> None:
+    """Write an episode as a recording of ROS 2, for RViz and Foxglove."""
+    from ..engine.progress import working
+    from ..report.episode_bag import write_episode_bag
+    from ..report.player import find_episodes
+
+    path = expanded(episode)
+    found = find_episodes(path if path.exists() else result_folder(episode))
+    if len(found) > 1:
+        typer.echo(f"{found[0]} is written, the first of {len(found)}")
+    with working("writing the recording"):
+        counted = write_episode_bag(
+            found[0], expanded(out), distribution=distribution, storage=storage
+        )
+    for topic, count in sorted(counted.items()):
+        typer.echo(f"  {topic}: {count}")
+    typer.echo(f"written: {out}")
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Enter from the shell: a `WideberthError` becomes one message and exit code 2.
 
