@@ -1,14 +1,13 @@
 """ORCA: each of two takes half of the smallest velocity change that avoids a collision."""
 
 from dataclasses import dataclass
-from importlib import import_module
 from math import hypot
-from typing import Any, ClassVar, final
+from typing import ClassVar, final
 
 import numpy as np
 
+from ..framework.numerics.rvo2 import rvo2
 from ..framework.values.arrays import Array, whole
-from ..framework.values.errors import WideberthError
 from ..framework.values.motion import Command, Observation
 from .reactive import Reactive
 from .steering import steer, top_speed, velocity_of
@@ -71,7 +70,7 @@ class Orca(Reactive):
 
     def __post_init__(self) -> None:
         whole("orca.most_neighbours", self.most_neighbours)
-        _library()
+        rvo2("orca")
         super().__post_init__()
 
     def decide(self, observation: Observation, place: Array) -> Command:
@@ -92,7 +91,7 @@ class Orca(Reactive):
         """Ask the library, (2,), m/s."""
         _, places, velocities, radii = self._neighbours.now()
         horizons = self.time_horizon, self.obstacle_horizon
-        world = _library().RVOSimulator(
+        world = rvo2("orca").RVOSimulator(
             self.period, self.neighbour_distance, self.most_neighbours, *horizons, 0.0, self._limit
         )
         sight = self.neighbour_distance, self.most_neighbours, *horizons
@@ -113,19 +112,3 @@ class Orca(Reactive):
         world.do_step()
         found = world.get_agent_velocity(0)
         return np.array([found.x, found.y])
-
-
-def _library() -> Any:
-    """Return the module ``pyrvo``.
-
-    Raises
-    ------
-    WideberthError : it is not installed.
-    """
-    try:
-        return import_module("pyrvo")
-    except ImportError as error:
-        raise WideberthError(
-            f"orca needs the library pyrvo ({error}); install it with: "
-            "pip install 'wideberth[sim]'"
-        ) from None

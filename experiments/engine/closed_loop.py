@@ -143,7 +143,7 @@ def _begun(cast: Cast, robot: Robot, controller: Controller, settings: Settings,
     """Return an episode at its start."""
     truth = not isinstance(controller, Reactive)  # which could not use it
     robots = [one.agent(robot, fresh(controller), truth) for one in cast.placements]
-    return Run([*robots, *cast.people], settings, seed, cast.bystanders, (), cast.polygons)
+    return cast.begin(robots, settings, seed)
 
 
 def grid(axes: Mapping[str, Iterable[str]], seeds: Iterable[int]) -> list[Task]:

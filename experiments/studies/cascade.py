@@ -319,8 +319,7 @@ class CascadeStudy(Experiment):
         controller = self.planners[case.planner]
         robots = [at_rest(one, self.robot, controller) for one in cast.placements]
         world = WheeledWorld(self.cascades[case.cascade], settings)
-        agents = [*robots, *cast.people]
-        return Run(agents, settings, seed, cast.bystanders, (), cast.polygons, world)
+        return cast.begin(robots, settings, seed, world)
 
     def _chains(self, rows: list[Row]) -> list[list[Played]]:
         """Return the cases that are compared with one another, with their rows."""

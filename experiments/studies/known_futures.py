@@ -25,7 +25,6 @@ from ...framework.values.errors import WideberthError
 from ...framework.values.motion import Observation
 from ...framework.values.path import Path as Way
 from ...framework.values.plan import Status
-from ...simulation.engine.episode import Run
 from ...simulation.engine.settings import Settings
 from ...simulation.scenarios.base import Scenario
 from ..drawing.plotting import COLOURS, LINES, PAGE, paper_style, save, subplots
@@ -251,8 +250,7 @@ class KnownFutures(Experiment):
         """
         driver, cast = next(iter(self.planners.values())), self.scenario.cast(self.seed)
         robots = [one.agent(self.robot, fresh(driver), True) for one in cast.placements]
-        agents = [*robots, *cast.people]
-        run = Run(agents, self.settings, self.seed, cast.bystanders, (), cast.polygons)
+        run = cast.begin(robots, self.settings, self.seed)
         seen: list[Observation] = []
         while not seen or seen[-1].stamp < instant:
             observation = run.advance(robots[0].name)

@@ -173,8 +173,43 @@ class ScriptedAgent:
         return along(self.path, self.speed * (np.asarray(times) - self.start))
 
 
-Bystander = ReplayAgent | ScriptedAgent
-"""Moves, but decides nothing."""
+@final
+class CrowdMember:
+    """Somebody of a crowd that moves by rules of its own, see `World.others`; the way grows.
+
+    Before the first place and after the last one they are absent.
+
+    Parameters
+    ----------
+    name : identity.
+    radius : m.
+    time : s, when they come.
+    place : (2,), m, where.
+    """
+
+    def __init__(self, name: str, radius: float, time: float, place: Array) -> None:
+        self.name: str = name
+        self.radius: float = radius
+        self._times: list[float] = [time]
+        self._places: list[Array] = [np.array(place)]
+
+    def move(self, time: float, place: Array) -> None:
+        """Be at a place (2,), m, at a later time, s; in between on the straight way there."""
+        self._times.append(time)
+        self._places.append(np.array(place))
+
+    def at(self, times: Array) -> Array:
+        """Positions at the given times, (T,) -> (T, 2), m, NaN where absent."""
+        asked = np.asarray(times, dtype=np.float64)
+        places = np.array(self._places)
+        outside = {"left": np.nan, "right": np.nan}
+        return np.stack(
+            [np.interp(asked, self._times, column, **outside) for column in places.T], axis=-1
+        )
+
+
+Bystander = ReplayAgent | ScriptedAgent | CrowdMember
+"""Moves, but is asked by no controller."""
 
 
 @final

@@ -20,7 +20,7 @@ from ...framework.values.errors import WideberthError
 from ...framework.values.motion import Command, Observation
 from ...framework.values.polygon import Polygon
 from ..log.episode_log import AgentLog, CommandLog, Episode
-from .agents import Bystander, PathChange, ReplayAgent, RobotAgent
+from .agents import Bystander, CrowdMember, PathChange, ReplayAgent, RobotAgent, ScriptedAgent
 from .driver import Driver
 from .exchange import ExchangedPositions
 from .settings import Settings
@@ -206,9 +206,9 @@ class Run:
         )
         self.settings = settings
         self.seed: int = whole("seed", seed, least=0)
-        self.others: tuple[Bystander, ...] = tuple(others)
         self.clock: list[float] = [0.0]
         self.world: World = ExchangedPositions(settings) if world is None else world
+        self.others: list[Bystander] = [*others, *self.world.others()]
         plants = self.world.plants(robots, self.others, self.polygons, self.seed)
         self.drivers: list[Driver] = [
             Driver(agent, plant) for agent, plant in zip(robots, plants, strict=True)
@@ -278,7 +278,8 @@ class Run:
         twin, world = copy(self), self.world.clone()
         own = {id(one): one.clone(given.get(one.name)) for one in self.drivers}
         twin.world, twin.drivers, twin.clock = world, list(own.values()), [*self.clock]
-        twin.around = Around(twin.drivers, self.others, self.polygons, twin.clock, self.seed)
+        twin.others = [*self.others]
+        twin.around = Around(twin.drivers, twin.others, self.polygons, twin.clock, self.seed)
         twin.respawning = self.respawning.clone(twin.drivers, world)
         twin.waiting, following = [], next(self.order)
         twin.order = count(following)
@@ -306,6 +307,7 @@ class Run:
             plan_seconds={driver.name: np.array(driver.seconds) for driver in self.drivers},
             polygons=self.polygons,
             perception=self.world.perception(),
+            verdict=self.world.verdict(),
         )
 
     def _push(self, time: float, kind: int, payload: Any) -> None:
@@ -394,6 +396,9 @@ class Run:
 
     def _verdict(self) -> str:
         """Why the episode is over; empty while it is not."""
+        settled = self.world.settle(self.around)
+        if settled is not None:
+            return settled
         now = self.clock[-1]
         if self.settings.stop_on_collision and self._collided():
             return "collision"
@@ -422,13 +427,16 @@ class Run:
         return False
 
 
+_KINDS = {ReplayAgent: "replay", ScriptedAgent: "scripted", CrowdMember: "person"}
+
+
 def _bystander_log(other: Bystander, times: Array) -> AgentLog:
     empty = np.zeros(0)
     positions = other.at(times)
     unknown = np.full(len(times), np.nan)
     return AgentLog(
         name=other.name,
-        kind="replay" if isinstance(other, ReplayAgent) else "scripted",
+        kind=_KINDS[type(other)],
         radius=other.radius,
         positions=positions,
         headings=unknown,
@@ -464,7 +472,7 @@ def check_cast(
         raise WideberthError(f"agents share the name(s) {repeated}; every agent needs its own")
     sizes = {agent.robot.dimension for agent in robots}
     sizes |= {o.positions.shape[1] for o in others if isinstance(o, ReplayAgent)}
-    sizes |= {o.path.points.shape[1] for o in others if not isinstance(o, ReplayAgent)}
+    sizes |= {o.path.points.shape[1] for o in others if isinstance(o, ScriptedAgent)}
     if len(sizes) > 1:
         raise WideberthError(
             f"agents move in {sorted(sizes)} dimensions; one episode has one number of them"

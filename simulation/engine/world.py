@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
@@ -13,11 +14,12 @@ from ..log.perception_log import PerceptionLog
 from .agents import Bystander, RobotAgent
 from .driver import Driver
 from .plant import Plant
+from .settings import Settings
 
 
 @dataclass(frozen=True, eq=False)
 class Around:
-    """All that is there in an episode; the two lists grow as it runs.
+    """All that is there in an episode; the lists grow as it runs.
 
     Attributes
     ----------
@@ -29,7 +31,7 @@ class Around:
     """
 
     drivers: list[Driver]
-    others: tuple[Bystander, ...]
+    others: list[Bystander]
     polygons: tuple[Polygon, ...]
     clock: list[float]
     seed: int
@@ -90,6 +92,27 @@ class World(ABC):
             "of exchanged positions can"
         )
 
+    def others(self) -> tuple[Bystander, ...]:
+        """Return who is there at time 0 by this world's own rules; nobody by default.
+
+        Who comes later is added to ``around.others`` by `settle`.
+        """
+        return ()
+
+    def settle(self, around: Around) -> str | None:
+        """Do what is due at the newest instant, once all have moved; say why the episode ends.
+
+        Returns
+        -------
+        ended : a reason as of `Episode.ended`; empty while it goes on; None, by default, where the
+            engine's own rules decide.
+        """
+        return None
+
+    def verdict(self) -> dict[str, Any]:
+        """Return what this world's own rules say of the episode; nothing by default."""
+        return {}
+
     def perception(self) -> dict[str, PerceptionLog]:
         """Return what each robot has perceived; empty where robots are told who is where."""
         return {}
@@ -97,3 +120,19 @@ class World(ABC):
     def in_world(self, driver: Driver, plan: Plan) -> Plan:
         """Return a robot's plan in the frame, and with the names, of an onlooker."""
         return plan
+
+
+class Rules(ABC):
+    """Rules of a benchmark for one situation: who else moves, how, and what the verdict is.
+
+    A frozen dataclass: equal rules give equal worlds.
+    """
+
+    @abstractmethod
+    def world(self, settings: Settings) -> World:
+        """Return a new world, in which one episode is played.
+
+        Raises
+        ------
+        WideberthError : the settings do not fit the rules.
+        """

@@ -131,14 +131,7 @@ class Navigation(gymnasium.Env[dict[str, Any], Array]):
         super().reset(seed=seed)
         drawn = int(self.np_random.integers(2**31)) if seed is None else seed
         cast = self._scenario.cast(drawn)
-        self._run = Run(
-            [*self._agents(cast), *cast.people],
-            self._settings,
-            drawn,
-            cast.bystanders,
-            (),
-            cast.polygons,
-        )
+        self._run = cast.begin(self._agents(cast), self._settings, drawn)
         self._finished = False
         seen = self._run.advance(self._acting)
         self._watch()

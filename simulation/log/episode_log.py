@@ -1,11 +1,12 @@
 """Episode logs, from which every metric is computed, and their files.
 
-File format "wideberth/episode", version 6: a NumPy archive (npz, deflated) with two members.
+File format "wideberth/episode", version 7: a NumPy archive (npz, deflated) with two members.
 ``numbers`` is a float64 vector with all arrays one after the other; ``meta`` is JSON in UTF-8, in
 which an array is written as {"at": offset, "shape": [...]}. One vector, since an archive member
 for each of thousands of small arrays is slow and large. Neither holds a clock reading, so that the
-same episode gives the same bytes. Older versions are still read: 5 (no perception), 4 (no
-`Plan.situation`), 3 (no `Plan.given_way`), 2 (no `Plan.breach`), 1 (no footprints, no polygons).
+same episode gives the same bytes. Older versions are still read: 6 (no `verdict`),
+5 (no perception), 4 (no `Plan.situation`), 3 (no `Plan.given_way`), 2 (no `Plan.breach`), 1 (no
+footprints, no polygons).
 """
 
 import io
@@ -129,6 +130,7 @@ class Episode:
         the same seed does not repeat.
     polygons : what stood still.
     perception : name -> what that robot perceived, where robots have sensors.
+    verdict : what a benchmark's own rules say of it; empty without any.
     """
 
     times: Array
@@ -139,6 +141,7 @@ class Episode:
     plan_seconds: dict[str, Array] = field(default_factory=dict)
     polygons: tuple[Polygon, ...] = ()
     perception: dict[str, PerceptionLog] = field(default_factory=dict)
+    verdict: dict[str, Any] = field(default_factory=dict)
 
     @property
     def robots(self) -> tuple[AgentLog, ...]:
@@ -248,7 +251,7 @@ class Episode:
         return read_episode(data)
 
 
-VERSION = 6
+VERSION = 7
 _COMMANDS = ("stamp", "effect", "linear", "omega", "ramp")
 _SERIES = ("positions", "headings", "speeds", "yaw_rates")
 _PLAN_ARRAYS = (
@@ -300,6 +303,7 @@ def write_episode(episode: Episode) -> bytes:
         "perception": {
             name: packed(pack.put, log) for name, log in sorted(episode.perception.items())
         },
+        "verdict": episode.verdict,
     }
     meta = json.dumps(stamped("episode", VERSION, content), sort_keys=True)
     buffer = io.BytesIO()
@@ -347,6 +351,7 @@ def _unpack_episode(unpack: _Unpacker, content: dict[str, Any]) -> Episode:
         perception={
             name: unpacked(unpack.get, log) for name, log in content.get("perception", {}).items()
         },
+        verdict=content.get("verdict", {}),
     )
 
 

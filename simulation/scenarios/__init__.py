@@ -11,6 +11,7 @@ BUILT_IN: dict[str, str] = {
     "crossing_3d": "wideberth.simulation.scenarios.crossing_3d:Crossing3D",
     "crossing_field": "wideberth.simulation.scenarios.crossing_field:CrossingField",
     "crowdnav": "wideberth.simulation.scenarios.crowdnav:CrowdNav",
+    "crowdnav_plus": "wideberth.simulation.scenarios.crowdnav_plus:CrowdNavPlus",
     "doorway": "wideberth.simulation.scenarios.doorway:Doorway",
     "furnished": "wideberth.simulation.scenarios.furnished:Furnished",
     "hallway": "wideberth.simulation.scenarios.hallway:Hallway",

@@ -1,6 +1,7 @@
 """The Scenario interface: starts and goals of all agents, drawn from a seed."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path as File
 from typing import Any, TypeAlias
@@ -13,6 +14,9 @@ from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path
 from ...framework.values.polygon import Polygon
 from ..engine.agents import Bystander, RobotAgent
+from ..engine.episode import Run
+from ..engine.settings import Settings
+from ..engine.world import Rules, World
 from ..log.episode_log import Episode
 
 Range: TypeAlias = tuple[float, float]
@@ -66,12 +70,42 @@ class Cast:
     people : others who decide for themselves, complete with body and controller.
     bystanders : others who move and decide nothing.
     polygons : what stands still.
+    rules : those of a benchmark that moves a crowd of its own and judges; None for ours.
     """
 
     placements: tuple[Placement, ...]
     people: tuple[RobotAgent, ...] = ()
     bystanders: tuple[Bystander, ...] = ()
     polygons: tuple[Polygon, ...] = ()
+    rules: Rules | None = None
+
+    def begin(
+        self,
+        robots: Sequence[RobotAgent],
+        settings: Settings,
+        seed: int,
+        world: World | None = None,
+    ) -> Run:
+        """Return an episode at its start.
+
+        Parameters
+        ----------
+        robots : those of ``placements``, complete.
+        settings, seed : as of `run_episode`.
+        world : None for positions that are exchanged, or for that of the rules.
+
+        Raises
+        ------
+        WideberthError : as `run_episode`; a world beside rules that have one of their own.
+        """
+        if self.rules is not None and world is not None:
+            raise WideberthError(
+                f"{type(self.rules).__name__} moves its crowd by rules of its own, which have no "
+                f"place in a {type(world).__name__}; take another scenario"
+            )
+        own = world if self.rules is None else self.rules.world(settings)
+        agents = [*robots, *self.people]
+        return Run(agents, settings, seed, self.bystanders, (), self.polygons, own)
 
 
 class Scenario(ABC):
@@ -124,8 +158,11 @@ class Scenario(ABC):
         return ()
 
     def judge(self, episode: Episode) -> dict[str, Any]:
-        """Outcome by a benchmark's own rules, column -> value, beside ours; none by default."""
-        return {}
+        """Outcome by a benchmark's own rules, column -> value, beside ours.
+
+        By default what the rules of the cast say, nothing without any.
+        """
+        return episode.verdict
 
 
 def checked_range(name: str, value: Range, low: float, high: float = np.inf) -> Range:

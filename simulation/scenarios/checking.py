@@ -10,7 +10,7 @@ import numpy as np
 from ...framework.plugins.config import describe
 from ...framework.testing.laws import Law, each, require
 from ...framework.values.arrays import Array
-from ..engine.agents import Bystander, ReplayAgent, RobotAgent
+from ..engine.agents import Bystander, CrowdMember, ReplayAgent, RobotAgent
 from .base import Cast, Placement, Scenario
 from .placing import wall_distance
 
@@ -103,12 +103,15 @@ def fingerprint(cast: Cast) -> list[Any]:
         [(*placed(one), one.truth, one.respawn, who(one)) for one in cast.people],
         [_moving(one) for one in cast.bystanders],
         list(cast.polygons),
+        cast.rules,
     ]
 
 
 def _moving(one: Bystander) -> tuple[Any, ...]:
     if isinstance(one, ReplayAgent):
         return one.name, one.radius, one.times.tolist(), repr(one.positions.tolist())
+    if isinstance(one, CrowdMember):
+        return one.name, one.radius
     return one.name, one.radius, one.path.points.tolist(), one.speed, one.start
 
 

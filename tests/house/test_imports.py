@@ -94,8 +94,10 @@ ARROWS: dict[str, set[str]] = {
     "simulation/sensing": set(),
     "simulation/engine": {"simulation/log", "simulation/sensing"},
     "simulation/measures": {"simulation/engine", "simulation/log"},
+    "simulation/crowds": {"simulation/engine"},
     "simulation/scenarios": {
-        "simulation/engine", "simulation/log", "simulation/measures", "simulation/sensing",
+        "simulation/crowds", "simulation/engine", "simulation/log", "simulation/measures",
+        "simulation/sensing",
     },
     "simulation/cascade": {"simulation/engine", "simulation/log", "simulation/physics"},
     "simulation/gym": {

@@ -231,8 +231,9 @@ def older(data: bytes, version: int) -> bytes:
     """The same episode as an older version wrote it, without what that did not know."""
     with np.load(io.BytesIO(data)) as archive:
         numbers, meta = archive["numbers"], json.loads(archive["meta"].tobytes())
-    assert meta["version"] == 6
+    assert meta["version"] == 7
     meta["version"] = version
+    del meta["verdict"]
     del meta["perception"]
     for agent in meta["agents"]:
         for plan in agent["plans"]:
