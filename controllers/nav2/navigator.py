@@ -102,7 +102,7 @@ class Nav2(Controller):
             self.settings if self.params_file is None else read_params_file(self.params_file)
         )
         if self.robot_limits:
-            self._set = self._set.within(_limits_of(self.robot))
+            self._set = self._set.within(limits_of(self.robot))
         self._set = self._set.sized(self.robot.radius)
         self.period = 1.0 / self._set.controller_frequency
         self.footprint = self._outline()
@@ -132,6 +132,11 @@ class Nav2(Controller):
         self._answer: Answer | None = None
         self._last = np.zeros(3)
         self._stamp = -np.inf
+
+    @property
+    def chosen(self) -> Settings:
+        """The settings that hold: of the file where there is one, within the robot's limits."""
+        return self._set
 
     def reset(self) -> None:
         """Forget everything but the settings and the path."""
@@ -351,7 +356,7 @@ def _situation(sight: Sight) -> Situation:
     return Situation(sight.time, sight.pose, sight.speed, sight.costmap, sight.footprint)
 
 
-def _limits_of(robot: Robot) -> Limits:
+def limits_of(robot: Robot) -> Limits:
     """Ask a robot how fast it can be, and how fast it can become so."""
     rest, soon = np.zeros(len(robot.states)), 1e-3
     ahead, turn = Twist((FAST, 0.0)), Twist((0.0, 0.0), FAST)

@@ -24,7 +24,7 @@ PLUGINS = {
     "nav2_rotation_shim_controller::RotationShimController": "rotation_shim",
 }
 """Names of controllers in Nav2's files -> ours."""
-_PARTS = {
+PARTS = {
     "nav2_controller::SimpleGoalChecker": "goal_checker",
     "nav2_controller::SimpleProgressChecker": "progress_checker",
     "nav2_controller::FeasiblePathHandler": "path_handler",
@@ -81,7 +81,7 @@ _OF_TEB_WITHOUT_EFFECT = frozenset(
     """.split()
 )
 """Parameters of TEB for other robots, for what the table above switches off, or for pictures."""
-_MODELS = {"DiffDrive": "diff_drive", "Ackermann": "ackermann"}
+MODELS = {"DiffDrive": "diff_drive", "Ackermann": "ackermann"}
 _LAYER = frozenset(
     """
     clearing combination_method data_type enabled expected_update_rate footprint_clearing_enabled
@@ -159,13 +159,13 @@ def _server(given: Mapping[str, Any], controller: str) -> dict[str, Any]:
         )
     settings: dict[str, Any] = {"server": {}}
     for name, value in plugins.items():
-        part = _PARTS.get(str(value["plugin"]))
+        part = PARTS.get(str(value["plugin"]))
         if part is not None:
             settings[part] = {key: entry for key, entry in value.items() if key != "plugin"}
         elif name == controller:
             settings |= _controller(value)
         elif str(value["plugin"]) not in PLUGINS:
-            near = nearest(str(value["plugin"]), [*PLUGINS, *_PARTS])
+            near = nearest(str(value["plugin"]), [*PLUGINS, *PARTS])
             raise WideberthError(f"{name}.plugin is {value['plugin']!r}, which is not known{near}")
     plain = {key: v for key, v in given.items() if key not in plugins and key not in _WITHOUT_ROS}
     settings["controller_frequency"] = float(plain.pop("controller_frequency", 20.0))
@@ -204,7 +204,7 @@ def _of_mppi(flat: Mapping[str, Any]) -> dict[str, Any]:
     """Return MPPI's parameters by the names that its class has."""
     found = {key: value for key, value in flat.items() if not key.startswith(_SIDEWAYS)}
     if "motion_model" in found:
-        found["motion_model"] = _MODELS.get(found["motion_model"], found["motion_model"])
+        found["motion_model"] = MODELS.get(found["motion_model"], found["motion_model"])
     if "AckermannConstraints.min_turning_r" in found:
         found["min_turning_r"] = found.pop("AckermannConstraints.min_turning_r")
     return found

@@ -625,6 +625,30 @@ def film(
 
 
 @app.command(no_args_is_help=True)
+def nav2(
+    file: Annotated[
+        str, typer.Argument(help="nav2_params.yaml, or a config of ours (a file or a name).")
+    ],
+    out: Annotated[Path, typer.Option(help="The other file; it must not exist yet.")],
+    controller: Annotated[str, typer.Option(help="Its name in nav2_params.yaml.")] = "FollowPath",
+    planner: Annotated[
+        str | None, typer.Option(help="Of a config of ours: which of its planners.")
+    ] = None,
+) -> None:
+    """Turn nav2_params.yaml into a config of ours, or a config into nav2_params.yaml."""
+    from ...framework.plugins.io import write_text
+    from .nav2_files import config_of, is_params_file, params_of
+
+    out = expanded(out)
+    if out.exists():
+        raise WideberthError(f"{out} exists and is not replaced; give another name with --out")
+    theirs = is_params_file(file)
+    text = config_of(expanded(file), controller) if theirs else params_of(file, planner)
+    write_text(out, text)
+    typer.echo(f"written: {out}" + (f"; `wideberth run {out}` compares both" if theirs else ""))
+
+
+@app.command(no_args_is_help=True)
 def bag(
     episode: KeptEpisode,
     out: Annotated[Path, typer.Option(help="Folder of the recording; it must not exist yet.")],

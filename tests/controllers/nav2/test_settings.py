@@ -1,5 +1,6 @@
 """Settings of the loop, and Nav2's own parameter files."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -7,8 +8,10 @@ import pytest
 from wideberth.controllers.nav2.dwb import DWB
 from wideberth.controllers.nav2.graceful import Graceful
 from wideberth.controllers.nav2.local_controllers import Limits, built
+from wideberth.controllers.nav2.local_costmap import View
 from wideberth.controllers.nav2.mppi import MPPI
-from wideberth.controllers.nav2.params_file import read_params_file
+from wideberth.controllers.nav2.params_file import PLUGINS, read_params_file
+from wideberth.controllers.nav2.params_text import params_text
 from wideberth.controllers.nav2.regulated_pure_pursuit import RegulatedPurePursuit
 from wideberth.controllers.nav2.rotation_shim import RotationShim
 from wideberth.controllers.nav2.settings import Settings
@@ -211,3 +214,65 @@ def test_teb_of_a_file_keeps_its_radius(tmp_path: Path) -> None:
     assert found.sized(0.5).make_controller().robot_radius == 0.17  # type: ignore[attr-defined]
     assert Settings("teb").sized(0.5).make_controller().robot_radius == 0.5  # type: ignore[attr-defined]
     assert Settings("graceful").sized(0.5) == Settings("graceful")
+
+
+SHIM = """
+      plugin: "nav2_rotation_shim_controller::RotationShimController"
+      primary_controller: "nav2_mppi_controller::MPPIController"
+      angular_dist_threshold: 0.6
+      motion_model: "Ackermann"
+      AckermannConstraints: {min_turning_r: 0.3}
+      critics: [CostCritic]
+      CostCritic: {cost_weight: 3.0}
+"""
+CIRCLE = """
+      plugin: "teb_local_planner::TebLocalPlannerROS"
+      footprint_model: {type: circular, radius: 0.17}
+      max_vel_x: 0.26
+"""
+WINDOW = """
+      plugin: "dwb_core::DWBLocalPlanner"
+      xy_goal_tolerance: 0.22
+      critics: ["RotateToGoal", "PathDist"]
+      PathDist.scale: 32.0
+"""
+
+
+@pytest.mark.parametrize("controller", [GRACEFUL, SHIM, CIRCLE, WINDOW])
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("", ""),
+        ('plugins: ["voxel_layer"', 'plugins: ["static_layer", "voxel_layer"'),
+        (
+            'footprint: "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"',
+            "robot_radius: 0.22",
+        ),
+    ],
+)
+def test_a_file_comes_back_from_its_settings(
+    tmp_path: Path, controller: str, old: str, new: str
+) -> None:
+    found = read(tmp_path, controller, old, new)
+    again = tmp_path / "again.yaml"
+    again.write_text(params_text(found))
+    assert read_params_file(again) == found
+    assert params_text(read_params_file(again)) == params_text(found)
+
+
+def test_shipped_settings_come_back_from_their_file(tmp_path: Path) -> None:
+    for plugin in sorted(PLUGINS.values()):
+        found = replace(
+            Settings.shipped(plugin).within(Limits(0.7, 0.3, 0.8, 0.1)), view=View.privileged()
+        )
+        file = tmp_path / f"{plugin}.yaml"
+        file.write_text(params_text(found))
+        back = read_params_file(file)
+        assert (back.local, back.view) == (found.local, found.view)
+        assert dict(back.parameters) == dict(found.parameters)
+        assert back.make_smoother().max_velocity == found.make_smoother().max_velocity
+
+
+def test_a_controller_that_nav2_lacks_has_no_file() -> None:
+    with pytest.raises(WideberthError, match="has no controller 'mppi_foresight'; it has"):
+        params_text(Settings("mppi_foresight"))

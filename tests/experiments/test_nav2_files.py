@@ -1,0 +1,110 @@
+"""Nav2's parameter files as configs of ours, and back."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from wideberth.controllers.nav2.navigator import Nav2
+from wideberth.controllers.nav2.params_file import read_params_file
+from wideberth.experiments.cli.app import main
+from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.robots import Unicycle
+
+PARAMS = """
+controller_server:
+  ros__parameters:
+    controller_frequency: 10.0
+    goal_checker: {plugin: "nav2_controller::SimpleGoalChecker", xy_goal_tolerance: 0.2}
+    FollowPath:
+      plugin: "nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController"
+      desired_linear_vel: 0.4
+local_costmap:
+  local_costmap:
+    ros__parameters: {width: 4, height: 4, robot_radius: 0.22}
+velocity_smoother:
+  ros__parameters:
+    max_velocity: [0.7, 0.0, 1.0]
+    min_velocity: [-0.7, 0.0, -1.0]
+    max_accel: [2.5, 0.0, 3.2]
+    max_decel: [-2.0, 0.0, -3.2]
+"""
+
+
+@pytest.fixture
+def params(tmp_path: Path) -> Path:
+    path = tmp_path / "nav2_params.yaml"
+    path.write_text(PARAMS)
+    return path
+
+
+def run(capsys: Any, *words: Any) -> tuple[int, str]:
+    with pytest.raises(SystemExit) as stop:
+        main(["nav2", *map(str, words)])
+    found = capsys.readouterr()
+    return int(stop.value.code or 0), (found.out + found.err).replace("\n", " ")
+
+
+def test_a_parameter_file_becomes_a_config(params: Path, tmp_path: Path, capsys: Any) -> None:
+    out = tmp_path / "config.yaml"
+    code, said = run(capsys, params, "--out", out)
+    assert code == 0 and "compares both" in said
+    experiment: Any = read_experiment(str(out), [])[0]
+    assert experiment.robot == Unicycle(0.22, 0.7, 1.0, 2.0, 3.2)
+    nav2, ours = experiment.planners["nav2"], experiment.planners["ours"]
+    assert isinstance(nav2, Nav2) and isinstance(ours, Planner)
+    assert nav2.chosen == read_params_file(params)
+    assert ours.robot == experiment.robot
+    assert ours.reference_speed == experiment.speed == pytest.approx(0.5)
+
+
+def test_the_config_becomes_the_parameter_file_again(
+    params: Path, tmp_path: Path, capsys: Any
+) -> None:
+    config, back, again = (tmp_path / f"{name}.yaml" for name in ("config", "back", "again"))
+    assert run(capsys, params, "--out", config)[0] == 0
+    assert run(capsys, config, "--out", back)[0] == 0
+    assert read_params_file(back) == read_params_file(params)
+    assert run(capsys, back, "--out", again)[0] == 0
+    assert yaml.safe_load(again.read_text()) == yaml.safe_load(config.read_text())
+
+
+def test_any_planner_gives_its_limits(tmp_path: Path, capsys: Any) -> None:
+    out = tmp_path / "nav2_params.yaml"
+    assert run(capsys, "replay", "--planner", "kalman", "--out", out)[0] == 0
+    found = read_params_file(out)
+    assert (found.robot_radius, found.controller_frequency) == (0.3, 5.0)
+    smoother = found.make_smoother()
+    assert smoother.max_velocity == pytest.approx((1.0, 0.0, 1.0))
+    assert smoother.max_accel == pytest.approx((0.7, 0.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "cause"),
+    [
+        ("robot_radius: 0.22", "resolution: 0.05", "states no size of the robot"),
+        ("desired_linear_vel", "desired_linear_velo", "did you mean"),
+        ("max_accel", "max_acel", "did you mean 'max_accel'"),
+        ("FollowPath:", "FollowPaths:", "did you mean 'FollowPaths'"),
+    ],
+)
+def test_what_cannot_be_read_is_named(
+    params: Path, tmp_path: Path, capsys: Any, old: str, new: str, cause: str
+) -> None:
+    params.write_text(PARAMS.replace(old, new))
+    code, said = run(capsys, params, "--out", tmp_path / "x.yaml")
+    assert code == 2 and cause in said and not (tmp_path / "x.yaml").exists()
+
+
+def test_bad_arguments_are_named(params: Path, tmp_path: Path, capsys: Any) -> None:
+    out = tmp_path / "x.yaml"
+    for words, cause in (
+        ((params, "--out", params), "exists and is not replaced"),
+        (("replay", "--planner", "kalmann", "--out", out), "did you mean 'kalman'"),
+        (("region_gallery", "--out", out), "has no planner"),
+        (("no_such_config", "--out", out), "no_such_config"),
+    ):
+        code, said = run(capsys, *words)
+        assert code == 2 and cause in said
