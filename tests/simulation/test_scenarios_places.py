@@ -7,8 +7,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from wideberth.controllers.constant_velocity import ConstantVelocity
 from wideberth.framework.values.errors import WideberthError
-from wideberth.simulation.engine.agents import ReplayAgent, ScriptedAgent
+from wideberth.framework.values.path import Path
+from wideberth.robots.holonomic_velocity import HolonomicVelocity
+from wideberth.simulation.engine.agents import ReplayAgent, RobotAgent, ScriptedAgent
+from wideberth.simulation.engine.episode import run_episode
+from wideberth.simulation.engine.settings import Settings
 from wideberth.simulation.scenarios.antipodal_swap import AntipodalSwap
 from wideberth.simulation.scenarios.corridor import Corridor
 from wideberth.simulation.scenarios.doorway import Doorway
@@ -99,6 +104,29 @@ def test_the_crowd_has_the_stated_density_and_speeds() -> None:
     kinds = [type(one.controller).__name__ for one in people]
     counts = [kinds.count(name) for name in ("Orca", "SocialForce", "ConstantVelocity")]
     assert sum(counts) == 400 and stats.chisquare(counts).pvalue > 1e-3
+
+
+@pytest.mark.parametrize("seed", [100, 101])
+def test_people_of_a_crowd_go_from_goal_to_goal(seed: int) -> None:
+    """While the robot waits outside, they still walk when it could have been there."""
+    pytest.importorskip("pyrvo")
+    crowd = RandomCrowd(persons=8, density=0.1)
+    cast = crowd.cast(seed)
+    far = Path(np.array([[-90.0, 0.0], [-80.0, 0.0]]))
+    robot = HolonomicVelocity(0.3, 0.7)
+    waits = RobotAgent("robot", robot, ConstantVelocity(robot, 0.25, 0.01), far, 0.0)
+    last = 1.4 * crowd.side / crowd.speed
+    settings = Settings(time_limit=last, history=0.0, deadlock_after=2.0 * last)
+    episode = run_episode([waits, *cast.people], settings)
+    kinds = {one.name: type(one.controller).__name__ for one in cast.people}
+    assert {"Orca", "ConstantVelocity"} <= set(kinds.values())
+    for one in cast.people:
+        log = episode.agent(one.name)
+        assert np.linalg.norm(log.positions[-1] - one.path.goal) > 0.5  # nobody is at the last one
+        if kinds[one.name] in ("Orca", "ConstantVelocity"):
+            away = np.linalg.norm(log.positions - one.path.points[1], axis=1)
+            assert away.min() < 0.6  # they cut the corner
+            assert np.median(log.speeds) > 0.6 * one.speed
 
 
 @pytest.mark.parametrize(
