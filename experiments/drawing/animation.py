@@ -108,7 +108,8 @@ class _Frames:
             for name, some in beliefs.items()
         ]
         if beliefs:
-            explain(self.figure, tail, scale)
+            still = any(len(one.segments) for some in beliefs.values() for one in some)
+            explain(self.figure, tail, scale, still)
             self.figure.draw_without_rendering()  # the layout takes another round
         self.canvas.draw()
         self.figure.set_layout_engine("none")

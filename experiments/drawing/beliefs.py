@@ -38,6 +38,7 @@ class Belief(NamedTuple):
     places : (K, 2), m.
     covariance : (K, 2, 2), m^2, of the places.
     radii : (K,), m.
+    segments : (S, 2, 2), m, ends of what was taken to stand still.
     """
 
     time: float
@@ -46,6 +47,7 @@ class Belief(NamedTuple):
     places: Array
     covariance: Array
     radii: Array
+    segments: Array
 
     @classmethod
     def of(cls, glance: Glance) -> "Belief":
@@ -60,6 +62,7 @@ class Belief(NamedTuple):
             to_world.points(states[:, :2]),
             to_world.covariances(spread),
             np.array([one.radius for one in tracked]),
+            to_world.points(glance.sightings.segments.ends),
         )
 
 
@@ -79,6 +82,9 @@ SCAN: dict[str, Any] = {
     "marker": ".", "color": BLACK, "markersize": 3.0, "markeredgewidth": 0.0, "linestyle": ""
 }  # fmt: skip
 """How points of a scan are drawn."""
+STILL: dict[str, Any] = {"color": BLACK, "linewidth": 1.1, "alpha": 0.7}
+"""How segments of what stands still are drawn."""
+_STILL = "what it takes to stand still"
 
 
 def belief_at(beliefs: Sequence[Belief], time: float) -> Belief | None:
@@ -124,9 +130,12 @@ def draw_belief(panel: Any, belief: Belief, colour: str, tail: float, scale: flo
     tail : 1 - content of the ellipses.
     scale : how many times as large they are drawn.
     """
-    from matplotlib.collections import PolyCollection
+    from matplotlib.collections import LineCollection, PolyCollection
     from matplotlib.patheffects import withStroke
 
+    if len(belief.segments):
+        still = LineCollection([*belief.segments], zorder=2.6, label=_STILL, **STILL)
+        panel.add_collection(still, autolim=False)
     panel.plot(*belief.points.T, zorder=2.9, label="points of the scan", **SCAN)
     bodies = PolyCollection(
         discs(belief), facecolor="none", edgecolor=colour, linewidth=1.4, linestyle=(0, (4, 1.5)),
@@ -154,8 +163,8 @@ def _words(tail: float, scale: float) -> str:
     return f"ellipse of {100 * (1 - tail):g} % of its place{times}"
 
 
-def explain(figure: Any, tail: float, scale: float) -> None:
-    """Add what robots believe to a film's legend."""
+def explain(figure: Any, tail: float, scale: float, still: bool) -> None:
+    """Add what robots believe to a film's legend; ``still``: also of what stands still."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -170,6 +179,9 @@ def explain(figure: Any, tail: float, scale: float) -> None:
         Patch(facecolor=("0.3", 0.3), edgecolor="0.3"),
     ]
     words += ["points of its scan", "body as it tracks it, with the identity", _words(tail, scale)]
+    if still:
+        handles.append(Line2D([], [], **STILL))
+        words.append(_STILL)
     legend.remove()
     figure.legend(handles, words, loc="outside lower center", ncols=2, fontsize=6.5)
 
@@ -189,7 +201,7 @@ class Onlooker:
     def __init__(
         self, panel: Any, beliefs: Sequence[Belief], colour: str, tail: float, scale: float
     ) -> None:
-        from matplotlib.collections import PolyCollection
+        from matplotlib.collections import LineCollection, PolyCollection
         from matplotlib.patheffects import withStroke
 
         self._beliefs, self._tail, self._scale = beliefs, tail, scale
@@ -200,7 +212,8 @@ class Onlooker:
         self._spreads = PolyCollection(
             [], facecolor=(colour, 0.3), edgecolor=colour, linewidth=0.7
         )
-        for one in (self._bodies, self._spreads):
+        self._still = LineCollection([], **{**STILL, "color": colour})
+        for one in (self._still, self._bodies, self._spreads):
             panel.add_collection(one, autolim=False)
         stroke = [withStroke(linewidth=1.5, foreground="white")]
         most = max((len(one.idents) for one in beliefs), default=0)
@@ -213,12 +226,13 @@ class Onlooker:
     @property
     def moving(self) -> list[Any]:
         """All artists that change, from back to front."""
-        return [self._bodies, self._spreads, self._points, *self._words]
+        return [self._still, self._bodies, self._spreads, self._points, *self._words]
 
     def show(self, time: float) -> None:
         """Bring the artists to a time, s."""
         belief = belief_at(self._beliefs, time)
         self._points.set_data(*(np.zeros((2, 0)) if belief is None else belief.points.T))
+        self._still.set_segments([] if belief is None else [*belief.segments])
         self._bodies.set_verts([] if belief is None else discs(belief))
         self._spreads.set_verts([] if belief is None else rims(belief, self._tail, self._scale))
         idents = () if belief is None else belief.idents

@@ -1,4 +1,4 @@
-"""Convex polygons behind the points that a scan met on walls."""
+"""Convex polygons behind segments of what stands still."""
 
 from math import hypot
 
@@ -6,83 +6,76 @@ import numpy as np
 
 from ..values.arrays import Array
 from ..values.polygon import Polygon
+from ..values.sensing import Segments
 
 STRAIGHT = 0.05
-"""m, by which the points of one straight piece may lie beside it."""
+"""m, by which the ends of segments that are joined may lie beside one line."""
 DEPTH = 0.1
 """m, of the polygon behind what was met: how thick a wall is cannot be seen."""
+SURE = 3.0
+"""Deviations by which a polygon begins before its segment."""
 
 
-def walls_behind(points: Array, sensor: Array, gap: float) -> tuple[Polygon, ...]:
-    """Cover points on walls by convex polygons that lie behind them.
+def walls_behind(segments: Segments, sensor: Array, gap: float) -> tuple[Polygon, ...]:
+    """Cover segments by rectangles that lie behind them.
 
-    Points that are neighbours as seen from the sensor, and no more than ``gap`` apart, are
-    joined. Each such line is split where a point lies farther than `STRAIGHT` from the chord of
-    its ends (Douglas and Peucker), until all pieces are straight. A piece becomes a rectangle that
-    reaches from its point nearest to the sensor `DEPTH` behind its farthest one, so that every
-    point is covered.
+    Segments that are neighbours as seen from the sensor, no more than ``gap`` apart and straight
+    together, are joined: the parts of a wall that lost beams have cut. Each rectangle begins
+    `SURE` deviations of the segment's ends before it and reaches `DEPTH` behind it.
 
     Parameters
     ----------
-    points : (S, 2), m, in any order.
+    segments : S of them, in any order.
     sensor : (2,), m, from where they were seen.
     gap : m; what the robot cannot pass through, it need not see through.
 
     Returns
     -------
-    polygons : rectangles, named "wall 0", "wall 1" and so on.
+    polygons : at most S rectangles, named "wall 0", "wall 1" and so on.
     """
-    if not len(points):
-        return ()
-    away = points - sensor
-    azimuth = np.arctan2(away[:, 1], away[:, 0])
-    points = points[np.argsort(azimuth, kind="stable")]
-    apart = np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1)
-    if len(points) > 2:  # begin behind the widest gap: the seam of the angles is no end
-        first = int(apart.argmax())
-        points, apart = np.roll(points, -first, axis=0), np.roll(apart, -first)
-    ends = np.flatnonzero(apart[1:] > gap) + 1
-    pieces = [piece for line in np.split(points, ends) for piece in _straight(line)]
-    corners = [_rectangle(piece, sensor) for piece in pieces]
+    corners = [_rectangle(*some, sensor) for some in _joined(segments, sensor, gap)]
     return tuple(
         Polygon(tuple(map(tuple, some.tolist())), f"wall {i}") for i, some in enumerate(corners)
     )
 
 
-def _straight(line: Array) -> list[Array]:
-    """Split a line of points into straight pieces; neighbours share a point."""
-    found, waiting = [], [line]
-    while waiting:
-        piece = waiting.pop()
-        aside = np.abs((piece - piece[0]) @ _normal(piece))
-        worst = int(aside.argmax())
-        if aside[worst] <= STRAIGHT:
-            found.append(piece)
-        else:
-            waiting += [piece[worst:], piece[: worst + 1]]
+def _joined(segments: Segments, sensor: Array, gap: float) -> list[tuple[Array, Array]]:
+    """Return ends (E, 2) and their deviations (E,) of segments, of several where they line up."""
+    if not len(segments):
+        return []
+    away = segments.ends.mean(axis=1) - sensor
+    order = np.argsort(np.arctan2(away[:, 1], away[:, 0]), kind="stable")
+    ends = segments.ends[order]
+    sure = np.sqrt(np.diagonal(segments.covariance, axis1=1, axis2=2))[order]
+    apart = np.linalg.norm(ends[:, 0] - np.roll(ends[:, 1], 1, axis=0), axis=1)
+    first = int(apart.argmax())  # begin behind the widest gap: the seam of the angles is no end
+    found: list[tuple[Array, Array]] = []
+    for i in np.roll(np.arange(len(ends)), -first):
+        if found and apart[i] <= gap:
+            both = np.concatenate([found[-1][0], ends[i]])
+            if np.abs((both - both[0]) @ _normal(both, sensor)).max() <= STRAIGHT:
+                found[-1] = both, np.concatenate([found[-1][1], sure[i]])
+                continue
+        found.append((ends[i], sure[i]))
     return found
 
 
-def _normal(piece: Array) -> Array:
-    """Return the unit vector across the chord of a piece, (2,)."""
-    along = piece[-1] - piece[0]
+def _normal(ends: Array, sensor: Array) -> Array:
+    """Return the unit vector across the chord of some ends, away from the sensor, (2,)."""
+    along = ends[np.linalg.norm(ends - ends[0], axis=1).argmax()] - ends[0]
     length = hypot(*along)
-    if length < 1e-9:  # a single point, or a loop: across the way to its farthest point
-        along = piece[np.linalg.norm(piece - piece[0], axis=1).argmax()] - piece[0]
-        length = hypot(*along)
-    if length < 1e-9:
-        return np.array([1.0, 0.0])
-    return np.array([-along[1], along[0]]) / length
+    normal = np.array([-along[1], along[0]]) if length > 1e-9 else ends[0] - sensor
+    normal = normal if normal @ (ends[0] - sensor) >= 0.0 else -normal
+    length = hypot(*normal)
+    return normal / length if length > 1e-9 else np.array([1.0, 0.0])
 
 
-def _rectangle(piece: Array, sensor: Array) -> Array:
-    """Return the corners of a rectangle that covers a straight piece, (4, 2)."""
-    normal = _normal(piece)
-    if normal @ (piece[0] - sensor) < 0.0:
-        normal = -normal
+def _rectangle(ends: Array, sure: Array, sensor: Array) -> Array:
+    """Return the corners of a rectangle that covers segments on a line, (4, 2)."""
+    normal = _normal(ends, sensor)
     along = np.array([normal[1], -normal[0]])
-    across, ahead = piece @ normal, piece @ along
-    near, far = across.min(), across.max() + DEPTH
+    across, ahead = ends @ normal, ends @ along
+    near, far = (across - SURE * sure).min(), across.max() + DEPTH
     low, high = ahead.min(), ahead.max()
     if high - low < DEPTH:
         middle = 0.5 * (low + high)

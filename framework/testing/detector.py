@@ -103,12 +103,16 @@ def _all(detector: Detector, run: Run) -> list[Sightings]:
 
 def _same(one: Sequence[Sightings], other: Sequence[Sightings]) -> bool:
     """Tell whether two runs found the same, to the bit."""
-    names = ("positions", "covariance", "radius", "static", "times")
     return all(
-        np.array_equal(getattr(a, name), getattr(b, name))
-        for a, b in zip(one, other, strict=True)
-        for name in names
+        np.array_equal(a, b)
+        for pair in zip(one, other, strict=True)
+        for a, b in zip(*map(_arrays, pair), strict=True)
     )
+
+
+def _arrays(one: Sightings) -> tuple[Array, ...]:
+    still = one.static, one.segments.ends, one.segments.covariance
+    return (one.positions, one.covariance, one.radius, one.times, *still)
 
 
 def _check_shapes(detector: Detector, run: Run) -> None:
@@ -156,12 +160,15 @@ def _check_moved(detector: Detector, run: Run, angle: float, shift: Array) -> No
         for scan, poses in run
     ]
     for one, other in zip(_all(detector, run), _all(detector, moved), strict=True):
-        if len(one.positions) != len(other.positions):
+        counts = [(len(seen.positions), len(seen.segments)) for seen in (one, other)]
+        if counts[0] != counts[1]:
             raise AssertionError(
-                f"{len(one.positions)} sightings at {one.time:.3g} s, {len(other.positions)} when "
+                f"{counts[0]} sightings and segments at {one.time:.3g} s, {counts[1]} when "
                 f"the poses are turned by {angle:.3g} rad and shifted"
             )
         gap = np.abs(one.positions @ turn.T + shift - other.positions).max(initial=0.0)
+        ends = one.segments.ends @ turn.T + shift
+        gap = max(gap, np.abs(ends - other.segments.ends).max(initial=0.0))
         bend = np.abs(turn @ one.covariance @ turn.T - other.covariance).max(initial=0.0)
         if max(gap, bend) > NEAR:
             raise AssertionError(

@@ -221,6 +221,45 @@ class MotionEstimate:
 
 
 @dataclass(frozen=True, eq=False)
+class Segments:
+    """Straight pieces of what stands still, as points on it have shown them.
+
+    What is met goes on beyond the ends by up to the distance between two beams.
+
+    Attributes
+    ----------
+    ends : (S, 2, 2), m, first and last end of each, counter-clockwise around the sensor.
+    covariance : (S, 2, 2), m^2, of how far the two ends lie across what they stand for; along the
+        line of sight for a segment of no length.
+
+    Raises
+    ------
+    WideberthError : shapes that do not fit, numbers that are not finite, no covariance.
+    """
+
+    ends: Array = field(default_factory=lambda: np.zeros((0, 2, 2)))
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 2, 2)))
+
+    def __post_init__(self) -> None:
+        ends = checked("segments.ends", self.ends, (None, 2, 2))
+        shape = (len(ends), 2, 2)
+        object.__setattr__(self, "ends", ends)
+        covariance = checked_covariance("segments.covariance", self.covariance, shape)
+        object.__setattr__(self, "covariance", covariance)
+
+    def __len__(self) -> int:
+        """Count the segments."""
+        return len(self.ends)
+
+    def and_those(self, others: "Segments") -> "Segments":
+        """Return these and others."""
+        return Segments(
+            np.concatenate([self.ends, others.ends]),
+            np.concatenate([self.covariance, others.covariance]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class Sightings:
     """What a detector finds in one scan, in the frame of the poses that it was given.
 
@@ -240,6 +279,7 @@ class Sightings:
     origin : (2,), m, where the sensor was; None where that is not known.
     lasting : m per axis, standard deviation of the part of the errors that stays while a body is
         seen from one side: that of a box whose heading is unknown. No filter averages it away.
+    segments : through the points of ``static``; each point is on one, or beside the end of one.
 
     Raises
     ------
@@ -255,6 +295,7 @@ class Sightings:
     times: Array = field(default_factory=lambda: np.zeros(0))
     origin: Array | None = None
     lasting: float = 0.0
+    segments: Segments = field(default_factory=Segments)
 
     def __post_init__(self) -> None:
         positive("sightings.lasting", self.lasting, zero=True)

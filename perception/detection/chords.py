@@ -11,6 +11,7 @@ from ...framework.values.arrays import Array, positive, whole
 from ...framework.values.sensing import Scan, Sightings
 from .groups import by_gap
 from .hits import Hits, IntArray, hits_of
+from .segments import segments_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,24 +118,27 @@ class Chords(Detector):
             if len(index) >= self.fewest:
                 lines += self._lines(hits, index)
         lines = self._joined_lines(hits, lines)
-        discs, static = [], [np.zeros((0, 2))]
+        discs: list[_Disc] = []
+        static: list[IntArray] = [np.zeros(0, dtype=np.int64)]
         for line in lines:
             disc = self._disc(hits, line)
             if disc.radius < self.largest:
                 discs.append(disc)
             else:
-                static.append(hits.points[line.index])
+                static.append(line.index)
         discs = self._joined_discs(discs)
         count = len(discs)
+        still = hits.select(np.unique(np.concatenate(static)))  # neighbours share a point
         return Sightings(
             scan.stamp,
             np.reshape([disc.centre for disc in discs], (count, 2)),
             np.tile(self.deviation**2 * np.eye(2), (count, 1, 1)),
             np.reshape([disc.radius for disc in discs], count),
-            np.concatenate(static),
+            still.points,
             note,
             np.reshape([hits.times[disc.index].mean() for disc in discs], count),
             hits.sensor,
+            segments=segments_of(still, scan.deviation),
         )
 
     def _lines(self, hits: Hits, index: IntArray) -> list[_Line]:

@@ -18,7 +18,8 @@ from .groups import (
     density_library,
     width,
 )
-from .hits import Hits, hits_of
+from .hits import DRIFT, TURN, Hits, IntArray, hits_of
+from .segments import segments_of
 
 SLACK = 0.6
 """m by which a group may be wider than the body that is looked for; wider ones stand still."""
@@ -77,8 +78,8 @@ class Discs(Detector):
     groups: Literal["gap", "density"] = "gap"
     gap: float = 0.1
     fewest: int = 3
-    drift: float = 0.001
-    turn: float = 0.0005
+    drift: float = DRIFT
+    turn: float = TURN
     _shapes: tuple[Shape, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -99,32 +100,34 @@ class Discs(Detector):
         """Find discs and walls; see `Detector.detect`."""
         hits, note = hits_of(scan, poses)
         found: list[tuple[Array, Array, float, float]] = []
-        static = [np.zeros((0, 2))]
+        static: list[IntArray] = [np.zeros(0, dtype=np.int64)]
         widest = 2.0 * max(shape.radius for shape in self._shapes)
         for whole_group in by_gap(hits, self.gap) if self.groups == "gap" else by_density(hits):
             if width(hits.points[whole_group]) > 2.0 * widest + SLACK:
-                static.append(hits.points[whole_group])
+                static.append(whole_group)
                 continue
             depth = max(NOTCH, deepest_of_noise(len(whole_group)) * scan.deviation)
             for index in at_notches(hits, whole_group, depth):
                 group = hits.select(index)
                 extent = width(group.points)
                 if extent > widest + SLACK:
-                    static.append(group.points)
+                    static.append(index)
                 elif len(group) >= self.fewest:
                     found += self._disc(group, scan.deviation, extent)
         positions, covariance, radius, times = zip(*found, strict=True) if found else ((),) * 4
         count = len(found)
+        still = hits.select(np.sort(np.concatenate(static)))
         return Sightings(
             scan.stamp,
             np.reshape(positions, (count, 2)),
             np.reshape(covariance, (count, 2, 2)),
             np.reshape(radius, count),
-            np.concatenate(static),
+            still.points,
             note,
             np.reshape(times, count),
             hits.sensor,
             max(shape.lasting for shape in self._shapes),
+            segments_of(still, scan.deviation, self.drift, self.turn),
         )
 
     def _disc(

@@ -9,6 +9,8 @@ from ...framework.values.arrays import Array, BoolArray
 from ...framework.values.sensing import Scan, beams_of
 
 IntArray: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
+DRIFT, TURN = 0.001, 0.0005
+"""m and rad, by which the poses within a scan err against each other; see `Discs`."""
 EMPTY, BLIND = "the scan is empty", "no beam met anything"
 
 

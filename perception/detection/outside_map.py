@@ -1,7 +1,7 @@
 """Beams that end on what a map shows are left out before anything is detected."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import ClassVar, final
 
@@ -14,6 +14,7 @@ from ...framework.values.errors import WideberthError
 from ...framework.values.polygon import Polygon
 from ...framework.values.sensing import Scan, Sightings, beams_of
 from .hits import without
+from .segments import with_static
 
 
 @final
@@ -58,7 +59,7 @@ class OutsideMap(Detector):
         else:
             shown[:] = False
         found = self.detector.detect(without(scan, shown), poses)
-        return replace(found, static=np.concatenate([found.static, beams.ends[shown]]))
+        return with_static(found, scan, poses, shown)
 
 
 def _all_polygons(values: Iterable[Polygon]) -> tuple[Polygon, ...]:

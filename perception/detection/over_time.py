@@ -11,6 +11,7 @@ from ...framework.plugins.config import build
 from ...framework.values.arrays import Array, BoolArray, positive, probability, whole
 from ...framework.values.sensing import Scan, Sightings, beams_of
 from .hits import without
+from .segments import with_static
 
 STEEP = 1.0
 """m; between two beams whose ranges differ by more, nothing is known of what lies between."""
@@ -135,8 +136,7 @@ class OverTime(Detector):
             self._remember(now, scan, beams.origins, beams.directions)
         found = self.detector.detect(without(scan, static), poses)
         notes = "; ".join(filter(None, (note, found.note)))
-        points = np.concatenate([found.static, beams.ends[static]])
-        return replace(found, static=points, note=notes)
+        return replace(with_static(found, scan, poses, static), note=notes)
 
     def _stood(self, now: float, points: Array) -> BoolArray:
         """Tell which points something has long stood at, (n,)."""

@@ -47,7 +47,7 @@ class Cascade:
     walls : where a controller's polygons come from. "known": they are those of the episode, in the
         robot's own frame, as on a map; drift of the own pose shifts the robot among them, which
         `scan_matching` bounds, and the covariance of the own pose counts. "seen": they lie behind
-        what its last scan met that stands still, see `walls_behind`.
+        the segments of what its last scan met that stands still, see `walls_behind`.
     noise : m, standard deviation of each coordinate of a position where there is no detector.
     latency : s, from the end of a scan until what it shows has been found. The instants of what is
         found are those of its beams, so that a controller knows how old it is.

@@ -262,7 +262,7 @@ class Senses:
         if self._cascade.walls == "seen":
             sensor = own.pose[:2] if sightings.origin is None else sightings.origin
             gap = 2.0 * self._cascade.mechanical_body.radius
-            self._walls = walls_behind(sightings.static, sensor, gap)
+            self._walls = walls_behind(sightings.segments, sensor, gap)
         if self._tracker is None:
             obstacles = self._seen = self._named(sightings, to_world, bodies)
         else:

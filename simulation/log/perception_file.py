@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...framework.values.arrays import Array
-from ...framework.values.sensing import MotionEstimate, Sightings, TrackedObstacle
+from ...framework.values.sensing import MotionEstimate, Segments, Sightings, TrackedObstacle
 from .perception_log import GRAIN, Body, Glance, PerceptionLog, Stop, Truth
 
 Put = Callable[[Any], dict[str, Any]]
@@ -44,7 +44,7 @@ def _whole(glances: Sequence[Glance], number: dict[str, int]) -> dict[str, Array
         "counts": _rows([
             (
                 len(one.truth.bodies), len(one.sightings.positions), len(one.obstacles),
-                len(one.sightings.static), len(one.points),
+                len(one.sightings.static), len(one.points), len(one.sightings.segments),
             )
             for one in glances
         ]),
@@ -75,19 +75,24 @@ def _parts(glances: Sequence[Glance], number: dict[str, int]) -> dict[str, Array
         ]),
         "static": _grains(one.sightings.static for one in glances),
         "points": _grains(one.points for one in glances),
+        "segments": _joined([
+            np.column_stack([one.ends.reshape(-1, 4), one.covariance.reshape(-1, 4)])
+            for one in (glance.sightings.segments for glance in glances)
+        ]),
     }  # fmt: skip
 
 
 def unpacked(get: Get, stored: dict[str, Any]) -> PerceptionLog:
-    """Return the log that `packed` has written."""
+    """Return the log that `packed` has written; older ones hold no segments."""
     columns = {name: get(place) for name, place in stored["columns"].items()}
     words, counts = stored["words"], columns["counts"].astype(np.int64)
     ends = [list(accumulate(column, initial=0)) for column in counts.T.tolist()]
-    parts = ("bodies", "sightings", "obstacles", "static", "points")
+    parts = ("bodies", "sightings", "obstacles", "static", "points", "segments")
     glances = []
     for row in range(len(counts)):
         own = {
-            name: columns[name][ends[k][row] : ends[k][row + 1]] for k, name in enumerate(parts)
+            name: columns[name][ends[k][row] : ends[k][row + 1]]
+            for k, name in enumerate(parts[: len(ends)])
         }
         whole = {name: columns[name][row] for name in ("truth", "own", "scans")}
         glances.append(_glance({**own, **whole}, words))
@@ -126,11 +131,16 @@ def _glance(rows: dict[str, Array], words: Sequence[str]) -> Glance:
             words[int(scan[1])],
             seen[:, 0].copy(),
             None if np.isnan(scan[2:]).any() else scan[2:].copy(),
+            segments=_segments(rows.get("segments", np.zeros((0, 8)))),
         ),
         tuple(obstacles),
         names,
         rows["points"] * GRAIN,
     )
+
+
+def _segments(rows: Array) -> Segments:
+    return Segments(rows[:, :4].reshape(-1, 2, 2).copy(), rows[:, 4:].reshape(-1, 2, 2).copy())
 
 
 def _words(one: Glance) -> Iterable[str]:

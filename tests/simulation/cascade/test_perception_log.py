@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from wideberth import WideberthError
-from wideberth.framework.values.sensing import MotionEstimate, Sightings, TrackedObstacle
+from wideberth.framework.values.sensing import MotionEstimate, Segments, Sightings, TrackedObstacle
 from wideberth.simulation.log.episode_log import AgentLog, CommandLog, Episode
+from wideberth.simulation.log.perception_file import packed, unpacked
 from wideberth.simulation.log.perception_log import (
     Body,
     Glance,
@@ -33,12 +34,16 @@ def glance(time: float, seen: int, hits: int, note: str = "") -> Glance:
         Body(f"body {i}", RNG.uniform(-9, 9, 2), RNG.standard_normal(2), 0.5) for i in range(seen)
     )
     own = MotionEstimate(time + 2.0, RNG.standard_normal(6), spread(6))
-    places = RNG.uniform(-9.0, 9.0, (hits, 2))
+    places, walls = RNG.uniform(-9.0, 9.0, (hits, 2)), (hits + 20) // 50
     sightings = Sightings(
         *(time + 1.99, RNG.uniform(-9, 9, (seen, 2)), np.array([spread(2) for _ in range(seen)])
           .reshape(seen, 2, 2)),
         *(np.full(seen, 0.4), places[::2], note, time + 1.9 + 0.09 * RNG.random(seen)),
         RNG.standard_normal(2) if seen else None,
+        segments=Segments(
+            RNG.uniform(-9, 9, (walls, 2, 2)),
+            np.array([spread(2) for _ in range(walls)]).reshape(-1, 2, 2),
+        ),
     )  # fmt: skip
     tracks = tuple(
         TrackedObstacle(str(7 + i), time + 1.9, RNG.standard_normal(4), spread(4), 0.4, time + 1.8)
@@ -88,6 +93,24 @@ def test_a_log_is_read_again_to_the_same_values() -> None:
     assert same(found.perception, logs)
     assert found.to_bytes() == written
     assert not same(glance(0.1, 2, 30), logs["one"].glances[0])  # the comparison can fail
+
+
+def test_a_log_from_before_segments_has_none() -> None:
+    log, stored = PerceptionLog((glance(0.1, 2, 30), glance(0.2, 1, 90))), dict[str, Any]()
+
+    def put(values: Any) -> dict[str, Any]:
+        stored[str(len(stored))] = np.asarray(values)
+        return {"place": str(len(stored) - 1)}
+
+    written = packed(put, log)
+    assert same(unpacked(lambda at: stored[at["place"]], written), log)
+    counts = written["columns"]["counts"]["place"]
+    stored[counts] = stored[counts][:, :5]
+    del written["columns"]["segments"]
+    found = unpacked(lambda at: stored[at["place"]], written)
+    assert [len(one.sightings.segments) for one in log.glances] == [1, 2]
+    assert [len(one.sightings.segments) for one in found.glances] == [0, 0]
+    assert same(found.glances[1].points, log.glances[1].points)
 
 
 def test_what_is_kept_has_the_clock_of_the_episode() -> None:
