@@ -14,6 +14,7 @@ LOCAL: dict[str, str] = {
     "graceful": "wideberth.controllers.nav2.graceful:Graceful",
     "mppi": "wideberth.controllers.nav2.mppi:MPPI",
     "mppi_foresight": "wideberth.controllers.nav2.foresight:Foresight",
+    "own": "wideberth.controllers.nav2.own_controller:OwnController",
     "regulated_pure_pursuit": (
         "wideberth.controllers.nav2.regulated_pure_pursuit:RegulatedPurePursuit"
     ),
@@ -29,8 +30,9 @@ _RENAMED = {
 }  # fmt: skip
 """Names that Nav2 uses or has used -> fields, where the class lacks the former."""
 _PRIMARY = "primary_controller"
-_OF_CRITICS = {"dwb", "mppi", "mppi_foresight"}
-"""Controllers whose critics have parameters of their own, as ``Critic.name``."""
+_FROM_PARAMETERS = {"dwb", "mppi", "mppi_foresight", "own"}
+"""Controllers that are made of parts: critics, whose parameters are named ``Critic.name``, or
+plug-ins."""
 
 
 @final
@@ -132,6 +134,12 @@ def shipped_parameters(local: str) -> dict[str, Any]:
     return dict(_SHIPPED_DWB) if local == "dwb" else {}
 
 
+def timed(local: str) -> bool:
+    """Tell whether a local controller has to know the frequency of its ticks."""
+    found = {one.name for one in fields(_imported(local))}
+    return "controller_frequency" in found or local == "mppi_foresight"
+
+
 def built(local: str, parameters: Mapping[str, Any]) -> LocalController:
     """Return a local controller with parameters by Nav2's names.
 
@@ -149,7 +157,7 @@ def built(local: str, parameters: Mapping[str, Any]) -> LocalController:
     found = _imported(local)
     if local == "rotation_shim":
         return _shim(found, parameters)
-    if local in _OF_CRITICS:
+    if local in _FROM_PARAMETERS:
         return _checked(found.from_parameters(parameters))
     known = [field.name for field in fields(found) if field.init]
     renamed = {

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ...framework.numerics.inflation import Inflation
 from ...framework.values.arrays import Array, BoolArray, positive
 from ...framework.values.costmap import FREE_SPACE, LETHAL, NO_INFORMATION, Costmap
+from ...framework.values.motion import Detection
 from ...framework.values.polygon import Polygon
 from .footprint import RobotFootprint
 from .rays import Rays
@@ -257,6 +258,28 @@ class LayeredCostmap:
             dy = np.maximum(np.abs(y - centre[1]) - half, 0.0)
             near |= dx**2 + dy**2 <= radius**2
         return np.where(lethal, LETHAL, FREE_SPACE).astype(np.uint8)
+
+
+def discs_of(detections: Sequence[Detection]) -> tuple[Array, Array]:
+    """Return the centres (O, 2) and radii (O,), m, of bodies where they are by now."""
+    places = [
+        one.position if one.velocity is None else one.position + one.age * one.velocity
+        for one in detections
+    ]
+    radii = [one.radius for one in detections]
+    return np.array(places, np.float64).reshape(-1, 2), np.array(radii, np.float64)
+
+
+def in_sight(
+    costmap: Costmap, centres: Array, radii: Array, polygons: Sequence[Polygon]
+) -> tuple[BoolArray, list[bool]]:
+    """Tell which discs (O,) and which polygons a costmap shows: a lethal cell touches them."""
+    lethal = costmap.cells == LETHAL
+    my, mx = np.nonzero(lethal)
+    cells = costmap.map_to_world(np.stack([mx, my], axis=1))
+    apart = np.maximum(np.abs(cells[:, None] - centres) - 0.5 * costmap.resolution, 0.0)
+    discs = ((apart**2).sum(axis=2) <= radii**2).any(axis=0)
+    return discs, [bool((lethal & _covered(costmap, [one])).any()) for one in polygons]
 
 
 def _to_border(grid: Costmap, origin: Array, ways: Array) -> Array:

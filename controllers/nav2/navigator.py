@@ -23,7 +23,7 @@ from ..steering import FAST, top_speed, yaw_acceleration
 from .footprint import RobotFootprint
 from .local_controller import Answer
 from .local_controllers import Limits
-from .local_costmap import LayeredCostmap, Surroundings
+from .local_costmap import LayeredCostmap, Surroundings, discs_of
 from .params_file import read_params_file
 from .rays import Rays
 from .recoveries import Outcome, Recovery, Situation
@@ -103,9 +103,9 @@ class Nav2(Controller):
         )
         if self.robot_limits:
             self._set = self._set.within(limits_of(self.robot))
-        self._set = self._set.sized(self.robot.radius)
-        self.period = 1.0 / self._set.controller_frequency
-        self.footprint = self._outline()
+        self._set = self._set.driving(self.robot)
+        self.period: float = 1.0 / self._set.controller_frequency
+        self.footprint: RobotFootprint = self._outline()
         self._given: Array | None = None
         self._make()
 
@@ -222,12 +222,7 @@ class Nav2(Controller):
         detections, notes = sound(observation, 2)
         for words in notes:
             WARNINGS.warn(type(self).__name__, "detection", words)
-        places = [
-            one.position if one.velocity is None else one.position + one.age * one.velocity
-            for one in detections
-        ]
-        centres = np.array(places, dtype=np.float64).reshape(-1, 2)
-        radii = np.array([one.radius for one in detections], dtype=np.float64)
+        centres, radii = discs_of(detections)
         view = self._set.view
         rays = Rays.cast(
             pose[:2], centres, radii, observation.polygons, round(view.beams), view.laser_range

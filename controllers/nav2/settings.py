@@ -4,12 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, final
 
+from ...framework.robot import Robot
 from ...framework.values.arrays import checked, positive
 from ...framework.values.errors import WideberthError, nearest
 from .footprint import RobotFootprint
 from .goal_checker import GoalChecker
 from .local_controller import LocalController
-from .local_controllers import Limits, built, shipped_parameters
+from .local_controllers import Limits, built, shipped_parameters, timed
 from .local_costmap import View
 from .path_handler import PathHandler
 from .progress_checker import ProgressChecker
@@ -77,19 +78,22 @@ class Settings:
         """Return the settings that Nav2 has shipped for its own robot with this controller."""
         return cls(local, shipped_parameters(local))
 
-    def sized(self, radius: float) -> "Settings":
-        """Return the same settings for a robot of this radius, m; TEB keeps a disc clear.
+    def driving(self, robot: Robot) -> "Settings":
+        """Return the same settings for a robot: TEB keeps its disc clear, and ours drive it.
 
-        One that the parameters name stays.
+        A radius that the parameters name stays.
         """
-        named = {"robot_radius", "footprint_model.radius"} & self.parameters.keys()
-        if self.local != "teb" or named:
-            return self
-        return replace(self, parameters={**self.parameters, "robot_radius": radius})
+        more: dict[str, Any] = {}
+        if self.local == "own":
+            more = {"robot": robot}
+        elif self.local == "teb" and "footprint_model.radius" not in self.parameters:
+            more = {"robot_radius": robot.radius}
+        return replace(self, parameters={**more, **self.parameters})
 
     def make_controller(self) -> LocalController:
-        """Return a new local controller."""
-        return built(self.local, self.parameters)
+        """Return a new local controller, which is told its frequency where it asks for it."""
+        told = {"controller_frequency": self.controller_frequency} if timed(self.local) else {}
+        return built(self.local, {**told, **self.parameters})
 
     def make_server(self) -> ControllerServer:
         """Return a new controller server around a new local controller."""

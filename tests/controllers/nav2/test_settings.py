@@ -16,6 +16,7 @@ from wideberth.controllers.nav2.regulated_pure_pursuit import RegulatedPurePursu
 from wideberth.controllers.nav2.rotation_shim import RotationShim
 from wideberth.controllers.nav2.settings import Settings
 from wideberth.framework.values.errors import WideberthError
+from wideberth.robots import Unicycle
 
 FILE = """
 amcl:
@@ -132,6 +133,7 @@ def test_mppi_of_a_file(tmp_path: Path) -> None:
     text = """
       plugin: "nav2_mppi_controller::MPPIController"
       batch_size: 500
+      model_dt: 0.1
       vy_max: 0.5
       motion_model: "DiffDrive"
       visualize: true
@@ -211,9 +213,20 @@ def test_teb_of_a_file_keeps_its_radius(tmp_path: Path) -> None:
       max_vel_x: 0.26
 """
     found = read(tmp_path, text)
-    assert found.sized(0.5).make_controller().robot_radius == 0.17  # type: ignore[attr-defined]
-    assert Settings("teb").sized(0.5).make_controller().robot_radius == 0.5  # type: ignore[attr-defined]
-    assert Settings("graceful").sized(0.5) == Settings("graceful")
+    robot = Unicycle(radius=0.5)
+    assert found.driving(robot).make_controller().robot_radius == 0.17  # type: ignore[attr-defined]
+    made = Settings("teb").driving(robot).make_controller()
+    assert made.robot_radius == 0.5  # type: ignore[attr-defined]
+    assert Settings("graceful").driving(robot) == Settings("graceful")
+
+
+def test_controllers_are_told_the_frequency_of_their_ticks() -> None:
+    for local in ("regulated_pure_pursuit", "dwb", "teb", "vector_pursuit", "rotation_shim"):
+        made = Settings(local, controller_frequency=10.0).make_controller()
+        assert made.controller_frequency == 10.0  # type: ignore[attr-defined]
+    with pytest.raises(WideberthError, match="controller's period"):
+        Settings("mppi", controller_frequency=10.0)  # slower than its model
+    Settings("graceful", controller_frequency=10.0)
 
 
 SHIM = """
@@ -221,6 +234,7 @@ SHIM = """
       primary_controller: "nav2_mppi_controller::MPPIController"
       angular_dist_threshold: 0.6
       motion_model: "Ackermann"
+      model_dt: 0.1
       AckermannConstraints: {min_turning_r: 0.3}
       critics: [CostCritic]
       CostCritic: {cost_weight: 3.0}
