@@ -8,7 +8,7 @@ from typing import Any, final
 import numpy as np
 
 from ...framework.control.velocity_smoother import VelocitySmoother
-from ...framework.controller import Controller, DrivesRobot, fresh
+from ...framework.controller import Controller, fresh
 from ...framework.plugins.config import build
 from ...framework.values.arrays import Array, positive
 from ...framework.values.costmap import Costmap
@@ -76,10 +76,11 @@ class OwnController(LocalController):
             raise WideberthError("own has no controller; give one, its config or its name")
         rest = {**parameters}
         given, robot = rest.pop("controller"), rest.pop("robot", None)
-        made: Any = given
-        made = fresh(made) if isinstance(given, Controller) else build("controllers", made, "own")
-        other = robot is not None and isinstance(made, DrivesRobot) and made.robot != robot
-        return cls(replace(made, robot=robot) if other else made, **rest)
+        own = isinstance(given, Controller)
+        made: Any = fresh(given) if own else build("controllers", given, "own")
+        if robot is not None and getattr(made, "robot", robot) != robot:
+            made = replace(made, robot=robot)
+        return cls(made, **rest)
 
     def reset(self) -> None:
         """Decide anew at the next tick; the controller remembers whom it has seen."""
