@@ -12,6 +12,7 @@ BUILT_IN: dict[str, str] = {
     "crossing_field": "wideberth.simulation.scenarios.crossing_field:CrossingField",
     "crowdnav": "wideberth.simulation.scenarios.crowdnav:CrowdNav",
     "crowdnav_plus": "wideberth.simulation.scenarios.crowdnav_plus:CrowdNavPlus",
+    "crowdsimplus": "wideberth.simulation.scenarios.crowdsimplus:CrowdSimPlus",
     "doorway": "wideberth.simulation.scenarios.doorway:Doorway",
     "furnished": "wideberth.simulation.scenarios.furnished:Furnished",
     "hallway": "wideberth.simulation.scenarios.hallway:Hallway",
