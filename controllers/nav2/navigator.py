@@ -39,6 +39,23 @@ _HELPED = {
 }  # fmt: skip
 """Results after which Nav2 tries again; an invalid path is none of them."""
 _STILL = Twist((0.0, 0.0))
+_SOON = 1e-9
+"""s: what is due so soon is due now."""
+
+
+class _Clock:
+    """Strikes at a fixed rate, Hz, by the stamps that it is shown; first at once."""
+
+    def __init__(self, frequency: float) -> None:
+        self._period, self._next = 1.0 / frequency, -np.inf
+
+    def strikes(self, time: float) -> bool:
+        """Tell whether it is time (s) again; strokes that were missed are not made up for."""
+        if time < self._next - _SOON:
+            return False
+        late = time - self._next > self._period
+        self._next = (time if late else self._next) + self._period
+        return True
 
 
 class Navigation(StrEnum):
@@ -50,20 +67,24 @@ class Navigation(StrEnum):
     FAILED = "failed"
 
 
+_UNDER_WAY = (Navigation.FOLLOWING, Navigation.RECOVERING)
+
+
 @final
 @dataclass(eq=False)
 class Nav2(Controller):
     """Drives a robot as Nav2 does, with any of its local controllers.
 
-    Each call is a tick of the controller server. The local costmap is updated at its own rate. A
+    The controller server, the velocity smoother and the local costmap work at their own rates. A
     path is followed until its goal. Where that fails, the local costmap is cleared and what is
     left of the path is tried once more; then follow recoveries in turn. After
     `Recoveries.number_of_retries` of them the robot stands for good. Commands pass the velocity
     smoother.
 
-    The robot's surroundings are what the observation holds: its detections as discs, where they
-    are by now if their velocity is known, and its polygons. A `View` sees them by rays, which end
-    at the first body, or all of them if it is exact. Positions are taken as they are measured.
+    The robot's surroundings are what the observation holds. A `View` sees them by the rays of its
+    scan; where it has none, by rays that are cast against its polygons and its detections, which
+    are discs, where they are by now if their velocity is known. An exact view shows all of these
+    polygons and discs instead. Positions are taken as they are measured.
 
     The headings of a path are its directions: Nav2's own NavFn gives none.
 
@@ -104,7 +125,8 @@ class Nav2(Controller):
         if self.robot_limits:
             self._set = self._set.within(limits_of(self.robot))
         self._set = self._set.driving(self.robot)
-        self.period: float = 1.0 / self._set.controller_frequency
+        smoothed = self._set.make_smoother().smoothing_frequency
+        self.period: float = 1.0 / max(self._set.controller_frequency, smoothed)
         self.footprint: RobotFootprint = self._outline()
         self._given: Array | None = None
         self._make()
@@ -124,6 +146,9 @@ class Nav2(Controller):
         self._path = self._given
         self._server = self._set.make_server()
         self._smoother = self._set.make_smoother()
+        self._ticks = _Clock(self._set.controller_frequency)
+        self._outputs = _Clock(self._smoother.smoothing_frequency)
+        self._sent = Command((0.0, 0.0))
         self._recoveries = self._set.make_recoveries()
         self._local = LayeredCostmap(self._set.view, self.footprint)
         self._route: GlobalRoute | None = None
@@ -147,7 +172,7 @@ class Nav2(Controller):
         poses = poses_along(checked_path(self.robot, path))
         same = self._path is not None and np.array_equal(self._path[-1, :2], poses[-1, :2])
         self._path = self._given = poses
-        if same and self._begun and self._navigation is Navigation.FOLLOWING:
+        if same and self._begun and self._navigation in _UNDER_WAY:
             self._server.replan(poses)
             return
         self._begun, self._retried, self._route = False, False, None
@@ -172,7 +197,6 @@ class Nav2(Controller):
         """
         checked_ready(self._path)
         checked_use(self.robot, observation)
-        self._reason = ""
         try:
             checked_numbers(observation)
             command = self._ticked(observation)
@@ -224,9 +248,12 @@ class Nav2(Controller):
             WARNINGS.warn(type(self).__name__, "detection", words)
         centres, radii = discs_of(detections)
         view = self._set.view
-        rays = Rays.cast(
-            pose[:2], centres, radii, observation.polygons, round(view.beams), view.laser_range
-        )
+        if observation.scan is not None:
+            rays = Rays.of_scan(observation.scan.scan, observation.scan.pose)
+        else:
+            rays = Rays.cast(
+                pose[:2], centres, radii, observation.polygons, round(view.beams), view.laser_range
+            )
         seen = Surroundings(rays, centres, radii, observation.polygons)
         self._local.update(observation.stamp, pose, seen)
         return seen
@@ -259,12 +286,16 @@ class Nav2(Controller):
             self._set.view.track_unknown_space, observation,
         )  # fmt: skip
         self._smoother.measure((float(speed[0]), float(speed[1]), float(speed[2])), time)
-        twist = self._decided(sight, seen)
-        if twist is not None:
-            linear = (float(twist.linear[0]), float(twist.linear[1]))
-            self._smoother.take((*linear, float(twist.angular)), time)
-        out = self._smoother.output(time) or (0.0, 0.0, 0.0)
-        return Command((out[0], out[1]), out[2])
+        if self._ticks.strikes(time):
+            self._reason = ""
+            twist = self._decided(sight, seen)
+            if twist is not None:
+                linear = (float(twist.linear[0]), float(twist.linear[1]))
+                self._smoother.take((*linear, float(twist.angular)), time)
+        if self._outputs.strikes(time):
+            out = self._smoother.output(time) or (0.0, 0.0, 0.0)
+            self._sent = Command((out[0], out[1]), out[2])
+        return self._sent
 
     def _decided(self, sight: Sight, seen: Surroundings) -> Twist | None:
         """Return the velocity of the behaviour tree's present branch."""

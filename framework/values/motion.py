@@ -20,6 +20,7 @@ from .arrays import (
 )
 from .errors import WideberthError
 from .polygon import Polygon
+from .sensing import PlacedScan
 
 T = TypeVar("T")
 
@@ -217,6 +218,8 @@ class Observation:
     map_covariance : (n, n) of the state relative to the polygons, where these are known in another
         frame than the detections: on a map, while the robot's own sensors see the others, whose
         places share the error of its pose. None where ``covariance`` holds for both.
+    scan : newest turn of its LiDAR, in the frame of the state, for controllers that keep a costmap
+        of their own; None where it has none.
     flaw : what makes its own numbers useless; "" where nothing does.
 
     Raises
@@ -231,6 +234,7 @@ class Observation:
     polygons: tuple[Polygon, ...] = ()
     truth: Truth | None = field(default=None, repr=False)
     map_covariance: Array | None = None
+    scan: PlacedScan | None = field(default=None, repr=False)
     flaw: str = field(default="", init=False, repr=False)
 
     def __repr__(self) -> str:
@@ -267,6 +271,8 @@ class Observation:
         object.__setattr__(self, "polygons", _all("polygons", self.polygons, Polygon))
         if not isinstance(self.truth, Truth | None):
             raise WideberthError(f"observation.truth is {self.truth!r}; wanted a Truth or None")
+        if not isinstance(self.scan, PlacedScan | None):
+            raise WideberthError(f"observation.scan is {self.scan!r}; wanted a PlacedScan or None")
 
 
 def checked_numbers(observation: Observation) -> None:

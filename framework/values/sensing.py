@@ -67,6 +67,27 @@ class Scan:
 
 
 @dataclass(frozen=True, eq=False)
+class PlacedScan:
+    """A scan, and where the robot stood when its last beam was cast.
+
+    Attributes
+    ----------
+    scan : as it was measured.
+    pose : (3,), x, y in m and heading in rad of the robot, as it believes.
+
+    Raises
+    ------
+    WideberthError : a pose of another shape, or one that is not finite.
+    """
+
+    scan: Scan
+    pose: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "pose", checked("placed_scan.pose", self.pose, (3,)))
+
+
+@dataclass(frozen=True, eq=False)
 class Beams:
     """All beams of a scan in the frame of the poses; NaN where a beam has no pose.
 

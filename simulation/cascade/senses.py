@@ -17,6 +17,7 @@ from ...framework.values.motion import Observation
 from ...framework.values.polygon import Polygon
 from ...framework.values.sensing import (
     InertialSample,
+    PlacedScan,
     Sample,
     Scan,
     Sightings,
@@ -95,6 +96,7 @@ class Senses:
         self._coming: list[tuple[float, Sightings, Array]] = []
         self._seen: tuple[TrackedObstacle, ...] = ()
         self._walls: tuple[Polygon, ...] = ()
+        self._scan: PlacedScan | None = None
         self._turns = self._turn_of(self._time)
         self._rest_ends, self._at_rest = now + cascade.rest, 0
         self._wheels: tuple[float, Array] = now, np.full(4, np.nan)
@@ -196,6 +198,7 @@ class Senses:
         stood = now - self._wheels[0] > patience
         if self._lost not in ("", AGAIN) and stood and not self._watchdog.reason():
             self.estimator.reset(self.estimator.at(now).pose, now)
+            self._scan = None
             self._rest_ends, self._at_rest, self.gyro_bias = now + self._cascade.rest, 0, 0.0
             self._lost = AGAIN
 
@@ -211,6 +214,8 @@ class Senses:
         poses = poses_at(self.estimator, scan.times)
         sightings = self._detector.detect(scan, poses)
         self._note(sightings.note)
+        if len(poses):
+            self._scan = PlacedScan(scan, self.estimator.at(scan.stamp).pose)
         beams = beams_of(scan, poses)
         self._coming.append((due, sightings, beams.ends[beams.met]))
 
@@ -247,8 +252,9 @@ class Senses:
         elif polygons:
             on_map = own_state(self._robot, own, seen_from_here=False)[1]
         return Observation(
-            self._time, state, detections, covariance, polygons, map_covariance=on_map
-        )
+            self._time, state, detections, covariance, polygons, map_covariance=on_map,
+            scan=self._scan,
+        )  # fmt: skip
 
     def _tracked(self, now: float) -> tuple[TrackedObstacle, ...]:
         """Return the obstacles as of now."""

@@ -60,4 +60,6 @@ def test_it_equals_the_original(recorded: tuple[Callable[[Case], None], Case]) -
 
 
 def test_every_recorded_file_is_compared(nav2_folder: Path) -> None:
-    assert {path.stem for path in nav2_folder.glob("*.json")} <= CHECKS.keys()
+    found = {path.stem for path in nav2_folder.glob("*.json")}
+    assert found, f"{nav2_folder} holds no recorded case"
+    assert found <= CHECKS.keys()

@@ -15,6 +15,7 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.polygon import Polygon
+from wideberth.framework.values.sensing import PlacedScan, Scan
 from wideberth.robots import DifferentialDrive, HolonomicVelocity, Unicycle
 from wideberth.routes import NavFn
 
@@ -110,6 +111,63 @@ def test_a_blocked_path_leads_to_recoveries_and_then_to_failure() -> None:
     assert still.linear == pytest.approx((0.0, 0.0), abs=0.15)
     nav2.set_path(Path([tuple(states[-1, :2]), (0.0, 0.0)]))
     assert nav2.navigation is Navigation.FOLLOWING and nav2.recoveries == 0
+
+
+def test_a_path_that_is_given_again_does_not_begin_the_retries_anew() -> None:
+    recoveries = {"wait_duration": 0.5, "number_of_retries": 2}
+    nav2 = Nav2(ROBOT, settings("regulated_pure_pursuit", recoveries=recoveries))
+    path = Path([(0.0, 0.0), (4.0, 0.0)])
+    nav2.set_path(path)
+
+    def blocked(time: float) -> list[tuple[float, float]]:
+        if round(time / nav2.period) % 20 == 0:
+            nav2.set_path(path)
+        return [(2.0, 0.0), (2.0, 0.5), (2.0, -0.5)]
+
+    driven(nav2, 60.0, blocked)
+    assert nav2.navigation is Navigation.FAILED and nav2.recoveries == 2
+
+
+@pytest.mark.parametrize(("controller", "smoother"), [(20.0, 20.0), (20.0, 50.0), (10.0, 20.0),
+                                                      (20.0, 5.0)])  # fmt: skip
+def test_the_smoother_keeps_its_bounds_at_a_rate_of_its_own(
+    controller: float, smoother: float
+) -> None:
+    made = settings("regulated_pure_pursuit", controller_frequency=controller)
+    bounds = {**made.velocity_smoother, "smoothing_frequency": smoother,
+              "max_accel": [0.5, 0.0, 3.5]}  # fmt: skip
+    nav2 = Nav2(ROBOT, replace(made, velocity_smoother=bounds))
+    assert nav2.period == 1.0 / max(controller, smoother)
+    nav2.set_path(Path([(0.0, 0.0), (9.0, 0.0)]))
+    speeds = [
+        nav2.command(observed(k * nav2.period, (0.0, 0.0, 0.0, 0.0, 0.0), [])).linear[0]
+        for k in range(round(0.8 / nav2.period))
+    ]
+    changes = np.diff([0.0, *speeds])
+    assert changes.max() <= 0.5 / smoother + 1e-12
+    assert (changes > 0.0).sum() == pytest.approx(0.8 * smoother, abs=1)
+    assert speeds[-1] == pytest.approx(0.5 * 0.8, abs=1.01 * 0.5 / smoother)
+
+
+def test_a_scan_comes_before_discs_and_lost_beams_show_nothing() -> None:
+    start = (0.0, 0.0, 0.0, 0.0, 0.0)
+    bearings = np.linspace(-np.pi, np.pi, 360, endpoint=False)
+    ranges = np.full(360, np.inf)
+    ranges[180], ranges[181] = 1.0, np.nan
+    turn = Scan("lidar", np.zeros(360), bearings, ranges)
+    nav2 = Nav2(ROBOT, settings("regulated_pure_pursuit"))
+    where = np.array([0.0, 0.5, 0.0])  # the robot stood there
+    nav2.remember(replace(observed(0.0, start, [(-1.0, 0.0)]), scan=PlacedScan(turn, where)))
+    costmap = nav2.costmap
+    assert costmap is not None
+    my, mx = np.nonzero(costmap.cells == 254)
+    assert costmap.map_to_world(np.stack([mx, my], axis=1)) == pytest.approx(
+        np.array([[1.0, 0.5]]), abs=0.05
+    )
+    lost = Scan("lidar", np.zeros(360), bearings, np.full(360, np.nan))
+    nav2.reset()
+    nav2.remember(replace(observed(0.0, start, []), scan=PlacedScan(lost, where)))
+    assert nav2.costmap is not None and not nav2.costmap.cells.any()
 
 
 def test_replanning_leads_it_round() -> None:

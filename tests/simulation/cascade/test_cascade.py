@@ -118,6 +118,24 @@ def test_with_ideal_stages_all_that_is_told_is_true() -> None:
                 assert np.allclose(seen.position, truth, atol=1e-9)
 
 
+def test_the_newest_scan_is_told_with_the_place_it_was_made_at() -> None:
+    agents = pair()
+    episode, _ = run(whole(state=None), agents, settings=replace(SHORT, time_limit=3.0))
+    log, other = episode.agent("one"), episode.agent("two")
+    for one in observed(agents[0]).seen[1:]:
+        assert one.scan is not None
+        scan, pose = one.scan.scan, one.scan.pose
+        then = (
+            np.array([scan.stamp]) - whole().rest
+        )  # the sensors' clock begins before the episode
+        assert -0.1 - 1e-9 <= then - one.stamp <= 1e-9
+        assert np.allclose(pose[:2], episode.at(log, then)[0], atol=5e-3)
+        angle = pose[2] + scan.bearings[scan.met]
+        ends = pose[:2] + scan.ranges[scan.met, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
+        apart = np.linalg.norm(ends - episode.at(other, then)[0], axis=1)
+        assert len(apart) > 5 and np.abs(apart - 0.75).max() < 0.12
+
+
 def test_ideal_wheels_drive_as_the_planners_own_model() -> None:
     """The smoother's output is held for a step of 20 ms: half a step of the change of speed."""
     episode, _ = run(IDEAL, pair())
