@@ -22,9 +22,11 @@ class Oracle(Predictor):
 
     mu_h = p(stamp + h dT) by linear interpolation of the truth,   Sigma_h = spread^2 I
 
-    For scripted obstacles and recordings this is what will happen. An obstacle that plans
-    for itself has no decided future: the simulation grants its current plan, which it may
-    still change, also in answer to the robot.
+    For scripted obstacles and recordings this is what will happen. People are simulated in a copy
+    of the world while the robot keeps to its last plan (`Settings.truth_passes`: to the plan that
+    it makes against that), and other robots to theirs: what they will do, but for what the robot
+    plans anew. Another robot has no decided future: the simulation grants its current plan, which
+    it may still change. So are people whom no copy can be made of told.
 
     An obstacle without truth, or whose truth does not reach over the whole horizon, is left
     to ``fallback``, with the reason.

@@ -120,7 +120,7 @@ class Driver:
         return np.asarray(first + min(share, 1.0) * (second - first))
 
     def future(self, times: Array, now: float) -> Array:
-        """Where the robot means to be, (T,) -> (T, D), m.
+        """Where the robot means to be, (T,) -> (T, D), m; of people see `Foresight`.
 
         Its current plan, straight on beyond the plan's end; before its first plan (or
         without one) along its path at the reference speed, standing where that is unknown. NaN

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from copy import copy
 from dataclasses import replace
+from functools import partial
 from itertools import count
 from math import ceil
 from time import perf_counter
@@ -17,12 +18,13 @@ from ...framework.controller import Controller, avoids_polygons
 from ...framework.metrics.gaps import BodyMotion, gaps, wall_gaps
 from ...framework.values.arrays import Array, whole
 from ...framework.values.errors import WideberthError
-from ...framework.values.motion import Command, Observation
+from ...framework.values.motion import Command, Observation, Truth
 from ...framework.values.polygon import Polygon
 from ..log.episode_log import AgentLog, CommandLog, Episode
 from .agents import Bystander, CrowdMember, PathChange, ReplayAgent, RobotAgent, ScriptedAgent
 from .driver import Driver
 from .exchange import ExchangedPositions
+from .foresight import Foresight, Planned
 from .settings import Settings
 from .world import Around, World
 
@@ -219,6 +221,7 @@ class Run:
         self.stood: float = 0.0
         self.ended: str = ""
         self.waiting: list[tuple[Driver, int, Observation]] = []
+        self.pending: list[tuple[Driver, int, Observation]] = []
         self.queue: list[tuple[float, int, int, Any]] = []
         self.order: Iterator[int] = count()
         self.respawning: Respawning = Respawning(
@@ -282,6 +285,7 @@ class Run:
         twin.around = Around(twin.drivers, twin.others, self.polygons, twin.clock, self.seed)
         twin.respawning = self.respawning.clone(twin.drivers, world)
         twin.waiting, following = [], next(self.order)
+        twin.pending = [(own[id(one)], tick, seen) for one, tick, seen in self.pending]
         twin.order = count(following)
         twin.queue = [
             (time, kind, place, (own[id(payload[0])], payload[1]))
@@ -337,8 +341,9 @@ class Run:
                 payload[0].plant.command(payload[1], now)
             elif payload[0].present:
                 ticks.append(payload)
-        seen = [(driver, tick, self._observe(driver, now, tick)) for driver, tick in ticks]
-        for decision in seen:
+        self.pending = [(driver, tick, self._observe(driver, now, tick)) for driver, tick in ticks]
+        while self.pending:
+            decision = self.pending.pop(0)
             if decision[0].name == name:
                 self.waiting.append(decision)
             else:
@@ -346,6 +351,7 @@ class Run:
 
     def _decide(self, driver: Driver, tick: int, observation: Observation) -> None:
         last = driver.agent.controller.plan
+        observation = self._settled(driver, observation)
         begin = perf_counter()
         command = driver.decide(observation)
         seconds = perf_counter() - begin
@@ -373,7 +379,93 @@ class Run:
 
     def _observe(self, driver: Driver, time: float, tick: int) -> Observation:
         state = np.array(driver.plant.state)
-        return self.world.observe(driver, time, tick, state, self.around)
+        seen = self.world.observe(driver, time, tick, state, self.around)
+        return seen if seen.truth is None else self._with_foresight(driver, seen)
+
+    def _with_foresight(self, follows: Driver, seen: Observation) -> Observation:
+        """Replace the future of people by what they will do if robots keep to their plans.
+
+        Parameters
+        ----------
+        follows : the robot that is told, as the driver whose plan it is taken to keep to.
+        """
+        assert seen.truth is not None
+        times, told = seen.truth.times, dict(seen.truth.positions)
+        people = frozenset(one.name for one in self.drivers if one.agent.person and one.present)
+        simulate = partial(self._foreseen, follows, seen.stamp, times, told)
+        return replace(seen, truth=Truth(times, Foresight(told, people, simulate)))
+
+    def _foreseen(
+        self, follows: Driver, now: float, times: Array, told: Mapping[str, Array]
+    ) -> dict[str, Array]:
+        """Simulate people in a copy of the run, with the same noise, among planned robots.
+
+        Parameters
+        ----------
+        follows : see `_with_foresight`.
+        now : s, of the observation.
+        times : (T,), s; told : identity -> (T, D), m, what is known, past included.
+
+        Returns
+        -------
+        positions : of people, identity -> (T, D), m; none where the run cannot be copied.
+
+        Raises
+        ------
+        WideberthError : the run has gone on since.
+        """
+        if self.clock[-1] > now + _SAME:
+            raise WideberthError(
+                f"the truth of {now:g} s is asked for at {self.clock[-1]:g} s; people's future is "
+                "simulated when it is read, and can be read only at its own instant"
+            )
+        try:
+            twin = self._of_plans(follows, now)
+        except WideberthError:
+            return {}
+        twin.settings = replace(self.settings, time_limit=float(times[-1]) + 1.0)
+        for decision in twin.pending:
+            twin._decide(*decision)
+        while twin.clock[-1] < times[-1] - _SAME:
+            twin._handle_events("")
+            twin._step()
+        ahead, found = times >= now, {}
+        for one in twin.drivers:
+            if one.agent.person and one.name in told:
+                found[one.name] = np.array(told[one.name])
+                found[one.name][ahead] = [
+                    one.position_at(float(time), twin.clock) for time in times[ahead]
+                ]
+        return found
+
+    def _of_plans(self, follows: Driver, now: float) -> "Run":
+        """Return a copy in which people decide and robots are where their plans say."""
+        robots = {one.name: one for one in self.drivers if not one.agent.person}
+        twin = self.clone({name: one.agent.controller for name, one in robots.items()})
+        robots[follows.name] = follows
+        for one in twin.drivers:
+            if one.name in robots:
+                one.plant = Planned(robots[one.name], now)
+        twin.pending = [entry for entry in twin.pending if entry[0].agent.person]
+        twin.queue = [entry for entry in twin.queue if entry[3][0].agent.person]
+        heapq.heapify(twin.queue)
+        return twin
+
+    def _settled(self, driver: Driver, seen: Observation) -> Observation:
+        """Let a robot that asks for the truth plan in vain, and tell it what people do then."""
+        for _ in range(self.settings.truth_passes - 1):
+            foresight = None if seen.truth is None else seen.truth.positions
+            if not isinstance(foresight, Foresight):
+                break
+            try:
+                trial = driver.clone()
+            except WideberthError:  # its controller cannot be copied: one pass is all there is
+                break
+            trial.decide(seen)
+            if not foresight.asked:
+                break
+            seen = self._with_foresight(trial, seen)
+        return seen
 
     def _step(self) -> str:
         """Move on to the next plant step or event, whichever comes first."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Literal, final
 
-from ...framework.values.arrays import positive
+from ...framework.values.arrays import positive, whole
 from ...framework.values.errors import WideberthError
 from ..sensing.channel import Channel
 from ..sensing.localisation import Localisation
@@ -31,7 +31,10 @@ class Settings:
     deadlock_after : s; when all robots that are not at their goals have stood this long,
         the episode ends as a deadlock.
     stop_on_collision : end at the first collision of a robot (by default it goes on).
-    truth_span : s into the future that the oracle is told.
+    truth_span : s into the future that the oracle is told. People are simulated for as long
+        whenever it asks, which takes most of its time.
+    truth_passes : how often a robot with an oracle plans per decision; each time but the first it
+        is told what people do in answer to the plan before.
 
     Raises
     ------
@@ -49,12 +52,14 @@ class Settings:
     deadlock_after: float = 10.0
     stop_on_collision: bool = False
     truth_span: float = 12.0
+    truth_passes: int = 1
 
     def __post_init__(self) -> None:
         for name in ("time_limit", "plant_step", "goal_tolerance", "deadlock_after", "truth_span"):
             positive(f"settings.{name}", getattr(self, name))
         for name in ("history", "still"):
             positive(f"settings.{name}", getattr(self, name), zero=True)
+        whole("settings.truth_passes", self.truth_passes)
         if isinstance(self.solve_time, str):
             if self.solve_time not in ("zero", "measured"):
                 raise WideberthError(

@@ -134,7 +134,9 @@ def test_the_oracle_knows_no_more_than_one_of_them_at_a_time():
     for observation in robot.controller.seen:
         known = np.array([np.isfinite(way[:, 0]) for way in observation.truth.positions.values()])
         assert known.sum(axis=0).max() == 1
-        assert known[:, -1].any()  # the one who is there now has a future
+        now = np.searchsorted(observation.truth.times, observation.stamp - 1e-6)
+        assert known[:, now].any()  # the one who is there now
+        assert not known[:, -1].any()  # but is gone by its end
 
 
 def test_a_start_near_a_robot_is_waited_for():

@@ -1,8 +1,9 @@
 """The planner: a planning cycle behind the Controller interface."""
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
-from typing import final
+from typing import Any, final
 
 from ...control.rate_limited_warnings import WARNINGS
 from ...controller import Controller, checked_path
@@ -58,6 +59,12 @@ class Planner(PlannerSettings, Controller):
         check_settings(self)
         object.__setattr__(self, "_services", Services.of(self))
         object.__setattr__(self, "_memory", _Memory(PlannerState.initial(self)))
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Planner":
+        """Return a planner that goes on as this one does; they share what changes no result."""
+        twin = copy(self)
+        object.__setattr__(twin, "_memory", copy(self._memory))
+        return twin
 
     def __repr__(self) -> str:
         """Say which parts it has and what it does, a line each."""

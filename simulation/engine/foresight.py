@@ -1,0 +1,85 @@
+"""What people will do if robots keep to their plans: the future that an oracle is told."""
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import final
+
+import numpy as np
+
+from ...framework.values.arrays import Array
+from .driver import Driver
+from .plant import Plant
+
+
+@final
+class Foresight(Mapping[str, Array]):
+    """Future positions by identity; those of people are simulated when they are first asked for.
+
+    Most controllers ask for nothing, and to simulate costs more than to decide.
+
+    Parameters
+    ----------
+    told : identity -> (T, D), m, of everybody, as far as it is known without a simulation.
+    people : whose future is simulated.
+    simulate : returns it, identity -> (T, D), m; called once at most.
+    """
+
+    def __init__(
+        self,
+        told: Mapping[str, Array],
+        people: frozenset[str],
+        simulate: Callable[[], Mapping[str, Array]],
+    ) -> None:
+        self._told, self._people, self._simulate = told, people, simulate
+        self._found: Mapping[str, Array] | None = None
+
+    @property
+    def asked(self) -> bool:
+        """Whether the simulation was asked for."""
+        return self._found is not None
+
+    def __getitem__(self, name: str) -> Array:
+        """Return the positions of one, (T, D), m."""
+        if name not in self._people:
+            return self._told[name]
+        if self._found is None:
+            self._found = {**self._told, **self._simulate()}
+        return self._found[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """Name everybody."""
+        return iter(self._told)
+
+    def __len__(self) -> int:
+        """Count them."""
+        return len(self._told)
+
+
+@final
+class Planned(Plant):
+    """A robot that is where its plan says, whatever it is commanded.
+
+    Parameters
+    ----------
+    driver : of the robot, as it is now.
+    now : s.
+    """
+
+    def __init__(self, driver: Driver, now: float) -> None:
+        self.robot = driver.agent.robot
+        self.state = driver.plant.state
+        self.control = driver.plant.control
+        self._driver, self._now = driver, now
+        self._place = driver.plant.position
+
+    def command(self, command: object, time: float) -> None:
+        """Do nothing."""
+
+    def advance(self, time: float, duration: float) -> None:
+        """Move on along the plan, by ``duration`` s."""
+        there = self._driver.future(np.array([time + duration]), self._now)[0]
+        self._place = tuple(float(value) for value in there)
+
+    @property
+    def position(self) -> tuple[float, ...]:
+        """Where the plan has it, (D,), m."""
+        return self._place
