@@ -6,7 +6,7 @@ change; what it may share between calls (compiled problems, the solver's watchdo
 """
 
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import final
 
 import numpy as np
@@ -50,6 +50,7 @@ from .multistart import (
 )
 from .problem_cache import ProblemCache
 from .settings import PlannerSettings, changed
+from .standing_off import StandingOff
 from .warm_start import KeptMultipliers
 
 
@@ -66,6 +67,7 @@ class PlannerState:
     multipliers : of the last plan; None where it was not the solver's.
     smoother : of the last command; None after an emergency.
     obstacle_in_way : whether something was in the way of the reference, see `MultiStart`.
+    standing_off : what it knows of standing before others; nothing unless it may ``withdraw``.
     """
 
     perception: Perception
@@ -74,6 +76,7 @@ class PlannerState:
     multipliers: KeptMultipliers | None = None
     smoother: VelocitySmoother | None = None
     obstacle_in_way: bool = False
+    standing_off: StandingOff = field(default_factory=StandingOff)
 
     @classmethod
     def initial(cls, settings: PlannerSettings, path: Path | None = None) -> "PlannerState":
@@ -211,10 +214,9 @@ def step(
         stamp = observation.stamp + settings.latency
         start = _delayed(settings, state, observation.stamp, observation.state)
         start = within_bounds(robot, start)
-        progress, arc = progress.advanced(_place(robot, start))
-        state = replace(state, progress=progress)
+        state, course, arc = _course(settings, state, observation, progress, start)
         reference = settings.cost.lay(
-            progress.path, arc, settings.reference_speed, settings.horizon, settings.dt
+            course, arc, settings.reference_speed, settings.horizon, settings.dt
         )
         scene = scene_of(observation, state.plan, robot.radius)
         tracks = state.perception.history.tracks()
@@ -228,7 +230,8 @@ def step(
         answered = _stand_in(outcome)
         plan, point = choose(rungs_of(settings.rungs), Trial(check, outcome), stamp)
         plan = strip_progress(robot, plan)
-        plan = _in_situation(settings, plan, seen, progress.path, start, outcome.note)
+        words = joined(state.standing_off.note, outcome.note)
+        plan = _in_situation(settings, plan, seen, course, start, words)
         kept = KeptMultipliers.of(point, check.around.chosen)
         ends = tuple(one.message for one in outcome.solutions)
         solved = Solved(check, outcome.guesses, point, plan, budget.spent(), ends)
@@ -241,6 +244,26 @@ def step(
     perception, notes = state.perception.drained()
     state = replace(state, perception=perception, plan=plan, multipliers=kept, smoother=smoother)
     return state, Decision(command, plan, (*filter(None, (note, answered)), *notes), solved)
+
+
+def _course(
+    settings: PlannerSettings,
+    state: PlannerState,
+    observation: Observation,
+    progress: Progress,
+    start: Array,
+) -> tuple[PlannerState, Path, float]:
+    """Return what is followed now, and the arc length there, m: the path, or a way to withdraw."""
+    place = _place(settings.robot, start)
+    progress, arc = progress.advanced(place)
+    state = replace(state, progress=progress)
+    if not settings.withdraw:
+        return state, progress.path, arc
+    here = _place(settings.robot, within_bounds(settings.robot, observation.state))
+    left = progress.path.length - arc
+    known = state.standing_off.after(observation, here, settings.robot.radius, left)
+    state, way = replace(state, standing_off=known), known.way
+    return (state, progress.path, arc) if way is None else (state, way, way.project(place))
 
 
 def _stand_in(outcome: Outcome) -> str:

@@ -16,6 +16,7 @@ from ..diagnosis.solve_record import Record
 from ..ocp.reference import Progress
 from .cycle import Decision, PlannerState, Services, joined, remember, step, warm_up
 from .settings import PlannerSettings, check_settings
+from .standing_off import StandingOff
 
 
 @dataclass(eq=False)
@@ -86,7 +87,7 @@ class Planner(PlannerSettings, Controller):
     def set_path(self, path: Path) -> None:
         """Follow this path from now on."""
         path, memory = checked_path(self.robot, path), self._memory
-        memory.state = replace(memory.state, progress=Progress(path))
+        memory.state = replace(memory.state, progress=Progress(path), standing_off=StandingOff())
         if not self._services.problems:
             warm_up(self, self._services, path)
 

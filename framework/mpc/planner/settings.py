@@ -70,6 +70,8 @@ class PlannerSettings:
         `OwnUncertainty`; without one in the observation the state is taken as exact.
     stop_at_end : whether every plan ends at rest. Then the last one, continued by standing,
         is there to fall back on for as long as the forecast it was made for comes true.
+    withdraw : whether a robot that stands before somebody who stands as well makes room after a
+        while, see `wideberth.framework.mpc.planner.standing_off`.
     rungs : of the fallback ladder, best first: names of built-in ones, or "module:Class" of a
         `FallbackRung` of your own, see `wideberth.framework.mpc.fallback.rungs`.
 
@@ -103,6 +105,7 @@ class PlannerSettings:
     further_kinds: tuple[SlotKind, ...] = ()
     own_uncertainty: Growth = "open-loop"
     stop_at_end: bool = False
+    withdraw: bool = False
     rungs: tuple[str, ...] = tuple(RUNGS)
 
     def __post_init__(self) -> None:

@@ -1,0 +1,237 @@
+"""Two who stand before each other: one of them makes room, without a word."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+
+from ...values.arrays import Array
+from ...values.motion import Detection, Observation, sound
+from ...values.path import Path
+from ...values.polygon import separation
+
+STILL = 2.0
+"""s over which the robot and the other one are looked at."""
+STUCK, STANDING = 0.15, 0.3
+"""m that the robot, and the other one, have moved at most in this time."""
+NEAR, AWAY = 1.5, 2.0
+"""m between the surfaces: somebody is near; the way is free again."""
+HESITATION = 0.0, 2.0
+"""s, range of the drawn time before the robot withdraws."""
+ABSENCE = 4.0, 8.0
+"""s, range of the drawn time that it stays away at most."""
+RETREATS = 2.0, 1.5, 1.0
+"""m that it withdraws."""
+DIRECTIONS = 24
+"""In which it may withdraw."""
+ROOM = 0.05
+"""m beside the bodies on the way there."""
+LEFT = 0.3
+"""m of path to go at which the robot stands because it has arrived."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Glimpse:
+    """Where the robot and the others were at one instant.
+
+    Attributes
+    ----------
+    stamp : s.
+    place : (D,), m, of the robot.
+    others : identity -> (D,), m.
+    """
+
+    stamp: float
+    place: Array
+    others: dict[str, Array]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Withdrawal:
+    """A robot waits to withdraw, or has begun to.
+
+    Attributes
+    ----------
+    other : identity of whom it stands before.
+    begin, end : s.
+    way : to where it withdraws; None while it hesitates.
+    """
+
+    other: str
+    begin: float
+    end: float
+    way: Path | None = None
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class StandingOff:
+    """Recognises that the robot and somebody near stand still, and withdraws from there.
+
+    Each of two planners forecasts that the other stays where it is, for a while, and plans to
+    withdraw later; the first step of such a plan is to stand, and the next plan says the same.
+    Here a withdrawal is carried out. The rule, for each robot alone:
+
+    1. the robot has moved less than `STUCK` m in `STILL` s, is not at the end of its path, and
+       somebody within `NEAR` m has moved less than `STANDING` m;
+    2. it hesitates for a time drawn from `HESITATION`; if 1 then still holds of the same other,
+    3. it follows a straight way of at most 2 m to the place, free of others and of walls, that
+       is farthest from the line through both, instead of its path, as the planner follows any
+       path;
+    4. back on its path it goes after a time drawn from `ABSENCE`, or as soon as the surfaces
+       are `AWAY` m apart.
+
+    The times are drawn from a generator that hangs on the robot's own state and clock, which no
+    other robot shares. So two equal planners hesitate for different times, and the same
+    observations give the same bytes.
+
+    Attributes
+    ----------
+    seen : of the last `STILL` s, oldest first.
+    withdrawal : under way; None while there is none.
+    """
+
+    seen: tuple[Glimpse, ...] = ()
+    withdrawal: Withdrawal | None = None
+
+    @property
+    def way(self) -> Path | None:
+        """The way on which it withdraws; None while it follows its path."""
+        return None if self.withdrawal is None else self.withdrawal.way
+
+    @property
+    def note(self) -> str:
+        """Say where it withdraws to, and from whom; "" where it does not."""
+        if self.withdrawal is None or self.withdrawal.way is None:
+            return ""
+        where = ", ".join(f"{value:.2f}" for value in self.withdrawal.way.goal)
+        return f"withdraws from {self.withdrawal.other!r} to ({where}) m"
+
+    def after(
+        self, observation: Observation, place: Array, radius: float, left: float
+    ) -> "StandingOff":
+        """Return what is known after an observation.
+
+        Parameters
+        ----------
+        place : (D,), m, of the robot.
+        radius : m, of the disc that encloses it.
+        left : m, of its path.
+        """
+        others, _ = sound(observation, len(place))
+        known = self._looked(observation.stamp, place, others)
+        if len(known.seen) == 1:  # the first look, or a clock that was set back
+            return known
+        gaps = {one.ident: _gap(one, place, radius) for one in others}
+        under_way = known.withdrawal
+        if under_way is not None and under_way.way is not None:
+            over = observation.stamp >= under_way.end or gaps.get(under_way.other, np.inf) > AWAY
+            return StandingOff(known.seen[-1:]) if over else known
+        other = known._opposite(gaps) if left > LEFT else ""
+        if not other or (under_way is not None and under_way.other != other):
+            return replace(known, withdrawal=None)
+        if under_way is None:
+            return replace(known, withdrawal=_drawn(observation, other))
+        if observation.stamp < under_way.begin:
+            return known
+        goal = retreat(observation, others, place, radius, other)
+        if goal is None:  # no room: look again after some time
+            return StandingOff(known.seen[-1:])
+        way = Path(np.stack([place, goal]))
+        return replace(known, withdrawal=replace(under_way, way=way))
+
+    def _looked(self, now: float, place: Array, others: Sequence[Detection]) -> "StandingOff":
+        """Take note of where everybody is; what is older than needed is dropped."""
+        glimpse = Glimpse(now, place, {one.ident: one.position for one in others})
+        if not self.seen or self.seen[-1].stamp >= now:
+            return StandingOff((glimpse,))
+        old = [k for k, one in enumerate(self.seen) if one.stamp <= now - STILL + 1e-6]
+        return replace(self, seen=(*self.seen[max(old, default=0) :], glimpse))
+
+    def _opposite(self, gaps: Mapping[str, float]) -> str:
+        """Name the nearest one near the robot, if both stand; "" if not.
+
+        Parameters
+        ----------
+        gaps : identity -> distance of the surfaces, m.
+        """
+        now, past = self.seen[-1], self.seen[:-1]
+        name = min(gaps, key=lambda one: gaps[one], default="")
+        if not name or gaps[name] > NEAR or past[0].stamp > now.stamp - STILL + 1e-6:
+            return ""
+        moved = max(float(np.linalg.norm(now.place - one.place)) for one in past)
+        there = [one.others[name] for one in past if name in one.others]
+        went = max((float(np.linalg.norm(now.others[name] - one)) for one in there), default=0.0)
+        stands = len(there) == len(past) and went < STANDING
+        return name if moved < STUCK and stands else ""
+
+
+def retreat(
+    observation: Observation,
+    others: Sequence[Detection],
+    place: Array,
+    radius: float,
+    opposite: str,
+) -> Array | None:
+    """Return the place to withdraw to, (D,), m; None where there is no room for any.
+
+    Of the places at `RETREATS` in `DIRECTIONS` (in space at the same height), those count whose
+    straight way keeps clear of all others and walls as they are now, or comes no nearer to what
+    is too near already. The one farthest from the line through both is taken, and of equally far
+    ones, to within 1 cm, the one farthest from the opposite one.
+
+    Parameters
+    ----------
+    observation : whose polygons count.
+    others : of it.
+    place : (D,), m; radius : m, of the robot.
+    opposite : identity of whom it withdraws from.
+    """
+    angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    there = next(one.position for one in others if one.ident == opposite)
+    towards = (there - place)[:2] / max(float(np.linalg.norm((there - place)[:2])), 1e-9)
+    best: tuple[tuple[float, float], Array] | None = None
+    for length in RETREATS:
+        for angle in angles + np.arctan2(towards[1], towards[0]):
+            step = np.zeros(len(place))
+            step[:2] = length * np.cos(angle), length * np.sin(angle)
+            aside = abs(float(towards[0] * step[1] - towards[1] * step[0]))
+            worth = round(aside, 2), float(np.linalg.norm(place + step - there))
+            if (best is None or worth > best[0]) and _free(
+                observation, others, place, step, radius
+            ):
+                best = worth, place + step
+    return None if best is None else best[1]
+
+
+def _free(
+    observation: Observation, others: Sequence[Detection], place: Array, step: Array, radius: float
+) -> bool:
+    """Whether a straight way keeps clear of bodies and walls, or comes no nearer to them."""
+    for one in others:
+        away = one.position - place
+        share = np.clip(away @ step / (step @ step), 0.0, 1.0)
+        least = min(radius + one.radius + ROOM, float(np.linalg.norm(away)) - 1e-6)
+        if np.linalg.norm(away - share * step) < least:
+            return False
+    for part in (part for polygon in observation.polygons for part in polygon.parts):
+        now = float(separation(place[None], part)[0])
+        on_way = float(separation(np.stack([place, place + step]), part)[0])
+        if on_way < min(radius + ROOM, now - 1e-6):
+            return False
+    return True
+
+
+def _gap(one: Detection, place: Array, radius: float) -> float:
+    return float(np.linalg.norm(one.position - place)) - radius - one.radius
+
+
+def _drawn(observation: Observation, other: str) -> Withdrawal:
+    """Draw when to withdraw and when to come back, by the robot's own state and clock."""
+    numbers = np.append(observation.state, observation.stamp)
+    rng = np.random.default_rng(np.frombuffer(numbers.tobytes(), dtype=np.uint32).tolist())
+    begin = observation.stamp + rng.uniform(*HESITATION)
+    return Withdrawal(other, begin, begin + rng.uniform(*ABSENCE))

@@ -1,0 +1,153 @@
+"""Standing off: when a robot withdraws, where to, and for how long; two robots in a door."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from wideberth.experiments.engine.closed_loop import play
+from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.studies.comparison import Comparison
+from wideberth.framework.mpc.planner.standing_off import AWAY, StandingOff, retreat
+from wideberth.framework.values.motion import Detection, Observation
+from wideberth.framework.values.polygon import Polygon
+from wideberth.simulation.measures.episode_measures import verdict
+from wideberth.simulation.scenarios.doorway import Doorway
+
+RADIUS = 0.3
+TICK = 0.2
+
+
+def seen(
+    stamp: float,
+    others: Mapping[str, tuple[float, float]],
+    place: tuple[float, float] = (0.0, 0.0),
+    polygons: tuple[Polygon, ...] = (),
+) -> Observation:
+    found = [Detection(name, np.array(at), np.eye(2), RADIUS) for name, at in others.items()]
+    return Observation(stamp, np.array([*place, 0.0, 0.0, 0.0]), tuple(found), polygons=polygons)
+
+
+def watched(known: StandingOff, one: Observation, left: float = 5.0) -> StandingOff:
+    return known.after(one, one.state[:2], RADIUS, left)
+
+
+def after(
+    seconds: float, other: tuple[float, float] = (1.0, 0.0), left: float = 5.0
+) -> StandingOff:
+    """What is known after standing before somebody who stands."""
+    known = StandingOff()
+    for tick in range(round(seconds / TICK) + 1):
+        known = watched(known, seen(TICK * tick, {"b": other}), left)
+    return known
+
+
+def test_two_seconds_of_standing_are_a_stand_off() -> None:
+    assert after(1.8).withdrawal is None
+    known = after(2.0)
+    assert known.withdrawal is not None and known.withdrawal.other == "b" and known.way is None
+    assert 2.0 <= known.withdrawal.begin <= 4.0
+    assert 4.0 <= known.withdrawal.end - known.withdrawal.begin <= 8.0
+
+
+def test_what_is_no_stand_off() -> None:
+    assert after(4.0, other=(2.0 * RADIUS + 1.51, 0.0)).withdrawal is None  # too far away
+    assert after(4.0, left=0.2).withdrawal is None  # it has arrived
+    assert after(2.0, other=(2.0 * RADIUS + 1.49, 0.0)).withdrawal is not None
+    moving = [((0.08, 0.0), (0.0, 0.0)), ((0.0, 0.0), (0.0, 0.16))]  # m/s: itself, the other
+    for own, other in moving:
+        known = StandingOff()
+        for tick in range(30):
+            time = TICK * tick
+            there = 1.0 + time * other[0], time * other[1]
+            known = watched(known, seen(time, {"b": there}, (time * own[0], time * own[1])))
+            assert known.withdrawal is None
+    known = watched(after(3.8), seen(1.0, {"b": (1.0, 0.0)}))  # the clock was set back
+    assert known.withdrawal is None and len(known.seen) == 1
+
+
+def test_who_hesitates_stays_if_the_other_moves() -> None:
+    known = after(2.0)
+    assert watched(known, seen(2.01, {"b": (1.0, 0.31)})).withdrawal is None
+    assert watched(known, seen(2.01, {})).withdrawal is None
+    closer = watched(known, seen(2.01, {"b": (1.0, 0.0), "c": (0.0, -0.7)}))
+    assert closer.withdrawal is None  # another one, who has just come
+
+
+def withdrawing() -> StandingOff:
+    known = after(2.0)
+    assert known.withdrawal is not None
+    time = 2.0
+    while known.way is None:
+        time += TICK
+        known = watched(known, seen(time, {"b": (1.0, 0.0)}))
+    assert known.withdrawal is not None and 0.0 <= time - known.withdrawal.begin <= TICK + 1e-9
+    return known
+
+
+def test_it_goes_aside_and_comes_back() -> None:
+    known = withdrawing()
+    assert known.way is not None and known.withdrawal is not None
+    goal = known.way.goal
+    assert abs(goal[1]) == pytest.approx(2.0) and goal[0] == pytest.approx(0.0, abs=1e-9)
+    assert "withdraws from 'b' to (" in known.note
+    end = known.withdrawal.end
+    near, far = {"b": (1.0, 0.0)}, {"b": (2.0 * RADIUS + AWAY + 0.01, 0.0)}
+    assert watched(known, seen(end - 0.1, near)).way is not None
+    for one in (seen(end, near), seen(end - 0.1, far), seen(end - 0.1, {})):
+        again = watched(known, one)
+        assert again.withdrawal is None and again.note == "" and len(again.seen) == 1
+
+
+def test_times_are_uniform_and_the_robots_own() -> None:
+    """Of equal robots at other places; the same observation gives the same times."""
+    drawn = []
+    for k in range(300):
+        known, place = StandingOff(), (1e-3 * k, 0.5)
+        for tick in range(11):
+            known = watched(known, seen(TICK * tick, {"b": (1.0, 0.5)}, place))
+        assert known.withdrawal is not None
+        begin = known.withdrawal.begin
+        drawn.append((begin - 2.0, known.withdrawal.end - begin))
+    early, long = np.array(drawn).T
+    assert stats.kstest(early, stats.uniform(0.0, 2.0).cdf).pvalue > 1e-3
+    assert stats.kstest(long, stats.uniform(4.0, 4.0).cdf).pvalue > 1e-3
+    assert abs(stats.pearsonr(early, long).statistic) < 0.2
+    first, second = after(2.0).withdrawal, after(2.0).withdrawal
+    assert first is not None and second is not None and first.begin == second.begin
+
+
+def test_a_retreat_keeps_clear_of_walls_and_of_others() -> None:
+    """A wall on the left: to the right; one on either side: back, as far as there is room."""
+    wall = Polygon(((-3.0, 0.5), (3.0, 0.5), (3.0, 0.7), (-3.0, 0.7)), "left")
+    other = Polygon(((-3.0, -0.7), (3.0, -0.7), (3.0, -0.5), (-3.0, -0.5)), "right")
+    back = Polygon(((-1.9, -0.5), (-1.8, -0.5), (-1.8, 0.5), (-1.9, 0.5)), "back")
+    here, them = np.zeros(2), {"b": (1.0, 0.0)}
+
+    def place(polygons: tuple[Polygon, ...], more: Mapping[str, tuple[float, float]]) -> object:
+        one = seen(0.0, {**them, **more}, polygons=polygons)
+        found = retreat(one, one.detections, here, RADIUS, "b")
+        return None if found is None else tuple(np.round(found, 6) + 0.0)
+
+    assert place((wall,), {}) == (0.0, -2.0)
+    assert place((wall, other), {}) == (-2.0, 0.0)
+    assert place((wall, other, back), {}) == (-1.0, 0.0)
+    assert place((wall, other), {"c": (-1.2, 0.0)}) is None
+    # 1.2 m sin(30 deg) is less than 0.65 m, the room that two bodies need; of 45 deg it is not.
+    assert place((wall,), {"c": (0.0, -1.2)}) == (round(-np.sqrt(2.0), 6),) * 2
+
+
+@pytest.mark.parametrize("withdraw", [True, pytest.param(False, marks=pytest.mark.slow)])
+def test_two_robots_in_a_door_do_not_stand_for_ever(withdraw: bool) -> None:
+    """At this seed both stand in the door, unless one of them makes room."""
+    experiment, _ = read_experiment("doorway", [])
+    assert isinstance(experiment, Comparison)
+    robot, settings = experiment.robots["unicycle"], experiment.settings["noise_1_cm"]
+    planner = replace(experiment.controllers["ours"], withdraw=withdraw)  # type: ignore[type-var]
+    short = replace(settings, time_limit=45.0)
+    episode = play(Doorway(oncoming="robot", lag=(-0.2, 0.2)), robot, planner, short, 100)
+    notes = [plan.reason for log in episode.robots for plan in log.plans]
+    assert any("withdraws from" in words for words in notes) == withdraw
+    assert verdict(episode, 45.0)["outcome"] == ("success" if withdraw else "timeout")
