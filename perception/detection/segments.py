@@ -2,7 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import pairwise
+from math import atan2, cos, sin
 
 import numpy as np
 
@@ -128,34 +130,44 @@ def _beside(points: Array) -> Array:
 
 def _fit(hits: Hits, index: IntArray, deviation: float) -> _Line:
     """Fit a line to at least two points; the last one is not the first one."""
-    points, beams = hits.points[index], hits.points[index] - hits.origins[index]
-    beams = beams / np.linalg.norm(beams, axis=1)[:, None]
-    middle = points.mean(axis=0)
-    _, vectors = np.linalg.eigh((points - middle).T @ (points - middle))
-    along = vectors[:, 1] if vectors[:, 1] @ (points[-1] - points[0]) >= 0.0 else -vectors[:, 1]
+    points = hits.points[index]
+    middle = points.sum(axis=0) / len(points)
+    away = points - middle
+    (xx, xy), (_, yy) = (away.T @ away).tolist()
+    angle = 0.5 * atan2(2.0 * xy, xx - yy)  # of the longest extent
+    along = np.array([cos(angle), sin(angle)])
+    if along @ (points[-1] - points[0]) < 0.0:
+        along = -along
     normal = np.array([-along[1], along[0]])
-    place, aside = (points - middle) @ along, (points - middle) @ normal
-    across = deviation * np.maximum(np.abs(beams @ normal), _GRAZING)
-    slopes = np.stack([np.ones_like(place), place], axis=1)
-    known = (slopes / across[:, None] ** 2).T
-    spread = np.linalg.inv(known @ slopes)
-    shift, tilt = spread @ (known @ aside)
+    place, aside = away @ along, away @ normal
+    sine = np.abs((points - hits.origins[index]) @ normal) / hits.ranges[index]
+    across = deviation * np.maximum(sine, _GRAZING)
+    weight = across**-2.0
+    lever = weight * place
+    known = np.array([[weight.sum(), lever.sum()], [lever.sum(), lever @ place]])
+    spread = np.linalg.inv(known)
+    shift, tilt = spread @ np.array([weight @ aside, lever @ aside])
     aside = aside - shift - tilt * place
     reach = np.array([place.min(), place.max()])
     arms = np.stack([np.ones(2), reach], axis=1)
     ends = middle + reach[:, None] * along + (shift + tilt * reach)[:, None] * normal
-    off = aside / across
-    uneven = _excess(off) * float((across**2).mean())
+    uneven = _excess(aside / across) * float(across @ across) / len(index)
     covariance = arms @ spread @ arms.T + uneven * np.eye(2)
     return _Line(index, ends, covariance, float(np.abs(aside).max()))
 
 
 def _excess(off: Array) -> float:
     """By how much the mean square of distances exceeds 1; 0 where chance may explain it."""
+    free, total = len(off) - 2, float(off @ off)
+    return total / free - 1.0 if free > 0 and total > _bound(free) else 0.0
+
+
+@cache
+def _bound(free: int) -> float:
+    """Return what the sum of ``free`` squared deviations exceeds with probability `UNEVEN`."""
     from scipy.special import chdtri
 
-    free, total = len(off) - 2, float(off @ off)
-    return total / free - 1.0 if free > 0 and total > chdtri(free, UNEVEN) else 0.0
+    return float(chdtri(free, UNEVEN))
 
 
 def _unstray(hits: Hits, piece: IntArray, deviation: float) -> slice:
