@@ -510,7 +510,8 @@ class Run:
         bodies = [driver.latest() for driver in (*robots, *people)]
         count = len(robots)
         nowhere = np.full(len(times), np.nan)
-        bodies += [BodyMotion(other.radius, other.at(times), nowhere) for other in self.others]
+        ways = [(other.radius, other.at(times)) for other in self.others]
+        bodies += [BodyMotion(size, way, nowhere) for size, way in ways if np.isfinite(way).any()]
         for i in range(count):
             apart = [gaps(bodies[i], other) for other in bodies[i + 1 :]]
             apart += [wall_gaps(bodies[i], polygon) for polygon in self.polygons]

@@ -14,6 +14,7 @@ BUILT_IN: dict[str, str] = {
     "crowdnav_plus": "wideberth.simulation.scenarios.crowdnav_plus:CrowdNavPlus",
     "crowdsimplus": "wideberth.simulation.scenarios.crowdsimplus:CrowdSimPlus",
     "doorway": "wideberth.simulation.scenarios.doorway:Doorway",
+    "dynabarn": "wideberth.simulation.scenarios.dynabarn:DynaBarn",
     "furnished": "wideberth.simulation.scenarios.furnished:Furnished",
     "hallway": "wideberth.simulation.scenarios.hallway:Hallway",
     "model_crowd": "wideberth.simulation.scenarios.model_crowd:ModelCrowd",
