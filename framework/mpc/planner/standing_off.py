@@ -58,12 +58,14 @@ class Withdrawal:
     other : identity of whom it stands before.
     begin, end : s.
     way : to where it withdraws; None while it hesitates.
+    there : (D,), m, where the other one was when the robot set out; None while it hesitates.
     """
 
     other: str
     begin: float
     end: float
     way: Path | None = None
+    there: Array | None = None
 
 
 @final
@@ -81,8 +83,9 @@ class StandingOff:
     3. it follows a straight way of at most 2 m to the place, free of others and of walls, that
        is farthest from the line through both, instead of its path, as the planner follows any
        path;
-    4. back on its path it goes after a time drawn from `ABSENCE`, or as soon as the surfaces
-       are `AWAY` m apart.
+    4. back on its path it goes after a time drawn from `ABSENCE`, or as soon as the other one has
+       passed the place from which it withdrew and the surfaces are `AWAY` m apart. Being far
+       apart is not enough: where both have withdrawn, both would come back at once.
 
     The times are drawn from a generator that hangs on the robot's own state and clock, which no
     other robot shares. So two equal planners hesitate for different times, and the same
@@ -128,7 +131,7 @@ class StandingOff:
         gaps = {one.ident: _gap(one, place, radius) for one in others}
         under_way = known.withdrawal
         if under_way is not None and under_way.way is not None:
-            over = observation.stamp >= under_way.end or gaps.get(under_way.other, np.inf) > AWAY
+            over = observation.stamp >= under_way.end or known._passed(gaps)
             return StandingOff(known.seen[-1:]) if over else known
         other = known._opposite(gaps) if left > LEFT else ""
         if not other or (under_way is not None and under_way.other != other):
@@ -140,8 +143,8 @@ class StandingOff:
         goal = retreat(observation, others, place, radius, other)
         if goal is None:  # no room: look again after some time
             return StandingOff(known.seen[-1:])
-        way = Path(np.stack([place, goal]))
-        return replace(known, withdrawal=replace(under_way, way=way))
+        way, there = Path(np.stack([place, goal])), known.seen[-1].others[other]
+        return replace(known, withdrawal=replace(under_way, way=way, there=there))
 
     def _looked(self, now: float, place: Array, others: Sequence[Detection]) -> "StandingOff":
         """Take note of where everybody is; what is older than needed is dropped."""
@@ -150,6 +153,16 @@ class StandingOff:
             return StandingOff((glimpse,))
         old = [k for k, one in enumerate(self.seen) if one.stamp <= now - STILL + 1e-6]
         return replace(self, seen=(*self.seen[max(old, default=0) :], glimpse))
+
+    def _passed(self, gaps: Mapping[str, float]) -> bool:
+        """Whether the other one has gone by, or is no longer seen."""
+        one = self.withdrawal
+        assert one is not None and one.way is not None and one.there is not None
+        if one.other not in gaps:
+            return True
+        left = one.way.points[0]
+        beyond = (self.seen[-1].others[one.other] - left) @ (left - one.there)
+        return gaps[one.other] > AWAY and bool(beyond > 0.0)
 
     def _opposite(self, gaps: Mapping[str, float]) -> str:
         """Name the nearest one near the robot, if both stand; "" if not.

@@ -94,9 +94,11 @@ def test_it_goes_aside_and_comes_back() -> None:
     assert abs(goal[1]) == pytest.approx(2.0) and goal[0] == pytest.approx(0.0, abs=1e-9)
     assert "withdraws from 'b' to (" in known.note
     end = known.withdrawal.end
-    near, far = {"b": (1.0, 0.0)}, {"b": (2.0 * RADIUS + AWAY + 0.01, 0.0)}
-    assert watched(known, seen(end - 0.1, near)).way is not None
-    for one in (seen(end, near), seen(end - 0.1, far), seen(end - 0.1, {})):
+    room = 2.0 * RADIUS + AWAY + 0.01
+    near, withdrawn, by = {"b": (1.0, 0.0)}, {"b": (room, 0.0)}, {"b": (-room, 0.1)}
+    for one in (near, withdrawn, {"b": (-room + 0.1, 0.0)}):
+        assert watched(known, seen(end - 0.1, one)).way is not None
+    for one in (seen(end, near), seen(end - 0.1, by), seen(end - 0.1, {})):
         again = watched(known, one)
         assert again.withdrawal is None and again.note == "" and len(again.seen) == 1
 
