@@ -29,7 +29,8 @@ def idl_class(known: Messages, name: str) -> Any:
     def converted(kind: Any) -> Any:
         what, inner = kind
         if what.name == "BASE":
-            return _OTHER.get(inner[0]) or getattr(types, _NUMBERS.get(inner[0], inner[0]))
+            base = str(inner[0])
+            return _OTHER.get(base) or getattr(types, _NUMBERS.get(base, base))
         if what.name == "NAME":
             return idl_class(known, inner)
         element, length = inner

@@ -73,7 +73,8 @@ class _Edge:
 class FrameTree:
     """A tree of frames, each with its pose in its parent over time.
 
-    Between two reports a pose is interpolated, the yaw the shorter way round.
+    Between two reports a pose is interpolated, the yaw the shorter way round. Of a static frame
+    the last report holds at all times, and no other is kept.
 
     Examples
     --------
@@ -109,6 +110,8 @@ class FrameTree:
                 self._note(f"{child!r} has two parents, {edge.parent!r} and {parent!r}")
             edge = self._edges[child] = _Edge(parent, static)
         edge.static, edge.table = static, None
+        if static:
+            edge.rows.clear()
         edge.rows.append(row)  # type: ignore[arg-type]
         return None
 

@@ -87,11 +87,11 @@ class Messages:
         """
         types = needed("rosbags.typesys")
         found: dict[str, Any] = {}
-        try:
-            for name, text in definitions.items():
+        for name, text in definitions.items():
+            try:
                 found |= types.get_types_from_msg(text, name)
-        except types.TypesysError as error:
-            raise WideberthError(f"{name}: this is no definition ({error})") from None
+            except types.TypesysError as error:
+                raise WideberthError(f"{name}: this is no definition ({error})") from None
         for name, (_, fields) in found.items():
             missing = _named(fields) - set(self.store.fielddefs) - set(found)
             if missing:

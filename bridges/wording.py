@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..framework.drawing.style import chosen_steps
 from ..framework.values.arrays import Array
@@ -26,7 +27,7 @@ _CYLINDER, _STRIP, _DELETE_ALL = 3, 4, 3
 _GREY, _BLUE, _ORANGE = (0.5, 0.5, 0.5), (0.0, 0.45, 0.7), (0.9, 0.6, 0.0)
 
 
-def identity(name: str) -> Array:
+def identity(name: str) -> NDArray[np.uint8]:
     """Return the 16 bytes of an identity: the name where it fits, else a hash of it.
 
     Examples

@@ -649,6 +649,28 @@ def nav2(
 
 
 @app.command(no_args_is_help=True)
+def node(
+    file: Annotated[str, typer.Argument(help="A YAML file with `planner` and `node`.")],
+    set_: Set = None,
+    seconds: Annotated[
+        float | None, typer.Option(help="After which it stops; endless by default.")
+    ] = None,
+    follow_path: Annotated[
+        bool, typer.Option("--follow-path", help="Serve Nav2's action FollowPath; needs ROS 2.")
+    ] = False,
+) -> None:
+    """Drive a robot of ROS 2 on the network, without ROS."""
+    from .ros_node import run_node, run_server
+
+    if follow_path:
+        if seconds is not None:
+            raise WideberthError("--follow-path serves until ROS shuts down; leave --seconds out")
+        run_server(expanded(file), set_ or [])
+        return
+    run_node(expanded(file), set_ or [], seconds)
+
+
+@app.command(no_args_is_help=True)
 def bag(
     episode: KeptEpisode,
     out: Annotated[Path, typer.Option(help="Folder of the recording; it must not exist yet.")],

@@ -1,0 +1,216 @@
+"""Topics of ROS 2 over DDS, without ROS: names, types and qualities as its own nodes have."""
+
+from collections.abc import Iterator
+from functools import cache
+from typing import Any, final
+from xml.sax.saxutils import quoteattr
+
+from ..framework.plugins.registry import unknown
+from ..framework.values.errors import WideberthError
+from .dds_types import idl_class
+from .library import needed
+from .messages import MOST_BYTES, Messages
+
+LOOPBACK, OWN_CHOICE = "lo", "default"
+"""Interfaces: nothing leaves the computer; what Cyclone DDS or CYCLONEDDS_URI choose."""
+DEPTH = 10
+"""Messages that are kept for a reader, as in ROS 2."""
+AT_ONCE = 64
+"""Messages that are taken at once."""
+
+
+@final
+class Raw:
+    """A message as bytes, which Cyclone DDS writes and reads as they are."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data: bytes = data
+        self.sample_info: Any = None
+
+    def serialize(self, **_: Any) -> bytes:
+        """Return the bytes."""
+        return self.data
+
+
+@cache
+def _raw_class(known: Messages, name: str) -> Any:
+    """Return the class of a message, of which Cyclone DDS reads bytes alone.
+
+    Fields are read by `Messages.read`, which bounds what a malformed message can do.
+    """
+    made = idl_class.__wrapped__(known, name)
+    made.serialize = lambda self, **_: self.data
+    made.deserialize = classmethod(lambda cls, data, **_: Raw(bytes(data[: MOST_BYTES + 1])))
+    made.deserialize_key = classmethod(lambda cls, data, **_: None)
+    return made
+
+
+@cache
+def _domain(number: int, interface: str) -> Any:
+    """Return the domain of this process; a second one of the same number cannot be set up."""
+    address = (
+        '<Interfaces><NetworkInterface name="lo" multicast="false"/></Interfaces>'
+        "<AllowMulticast>false</AllowMulticast></General>"
+        '<Discovery><Peers><Peer address="127.0.0.1"/></Peers>'
+        "<ParticipantIndex>auto</ParticipantIndex>"
+        "<MaxAutoParticipantIndex>30</MaxAutoParticipantIndex></Discovery>"
+        if interface == LOOPBACK
+        else f"<Interfaces><NetworkInterface name={quoteattr(interface)}/></Interfaces></General>"
+    )
+    text = f'<CycloneDDS><Domain id="any"><General>{address}</Domain></CycloneDDS>'
+    try:
+        return needed("cyclonedds.domain").Domain(number, text)
+    except Exception as error:
+        raise WideberthError(
+            f"DDS cannot be set up on the interface {interface!r} ({error}); see that it exists, "
+            "and that this process uses one interface alone"
+        ) from None
+
+
+@final
+class Link:
+    """A participant of a DDS domain.
+
+    Parameters
+    ----------
+    known : the message types.
+    domain : number of the domain, as ROS_DOMAIN_ID.
+    interface : name of a network interface; "lo" keeps everything on this computer, "default"
+        leaves it to Cyclone DDS.
+
+    Raises
+    ------
+    WideberthError : the extra ``ros`` is not installed, or there is no such interface or domain.
+    """
+
+    def __init__(self, known: Messages, domain: int = 0, interface: str = LOOPBACK) -> None:
+        if not 0 <= domain <= 232:
+            raise WideberthError(f"domain is {domain}; wanted 0 to 232")
+        library = needed("cyclonedds.domain")
+        if interface != OWN_CHOICE:
+            _domain(domain, interface)
+        self.known: Messages = known
+        try:
+            self._participant: Any = library.DomainParticipant(domain)
+        except Exception as error:
+            raise WideberthError(f"DDS cannot join the domain {domain}: {error}") from None
+
+    def publisher(self, topic: str, kind: str, *, kept: bool = False) -> "Publisher":
+        """Return a publisher of a topic.
+
+        Parameters
+        ----------
+        topic : as ROS 2 names it, with its slash. kind : type of its messages.
+        kept : whether those who join later are given the last message too.
+        """
+        made, quality = self._topic(topic, kind), _quality(self.known, kind, True, kept)
+        return Publisher(self.known, needed("cyclonedds.pub").DataWriter(
+            self._participant, made, quality
+        ), kind)  # fmt: skip
+
+    def subscriber(
+        self, topic: str, kind: str, *, reliable: bool = False, kept: bool = False
+    ) -> "Subscriber":
+        """Return a subscriber of a topic.
+
+        Parameters
+        ----------
+        topic, kind : as of `publisher`.
+        reliable : whether a lost message is sent again; publishers that do not offer that are then
+            not heard.
+        kept : whether to ask for the last message of before; publishers that do not keep it are
+            then not heard.
+        """
+        made, quality = self._topic(topic, kind), _quality(self.known, kind, reliable, kept)
+        return Subscriber(self.known, needed("cyclonedds.sub").DataReader(
+            self._participant, made, quality
+        ), kind)  # fmt: skip
+
+    def _topic(self, topic: str, kind: str) -> Any:
+        if not topic.startswith("/"):
+            raise WideberthError(f"topic is {topic!r}; wanted one with its slash, as in '/odom'")
+        made = _raw_class(self.known, kind)
+        return needed("cyclonedds.topic").Topic(self._participant, f"rt{topic}", made)
+
+
+def _quality(known: Messages, kind: str, reliable: bool, kept: bool) -> Any:
+    """Return the quality of service that ROS 2 has."""
+    its = needed("cyclonedds.qos")
+    wait = needed("cyclonedds.util").duration(milliseconds=100)
+    policy = its.Policy
+    return its.Qos(
+        policy.Reliability.Reliable(wait) if reliable else policy.Reliability.BestEffort,
+        policy.History.KeepLast(1 if kept else DEPTH),
+        policy.Durability.TransientLocal if kept else policy.Durability.Volatile,
+        policy.DataRepresentation(use_cdrv0_representation=True),  # what ROS 2 speaks
+        policy.Userdata(f"typehash={known.type_hash(kind)};".encode()),
+    )
+
+
+@final
+class Publisher:
+    """Sends messages of one type; see `Link.publisher`."""
+
+    def __init__(self, known: Messages, writer: Any, kind: str) -> None:
+        self.known: Messages = known
+        self.kind: str = kind
+        self.failed: int = 0
+        """Messages that could not be sent."""
+        self._writer = writer
+        self._made = writer.topic.data_type
+
+    @property
+    def heard(self) -> bool:
+        """Whether anybody listens."""
+        try:
+            return bool(self._writer.get_matched_subscriptions())
+        except Exception:  # of an entity that is being closed
+            return False
+
+    def send(self, message: Any) -> None:
+        """Send a message; what cannot be sent is counted.
+
+        Raises
+        ------
+        WideberthError : a message of another type.
+        """
+        if message.__msgtype__ != self.kind:
+            raise WideberthError(unknown("type on this topic", message.__msgtype__, [self.kind]))
+        sample = self._made.__new__(self._made)
+        sample.data = self.known.to_bytes(message)
+        try:
+            self._writer.write(sample)
+        except Exception:  # a full queue, a network that is gone
+            self.failed += 1
+
+
+@final
+class Subscriber:
+    """Takes messages of one type; see `Link.subscriber`."""
+
+    def __init__(self, known: Messages, reader: Any, kind: str) -> None:
+        self.known: Messages = known
+        self.kind: str = kind
+        self.refused: int = 0
+        """Messages that were malformed."""
+        self.reason: str = ""
+        """Why the last of them was refused."""
+        self._reader = reader
+        self._invalid = needed("cyclonedds.internal").InvalidSample
+
+    def take(self) -> Iterator[Any]:
+        """Yield the messages that have come; malformed ones are counted and left out."""
+        try:
+            samples = self._reader.take(AT_ONCE)
+        except Exception as error:
+            self.refused += 1
+            self.reason = str(error)
+            return
+        for one in samples:
+            if isinstance(one, self._invalid):  # a publisher has gone
+                continue
+            try:
+                yield self.known.read(self.kind, one.data)
+            except WideberthError as error:
+                self.refused += 1
+                self.reason = str(error)

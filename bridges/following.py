@@ -1,0 +1,119 @@
+"""Following one path to its end, with the results that Nav2's controller server has."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import final
+
+import numpy as np
+
+from ..framework.values.arrays import Array, positive
+from .node import PlannerNode
+
+
+class Code(IntEnum):
+    """Results of Nav2's action FollowPath, by its numbers."""
+
+    NONE = 0
+    UNKNOWN = 100
+    TF_ERROR = 102
+    INVALID_PATH = 103
+    FAILED_TO_MAKE_PROGRESS = 105
+    NO_VALID_CONTROL = 106
+    CONTROLLER_TIMED_OUT = 107
+
+
+@final
+@dataclass(frozen=True)
+class End:
+    """How following a path has ended: by success where the code is `Code.NONE`."""
+
+    code: Code
+    reason: str = ""
+
+
+@final
+@dataclass(frozen=True)
+class Following:
+    """When a path counts as followed, and when it is given up; the defaults are Nav2's.
+
+    Parameters
+    ----------
+    tolerance : m from the last point, within which the robot is there.
+    slow : m/s, below which it stands.
+    progress : m, by which it has to move in ``allowance`` s.
+    allowance : s.
+    patience : s, for which the controller may fail, or messages be missing.
+
+    Raises
+    ------
+    WideberthError : a number that is not above zero.
+    """
+
+    tolerance: float = 0.25
+    slow: float = 0.1
+    progress: float = 0.5
+    allowance: float = 10.0
+    patience: float = 2.0
+
+    def __post_init__(self) -> None:
+        for name in ("tolerance", "slow", "progress", "allowance", "patience"):
+            positive(f"following.{name}", getattr(self, name))
+
+
+@final
+class Follower:
+    """Follows one path with a node; `step` says when that has ended.
+
+    Parameters
+    ----------
+    node : that drives. settings : when it ends. now : s, on the clock of all steps.
+    """
+
+    def __init__(self, node: PlannerNode, settings: Following, now: float) -> None:
+        self.node: PlannerNode = node
+        self.settings: Following = settings
+        self.distance: float = float("inf")
+        """m from the robot to the end of the path, straight."""
+        self.speed: float = 0.0
+        """m/s, of the robot."""
+        self._place: Array | None = None
+        self._moved = self._well = now
+        self._failures, self._plans = node.counts.failures, node.counts.plans
+
+    def begin(self, frame: str, points: Array) -> End | None:
+        """Take the path; return why it cannot be followed."""
+        if len(points) < 2:
+            return End(Code.INVALID_PATH, f"the path has {len(points)} poses; wanted two at least")
+        if self.node.motion is None:
+            return End(Code.TF_ERROR, "where the robot is is not known: there is no odometry")
+        if not self.node.follow(frame, points):
+            return End(Code.INVALID_PATH, f"the path in {frame!r} cannot be followed")
+        return None
+
+    def step(self, now: float) -> End | None:
+        """Look how it goes; return how it has ended, or None while it goes on."""
+        path, motion, wanted = self.node.path, self.node.motion, self.settings
+        if path is None or motion is None:
+            return End(Code.UNKNOWN, "the path was taken away")
+        place = motion[0][:2]
+        self.distance = float(np.linalg.norm(path.goal - place))
+        self.speed = float(np.hypot(*motion[1][:2]))
+        if self.distance <= wanted.tolerance and self.speed <= wanted.slow:
+            return End(Code.NONE)
+        if self._place is None or np.linalg.norm(place - self._place) >= wanted.progress:
+            self._place, self._moved = place, now
+        waits, counts = self.node.waits_for(), self.node.counts
+        if counts.plans > self._plans and counts.failures == self._failures and not waits:
+            self._well = now
+        failed = counts.failures > self._failures
+        self._failures, self._plans = counts.failures, counts.plans
+        if now - self._well > wanted.patience:
+            if waits:
+                return End(Code.CONTROLLER_TIMED_OUT, waits)
+            if failed or "failed" in self.node.status:
+                return End(Code.NO_VALID_CONTROL, self.node.status)
+            return End(Code.CONTROLLER_TIMED_OUT, "the planner does not answer")
+        if now - self._moved > wanted.allowance:
+            reason = f"it moved less than {wanted.progress:g} m in {wanted.allowance:g} s"
+            return End(Code.FAILED_TO_MAKE_PROGRESS, reason)
+        return None

@@ -1,0 +1,498 @@
+"""A planner on a network of ROS 2: it hears where the robot is and sends velocities."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Any, Protocol, final
+
+import numpy as np
+
+from ..framework.control.command_limits import attained, within_reach
+from ..framework.control.own_state import own_state
+from ..framework.control.velocity_smoother import VelocitySmoother
+from ..framework.controller import Controller
+from ..framework.robot import Robot
+from ..framework.values.arrays import Array
+from ..framework.values.errors import WideberthError, short
+from ..framework.values.motion import Command, Detection, Observation, Pose, Twist
+from ..framework.values.path import Path
+from ..framework.values.plan import Plan
+from ..framework.values.sensing import MotionEstimate
+from .frames import FrameTree, composed
+from .messages import Messages
+from .node_settings import NodeSettings
+from .readings import Motion, Obstacles, Reading, Transforms, Way, reading_of
+from .wording import Wording
+
+OLDEST = 1.0
+"""s; stamps that lie farther apart are of clocks that do not agree, and are not compared."""
+LONGEST_PATH = 10_000
+"""Points; a longer path is thinned out."""
+MOST_SEEN = 500
+"""Obstacles of one message that are looked at, the nearest first."""
+PAUSE = 5.0
+"""Periods; after a pause that is longer, commands begin at the robot's own velocity again."""
+EXACT = 1e-8
+"""m^2 and so on: covariance of odometry that states none."""
+_LOG = logging.getLogger("wideberth")
+
+
+class Sends(Protocol):
+    """Sends messages on a topic."""
+
+    @property
+    def heard(self) -> bool:
+        """Whether anybody listens."""
+        ...
+
+    def send(self, message: Any) -> None:
+        """Send a message."""
+        ...
+
+
+class Takes(Protocol):
+    """Takes the messages of a topic."""
+
+    kind: str
+    refused: int
+
+    def take(self) -> Iterable[Any]:
+        """Return what has come."""
+        ...
+
+
+class Joins(Protocol):
+    """Makes publishers and subscribers, as `wideberth.bridges.dds.Link` does."""
+
+    known: Messages
+
+    def publisher(self, topic: str, kind: str, *, kept: bool = False) -> Sends:
+        """Return a publisher."""
+        ...
+
+    def subscriber(
+        self, topic: str, kind: str, *, reliable: bool = False, kept: bool = False
+    ) -> Takes:
+        """Return a subscriber."""
+        ...
+
+
+@final
+@dataclass
+class Counts:
+    """What a node has done so far.
+
+    Attributes
+    ----------
+    sent, missed : commands, and periods in which none was sent in time.
+    plans, failures : calls of the controller, and those that raised.
+    refused : messages that were malformed, or of no use.
+    latency : s, from the newest odometry to the command that follows from it, of the last plans.
+    """
+
+    sent: int = 0
+    missed: int = 0
+    plans: int = 0
+    failures: int = 0
+    refused: int = 0
+    latency: list[float] = field(default_factory=list)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Heard:
+    """The newest message of a topic, and when it came, s."""
+
+    reading: Reading
+    time: float
+
+
+@final
+class PlannerNode:
+    """Runs a controller beside the messages of a robot.
+
+    `listen`, `decide` and `speak` are one step each of what `run` does at its own rates; none of
+    them raises. Commands start at the robot's own velocity, and each follows from the one before
+    within the robot's limits. Where odometry, obstacles or the controller are silent for longer
+    than `NodeSettings.patience`, or no path is there, the robot brakes to a stand.
+
+    Parameters
+    ----------
+    controller : that drives. robot : its model, in the plane.
+    settings : topics and rates.
+    link : the network.
+    clock : s, monotonic.
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        robot: Robot,
+        settings: NodeSettings,
+        link: Joins,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        if robot.dimension != 2:
+            raise WideberthError("a node drives robots in the plane")
+        self.controller: Controller = controller
+        self.robot: Robot = robot
+        self.settings: NodeSettings = settings
+        self.counts: Counts = Counts()
+        self.status: str = "waiting for odometry"
+        """What it does now, or waits for."""
+        self._clock = clock
+        self._known = link.known
+        self._frames = FrameTree()
+        self._odometry: _Heard | None = None
+        self._obstacles: _Heard | None = None
+        self._path: Path | None = None
+        self._fresh_path = False
+        self._smoother: VelocitySmoother | None = None
+        self._last: Array | None = None
+        self._decided = self._sent = -np.inf
+        self._limit = np.inf
+        self._lock = threading.Lock()
+        self._stop = threading.Event()
+        self._join(link)
+
+    def _join(self, link: Joins) -> None:
+        """Open all topics."""
+        s = self.settings
+        tf = "tf2_msgs/msg/TFMessage"
+        self._from: dict[str, Takes] = {
+            "odometry": link.subscriber(s.odometry, "nav_msgs/msg/Odometry"),
+            "tf": link.subscriber("/tf", tf),
+            "tf_static": link.subscriber("/tf_static", tf, reliable=True, kept=True),
+        }
+        if s.path:
+            self._from["path"] = link.subscriber(s.path, "nav_msgs/msg/Path", reliable=True)
+        if s.obstacles:
+            self._from["obstacles"] = link.subscriber(s.obstacles, s.obstacle_type)
+        kind = "TwistStamped" if s.stamped else "Twist"
+        markers = "visualization_msgs/msg/MarkerArray"
+        self._to: dict[str, Sends] = {
+            "commands": link.publisher(s.commands, f"geometry_msgs/msg/{kind}"),
+            "plan": link.publisher("/wideberth/plan", "nav_msgs/msg/Path", kept=True),
+            "forecast": link.publisher("/wideberth/forecast", markers, kept=True),
+            "regions": link.publisher("/wideberth/regions", markers, kept=True),
+            "diagnostics": link.publisher("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"),
+        }
+
+    def listen(self) -> None:
+        """Take what has come."""
+        now = self._clock()
+        for name, source in self._from.items():
+            try:
+                for message in source.take():
+                    self._hear(name, source.kind, message, now)
+            except Exception as error:  # whatever a message holds, the loop goes on
+                self._refuse(f"{name}: {error}")
+
+    def _hear(self, name: str, kind: str, message: Any, now: float) -> None:
+        try:
+            reading = reading_of(kind, message)
+        except WideberthError as error:
+            return self._refuse(f"{name}: {error}")
+        content = reading.content
+        with self._lock:
+            if isinstance(content, Transforms):
+                for parent, child, _, pose, _ in content.rows:
+                    self._frames.add(parent, child, 0.0, pose, static=True)
+            elif isinstance(content, Motion):
+                if not np.isfinite([*content.pose, *content.twist]).all():
+                    return self._refuse("odometry is not finite")
+                self._odometry = _Heard(reading, now)
+            elif isinstance(content, Obstacles):
+                self._obstacles = _Heard(reading, now)
+            elif isinstance(content, Way):
+                self._take_path(reading.frame, content.points)
+        return None
+
+    def follow(self, frame: str, points: Array) -> bool:
+        """Follow a path of points (P, 2) in m of a frame; return whether it can be followed."""
+        with self._lock:
+            refused = self.counts.refused
+            self._take_path(frame, points)
+            return self._path is not None and self.counts.refused == refused
+
+    def halt(self) -> None:
+        """Forget the path: the robot brakes."""
+        with self._lock:
+            self._take_path("", np.zeros((0, 2)))
+
+    def limit_speed(self, limit: float) -> None:
+        """Drive at most so fast from now on, m/s; infinity takes the limit away."""
+        self._limit = limit if limit >= 0.0 else 0.0
+
+    @property
+    def motion(self) -> tuple[Array, Array] | None:
+        """Pose (3,) and twist (3,) of the newest odometry; None before the first."""
+        heard = self._odometry
+        if heard is None or not isinstance(heard.reading.content, Motion):
+            return None
+        return heard.reading.content.pose, heard.reading.content.twist
+
+    @property
+    def path(self) -> Path | None:
+        """The path that is followed, in the frame of the odometry."""
+        return self._path
+
+    def _take_path(self, frame: str, points: Array) -> None:
+        """Follow a new path; an empty one stops the robot."""
+        if self._odometry is not None and len(points) >= 2:
+            motion = self._motion(self._odometry.reading.frame, frame)
+            if motion is None:
+                return self._refuse(f"no motion connects the path's frame {frame!r} with odometry")
+            places = np.column_stack([points, np.zeros(len(points))])
+            points = composed(motion, places)[:, :2]
+        try:
+            path = Path(points[:: 1 + len(points) // LONGEST_PATH]) if len(points) >= 2 else None
+        except WideberthError as error:
+            return self._refuse(f"path: {error}")
+        same = path is not None and self._path is not None
+        if same and np.array_equal(path.points, self._path.points):  # type: ignore[union-attr]
+            return None
+        self._path, self._fresh_path = path, True
+        return None
+
+    def _motion(self, target: str, source: str) -> Array | None:
+        """Return the pose of a frame in another, (3,), by the newest reports."""
+        if source in ("", target):
+            return np.zeros(3)
+        try:
+            found = self._frames.motion(target, source, [0.0])[0]
+        except WideberthError:
+            return None
+        return found if np.isfinite(found).all() else None
+
+    def _refuse(self, why: str) -> None:
+        self.counts.refused += 1
+        if self.counts.refused in (1, 10, 100, 1000):
+            _LOG.warning("node: refused %d messages; the last: %s", self.counts.refused, why)
+
+    def waits_for(self) -> str:
+        """Return why the robot may not drive now; "" where it may."""
+        now, patience = self._clock(), self.settings.patience
+        if self._odometry is None:
+            return "waiting for odometry"
+        if now - self._odometry.time > patience:
+            return f"odometry is silent for {now - self._odometry.time:.2g} s"
+        if self.settings.obstacles:
+            if self._obstacles is None:
+                return "waiting for obstacles"
+            if now - self._obstacles.time > patience:
+                return f"obstacles are silent for {now - self._obstacles.time:.2g} s"
+        return "waiting for a path" if self._path is None else ""
+
+    def decide(self) -> bool:
+        """Call the controller, if it may drive; return whether it was called."""
+        with self._lock:
+            waits = self.waits_for()
+            if waits or self._odometry is None:
+                self.status = waits
+                return False
+            begin, path, new = self._odometry.time, self._path, self._fresh_path
+            self._fresh_path = False
+            observation = self._observation(self._odometry)
+        self.counts.plans += 1
+        try:
+            if new and path is not None:
+                self.controller.set_path(path)
+            command = within_reach(self.robot, self.controller.command(observation))
+        except Exception as error:  # the robot brakes, and the node goes on
+            self.counts.failures += 1
+            self.status = f"the controller failed: {short(str(error))}"
+            command = Command((0.0, 0.0))
+        else:
+            self.status = "driving"
+        with self._lock:
+            now = self._clock()
+            self._decided = now
+            if self._smoother is not None:
+                self._smoother = self._smoother.aim(command, now)
+            self.counts.latency = [*self.counts.latency[-999:], now - begin]
+        return True
+
+    def _observation(self, heard: _Heard) -> Observation:
+        """Put together what the controller sees."""
+        reading = heard.reading
+        motion = reading.content
+        assert isinstance(motion, Motion)
+        covariance = EXACT * np.eye(6)
+        if motion.covariance is not None and np.isfinite(motion.covariance).all():
+            covariance[:3, :3] = motion.covariance
+        mean = np.concatenate([motion.pose, motion.twist])
+        try:
+            estimate = MotionEstimate(heard.time, mean, covariance)
+        except WideberthError:  # no covariance at all
+            estimate = MotionEstimate(heard.time, mean, EXACT * np.eye(6))
+        state, spread = own_state(self.robot, estimate, seen_from_here=True)
+        return Observation(heard.time, state, self._detections(heard), spread)
+
+    def _detections(self, own: _Heard) -> tuple[Detection, ...]:
+        """Return the obstacles in the frame of the odometry."""
+        heard = self._obstacles
+        if heard is None or not isinstance(heard.reading.content, Obstacles):
+            return ()
+        frame = self._motion(own.reading.frame, heard.reading.frame)
+        if frame is None:
+            frame = self._from_robot(own, heard.reading.frame)
+        if frame is None:
+            self._refuse(f"no motion connects {heard.reading.frame!r} with odometry")
+            return ()
+        age = 1e-9 * (own.reading.stamp - heard.reading.stamp)
+        if not -OLDEST <= age <= OLDEST or not own.reading.stamp:
+            age = own.time - heard.time
+        seen = heard.reading.content.seen[: 10 * MOST_SEEN]
+        places = composed(frame, np.array([one.pose for one in seen]).reshape(-1, 3))[:, :2]
+        away = np.linalg.norm(places - own.reading.content.pose[:2], axis=1)  # type: ignore
+        turn = np.array(
+            [[np.cos(frame[2]), -np.sin(frame[2])], [np.sin(frame[2]), np.cos(frame[2])]]
+        )
+        found = []
+        for i in np.argsort(away, kind="stable")[:MOST_SEEN]:
+            one = seen[i]
+            spread = one.covariance
+            if spread is None:
+                spread = self.settings.deviation**2 * np.eye(2)
+            radius = one.radius if np.isfinite(one.radius) else self.settings.radius
+            name = one.ident or f"unnamed {i}"
+            place = turn @ spread @ turn.T
+            found.append(Detection(name, places[i], place, radius, max(age, 0.0)))
+        return tuple({one.ident: one for one in found}.values())
+
+    def _from_robot(self, own: _Heard, frame: str) -> Array | None:
+        """Return the pose of a frame on the robot, by the odometry itself."""
+        motion = own.reading.content
+        mount = self._motion(self.settings.base_frame, frame)
+        if mount is None or not isinstance(motion, Motion):
+            return None
+        return composed(motion.pose, mount)
+
+    def speak(self) -> bool:
+        """Send a velocity; return whether one was sent."""
+        with self._lock:
+            now = self._clock()
+            if self._odometry is None or (self._path is None and self._last is None):
+                return False
+            if self._last is None or now - self._sent > PAUSE / self.settings.rate:
+                self._begin(now)
+            self._sent = now
+            assert self._smoother is not None
+            old = now - self._decided > self.controller.period + self.settings.patience
+            aim = Twist((0.0, 0.0)) if old or self.waits_for() else self._smoother.at(now)
+            sent = self._next(self._slowed(aim))
+            self._last = sent
+            forward, aside, rate = sent.tolist()
+            frame = self.settings.base_frame
+        wording = Wording(0, frame, self._known)
+        message = wording.command(time.time(), Command((forward, aside), rate), frame)
+        self._to["commands"].send(message if self.settings.stamped else message.twist)
+        self.counts.sent += 1
+        return True
+
+    def _begin(self, now: float) -> None:
+        """Start at the velocity that the robot has."""
+        assert self._odometry is not None
+        motion = self._odometry.reading.content
+        assert isinstance(motion, Motion)
+        still = np.zeros(len(self.robot.states))
+        own = Twist((float(motion.twist[0]), float(motion.twist[1])), float(motion.twist[2]))
+        velocity = attained(self.robot, still, [own])[0]
+        self._last = velocity
+        forward, aside, rate = velocity.tolist()
+        self._smoother = VelocitySmoother.at_rest(Twist((forward, aside), rate), now)
+
+    def _slowed(self, aim: Twist) -> Twist:
+        """Return a velocity within the limit that was asked for; the curve stays."""
+        speed = float(np.hypot(*aim.linear))
+        if speed <= self._limit:
+            return aim
+        share = self._limit / speed
+        return Twist(tuple(share * one for one in aim.linear), share * aim.angular)
+
+    def _next(self, aim: Twist) -> Array:
+        """Return the velocity that the robot can have one period after the last command."""
+        assert self._last is not None
+        forward, aside, rate = self._last.tolist()
+        pose = Pose((0.0, 0.0), 0.0)
+        state = np.array(self.robot.state_at(pose, Twist((forward, aside), rate)), dtype=float)
+        found = attained(self.robot, state, [aim], 1.0 / self.settings.rate)
+        return np.asarray(found[0], dtype=np.float64)
+
+    def show(self) -> None:
+        """Send the last plan and what it keeps out of, to those who listen."""
+        plan: Plan | None = self.controller.plan
+        if plan is None or self._odometry is None:
+            return
+        wording = Wording(time.time_ns() - round(1e9 * plan.stamp), self._frame(), self._known)
+        for name, word in (
+            ("plan", wording.plan), ("forecast", wording.forecast), ("regions", wording.regions),
+        ):  # fmt: skip
+            if self._to[name].heard:
+                self._to[name].send(word(plan))
+
+    def _frame(self) -> str:
+        return self._odometry.reading.frame if self._odometry is not None else ""
+
+    def report(self) -> None:
+        """Send diagnostics."""
+        counts = self.counts
+        numbers = {name: str(getattr(counts, name)) for name in ("sent", "missed", "plans",
+                                                               "failures", "refused")}  # fmt: skip
+        if counts.latency:
+            numbers["latency median, ms"] = f"{1e3 * float(np.median(counts.latency)):.1f}"
+        well = self.status == "driving"
+        self._to["diagnostics"].send(
+            Wording(0, "", self._known).diagnostics(
+                time.time(), "wideberth: planner", 0 if well else 1, self.status, numbers
+            )
+        )
+
+    def run(self, seconds: float = np.inf) -> None:
+        """Listen and send at the rate of the commands; decide beside it, at the controller's rate.
+
+        Parameters
+        ----------
+        seconds : after which it returns; endless by default, until `stop`.
+        """
+        planner = threading.Thread(target=self._plan_forever, name="planner", daemon=True)
+        planner.start()
+        period, begin = 1.0 / self.settings.rate, time.monotonic()
+        due, told = begin, begin
+        try:
+            while not self._stop.is_set() and time.monotonic() - begin < seconds:
+                self.listen()
+                now = time.monotonic()
+                if now >= due:
+                    self.speak()
+                    late = int((now - due) / period)
+                    self.counts.missed += late
+                    due += (late + 1) * period
+                if now - told >= 1.0:
+                    self.report()
+                    told = now
+                self._stop.wait(max(min(due - time.monotonic(), 0.005), 0.0))
+        finally:
+            self._stop.set()
+            planner.join(timeout=10.0)
+
+    def stop(self) -> None:
+        """Let `run` return."""
+        self._stop.set()
+
+    def _plan_forever(self) -> None:
+        """Decide at the controller's rate, as often as it can."""
+        due = time.monotonic()
+        while not self._stop.is_set():
+            try:
+                if self.decide():
+                    self.show()
+            except Exception as error:  # the commands go on: they brake when plans grow old
+                self.counts.failures += 1
+                self.status = f"deciding failed: {short(str(error))}"
+                _LOG.warning("node: %s", self.status)
+            due = max(due + self.controller.period, time.monotonic())
+            self._stop.wait(max(due - time.monotonic(), 0.001))

@@ -1,0 +1,259 @@
+"""Topics over DDS, and a robot in another process that shares no code with the node."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wideberth import WideberthError
+from wideberth.bridges.dds import Link, Raw, Subscriber
+from wideberth.bridges.messages import messages
+from wideberth.bridges.node_settings import NodeSettings
+from wideberth.experiments.cli.ros_node import read_node
+from wideberth.tests.helpers import ros_robot
+from wideberth.tests.helpers.bags import obstacles, odometry
+
+pytest.importorskip("cyclonedds", reason="pip install 'wideberth[ros]'")
+pytest.importorskip("rosbags", reason="pip install 'wideberth[ros]'")
+
+ODOMETRY = "nav_msgs/msg/Odometry"
+CONFIG = """
+robot: &robot {type: unicycle, radius: 0.3, max_yaw_rate: 1.0, max_yaw_acceleration: 1.0}
+planner: {<<: recommended, robot: *robot, period: 0.2, dt: 0.25, horizon: 20, track_dt: 0.25}
+node: {domain: %d}
+"""
+SPEED, RATE, ACCELERATION, TURN = 0.7, 1.0, 0.7, 1.0
+
+
+def domain() -> int:
+    """Return a domain that no other test uses at the same time."""
+    return 20 + os.getpid() % 200
+
+
+def until(done: Any, seconds: float = 10.0) -> None:
+    """Wait until something holds."""
+    end = time.monotonic() + seconds
+    while not done():
+        assert time.monotonic() < end, "it did not come"
+        time.sleep(0.01)
+
+
+@pytest.fixture(scope="module")
+def links() -> tuple[Link, Link]:
+    return Link(messages(), domain()), Link(messages(), domain())
+
+
+def test_messages_come_as_they_were_sent(links: Any) -> None:
+    sender, taker = links[0].publisher("/a", ODOMETRY), links[1].subscriber("/a", ODOMETRY)
+    until(lambda: sender.heard)
+    sent = [odometry(k, (k, -k, 0.1), (0.5, 0.0, 0.1)) for k in range(8)]
+    for message in sent:
+        sender.send(message)
+    found: list[Any] = []
+    until(lambda: found.extend(taker.take()) or len(found) == 8)
+    assert [messages().to_bytes(one) for one in found] == [
+        messages().to_bytes(one) for one in sent
+    ]
+    with pytest.raises(WideberthError, match="type on this topic"):
+        sender.send(obstacles(0.0, [(1, 1)]))
+
+
+def test_who_joins_late_is_given_what_is_kept(links: Any) -> None:
+    sender = links[0].publisher("/kept", ODOMETRY, kept=True)
+    for k in range(3):
+        sender.send(odometry(k, (0, 0, 0), (0, 0, 0)))
+    taker = links[1].subscriber("/kept", ODOMETRY, reliable=True, kept=True)
+    found: list[Any] = []
+    until(lambda: found.extend(taker.take()) or found)
+    assert [one.header.stamp.sec for one in found] == [2]
+
+
+def first(taker: Any) -> Any:
+    """Return the first message that comes."""
+    found: list[Any] = []
+    until(lambda: found.extend(taker.take()) or found)
+    return found[0]
+
+
+def test_a_publisher_that_goes_and_comes_again_is_no_error(links: Any) -> None:
+    taker = links[1].subscriber("/gone", ODOMETRY)
+    for k in range(2):
+        sender = links[0].publisher("/gone", ODOMETRY)
+        until(partial(getattr, sender, "heard"))
+        sender.send(odometry(k, (0, 0, 0), (0, 0, 0)))
+        assert first(taker).header.stamp.sec == k
+        del sender
+        time.sleep(0.1)
+        assert list(taker.take()) == []  # it is told that nobody sends any more
+    assert taker.refused == 0
+
+
+class Malformed:
+    """A reader that hands out what it is given."""
+
+    def __init__(self, *payloads: Any) -> None:
+        self.payloads = payloads
+
+    def take(self, count: int) -> Any:
+        if self.payloads == ("raise",):
+            raise RuntimeError("gone")
+        return self.payloads
+
+
+def test_malformed_bytes_are_counted() -> None:
+    whole = messages().to_bytes(odometry(0.0, (0, 0, 0), (0, 0, 0)))
+    reader = Malformed(Raw(whole[:50]), Raw(whole), Raw(b""), Raw(bytes(2**26 + 1)))
+    taker = Subscriber(messages(), reader, ODOMETRY)
+    assert len(list(taker.take())) == 1
+    assert taker.refused == 3 and "at most" in taker.reason
+    taker = Subscriber(messages(), Malformed("raise"), ODOMETRY)
+    assert list(taker.take()) == [] and (taker.refused, taker.reason) == (1, "gone")
+
+
+def test_names_and_qualities_are_those_of_ros(links: Any) -> None:
+    from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
+    from cyclonedds.qos import Policy
+
+    kept = links[0].publisher("/robot/plan", "nav_msgs/msg/Path", kept=True)
+    reader = BuiltinDataReader(links[1]._participant, BuiltinTopicDcpsPublication)
+    found: list[Any] = []
+    until(
+        lambda: (
+            found.extend(
+                one
+                for one in reader.take(100)
+                if getattr(one, "topic_name", "") == "rt/robot/plan"
+            )
+            or found
+        )
+    )
+    (one,) = found[:1]
+    assert one.type_name == "nav_msgs::msg::dds_::Path_"
+    hashed = messages().type_hash("nav_msgs/msg/Path")
+    assert one.qos[Policy.Userdata].data == f"typehash={hashed};".encode()
+    assert one.qos[Policy.Durability.TransientLocal] and kept.failed == 0
+    assert Policy.DataRepresentation(use_cdrv0_representation=True) in one.qos
+
+
+def test_bad_domains_and_interfaces_are_named() -> None:
+    with pytest.raises(WideberthError, match="domain is 300; wanted 0 to 232"):
+        Link(messages(), 300)
+    with pytest.raises(WideberthError, match="interface 'no_such_card'"):
+        Link(messages(), 11, "no_such_card")
+    with pytest.raises(WideberthError, match="wanted one with its slash"):
+        Link(messages(), domain()).publisher("odom", ODOMETRY)
+
+
+def start_node(folder: Path, number: int, seconds: float) -> "subprocess.Popen[str]":
+    config = folder / "node.yaml"
+    config.write_text(CONFIG % number)
+    script = "from wideberth.experiments.cli.app import main; main()"
+    return subprocess.Popen(
+        [sys.executable, "-c", script, "node", str(config), "--seconds", str(seconds)],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    )  # fmt: skip
+
+
+def start_robot(out: Path, number: int, seconds: float) -> "subprocess.Popen[str]":
+    return subprocess.Popen(
+        [sys.executable, ros_robot.__file__, str(number), str(seconds), str(out)],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    )  # fmt: skip
+
+
+def heard(out: Path) -> np.ndarray:
+    """Return what the robot heard: s, m/s, rad/s, and its own speeds, a row per command."""
+    return np.array(json.loads(out.read_text())["heard"]).reshape(-1, 5)
+
+
+def check_commands(rows: np.ndarray) -> None:
+    """Check that no command passes a limit, nor what the robot can follow."""
+    assert (np.abs(rows[:, 1]) <= SPEED + 1e-9).all()
+    assert (np.abs(rows[:, 2]) <= RATE + 1e-9).all()
+    step = np.abs(rows[:, 1:3] - rows[:, 3:])
+    # At most two commands are lost in between; each follows within a period of 0.05 s.
+    assert (step <= 3 * 0.05 * np.array([ACCELERATION, TURN]) + 1e-6).all()
+
+
+def counted(said: str) -> tuple[int, int, int]:
+    found = re.search(r"(\d+) commands, (\d+) periods missed, (\d+) plans", said)
+    assert found, said
+    return int(found[1]), int(found[2]), int(found[3])
+
+
+def test_a_robot_of_another_process_is_driven(tmp_path: Path) -> None:
+    out = tmp_path / "heard.json"
+    robot = start_robot(out, domain(), 300.0)
+    node = start_node(tmp_path, domain(), 8.0)
+    said, _ = node.communicate(timeout=120)
+    time.sleep(1.0)
+    assert robot.poll() is None
+    robot.terminate()
+    robot.communicate(timeout=60)
+    sent, _, plans = counted(said)
+    rows = heard(out)
+    assert plans > 5 and len(rows) > 0.5 * sent > 20
+    check_commands(rows)
+    assert rows[:, 1].max() > 0.2
+    found = json.loads(out.read_text())
+    assert found["pose"][0] > 0.2
+
+
+@pytest.mark.slow
+def test_a_minute_in_which_either_side_is_killed(tmp_path: Path) -> None:
+    """Kill the node and start it again, then the robot."""
+    first, second = tmp_path / "first.json", tmp_path / "second.json"
+    number = domain()
+    robot = start_robot(first, number, 45.0)
+    node = start_node(tmp_path, number, 60.0)
+    time.sleep(20.0)
+    node.send_signal(signal.SIGKILL)
+    node.communicate()
+    time.sleep(3.0)
+    node = start_node(tmp_path, number, 45.0)
+    time.sleep(15.0)
+    robot.send_signal(signal.SIGKILL)
+    robot.communicate()
+    time.sleep(3.0)
+    robot = start_robot(second, number, 18.0)
+    said, _ = node.communicate(timeout=90)
+    robot.communicate(timeout=60)
+    sent, missed, _ = counted(said)
+    assert missed < 0.01 * sent, said
+    for out in (first, second):
+        rows = heard(out)
+        check_commands(rows)
+        assert rows[-100:, 1].max() > 0.2 and len(rows) > 100
+
+
+def test_the_shipped_example_is_read() -> None:
+    planner, settings = read_node(Path(__file__).parents[2] / "examples" / "node.yaml", [])
+    assert (settings, planner.period) == (NodeSettings(), 0.2)
+
+
+def test_configs_of_a_node_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "node.yaml"
+    path.write_text(CONFIG % 3)
+    planner, settings = read_node(path, ["node.rate=10", "node.interface=default"])
+    assert (settings.domain, settings.rate, settings.interface) == (3, 10, "default")
+    assert planner.period == 0.2
+    for text, cause in (
+        ("node: {}", "has no planner"),
+        (CONFIG % 3 + "nodes: {}", "did you mean 'node'"),
+        (CONFIG.replace("domain: %d", "domian: 3"), "did you mean 'domain'"),
+        (CONFIG.replace("domain: %d", "domain: three"), "node.domain is 'three'; wanted a int"),
+        (CONFIG.replace("domain: %d", "domain: true"), "node.domain is True; wanted a int"),
+        (CONFIG.replace("{domain: %d}", "3"), "wanted its settings by name"),
+    ):
+        path.write_text(text)
+        with pytest.raises(WideberthError, match=cause):
+            read_node(path, [])

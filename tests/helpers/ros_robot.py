@@ -1,0 +1,177 @@
+"""A robot on DDS that shares no code with the node: Cyclone DDS' own types, plain numbers.
+
+It follows `/cmd_vel`, brakes when commands stop for 0.5 s, and sends odometry, people and a path.
+Run as a program it writes what it heard to a file: ``ros_robot.py DOMAIN SECONDS OUT``.
+"""
+
+import json
+import math
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+LO = (
+    '<CycloneDDS><Domain id="any"><General><Interfaces><NetworkInterface name="lo" '
+    'multicast="false"/></Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery>'
+    '<Peers><Peer address="127.0.0.1"/></Peers><ParticipantIndex>auto</ParticipantIndex>'
+    "<MaxAutoParticipantIndex>30</MaxAutoParticipantIndex></Discovery></Domain></CycloneDDS>"
+)
+PATIENCE = 0.5
+"""s without commands, after which it brakes."""
+PEOPLE = 20
+
+
+def types() -> dict[str, type]:
+    """Return types of ROS 2, written by hand."""
+    from cyclonedds.idl import IdlStruct
+    from cyclonedds.idl import types as t
+
+    def made(name: str, **fields: object) -> type:
+        package, _, own = name.rpartition("/")
+        space = {"__annotations__": fields, "__module__": __name__}
+        kind = type(IdlStruct)(own, (IdlStruct,), space, typename=f"{package}.msg.dds_.{own}_")
+        return dataclass(kind)
+
+    f8 = t.float64
+    stamp = made("builtin_interfaces/Time", sec=t.int32, nanosec=t.uint32)
+    header = made("std_msgs/Header", stamp=stamp, frame_id=str)
+    point = made("geometry_msgs/Point", x=f8, y=f8, z=f8)
+    vector = made("geometry_msgs/Vector3", x=f8, y=f8, z=f8)
+    turn = made("geometry_msgs/Quaternion", x=f8, y=f8, z=f8, w=f8)
+    pose = made("geometry_msgs/Pose", position=point, orientation=turn)
+    twist = made("geometry_msgs/Twist", linear=vector, angular=vector)
+    wide = t.array[f8, 36]
+    poses = made("geometry_msgs/PoseWithCovariance", pose=pose, covariance=wide)
+    twists = made("geometry_msgs/TwistWithCovariance", twist=twist, covariance=wide)
+    stamped = made("geometry_msgs/PoseStamped", header=header, pose=pose)
+    uuid = made("unique_identifier_msgs/UUID", uuid=t.array[t.uint8, 16])
+    nine = t.array[f8, 9]
+    seen = made(
+        "nav2_dynamic_msgs/Obstacle", uuid=uuid, score=t.float32, position=point, velocity=vector,
+        size=vector, position_covariance=nine, velocity_covariance=nine,
+    )  # fmt: skip
+    return {
+        "Time": stamp, "Header": header, "Point": point, "Vector3": vector, "Quaternion": turn,
+        "Pose": pose, "Twist": twist, "PoseWithCovariance": poses, "TwistWithCovariance": twists,
+        "PoseStamped": stamped, "UUID": uuid, "Obstacle": seen,
+        "Odometry": made("nav_msgs/Odometry", header=header, child_frame_id=str, pose=poses,
+                         twist=twists),
+        "Path": made("nav_msgs/Path", header=header, poses=t.sequence[stamped]),
+        "ObstacleArray": made("nav2_dynamic_msgs/ObstacleArray", header=header,
+                              obstacles=t.sequence[seen]),
+        "TwistStamped": made("geometry_msgs/TwistStamped", header=header, twist=twist),
+    }  # fmt: skip
+
+
+class Robot:
+    """A unicycle of at most 0.7 m/s, among people who walk beside its way."""
+
+    def __init__(self, domain: int, people: int = PEOPLE) -> None:
+        from cyclonedds.domain import Domain, DomainParticipant
+        from cyclonedds.pub import DataWriter
+        from cyclonedds.qos import Policy, Qos
+        from cyclonedds.sub import DataReader
+        from cyclonedds.topic import Topic
+        from cyclonedds.util import duration
+
+        self.kind = types()
+        self._domain = Domain(domain, LO)
+        self._node = DomainParticipant(domain)
+        quality = Qos(
+            Policy.Reliability.Reliable(duration(milliseconds=100)), Policy.History.KeepLast(10),
+            Policy.DataRepresentation(use_cdrv0_representation=True),
+        )  # fmt: skip
+
+        def topic(name: str, kind: str) -> Topic:
+            return Topic(self._node, f"rt/{name}", self.kind[kind])
+
+        self._odometry = DataWriter(self._node, topic("odom", "Odometry"), quality)
+        self._people = DataWriter(self._node, topic("obstacles", "ObstacleArray"), quality)
+        self._path = DataWriter(self._node, topic("plan", "Path"), quality)
+        self._orders = DataReader(self._node, topic("cmd_vel", "TwistStamped"), quality)
+        self.pose, self.speed, self.rate = [0.0, 0.0, 0.0], 0.0, 0.0
+        self.heard: list[tuple[float, float, float, float, float]] = []
+        """(s, m/s, rad/s) of each command, and the speeds that the robot had before."""
+        self.count = people
+
+    def step(self, now: float, dt: float) -> None:
+        """Listen, drive for dt, and say where it is."""
+        from cyclonedds.internal import InvalidSample
+
+        for one in self._orders.take(20):
+            if not isinstance(one, InvalidSample):
+                told = one.twist.linear.x, one.twist.angular.z
+                self.heard.append((now, *told, self.speed, self.rate))
+                self.speed, self.rate = told
+        if not self.heard or now - self.heard[-1][0] > PATIENCE:
+            self.speed, self.rate = max(self.speed - 1.0 * dt, 0.0), 0.0
+        x, y, yaw = self.pose
+        middle = yaw + 0.5 * dt * self.rate
+        way = dt * self.speed
+        self.pose = [
+            x + way * math.cos(middle), y + way * math.sin(middle), yaw + dt * self.rate
+        ]  # fmt: skip
+        self._odometry.write(self._said())
+
+    def _header(self) -> object:
+        now = time.time_ns()
+        return self.kind["Header"](self.kind["Time"](now // 10**9, now % 10**9), "odom")
+
+    def _at(self, x: float, y: float, yaw: float) -> object:
+        turn = self.kind["Quaternion"](0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
+        return self.kind["Pose"](self.kind["Point"](x, y, 0.0), turn)
+
+    def _said(self) -> object:
+        k, none = self.kind, [0.0] * 36
+        twist = k["Twist"](k["Vector3"](self.speed, 0.0, 0.0), k["Vector3"](0.0, 0.0, self.rate))
+        return k["Odometry"](
+            self._header(), "base_link", k["PoseWithCovariance"](self._at(*self.pose), none),
+            k["TwistWithCovariance"](twist, none),
+        )  # fmt: skip
+
+    def say_people(self, now: float) -> None:
+        """Say where everybody is."""
+        k = self.kind
+        found = []
+        for i in range(self.count):
+            side = 1.0 if i % 2 else -1.0
+            uuid = k["UUID"]([i + 1] * 16)
+            place = k["Point"](3.0 + 1.5 * i - 0.3 * now, side * (4.0 + 0.1 * i), 0.0)
+            size, none = k["Vector3"](0.6, 0.6, 1.7), [0.0] * 9
+            speed = k["Vector3"](-0.3, 0.0, 0.0)
+            found.append(k["Obstacle"](uuid, 1.0, place, speed, size, none, none))
+        self._people.write(k["ObstacleArray"](self._header(), found))
+
+    def say_path(self, length: float = 100.0) -> None:
+        """Ask for a straight way."""
+        header = self._header()
+        poses = [
+            self.kind["PoseStamped"](header, self._at(0.5 * i, 0.0, 0.0))
+            for i in range(int(2 * length) + 1)
+        ]
+        self._path.write(self.kind["Path"](header, poses))
+
+
+def drive(domain: int, seconds: float, out: Path) -> None:
+    """Drive for some time, at 50 Hz; people at 10 Hz, the path once a second."""
+    robot = Robot(domain)
+    begin = time.monotonic()
+    count = 0
+    while (now := time.monotonic() - begin) < seconds:
+        robot.step(time.time(), 0.02)
+        if count % 5 == 0:
+            robot.say_people(now)
+        if count % 50 == 0:
+            robot.say_path()
+        count += 1
+        time.sleep(max(begin + 0.02 * count - time.monotonic(), 0.0))
+        if count % 25 == 0:
+            found = {"heard": robot.heard, "pose": robot.pose}
+            partial = out.with_suffix(".part")
+            partial.write_text(json.dumps(found))
+            partial.replace(out)
+
+
+if __name__ == "__main__":
+    drive(int(sys.argv[1]), float(sys.argv[2]), Path(sys.argv[3]))
