@@ -2,19 +2,19 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from wideberth.bridges.clocks import stamps
 
 TRUE = 0.1 * np.arange(100)
 
 
-@given(st.integers(3, 95), st.floats(1.1, 1e4), st.booleans(), st.integers(0, 99))
+@pytest.mark.parametrize("place", [3, 4, 20, 50, 95, 97])
+@pytest.mark.parametrize("step", [1.2, 2.0, 60.0, 1e4])
+@pytest.mark.parametrize("back", [False, True])
 def test_a_clock_that_is_set_does_not_change_the_series(
-    place: int, step: float, back: bool, seed: int
+    place: int, step: float, back: bool
 ) -> None:
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(place)
     stamped = 7.0 + TRUE + np.where(np.arange(100) >= place, -step if back else step, 0.0)
     found = stamps(stamped, TRUE + rng.uniform(0.0, 0.05, 100))
     after = found.times[place:] - found.times[place - 1]
