@@ -13,6 +13,7 @@ BUILT_IN: dict[str, str] = {
     "crowdnav": "wideberth.simulation.scenarios.crowdnav:CrowdNav",
     "crowdnav_plus": "wideberth.simulation.scenarios.crowdnav_plus:CrowdNavPlus",
     "crowdsimplus": "wideberth.simulation.scenarios.crowdsimplus:CrowdSimPlus",
+    "cylinder_field": "wideberth.simulation.scenarios.cylinder_field:CylinderField",
     "doorway": "wideberth.simulation.scenarios.doorway:Doorway",
     "dynabarn": "wideberth.simulation.scenarios.dynabarn:DynaBarn",
     "furnished": "wideberth.simulation.scenarios.furnished:Furnished",

@@ -12,6 +12,7 @@ from .crossing_field import CrossingField as CrossingField
 from .crowdnav import CrowdNav as CrowdNav
 from .crowdnav_plus import CrowdNavPlus as CrowdNavPlus
 from .crowdsimplus import CrowdSimPlus as CrowdSimPlus
+from .cylinder_field import CylinderField as CylinderField
 from .doorway import Doorway as Doorway
 from .dynabarn import DynaBarn as DynaBarn
 from .furnished import Furnished as Furnished
@@ -22,5 +23,5 @@ from .pedestrian_corridor import PedestrianCorridor as PedestrianCorridor
 from .random_crowd import RandomCrowd as RandomCrowd
 from .recorded_scene import RecordedScene as RecordedScene
 from .sudden_change import SuddenChange as SuddenChange
-__all__ = ['AntipodalSwap', 'BlindCorner', 'ChickenGame', 'Corridor', 'Crossing', 'Crossing3D', 'CrossingField', 'CrowdNav', 'CrowdNavPlus', 'CrowdSimPlus', 'Doorway', 'DynaBarn', 'Furnished', 'Hallway', 'ModelCrowd', 'Overtaking', 'PedestrianCorridor', 'RandomCrowd', 'RecordedScene', 'SuddenChange']
+__all__ = ['AntipodalSwap', 'BlindCorner', 'ChickenGame', 'Corridor', 'Crossing', 'Crossing3D', 'CrossingField', 'CrowdNav', 'CrowdNavPlus', 'CrowdSimPlus', 'CylinderField', 'Doorway', 'DynaBarn', 'Furnished', 'Hallway', 'ModelCrowd', 'Overtaking', 'PedestrianCorridor', 'RandomCrowd', 'RecordedScene', 'SuddenChange']
 BUILT_IN: dict[str, str]

@@ -1,0 +1,373 @@
+"""Nav2's controllers in the same situations as our planner, with the same path and view."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar, Self, final
+
+import numpy as np
+
+from ...controllers.nav2.local_controllers import shipped_parameters
+from ...controllers.nav2.local_costmap import View
+from ...controllers.nav2.navigator import Nav2
+from ...controllers.steering import top_speed
+from ...framework.controller import Controller, fresh
+from ...framework.mpc.planner.planner import Planner
+from ...framework.numerics.statistics import known_mean
+from ...framework.predictor import Predictor
+from ...framework.robot import Robot
+from ...framework.values.arrays import positive
+from ...framework.values.errors import WideberthError
+from ...simulation.engine.episode import Run
+from ...simulation.engine.settings import Settings
+from ...simulation.log.episode_log import Episode
+from ...simulation.measures.episode_measures import measures
+from ...simulation.scenarios.base import Scenario
+from ..drawing.looks import draw_looks, looks_from_bytes, looks_to_bytes
+from ..drawing.plotting import paper_style, save
+from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.closed_loop import (
+    EPISODE_CAPTIONS,
+    check_settings,
+    check_shown,
+    column,
+    could_avoid,
+    first_of,
+    grid,
+    group,
+    inputs_of,
+    outcome,
+    shown_of_fewer,
+)
+from ..engine.errors import as_user_error
+from .comparison import against, condensed, draw_summary, driving, paired
+from .same_view import SameView, Watched
+
+AXES = {"scenario": "places", "limits": "limits", "view": "views", "controller": "controllers"}
+"""Column of the table -> field of the study."""
+CHANCE = 0.01
+"""p below which a difference is called one."""
+OWN_RADIUS, OWN_INFLATION = 0.22, 0.70
+"""m: of the robot for which Nav2 ships its settings, and the inflation there."""
+LOOK_PERIOD = 0.5
+"""s between two looks that are kept of a shown episode."""
+MEANS = {
+    "clearance_mean_m": "clearance", "jerk_rms": "jerk_rms", "recoveries": "recoveries",
+    "gave_up": "gave_up",
+}  # fmt: skip
+"""Column of the summary -> column of the table whose mean it is."""
+
+
+@final
+@dataclass(frozen=True)
+class Place:
+    """A situation, the radius of the robots in it, and how long it lasts.
+
+    Parameters
+    ----------
+    scenario : draws the situation.
+    radius : m, of the robots that are examined.
+    settings : clock, noise and end of its episodes.
+    """
+
+    scenario: Scenario
+    radius: float
+    settings: Settings = field(default_factory=Settings)
+
+    def __post_init__(self) -> None:
+        room = self.scenario.robot_radius or np.inf
+        if positive("place.radius", self.radius) > room + 1e-9:
+            raise WideberthError(
+                f"place.radius is {self.radius:g} m; the scenario has room for {room:g} m: set "
+                "its robot_radius"
+            )
+
+
+@final
+@dataclass(frozen=True)
+class LimitSet:
+    """What the robot can do, and whether the rivals are told.
+
+    Parameters
+    ----------
+    robot : model of the plant; a place sets its radius.
+    bounded : the rivals' velocities and accelerations are those of the robot. If not, each keeps
+        those that Nav2 ships, and the robot does what it can of them.
+    """
+
+    robot: Robot
+    bounded: bool = True
+
+
+@final
+@dataclass(frozen=True)
+class Nav2Rivals(Experiment):
+    """Every controller at every place, under all limits and views, on the same seeds.
+
+    All robots of an episode have the same controller. Each is given the same path and learns of
+    the same bodies, see `SameView`; what stands still is a known map. Those of Nav2 stand in
+    Nav2's loop, with what Nav2 ships for its own robot where a config says nothing else. The
+    lengths of a view are for that robot, of 0.22 m, and grow with the radius: window, ranges and
+    the inflation beyond the robot's outline stay, and the window and the ranges are
+    ``radius / 0.22 m`` times as large (an exact view stays as it is).
+
+    A planner drives at the robot's top speed, as rivals do. The paired tests are McNemar's of
+    success and Wilcoxon's signed-rank test of the times of those seeds at which both arrived;
+    ``finding`` names what holds at p < 0.01.
+
+    Parameters
+    ----------
+    places, limits, views, controllers : by name.
+    tracker : forecasts that the velocities come from which TEB is told; others take positions.
+    baseline : controller that the others are compared with.
+    seeds : number of episodes of each combination, seeds 0 to seeds - 1.
+    tail : 1 - content that forecasts are measured against.
+    show : seeds whose episodes are kept and drawn.
+    """
+
+    claim: ClassVar[str] = (
+        "With the same path, the same view and the same robot: does a planner that forecasts "
+        "arrive where Nav2's controllers do not, or sooner, and where not?"
+    )
+    reference: ClassVar[str] = "macenski2020marathon,mcnemar1947note,wilcoxon1945individual"
+    growing: ClassVar[tuple[str, ...]] = ("seeds",)
+    captions: ClassVar[Mapping[str, str]] = {
+        "outcomes": (
+            "Share of the episodes in which each controller arrived, waited too long, stood "
+            "still or touched something."
+        ),
+        "looks_*": (
+            "What a controller of Nav2 saw and compared: its local costmap, the trajectories "
+            "that it sampled, the one that it expects to drive, and the true discs."
+        ),
+        "clearance_against_time": (
+            "Least clearance against time to the goals: upper left is better, and hollow "
+            "markers had failures."
+        ),
+        "paired_times": (
+            "Time beyond the baseline's at the seeds at which both arrived: right of 0 is slower."
+        ),
+        **EPISODE_CAPTIONS,
+    }
+    headline: ClassVar[tuple[str, ...]] = ("success", "collision", "time_mean_s")
+
+    places: dict[str, Place]
+    limits: dict[str, LimitSet]
+    views: dict[str, View]
+    controllers: dict[str, Controller]
+    tracker: Predictor
+    baseline: str
+    seeds: int = 100
+    tail: float = 0.05
+    show: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_settings(
+            self.seeds, self.tail, **{name: getattr(self, name) for name in AXES.values()}
+        )
+        if self.baseline not in self.controllers:
+            raise WideberthError(
+                f"baseline is {self.baseline!r}; the controllers are {sorted(self.controllers)}"
+            )
+        check_shown(self.show, 0, self.seeds)
+
+    def tasks(self) -> list[Task]:
+        """One per place, limits, view, controller and seed."""
+        axes = {column: getattr(self, name) for column, name in AXES.items()}
+        return grid(axes, range(self.seeds))
+
+    def inputs(self) -> list[Path]:
+        """Return the files that the scenarios read."""
+        return inputs_of(one.scenario for one in self.places.values())
+
+    def check(self) -> None:
+        """Begin an episode of every controller at every place, under the first limits and view."""
+        firsts = {column: next(iter(getattr(self, name))) for column, name in AXES.items()}
+        for place in self.places:
+            for controller in self.controllers:
+                settings = {**firsts, "scenario": place, "controller": controller}
+                with as_user_error(f"{controller} at {place}, seed 0: no episode can begin: "):
+                    self._begun(Task("", 0, settings), looks=False)
+
+    def measure(self, task: Task) -> Outcome:
+        """Play one episode."""
+        place = self.places[task.settings["scenario"]]
+        keep = task.seed in self.show
+        run, watched = self._begun(task, keep)
+        run.advance()
+        episode = run.episode()
+        made = outcome(episode, task, self.tail, keep=False)
+        row = made.rows[0]
+        row.update(measures(episode, self.tail, place.settings.time_limit))
+        row.update(_tried(watched))
+        robot = run.drivers[0].agent.robot
+        row.update(could_avoid(episode, place.scenario, robot, watched[0], place.settings))
+        labels = {name: row[name] for name in (*AXES, "seed")}
+        made.times[:] = [
+            {**labels, **_processor_time(one, log.name, episode.duration)}
+            for one, log in zip(watched, episode.robots, strict=True)
+        ]
+        if keep:
+            made.files[f"{_file(task)}.npz"] = episode.to_bytes()
+            if watched[0].looks:
+                made.files[f"looks-{_file(task)}.npz"] = looks_to_bytes(watched[0].looks)
+        return made
+
+    def summary(self, rows: list[Row]) -> list[Row]:
+        """One line per place, limits, view and controller, paired with the baseline."""
+        places = [name for name in AXES if name != "controller"]
+        lines = []
+        for labels, some in group(rows, *places).items():
+            head = dict(zip(places, labels, strict=True))
+            played = {str(name): own for (name,), own in group(some, "controller").items()}
+            for name, own in played.items():
+                line = {**head, "controller": name, **condensed(own)}
+                line |= {to: known_mean(column(own, source)) for to, source in MEANS.items()}
+                if self.baseline in played:
+                    line |= compared(own, played[self.baseline])
+                lines.append(line)
+        return lines
+
+    def figures(self, result: Result, folder: Path) -> list[Path]:
+        """Draw outcomes and times per place, and what Nav2's controllers saw."""
+        rows = [_as_compared(row) for row in result.rows]
+        lines = [_as_compared(line) for line in self.summary(result.rows)]
+        files = draw_summary(lines, rows, self.baseline, folder)
+        for task in self.tasks():
+            name = f"looks-{_file(task)}.npz"
+            if task.seed not in self.show or name not in result.names():
+                continue
+            episode = Episode.from_bytes(result.read(f"{_file(task)}.npz"))
+            looks = looks_from_bytes(result.read(name))
+            with paper_style():
+                called = f"looks_{_file(task)}".replace(" ", "_")
+                files += save(draw_looks(episode, looks), folder, called)
+        return files
+
+    def quick(self) -> Self:
+        """One seed at the first place, under the first limits and view, of three controllers."""
+        return replace(
+            self,
+            places=first_of(self.places),
+            limits=first_of(self.limits),
+            views=first_of(self.views),
+            controllers=first_of(self.controllers, 3),
+            seeds=1,
+            show=shown_of_fewer(self.show, 0, 1),
+        )
+
+    def _begun(self, task: Task, looks: bool) -> tuple[Run, list[Watched]]:
+        """Return an episode at its start, and the controllers of its robots."""
+        place, limits, view, controller = (
+            getattr(self, name)[task.settings[column]] for column, name in AXES.items()
+        )
+        robot = with_radius(limits.robot, place.radius)
+        seen = sized(view, place.radius)
+        driven = adapted(controller, robot, limits.bounded, seen)
+        cast = place.scenario.cast(task.seed)
+        every = LOOK_PERIOD if looks else 0.0
+        watched = [Watched(fresh(driven), every) for _ in cast.placements]
+        robots = [
+            one.agent(robot, own, truth=False)
+            for one, own in zip(cast.placements, watched, strict=True)
+        ]
+        tracker = self.tracker if _is_told_of_moving(driven) else None
+        world = SameView(place.settings, seen, tracker)
+        agents = [*robots, *cast.people]
+        run = Run(agents, place.settings, task.seed, cast.bystanders, (), cast.polygons, world)
+        return run, watched
+
+
+def with_radius(robot: Robot, radius: float) -> Robot:
+    """Return the same robot with another radius, m.
+
+    Raises
+    ------
+    WideberthError : a robot whose size is no field of its own.
+    """
+    made: Any = robot
+    entries: Any = fields(made) if is_dataclass(robot) else ()
+    if not any(entry.name == "radius" and entry.init for entry in entries):
+        raise WideberthError(f"{type(robot).__name__} has no radius to set; take unicycle")
+    changed: Robot = replace(made, radius=radius)
+    return changed
+
+
+def sized(view: View, radius: float) -> View:
+    """Return a view for a robot of this radius, m, from that of Nav2's own robot."""
+    inflation = view.inflation_radius + radius - OWN_RADIUS
+    scale = 1.0 if view.exact else radius / OWN_RADIUS
+    names = ("width", "height", "obstacle_max_range", "raytrace_max_range", "laser_range")
+    lengths = {name: scale * getattr(view, name) for name in names}
+    return replace(view, **lengths, inflation_radius=inflation)
+
+
+def adapted(controller: Controller, robot: Robot, bounded: bool, view: View) -> Controller:
+    """Return a controller for a robot; Nav2 with a view and what it ships, ours at top speed."""
+    driven = driving(controller, robot)
+    if isinstance(driven, Nav2):
+        settings = driven.settings
+        parameters = {**shipped_parameters(settings.local), **settings.parameters}
+        settings = replace(settings, parameters=parameters, view=view)
+        return replace(driven, settings=settings, robot_limits=bounded)
+    if isinstance(driven, Planner):
+        fastest = top_speed(robot, np.zeros(len(robot.states)))
+        return replace(driven, reference_speed=fastest)
+    return driven
+
+
+def _is_told_of_moving(controller: Controller) -> bool:
+    """Tell whether a controller takes the velocities of others from a tracker."""
+    return isinstance(controller, Nav2) and controller.settings.local == "teb"
+
+
+def _tried(watched: Sequence[Watched]) -> Row:
+    """Count recoveries, and who gave up, over the robots of an episode."""
+    ones = [one.controller for one in watched if isinstance(one.controller, Nav2)]
+    if not ones:
+        return {"recoveries": None, "gave_up": None}
+    failed = [one.navigation == "failed" for one in ones]
+    return {"recoveries": sum(one.recoveries for one in ones), "gave_up": any(failed)}
+
+
+def _processor_time(one: Watched, agent: str, duration: float) -> Row:
+    """Median and 99th percentile of a tick, and the share of the episode's time, s."""
+    seconds = np.array(one.seconds or [np.nan])
+    return {
+        "agent": agent,
+        "ticks": len(one.seconds),
+        "tick_median": float(np.median(seconds)),
+        "tick_p99": float(np.percentile(seconds, 99.0)),
+        "per_second": float(seconds.sum() / duration),
+    }
+
+
+def compared(rows: Sequence[Row], others: Sequence[Row]) -> Row:
+    """Compare a controller with the baseline, seed by seed, and say what is beyond chance."""
+    from scipy.stats import wilcoxon
+
+    line = against(rows, others)
+    gap = paired(rows, others, "success_time") - paired(others, rows, "success_time")
+    gap = gap[np.isfinite(gap) & (gap != 0.0)]
+    line["time_p_value"] = float(wilcoxon(gap).pvalue) if len(gap) else 1.0
+    return line | {"finding": finding(line)}
+
+
+def finding(line: Row) -> str:
+    """Say how a controller stands to the baseline: success first, then time, at `CHANCE`."""
+    if line["p_value"] < CHANCE:
+        fewer = line["only_baseline"] > line["only_this"]
+        return "arrives less often" if fewer else "arrives more often"
+    if line["time_p_value"] < CHANCE:
+        return "slower" if line["time_difference_s"] > 0.0 else "faster"
+    return "not told apart"
+
+
+def _as_compared(row: Row) -> Row:
+    """Name limits and view as the figures of a comparison do."""
+    return {**row, "robot": row["limits"], "settings": row["view"]}
+
+
+def _file(task: Task) -> str:
+    """Name of what is kept of an episode."""
+    return "-".join([*(str(task.settings[name]) for name in AXES), str(task.seed)])
