@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from math import hypot
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...framework.values.arrays import Array, positive, whole
+from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
 from ...framework.values.motion import Twist
 from .critic_parameters import checked_names, split_critics
@@ -24,9 +25,13 @@ from .dwb_critics import (
 )
 from .dwb_trajectories import Sampling, Trajectories
 from .local_controller import Answer, LocalController, Tick
+from .parameters import check_parameters, check_work
 
 GENERATORS = ("dwb_plugins::StandardTrajectoryGenerator", "dwb_plugins::LimitedAccelGenerator")
 """Generators of trajectories: one that accelerates along them, one for what a period allows."""
+
+_MOST = 2e7
+"""Poses that a tick may roll out; Nav2's own robot had 2e5."""
 
 
 @final
@@ -88,8 +93,8 @@ class DWB(LocalController):
 
     Raises
     ------
-    WideberthError : a number of samples, a time or a granularity out of range, no critics, an
-        unknown generator.
+    WideberthError : a number of samples, a time or a granularity out of range, more poses in a
+        tick than are of any use, no critics, an unknown generator.
 
     References
     ----------
@@ -137,11 +142,13 @@ class DWB(LocalController):
     _share: float = field(default=1.0, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        for name in ("vx_samples", "vy_samples", "vtheta_samples"):
-            whole(f"dwb.{name}", getattr(self, name))
-        for name in ("sim_time", "linear_granularity", "angular_granularity", "time_granularity"):
-            positive(f"dwb.{name}", getattr(self, name))
-        positive("dwb.controller_frequency", self.controller_frequency)
+        above = (
+            "vx_samples", "vy_samples", "vtheta_samples", "sim_time", "linear_granularity",
+            "angular_granularity", "time_granularity", "controller_frequency",
+        )  # fmt: skip
+        check_parameters(self, "dwb", above)
+        names = "the numbers of samples, sim_time and the granularities"
+        check_work("dwb", names, self._points(), _MOST)
         if self.trajectory_generator_name not in GENERATORS:
             raise WideberthError(
                 f"dwb.trajectory_generator_name is {self.trajectory_generator_name!r}; wanted "
@@ -149,6 +156,18 @@ class DWB(LocalController):
             )
         if not self.critics:
             raise WideberthError("dwb.critics is empty; wanted at least one critic")
+
+    def _points(self) -> float:
+        """Return how many poses a tick rolls out at most."""
+        samples = 1.0
+        for count in (self.vx_samples, self.vy_samples, self.vtheta_samples):
+            samples *= max(count, 2) + 1
+        if self.discretize_by_time:
+            return samples * self.sim_time / self.time_granularity
+        fastest = max(abs(self.min_vel_x), abs(self.max_vel_x))
+        fastest = hypot(fastest, max(abs(self.min_vel_y), abs(self.max_vel_y)))
+        steps = fastest / self.linear_granularity, self.max_vel_theta / self.angular_granularity
+        return samples * max(1.0, self.sim_time * max(map(abs, steps)))
 
     @classmethod
     def from_parameters(cls, parameters: Mapping[str, Any]) -> "DWB":

@@ -14,6 +14,7 @@ from ...framework.values.costmap import INSCRIBED, LETHAL, NO_INFORMATION, Costm
 from .dwb_trajectories import Trajectories, cells_of
 from .local_controller import Tick
 from .outlines import outline_costs
+from .parameters import check_parameters
 from .poses import length, shortest_angle
 
 Aggregation = Literal["last", "sum", "product"]
@@ -28,9 +29,16 @@ class Critic(ABC):
     Attributes
     ----------
     scale : weight; a critic of effective weight 0 is not asked.
+
+    Raises
+    ------
+    WideberthError : no number where one is wanted, or a choice that is not known.
     """
 
     scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        check_parameters(self, type(self).__name__)
 
     def reset(self) -> None:
         """Forget what was chosen before; called with every new path."""

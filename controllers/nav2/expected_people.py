@@ -3,12 +3,12 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, final
+from typing import Any, ClassVar, final
 
 import numpy as np
 
 from ...framework.jit.late import late
-from ...framework.values.arrays import Array, positive, whole
+from ...framework.values.arrays import Array
 from ...framework.values.forecast import LIGHT
 from .mppi_critics import Critic
 from .mppi_rollouts import Rollouts, Single, Situation
@@ -61,11 +61,8 @@ class ExpectedPeopleCritic(Critic):
     margin: float = 0.0
     trajectory_point_step: int = 2
 
-    def __post_init__(self) -> None:
-        positive("ExpectedPeopleCritic.cost_weight", self.cost_weight, zero=True)
-        positive("ExpectedPeopleCritic.least_deviation", self.least_deviation)
-        positive("ExpectedPeopleCritic.margin", self.margin, zero=True)
-        whole("ExpectedPeopleCritic.trajectory_point_step", self.trajectory_point_step)
+    above: ClassVar[tuple[str, ...]] = ("least_deviation", "trajectory_point_step")
+    from_zero: ClassVar[tuple[str, ...]] = ("cost_weight", "margin")
 
     def weighted(self, rollouts: Rollouts, situation: Situation) -> Single | None:
         """See the class."""

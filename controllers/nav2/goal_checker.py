@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from math import pi
 from typing import final
 
-from ...framework.values.arrays import Array, positive
+from ...framework.values.arrays import Array
+from .parameters import check_parameters
 from .poses import length, shortest_angle
 
 
@@ -41,11 +42,11 @@ class GoalChecker:
     symmetric_yaw_tolerance: bool = False
 
     def __post_init__(self) -> None:
-        for name in (
+        from_zero = (
             "xy_goal_tolerance", "yaw_goal_tolerance", "path_length_tolerance",
             "xy_goal_tolerance_buffer",
-        ):  # fmt: skip
-            positive(f"goal_checker.{name}", getattr(self, name), zero=True)
+        )  # fmt: skip
+        check_parameters(self, "goal_checker", from_zero=from_zero)
         self._latched = False
 
     def reset(self) -> None:

@@ -9,12 +9,12 @@ from typing import Any, NamedTuple, final
 import numpy as np
 
 from ...framework.jit.late import late
-from ...framework.values.arrays import Array, positive
-from ...framework.values.errors import WideberthError
+from ...framework.values.arrays import Array
 from ...framework.values.motion import Twist
 from . import _graceful_rollout as rollout
 from .footprint import line_cost, outline_cost
 from .local_controller import Answer, LocalController, Tick
+from .parameters import check_parameters, check_work
 from .poses import in_base_frame, length, lengths, look_ahead, normalized, shortest_angle
 from .smooth_control_law import (
     LawParameters,
@@ -24,6 +24,9 @@ from .smooth_control_law import (
     regular_velocity,
     wound,
 )
+
+_WAYS = 5000
+"""Ways to one target that a tick may try: speeds times headings."""
 
 
 class Way(NamedTuple):
@@ -64,7 +67,8 @@ class Graceful(LocalController):
     initial_rotation_tolerance : rad, within which it does not.
     prefer_final_rotation : near the goal, drive straight to it and turn there.
     rotation_scaling_factor : of the yaw rate of a turn on the spot.
-    allow_backward : drive backwards to a target behind; not together with `initial_rotation`.
+    allow_backward : drive backwards to a target behind; `initial_rotation` forces it to false, as
+        in the original.
     in_place_collision_resolution : rad, between poses of a turn that are tested.
     use_collision_detection : test the way.
     footprint_scaling_linear_vel : m/s, above which the outline grows.
@@ -75,7 +79,8 @@ class Graceful(LocalController):
 
     Raises
     ------
-    WideberthError : `allow_backward` with `initial_rotation`, or a number that must be above zero.
+    WideberthError : a number that must be above zero and is not, no number where one is wanted, or
+        steps so small that a tick would try more than 5000 ways to a target.
 
     References
     ----------
@@ -109,17 +114,20 @@ class Graceful(LocalController):
     final_rotation_search_step: float = 0.1
 
     def __post_init__(self) -> None:
-        for name in (
+        above = (
             "max_lookahead", "v_linear_max", "v_angular_max", "slowdown_radius",
             "deceleration_max", "in_place_collision_resolution", "footprint_scaling_step",
             "final_rotation_search_step",
-        ):  # fmt: skip
-            positive(f"graceful.{name}", getattr(self, name))
-        if self.allow_backward and self.initial_rotation:
-            raise WideberthError(
-                "graceful.allow_backward and graceful.initial_rotation exclude each other; set "
-                "one of them to false"
-            )
+        )  # fmt: skip
+        check_parameters(self, "graceful", above)
+        self.allow_backward = self.allow_backward and not self.initial_rotation
+        span = max(self.v_linear_max - self.footprint_scaling_linear_vel, 0.0)
+        speeds = 1.0 + span / self.footprint_scaling_step
+        turns = 2.0 * pi / self.final_rotation_search_step
+        names = "footprint_scaling_step and final_rotation_search_step"
+        check_work("graceful", names, speeds * turns, _WAYS)
+        fine = pi / self.in_place_collision_resolution
+        check_work("graceful", "in_place_collision_resolution alone", fine, _WAYS)
         self._limits = (self.v_linear_max, self.v_angular_max)
         self.new_path(np.zeros((0, 3)))
 
@@ -142,12 +150,16 @@ class Graceful(LocalController):
         self._approach: float | None = None
 
     def limit_speed(self, value: float, percentage: bool) -> None:
-        """Limit the speed, see `LocalController.limit_speed`; percent also limit the yaw rate."""
+        """Limit the speed, see `LocalController.limit_speed`, and the yaw rate by the same share.
+
+        No recorded case has a limit; the share for a limit in m/s is that of Nav2's source as it
+        can be read at other commits.
+        """
         linear, angular = self.v_linear_max, self.v_angular_max
         if value and percentage:
             linear, angular = linear * value / 100.0, angular * value / 100.0
         elif value:
-            linear = value
+            linear, angular = value, angular * value / linear
         self._limits = (max(linear, self.v_linear_min) if value else linear, angular)
 
     def velocity(self, tick: Tick) -> Answer:

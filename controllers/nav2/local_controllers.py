@@ -8,6 +8,7 @@ from typing import Any, final
 from ...framework.values.arrays import positive
 from ...framework.values.errors import WideberthError, nearest
 from .local_controller import LocalController
+from .parameters import effective
 
 LOCAL: dict[str, str] = {
     "dwb": "wideberth.controllers.nav2.dwb:DWB",
@@ -148,13 +149,13 @@ def built(local: str, parameters: Mapping[str, Any]) -> LocalController:
     local : a key of `LOCAL`, or "module:Class".
     parameters : name -> value; of a critic ``Critic.name``; of a rotation shim, besides,
         ``primary_controller`` (its name) and the parameters of that one, which come without a
-        prefix, as in Nav2.
+        prefix, as in Nav2. Those without effect here are passed over, see `parameters.effective`.
 
     Raises
     ------
     WideberthError : an unknown controller, or a name that it does not know.
     """
-    found = _imported(local)
+    found, parameters = _imported(local), effective(parameters)
     if local == "rotation_shim":
         return _shim(found, parameters)
     if local in _FROM_PARAMETERS:

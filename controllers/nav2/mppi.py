@@ -6,7 +6,7 @@ from typing import Any, Literal, final
 
 import numpy as np
 
-from ...framework.values.arrays import Array, positive, whole
+from ...framework.values.arrays import Array, whole
 from ...framework.values.costmap import INSCRIBED, LETHAL
 from ...framework.values.errors import WideberthError
 from ...framework.values.motion import Twist
@@ -27,6 +27,7 @@ from .mppi_critics import (
     PreferForwardCritic,
 )
 from .mppi_rollouts import Limits, Rollouts, Single, Situation, delayed, driven, followed
+from .parameters import check_parameters, check_work
 
 CRITICS: dict[str, type[Critic]] = {**NAV2, "ExpectedPeopleCritic": ExpectedPeopleCritic}
 """Name in a parameter file -> class: Nav2's, and one of ours."""
@@ -50,6 +51,8 @@ MODELS = {
 """Motion models by the names that Nav2 has or had for them."""
 SMOOTHED = 20
 """Fewer controls than this and one are not smoothed."""
+_MOST = 1e8
+"""Steps of trajectories that a tick may roll out; Nav2's own robot has 4.5e5 at most."""
 SHOWN = 50
 """Sampled trajectories that an answer holds, for a picture."""
 _FILTERS = {
@@ -120,8 +123,8 @@ class MPPI(LocalController):
 
     Raises
     ------
-    WideberthError : a number out of range, a period longer than ``model_dt``, an order of the
-        filter or a motion model that is not known, no critics.
+    WideberthError : a number out of range, a period longer than ``model_dt``, a delay as long as
+        the horizon, an order of the filter or a motion model that is not known, no critics.
 
     References
     ----------
@@ -170,16 +173,21 @@ class MPPI(LocalController):
     _rng: np.random.Generator = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        for name in ("batch_size", "iteration_count"):
-            whole(f"mppi.{name}", getattr(self, name))
+        above = (
+            "batch_size", "iteration_count", "model_dt", "temperature", "vx_std", "wz_std",
+            "controller_frequency", "min_turning_r",
+        )  # fmt: skip
+        from_zero = (
+            "retry_attempt_limit", "gamma", "model_delay_vx", "model_delay_wz",
+            "collision_lookahead_time", "seed",
+        )  # fmt: skip
+        check_parameters(self, "mppi", above, from_zero)
         whole("mppi.time_steps", self.time_steps, least=2)
-        whole("mppi.retry_attempt_limit", self.retry_attempt_limit, least=0)
-        for name in (
-            "model_dt", "temperature", "vx_std", "wz_std", "controller_frequency", "min_turning_r",
-        ):  # fmt: skip
-            positive(f"mppi.{name}", getattr(self, name))
-        for name in ("gamma", "model_delay_vx", "model_delay_wz", "collision_lookahead_time"):
-            positive(f"mppi.{name}", getattr(self, name), zero=True)
+        tries = self.iteration_count * (self.retry_attempt_limit + 1)
+        names = "batch_size, time_steps, iteration_count and retry_attempt_limit"
+        check_work("mppi", names, self.batch_size * self.time_steps * tries, _MOST)
+        for name in ("model_delay_vx", "model_delay_wz"):
+            self._check_delay(name, getattr(self, name))
         period = 1.0 / self.controller_frequency
         if period > self.model_dt + 1e-9:
             raise WideberthError(
@@ -188,14 +196,19 @@ class MPPI(LocalController):
             )
         if self.sgf_order not in _FILTERS:
             raise WideberthError(f"mppi.sgf_order is {self.sgf_order!r}; wanted 1 or 2")
-        if self.motion_model not in ("diff_drive", "ackermann"):
-            raise WideberthError(
-                f"mppi.motion_model is {self.motion_model!r}; wanted 'diff_drive' or 'ackermann'"
-            )
         if not self.critics:
             raise WideberthError("mppi.critics is empty; wanted at least one critic")
         self._rng = np.random.default_rng(self.seed)
         self.reset()
+
+    def _check_delay(self, name: str, delay: float) -> None:
+        """Refuse a delay that leaves no sampled control any effect within the horizon."""
+        horizon = self.time_steps * self.model_dt
+        if delay >= horizon - 0.5 * self.model_dt:
+            raise WideberthError(
+                f"mppi.{name} is {delay:g} s, as long as the horizon of {horizon:g} s, so that no "
+                "control would have any effect within it; raise time_steps"
+            )
 
     @classmethod
     def from_parameters(cls, parameters: Mapping[str, Any]) -> "MPPI":

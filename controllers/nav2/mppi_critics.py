@@ -3,15 +3,15 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from math import atan2
-from typing import final
+from typing import ClassVar, Literal, final
 
 import numpy as np
 
 from ...framework.values.arrays import BoolArray
 from ...framework.values.costmap import INSCRIBED, LETHAL, NO_INFORMATION, Costmap
-from ...framework.values.errors import WideberthError
 from .mppi_rollouts import Rollouts, Single, Situation, wrapped
 from .outlines import outline_costs
+from .parameters import check_parameters
 
 _HALF = np.float32(0.5 * np.pi)
 
@@ -25,16 +25,29 @@ class Critic(ABC):
     Attributes
     ----------
     enabled : whether it is asked.
-    cost_power : the exponent.
+    cost_power : the exponent; 0 counts as 1.
+
+    Raises
+    ------
+    WideberthError : no number where one is wanted, or one that is out of range.
     """
 
     enabled: bool = True
     cost_power: int = 1
 
+    above: ClassVar[tuple[str, ...]] = ()
+    """Fields that have to be above 0."""
+    from_zero: ClassVar[tuple[str, ...]] = ()
+    """Fields that have to be at least 0."""
+
+    def __post_init__(self) -> None:
+        from_zero = ("cost_power", *self.from_zero)
+        check_parameters(self, type(self).__name__, self.above, from_zero)
+
     def cost(self, rollouts: Rollouts, situation: Situation) -> Single | None:
         """Return the cost of each trajectory, (B,); None where the critic does not apply."""
         found = self.weighted(rollouts, situation) if self.enabled else None
-        if found is None or self.cost_power == 1:
+        if found is None or self.cost_power <= 1:
             return found
         return np.asarray(found**self.cost_power, np.float32)
 
@@ -90,6 +103,8 @@ class CostCritic(Critic):
     near_goal_distance: float = 0.5
     trajectory_point_step: int = 2
 
+    above: ClassVar[tuple[str, ...]] = ("trajectory_point_step",)
+
     def weighted(self, rollouts: Rollouts, situation: Situation) -> Single | None:
         """See the class."""
         every = self.trajectory_point_step
@@ -134,6 +149,8 @@ class ObstaclesCritic(Critic):
     near_goal_distance: float = 0.5
     inflation_radius: float = 0.55
     cost_scaling_factor: float = 10.0
+
+    above: ClassVar[tuple[str, ...]] = ("cost_scaling_factor",)
 
     def weighted(self, rollouts: Rollouts, situation: Situation) -> Single | None:
         """See the class."""
@@ -279,6 +296,9 @@ class PathAlignCritic(Critic):
     threshold_to_consider: float = 0.5
     use_path_orientations: bool = False
 
+    above: ClassVar[tuple[str, ...]] = ("trajectory_point_step",)
+    from_zero: ClassVar[tuple[str, ...]] = ("offset_from_furthest",)
+
     def weighted(self, rollouts: Rollouts, situation: Situation) -> Single | None:
         """See the class."""
         if situation.length < self.threshold_to_consider:
@@ -331,6 +351,8 @@ class PathFollowCritic(Critic):
     offset_from_furthest: int = 6
     threshold_to_consider: float = 1.4
 
+    from_zero: ClassVar[tuple[str, ...]] = ("offset_from_furthest",)
+
     def weighted(self, rollouts: Rollouts, situation: Situation) -> Single | None:
         """See the class."""
         last = situation.path.shape[1] - 1
@@ -365,11 +387,9 @@ class PathAngleCritic(Critic):
     offset_from_furthest: int = 4
     threshold_to_consider: float = 0.5
     max_angle_to_furthest: float = 0.785398
-    mode: int = 0
+    mode: Literal[0, 1, 2] = 0
 
-    def __post_init__(self) -> None:
-        if self.mode not in (0, 1, 2):
-            raise WideberthError(f"PathAngleCritic.mode is {self.mode!r}; wanted 0, 1 or 2")
+    from_zero: ClassVar[tuple[str, ...]] = ("offset_from_furthest",)
 
     def weighted(self, rollouts: Rollouts, situation: Situation) -> Single | None:
         """See the class."""

@@ -5,8 +5,9 @@ from typing import final
 
 import numpy as np
 
-from ...framework.values.arrays import Array, positive
+from ...framework.values.arrays import Array
 from ...framework.values.costmap import Costmap
+from .parameters import check_parameters
 from .poses import distance, lengths, shortest_angle, wrapped
 
 _STILL = 1e-4
@@ -53,11 +54,11 @@ class PathHandler:
     minimum_rotation_angle: float = 0.785
 
     def __post_init__(self) -> None:
-        for name in (
+        from_zero = (
             "prune_distance", "inversion_xy_tolerance", "inversion_yaw_tolerance",
             "minimum_rotation_angle",
-        ):  # fmt: skip
-            positive(f"path_handler.{name}", getattr(self, name), zero=True)
+        )  # fmt: skip
+        check_parameters(self, "path_handler", from_zero=from_zero)
         self._whole = self._left = np.zeros((0, 3))
         self._cut = 0
 

@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 from typing import final
 
-from ...framework.values.arrays import Array, positive
+from ...framework.values.arrays import Array
+from .parameters import check_parameters
 from .poses import distance
 
 
@@ -26,8 +27,8 @@ class ProgressChecker:
     movement_time_allowance: float = 10.0
 
     def __post_init__(self) -> None:
-        for name in ("required_movement_radius", "movement_time_allowance"):
-            positive(f"progress_checker.{name}", getattr(self, name))
+        above = ("required_movement_radius", "movement_time_allowance")
+        check_parameters(self, "progress_checker", above)
         self._base: tuple[Array, float] | None = None
 
     def reset(self) -> None:

@@ -7,10 +7,11 @@ from typing import final
 
 import numpy as np
 
-from ...framework.values.arrays import Array, positive, whole
+from ...framework.values.arrays import Array, whole
 from ...framework.values.costmap import LETHAL, Costmap
 from ...framework.values.motion import Twist
 from .footprint import RobotFootprint
+from .parameters import check_parameters, check_work
 from .poses import distance, normalized
 
 
@@ -96,13 +97,13 @@ class Recoveries:
 
     def __post_init__(self) -> None:
         whole("recoveries.number_of_retries", self.number_of_retries, least=0)
-        for name in (
+        above = (
             "spin_dist", "backup_dist", "backup_speed", "max_rotational_vel",
             "min_rotational_vel", "rotational_acc_lim", "time_allowance", "cycle_frequency",
-        ):  # fmt: skip
-            positive(f"recoveries.{name}", getattr(self, name))
-        for name in ("wait_duration", "simulate_ahead_time"):
-            positive(f"recoveries.{name}", getattr(self, name), zero=True)
+        )  # fmt: skip
+        check_parameters(self, "recoveries", above, ("wait_duration", "simulate_ahead_time"))
+        steps = self.simulate_ahead_time * self.cycle_frequency
+        check_work("recoveries", "simulate_ahead_time and cycle_frequency", steps, 10_000)
         self._turn = 0
         self.reset()
 

@@ -6,12 +6,13 @@ from typing import final
 
 import numpy as np
 
-from ...framework.values.arrays import Array, positive
+from ...framework.values.arrays import Array
 from ...framework.values.costmap import FREE_SPACE, INSCRIBED, NO_INFORMATION
 from ...framework.values.motion import Twist
 from .collision_arc import collision_arc
 from .dynamic_window import nearest_to_curvature, window
 from .local_controller import CONTROLLER_EXCEPTION, Answer, LocalController, Tick
+from .parameters import check_parameters
 from .poses import in_base_frame, length, look_ahead, normalized, rotation_rate
 
 _LOG_INSCRIBED = float(np.float32(log(INSCRIBED)))
@@ -71,7 +72,8 @@ class RegulatedPurePursuit(LocalController):
 
     Raises
     ------
-    WideberthError : a time, distance or rate that must be above zero and is not.
+    WideberthError : a time, distance or rate that must be above zero and is not; no number where
+        one is wanted.
 
     References
     ----------
@@ -117,13 +119,13 @@ class RegulatedPurePursuit(LocalController):
     controller_frequency: float = 20.0
 
     def __post_init__(self) -> None:
-        for name in (
+        above = (
             "max_linear_vel", "lookahead_dist", "approach_velocity_scaling_dist",
             "regulated_linear_scaling_min_radius", "cost_scaling_dist",
             "inflation_cost_scaling_factor", "curvature_lookahead_dist", "max_angular_accel",
             "controller_frequency",
-        ):  # fmt: skip
-            positive(f"regulated_pure_pursuit.{name}", getattr(self, name))
+        )  # fmt: skip
+        check_parameters(self, "regulated_pure_pursuit", above)
         self._fastest = self.max_linear_vel
         self._last = (0.0, 0.0)
 
@@ -244,7 +246,8 @@ class RegulatedPurePursuit(LocalController):
         free = self.min_distance_to_obstacle
         if free <= 0.0:
             return time, reach
-        time = max(time, free / max(abs(speed), self.min_approach_linear_velocity))
+        slow = max(abs(speed), self.min_approach_linear_velocity)
+        time = max(time, free / slow) if slow > 0.0 else inf
         if self.use_velocity_scaled_lookahead_dist:
             wanted = free if self.allow_obstacle_checking_beyond_goal else min(free, length(plan))
             reach = min(max(reach, wanted), self.max_lookahead_dist)

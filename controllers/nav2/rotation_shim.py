@@ -6,11 +6,15 @@ from typing import final
 
 import numpy as np
 
-from ...framework.values.arrays import Array, positive
+from ...framework.values.arrays import Array
 from ...framework.values.costmap import LETHAL
 from ...framework.values.motion import Twist
 from .local_controller import CONTROLLER_EXCEPTION, Answer, LocalController, Tick
+from .parameters import check_parameters, check_work
 from .poses import distance, in_base_frame, rotation_rate, shortest_angle
+
+_AHEAD = 10_000
+"""Ticks over which a turn may be tested."""
 
 
 @final
@@ -42,7 +46,8 @@ class RotationShim(LocalController):
 
     Raises
     ------
-    WideberthError : a number that must be above zero and is not.
+    WideberthError : a number that must be above zero and is not, no number where one is wanted, or
+        a turn that is tested over more than 10000 ticks.
 
     References
     ----------
@@ -63,13 +68,14 @@ class RotationShim(LocalController):
     controller_frequency: float = 20.0
 
     def __post_init__(self) -> None:
-        for name in (
+        above = (
             "angular_dist_threshold", "forward_sampling_distance",
             "rotate_to_heading_angular_vel", "max_angular_accel", "simulate_ahead_time",
             "controller_frequency",
-        ):  # fmt: skip
-            positive(f"rotation_shim.{name}", getattr(self, name))
-        positive("rotation_shim.disengage", self.angular_disengage_threshold, zero=True)
+        )  # fmt: skip
+        check_parameters(self, "rotation_shim", above, ("angular_disengage_threshold",))
+        steps = self.simulate_ahead_time * self.controller_frequency
+        check_work("rotation_shim", "simulate_ahead_time and controller_frequency", steps, _AHEAD)
         self._fresh = self._turning = False
         self._goal: Array | None = None
         self._last: float | None = None

@@ -107,11 +107,8 @@ class Settings:
 
     def make_smoother(self) -> VelocitySmoother:
         """Return a new velocity smoother."""
-        given = {
-            name: tuple(map(float, value)) if isinstance(value, list | tuple) else value
-            for name, value in self.velocity_smoother.items()
-        }
-        return VelocitySmoother(**_known(VelocitySmoother, "velocity_smoother", given))
+        given = _known(VelocitySmoother, "velocity_smoother", self.velocity_smoother)
+        return VelocitySmoother(**given)
 
     def make_recoveries(self) -> Recoveries:
         """Return new recoveries."""

@@ -327,6 +327,8 @@ class _Sway:
         return self._sense
 
     def _sways(self) -> bool:
+        if not self._seen:  # the filter is shorter than a tick
+            return False
         if len(self._seen) < (self._seen.maxlen or 0) // 2:
             return False
         v, w = np.array(self._seen).T

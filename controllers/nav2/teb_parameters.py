@@ -3,13 +3,15 @@
 from dataclasses import dataclass, fields
 from math import pi
 
-from ...framework.values.arrays import positive, whole
 from ...framework.values.errors import WideberthError
+from .parameters import check_parameters, check_work
 
 _COUNTS = (
-    "min_samples", "max_samples", "control_look_ahead_poses", "feasibility_check_no_poses",
-    "no_inner_iterations", "no_outer_iterations", "max_number_classes", "roadmap_graph_samples",
+    "min_samples", "max_samples", "control_look_ahead_poses", "no_inner_iterations",
+    "no_outer_iterations", "max_number_classes", "roadmap_graph_samples",
 )  # fmt: skip
+_MOST = 1e7
+"""Poses that a tick may solve for; the defaults allow 5e4."""
 
 
 @dataclass(eq=False)
@@ -133,14 +135,13 @@ class TebParameters:
     controller_frequency: float = 20.0
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            name, value = f"teb.{field.name}", getattr(self, field.name)
-            if isinstance(field.default, float):
-                positive(name, value, zero=True)
-            elif field.name in _COUNTS and field.name != "feasibility_check_no_poses":
-                whole(name, value)
-        for name in ("max_vel_x", "max_vel_theta", "min_resolution_collision_check_angular"):
-            positive(f"teb.{name}", getattr(self, name))
+        numbers = [one.name for one in fields(self) if isinstance(one.default, float)]
+        above = ("max_vel_x", "max_vel_theta", "min_resolution_collision_check_angular", *_COUNTS)
+        check_parameters(self, "teb", above, numbers)
+        bands = self.max_number_classes if self.enable_homotopy_class_planning else 1
+        solved = self.no_inner_iterations * self.no_outer_iterations * self.max_samples * bands
+        names = "no_inner_iterations, no_outer_iterations, max_samples and max_number_classes"
+        check_work("teb", names, solved, _MOST)
         if self.min_samples < 3:
             raise WideberthError(
                 f"teb.min_samples is {self.min_samples}; a band needs at least three poses"

@@ -7,11 +7,12 @@ from typing import final
 
 import numpy as np
 
-from ...framework.values.arrays import Array, positive
+from ...framework.values.arrays import Array
 from ...framework.values.costmap import FREE_SPACE, MAX_NON_OBSTACLE, NO_INFORMATION, Costmap
 from ...framework.values.motion import Twist
 from .collision_arc import collision_arc
 from .local_controller import CONTROLLER_EXCEPTION, INVALID_PATH, Answer, LocalController, Tick
+from .parameters import check_parameters
 from .path_handler import within
 from .poses import in_base_frame, length, normalized, normalized_positive
 
@@ -66,7 +67,8 @@ class VectorPursuit(LocalController):
 
     Raises
     ------
-    WideberthError : a time, distance or rate that must be above zero and is not.
+    WideberthError : a time, distance or rate that must be above zero and is not; no number where
+        one is wanted.
 
     References
     ----------
@@ -105,13 +107,12 @@ class VectorPursuit(LocalController):
     controller_frequency: float = 20.0
 
     def __post_init__(self) -> None:
-        for name in (
+        above = (
             "k", "desired_linear_vel", "lookahead_dist", "approach_velocity_scaling_dist",
             "cost_scaling_dist", "inflation_cost_scaling_factor", "max_lateral_accel",
             "controller_frequency",
-        ):  # fmt: skip
-            positive(f"vector_pursuit.{name}", getattr(self, name))
-        positive("vector_pursuit.min_turning_radius", self.min_turning_radius, zero=True)
+        )  # fmt: skip
+        check_parameters(self, "vector_pursuit", above, from_zero=("min_turning_radius",))
         self._rotates = self.use_rotate_to_heading or self.min_turning_radius == 0.0
         self._fastest = self.desired_linear_vel
         self._last = (0.0, 0.0)

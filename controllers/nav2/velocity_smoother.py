@@ -2,16 +2,15 @@
 
 from collections import deque
 from dataclasses import dataclass
-from typing import final
+from typing import Literal, final
 
-from ...framework.values.arrays import positive
 from ...framework.values.errors import WideberthError
+from .parameters import check_parameters
 
 Velocity = tuple[float, float, float]
 """vx, vy, m/s, and yaw rate, rad/s."""
 
 _ZERO: Velocity = (0.0, 0.0, 0.0)
-_LIMITS = ("max_velocity", "min_velocity", "max_accel", "max_decel", "deadband_velocity")
 
 
 @final
@@ -44,7 +43,7 @@ class VelocitySmoother:
     """
 
     smoothing_frequency: float = 20.0
-    feedback: str = "OPEN_LOOP"
+    feedback: Literal["OPEN_LOOP", "CLOSED_LOOP"] = "OPEN_LOOP"
     scale_velocities: bool = False
     max_velocity: Velocity = (0.5, 0.0, 2.5)
     min_velocity: Velocity = (-0.5, 0.0, -2.5)
@@ -55,19 +54,8 @@ class VelocitySmoother:
     odom_duration: float = 0.1
 
     def __post_init__(self) -> None:
-        positive("velocity_smoother.smoothing_frequency", self.smoothing_frequency)
-        for name in ("velocity_timeout", "odom_duration"):
-            positive(f"velocity_smoother.{name}", getattr(self, name), zero=True)
-        if self.feedback not in ("OPEN_LOOP", "CLOSED_LOOP"):
-            raise WideberthError(
-                f"velocity_smoother.feedback is {self.feedback!r}; wanted OPEN_LOOP or CLOSED_LOOP"
-            )
-        for name in _LIMITS:
-            if len(getattr(self, name)) != 3:
-                raise WideberthError(
-                    f"velocity_smoother.{name} is {getattr(self, name)}; wanted three numbers: "
-                    "vx, vy and yaw rate"
-                )
+        from_zero = ("velocity_timeout", "odom_duration")
+        check_parameters(self, "velocity_smoother", ("smoothing_frequency",), from_zero)
         for i, axis in enumerate(("vx", "vy", "yaw rate")):
             if self.min_velocity[i] > self.max_velocity[i]:
                 raise WideberthError(f"velocity_smoother: the least {axis} exceeds the largest")

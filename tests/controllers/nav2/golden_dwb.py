@@ -8,6 +8,7 @@ import pytest
 from wideberth.controllers.nav2.dwb import DWB, Evaluation
 from wideberth.controllers.nav2.goal_checker import GoalChecker
 from wideberth.controllers.nav2.local_controller import Tick
+from wideberth.controllers.nav2.local_controllers import built
 from wideberth.tests.controllers.nav2.golden import (
     Case,
     Checks,
@@ -61,7 +62,8 @@ def compared(found: Evaluation, k: int, stored: Case) -> None:
 
 
 def evaluations_are_equal(dwb: Case) -> None:
-    controller = DWB.from_parameters(dwb["params"])
+    controller = built("dwb", dwb["params"])
+    assert isinstance(controller, DWB)
     for tick, stored in zip(ticks_of(dwb), dwb["ticks"], strict=True):
         answer, expect = controller.velocity(tick), stored["expect"]
         found = controller.evaluation

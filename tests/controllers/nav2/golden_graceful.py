@@ -9,6 +9,7 @@ from wideberth.controllers.nav2 import smooth_control_law as law_module
 from wideberth.controllers.nav2.goal_checker import GoalChecker
 from wideberth.controllers.nav2.graceful import Graceful
 from wideberth.controllers.nav2.local_controller import Tick
+from wideberth.controllers.nav2.local_controllers import built
 from wideberth.controllers.nav2.poses import in_base_frame
 from wideberth.framework.jit.late import late
 from wideberth.tests.controllers.nav2.golden import (
@@ -31,10 +32,9 @@ def compiled() -> dict:
 
 def controller_of(case: Case) -> Graceful:
     """The one adapter from the parameters of a case."""
-    params = {("lambda_" if name == "lambda" else name): v for name, v in case["params"].items()}
-    if params.get("allow_backward"):
-        params.setdefault("initial_rotation", False)
-    return Graceful(**params)
+    made = built("graceful", case["params"])
+    assert isinstance(made, Graceful)
+    return made
 
 
 def check_law(case: Case, law_functions: dict, tolerance: float) -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from wideberth.controllers.nav2.goal_checker import GoalChecker
 from wideberth.controllers.nav2.local_controller import Tick
+from wideberth.controllers.nav2.local_controllers import built
 from wideberth.controllers.nav2.mppi import MPPI
 from wideberth.controllers.nav2.mppi_rollouts import Situation
 from wideberth.tests.controllers.nav2.golden import (
@@ -22,7 +23,8 @@ from wideberth.tests.controllers.nav2.golden import (
 def controller_of(case: Case) -> MPPI:
     """The one adapter from the parameters of a case."""
     inflation = {f"ObstaclesCritic.{name}": case["inflation"][name] for name in case["inflation"]}
-    controller = MPPI.from_parameters({**inflation, **case["params"]})
+    controller = built("mppi", {**inflation, **case["params"]})
+    assert isinstance(controller, MPPI)
     noise = [case["noise_vx_f32"], case["noise_wz_f32"]]
     controller.memory.noise = np.array(noise, np.float32).transpose(0, 2, 1)
     return controller

@@ -4,6 +4,7 @@ import numpy as np
 
 from wideberth.controllers.nav2.goal_checker import GoalChecker
 from wideberth.controllers.nav2.local_controller import Tick
+from wideberth.controllers.nav2.local_controllers import built
 from wideberth.controllers.nav2.poses import in_base_frame, look_ahead
 from wideberth.controllers.nav2.regulated_pure_pursuit import RegulatedPurePursuit
 from wideberth.tests.controllers.nav2.golden import (
@@ -17,7 +18,9 @@ from wideberth.tests.controllers.nav2.golden import (
 
 def controller_of(case: Case) -> RegulatedPurePursuit:
     """The one adapter from the parameters of a case."""
-    return RegulatedPurePursuit(**case["params"])
+    made = built("regulated_pure_pursuit", case["params"])
+    assert isinstance(made, RegulatedPurePursuit)
+    return made
 
 
 def ticks_of(case: Case) -> list[Tick]:

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from wideberth.controllers.nav2 import _teb_kernel as kernel
+from wideberth.controllers.nav2.local_controllers import built
+from wideberth.controllers.nav2.teb import TEB
 from wideberth.controllers.nav2.teb_band import Band
 from wideberth.controllers.nav2.teb_edges import NAMES, Edges, Obstacles, Pull, optimised
 from wideberth.controllers.nav2.teb_parameters import TebParameters
@@ -19,7 +21,9 @@ class Adapter:
     """The one adapter from a case: its settings, plan and obstacles."""
 
     def __init__(self, case: Case) -> None:
-        self.settings = TebParameters(**case["params"])
+        made = built("teb", case["params"])
+        assert isinstance(made, TEB)
+        self.settings: TebParameters = made
         self.plan = np.array(case["plan"])
         self.start = case["start_v"], case["start_w"]
         discs = case["obstacles"]

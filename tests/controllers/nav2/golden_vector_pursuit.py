@@ -4,6 +4,7 @@ import numpy as np
 
 from wideberth.controllers.nav2.goal_checker import GoalChecker
 from wideberth.controllers.nav2.local_controller import NO_VALID_CONTROL, Tick
+from wideberth.controllers.nav2.local_controllers import built
 from wideberth.controllers.nav2.vector_pursuit import VectorPursuit
 from wideberth.tests.controllers.nav2.golden import (
     Case,
@@ -16,7 +17,9 @@ from wideberth.tests.controllers.nav2.golden import (
 
 def controller_of(case: Case) -> VectorPursuit:
     """The one adapter from the parameters of a case."""
-    return VectorPursuit(**case["params"])
+    made = built("vector_pursuit", case["params"])
+    assert isinstance(made, VectorPursuit)
+    return made
 
 
 def radii_are_equal(vpc_radius: Case) -> None:

@@ -1,19 +1,21 @@
 """What the recorded cases of the graceful controller do not show."""
 
+from itertools import pairwise
+from math import hypot
+
 import numpy as np
 import pytest
 
 from wideberth.controllers.nav2 import _graceful_rollout as rollout
 from wideberth.controllers.nav2.graceful import Graceful, compiled
-from wideberth.controllers.nav2.smooth_control_law import LawParameters
+from wideberth.controllers.nav2.smooth_control_law import LawParameters, regular_velocity
 from wideberth.framework.values.costmap import Costmap
-from wideberth.framework.values.errors import WideberthError
 from wideberth.tests.controllers.nav2.ticks import FREE, straight, tick, walls
 
 
-def dear(cost: int) -> Costmap:
+def dear(cost: int, low: float = -0.05) -> Costmap:
     """A free costmap with a strip of this cost across the straight way ahead."""
-    cells = (walls((0.25, -0.05, 0.45, 0.05)).cells == 254) * np.uint8(cost)
+    cells = (walls((0.25, low, 0.45, 0.05)).cells == 254) * np.uint8(cost)
     return Costmap(cells.astype(np.uint8), FREE.resolution, FREE.origin)
 
 
@@ -53,9 +55,16 @@ def test_what_numba_compiles_is_what_is_written() -> None:
         assert time == pytest.approx(compiled().duration(law, target, False, fast[1]), rel=1e-4)
 
 
-def test_reversing_and_a_first_turn_exclude_each_other() -> None:
-    with pytest.raises(WideberthError, match="exclude each other"):
-        Graceful(allow_backward=True)
+def test_a_first_turn_forbids_to_drive_backwards() -> None:
+    plan = straight(1.0)
+    plan[:, 0] *= -1.0  # leads to the back
+    ahead, back = (
+        Graceful(allow_backward=True),
+        Graceful(allow_backward=True, initial_rotation=False),
+    )
+    assert (ahead.allow_backward, back.allow_backward) == (False, True)
+    speeds = [float(one.velocity(tick(plan)).twist.linear[0]) for one in (ahead, back)]
+    assert speeds[0] == 0.0 > speeds[1]  # the one turns first, the other reverses
 
 
 def test_a_speed_limit_binds_and_is_lifted() -> None:
@@ -68,3 +77,68 @@ def test_a_speed_limit_binds_and_is_lifted() -> None:
         assert answer.twist is not None
         speeds.append(float(answer.twist.linear[0]))
     assert speeds[0] == speeds[3] > speeds[2] > speeds[1] > 0.0
+
+
+def test_a_speed_limit_in_metres_per_second_limits_the_turns_alike() -> None:
+    controller = Graceful(v_linear_max=0.5, v_angular_max=1.0, rotation_scaling_factor=1.0)
+    behind = straight(1.0)
+    behind[:, 0] *= -1.0
+    rates = []
+    for value, percentage in ((0.0, False), (0.2, False), (40.0, True)):
+        controller.limit_speed(value, percentage)
+        controller.new_path(behind)
+        twist = controller.velocity(tick(behind)).twist
+        assert twist is not None
+        rates.append(abs(float(twist.angular)))
+    assert rates == pytest.approx([np.pi, 0.4 * np.pi, 0.4 * np.pi])
+
+
+def sought(
+    controller: Graceful, ground: rollout.Ground, stored: float | None
+) -> tuple[float | None, tuple[float, float]]:
+    """Seek an approach to (0.7, 0) in a plain loop; return the heading and the first command."""
+    law = LawParameters(2.0, 1.0, 0.4, 2.0, 1.5, 2.5, 0.1, 0.5, 1.0)
+    turning, growth = rollout.Turning(0.5, 1.0, 0.25, 0.75), rollout.Growth(0.5, 0.25, 0.5)
+    best, command = np.inf, (0.0, 0.0)
+    for i in range(63):
+        angle = 0.1 * i + (stored or 0.0)
+        target = (0.7, 0.0, angle)
+        free, poses, *first = compiled().rolled_out(
+            ground, law, turning, growth, target, False, False, True
+        )
+        if not free:
+            continue
+        time, highest = 0.0, 0
+        for before, after in pairwise(poses.tolist()):
+            speed = abs(regular_velocity(law, target, tuple(before), False)[0])
+            time += hypot(after[0] - before[0], after[1] - before[1]) / max(speed, 1e-3)
+        for x, y, _ in poses.tolist():
+            highest = max(highest, rollout.cell_cost(ground, x, y))
+        if time < best:
+            best = time
+            if highest < 252:
+                command = (first[0], first[1])
+                if angle == stored:
+                    break
+                stored = angle
+    return stored, command
+
+
+def test_the_approach_is_the_quickest_one_that_is_safe() -> None:
+    controller, plan = Graceful(), straight(0.7)
+    seen = tick(plan, costmap=dear(252, low=0.0))
+    ground, _ = Graceful.seen(seen)
+    controller.new_path(plan)
+    headings = []
+    stored: float | None = None
+    for _ in range(4):
+        stored, command = sought(controller, ground, stored)
+        answer = controller.velocity(seen)
+        assert answer.twist is not None
+        assert controller.safe_approach_angle == stored is not None
+        found = (float(answer.twist.linear[0]), float(answer.twist.angular))
+        assert found == pytest.approx(command, abs=1e-9) and abs(found[1]) > 0.1
+        headings.append(stored)
+    assert headings[-2] == headings[-1]  # the heading found before is kept
+    controller.new_path(plan)
+    assert controller.safe_approach_angle is None

@@ -1,0 +1,124 @@
+"""Parameters by Nav2's names: one check of their values, and the names that mean nothing here."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
+from math import isfinite
+from types import UnionType
+from typing import Any, Literal, get_args, get_origin
+
+import numpy as np
+
+from ...framework.values.arrays import number, positive, whole
+from ...framework.values.errors import WideberthError
+
+WITHOUT_EFFECT = frozenset(
+    """
+    cancel_deceleration critic_index_to_visualize debug_trajectory_details inflation_layer_name
+    map_frame min_lookahead odom_topic publish_cost_grid_pc publish_critics_stats
+    publish_evaluation publish_global_plan publish_local_plan publish_optimal_trajectory
+    publish_trajectories publish_transformed_plan stateful transform_tolerance
+    use_cancel_deceleration visualize
+    """.split()
+)
+"""Parameters of controllers that draw, that belong to ROS, or that have no effect here."""
+
+
+def effective(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the parameters of a controller without those that have no effect here.
+
+    Parameters
+    ----------
+    parameters : name -> value, names by dots as in ``Critic.name``.
+    """
+    return {
+        name: value
+        for name, value in parameters.items()
+        if name != "plugin" and name.rpartition(".")[2] not in WITHOUT_EFFECT
+    }
+
+
+def check_parameters(
+    owner: Any, place: str, above: Iterable[str] = (), from_zero: Iterable[str] = ()
+) -> None:
+    """Check the fields of a dataclass by their annotations; called once, when it is made.
+
+    A ``float`` has to be a finite number, an ``int`` a whole one, a ``bool`` true or false, a
+    ``str`` text, a ``Literal`` one of its values, a tuple of floats a list of as many. Where None
+    is allowed it stays. A number is stored as its annotation says; fields of other types are left
+    to the class.
+
+    Parameters
+    ----------
+    owner : the dataclass, frozen or not.
+    place : what it is called in messages.
+    above, from_zero : names of fields that have to be above 0, or at least 0.
+
+    Raises
+    ------
+    WideberthError : a value does not fit; what came, what was wanted.
+    """
+    for one in fields(owner):
+        if one.init:
+            value = _fitting(f"{place}.{one.name}", getattr(owner, one.name), one.type)
+            object.__setattr__(owner, one.name, value)
+    for names, zero in ((above, False), (from_zero, True)):
+        for name in names:
+            value = getattr(owner, name)
+            if isinstance(value, int):
+                whole(f"{place}.{name}", value, least=0 if zero else 1)
+            else:
+                positive(f"{place}.{name}", value, zero=zero)
+
+
+def check_work(place: str, names: str, count: float, most: float) -> None:
+    """Refuse parameters that together ask for more work per tick than is ever of use.
+
+    Parameters
+    ----------
+    place, names : what they are called in the message.
+    count, most : how many steps they ask for, and how many are allowed.
+
+    Raises
+    ------
+    WideberthError : it is too much.
+    """
+    if not count <= most:
+        raise WideberthError(
+            f"{place}: {names} together ask for {count:.3g} steps per tick; wanted at most "
+            f"{most:.3g}; choose coarser steps"
+        )
+
+
+def _fitting(name: str, value: Any, kind: Any) -> Any:
+    """Return a value as its annotation says, or raise."""
+    if kind is float:
+        return _finite(name, value)
+    if kind is int:
+        found = _finite(name, value)
+        if found != int(found):
+            raise WideberthError(f"{name} is {value!r}; wanted a whole number")
+        return int(found)
+    if kind is bool and not isinstance(value, bool | np.bool_):
+        raise WideberthError(f"{name} is {value!r}; wanted true or false")
+    if kind is str and not isinstance(value, str):
+        raise WideberthError(f"{name} is {value!r}; wanted text")
+    choices, origin = get_args(kind), get_origin(kind)
+    if origin is Literal and value not in choices:
+        raise WideberthError(f"{name} is {value!r}; wanted {' or '.join(map(repr, choices))}")
+    if origin is UnionType and type(None) in choices and value is not None:
+        return _fitting(name, value, next(one for one in choices if one is not type(None)))
+    if origin is tuple and choices and all(one is float for one in choices):
+        if not isinstance(value, list | tuple | np.ndarray) or len(value) != len(choices):
+            raise WideberthError(f"{name} is {value!r}; wanted {len(choices)} numbers")
+        return tuple(_finite(f"{name}[{i}]", entry) for i, entry in enumerate(value))
+    return value
+
+
+def _finite(name: str, value: Any) -> float:
+    """Return a finite number, or raise."""
+    if isinstance(value, bool | np.bool_):
+        raise WideberthError(f"{name} is {value!r}; wanted a number")
+    found = number(name, value)
+    if not isfinite(found):
+        raise WideberthError(f"{name} is {found:g}; wanted a finite number")
+    return found
