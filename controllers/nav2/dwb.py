@@ -25,11 +25,20 @@ from .dwb_critics import (
 )
 from .dwb_trajectories import Sampling, Trajectories
 from .local_controller import Answer, LocalController, Tick
-from .parameters import check_parameters, check_work
+from .parameters import at_default, check_parameters, check_work
 
 GENERATORS = ("dwb_plugins::StandardTrajectoryGenerator", "dwb_plugins::LimitedAccelGenerator")
 """Generators of trajectories: one that accelerates along them, one for what a period allows."""
 
+PATH_LENGTH_TOLERANCE = "FollowPathpath_length_tolerance"
+"""Nav2's name of RotateToGoal's tolerance, which lacks a dot; the controller's name begins it."""
+_SHARED = {
+    "xy_goal_tolerance": "xy_goal_tolerance", "trans_stopped_velocity": "trans_stopped_velocity",
+    PATH_LENGTH_TOLERANCE: "path_length_tolerance",
+}  # fmt: skip
+"""Parameters of the controller -> those of the critic RotateToGoal."""
+_ONLY = {"prune_plan": True, "shorten_transformed_plan": True}
+"""Parameters that older versions had, which can have this value alone, their default."""
 _MOST = 2e7
 """Poses that a tick may roll out; Nav2's own robot had 2e5."""
 
@@ -177,7 +186,9 @@ class DWB(LocalController):
         ----------
         parameters : name -> value; those of a critic as ``Critic.name``, and ``critics``, a list
             of names. `RotateToGoal` has ``xy_goal_tolerance`` and ``trans_stopped_velocity``
-            from the controller's parameters, without a dot.
+            from the controller's parameters, without a dot; its ``path_length_tolerance`` has in
+            Nav2 the name `PATH_LENGTH_TOLERANCE` alone, for a controller ``FollowPath``: any
+            other one is passed over, as there.
 
         Raises
         ------
@@ -188,11 +199,13 @@ class DWB(LocalController):
         >>> DWB.from_parameters({"critics": ["PathDist"], "PathDist.scale": 32.0}).critics
         (PathDist(scale=32.0, aggregation_type='last'),)
         """
-        rest = {**parameters}
+        rest = at_default("DWB", parameters, _ONLY)
         names = tuple(rest.pop("critics", [type(critic).__name__ for critic in cls().critics]))
-        for name in ("xy_goal_tolerance", "trans_stopped_velocity"):
+        for name in ("path_length_tolerance", "RotateToGoal.path_length_tolerance"):
+            rest.pop(name, None)
+        for name, ours in _SHARED.items():
             if name in rest:
-                rest[f"RotateToGoal.{name}"] = rest.pop(name)
+                rest[f"RotateToGoal.{ours}"] = rest.pop(name)
         critics, rest = split_critics(CRITICS, names, rest)
         checked_names(cls, rest)
         return cls(critics=critics, **rest)

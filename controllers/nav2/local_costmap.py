@@ -47,6 +47,7 @@ class View:
     laser_range : m, of these rays.
     inflation_radius : m.
     cost_scaling_factor : 1/m, how fast costs fall.
+    inflate_unknown, inflate_around_unknown : see `Inflation`.
     footprint_padding : m, by which the robot's outline is enlarged.
 
     Raises
@@ -71,6 +72,8 @@ class View:
     laser_range: float = 12.0
     inflation_radius: float = 0.70
     cost_scaling_factor: float = 3.0
+    inflate_unknown: bool = False
+    inflate_around_unknown: bool = False
     footprint_padding: float = 0.01
 
     def __post_init__(self) -> None:
@@ -124,7 +127,11 @@ class LayeredCostmap:
         self._view, self._footprint = view, footprint
         self._shape = (round(view.height / view.resolution), round(view.width / view.resolution))
         self._inflation = Inflation(
-            footprint.inscribed, view.inflation_radius, view.cost_scaling_factor
+            footprint.inscribed,
+            view.inflation_radius,
+            view.cost_scaling_factor,
+            view.inflate_unknown,
+            view.inflate_around_unknown,
         )
         self.reset()
 

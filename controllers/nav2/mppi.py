@@ -27,7 +27,7 @@ from .mppi_critics import (
     PreferForwardCritic,
 )
 from .mppi_rollouts import Limits, Rollouts, Single, Situation, delayed, driven, followed
-from .parameters import check_parameters, check_work
+from .parameters import at_default, check_parameters, check_work
 
 CRITICS: dict[str, type[Critic]] = {**NAV2, "ExpectedPeopleCritic": ExpectedPeopleCritic}
 """Name in a parameter file -> class: Nav2's, and one of ours."""
@@ -49,6 +49,23 @@ MODELS = {
     "mppi::AckermannMotionModel": "ackermann",
 }
 """Motion models by the names that Nav2 has or had for them."""
+PLUGIN_OF = {
+    "diff_drive": "mppi::DiffDriveMotionModel", "ackermann": "mppi::AckermannMotionModel",
+}  # fmt: skip
+"""Our names of motion models -> Nav2's plug-ins."""
+_PLUGINS = (*PLUGIN_OF.values(), "mppi::OmniMotionModel")
+_WITHOUT_EFFECT = (
+    "ay_max", "ay_min", "model_delay_vy", "reset_period", "vy_max", "vy_std",
+    "TrajectoryVisualizer.", "Visualization.",
+)  # fmt: skip
+"""Beginnings of names that a robot without sideways motion and without drawings does not need."""
+_ONLY = {
+    "TrajectoryValidator.plugin": "mppi::DefaultOptimalTrajectoryValidator",
+    "TrajectoryValidator.consider_footprint": False,
+    "GoalAngleCritic.symmetric_yaw_tolerance": False,
+    "PathAngleCritic.forward_preference": True,
+}
+"""Parameters that can have this value alone, the original's default."""
 SMOOTHED = 20
 """Fewer controls than this and one are not smoothed."""
 _MOST = 1e8
@@ -217,11 +234,13 @@ class MPPI(LocalController):
         Parameters
         ----------
         parameters : name -> value; those of a critic as ``Critic.name``, and ``critics``, a list
-            of names. The motion model may be named as in any version of Nav2.
+            of names. The motion model may be named as in any version of Nav2: freely, with
+            ``NAME.plugin`` saying what it is, or by what it is. Parameters of other models, of
+            motion sideways and of drawing are passed over.
 
         Raises
         ------
-        WideberthError : an unknown name.
+        WideberthError : an unknown name, or a part of the original that is not offered here.
 
         Examples
         --------
@@ -229,7 +248,7 @@ class MPPI(LocalController):
         >>> MPPI.from_parameters({**BRINGUP, **wanted}).critics[0].cost_weight
         7.0
         """
-        rest = {**parameters}
+        rest = _without_others(at_default("MPPI", parameters, _ONLY))
         names = tuple(rest.pop("critics", [type(critic).__name__ for critic in cls.critics]))
         critics, rest = split_critics(CRITICS, names, rest)
         model = rest.get("motion_model", "diff_drive")
@@ -453,6 +472,14 @@ class MPPI(LocalController):
         sampled = tuple(self.rollouts.poses(every))
         twist = Twist((float(command[0]), 0.0), float(command[1]))
         return Answer(twist, expected=ahead, sampled=sampled)
+
+
+def _without_others(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Return parameters without those of motion models that are not chosen, or of no effect."""
+    chosen = parameters.get("motion_model")
+    models = [name.rpartition(".")[0] for name, value in parameters.items() if value in _PLUGINS]
+    passed = (*_WITHOUT_EFFECT, *(f"{model}." for model in models if model != chosen))
+    return {name: value for name, value in parameters.items() if not name.startswith(passed)}
 
 
 def later(sent: Single, command: np.float32) -> Single:

@@ -37,6 +37,29 @@ def effective(parameters: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
+def at_default(
+    place: str, parameters: Mapping[str, Any], only: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return parameters without those that can have one value alone, here the original's default.
+
+    Parameters
+    ----------
+    place : what the controller is called in messages.
+    parameters : name -> value.
+    only : name -> the value that it can have.
+
+    Raises
+    ------
+    WideberthError : another value.
+    """
+    for name, value in only.items():
+        if parameters.get(name, value) != value:
+            raise WideberthError(
+                f"{place}'s {name} is {parameters[name]!r}; here it can be {value!r} alone"
+            )
+    return {name: value for name, value in parameters.items() if name not in only}
+
+
 def check_parameters(
     owner: Any, place: str, above: Iterable[str] = (), from_zero: Iterable[str] = ()
 ) -> None:

@@ -7,7 +7,10 @@ from typing import Any
 
 from ...framework.plugins.yamlfile import parse, read_config
 from ...framework.values.errors import WideberthError, nearest
+from .dwb import PATH_LENGTH_TOLERANCE
 from .local_costmap import View
+from .mppi import MODELS, PLUGIN_OF
+from .parameters import at_default, effective
 from .recoveries import Recoveries
 from .settings import Settings
 from .velocity_smoother import VelocitySmoother
@@ -44,22 +47,16 @@ _WITHOUT_ROS = frozenset(
     """.split()
 )
 """Parameters of nodes that have no meaning without ROS."""
-_DRAWN = frozenset(
-    """
-    cancel_deceleration debug_trajectory_details map_frame min_lookahead odom_topic plugin
-    publish_cost_grid_pc publish_critics_stats publish_evaluation publish_global_plan
-    publish_local_plan publish_optimal_trajectory publish_trajectories publish_transformed_plan
-    stateful transform_tolerance use_cancel_deceleration visualize
-    """.split()
-)
-"""Parameters of controllers that draw, that belong to ROS, or that have no effect here."""
-_SIDEWAYS = ("vy_std", "vy_max", "ay_max", "ay_min", "TrajectoryVisualizer.", "DiffDrive.")
-"""Beginnings of MPPI's parameters that a robot without sideways motion does not need."""
+_OF_PATHS = (
+    "prune_distance", "max_robot_pose_search_dist", "enforce_path_inversion",
+    "inversion_xy_tolerance", "inversion_yaw_tolerance",
+)  # fmt: skip
+"""Parameters of the path handler that were the controllers' own before there was one."""
 _OF_TEB = {
-    "teb_autosize": True, "exact_arc_length": False, "global_plan_viapoint_sep": -1.0,
-    "feasibility_check_lookahead_distance": -1.0, "max_vel_y": 0.0, "min_turning_radius": 0.0,
-    "cmd_angle_instead_rotvel": False, "legacy_obstacle_association": False,
-    "costmap_converter_plugin": "", "optimization_activate": True, "obstacle_cost_exponent": 1.0,
+    "teb_autosize": True, "exact_arc_length": False, "feasibility_check_lookahead_distance": -1.0,
+    "max_vel_y": 0.0, "min_turning_radius": 0.0, "cmd_angle_instead_rotvel": False,
+    "legacy_obstacle_association": False, "costmap_converter_plugin": "",
+    "optimization_activate": True, "obstacle_cost_exponent": 1.0,
     "weight_velocity_obstacle_ratio": 0.0, "simple_exploration": False,
     "selection_alternative_time_cost": False, "switching_blocking_period": 0.0,
     "roadmap_graph_area_length_scale": 1.0, "delete_detours_backwards": True,
@@ -81,7 +78,6 @@ _OF_TEB_WITHOUT_EFFECT = frozenset(
     """.split()
 )
 """Parameters of TEB for other robots, for what the table above switches off, or for pictures."""
-MODELS = {"DiffDrive": "diff_drive", "Ackermann": "ackermann"}
 _LAYER = frozenset(
     """
     clearing combination_method data_type enabled expected_update_rate footprint_clearing_enabled
@@ -94,7 +90,8 @@ _LAYER = frozenset(
 """Parameters of layers that have no effect in the plane."""
 _SEEN = frozenset(
     """
-    cost_scaling_factor inf_is_valid inflation_radius obstacle_max_range raytrace_max_range
+    cost_scaling_factor inf_is_valid inflate_around_unknown inflate_unknown inflation_radius
+    obstacle_max_range raytrace_max_range
     """.split()
 )
 """Parameters of layers that a view has."""
@@ -158,16 +155,22 @@ def _server(given: Mapping[str, Any], controller: str) -> dict[str, Any]:
             f"Plug-ins there: {', '.join(sorted(plugins)) or 'none'}"
         )
     settings: dict[str, Any] = {"server": {}}
+    paths: dict[str, Any] = {}
+    tolerance = f"{controller}path_length_tolerance"
     for name, value in plugins.items():
         part = PARTS.get(str(value["plugin"]))
         if part is not None:
             settings[part] = {key: entry for key, entry in value.items() if key != "plugin"}
         elif name == controller:
-            settings |= _controller(value)
+            more = {PATH_LENGTH_TOLERANCE: given[tolerance]} if tolerance in given else {}
+            chosen, paths = _controller({**value, **more})
+            settings |= chosen
         elif str(value["plugin"]) not in PLUGINS:
             near = nearest(str(value["plugin"]), [*PLUGINS, *PARTS])
             raise WideberthError(f"{name}.plugin is {value['plugin']!r}, which is not known{near}")
-    plain = {key: v for key, v in given.items() if key not in plugins and key not in _WITHOUT_ROS}
+    settings.setdefault("path_handler", paths)  # a handler of the file's own has all of them
+    passed = _WITHOUT_ROS | plugins.keys() | {tolerance}
+    plain = {key: value for key, value in given.items() if key not in passed}
     settings["controller_frequency"] = float(plain.pop("controller_frequency", 20.0))
     known = [
         "failure_tolerance", "min_x_velocity_threshold", "min_y_velocity_threshold",
@@ -178,45 +181,43 @@ def _server(given: Mapping[str, Any], controller: str) -> dict[str, Any]:
     return settings
 
 
-def _controller(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the name and the parameters of a controller."""
+def _controller(given: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the name and the parameters of a controller, and those of the path handler."""
     plugin = str(given["plugin"])
     if plugin not in PLUGINS:
         hint = f"{nearest(plugin, PLUGINS)} Known: {', '.join(sorted(PLUGINS))}"
         raise WideberthError(f"the controller's plugin is {plugin!r}; there is none such{hint}")
     local = PLUGINS[plugin]
-    flat = {key: value for key, value in _flat(given) if key.split(".")[-1] not in _DRAWN}
+    flat = effective(dict(_flat(given)))
     primary = flat.pop("primary_controller", None)
     if primary is not None:
         if primary not in PLUGINS:
             raise WideberthError(f"primary_controller is {primary!r}{nearest(primary, PLUGINS)}")
         flat["primary_controller"] = PLUGINS[primary]
-    if "mppi" in (local, flat.get("primary_controller")):
-        flat = _of_mppi(flat)
-    if "dwb" in (local, flat.get("primary_controller")):
-        flat = _of_dwb(flat)
-    if "teb" in (local, flat.get("primary_controller")):
+    inner = flat.get("primary_controller", local)
+    paths = _of_paths(flat, inner)
+    if inner == "mppi":
+        model = flat.get("motion_model")
+        if flat.get(f"{model}.plugin", "") == PLUGIN_OF.get(MODELS.get(model, model)):
+            flat.pop(f"{model}.plugin")  # it says what the name says
+    if inner == "teb":
         flat = _of_teb(flat)
-    return {"local": local, "parameters": flat}
+    return {"local": local, "parameters": flat}, paths
 
 
-def _of_mppi(flat: Mapping[str, Any]) -> dict[str, Any]:
-    """Return MPPI's parameters by the names that its class has."""
-    found = {key: value for key, value in flat.items() if not key.startswith(_SIDEWAYS)}
-    if "motion_model" in found:
-        found["motion_model"] = MODELS.get(found["motion_model"], found["motion_model"])
-    if "AckermannConstraints.min_turning_r" in found:
-        found["min_turning_r"] = found.pop("AckermannConstraints.min_turning_r")
-    return found
+def _of_paths(flat: dict[str, Any], controller: str) -> dict[str, Any]:
+    """Take what belongs to the path handler out of a controller's parameters.
 
-
-def _of_dwb(flat: Mapping[str, Any]) -> dict[str, Any]:
-    """Return DWB's parameters; tolerances that it shares with RotateToGoal go to that critic."""
-    shared = ("xy_goal_tolerance", "trans_stopped_velocity")
-    found = {key: value for key, value in flat.items() if key not in shared}
-    if "RotateToGoal" in found.get("critics", ["RotateToGoal"]):
-        found |= {f"RotateToGoal.{key}": flat[key] for key in shared if key in flat}
-    return found
+    DWB once kept ``prune_distance`` behind the robot, where the handler keeps nothing, and
+    ``forward_prune_distance`` ahead of it. Vector pursuit prunes by itself, up to a distance of
+    its own.
+    """
+    if controller == "dwb":
+        flat.pop("prune_distance", None)
+        if "forward_prune_distance" in flat:
+            flat["prune_distance"] = flat.pop("forward_prune_distance")
+    own = ("max_robot_pose_search_dist",) if controller == "vector_pursuit" else ()
+    return {name: flat.pop(name) for name in _OF_PATHS if name in flat and name not in own}
 
 
 def _of_teb(flat: Mapping[str, Any]) -> dict[str, Any]:
@@ -227,10 +228,12 @@ def _of_teb(flat: Mapping[str, Any]) -> dict[str, Any]:
     WideberthError : a part of the original is switched on that is not offered here.
     """
     found = {key: value for key, value in flat.items() if key not in _OF_TEB_WITHOUT_EFFECT}
-    for name, only in _OF_TEB.items():
-        value = found.pop(name, only)
-        if value != only and not (name == "global_plan_viapoint_sep" and value <= 0.0):
-            raise WideberthError(f"TEB's {name} is {value!r}; here it can be {only!r} alone")
+    found = at_default("TEB", found, _OF_TEB)
+    apart = found.pop("global_plan_viapoint_sep", -1.0)
+    if apart > 0.0:
+        raise WideberthError(
+            f"TEB's global_plan_viapoint_sep is {apart!r}; here it can be at most 0, which is off"
+        )
     model = found.pop("footprint_model.type", "point")
     radius = found.pop("footprint_model.radius", 0.0)
     if model not in ("point", "circular"):

@@ -6,15 +6,20 @@ from typing import Any
 
 from ...framework.plugins.yamlfile import dump
 from ...framework.values.errors import WideberthError
+from .dwb import PATH_LENGTH_TOLERANCE
 from .local_costmap import View
-from .params_file import MODELS, PARTS, PLUGINS
+from .mppi import MODELS, PLUGIN_OF
+from .params_file import PARTS, PLUGINS
 from .settings import Settings
 
 _PLUGIN_OF = {local: plugin for plugin, local in PLUGINS.items()}
-_MODEL_OF = {ours: theirs for theirs, ours in MODELS.items()}
 _PART_OF = {part: plugin for plugin, part in PARTS.items()}
 _OWN = ("exact", "beams", "laser_range")
 """Fields of a view that Nav2 does not have; they are written where they differ."""
+_INFLATION = (
+    "inflation_radius", "cost_scaling_factor", "inflate_unknown", "inflate_around_unknown",
+)  # fmt: skip
+"""Fields of a view that belong to the layer of inflation."""
 
 
 def params_text(settings: Settings, controller: str = "FollowPath") -> str:
@@ -43,6 +48,9 @@ def params_text(settings: Settings, controller: str = "FollowPath") -> str:
         "path_handler_plugins": ["path_handler"],
         controller: _controller(settings),
     }
+    if PATH_LENGTH_TOLERANCE in settings.parameters:
+        name = f"{controller}path_length_tolerance"
+        server[name] = settings.parameters[PATH_LENGTH_TOLERANCE]
     costmap = {"local_costmap": _node(_costmap(settings))}
     nodes = {
         "controller_server": _node(server),
@@ -72,10 +80,15 @@ def _controller(settings: Settings) -> dict[str, Any]:
         given["primary_controller"] = _PLUGIN_OF.get(
             given["primary_controller"], given["primary_controller"]
         )
+    given.pop(PATH_LENGTH_TOLERANCE, None)
     if "motion_model" in given:
-        given["motion_model"] = _MODEL_OF.get(given["motion_model"], given["motion_model"])
+        model = given["motion_model"]
+        kind = MODELS.get(model, model)
+        if kind in PLUGIN_OF:
+            given.setdefault(f"{model}.plugin", PLUGIN_OF[kind])
     if "min_turning_r" in given:
-        given["AckermannConstraints.min_turning_r"] = given.pop("min_turning_r")
+        model = given.get("motion_model", "AckermannConstraints")
+        given[f"{model}.min_turning_r"] = given.pop("min_turning_r")
     if settings.local == "teb" and given.get("robot_radius"):
         radius = given.pop("robot_radius")
         given |= {"footprint_model.type": "circular", "footprint_model.radius": radius}
@@ -96,7 +109,7 @@ def _costmap(settings: Settings) -> dict[str, Any]:
     for name in _OWN:
         if view[name] == getattr(usual, name):
             view.pop(name)
-    inflation = {name: view.pop(name) for name in ("inflation_radius", "cost_scaling_factor")}
+    inflation = {name: view.pop(name) for name in _INFLATION}
     seen = ("obstacle_max_range", "raytrace_max_range", "inf_is_valid")
     source = {name: view.pop(name) for name in seen}
     layers = ["obstacle_layer", "inflation_layer"]

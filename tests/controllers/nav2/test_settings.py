@@ -150,6 +150,144 @@ def test_mppi_of_a_file(tmp_path: Path) -> None:
         read(tmp_path, text, "cost_weight", "cost_wait")
 
 
+NEWEST = """
+      plugin: "nav2_mppi_controller::MPPIController"
+      time_steps: 56
+      model_dt: 0.1
+      batch_size: 100
+      vy_std: 0.2
+      vy_max: 0.5
+      ay_max: 3.0
+      ay_min: -3.0
+      model_delay_vx: 0.0
+      model_delay_vy: 0.1
+      motion_model: %s
+      diff_drive: {plugin: "mppi::DiffDriveMotionModel"}
+      omni: {plugin: "mppi::OmniMotionModel"}
+      car: {plugin: "mppi::AckermannMotionModel", min_turning_r: 0.4}
+      visualize: true
+      publish_critics_stats: false
+      publish_optimal_trajectory: true
+      TrajectoryVisualizer: {trajectory_step: 5, time_step: 3}
+      TrajectoryValidator:
+        plugin: "mppi::DefaultOptimalTrajectoryValidator"
+        collision_lookahead_time: 1.5
+        consider_footprint: false
+      critics: [CostCritic, GoalAngleCritic, PathAlignCritic, PathAngleCritic]
+      CostCritic:
+        enabled: true
+        cost_power: 1
+        near_collision_cost: 253
+        consider_footprint: false
+        inflation_layer_name: "inflation_layer"
+      GoalAngleCritic: {symmetric_yaw_tolerance: false}
+      PathAlignCritic: {critic_index_to_visualize: 2, use_path_orientations: false}
+      TwirlingCritic: {enabled: true, cost_weight: 10.0}
+"""
+"""Names that files of Nav2's newest version have."""
+
+
+@pytest.mark.parametrize(("name", "model"), [("diff_drive", "diff_drive"), ("car", "ackermann")])
+def test_the_newest_files_are_read(tmp_path: Path, name: str, model: str) -> None:
+    found = read(tmp_path, NEWEST % name)
+    made = found.make_controller()
+    assert isinstance(made, MPPI) and made.motion_model == model
+    assert made.min_turning_r == (0.4 if name == "car" else 0.2)
+    assert made.collision_lookahead_time == 1.5
+    again = tmp_path / "again.yaml"
+    again.write_text(params_text(found))
+    assert read_params_file(again) == found
+
+
+def test_the_plugin_says_what_a_motion_model_is(tmp_path: Path) -> None:
+    twisted = NEWEST.replace("DiffDriveMotionModel", "AckermannMotionModel") % "diff_drive"
+    found = read(tmp_path, twisted)
+    assert found.make_controller().motion_model == "ackermann"  # type: ignore[attr-defined]
+    again = tmp_path / "again.yaml"
+    again.write_text(params_text(found))
+    assert read_params_file(again) == found
+    named = (
+        NEWEST.replace("car:", "Ackermann:").replace('plugin: "mppi::AckermannMotionModel", ', "")
+        % "Ackermann"
+    )
+    made = read(tmp_path, named).make_controller()
+    assert isinstance(made, MPPI)
+    assert (made.motion_model, made.min_turning_r) == ("ackermann", 0.4)
+    with pytest.raises(WideberthError, match=r"OmniMotionModel.*'diff_drive' or 'ackermann'"):
+        read(tmp_path, NEWEST % "omni")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("consider_footprint: false\n      critics", "consider_footprint: true\n      critics",
+         "TrajectoryValidator.consider_footprint is True; here it can be False alone"),
+        ("mppi::DefaultOptimalTrajectoryValidator", "my::Validator", "my::Validator"),
+        ("symmetric_yaw_tolerance: false", "symmetric_yaw_tolerance: true", "False alone"),
+        ("collision_lookahead_time", "collision_look_time", "TrajectoryValidator.collision_look"),
+    ],
+)  # fmt: skip
+def test_what_is_not_offered_is_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
+    assert old in NEWEST
+    with pytest.raises(WideberthError, match=message):
+        read(tmp_path, NEWEST.replace(old, new) % "diff_drive")
+
+
+def test_parameters_of_paths_go_to_the_handler_where_a_file_has_none(tmp_path: Path) -> None:
+    given = "      prune_distance: 1.7\n      max_robot_pose_search_dist: 1.2\n"
+    found = read(tmp_path, NEWEST % "diff_drive" + given)
+    handler = found.make_server().path_handler
+    assert (handler.prune_distance, handler.max_robot_pose_search_dist) == (1.7, 1.2)
+    own = """    path_handler:
+      plugin: "nav2_controller::FeasiblePathHandler"
+      prune_distance: 2.5
+    FollowPath:
+"""
+    found = read(tmp_path, NEWEST % "diff_drive" + given, "    FollowPath:\n", own)
+    assert found.make_server().path_handler.prune_distance == 2.5
+    assert found.make_server().path_handler.max_robot_pose_search_dist is None
+    humble = (
+        WINDOW
+        + """      prune_plan: true
+      prune_distance: 0.5
+      forward_prune_distance: 1.5
+"""
+    )
+    assert read(tmp_path, humble).make_server().path_handler.prune_distance == 1.5
+    with pytest.raises(WideberthError, match="DWB's prune_plan is False"):
+        read(tmp_path, humble.replace("prune_plan: true", "prune_plan: false"))
+    screw = """
+      plugin: "vector_pursuit_controller::VectorPursuitController"
+      max_robot_pose_search_dist: 1.2
+"""
+    made = read(tmp_path, screw).make_controller()
+    assert made.max_robot_pose_search_dist == 1.2  # type: ignore[attr-defined]
+
+
+def test_rotate_to_goal_has_its_path_length_under_nav2s_name(tmp_path: Path) -> None:
+    node = "    failure_tolerance: 0.4\n    FollowPathpath_length_tolerance: 0.6\n"
+    given = (
+        WINDOW + "      path_length_tolerance: 0.7\n"
+        "      RotateToGoal.path_length_tolerance: 0.8\n"
+    )
+    found = read(tmp_path, given, "    failure_tolerance: 0.4\n", node)
+    made = found.make_controller()
+    assert isinstance(made, DWB)
+    assert made.critics[0].path_length_tolerance == 0.6  # type: ignore[attr-defined]
+    again = tmp_path / "again.yaml"
+    again.write_text(params_text(found))
+    assert read_params_file(again) == found
+    plain = read(tmp_path, given).make_controller()
+    assert plain.critics[0].path_length_tolerance == 1.0  # type: ignore[attr-defined]
+
+
+def test_unknown_cells_are_inflated_as_a_file_says(tmp_path: Path) -> None:
+    old, new = "inflation_radius: 0.6", "inflation_radius: 0.6\n        inflate_%sunknown: true"
+    for name in ("", "around_"):
+        view = read(tmp_path, GRACEFUL, old, new % name).view
+        assert (view.inflate_unknown, view.inflate_around_unknown) == (not name, bool(name))
+
+
 def test_dwb_behind_a_shim_of_a_file(tmp_path: Path) -> None:
     text = """
       plugin: "nav2_rotation_shim_controller::RotationShimController"
