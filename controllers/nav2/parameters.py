@@ -127,7 +127,8 @@ def _fitting(name: str, value: Any, kind: Any) -> Any:
         raise WideberthError(f"{name} is {value!r}; wanted text")
     choices, origin = get_args(kind), get_origin(kind)
     if origin is Literal and value not in choices:
-        raise WideberthError(f"{name} is {value!r}; wanted {' or '.join(map(repr, choices))}")
+        *some, last = map(repr, choices)
+        raise WideberthError(f"{name} is {value!r}; wanted {', '.join(some)} or {last}")
     if origin is UnionType and type(None) in choices and value is not None:
         return _fitting(name, value, next(one for one in choices if one is not type(None)))
     if origin is tuple and choices and all(one is float for one in choices):

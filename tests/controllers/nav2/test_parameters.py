@@ -70,7 +70,7 @@ def test_a_number_becomes_what_its_annotation_says() -> None:
 @pytest.mark.parametrize(
     ("kind", "given", "message"),
     [
-        (dwb_critics.PathDist, {"aggregation_type": "Last"}, "'last' or 'sum' or 'product'"),
+        (dwb_critics.PathDist, {"aggregation_type": "Last"}, "'last', 'sum' or 'product'"),
         (VelocitySmoother, {"feedback": "open"}, "'OPEN_LOOP' or 'CLOSED_LOOP'"),
         (VelocitySmoother, {"max_accel": [1.0, 2.0]}, "wanted 3 numbers"),
         (VelocitySmoother, {"max_accel": ["a", 0.0, 0.0]}, r"max_accel\[0\] is 'a'"),

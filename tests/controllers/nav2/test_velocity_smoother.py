@@ -18,7 +18,7 @@ def test_closed_loop_starts_at_the_mean_of_what_was_measured() -> None:
 def test_a_limit_of_the_wrong_sign_is_refused() -> None:
     with pytest.raises(WideberthError, match="max_decel 2"):
         VelocitySmoother(max_decel=(2.0, 0.0, -1.0))
-    with pytest.raises(WideberthError, match="three numbers"):
+    with pytest.raises(WideberthError, match="wanted 3 numbers"):
         VelocitySmoother(max_velocity=(2.0, 1.0))  # type: ignore[arg-type]
     with pytest.raises(WideberthError, match="OPEN_LOOP"):
         VelocitySmoother(feedback="HALF")
