@@ -197,7 +197,7 @@ def _controller(given: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any
     inner = flat.get("primary_controller", local)
     paths = _of_paths(flat, inner)
     if inner == "mppi":
-        model = flat.get("motion_model")
+        model = str(flat.get("motion_model"))
         if flat.get(f"{model}.plugin", "") == PLUGIN_OF.get(MODELS.get(model, model)):
             flat.pop(f"{model}.plugin")  # it says what the name says
     if inner == "teb":
