@@ -7,6 +7,7 @@ from typing import ClassVar, final
 import numpy as np
 
 from ..framework.numerics.rvo2 import rvo2
+from ..framework.people.models import Reciprocal
 from ..framework.values.arrays import Array, whole
 from ..framework.values.motion import Command, Observation
 from .reactive import Reactive
@@ -35,8 +36,9 @@ class Orca(Reactive):
     which the others want to stand; the wanted velocity is the way to the goal, at most
     ``reference_speed``. The library counts in single precision. A robot with heading follows
     the velocity by `steering.steer`, which ORCA does not know of: what it promises holds for
-    robots that take any velocity at once. Walls are obstacles on their outline, counter-clockwise,
-    of which nobody gives way.
+    robots that take any velocity at once. Forecasts of people have the same rule in double
+    precision, `wideberth.framework.people.models.Reciprocal`. Walls are obstacles on their
+    outline, counter-clockwise, of which nobody gives way.
 
     Parameters
     ----------
@@ -61,11 +63,11 @@ class Orca(Reactive):
     period: float = 0.25
     reference_speed: float = 1.0
     look_ahead: float = np.inf
-    neighbour_distance: float = 10.0
-    most_neighbours: int = 10
-    time_horizon: float = 5.0
-    obstacle_horizon: float = 5.0
-    safety_space: float = 0.01
+    neighbour_distance: float = Reciprocal.neighbour_distance
+    most_neighbours: int = Reciprocal.most_neighbours
+    time_horizon: float = Reciprocal.time_horizon
+    obstacle_horizon: float = Reciprocal.obstacle_horizon
+    safety_space: float = Reciprocal.safety_space
     turn_gain: float = 2.0
 
     def __post_init__(self) -> None:

@@ -5,9 +5,11 @@ from typing import ClassVar, final
 
 import numpy as np
 
+from ..framework.people.models import CircularForce, circular_force, exponential
+from ..framework.people.walls import away_from_walls
 from ..framework.values.arrays import Array
 from ..framework.values.motion import Command, Observation
-from .forces import away_from_walls, exponential, pushed
+from .forces import pushed
 from .reactive import Reactive
 from .steering import steer
 
@@ -51,16 +53,16 @@ class SocialForce(Reactive):
 
     zero_allowed: ClassVar[frozenset[str]] = frozenset({"strength", "wall_strength"})
     reference: ClassVar[str] = "helbing1995social,samavi2024sicnav"
-    GAP: ClassVar[float] = 0.01
+    GAP: ClassVar[float] = CircularForce.GAP
     """m, added to the radii, as there."""
 
     turn_gain: float = 2.0
     haste: float = 1.0
-    stiffness: float = 1.0
-    strength: float = 3.0
-    reach: float = 0.18
-    wall_strength: float = 2.0
-    wall_reach: float = 0.025
+    stiffness: float = CircularForce.stiffness
+    strength: float = CircularForce.strength
+    reach: float = CircularForce.reach
+    wall_strength: float = CircularForce.wall_strength
+    wall_reach: float = CircularForce.wall_reach
 
     def decide(self, observation: Observation, place: Array) -> Command:
         """Steer along the velocity that the forces leave after one period."""
@@ -80,15 +82,11 @@ class SocialForce(Reactive):
     ) -> Array:
         """Sum of the forces on a unit of mass, (2,), m/s^2; arguments (2,), m and m/s."""
         _, others, _, radii = self._neighbours.now()
-        apart = place - others
-        distance = np.hypot(apart[:, 0], apart[:, 1])
-        push = self.strength * exponential(
-            (self.robot.radius + radii + self.GAP - distance) / self.reach
-        )
-        away = apart / np.where(distance > 0.0, distance, 1.0)[:, None]
+        touch = self.robot.radius + radii + self.GAP
+        push = circular_force(place - others, touch, self.strength, self.reach)
         room, from_wall = away_from_walls(place, observation.polygons)
         wall = self.wall_strength * exponential(
             (self.robot.radius + self.GAP - room) / self.wall_reach
         )
-        total = self.stiffness * (wanted - velocity) + push @ away + wall @ from_wall
+        total = self.stiffness * (wanted - velocity) + push + wall @ from_wall
         return np.asarray(total)

@@ -73,6 +73,7 @@ ARROWS: dict[str, set[str]] = {
         INTERFACES, "framework/numerics", "framework/tracking", "framework/values",
     },
     "framework/jit": {"framework/numerics", "framework/values"},
+    "framework/people": {"framework/jit", "framework/values"},
     FACE: {
         INTERFACES, "framework/mpc/planner", "framework/plugins", "framework/tracking",
         "framework/values",
@@ -122,6 +123,7 @@ LAYERS = [
         "tracking",
         "control",
         "jit",
+        "people",
     ),
     *("mpc/ocp", "mpc/costs", "mpc/levels", "mpc/slots", "mpc", "mpc/instance", "mpc/solvers"),
     *("mpc/fallback", "mpc/planner", "mpc/diagnosis", "mpc/export", "testing", "__init__"),

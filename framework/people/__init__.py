@@ -1,0 +1,1 @@
+"""People as models: how somebody walks next, for simulations and forecasts alike."""
