@@ -21,6 +21,7 @@ BUILT_IN: dict[str, str] = {
     "mixture_density": "wideberth.predictors.mixture_density:MixtureDensity",
     "oracle": "wideberth.predictors.oracle:Oracle",
     "pooled_var": "wideberth.predictors.pooled_var:PooledVectorAutoregression",
+    "reacting_people": "wideberth.predictors.reacting_people:ReactingPeople",
     "single_gaussian": "wideberth.predictors.single_gaussian:SingleGaussian",
     "smoothed": "wideberth.predictors.smoothed:Smoothed",
     "social_force": "wideberth.predictors.social_force:SocialForce",

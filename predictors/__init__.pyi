@@ -17,10 +17,11 @@ from .kalman import Kalman as Kalman
 from .mixture_density import MixtureDensity as MixtureDensity
 from .oracle import Oracle as Oracle
 from .pooled_var import PooledVectorAutoregression as PooledVectorAutoregression
+from .reacting_people import ReactingPeople as ReactingPeople
 from .single_gaussian import SingleGaussian as SingleGaussian
 from .smoothed import Smoothed as Smoothed
 from .social_force import SocialForce as SocialForce
 from .static import Static as Static
 from .var import VectorAutoregression as VectorAutoregression
-__all__ = ['AdaptiveConformal', 'BayesianVectorAutoregression', 'Cascade', 'Conformal', 'ConstantAcceleration', 'ConstantVelocity', 'CoordinatedTurn', 'Corrected', 'Empirical', 'Game', 'InteractingModels', 'Kalman', 'MixtureDensity', 'Oracle', 'PooledVectorAutoregression', 'SingleGaussian', 'Smoothed', 'SocialForce', 'Static', 'VectorAutoregression']
+__all__ = ['AdaptiveConformal', 'BayesianVectorAutoregression', 'Cascade', 'Conformal', 'ConstantAcceleration', 'ConstantVelocity', 'CoordinatedTurn', 'Corrected', 'Empirical', 'Game', 'InteractingModels', 'Kalman', 'MixtureDensity', 'Oracle', 'PooledVectorAutoregression', 'ReactingPeople', 'SingleGaussian', 'Smoothed', 'SocialForce', 'Static', 'VectorAutoregression']
 BUILT_IN: dict[str, str]

@@ -195,7 +195,7 @@ def _logged(noise: Mapping[str, NoiseEstimate], before: Mapping[str, float]) -> 
 
 
 def scene_of(observation: Observation, plan: Plan | None, radius: float) -> Scene:
-    """Return the scene of a predictor: the robot's state, radius and last plan, and the truth."""
+    """Return the scene of a predictor: the robot's state, radius and last plan, walls, truth."""
     positions, times = None, None
     if plan is not None:
         positions = plan.positions
@@ -208,6 +208,7 @@ def scene_of(observation: Observation, plan: Plan | None, radius: float) -> Scen
         truth=observation.truth,
         plan_times=times,
         radius=radius,
+        polygons=observation.polygons,
     )
 
 

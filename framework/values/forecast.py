@@ -12,6 +12,7 @@ from ..drawing.style import COLOURS, LINES, chosen_steps, picture, png, polygons
 from .arrays import Array, checked, checked_covariance, positive, probability
 from .errors import WideberthError
 from .motion import Truth
+from .polygon import Polygon
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,6 +52,7 @@ class Scene:
     plan_times : (N,), s, on the clock of the tracks' stamp; without them the plan is on the
         forecast's grid, its first row one step after the newest sample.
     radius : m, of the robot.
+    polygons : what stands still, as far as it is known.
 
     Raises
     ------
@@ -64,6 +66,7 @@ class Scene:
     truth: Truth | None = None
     plan_times: Array | None = None
     radius: float = 0.0
+    polygons: tuple[Polygon, ...] = ()
 
     def __post_init__(self) -> None:
         for name, shape in (("plan", (None, None)), ("goals", (None, None))):
