@@ -18,8 +18,6 @@ GAP, SLANT = 0.1, 0.17
 together: they are then farther apart by 1 / `SLANT`."""
 STRAIGHT, SURELY = 0.05, 5.0
 """m, by which points may lie beside their segment, or so many deviations of a range."""
-STRAY = 2.5
-"""Deviations by which a first or last point may lie beside the line of the others."""
 UNEVEN = 1e-3
 """Share of even walls that are taken for uneven ones."""
 _GRAZING = 0.05
@@ -57,10 +55,10 @@ def segments_of(
 
         s_i = deviation |n . d_i|,    min over a, b of  sum_i (a + b t_i - e_i)^2 / s_i^2,
 
-    e_i and t_i the places of the points across and along. A first or last point that lies aside
-    is of the next wall, and is left out. Neighbouring pieces that are straight together are
-    merged. The covariance holds the errors of a and b, those of the poses within the scan, and
-    the unevenness of what is met: by how much the points lie farther aside than ranges err.
+    e_i and t_i the places of the points across and along. The point between two pieces is of the
+    longer one. Neighbouring pieces that are straight together are merged. The covariance holds
+    the errors of a and b, those of the poses within the scan, and the unevenness of what is met:
+    by how much the points lie farther aside than ranges err.
 
     A point apart from all lines is a segment of no length, which is known along the line of
     sight alone.
@@ -113,9 +111,8 @@ def _lines(hits: Hits, group: IntArray, deviation: float) -> list[_Line]:
     for piece in sorted(pieces, key=len, reverse=True):
         rest = piece[free[piece]]  # the longer one has the point between two
         if len(rest) > 1:
-            kept = _unstray(hits, group[rest], deviation)
-            lines[int(rest[0])] = _fit(hits, group[rest[kept]], deviation)
-            free[rest[kept]] = False
+            lines[int(rest[0])] = _fit(hits, group[rest], deviation)
+            free[rest] = False
     return [lines[at] for at in sorted(lines)]
 
 
@@ -170,25 +167,6 @@ def _bound(free: int) -> float:
     return float(chdtri(free, UNEVEN))
 
 
-def _unstray(hits: Hits, piece: IntArray, deviation: float) -> slice:
-    """Say which points of a piece are left without those at its ends that lie aside."""
-    first, last = 0, len(piece)
-    while last - first > 3:
-        line = _fit(hits, piece[first + 1 : last - 1], deviation)
-        along = line.ends[1] - line.ends[0]
-        normal = np.array([-along[1], along[0]]) / np.hypot(*along)
-        ends = piece[[first, last - 1]]
-        beams = hits.points[ends] - hits.origins[ends]
-        sine = np.abs(beams @ normal) / np.linalg.norm(beams, axis=1)
-        spread = (deviation * np.maximum(sine, _GRAZING)) ** 2 + np.diagonal(line.covariance)
-        aside = np.abs((hits.points[ends] - line.ends[0]) @ normal)
-        strays = aside > STRAY * np.sqrt(spread)
-        if not strays.any():
-            break
-        first, last = first + int(strays[0]), last - int(strays[1])
-    return slice(first, last)
-
-
 def _merged(hits: Hits, lines: Sequence[_Line], deviation: float) -> list[_Line]:
     """Join lines with the next one while both are straight together."""
     limit, found = max(STRAIGHT, SURELY * deviation), list[_Line]()
@@ -203,7 +181,7 @@ def _both(hits: Hits, one: _Line, next_: _Line, limit: float, deviation: float) 
     corners = np.array([one.ends[0], one.ends[1], next_.ends[0], next_.ends[1]])
     if _beside(corners).max() > limit:
         return None
-    index = np.concatenate([one.index, next_.index[int(next_.index[0] == one.index[-1]) :]])
+    index = np.concatenate([one.index, next_.index])
     both = _fit(hits, index, deviation)
     return both if both.widest <= limit else None
 
