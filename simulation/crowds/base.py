@@ -82,7 +82,8 @@ class CrowdWorld(World):
     """One robot among a `Crowd`; it sees positions and radii by the channel, without delay.
 
     The robot's plant moves between the crowd's steps as it does elsewhere; people go straight.
-    Before time 0 nobody is seen.
+    Before time 0 nobody is seen. The crowd's rules alone, and the time limit of the settings,
+    end the episode: not its deadlocks, contacts or arrivals.
 
     Parameters
     ----------
