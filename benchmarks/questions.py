@@ -12,6 +12,7 @@ import endurance
 import exported
 import hard_set
 import many_solves
+import nav2_speed
 import perturbations
 import plugin_speed
 import predictor_speed
@@ -56,6 +57,7 @@ class Extent:
     stages : drives of the planner, and decisions in each.
     sweep : episodes of the sweep, and rounds.
     crowds : that detectors and trackers are shown.
+    loops : drives with each of Nav2's controllers, and ticks in each.
     """
 
     instances: int | None = None
@@ -77,6 +79,7 @@ class Extent:
     stages: tuple[int, int] = (3, 60)
     sweep: tuple[int, int] = (200, 3)
     crowds: tracking.Crowds = field(default_factory=tracking.Crowds)
+    loops: tuple[int, int] = (3, 220)
 
 
 QUICK = Extent(
@@ -97,6 +100,7 @@ QUICK = Extent(
     stages=(1, 3),
     sweep=(2, 1),
     crowds=tracking.Crowds(seconds=1.5),
+    loops=(1, 24),
 )
 
 
@@ -116,7 +120,7 @@ class Question:
 
 BRIEF = (
     *("startup", "solvers", "hard", "scaling", "plugins", "batches", "predictors", "risks"),
-    *("stages", "export", "tracking"),
+    *("stages", "export", "tracking", "nav2"),
 )
 """Asked of every run."""
 NAMES = (*BRIEF, "sweeps", "endurance", "decisions")
@@ -150,6 +154,7 @@ def questions(instances: Instances, hard: Path | None, extent: Extent) -> dict[s
         "stages": Question(decision.ticks(extent.stages[0]), partial(_stages, extent)),
         "export": Question(exported.ticks(), partial(_export, extent)),
         "tracking": Question(tracking.ticks(extent.crowds), partial(_tracking, extent)),
+        "nav2": Question(nav2_speed.count(extent.loops[0]), partial(_nav2, extent)),
         "sweeps": Question(sweep_speed.ticks(extent.sweep[1]), partial(_sweeps, extent)),
         "endurance": Question(endurance.ticks(extent.drives), partial(_endurance, extent)),
         "decisions": Question(endurance.ticks(_decided(extent)), partial(_decisions, extent)),
@@ -245,6 +250,11 @@ def _export(extent: Extent, tick: Tick) -> Tables:
 def _tracking(extent: Extent, tick: Tick) -> Tables:
     rows = tracking.measure(extent.crowds, tick)
     return {"tracking": ("Detectors and trackers among people", rows)}
+
+
+def _nav2(extent: Extent, tick: Tick) -> Tables:
+    rows = nav2_speed.measure(*extent.loops, tick)
+    return {"nav2": ("Ticks of Nav2's loop, ten people around", rows)}
 
 
 def _sweeps(extent: Extent, tick: Tick) -> Tables:
