@@ -244,7 +244,10 @@ class DWB(LocalController):
             critic.debrief(chosen)
         if found.best is None:
             reason = f"no trajectory of {len(twists)} is allowed{self._forbidden(found)}"
-            return Answer.refusal(reason)
+            none = (
+                "no velocity can be reached: max_vel_x, max_vel_theta, acc_lim_x, acc_lim_theta?"
+            )
+            return Answer.refusal(reason if len(twists) else none)
         twist = Twist((float(chosen[0]), float(chosen[1])), float(chosen[2]))
         allowed = np.flatnonzero(found.totals >= 0.0)
         poses, counts = found.trajectories.poses, found.trajectories.counts

@@ -98,12 +98,12 @@ class Surroundings:
 
     Attributes
     ----------
-    rays : of the newest scan; a lost ray (NaN) is left out.
+    rays : of the newest scan; a lost ray (NaN) is left out. None for an exact view.
     centres, radii : (O, 2) and (O,), m, of discs, for an exact view.
     polygons : known walls, for an exact view and for the static layer.
     """
 
-    rays: Rays
+    rays: Rays | None
     centres: Array
     radii: Array
     polygons: Sequence[Polygon] = ()
@@ -158,18 +158,22 @@ class LayeredCostmap:
         self._marks[:] = self._default
         self._updated = -np.inf
 
+    def due(self, time: float) -> bool:
+        """Tell whether an update at a time, s, makes it anew: a clock that goes back does so."""
+        period = 1.0 / self._view.update_frequency
+        fresh = self._updated <= time < self._updated + period - _LATE
+        return self._shown is None or not fresh
+
     def update(self, time: float, pose: Array, seen: Surroundings) -> Costmap:
         """Return the newest costmap; it is made anew where its time has come.
 
         Parameters
         ----------
-        time : s; a clock that goes back makes it anew, too.
+        time : s.
         pose : (3,), of the robot.
         seen : what is around it.
         """
-        period = 1.0 / self._view.update_frequency
-        fresh = self._updated <= time < self._updated + period - _LATE
-        if self._shown is not None and fresh:
+        if self._shown is not None and not self.due(time):
             return self._shown
         self._updated = time
         if self._view.rolling_window:
@@ -178,7 +182,8 @@ class LayeredCostmap:
         if self._view.exact:
             cells = self._exact(grid, seen)
         else:
-            self._observe(grid, pose, seen.rays)
+            if seen.rays is not None:
+                self._observe(grid, pose, seen.rays)
             cells = self._marks.copy()
         if self._view.static_layer and not self._view.exact:
             cells = np.where(_covered(grid, seen.polygons), np.uint8(LETHAL), cells)

@@ -35,7 +35,7 @@ SPACING = 0.05
 """m, between the poses that a path is given as: Nav2's planners give one per cell."""
 _HELPED = {
     Status.UNKNOWN, Status.CONTROLLER_TIMED_OUT, Status.FAILED_TO_MAKE_PROGRESS,
-    Status.NO_VALID_CONTROL, Status.PATIENCE_EXCEEDED,
+    Status.NO_VALID_CONTROL, Status.PATIENCE_EXCEEDED, Status.NO_VALID_PATH,
 }  # fmt: skip
 """Results after which Nav2 tries again; an invalid path is none of them."""
 _STILL = Twist((0.0, 0.0))
@@ -240,23 +240,27 @@ class Nav2(Controller):
         """The local costmap; None before the first observation."""
         return self._local.shown
 
-    def _look(self, observation: Observation) -> Surroundings:
-        """Update the costmap; return what is around."""
-        pose = self._pose(observation)
+    def _look(self, observation: Observation) -> None:
+        """Update the costmap, where its time has come."""
+        if self._local.due(observation.stamp):
+            around = self._around(observation)
+            self._local.update(observation.stamp, self._pose(observation), around)
+
+    def _around(self, observation: Observation) -> Surroundings:
+        """Return what is around."""
         detections, notes = sound(observation, 2)
         for words in notes:
             WARNINGS.warn(type(self).__name__, "detection", words)
         centres, radii = discs_of(detections)
-        view = self._set.view
+        view, polygons = self._set.view, observation.polygons
+        if view.exact:
+            return Surroundings(None, centres, radii, polygons)
         if observation.scan is not None:
             rays = Rays.of_scan(observation.scan.scan, observation.scan.pose)
-        else:
-            rays = Rays.cast(
-                pose[:2], centres, radii, observation.polygons, round(view.beams), view.laser_range
-            )
-        seen = Surroundings(rays, centres, radii, observation.polygons)
-        self._local.update(observation.stamp, pose, seen)
-        return seen
+            return Surroundings(rays, centres, radii, polygons)
+        origin = self._pose(observation)[:2]
+        rays = Rays.cast(origin, centres, radii, polygons, round(view.beams), view.laser_range)
+        return Surroundings(rays, centres, radii, polygons)
 
     def _pose(self, observation: Observation) -> Array:
         pose = self.robot.pose(tuple(float(value) for value in observation.state))
@@ -277,7 +281,7 @@ class Nav2(Controller):
         if time < self._stamp:  # another clock: nothing that is remembered holds
             self._make()
         self._stamp = time
-        seen = self._look(observation)
+        self._look(observation)
         costmap = self._local.shown
         assert costmap is not None  # it has just been updated
         pose, speed = self._pose(observation), self._speed(observation)
@@ -288,7 +292,7 @@ class Nav2(Controller):
         self._smoother.measure((float(speed[0]), float(speed[1]), float(speed[2])), time)
         if self._ticks.strikes(time):
             self._reason = ""
-            twist = self._decided(sight, seen)
+            twist = self._decided(sight, observation)
             if twist is not None:
                 linear = (float(twist.linear[0]), float(twist.linear[1]))
                 self._smoother.take((*linear, float(twist.angular)), time)
@@ -297,7 +301,7 @@ class Nav2(Controller):
             self._sent = Command((out[0], out[1]), out[2])
         return self._sent
 
-    def _decided(self, sight: Sight, seen: Surroundings) -> Twist | None:
+    def _decided(self, sight: Sight, observation: Observation) -> Twist | None:
         """Return the velocity of the behaviour tree's present branch."""
         self._answer = None
         if self._navigation is Navigation.RECOVERING:
@@ -313,7 +317,7 @@ class Nav2(Controller):
                     self.planner, view, self.footprint, path, self.global_margin
                 )
             self._server.begin(path, sight.time)
-        if self._route is not None and not self._routed(self._route, sight, seen):
+        if self._route is not None and not self._routed(self._route, sight, observation):
             return _STILL
         step = self._server.tick(sight, 1.0 / self._set.view.update_frequency)
         self._answer, self._reason = step.answer, step.reason
@@ -324,15 +328,17 @@ class Nav2(Controller):
             self._failed(sight, step.status)
         return step.twist
 
-    def _routed(self, route: GlobalRoute, sight: Sight, seen: Surroundings) -> bool:
+    def _routed(self, route: GlobalRoute, sight: Sight, observation: Observation) -> bool:
         """Plan a new route where the tree wants one; tell whether there is one to follow."""
-        found, reason = route.update(sight.time, sight.pose, seen)
+        if not route.due(sight.time):
+            return True
+        found, reason = route.update(sight.time, sight.pose, self._around(observation))
         if found is not None:
             self._path = poses_along(found)
             self._server.replan(self._path)
         elif reason:
-            self._reason = reason
-            self._failed(sight, Status.UNKNOWN, again=True)
+            self._reason = f"{Status.NO_VALID_PATH}: {reason}"
+            self._failed(sight, Status.NO_VALID_PATH, again=True)
         return not reason
 
     def _failed(self, sight: Sight, status: Status, again: bool = False) -> None:

@@ -65,8 +65,12 @@ class GlobalRoute:
         """Clear the global costmap."""
         self._costmap.clear()
 
+    def due(self, time: float) -> bool:
+        """Tell whether it is time, s, to look whether a new route is wanted."""
+        return not self._looked <= time < self._looked + PERIOD
+
     def update(self, time: float, pose: Array, seen: Surroundings) -> tuple[Path | None, str]:
-        """Return a new path, if it is time for one and there is one, or why there is none.
+        """Return a new path, if one is wanted and there is one, or why there is none.
 
         Parameters
         ----------
@@ -74,8 +78,6 @@ class GlobalRoute:
         pose : (3,), of the robot.
         seen : what is around it.
         """
-        if self._looked <= time < self._looked + PERIOD:
-            return None, ""
         self._looked = time
         costmap = self._costmap.update(time, pose, seen)
         self._pass(pose)

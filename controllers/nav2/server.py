@@ -23,7 +23,10 @@ _STILL = Twist((0.0, 0.0))
 
 
 class Status(StrEnum):
-    """How following a path stands; the names are those of Nav2's results."""
+    """How following a path stands; the names are those of Nav2's results.
+
+    `NO_VALID_PATH` is the planner server's, where a route is planned anew.
+    """
 
     RUNNING = "RUNNING"
     SUCCEEDED = "SUCCEEDED"
@@ -32,6 +35,7 @@ class Status(StrEnum):
     FAILED_TO_MAKE_PROGRESS = "FAILED_TO_MAKE_PROGRESS"
     NO_VALID_CONTROL = "NO_VALID_CONTROL"
     PATIENCE_EXCEEDED = "PATIENCE_EXCEEDED"
+    NO_VALID_PATH = "NO_VALID_PATH"
     UNKNOWN = "UNKNOWN"
 
 

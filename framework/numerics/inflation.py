@@ -122,7 +122,12 @@ class Inflation:
         if not obstacle.any():
             return np.zeros_like(cells[inner])
         far = distance_transform_edt(~obstacle)[inner]
-        distance = np.sqrt(np.rint(far**2).astype(np.float32))
+        squares = np.minimum(np.rint(far * far), (reach + 1) ** 2).astype(np.int64)
+        return self._by_square(reach, resolution)[squares]
+
+    def _by_square(self, reach: int, resolution: float) -> NDArray[np.uint8]:
+        """Costs at the square roots of 0, 1, 2 ... (reach + 1)^2 cells."""
+        distance = np.sqrt(np.arange((reach + 1) ** 2 + 1).astype(np.float32))
         table = self._costs(np.arange(_STEPS * reach + 2) / _STEPS, resolution)
         place = ((distance * np.float32(_STEPS)).astype(np.float64) + 0.5).astype(np.int64)
         costs = table[np.minimum(place, len(table) - 1)]
@@ -139,8 +144,11 @@ class Inflation:
     def _merged(self, old: NDArray[np.uint8], new: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Return the higher of both costs; unknown cells follow a rule of their own."""
         least = FREE_SPACE + 1 if self.inflate_unknown else INSCRIBED
+        known = np.maximum(old, new)
+        if not (old == NO_INFORMATION).any():
+            return known
         unknown = np.where(new >= least, new, np.uint8(NO_INFORMATION))
-        return np.where(old == NO_INFORMATION, unknown, np.maximum(old, new))
+        return np.where(old == NO_INFORMATION, unknown, known)
 
 
 def _within(costmap: Costmap, window: Window | None) -> Window:
