@@ -152,7 +152,7 @@ def test_rivals_get_view_limits_and_what_nav2_ships(study: Nav2Rivals) -> None:
     assert isinstance(told, Nav2) and told.settings.parameters == {"told_of_moving": False}
     ours = adapted(study.controllers["ours"], robot, True, view)
     assert isinstance(ours, Planner)
-    assert ours.reference_speed == pytest.approx(robot.max_speed)
+    assert ours.reference_speed == pytest.approx(Unicycle().max_speed)
     with pytest.raises(WideberthError, match="no radius to set"):
         with_radius(study, 0.3)  # type: ignore[arg-type]
 
@@ -183,7 +183,7 @@ def test_differences_are_named_beyond_chance_alone() -> None:
 
 def test_looks_are_read_as_they_were_written() -> None:
     rng = np.random.default_rng(1)
-    sampled = np.float64(np.float32(rng.random((3, 5, 3))))
+    sampled = rng.random((3, 5, 3)).astype(np.float32).astype(np.float64)
     sampled[1, 3:] = np.nan
     cells = rng.integers(0, 255, (4, 6)).astype(np.uint8)
     looks = [
