@@ -1,6 +1,6 @@
 """Whether a robot that keeps its velocity runs into something, as pure pursuits of Nav2 ask."""
 
-from math import cos, hypot, inf, sin
+from math import cos, hypot, inf, pi, sin
 
 import numpy as np
 
@@ -10,6 +10,8 @@ from .local_controller import Tick
 
 _SLOW, _TURNING = 0.01, 0.01
 """m/s and rad/s: a robot slower than the one and quicker than the other turns on the spot."""
+_TURN = 2.0 * pi
+"""rad: after a whole turn the poses come again."""
 
 
 def in_collision(tick: Tick, pose: Array) -> bool:
@@ -30,6 +32,9 @@ def collision_arc(
 ) -> tuple[Array, bool]:
     """Follow an arc at steps of about a cell until it hits something or ends.
 
+    It ends after a whole turn, too: the original goes round until the time is over, at the same
+    poses but for a part of a step.
+
     Parameters
     ----------
     tick : where the robot is, and its costmap.
@@ -48,7 +53,7 @@ def collision_arc(
     if in_collision(tick, tick.pose):
         return np.array(tried), True
     count = 1
-    while count * step < time:
+    while count * step < time and (count - 1) * step * abs(turning) <= _TURN:
         count += 1
         x, y = x + step * (speed * cos(yaw)), y + step * (speed * sin(yaw))
         yaw += step * turning

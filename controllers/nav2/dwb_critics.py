@@ -15,7 +15,7 @@ from .dwb_trajectories import Trajectories, cells_of
 from .local_controller import Tick
 from .outlines import outline_costs
 from .parameters import check_parameters
-from .poses import length, shortest_angle
+from .poses import length, normalized, shortest_angle
 
 Aggregation = Literal["last", "sum", "product"]
 
@@ -127,7 +127,9 @@ class Oscillation(Critic):
     """Forbids to turn back soon after the robot has turned back, on each axis.
 
     Once the chosen twists changed their sign on an axis, only the new sign is allowed there,
-    until the robot has moved or turned far enough from where that happened.
+    until the robot has moved or turned far enough from where that happened. Headings within
+    (-pi, pi] are subtracted as plain numbers, so that a small turn across pi is far enough; no
+    recorded case has this, it follows Nav2's source at other commits.
 
     Attributes
     ----------
@@ -179,7 +181,8 @@ class Oscillation(Critic):
     def _far(self) -> bool:
         """Tell whether the robot has left the place where it last turned back."""
         (now, pose), (then, place) = self._here, self._since
-        far, turn = hypot(*(pose - place)[:2]), abs(shortest_angle(place[2], pose[2]))
+        far = hypot(*(pose - place)[:2])
+        turn = abs(normalized(float(pose[2])) - normalized(float(place[2])))
         return (
             (self.oscillation_reset_dist >= 0.0 and far > self.oscillation_reset_dist)
             or (self.oscillation_reset_angle >= 0.0 and turn > self.oscillation_reset_angle)

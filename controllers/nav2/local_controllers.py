@@ -30,7 +30,7 @@ _RENAMED = {
     "footprint_model.radius": "robot_radius",
 }  # fmt: skip
 """Names that Nav2 uses or has used -> fields, where the class lacks the former."""
-_PRIMARY = "primary_controller"
+_PRIMARY, _USUAL = "primary_controller", "regulated_pure_pursuit"
 _FROM_PARAMETERS = {"dwb", "mppi", "mppi_foresight", "own"}
 """Controllers that are made of parts: critics, whose parameters are named ``Critic.name``, or
 plug-ins."""
@@ -62,11 +62,27 @@ class Limits:
         for field in fields(self):
             positive(f"limits.{field.name}", getattr(self, field.name))
 
-    def parameters(self, local: str) -> dict[str, Any]:
-        """Return the limits by the names of a controller, as far as it has such parameters."""
-        signed = {name: (source, 1.0) for name, source in _POSITIVE.get(local, {}).items()}
-        signed |= {name: (source, -1.0) for name, source in _NEGATIVE.get(local, {}).items()}
-        return {name: sign * getattr(self, source) for name, (source, sign) in signed.items()}
+    def parameters(self, local: str, given: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """Return the limits by the names of a controller, as far as it has such parameters.
+
+        A rotation shim has those of its primary controller, too. A speed backwards that is below
+        the limit stays.
+
+        Parameters
+        ----------
+        local : name of the controller.
+        given : its parameters so far, of which the primary controller and speeds backwards count.
+        """
+        given, found = given or {}, {}
+        for one in together(local, given):
+            name = "mppi" if one == "mppi_foresight" else one
+            for names, sign in ((_POSITIVE, 1.0), (_NEGATIVE, -1.0)):
+                for parameter, source in names.get(name, {}).items():
+                    found[parameter] = sign * getattr(self, source)
+            for parameter, usual in _BACKWARDS.get(name, {}).items():
+                value = float(given.get(parameter, usual))
+                found[parameter] = min(max(value, -self.speed), self.speed)
+        return found
 
 
 _POSITIVE = {
@@ -106,8 +122,10 @@ _NEGATIVE = {
     "dwb": {"decel_lim_x": "acceleration", "decel_lim_theta": "yaw_acceleration"},
     "mppi": {"ax_min": "acceleration"},
 }  # fmt: skip
-for _bounds in (_POSITIVE, _NEGATIVE):
-    _bounds["mppi_foresight"] = _bounds["mppi"]
+_BACKWARDS = {
+    "dwb": {"min_vel_x": 0.0}, "mppi": {"vx_min": -0.35}, "teb": {"max_vel_x_backwards": 0.2},
+}  # fmt: skip
+"""Speeds backwards and their defaults, m/s: robots that reverse slower than they drive."""
 
 _SHIPPED_DWB: dict[str, Any] = {
     "critics": [
@@ -133,6 +151,12 @@ def shipped_parameters(local: str) -> dict[str, Any]:
 
         return dict(BRINGUP)
     return dict(_SHIPPED_DWB) if local == "dwb" else {}
+
+
+def together(local: str, parameters: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the names of a controller and, behind a rotation shim, of its primary one."""
+    inner = (str(parameters.get(_PRIMARY, _USUAL)),) if local == "rotation_shim" else ()
+    return (local, *inner)
 
 
 def timed(local: str) -> bool:
@@ -173,7 +197,7 @@ def built(local: str, parameters: Mapping[str, Any]) -> LocalController:
 
 def _shim(found: Any, parameters: Mapping[str, Any]) -> LocalController:
     """Return a rotation shim; what it and its primary controller both know goes to both."""
-    inner = str(parameters.get(_PRIMARY, "regulated_pure_pursuit"))
+    inner = together("rotation_shim", parameters)[1]
     own = {field.name for field in fields(found)} - {"primary"}
     known = {field.name for field in fields(_imported(inner))}
     primary = {

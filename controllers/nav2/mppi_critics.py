@@ -2,18 +2,23 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from math import atan2
+from math import atan2, exp
 from typing import ClassVar, Literal, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...framework.values.arrays import BoolArray
 from ...framework.values.costmap import INSCRIBED, LETHAL, NO_INFORMATION, Costmap
+from .footprint import RobotFootprint
+from .local_controller import Tick
 from .mppi_rollouts import Rollouts, Single, Situation, wrapped
 from .outlines import outline_costs
 from .parameters import check_parameters
 
 _HALF = np.float32(0.5 * np.pi)
+_NO_REVERSE = 1e-6
+"""m/s: a robot with a lower speed backwards does not reverse."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +95,9 @@ class CostCritic(Critic):
 
     Attributes
     ----------
-    consider_footprint : test the footprint, not only its centre.
+    consider_footprint : test the footprint, not only its centre, where the centre's cost says
+        that it may touch an obstacle, see `touching_cost`.
+    cost_scaling_factor : 1/m, of the costmap's inflation, for that test.
     collision_cost : sum of costs of a trajectory that collides.
     near_goal_distance : m, of path ahead.
     """
@@ -102,15 +109,21 @@ class CostCritic(Critic):
     collision_cost: float = 1_000_000.0
     near_goal_distance: float = 0.5
     trajectory_point_step: int = 2
+    cost_scaling_factor: float = 10.0
 
     above: ClassVar[tuple[str, ...]] = ("trajectory_point_step",)
+    from_zero: ClassVar[tuple[str, ...]] = ("cost_scaling_factor",)
 
     def weighted(self, rollouts: Rollouts, situation: Situation) -> Single | None:
         """See the class."""
         every = self.trajectory_point_step
         x, y, yaw = rollouts.x[::every], rollouts.y[::every], rollouts.yaw[::every]
-        costs = costs_at(situation.tick.costmap, x, y)
-        hits = collides(situation, costs, (x, y, yaw), self.consider_footprint).any(axis=0)
+        tick, whole = situation.tick, self.consider_footprint
+        costs = tested = costs_of(tick.costmap, cells_at(tick.costmap, x, y))
+        if whole:
+            least = max(touching_cost(tick.footprint, self.cost_scaling_factor), 1)
+            tested = outlined(tick, costs, (x, y, yaw), costs >= least)
+        hits = collides(situation, tested, whole).any(axis=0)
         situation.all_collide = bool(hits.all())
         near = situation.length < self.near_goal_distance
         plain = np.float32(0.0) if near else costs
@@ -133,10 +146,16 @@ class ObstaclesCritic(Critic):
     over the points of a cost of at least 1. Near the goal the second term is 0; a trajectory that
     collides has ``collision_cost`` in place of the first sum, and its second one ends there.
 
+    With ``consider_footprint`` c is the highest cost under the footprint's edges, wherever the
+    centre's cost says that it may touch an obstacle, see `touching_cost`; such a D is measured
+    from the edges, so that r is not taken off. No recorded case has this: it follows Nav2's
+    source as it can be read at other commits.
+
     Attributes
     ----------
-    inflation_radius, cost_scaling_factor : m and k, 1/m, of the costmap's inflation.
-    consider_footprint : test the footprint, not only its centre, for collisions.
+    inflation_radius, cost_scaling_factor : m and k, 1/m, of the costmap's inflation; where one
+        is 0 nothing is said of distances.
+    consider_footprint : look at the footprint, not only at its centre.
     collision_margin_distance : m.
     near_goal_distance : m, of path ahead.
     """
@@ -150,17 +169,22 @@ class ObstaclesCritic(Critic):
     inflation_radius: float = 0.55
     cost_scaling_factor: float = 10.0
 
-    above: ClassVar[tuple[str, ...]] = ("cost_scaling_factor",)
+    from_zero: ClassVar[tuple[str, ...]] = ("inflation_radius", "cost_scaling_factor")
 
     def weighted(self, rollouts: Rollouts, situation: Situation) -> Single | None:
         """See the class."""
-        tick = situation.tick
-        costs = costs_at(tick.costmap, rollouts.x, rollouts.y, np.float64)
-        hits = collides(
-            situation, costs, (rollouts.x, rollouts.y, rollouts.yaw), self.consider_footprint
-        )
+        tick, size = situation.tick, np.float32(situation.tick.footprint.inscribed)
+        cells = cells_at(tick.costmap, rollouts.x, rollouts.y, np.float64)
+        costs, centre = costs_of(tick.costmap, cells), size
+        if self.consider_footprint:
+            least = touching_cost(tick.footprint, self.cost_scaling_factor)
+            near = (cells >= 0) & (costs >= least)
+            costs = outlined(tick, costs, (rollouts.x, rollouts.y, rollouts.yaw), near)
+            centre = np.where(near, np.float32(0.0), size)
+        hits = collides(situation, costs, self.consider_footprint)
         before = ~np.logical_or.accumulate(hits, axis=0) & (costs >= 1.0)
-        distance = self._distance(costs, tick.footprint.inscribed)
+        before &= self.inflation_radius > 0.0 and self.cost_scaling_factor > 0.0
+        distance = self._distance(costs, size) - centre
         lack = np.maximum(np.float32(self.collision_margin_distance) - distance, 0.0)
         collided = hits.any(axis=0)
         situation.all_collide = bool(collided.all())
@@ -174,18 +198,17 @@ class ObstaclesCritic(Critic):
             found += np.float32(self.repulsion_weight) * share
         return found
 
-    def _distance(self, costs: Single, radius: float) -> Single:
-        """Return the distance from the robot's rim to an obstacle, m, that costs mean."""
-        size, k = np.float32(radius), np.float32(self.cost_scaling_factor)
+    def _distance(self, costs: Single, size: np.float32) -> Single:
+        """Return the distance from a point to an obstacle, m, that costs mean."""
+        k = np.float32(self.cost_scaling_factor or 1.0)
         table = np.log(np.maximum(np.arange(256, dtype=np.float32), 1.0))
-        ahead = (k * size - table[costs.astype(np.uint8)] + np.log(np.float32(253.0))) / k
-        return np.asarray(ahead - size)
+        return (k * size - table[costs.astype(np.uint8)] + np.log(np.float32(253.0))) / k
 
 
-def costs_at(
+def cells_at(
     costmap: Costmap, x: Single, y: Single, width: type[np.floating] = np.float32
-) -> Single:
-    """Return the costs of the cells that hold points, m; 255 off the map.
+) -> NDArray[np.int32]:
+    """Return the indices of the cells that hold points, m; -1 off the map.
 
     Parameters
     ----------
@@ -196,29 +219,52 @@ def costs_at(
     mx, my = (x.astype(width) - left) / side, (y.astype(width) - low) / side
     inside = (mx >= 0.0) & (my >= 0.0) & (mx < costmap.width) & (my < costmap.height)
     row, column = (np.where(inside, at, 0.0).astype(np.int32) for at in (my, mx))
-    table = costmap.cells.ravel().astype(np.float32)
-    return np.where(inside, table[row * costmap.width + column], np.float32(NO_INFORMATION))
+    return np.where(inside, row * costmap.width + column, np.int32(-1))
 
 
-def collides(
-    situation: Situation, costs: Single, poses: tuple[Single, Single, Single], outline: bool
-) -> BoolArray:
+def costs_of(costmap: Costmap, cells: NDArray[np.int32]) -> Single:
+    """Return the costs of cells by their indices; 255 off the map, where an index is -1."""
+    table = np.append(costmap.cells.ravel(), np.uint8(NO_INFORMATION)).astype(np.float32)
+    return table[cells]
+
+
+def touching_cost(footprint: RobotFootprint, cost_scaling_factor: float) -> int:
+    """Return the least cost under the centre with which an outline may touch an obstacle.
+
+    It is the cost that the inflation gives to the circumscribed radius R,
+    trunc(252 exp(-k (R - r))), with the inscribed radius r.
+    """
+    apart = footprint.circumscribed - footprint.inscribed
+    return int(252.0 * exp(-cost_scaling_factor * apart)) if apart > 0.0 else INSCRIBED
+
+
+def outlined(
+    tick: Tick, costs: Single, poses: tuple[Single, Single, Single], near: BoolArray
+) -> Single:
+    """Return costs, with the highest ones under the footprint's edges at some poses.
+
+    Parameters
+    ----------
+    costs : (T, B), under the centre.
+    poses : x, y and yaw.
+    near : (T, B), which poses.
+    """
+    found = costs.copy()
+    some = np.stack([axis[near] for axis in poses], axis=-1).astype(np.float64)
+    found[near] = outline_costs(tick.costmap, tick.footprint.vertices, some)
+    return found
+
+
+def collides(situation: Situation, costs: Single, outline: bool) -> BoolArray:
     """Tell at which poses, (T, B), the robot collides.
 
     Parameters
     ----------
-    costs : under its centre.
-    poses : x, y and yaw.
-    outline : test the costs under the footprint's edges instead, where the centre's is not 0.
+    costs : under its centre, or under its footprint's edges.
+    outline : the latter.
     """
-    tick, inner = situation.tick, INSCRIBED
-    if outline:
-        costs, inner = costs.copy(), LETHAL
-        near = costs >= 1.0
-        some = np.stack([axis[near] for axis in poses], axis=-1).astype(np.float64)
-        costs[near] = outline_costs(tick.costmap, tick.footprint.vertices, some)
-    known = costs != NO_INFORMATION
-    return np.asarray((costs >= inner) & (known | (not tick.track_unknown)))
+    inner, known = LETHAL if outline else INSCRIBED, costs != NO_INFORMATION
+    return np.asarray((costs >= inner) & (known | (not situation.tick.track_unknown)))
 
 
 @final
@@ -380,7 +426,8 @@ class PathAngleCritic(Critic):
     threshold_to_consider : m, of path ahead, below which it does not apply.
     max_angle_to_furthest : rad.
     mode : 0, the robot is to face the point; 1, or to turn its back to it; 2, whichever of both
-        the heading of the path at that point asks for.
+        the heading of the path at that point asks for. Where ``vx_min`` is 0 (less than 1e-6) 1
+        counts as 0; no recorded case has this, it follows Nav2's source at other commits.
     """
 
     cost_weight: float = 2.2
@@ -400,18 +447,21 @@ class PathAngleCritic(Critic):
         pose = situation.tick.pose
         way = np.array([atan2(target[1] - pose[1], target[0] - pose[0])], np.float32)
         here = np.array([pose[2]], np.float32)
-        if np.abs(self._error(way, here, target[2]))[0] < self.max_angle_to_furthest:
+        forward = self.mode == 1 and abs(situation.limits.vx_min) < _NO_REVERSE
+        mode = 0 if forward else self.mode
+        if np.abs(_off(mode, way, here, target[2]))[0] < self.max_angle_to_furthest:
             return None
         ways = np.arctan2(target[1] - rollouts.y[-1], target[0] - rollouts.x[-1])
-        error = np.abs(self._error(ways, rollouts.yaw[-1], target[2]))
+        error = np.abs(_off(mode, ways, rollouts.yaw[-1], target[2]))
         return np.asarray(error * np.float32(self.cost_weight))
 
-    def _error(self, way: Single, yaw: Single, wanted: np.float32) -> Single:
-        """Return the angles from headings to directions, or to their opposites, see ``mode``."""
-        if self.mode:
-            against = np.abs(wrapped(way - (yaw if self.mode == 1 else wanted))) > _HALF
-            way = np.where(against, wrapped(way + np.float32(np.pi)), way)
-        return wrapped(way - yaw)
+
+def _off(mode: int, way: Single, yaw: Single, wanted: np.float32) -> Single:
+    """Return the angles from headings to directions or their opposites, see `PathAngleCritic`."""
+    if mode:
+        against = np.abs(wrapped(way - (yaw if mode == 1 else wanted))) > _HALF
+        way = np.where(against, wrapped(way + np.float32(np.pi)), way)
+    return wrapped(way - yaw)
 
 
 @final

@@ -10,7 +10,7 @@ from ...framework.values.errors import WideberthError, nearest
 from .footprint import RobotFootprint
 from .goal_checker import GoalChecker
 from .local_controller import LocalController
-from .local_controllers import Limits, built, shipped_parameters, timed
+from .local_controllers import Limits, built, shipped_parameters, timed, together
 from .local_costmap import View
 from .path_handler import PathHandler
 from .progress_checker import ProgressChecker
@@ -84,15 +84,26 @@ class Settings:
         A radius that the parameters name stays.
         """
         more: dict[str, Any] = {}
-        if self.local == "own":
+        kinds = together(self.local, self.parameters)
+        if "own" in kinds:
             more = {"robot": robot}
-        elif self.local == "teb" and "footprint_model.radius" not in self.parameters:
+        elif "teb" in kinds and "footprint_model.radius" not in self.parameters:
             more = {"robot_radius": robot.radius}
         return replace(self, parameters={**more, **self.parameters})
 
     def make_controller(self) -> LocalController:
-        """Return a new local controller, which is told its frequency where it asks for it."""
-        told = {"controller_frequency": self.controller_frequency} if timed(self.local) else {}
+        """Return a new local controller, which knows its frequency where it asks for it.
+
+        Critics of MPPI that infer distances from costs know the costmap's inflation, as in Nav2.
+        """
+        told: dict[str, Any] = {}
+        kinds = together(self.local, self.parameters)
+        if timed(self.local):
+            told["controller_frequency"] = self.controller_frequency
+        if {"mppi", "mppi_foresight"} & set(kinds):
+            told["ObstaclesCritic.inflation_radius"] = self.view.inflation_radius
+            for critic in ("CostCritic", "ObstaclesCritic"):
+                told[f"{critic}.cost_scaling_factor"] = self.view.cost_scaling_factor
         return built(self.local, {**told, **self.parameters})
 
     def make_server(self) -> ControllerServer:
@@ -128,7 +139,10 @@ class Settings:
         }  # fmt: skip
         return replace(
             self,
-            parameters={**self.parameters, **limits.parameters(self.local)},
+            parameters={
+                **self.parameters,
+                **limits.parameters(self.local, self.parameters),
+            },
             velocity_smoother={**self.velocity_smoother, **smoother},
         )
 

@@ -19,6 +19,8 @@ NAMES = (
 """Of the kinds of edges, as in the original."""
 STANDING = 1e-3
 """m/s, a slower obstacle counts as standing."""
+_ROUNDING = 1e-6
+"""m, so that a rounding error leaves no obstacle out."""
 
 
 @final
@@ -228,11 +230,15 @@ def associated(
     poses : (K, 3).
     places, reach : (M, 2), and (M,) radii of obstacle and robot together, m.
     """
+    least = settings.min_obstacle_dist
+    there = _beside(poses, places, reach, settings)
+    if not len(there):
+        return there, there
+    places, reach = places[there], reach[there]
     apart = np.hypot(
         poses[:, None, 0] - places[None, :, 0], poses[:, None, 1] - places[None, :, 1]
     )
     apart = apart - reach
-    least = settings.min_obstacle_dist
     near = apart < least * settings.obstacle_association_force_inclusion_factor
     between = ~near & (apart <= least * settings.obstacle_association_cutoff_factor)
     cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
@@ -241,14 +247,33 @@ def associated(
     pose, which = np.nonzero(near)
     order = np.zeros(len(pose))
     for rank, side in enumerate((left, ~left)):
-        there = np.where(between & side, apart, np.inf)
-        nearest = np.argmin(there, axis=1)
-        found = np.isfinite(there[rows, nearest])
+        rest = np.where(between & side, apart, np.inf)
+        nearest = np.argmin(rest, axis=1)
+        found = np.isfinite(rest[rows, nearest])
         pose = np.append(pose, rows[found])
         which = np.append(which, nearest[found])
         order = np.append(order, np.full(int(found.sum()), rank + 1))
     sorting = np.lexsort((np.arange(len(pose)), order, pose))
-    return pose[sorting], which[sorting]
+    return pose[sorting], there[which[sorting]]
+
+
+def _beside(
+    poses: Array, places: Array, reach: Array, settings: TebParameters
+) -> NDArray[np.int64]:
+    """Return the indices of the obstacles that are not too far from a band for all its poses.
+
+    They are within the box about the poses, grown by the distance beyond which no pose takes one.
+    """
+    if not len(poses):
+        return np.zeros(0, np.int64)
+    factors = (
+        settings.obstacle_association_force_inclusion_factor,
+        settings.obstacle_association_cutoff_factor,
+    )
+    margin = settings.min_obstacle_dist * max(factors) + reach[:, None] + _ROUNDING
+    low, high = poses[:, :2].min(axis=0), poses[:, :2].max(axis=0)
+    inside = (places >= low - margin) & (places <= high + margin)
+    return np.flatnonzero(inside.all(axis=1))
 
 
 @final

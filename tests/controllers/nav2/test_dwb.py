@@ -18,11 +18,12 @@ from wideberth.controllers.nav2.dwb_critics import (
 )
 from wideberth.controllers.nav2.dwb_trajectories import Trajectories
 from wideberth.controllers.nav2.footprint import RobotFootprint, line_cost
-from wideberth.controllers.nav2.goal_checker import GoalChecker
 from wideberth.controllers.nav2.local_controller import Tick
 from wideberth.controllers.nav2.outlines import outline_costs
 from wideberth.framework.values.costmap import Costmap
 from wideberth.framework.values.errors import WideberthError
+from wideberth.tests.controllers.nav2 import ticks
+from wideberth.tests.controllers.nav2.ticks import free
 
 LIMITS = {
     "max_vel_x": 0.26, "max_vel_theta": 1.0, "max_speed_xy": 0.26, "acc_lim_x": 2.5,
@@ -38,15 +39,8 @@ def tick_of(
     **changes: object,
 ) -> Tick:
     plan = np.stack([np.linspace(0.0, 1.2, 25), np.zeros(25), np.zeros(25)], axis=1)
-    tick = Tick(
-        0.0, np.array(pose), np.array([speed, 0.0, 0.0]), plan, plan[-1], costmap,
-        RobotFootprint.round_of(0.22), False, GoalChecker(),
-    )  # fmt: skip
-    return replace(tick, **changes)
-
-
-def free(size: int = 60) -> Costmap:
-    return Costmap(np.zeros((size, size), np.uint8), 0.05, (-0.025 * size, -0.025 * size))
+    given = {"costmap": costmap, "speed": np.array([speed, 0.0, 0.0]), **changes}
+    return ticks.tick(plan, pose, **given)
 
 
 def along(points: list[tuple[float, float]], costmap: Costmap) -> Trajectories:
@@ -87,7 +81,7 @@ def test_path_cells_end_where_the_path_leaves_the_map() -> None:
 
 @pytest.mark.parametrize(("kind", "wanted"), [("last", 3.0), ("sum", 6.0), ("product", 6.0)])
 def test_scores_of_poses_are_aggregated(kind: str, wanted: float) -> None:
-    costmap = free()
+    costmap = free(60)
     critic = PathDist(aggregation_type=kind)  # type: ignore[arg-type]
     critic.prepare(tick_of(costmap))
     points = [(0.3, 0.06), (0.4, 0.11), (0.5, 0.16)]
@@ -107,6 +101,11 @@ def test_the_last_edge_runs_back_where_asked() -> None:
         max(line_cost(costmap.cells, *one[i - 1], *one[i]) for i in range(4)) for one in corners
     ]
     assert back.tolist() == wanted and (back != forth).any()
+    one_each = Trajectories(np.zeros((300, 3)), poses[:, None], np.ones(300, int), np.ones(300),
+                            np.zeros((300, 1), int))  # fmt: skip
+    critic = ObstacleFootprint()
+    critic.prepare(tick_of(costmap, footprint=shape))
+    assert critic.scores(one_each).tolist() == wanted
 
 
 def test_a_footprint_at_an_obstacle_is_not_allowed() -> None:
@@ -119,19 +118,6 @@ def test_a_footprint_at_an_obstacle_is_not_allowed() -> None:
     reach = [along([(x, 0.02)], costmap) for x in (0.1, 0.21, 0.75)]
     assert [critic.scores(one).tolist() for one in reach[::2]] == [[0.0], [0.0]]
     assert np.isnan(critic.scores(reach[1]))
-
-
-def test_the_footprint_is_drawn_back_to_its_first_vertex() -> None:
-    rng = np.random.default_rng(2)
-    costmap = Costmap(rng.integers(0, 253, (60, 60)).astype(np.uint8), 0.05, (-1.5, -1.5))
-    shape = RobotFootprint.of([[0.31, 0.2], [0.3, -0.22], [-0.25, -0.2], [-0.27, 0.21]])
-    poses = np.column_stack([rng.uniform(-0.9, 0.9, (300, 2)), rng.uniform(-3.0, 3.0, 300)])
-    one_each = Trajectories(np.zeros((300, 3)), poses[:, None], np.ones(300, int), np.ones(300),
-                            np.zeros((300, 1), int))  # fmt: skip
-    critic = ObstacleFootprint()
-    critic.prepare(tick_of(costmap, footprint=shape))
-    wanted = outline_costs(costmap, shape.vertices, poses, back=True)
-    assert critic.scores(one_each).tolist() == wanted.tolist()
 
 
 def test_samples_hold_a_zero_where_the_sign_changes_but_no_standstill() -> None:
@@ -163,7 +149,7 @@ def test_a_speed_limit_scales_the_samples() -> None:
 def test_rollouts_reach_their_twist_at_the_acceleration() -> None:
     sampling = DWB(**{**LIMITS, "acc_lim_x": 0.2}).sampling
     twists = np.array([[0.26, 0.0, 0.0]])
-    found = sampling.trajectories(np.zeros(3), np.zeros(3), twists, free())
+    found = sampling.trajectories(np.zeros(3), np.zeros(3), twists, free(60))
     steps = found.steps[0] * np.arange(1, found.counts[0] - 1)
     speeds = np.minimum(0.26, 0.2 * steps)
     assert found.last[0, 0] == pytest.approx((speeds * found.steps[0]).sum())
@@ -174,14 +160,14 @@ def test_rollouts_reach_their_twist_at_the_acceleration() -> None:
 def test_lateral_speed_moves_to_the_left() -> None:
     sampling = DWB(**LIMITS, max_vel_y=0.2, acc_lim_y=9.0).sampling
     start = np.array([0.0, 0.2, 0.0])
-    found = sampling.trajectories(np.array([0.0, 0.0, 0.5]), start, start[None], free())
+    found = sampling.trajectories(np.array([0.0, 0.0, 0.5]), start, start[None], free(60))
     wanted = 1.7 * 0.2 * np.array([-np.sin(0.5), np.cos(0.5)])
     assert found.last[0, :2] == pytest.approx(wanted)
 
 
 def test_while_it_moves_the_sign_of_turns_is_not_watched() -> None:
     critic = Oscillation()
-    critic.prepare(tick_of(free()))
+    critic.prepare(tick_of(free(60)))
     for turn in (0.5, -0.5):
         critic.debrief(np.array([0.2, 0.0, turn]))
     twists = np.array([[0.0, 0.0, 0.5], [0.0, 0.0, -0.5]])
@@ -195,7 +181,7 @@ def test_while_it_moves_the_sign_of_turns_is_not_watched() -> None:
 
 def test_nothing_is_cut_short_by_a_total_of_zero() -> None:
     controller = DWB(critics=(Twirling(scale=1.0), Twirling(scale=2.0)), **LIMITS)
-    found = controller.judged(tick_of(free()))
+    found = controller.judged(tick_of(free(60)))
     turns = np.abs(found.trajectories.twists[:, 2])
     first = int(np.argmin(turns))  # the least total is exactly 0 from here on
     assert found.totals[first:] == pytest.approx(3.0 * turns[first:])
@@ -204,7 +190,7 @@ def test_nothing_is_cut_short_by_a_total_of_zero() -> None:
 
 
 def test_turning_back_is_forbidden_until_the_robot_has_moved() -> None:
-    critic, costmap = Oscillation(), free()
+    critic, costmap = Oscillation(), free(60)
     twists = np.array([[0.2, 0.0, 0.0], [-0.2, 0.0, 0.0]])
     both = Trajectories(twists, np.zeros((2, 1, 3)), np.ones(2, int), np.ones(2),
                         np.zeros((2, 1), int))  # fmt: skip
@@ -221,8 +207,19 @@ def test_turning_back_is_forbidden_until_the_robot_has_moved() -> None:
     assert not np.isnan(critic.scores(both)).any()
 
 
+def test_a_turn_across_pi_lets_the_robot_turn_back_as_in_the_original() -> None:
+    twist = Trajectories(np.array([[0.2, 0.0, 0.0]]), np.zeros((1, 1, 3)), np.ones(1, int),
+                         np.ones(1), np.zeros((1, 1), int))  # fmt: skip
+    for before, after, forbidden in ((3.0, 3.1, True), (3.13, -3.13, False), (3.13, 3.16, False)):
+        critic, costmap = Oscillation(), free(60)
+        for sign, yaw in ((1.0, before), (-1.0, before), (-1.0, after)):
+            critic.prepare(tick_of(costmap, pose=(0.0, 0.0, yaw)))
+            critic.debrief(np.array([0.2 * sign, 0.0, 0.0]))
+        assert np.isnan(critic.scores(twist))[0] == forbidden, (before, after)
+
+
 def test_time_lets_the_robot_turn_back_where_it_is_given() -> None:
-    critic, costmap = Oscillation(oscillation_reset_time=1.0), free()
+    critic, costmap = Oscillation(oscillation_reset_time=1.0), free(60)
     twist = Trajectories(np.array([[0.2, 0.0, 0.0]]), np.zeros((1, 1, 3)), np.ones(1, int),
                          np.ones(1), np.zeros((1, 1), int))  # fmt: skip
     for time, sign, forbidden in ((0.0, 1, False), (0.1, -1, True), (1.0, -1, True),
@@ -233,7 +230,7 @@ def test_time_lets_the_robot_turn_back_where_it_is_given() -> None:
 
 
 def test_the_goal_latches_until_the_next_path() -> None:
-    costmap = free()
+    costmap = free(60)
     controller = DWB(critics=(RotateToGoal(),), **LIMITS)
     tick = tick_of(costmap, pose=(1.15, 0.0, 0.5))
     near = replace(tick, plan=tick.plan[-2:], speed=np.zeros(3))
@@ -262,7 +259,7 @@ def test_the_limited_generator_samples_what_a_period_allows() -> None:
 
 
 def test_equal_calls_have_equal_answers_after_a_reset() -> None:
-    controller, tick = DWB(**LIMITS), tick_of(free())
+    controller, tick = DWB(**LIMITS), tick_of(free(60))
     first = [repr(controller.velocity(tick).twist) for _ in range(3)]
     controller.reset()
     assert [repr(controller.velocity(tick).twist) for _ in range(3)] == first

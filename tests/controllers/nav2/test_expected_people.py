@@ -7,27 +7,24 @@ import pytest
 
 from wideberth.controllers.nav2.expected_people import ExpectedPeopleCritic, ellipses_of
 from wideberth.controllers.nav2.footprint import RobotFootprint
-from wideberth.controllers.nav2.goal_checker import GoalChecker
 from wideberth.controllers.nav2.local_controller import Tick
 from wideberth.controllers.nav2.mppi import BRINGUP, MPPI
 from wideberth.controllers.nav2.mppi_rollouts import Limits, Rollouts, Situation, driven
 from wideberth.controllers.nav2.people import ExpectedPeople
 from wideberth.framework.risk.collision_probability import collision_probability
-from wideberth.framework.values.costmap import Costmap
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast
+from wideberth.tests.controllers.nav2 import ticks
 
 DT, STEPS, BATCH = 0.05, 56, 30
 BODY = RobotFootprint.round_of(0.22)
 
 
 def tick_of(people: ExpectedPeople | None, time: float = 0.0, y: float = 0.0) -> Tick:
-    costmap = Costmap(np.zeros((200, 200), np.uint8), 0.05, (-5.0, -5.0))
     plan = np.stack([np.linspace(0.0, 3.0, 61), np.zeros(61), np.zeros(61)], axis=1)
-    return Tick(
-        time, np.array([0.0, y, 0.0]), np.zeros(3), plan, plan[-1], costmap, BODY, False,
-        GoalChecker(), people=people,
-    )  # fmt: skip
+    return ticks.tick(
+        plan, (0.0, y, 0.0), time=time, costmap=ticks.free(200), footprint=BODY, people=people
+    )
 
 
 def situation_of(tick: Tick) -> Situation:

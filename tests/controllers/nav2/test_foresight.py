@@ -7,22 +7,20 @@ import numpy as np
 import pytest
 
 from wideberth.controllers.nav2.expected_people import ExpectedPeopleCritic
-from wideberth.controllers.nav2.footprint import RobotFootprint
 from wideberth.controllers.nav2.foresight import Foresight
-from wideberth.controllers.nav2.goal_checker import GoalChecker
 from wideberth.controllers.nav2.local_controller import Answer, LocalController, Tick
 from wideberth.controllers.nav2.local_controllers import Limits, built, shipped_parameters
 from wideberth.controllers.nav2.mppi import MPPI
 from wideberth.controllers.nav2.navigator import Nav2
 from wideberth.controllers.nav2.settings import Settings
 from wideberth.framework.predictor import Predictor
-from wideberth.framework.values.costmap import Costmap
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.motion import Detection, Observation, Twist
 from wideberth.framework.values.path import Path
 from wideberth.predictors.kalman import Kalman
 from wideberth.robots.unicycle import Unicycle
+from wideberth.tests.controllers.nav2 import ticks
 
 VELOCITY = np.array([0.4, 0.2])
 
@@ -62,10 +60,7 @@ def seen(time: float, state: np.ndarray | None = None) -> Observation:
 
 
 def tick_of(observation: Observation | None, time: float) -> Tick:
-    costmap = Costmap(np.zeros((60, 60), np.uint8), 0.05, (-1.5, -1.5))
-    plan = np.stack([np.linspace(0.0, 1.2, 25), np.zeros(25), np.zeros(25)], axis=1)
-    return Tick(time, np.zeros(3), np.zeros(3), plan, plan[-1], costmap,
-                RobotFootprint.round_of(0.22), False, GoalChecker(), observation)  # fmt: skip
+    return ticks.tick(ticks.straight(1.2), time=time, observation=observation)
 
 
 def test_somebody_who_walks_straight_is_expected_ahead() -> None:

@@ -1,13 +1,12 @@
 """MPPI beside the recorded cases: plain re-computations of critics, memory, limits, refusals."""
 
 from dataclasses import dataclass, field, replace
-from math import atan2, cos, fmod, hypot, log, pi, sin
+from math import atan2, cos, exp, fmod, hypot, log, pi, sin
 
 import numpy as np
 import pytest
 
 from wideberth.controllers.nav2.footprint import RobotFootprint
-from wideberth.controllers.nav2.goal_checker import GoalChecker
 from wideberth.controllers.nav2.local_controller import Tick
 from wideberth.controllers.nav2.mppi import BRINGUP, CRITICS, MPPI
 from wideberth.controllers.nav2.mppi_critics import (
@@ -31,24 +30,19 @@ from wideberth.controllers.nav2.mppi_rollouts import (
 )
 from wideberth.framework.values.costmap import Costmap
 from wideberth.framework.values.errors import WideberthError
+from wideberth.tests.controllers.nav2 import ticks
+from wideberth.tests.controllers.nav2.ticks import free
 
 LIMITS = Limits(0.5, -0.35, 1.9, 3.0, -3.0, 3.5, 0.0)
 STEPS, BATCH = 56, 40
-
-
-def free(size: int = 120) -> Costmap:
-    return Costmap(np.zeros((size, size), np.uint8), 0.05, (-0.025 * size, -0.025 * size))
 
 
 def tick_of(costmap: Costmap, reach: float = 2.0, points: int = 81, **changes: object) -> Tick:
     """A path that bends to the left."""
     along = np.linspace(0.0, reach, points)
     plan = np.stack([along, 0.15 * along**2, np.arctan(0.3 * along)], axis=1)
-    tick = Tick(
-        0.0, np.array([0.02, -0.03, 0.1]), np.array([0.3, 0.0, 0.0]), plan, plan[-1], costmap,
-        RobotFootprint.round_of(0.22), False, GoalChecker(),
-    )  # fmt: skip
-    return replace(tick, **changes)
+    given = {"pose": np.array([0.02, -0.03, 0.1]), "speed": np.array([0.3, 0.0, 0.0]), **changes}
+    return ticks.tick(plan, costmap=costmap, **given)
 
 
 def rolled(seed: int = 0) -> Rollouts:
@@ -92,7 +86,7 @@ def aligned(rollouts: Rollouts, situation: Situation, far: int, k: int, yaws: bo
 @pytest.mark.parametrize("blocked", [[], [12], [12, 40]])
 @pytest.mark.parametrize("points", [61, 81])
 def test_alignment_is_that_of_a_plain_loop(blocked: list[int], yaws: bool, points: int) -> None:
-    tick = tick_of(free(), points=points)
+    tick = tick_of(free(120), points=points)
     cells = tick.costmap.cells.copy()
     for i in blocked:
         mx, my = tick.costmap.world_to_map(tick.plan[i, :2])
@@ -113,7 +107,7 @@ def test_alignment_is_that_of_a_plain_loop(blocked: list[int], yaws: bool, point
 
 
 def test_slow_trajectories_stay_at_a_point_of_the_path() -> None:
-    situation = situation_of(tick_of(free(), points=9))  # 0.25 m apart
+    situation = situation_of(tick_of(free(120), points=9))  # 0.25 m apart
     vx = np.linspace(0.02, 0.3, BATCH, dtype=np.float32) + np.zeros((STEPS, 1), np.float32)
     rollouts = driven(vx, 0.1 * vx, np.array([0.02, -0.03, 0.1]), 0.05)
     far = situation.furthest(rollouts)
@@ -123,15 +117,15 @@ def test_slow_trajectories_stay_at_a_point_of_the_path() -> None:
 
 
 def test_the_furthest_point_is_that_of_the_first_question() -> None:
-    situation = situation_of(tick_of(free()))
+    situation = situation_of(tick_of(free(120)))
     far = situation.furthest(rolled())
     short = driven(*np.zeros((2, STEPS, 3), np.float32), np.array([0.02, -0.03, 0.1]), 0.05)
     assert situation.furthest(short) == far > 0
-    assert situation_of(tick_of(free())).furthest(short) == 0
+    assert situation_of(tick_of(free(120))).furthest(short) == 0
 
 
 def test_a_path_blocked_to_its_end_is_followed_to_the_last_point_but_one() -> None:
-    tick, rollouts = tick_of(free()), rolled()
+    tick, rollouts = tick_of(free(120)), rolled()
     cells = tick.costmap.cells.copy()
     for mx, my in tick.costmap.world_to_map(tick.plan[20:, :2]):
         cells[my, mx] = 254
@@ -142,7 +136,7 @@ def test_a_path_blocked_to_its_end_is_followed_to_the_last_point_but_one() -> No
 
 
 def test_following_looks_beyond_blocked_points() -> None:
-    tick, rollouts = tick_of(free()), rolled()
+    tick, rollouts = tick_of(free(120)), rolled()
     far = situation_of(tick).furthest(rollouts)
     cells = tick.costmap.cells.copy()
     for mx, my in tick.costmap.world_to_map(tick.plan[far + 5 : far + 9, :2]):
@@ -164,7 +158,7 @@ def test_following_looks_beyond_blocked_points() -> None:
 def test_angles_to_the_path_are_those_of_the_mode(
     mode: int, heading: float, path_yaw: float
 ) -> None:
-    tick = tick_of(free())
+    tick = tick_of(free(120))
     plan = tick.plan.copy()
     plan[:, 2] = path_yaw
     pose = np.array([0.02, -0.03, heading])
@@ -192,13 +186,13 @@ def test_angles_to_the_path_are_those_of_the_mode(
         assert found == pytest.approx(wanted, rel=1e-4)
 
 
-def spotted() -> Costmap:
+def spotted(share: float = 1.0) -> Costmap:
     """Costs of inflation about some obstacles, and some unknown cells."""
     rng = np.random.default_rng(3)
     cells = rng.integers(0, 180, (120, 120))
-    cells[rng.random(cells.shape) < 0.008] = 253
-    cells[rng.random(cells.shape) < 0.002] = 254
-    cells[rng.random(cells.shape) < 0.003] = 255
+    cells[rng.random(cells.shape) < 0.008 * share] = 253
+    cells[rng.random(cells.shape) < 0.002 * share] = 254
+    cells[rng.random(cells.shape) < 0.003 * share] = 255
     return Costmap(cells.astype(np.uint8), 0.05, (-1.0, -1.0))
 
 
@@ -241,37 +235,82 @@ def test_costs_are_those_of_a_plain_loop(track: bool, near: bool) -> None:
     assert critic.cost(rollouts, situation) == pytest.approx(expected, rel=1e-4, abs=1e-4)
 
 
-def test_the_footprint_decides_where_it_is_asked_for() -> None:
-    cells = np.zeros((120, 120), np.uint8)
-    cells[50:70, 75:85] = 100
-    cells[60, 80] = 254
-    cells[58:63, 78:83] = np.maximum(cells[58:63, 78:83], 253)
-    costmap = Costmap(cells, 0.05, (-3.0, -3.0))
+@pytest.mark.parametrize("track", [False, True])
+@pytest.mark.parametrize("k", [3.0, 40.0])
+def test_the_footprint_decides_where_it_is_asked_for(track: bool, k: float) -> None:
+    costmap, rollouts = spotted(0.6), rolled(5)
     shape = RobotFootprint.of([[0.3, 0.1], [0.3, -0.1], [-0.3, -0.1], [-0.3, 0.1]])
-    tick = tick_of(costmap, footprint=shape)
-    rollouts = rolled(5)
-    found = CostCritic(consider_footprint=True).cost(rollouts, situation_of(tick))
-    assert found is not None
-    for k in range(BATCH):
-        hits = [
-            costmap.at((float(rollouts.x[t, k]), float(rollouts.y[t, k])), 255) > 0
-            and shape.cost(
-                costmap, np.array([rollouts.x[t, k], rollouts.y[t, k], rollouts.yaw[t, k]], float)
-            ) >= 254
-            for t in range(0, STEPS, 2)
-        ]  # fmt: skip
-        assert (found[k] > 500.0) == any(hits)
-    assert 0 < (found > 500.0).sum() < BATCH
+    tick = tick_of(costmap, footprint=shape, track_unknown=track)
+    least = int(252.0 * exp(-k * (shape.circumscribed - shape.inscribed)))
+    assert (least == 0) == (k == 40.0) and least < 150
+    wanted, distances = [], []
+    for i in range(BATCH):
+        total, hit = 0.0, False
+        raw, repulsion, collided = 0.0, 0.0, False
+        for t in range(STEPS):
+            pose = np.array([rollouts.x[t, i], rollouts.y[t, i], rollouts.yaw[t, i]], float)
+            centre = int(costmap.at(pose[:2], -1))
+            under = shape.cost(costmap, pose)
+            cost = 255 if centre < 0 else centre
+            if t % 2 == 0 and cost >= 1 and not hit:
+                seen = under if cost >= max(least, 1) else cost
+                hit = seen == 254 or (seen == 255 and not track)
+                total += 300.0 if cost >= 253 else cost
+            near = centre >= least and centre >= 0
+            seen = under if near else cost
+            if seen >= 1 and not collided:
+                collided = seen == 254 or (seen == 255 and not track)
+                gap = (k * shape.inscribed - log(seen) + log(253.0)) / k
+                gap -= 0.0 if near else shape.inscribed
+                if not collided:
+                    raw += max(0.1 - gap, 0.0)
+                    repulsion += 0.7 - gap
+        wanted.append(3.81 / 254.0 / 28 * (1e6 if hit else total))
+        distances.append((1e5 if collided else raw, repulsion))
+    critic = CostCritic(consider_footprint=True, cost_scaling_factor=k)
+    assert critic.cost(rollouts, situation_of(tick)) == pytest.approx(wanted, rel=1e-4)
+    assert 0 < sum(value > 500.0 for value in wanted) < BATCH
+    raw_costs, repulsions = np.array(distances).T
+    expected = 20.0 * raw_costs + 1.5 * (repulsions - repulsions.min()) / STEPS
+    obstacles = ObstaclesCritic(True, consider_footprint=True, inflation_radius=0.7,
+                                cost_scaling_factor=k)  # fmt: skip
+    found = obstacles.cost(rollouts, situation_of(tick))
+    assert found == pytest.approx(expected, rel=1e-4, abs=1e-3)
+
+
+def test_without_inflation_nothing_is_said_of_distances() -> None:
+    critic = ObstaclesCritic(cost_scaling_factor=0.0, collision_cost=7.0)
+    found = critic.cost(rolled(4), situation_of(tick_of(spotted())))
+    assert found is not None and set(found.tolist()) == {0.0, 140.0}
+
+
+def test_a_robot_that_cannot_reverse_has_to_face_the_path() -> None:
+    tick = tick_of(free(120), pose=np.array([0.02, -0.03, 3.0]))
+    rollouts = driven(*np.zeros((2, STEPS, 3), np.float32), tick.pose, 0.05)
+    for least, turns in ((-0.35, False), (-1e-5, False), (0.0, True), (-1e-7, True)):
+        limits = replace(LIMITS, vx_min=least)
+        found = PathAngleCritic(mode=1).cost(rollouts, situation_of(tick, limits))
+        assert (found is not None) == turns  # its back is to the path
+    facing = PathAngleCritic(mode=0).cost(rollouts, situation_of(tick))
+    assert found == pytest.approx(facing)
+
+
+def test_a_delay_as_long_as_the_horizon_is_refused() -> None:
+    for name in ("model_delay_vx", "model_delay_wz"):
+        with pytest.raises(WideberthError, match=f"{name} is 2.8 s, as long as the horizon"):
+            MPPI(**{name: 2.8})  # type: ignore[arg-type]
+        late = MPPI(batch_size=20, **{name: 2.7})  # type: ignore[arg-type]
+        assert late.velocity(tick_of(free(120))).twist is not None
 
 
 def test_a_turning_radius_is_kept() -> None:
     rollouts, limits = rolled(6), replace(LIMITS, turning_radius=1.0)
-    found = ConstraintCritic().cost(rollouts, situation_of(tick_of(free()), limits))
+    found = ConstraintCritic().cost(rollouts, situation_of(tick_of(free(120)), limits))
     vx, wz = rollouts.vx[0].astype(float), rollouts.wz[0].astype(float)
     out = np.maximum(vx - 0.5, 0) + np.maximum(-0.35 - vx, 0) + np.maximum(1 - abs(vx / wz), 0)
     assert found == pytest.approx(4.0 * out * 0.05 * STEPS, rel=1e-4, abs=1e-5)
     controller = MPPI(batch_size=200, motion_model="ackermann", min_turning_r=0.6)
-    tick = tick_of(free(), pose=np.array([0.0, 0.0, 1.5]))
+    tick = tick_of(free(120), pose=np.array([0.0, 0.0, 1.5]))
     for _ in range(5):
         twist = controller.velocity(tick).twist
         assert twist is not None
@@ -341,7 +380,7 @@ def test_no_critic_is_asked_once_all_collide() -> None:
     controller = MPPI(critics=(CostCritic(), asked), batch_size=50)
     assert controller.velocity(tick_of(walled())).twist is None
     assert not asked.calls
-    assert controller.velocity(tick_of(free())).twist is not None
+    assert controller.velocity(tick_of(free(120))).twist is not None
     assert len(asked.calls) == 1
 
 
@@ -392,7 +431,7 @@ def settled(controller: MPPI, tick: Tick, count: int = 12) -> list[tuple[float, 
 
 
 def test_equal_calls_have_equal_answers() -> None:
-    tick = tick_of(free())
+    tick = tick_of(free(120))
     for redraw in (False, True):
         both = [MPPI(batch_size=100, regenerate_noises=redraw) for _ in range(2)]
         first = settled(both[0], tick)
@@ -407,11 +446,11 @@ def test_equal_calls_have_equal_answers() -> None:
 
 def test_the_robot_follows_the_path_within_its_limits() -> None:
     controller = MPPI.from_parameters({**BRINGUP, "batch_size": 500})
-    commands = settled(controller, tick_of(free()), 30)
+    commands = settled(controller, tick_of(free(120)), 30)
     assert commands[-1][0] > 0.4 and commands[-1][1] > 0.0
     assert max(v for v, _ in commands) <= 0.5 + 1e-6
     controller.limit_speed(40.0, percentage=True)
-    slow = settled(controller, tick_of(free(), speed=np.array([0.2, 0.0, 0.0])), 20)
+    slow = settled(controller, tick_of(free(120), speed=np.array([0.2, 0.0, 0.0])), 20)
     assert max(v for v, _ in slow[5:]) <= 0.2 + 1e-6
     controller.limit_speed(0.1, percentage=False)
     assert controller.limits.vx_max == pytest.approx(0.1)
@@ -422,7 +461,7 @@ def test_the_robot_follows_the_path_within_its_limits() -> None:
 def test_without_a_shift_the_first_control_is_sent() -> None:
     fast = MPPI(batch_size=200, controller_frequency=50.0)
     assert not fast.shifting
-    commands = settled(fast, tick_of(free()), 15)
+    commands = settled(fast, tick_of(free(120)), 15)
     assert fast.memory.controls[0, 0] == np.float32(commands[-1][0])
     assert commands[-1][0] > 0.2
 
@@ -459,19 +498,19 @@ def test_the_validator_gives_a_second_chance() -> None:
 
 
 def test_open_loop_trusts_the_last_command() -> None:
-    tick = tick_of(free(), speed=np.array([0.5, 0.0, 0.0]))
+    tick = tick_of(free(120), speed=np.array([0.5, 0.0, 0.0]))
     trusting, careful = MPPI(batch_size=50, open_loop=True), MPPI(batch_size=50)
     assert trusting.speed(tick).tolist() == [0.0, 0.0]
     assert careful.speed(tick).tolist() == pytest.approx([0.35, 0.0])
 
 
 def test_a_power_is_taken_of_the_weighted_value() -> None:
-    rollouts, situation = rolled(), situation_of(tick_of(free()))
+    rollouts, situation = rolled(), situation_of(tick_of(free(120)))
     plain = TwirlingCritic().cost(rollouts, situation)
     square = TwirlingCritic(cost_power=2).cost(rollouts, situation)
     assert plain is not None and square == pytest.approx(plain**2)
     assert TwirlingCritic(enabled=False).cost(rollouts, situation) is None
-    near = situation_of(tick_of(free(), 0.2, 9))
+    near = situation_of(tick_of(free(120), 0.2, 9))
     assert TwirlingCritic().cost(rollouts, near) is None
 
 

@@ -4,9 +4,11 @@ from dataclasses import fields
 from math import inf, nan
 from typing import Any
 
+import numpy as np
 import pytest
 
 from wideberth.controllers.nav2 import dwb_critics
+from wideberth.controllers.nav2.collision_arc import collision_arc
 from wideberth.controllers.nav2.dwb import DWB
 from wideberth.controllers.nav2.goal_checker import GoalChecker
 from wideberth.controllers.nav2.graceful import Graceful
@@ -26,7 +28,7 @@ from wideberth.tests.controllers.nav2 import (
     golden_regulated_pure_pursuit,
     golden_vector_pursuit,
 )
-from wideberth.tests.controllers.nav2.ticks import Scripted
+from wideberth.tests.controllers.nav2.ticks import Scripted, straight, tick
 
 KINDS: list[type] = [
     RegulatedPurePursuit, VectorPursuit, Graceful, DWB, MPPI, TEB, RotationShim, GoalChecker,
@@ -115,6 +117,17 @@ def test_names_without_effect_and_old_ones_are_known_to_every_adapter() -> None:
     assert turned.lambda_ == 1.5
     screw = {"transform_tolerance": 0.1, "desired_linear_vel": 0.2}
     assert golden_vector_pursuit.controller_of({"params": screw}).desired_linear_vel == 0.2
+
+
+def test_an_arc_ends_after_a_whole_turn() -> None:
+    for speed, turning in ((0.0, 1.8), (1e-9, -0.5), (0.3, 2.0)):
+        poses, hit = collision_arc(tick(straight(1.0)), speed, turning, 2e4, 9.0)
+        assert not hit
+        turned = abs(poses[-1, 2] - poses[0, 2])
+        step = abs(poses[1, 2] - poses[0, 2])
+        assert 2.0 * np.pi < turned + step and turned <= 2.0 * np.pi + step
+    ahead, _ = collision_arc(tick(straight(1.0)), 0.5, 0.0, 2e4, 1.0)
+    assert ahead[-1, 0] == pytest.approx(1.0, abs=0.051)
 
 
 def test_wrong_numbers_of_a_file_are_refused_before_the_first_tick() -> None:

@@ -15,6 +15,7 @@ from wideberth.controllers.nav2.params_text import params_text
 from wideberth.controllers.nav2.regulated_pure_pursuit import RegulatedPurePursuit
 from wideberth.controllers.nav2.rotation_shim import RotationShim
 from wideberth.controllers.nav2.settings import Settings
+from wideberth.controllers.nav2.teb import TEB
 from wideberth.framework.values.errors import WideberthError
 from wideberth.robots import Unicycle
 
@@ -338,9 +339,58 @@ def test_limits_reach_every_controller(local: str) -> None:
     limits = Limits(0.7, 0.3, 0.8, 0.1)
     bound = Settings.shipped(local).within(limits)
     values = {value for value in bound.parameters.values() if isinstance(value, float)}
-    assert {0.3} <= values and (local == "rotation_shim" or 0.7 in values)
+    assert {0.3, 0.7} <= values
     assert bound.make_smoother().max_accel == (0.8, 0.0, 0.1)
     bound.make_controller()
+
+
+def test_limits_reach_the_controller_behind_a_shim() -> None:
+    slow = Limits(0.2, 0.3, 0.7, 0.1)
+    made = Settings("rotation_shim").within(slow).make_controller()
+    assert isinstance(made, RotationShim) and isinstance(made.primary, RegulatedPurePursuit)
+    assert (made.rotate_to_heading_angular_vel, made.primary.max_linear_vel) == (0.3, 0.2)
+    inner = {"primary_controller": "mppi"}
+    made = Settings("rotation_shim", inner).within(slow).make_controller()
+    assert isinstance(made, RotationShim) and isinstance(made.primary, MPPI)
+    assert (made.primary.vx_max, made.primary.vx_min, made.primary.wz_max) == (0.2, -0.2, 0.3)
+    inner = {"primary_controller": "teb"}
+    bound = Settings("rotation_shim", inner).driving(Unicycle(radius=0.5)).within(slow)
+    made = bound.make_controller()
+    assert made.primary.robot_radius == 0.5  # type: ignore[attr-defined]
+    assert made.primary.max_vel_x_backwards == 0.2  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("local", "name", "before", "after"),
+    [
+        ("mppi", "vx_min", None, -0.2), ("mppi", "vx_min", -0.1, -0.1), ("mppi", "vx_min", 0, 0),
+        ("mppi_foresight", "vx_min", None, -0.2), ("teb", "max_vel_x_backwards", None, 0.2),
+        ("teb", "max_vel_x_backwards", 0.5, 0.2), ("dwb", "min_vel_x", -0.26, -0.2),
+        ("dwb", "min_vel_x", None, 0.0),
+    ],
+)  # fmt: skip
+def test_nothing_reverses_faster_than_its_limit(
+    local: str, name: str, before: float | None, after: float
+) -> None:
+    given = {} if before is None else {name: before}
+    bound = Settings(local, given).within(Limits(0.2, 0.3, 0.7, 0.1))
+    assert bound.parameters[name] == after
+    usual = {"mppi": MPPI, "mppi_foresight": MPPI, "dwb": DWB, "teb": TEB}[local]
+    assert Limits(9.0, 9.0, 9.0, 9.0).parameters(local)[name] == getattr(usual, name)
+
+
+def test_critics_know_the_inflation_of_the_view() -> None:
+    given = {"critics": ["CostCritic", "ObstaclesCritic"]}
+    view = View(inflation_radius=0.8, cost_scaling_factor=4.0)
+    made = Settings("mppi", given, view=view).make_controller()
+    assert isinstance(made, MPPI)
+    cost, obstacles = made.critics
+    assert cost.cost_scaling_factor == 4.0  # type: ignore[attr-defined]
+    assert obstacles.inflation_radius == 0.8  # type: ignore[attr-defined]
+    assert obstacles.cost_scaling_factor == 4.0  # type: ignore[attr-defined]
+    own = {**given, "ObstaclesCritic.cost_scaling_factor": 5.0}
+    made = Settings("mppi", own, view=view).make_controller()
+    assert made.critics[1].cost_scaling_factor == 5.0  # type: ignore[attr-defined]
 
 
 def test_teb_of_a_file_keeps_its_radius(tmp_path: Path) -> None:

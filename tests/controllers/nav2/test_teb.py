@@ -24,7 +24,7 @@ from wideberth.controllers.nav2.teb import (
 )
 from wideberth.controllers.nav2.teb_band import Band
 from wideberth.controllers.nav2.teb_classes import Candidate, Candidates, signature_of
-from wideberth.controllers.nav2.teb_edges import Edges, Obstacles, Pull, limits_of
+from wideberth.controllers.nav2.teb_edges import Edges, Obstacles, Pull, associated, limits_of
 from wideberth.controllers.nav2.teb_parameters import TebParameters
 from wideberth.framework.values.costmap import LETHAL, Costmap
 from wideberth.framework.values.errors import WideberthError
@@ -463,3 +463,52 @@ def test_equal_ticks_have_equal_answers_after_a_reset() -> None:
     assert [(one.linear, one.angular) for one in runs[0] if one] == [
         (one.linear, one.angular) for one in runs[1] if one
     ]
+
+
+def test_a_filter_shorter_than_a_tick_notices_nothing() -> None:
+    for duration in (0.0, 0.02):
+        teb = TEB(oscillation_filter_duration=duration)
+        assert teb.velocity(tick_of(straight(1.0), [])).twist is not None
+
+
+@pytest.mark.parametrize("factors", [(1.5, 5.0), (3.0, 2.0)])
+def test_obstacles_beyond_the_reach_of_a_band_are_left_out_first(
+    factors: tuple[float, float],
+) -> None:
+    rng = np.random.default_rng(4)
+    settings = settings_of(
+        min_obstacle_dist=0.3,
+        obstacle_association_force_inclusion_factor=factors[0],
+        obstacle_association_cutoff_factor=factors[1],
+    )
+    poses = rng.uniform((0.0, -0.5, -3.0), (3.0, 0.5, 3.0), (8, 3))
+    places, reach = rng.uniform(-8.0, 8.0, (600, 2)), rng.uniform(0.0, 0.4, 600)
+    wanted: list[tuple[int, int]] = []
+    for k, (x, y, yaw) in enumerate(poses):
+        sides: dict[bool, list[tuple[float, int]]] = {True: [], False: []}
+        for m, (px, py) in enumerate(places):
+            apart = np.hypot(px - x, py - y) - reach[m]
+            if apart < 0.3 * factors[0]:
+                wanted.append((k, m))
+            elif apart <= 0.3 * factors[1]:
+                sides[np.cos(yaw) * py - np.sin(yaw) * px > 0.0].append((apart, m))
+        wanted += [(k, min(sides[left])[1]) for left in (True, False) if sides[left]]
+    pose, which = associated(poses, places, reach, settings)
+    assert list(zip(pose.tolist(), which.tolist(), strict=True)) == wanted and len(wanted) > 8
+    for none in (places[:0], places + 100.0):
+        pose, which = associated(poses, none, reach[: len(none)], settings)
+        assert len(pose) == len(which) == 0
+
+
+def test_what_is_far_from_a_band_costs_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    sizes: list[int] = []
+    hypot_of = np.hypot
+
+    def noted(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        sizes.append(np.size(x))
+        return hypot_of(x, y)
+
+    monkeypatch.setattr(np, "hypot", noted)
+    poses, far = straight(1.0), np.random.default_rng(5).uniform(9.0, 99.0, (20_000, 2))
+    associated(poses, far, np.zeros(len(far)), settings_of())
+    assert max(sizes, default=0) <= len(far)

@@ -11,7 +11,6 @@ from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.costmap import Costmap
 from wideberth.framework.values.motion import Twist
 
-FREE = Costmap(np.zeros((60, 60), np.uint8), 0.05, (-1.5, -1.5))
 ROBOT = RobotFootprint.round_of(0.22)
 
 
@@ -21,13 +20,21 @@ def straight(length: float, start: float = 0.0) -> Array:
     return np.column_stack([x, np.zeros_like(x), np.zeros_like(x)])
 
 
-def tick(plan: Array, pose: tuple[float, ...] = (0.0, 0.0, 0.0), **other: object) -> Tick:
+def tick(plan: Array, pose: tuple[float, ...] | Array = (0.0, 0.0, 0.0), **other: object) -> Tick:
     values = {
         "time": 0.0, "pose": np.array(pose), "speed": np.zeros(3), "plan": plan,
         "goal": plan[-1], "costmap": FREE, "footprint": ROBOT, "track_unknown": False,
         "checker": GoalChecker(),
     }  # fmt: skip
     return Tick(**{**values, **other})  # type: ignore[arg-type]
+
+
+def free(size: int) -> Costmap:
+    """A free costmap of so many cells of 5 cm to a side, about the origin."""
+    return Costmap(np.zeros((size, size), np.uint8), 0.05, (-0.025 * size, -0.025 * size))
+
+
+FREE = free(60)
 
 
 def walls(*boxes: tuple[float, float, float, float]) -> Costmap:
