@@ -175,7 +175,8 @@ class ObstaclesCritic(Critic):
         """See the class."""
         tick, size = situation.tick, np.float32(situation.tick.footprint.inscribed)
         cells = cells_at(tick.costmap, rollouts.x, rollouts.y, np.float64)
-        costs, centre = costs_of(tick.costmap, cells), size
+        costs = costs_of(tick.costmap, cells)
+        centre: Single | np.float32 = size
         if self.consider_footprint:
             least = touching_cost(tick.footprint, self.cost_scaling_factor)
             near = (cells >= 0) & (costs >= least)
@@ -202,7 +203,8 @@ class ObstaclesCritic(Critic):
         """Return the distance from a point to an obstacle, m, that costs mean."""
         k = np.float32(self.cost_scaling_factor or 1.0)
         table = np.log(np.maximum(np.arange(256, dtype=np.float32), 1.0))
-        return (k * size - table[costs.astype(np.uint8)] + np.log(np.float32(253.0))) / k
+        ahead = k * size - table[costs.astype(np.uint8)] + np.log(np.float32(253.0))
+        return np.asarray(ahead / k)
 
 
 def cells_at(
