@@ -79,7 +79,7 @@ class Extent:
     stages: tuple[int, int] = (3, 60)
     sweep: tuple[int, int] = (200, 3)
     crowds: tracking.Crowds = field(default_factory=tracking.Crowds)
-    loops: tuple[int, int] = (3, 220)
+    loops: tuple[int, int] = (1, 220)
 
 
 QUICK = Extent(
