@@ -6,6 +6,7 @@ from math import cos, hypot, pi, sin
 from typing import Any, Literal, TypeAlias, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...framework.numerics.rvo2 import rvo2
 from ...framework.values.arrays import Array, BoolArray
@@ -133,11 +134,13 @@ class CrowdNavPlusCrowd(Crowd):
         self.radii: Array = np.zeros(0)
         self.speeds: Array = np.zeros(0)
         self.neighbour_distances: Array = np.zeros(0)
-        self.robot, self.robot_goal = self._draw_robot()
+        robot, goal = self._draw_robot()
+        self.robot: Array = robot
+        self.robot_goal: Array = goal
         for _ in range(PEOPLE):
             self._add(self._draw_person())
         self.velocities: Array = np.zeros((PEOPLE, 2))
-        self.arrivals = np.zeros(PEOPLE, dtype=np.int64)
+        self.arrivals: NDArray[np.int64] = np.zeros(PEOPLE, dtype=np.int64)
         self.believed: Array = np.tile([*UNSEEN, 0.0, 0.0, RADIUS], (PEOPLE, 1))
         self._minds = _Minds(self.random)
         self._look()

@@ -5,9 +5,10 @@ from math import hypot, sqrt
 from typing import Any, Literal, TypeAlias, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...framework.numerics.rvo2 import rvo2
-from ...framework.values.arrays import Array
+from ...framework.values.arrays import Array, BoolArray
 from .base import STEP, Crowd
 from .hall import CASES, Hall, Layout, PeopleDraws, nearest
 
@@ -126,14 +127,14 @@ class CrowdSimPlusCrowd(Crowd):
         self.speeds: Array = np.array([SPEEDS[1] if v is None else v for v, _, _ in ways])
         self.starts: Array = np.stack([start for _, start, _ in ways])
         self.goals: Array = np.stack([goal for _, _, goal in ways])
-        self.robot = np.array([0.0, -self.hall.circle_radius])
+        self.robot: Array = np.array([0.0, -self.hall.circle_radius])
         self.robot_goal: Array = -self.robot
         self.robot_velocity: Array = np.zeros(2)
-        self.positions = self.starts.copy()
+        self.positions: Array = self.starts.copy()
         self.velocities: Array = np.zeros((PEOPLE, 2))
-        self.radii = np.full(PEOPLE, RADIUS)
-        self.arrivals = np.zeros(PEOPLE, dtype=np.int64)
-        self.seen = np.ones(PEOPLE, dtype=bool)
+        self.radii: Array = np.full(PEOPLE, RADIUS)
+        self.arrivals: NDArray[np.int64] = np.zeros(PEOPLE, dtype=np.int64)
+        self.seen: BoolArray = np.ones(PEOPLE, dtype=bool)
         self.verdict: Verdict = Verdict()
         self._decide()
         for _ in range(HEAD_START):

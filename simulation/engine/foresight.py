@@ -5,6 +5,7 @@ from typing import final
 
 import numpy as np
 
+from ...framework.robot import Robot
 from ...framework.values.arrays import Array
 from .driver import Driver
 from .plant import Plant
@@ -65,9 +66,9 @@ class Planned(Plant):
     """
 
     def __init__(self, driver: Driver, now: float) -> None:
-        self.robot = driver.agent.robot
-        self.state = driver.plant.state
-        self.control = driver.plant.control
+        self.robot: Robot = driver.agent.robot
+        self.state: tuple[float, ...] = driver.plant.state
+        self.control: tuple[float, ...] = driver.plant.control
         self._driver, self._now = driver, now
         self._place = driver.plant.position
 
