@@ -240,8 +240,8 @@ class Nav2Rivals(Experiment):
             episode = Episode.from_bytes(result.read(f"{_file(task)}.npz"))
             looks = looks_from_bytes(result.read(name))
             with paper_style():
-                called = f"looks_{_file(task)}".replace(" ", "_")
-                files += save(draw_looks(episode, looks), folder, called)
+                called = _file(task).replace(" ", "_")
+                files += save(draw_looks(episode, looks), folder, f"looks_{called}")
         return files
 
     def quick(self) -> Self:

@@ -136,10 +136,11 @@ def walk(rows: int = 40) -> Array:
 PLAIN = [
     name
     for name in NAMES
-    if name not in {"conformal", "adaptive_conformal", "empirical", "social_force"}
+    if name
+    not in {"conformal", "adaptive_conformal", "empirical", "reacting_people", "social_force"}
 ]
 """The tables of the others count steps from the newest row, not from the newest observed sample;
-and so does the roll-out, which begins when everybody is where they are now."""
+and so do roll-outs, which begin when everybody is where they are now."""
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -386,16 +386,22 @@ def _own(
     """Covariances of the own position relative to detections and to polygons, each (N, D, D)."""
 
     def grown(known: Array | None) -> Array:
-        if known is not None and settings.latency:
-            stamp = observation.stamp
-            known = carried(
-                known, lambda x: _delayed(settings, state, stamp, x), observation.state
-            )
-        return services.own.spread(known, first.states, first.inputs)
+        start = _spread(settings, state, observation, known)
+        return services.own.spread(start, first.states, first.inputs)
 
     own = grown(observation.covariance)
     apart = observation.map_covariance is not None and observation.polygons
     return own, grown(observation.map_covariance) if apart else own
+
+
+def _spread(
+    settings: PlannerSettings, state: PlannerState, observation: Observation, known: Array | None
+) -> Array | None:
+    """Covariance of the plan's first state, from one of the observation's."""
+    if known is None or not settings.latency:
+        return known
+    stamp = observation.stamp
+    return carried(known, lambda x: _delayed(settings, state, stamp, x), observation.state)
 
 
 def _place(robot: Robot, state: Array) -> Array:

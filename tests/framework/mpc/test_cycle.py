@@ -229,14 +229,14 @@ def test_a_delay_carries_state_and_covariance() -> None:
     np.testing.assert_allclose(moved, here + np.array([0.1, 0.0, 0.0, 0.0, 0.0]), atol=1e-12)
     known = np.diag([0.01, 0.02, 0.0, 0.04, 0.0])
     seen = Observation(0.0, here, covariance=known)
-    spread = cycle._spread(late, state, seen)
+    spread = cycle._spread(late, state, seen, known)
     assert spread is not None
     np.testing.assert_allclose(spread[0, 0], 0.01 + 0.04 * 0.2**2, rtol=1e-4)
     np.testing.assert_allclose(spread[0, 3], 0.04 * 0.2, rtol=1e-4)
-    assert cycle._spread(late, state, Observation(0.0, here)) is None
+    assert cycle._spread(late, state, Observation(0.0, here), None) is None
     now = planner()
     assert cycle._delayed(now, state, 0.0, here) is here
-    assert cycle._spread(now, state, seen) is seen.covariance
+    assert cycle._spread(now, state, seen, known) is known
     assert cycle._place(now.robot, here).tolist() == [1.0, 0.0]
 
 

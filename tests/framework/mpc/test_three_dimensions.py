@@ -43,7 +43,10 @@ PREDICTORS = {
     "kalman": {"acceleration_density": 0.007},
     "oracle": {"spread": 0.03},
 }
-PLANE = {"coordinated_turn", "game", "mixture_density", "single_gaussian", "social_force"}
+PLANE = {
+    "coordinated_turn", "game", "mixture_density", "reacting_people", "single_gaussian",
+    "social_force",
+}  # fmt: skip
 """Predictors that leave space to their fallback, and say so."""
 
 
