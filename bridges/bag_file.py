@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple, final
 
 from ..framework.values.errors import WideberthError, short
-from .library import needed
+from .ros_extra import needed
 from .salvage import salvaged
 
 SUFFIXES = (".mcap", ".db3")

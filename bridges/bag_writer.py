@@ -6,8 +6,8 @@ from typing import Any, Self, final
 
 from ..framework.plugins.registry import unknown
 from ..framework.values.errors import WideberthError
-from .library import needed
 from .messages import Messages
+from .ros_extra import needed
 
 STORAGES = ("mcap", "sqlite3")
 

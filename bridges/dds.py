@@ -8,8 +8,8 @@ from xml.sax.saxutils import quoteattr
 from ..framework.plugins.registry import unknown
 from ..framework.values.errors import WideberthError
 from .dds_types import idl_class
-from .library import needed
 from .messages import MOST_BYTES, Messages
+from .ros_extra import needed
 
 LOOPBACK, OWN_CHOICE = "lo", "default"
 """Interfaces: nothing leaves the computer; what Cyclone DDS or CYCLONEDDS_URI choose."""

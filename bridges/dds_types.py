@@ -3,8 +3,8 @@
 from functools import cache
 from typing import Any
 
-from .library import needed
 from .messages import Messages
+from .ros_extra import needed
 
 _OTHER = {"string": str, "bool": bool}
 _NUMBERS = {"octet": "uint8", "byte": "uint8", "char": "uint8"}

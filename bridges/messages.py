@@ -6,7 +6,7 @@ from typing import Any, Self, final
 from ..framework.plugins.registry import unknown
 from ..framework.values.errors import WideberthError, nearest, short
 from .definitions import DEFINITIONS
-from .library import needed
+from .ros_extra import needed
 
 DISTRIBUTIONS = ("humble", "jazzy", "kilted", "lyrical")
 """Of ROS 2, oldest first."""

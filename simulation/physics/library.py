@@ -3,10 +3,9 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
-from importlib import import_module
 from typing import Any
 
-from ...framework.values.errors import WideberthError
+from ...framework.plugins.extras import from_extra
 
 
 @cache
@@ -17,13 +16,7 @@ def mujoco() -> Any:
     ------
     WideberthError : it is not installed.
     """
-    try:
-        return import_module("mujoco")
-    except ImportError as error:
-        raise WideberthError(
-            "the physics simulation needs MuJoCo, which is not installed: "
-            "pip install 'wideberth[physics]'"
-        ) from error
+    return from_extra("mujoco", "physics", "the physics simulation needs MuJoCo")
 
 
 @contextmanager
