@@ -1,10 +1,10 @@
 """Parameters of a controller with critics, by the names that stand in Nav2's files."""
 
 from collections.abc import Mapping
-from dataclasses import fields
 from typing import Any, TypeVar
 
 from ...framework.values.errors import WideberthError, nearest
+from .parameters import names_of
 
 C = TypeVar("C")
 
@@ -46,7 +46,7 @@ def checked_names(kind: type, parameters: Mapping[str, Any], prefix: str = "") -
     ------
     WideberthError : there is one.
     """
-    known = [f.name for f in fields(kind) if f.init]
+    known = names_of(kind)
     for name in parameters:
         if name not in known:
             raise WideberthError(f"there is no parameter {prefix}{name}; {nearest(name, known)}")

@@ -8,7 +8,7 @@ from typing import Any, final
 from ...framework.values.arrays import positive
 from ...framework.values.errors import WideberthError, nearest
 from .local_controller import LocalController
-from .parameters import effective
+from .parameters import effective, names_of, refuse_unknown
 
 LOCAL: dict[str, str] = {
     "dwb": "wideberth.controllers.nav2.dwb:DWB",
@@ -184,14 +184,12 @@ def built(local: str, parameters: Mapping[str, Any]) -> LocalController:
         return _shim(found, parameters)
     if local in _FROM_PARAMETERS:
         return _checked(found.from_parameters(parameters))
-    known = [field.name for field in fields(found) if field.init]
+    known = names_of(found)
     renamed = {
         (_RENAMED.get(name, name) if name not in known else name): value
         for name, value in parameters.items()
     }
-    for name in renamed:
-        if name not in known:
-            raise WideberthError(f"{local} has no parameter {name!r}{nearest(name, known)}")
+    refuse_unknown(local, renamed, known)
     return _checked(found(**renamed))
 
 

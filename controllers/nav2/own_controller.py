@@ -12,12 +12,13 @@ from ...framework.controller import Controller, fresh
 from ...framework.plugins.config import build
 from ...framework.values.arrays import Array, positive
 from ...framework.values.costmap import Costmap
-from ...framework.values.errors import WideberthError, nearest
+from ...framework.values.errors import WideberthError
 from ...framework.values.motion import Observation, Twist, sound
 from ...framework.values.path import Path
 from ...framework.values.polygon import Polygon
 from .local_controller import INVALID_PATH, Answer, LocalController, Tick
 from .local_costmap import discs_of, in_sight
+from .parameters import refuse_unknown
 
 _DUE = 1e-9
 """s: a decision that is due so soon is due now."""
@@ -68,10 +69,7 @@ class OwnController(LocalController):
         ------
         WideberthError : an unknown name, or no controller.
         """
-        known = ("controller", "controller_frequency", "robot")
-        for name in parameters:
-            if name not in known:
-                raise WideberthError(f"own has no parameter {name!r}{nearest(name, known)}")
+        refuse_unknown("own", parameters, ("controller", "controller_frequency", "robot"))
         if "controller" not in parameters:
             raise WideberthError("own has no controller; give one, its config or its name")
         rest = {**parameters}

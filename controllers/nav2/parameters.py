@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args, get_origin
 import numpy as np
 
 from ...framework.values.arrays import number, positive, whole
-from ...framework.values.errors import WideberthError
+from ...framework.values.errors import WideberthError, nearest
 
 WITHOUT_EFFECT = frozenset(
     """
@@ -35,6 +35,29 @@ def effective(parameters: Mapping[str, Any]) -> dict[str, Any]:
         for name, value in parameters.items()
         if name != "plugin" and name.rpartition(".")[2] not in WITHOUT_EFFECT
     }
+
+
+def names_of(kind: type) -> list[str]:
+    """Return the names of the parameters that a dataclass is made from."""
+    return [one.name for one in fields(kind) if one.init]
+
+
+def refuse_unknown(place: str, given: Iterable[str], known: Iterable[str]) -> None:
+    """Refuse a name that is not known, and name the nearest.
+
+    Parameters
+    ----------
+    place : what has these parameters, in the message.
+    given, known : names.
+
+    Raises
+    ------
+    WideberthError : there is one.
+    """
+    names = list(known)
+    for name in given:
+        if name not in names:
+            raise WideberthError(f"{place} has no parameter {name!r}{nearest(name, names)}")
 
 
 def at_default(

@@ -1,7 +1,6 @@
 """Nav2's own parameter files, `nav2_params.yaml`, as settings of the loop."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,7 @@ from ...framework.values.errors import WideberthError, nearest
 from .dwb import PATH_LENGTH_TOLERANCE
 from .local_costmap import View
 from .mppi import MODELS, PLUGIN_OF
-from .parameters import at_default, effective
+from .parameters import at_default, effective, names_of, refuse_unknown
 from .recoveries import Recoveries
 from .settings import Settings
 from .velocity_smoother import VelocitySmoother
@@ -130,7 +129,7 @@ def read_params_file(path: Path | str, controller: str = "FollowPath") -> Settin
         }
         if node == "behavior_server":
             given = {key: value for key, value in given.items() if not isinstance(value, Mapping)}
-        _refuse_unknown(node, given, _fields(kind))
+        refuse_unknown(node, given, names_of(kind))
         settings[name] = given
     return Settings(**settings)
 
@@ -176,7 +175,7 @@ def _server(given: Mapping[str, Any], controller: str) -> dict[str, Any]:
         "failure_tolerance", "min_x_velocity_threshold", "min_y_velocity_threshold",
         "min_theta_velocity_threshold", "costmap_update_timeout", "controller_frequency",
     ]  # fmt: skip
-    _refuse_unknown("controller_server", plain, known)
+    refuse_unknown("controller_server", plain, known)
     settings["server"] = plain
     return settings
 
@@ -269,7 +268,7 @@ def _costmap(given: Mapping[str, Any], place: str) -> dict[str, Any]:
         elif name == "robot_radius":
             settings["robot_radius"] = float(value)
         elif name not in _WITHOUT_ROS and name != "plugins":
-            _refuse_unknown(place, [name], [*_fields(View), "footprint", "robot_radius"])
+            refuse_unknown(place, [name], [*names_of(View), "footprint", "robot_radius"])
             view[name] = value
     return settings | {"view": View(**view)}
 
@@ -281,7 +280,7 @@ def _layer(given: Mapping[str, Any], place: str) -> dict[str, Any]:
         if isinstance(value, Mapping):
             found |= _layer(value, f"{place}.{name}")
         elif name not in _LAYER | _WITHOUT_ROS:
-            _refuse_unknown(place, [name], _SEEN | _LAYER)
+            refuse_unknown(place, [name], _SEEN | _LAYER)
             found[name] = value
     return found
 
@@ -293,15 +292,3 @@ def _outline(value: Any) -> tuple[tuple[float, float], ...]:
         return tuple((float(x), float(y)) for x, y in corners)
     except (TypeError, ValueError):
         raise WideberthError(f"footprint is {value!r}; wanted [[x, y], ...] in m") from None
-
-
-def _fields(kind: type) -> list[str]:
-    return [one.name for one in fields(kind) if one.init]
-
-
-def _refuse_unknown(place: str, given: Iterable[str], known: Iterable[str]) -> None:
-    """Refuse a name that is not known, and name the nearest."""
-    names = list(known)
-    for name in given:
-        if name not in names:
-            raise WideberthError(f"{place} has no parameter {name!r}{nearest(name, names)}")

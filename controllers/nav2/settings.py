@@ -1,17 +1,17 @@
 """Everything that sets the loop around a local controller."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, final
 
 from ...framework.robot import Robot
 from ...framework.values.arrays import checked, positive
-from ...framework.values.errors import WideberthError, nearest
 from .footprint import RobotFootprint
 from .goal_checker import GoalChecker
 from .local_controller import LocalController
 from .local_controllers import Limits, built, shipped_parameters, timed, together
 from .local_costmap import View
+from .parameters import names_of, refuse_unknown
 from .path_handler import PathHandler
 from .progress_checker import ProgressChecker
 from .recoveries import Recoveries
@@ -154,9 +154,5 @@ def _known(kind: type, name: str, parameters: Mapping[str, Any]) -> dict[str, An
     ------
     WideberthError : one that it has not.
     """
-    known = [one.name for one in fields(kind) if one.init]
-    for given in parameters:
-        if given not in known:
-            hint = nearest(given, known)
-            raise WideberthError(f"settings.{name} has no parameter {given!r}{hint}")
+    refuse_unknown(f"settings.{name}", parameters, names_of(kind))
     return dict(parameters)
