@@ -51,11 +51,11 @@ def stamps(stamped: Array, received: Array) -> Stamps:
     offset, notes = stamped[index] - received[index], []
     moved, near = np.zeros(len(index)), [float(offset[0])]
     for place in range(len(offset)):
-        change = offset[place:] + moved[place:] - float(np.median(near[-AGREEING:]))
-        if abs(change[0]) <= JUMP:
+        some = slice(place, place + AGREEING)
+        ahead = offset[some] + moved[some] - float(np.median(near[-AGREEING:]))
+        if abs(ahead[0]) <= JUMP:
             near.append(float(offset[place] + moved[place]))
             continue
-        ahead = change[:AGREEING]
         if len(ahead) == AGREEING and np.ptp(ahead) < JUMP / 2:
             step = float(np.median(ahead))
             moved[place:] -= step

@@ -461,7 +461,7 @@ class PlannerNode:
         planner = threading.Thread(target=self._plan_forever, name="planner", daemon=True)
         planner.start()
         period, begin = 1.0 / self.settings.rate, time.monotonic()
-        due, told = begin, begin
+        due, reported = begin, begin
         try:
             while not self._stop.is_set() and time.monotonic() - begin < seconds:
                 self.listen()
@@ -471,9 +471,9 @@ class PlannerNode:
                     late = int((now - due) / period)
                     self.counts.missed += late
                     due += (late + 1) * period
-                if now - told >= 1.0:
+                if now - reported >= 1.0:
                     self.report()
-                    told = now
+                    reported = now
                 self._stop.wait(max(min(due - time.monotonic(), 0.005), 0.0))
         finally:
             self._stop.set()

@@ -31,7 +31,7 @@ class Foresight(LocalController):
 
     Parameters
     ----------
-    controller : is told where people will be, see `Tick`.
+    controller : decides; it is given the forecasts as `Tick.people`.
     predictor : of the people.
     horizon : s, of the forecasts.
     dt : s, step of the tracks and of the forecasts.
@@ -101,7 +101,7 @@ class Foresight(LocalController):
         self.controller.limit_speed(value, percentage)
 
     def velocity(self, tick: Tick) -> Answer:
-        """Ask the controller, which is told where people will be."""
+        """Ask the controller, with the forecasts of the people."""
         if tick.observation is None:
             return self.controller.velocity(tick)
         try:

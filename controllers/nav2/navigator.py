@@ -125,11 +125,11 @@ class Nav2(Controller):
         if self.robot_limits:
             self._set = self._set.within(limits_of(self.robot))
         self._set = self._set.driving(self.robot)
-        smoothed = self._set.make_smoother().smoothing_frequency
-        self.period: float = 1.0 / max(self._set.controller_frequency, smoothed)
         self.footprint: RobotFootprint = self._outline()
         self._given: Array | None = None
         self._make()
+        smoothed = self._smoother.smoothing_frequency
+        self.period: float = 1.0 / max(self._set.controller_frequency, smoothed)
 
     def _outline(self) -> RobotFootprint:
         """Return the robot's outline with its padding."""

@@ -2,14 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import cos, inf, sin
+from math import inf
 from typing import final
 
 import numpy as np
 
 from ...framework.values.arrays import FARTHEST, Array, BoolArray
 from ...framework.values.polygon import Polygon
-from ...framework.values.sensing import Scan
+from ...framework.values.sensing import Scan, beams_of
 
 
 @final
@@ -45,13 +45,9 @@ class Rays:
     @classmethod
     def of_scan(cls, scan: Scan, pose: Array) -> "Rays":
         """Return the rays of a scan by a robot that stood at a pose (3,)."""
-        x, y, yaw = (float(value) for value in pose)
-        ahead, aside, turned = (float(value) for value in scan.mount)
-        origin = np.array(
-            [x + cos(yaw) * ahead - sin(yaw) * aside, y + sin(yaw) * ahead + cos(yaw) * aside]
-        )
-        angle = yaw + turned + scan.bearings
-        ways = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        placed = beams_of(scan, np.tile(pose, (len(scan.times), 1)))
+        ways = np.stack([np.cos(placed.directions), np.sin(placed.directions)], axis=1)
+        origin = placed.origins[0] if len(ways) else pose[:2]
         return cls(origin, ways, scan.ranges, scan.longest)
 
     @classmethod

@@ -7,7 +7,7 @@ from typing import final
 
 import numpy as np
 
-from ...controllers.nav2.local_costmap import View
+from ...controllers.nav2.local_costmap import View, discs_of
 from ...controllers.nav2.navigator import Nav2
 from ...controllers.nav2.rays import Rays
 from ...framework.controller import Controller
@@ -114,8 +114,7 @@ def _moving(one: Detection, found: dict[str, tuple[Array, Array]]) -> Detection:
 def in_sight(seen: Observation, here: Array, view: View) -> tuple[Detection, ...]:
     """Return the detections of discs that a costmap of this view would show from a place (2,)."""
     ones = seen.detections
-    centres = np.array([one.position for one in ones], dtype=np.float64).reshape(-1, 2)
-    radii = np.array([one.radius for one in ones], dtype=np.float64)
+    centres, radii = discs_of(ones)
     rays = Rays.cast(here, centres, radii, seen.polygons, round(view.beams), view.laser_range)
     half = 0.5 * np.array([view.width, view.height])
     marks = rays.met & (rays.ranges <= view.obstacle_max_range)
