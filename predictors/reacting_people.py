@@ -95,6 +95,7 @@ class ReactingPeople(Adaptive):
     ----------
     models : kinds of people, equally probable at first.
     courtesy : prior probability of making way for the robot.
+    update_courtesy : whether that follows Bayes' rule as well; otherwise it is held.
     turn_rate : 1/s, at which people take a new direction.
     shake, wander : m/s, of a velocity per sample beside the model; m/s per root of s, of u.
     forget : share of the prior that is added to the beliefs in a second.
@@ -115,6 +116,7 @@ class ReactingPeople(Adaptive):
         Straight(), CircularForce(), Reciprocal(),
     )  # fmt: skip
     courtesy: float = 0.5
+    update_courtesy: bool = True
     turn_rate: float = 0.25
     shake: float = 0.08
     wander: float = 0.02
@@ -134,7 +136,7 @@ class ReactingPeople(Adaptive):
             positive(f"reacting_people.{name}", getattr(self, name))
         for name in ("turn_rate", "forget", "least_density"):
             positive(f"reacting_people.{name}", getattr(self, name), zero=True)
-        probability("reacting_people.courtesy", self.courtesy)
+        probability("reacting_people.courtesy", self.courtesy, closed=True)
         whole("reacting_people.most", self.most)
         refuse_adaptive("reacting_people.fallback", self.fallback)
         if not self.models:
@@ -199,7 +201,7 @@ class ReactingPeople(Adaptive):
 
     @cached_property
     def _slots(self) -> Slots:
-        return Slots(self.models, self.courtesy)
+        return Slots(self.models, self.courtesy, self.update_courtesy)
 
     @property
     def _drift(self) -> Drift:

@@ -151,7 +151,7 @@ def draw_tables(lines: Sequence[Row]) -> Any:
     for panel, (name, title, form) in zip(axes[:, 0], SHOWN, strict=True):
         found = {(line["predictor"], line["region"]): line[name] for line in lines}
         table = np.array([[_number(found[one, other]) for other in regions] for one in predictors])
-        _table(panel, table, form, better_high=name == "success")
+        shaded(panel, table, form, better_high=name == "success")
         panel.set_title(title)
         panel.set_yticks(range(len(predictors)), [one.replace("_", " ") for one in predictors])
     names = [other.replace("_", " ") for other in regions]
@@ -161,24 +161,3 @@ def draw_tables(lines: Sequence[Row]) -> Any:
 
 def _number(value: Any) -> float:
     return float("nan") if value is None else float(value)
-
-
-def _table(panel: Any, table: Array, form: str, *, better_high: bool) -> None:
-    """Shade a table from its worst to its best number; what is not known is left white."""
-    known = table[np.isfinite(table)]
-    low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
-    span = high - low if high > low else 1.0
-    good = (table - low) / span if better_high else (high - table) / span
-    good = np.where(high > low, good, 1.0)
-    panel.imshow(
-        np.where(np.isfinite(table), good, np.nan), cmap="cividis_r", vmin=-0.05, vmax=1.05,
-        aspect="auto",
-    )  # fmt: skip
-    panel.grid(False)
-    panel.tick_params(length=0)
-    for (i, j), value in np.ndenumerate(table):
-        text = format(value, form) if np.isfinite(value) else "none"
-        dark = np.isfinite(value) and good[i, j] > 0.5
-        panel.text(
-            j, i, text, ha="center", va="center", fontsize=6, color="white" if dark else "black"
-        )

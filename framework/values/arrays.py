@@ -279,9 +279,13 @@ def positive(name: str, value: float, *, zero: bool = False) -> float:
     return found
 
 
-def probability(name: str, value: float) -> float:
-    """Return ``value`` if it lies strictly between 0 and 1."""
+def probability(name: str, value: float, *, closed: bool = False) -> float:
+    """Return ``value`` if it lies strictly between 0 and 1; with ``closed`` also 0 and 1."""
     found = positive(name, value, zero=True)
+    if closed:
+        if found > 1.0:
+            raise WideberthError(f"{name} is {found:g}; a probability must lie in [0, 1]")
+        return found
     if not 0.0 < found < 1.0:
         raise WideberthError(f"{name} is {found:g}; a probability must lie strictly in (0, 1)")
     return found

@@ -40,10 +40,12 @@ class Slots:
     models : the kinds. Who avoids others has two groups of hypotheses: making way for the robot,
         and not.
     courtesy : prior probability that somebody who avoids others makes way for the robot.
+    updated : whether it follows Bayes' rule like all else; otherwise it stays at its prior.
     """
 
     models: tuple[PersonModel, ...]
     courtesy: float
+    updated: bool = True
 
     @cached_property
     def groups(self) -> tuple[tuple[int, bool, float], ...]:
@@ -98,6 +100,15 @@ class Slots:
     def per_group(self, values: Array) -> Array:
         """Sum (N, S) values over each group, and give each hypothesis its group's sum, (N, S)."""
         return np.asarray(self.in_groups(values)[:, self.group])
+
+    def with_prior_courtesy(self, weight: Array) -> Array:
+        """Share the weight (N, S) of each kind among its two groups as in the prior."""
+        kinds = np.array([kind for kind, _, _ in self.groups])
+        shares = np.array([share for _, _, share in self.groups])
+        groups = self.in_groups(weight)
+        same = kinds[:, None] == kinds
+        wanted = groups @ same * shares / (same @ shares)
+        return np.asarray(weight * (wanted / np.maximum(groups, 1e-300))[:, self.group])
 
     def in_groups(self, values: Array) -> Array:
         """Sum (N, S) values over each group, (N, G)."""
@@ -488,6 +499,8 @@ def _corrected(
     prior = slots.per_group(np.broadcast_to(slots.prior, weight.shape))
     kept = 1.0 - np.exp(-drift.forget * duration)
     weight *= ((1.0 - kept) * total + kept * prior) / np.maximum(total, 1e-300)
+    if not slots.updated:
+        weight = slots.with_prior_courtesy(weight)
     weight /= weight.sum(axis=1, keepdims=True)
     fade = 1.0 - np.exp(-duration / HALF_TIME)
     strange = ahead.strange + fade * ((best < 2.0 * drift.least_density) - ahead.strange)

@@ -34,6 +34,7 @@ class RobotAgent:
     person : one of the crowd.
     visible : whether people detect it; robots detect everyone. An invisible robot has to make
         all the way itself (the "invisible" setting of CrowdNav).
+    courteous : of a person: whether it detects robots, without which it makes way for none.
     reference_speed : m/s, at which its path takes the free time, whoever drives it; ``speed`` by
         default, and unknown where that is 0.
     respawn : a person who has arrived appears anew at the start of its path, see `Respawning`.
@@ -41,7 +42,7 @@ class RobotAgent:
     Raises
     ------
     WideberthError : a phase outside [0, period), a speed out of range, a path of another
-        dimension than the robot's, a robot that would respawn.
+        dimension than the robot's, a robot that would respawn or detect no robots.
     """
 
     name: str
@@ -53,6 +54,7 @@ class RobotAgent:
     truth: bool = False
     person: bool = False
     visible: bool = True
+    courteous: bool = True
     reference_speed: float | None = None
     respawn: bool = False
 
@@ -63,6 +65,11 @@ class RobotAgent:
             raise WideberthError(
                 f"{self.name} is a robot and would respawn; only people (person=True) come anew, "
                 "an episode ends when its robots have arrived"
+            )
+        if not (self.courteous or self.person):
+            raise WideberthError(
+                f"{self.name} is a robot and would detect no robots; only people (person=True) "
+                "may lack courtesy"
             )
         if self.reference_speed is not None:
             positive(f"{self.name}.reference_speed", self.reference_speed)

@@ -114,6 +114,7 @@ def _bodies(
 
 def sees(driver: Driver, other: Driver | None) -> bool:
     """Whether one driver detects another; None is a bystander."""
-    if other is None:
-        return True
-    return other is not driver and (other.agent.visible or not driver.agent.person)
+    if other is None or not driver.agent.person:
+        return other is not driver
+    courteous = driver.agent.courteous or other.agent.person
+    return other is not driver and other.agent.visible and courteous
