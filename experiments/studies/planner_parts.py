@@ -11,11 +11,12 @@ from ...framework.controller import Controller
 from ...framework.predictor import Predictor
 from ...framework.region import Region
 from ...framework.robot import Robot
-from ...framework.values.arrays import Array, whole
+from ...framework.values.arrays import whole
 from ...framework.values.errors import WideberthError
 from ...simulation.engine.settings import Settings
 from ...simulation.scenarios.base import Scenario
 from ..drawing.plotting import PAGE, subplots
+from ..drawing.shaded_tables import shaded
 from ..engine.base import Experiment, Outcome, Result, Row, Task
 from ..engine.closed_loop import check_settings, check_starts, first_of, grid, group, inputs_of
 from .comparison import SOURCES, against, check_robots, condensed, driving, measured

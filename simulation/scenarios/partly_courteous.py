@@ -11,7 +11,7 @@ from ...framework.values.errors import WideberthError
 from ..engine.agents import RobotAgent
 from ..log.episode_log import Episode
 from .base import Cast, Placement, Scenario
-from .random_crowd import RandomCrowd
+from .hallway import Hallway
 
 STREAM = 11
 """Of the generator that draws who is courteous, beside those of `Scenario.cast`."""
@@ -38,7 +38,7 @@ class PartlyCourteous(Scenario):
         their own.
     """
 
-    scenario: Scenario = field(default_factory=RandomCrowd)
+    scenario: Scenario = field(default_factory=Hallway)
     share: float = 0.5
     robot_radius: float = field(init=False)
 
