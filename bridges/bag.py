@@ -17,7 +17,7 @@ from .bag_file import RawBag, read_raw
 from .clocks import stamps
 from .frames import FrameTree
 from .messages import Messages, messages
-from .readings import READ, Clock, Motion, Reading, Transforms, Way, reading_of, tilted
+from .readings import READ, Clock, Goal, Motion, Reading, Transforms, Way, reading_of, tilted
 
 FIXED = ("map", "odom", "world")
 """Frames that stand still, the first that a recording has is taken."""
@@ -230,7 +230,7 @@ def _types(kind: str, definition: str) -> Messages | str:
 
 def _epoch(said: _Said) -> int:
     """Return the earliest stamp of what moves, ns; else the earliest receipt."""
-    lasting = (Transforms, OccupancyGrid, Clock, Way)
+    lasting = (Transforms, OccupancyGrid, Clock, Way, Goal)
     rows = [row for rows in said.values() for row in rows]
     moving = [one.stamp for _, one in rows if one.stamp and not isinstance(one.content, lasting)]
     return min(moving or [received for received, _ in rows], default=0)
@@ -251,7 +251,7 @@ def _timed(raw: RawBag, said: _Said, epoch: int) -> tuple[dict[str, tuple[Timed,
         if clocks and np.isnan(stamped).all():
             ours = [NANO * (at - first) for at, _ in clocks]
             stamped = np.interp(received, ours, [NANO * (one.stamp - epoch) for _, one in clocks])
-        lasting = isinstance(rows[0][1].content, OccupancyGrid | Way)
+        lasting = isinstance(rows[0][1].content, OccupancyGrid | Way | Goal)
         when = stamps(stamped, received)
         notes += [] if lasting else [f"{name}: {text}" for text in when.notes]
         number = len({row.source for row in found.get(name, [])})

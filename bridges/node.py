@@ -4,7 +4,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, final
 
 import numpy as np
@@ -12,26 +12,28 @@ import numpy as np
 from ..framework.control.command_limits import attained, within_reach
 from ..framework.control.own_state import own_state
 from ..framework.control.velocity_smoother import VelocitySmoother
-from ..framework.controller import Controller
+from ..framework.controller import Controller, avoids_polygons
 from ..framework.robot import Robot
 from ..framework.values.arrays import Array
 from ..framework.values.errors import WideberthError, short
-from ..framework.values.motion import Command, Detection, Observation, Pose, Twist
+from ..framework.values.motion import Command, Observation, Pose, Twist
+from ..framework.values.occupancy_grid import OccupancyGrid
 from ..framework.values.path import Path
 from ..framework.values.plan import Plan
-from ..framework.values.sensing import MotionEstimate
-from .frames import FrameTree, composed
+from ..framework.values.sensing import MotionEstimate, Scan
+from .frames import composed
 from .messages import Messages
 from .node_settings import NodeSettings
-from .readings import Motion, Obstacles, Reading, Transforms, Way, reading_of
+from .own_motion import Heard, OwnMotion
+from .readings import Goal, Motion, Transforms, Way, reading_of
+from .sight import LASERSCAN, ObstacleSight, ObstacleTopic, ScanSight, Sight, View
+from .ways import Found, GoalTopic, Guide, MapTopic, PathTopic, Question
 from .wording import Wording
 
-OLDEST = 1.0
-"""s; stamps that lie farther apart are of clocks that do not agree, and are not compared."""
 LONGEST_PATH = 10_000
 """Points; a longer path is thinned out."""
-MOST_SEEN = 500
-"""Obstacles of one message that are looked at, the nearest first."""
+MOST_BEAMS, MOST_CELLS = 50_000, 25_000_000
+"""Of a scan and of a map that are looked at; larger ones are refused."""
 PAUSE = 5.0
 """Periods; after a pause that is longer, commands begin at the robot's own velocity again."""
 EXACT = 1e-8
@@ -101,15 +103,6 @@ class Counts:
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class _Heard:
-    """The newest message of a topic, and when it came, s."""
-
-    reading: Reading
-    time: float
-
-
-@final
 class PlannerNode:
     """Runs a controller beside the messages of a robot.
 
@@ -144,17 +137,18 @@ class PlannerNode:
         """What it does now, or waits for."""
         self._clock = clock
         self._known = link.known
-        self._frames = FrameTree()
-        self._odometry: _Heard | None = None
-        self._obstacles: _Heard | None = None
+        self._own = OwnMotion(settings.base_frame)
         self._path: Path | None = None
         self._fresh_path = False
         self._smoother: VelocitySmoother | None = None
         self._last: Array | None = None
         self._decided = self._sent = -np.inf
         self._limit = np.inf
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._stop = threading.Event()
+        self._sight: Sight | None = None
+        self._guide: Guide | None = None
+        self._no_way = ""
         self._join(link)
 
     def _join(self, link: Joins) -> None:
@@ -166,10 +160,8 @@ class PlannerNode:
             "tf": link.subscriber("/tf", tf),
             "tf_static": link.subscriber("/tf_static", tf, reliable=True, kept=True),
         }
-        if s.path:
-            self._from["path"] = link.subscriber(s.path, "nav_msgs/msg/Path", reliable=True)
-        if s.obstacles:
-            self._from["obstacles"] = link.subscriber(s.obstacles, s.obstacle_type)
+        self._see(link)
+        self._find(link)
         kind = "TwistStamped" if s.stamped else "Twist"
         markers = "visualization_msgs/msg/MarkerArray"
         self._to: dict[str, Sends] = {
@@ -179,6 +171,30 @@ class PlannerNode:
             "regions": link.publisher("/wideberth/regions", markers, kept=True),
             "diagnostics": link.publisher("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"),
         }
+
+    def _see(self, link: Joins) -> None:
+        """Open the topic of what is seen."""
+        sees = self.settings.sees
+        if isinstance(sees, ObstacleTopic):
+            self._from["obstacles"] = link.subscriber(sees.topic, sees.kind)
+            self._sight = ObstacleSight(sees, self._refuse)
+        elif sees is not None:
+            self._from["scans"] = link.subscriber(sees.topic, LASERSCAN)
+            walls, gap = avoids_polygons(self.controller), 2.0 * self.robot.radius
+            self._sight = ScanSight(sees, self._own, gap, walls, self._lock, self._refuse)
+
+    def _find(self, link: Joins) -> None:
+        """Open the topics of paths, or of goals and of the map."""
+        follows = self.settings.follows
+        if isinstance(follows, PathTopic):
+            self._from["path"] = link.subscriber(follows.topic, "nav_msgs/msg/Path", reliable=True)
+        elif isinstance(follows, GoalTopic):
+            pose, grid = "geometry_msgs/msg/PoseStamped", "nav_msgs/msg/OccupancyGrid"
+            self._from["goal"] = link.subscriber(follows.topic, pose, reliable=True)
+            self._guide = Guide(follows, self.robot.radius)
+            if follows.over is not None and isinstance(follows.over.map, MapTopic):
+                topic = follows.over.map.topic
+                self._from["map"] = link.subscriber(topic, grid, reliable=True, kept=True)
 
     def listen(self) -> None:
         """Take what has come."""
@@ -198,16 +214,22 @@ class PlannerNode:
         content = reading.content
         with self._lock:
             if isinstance(content, Transforms):
-                for parent, child, _, pose, _ in content.rows:
-                    self._frames.add(parent, child, 0.0, pose, static=True)
+                self._own.take_frames(content)
             elif isinstance(content, Motion):
-                if not np.isfinite([*content.pose, *content.twist]).all():
-                    return self._refuse("odometry is not finite")
-                self._odometry = _Heard(reading, now)
-            elif isinstance(content, Obstacles):
-                self._obstacles = _Heard(reading, now)
+                try:
+                    self._own.take(reading, now)
+                except WideberthError as error:
+                    return self._refuse(str(error))
             elif isinstance(content, Way):
                 self._take_path(reading.frame, content.points)
+            elif isinstance(content, Scan) and len(content.ranges) > MOST_BEAMS:
+                return self._refuse(f"a scan of {len(content.ranges)} beams is too long")
+            elif isinstance(content, OccupancyGrid) and content.cells.size > MOST_CELLS:
+                return self._refuse(f"a map of {content.cells.size} cells is too large")
+            elif isinstance(content, Goal | OccupancyGrid) and self._guide is not None:
+                self._guide.hear(reading)
+            elif self._sight is not None:
+                self._sight.hear(reading, now)
         return None
 
     def follow(self, frame: str, points: Array) -> bool:
@@ -229,7 +251,7 @@ class PlannerNode:
     @property
     def motion(self) -> tuple[Array, Array] | None:
         """Pose (3,) and twist (3,) of the newest odometry; None before the first."""
-        heard = self._odometry
+        heard = self._own.newest
         if heard is None or not isinstance(heard.reading.content, Motion):
             return None
         return heard.reading.content.pose, heard.reading.content.twist
@@ -241,8 +263,8 @@ class PlannerNode:
 
     def _take_path(self, frame: str, points: Array) -> None:
         """Follow a new path; an empty one stops the robot."""
-        if self._odometry is not None and len(points) >= 2:
-            motion = self._motion(self._odometry.reading.frame, frame)
+        if self._own.newest is not None and len(points) >= 2:
+            motion = self._own.motion(self._own.frame, frame)
             if motion is None:
                 return self._refuse(f"no motion connects the path's frame {frame!r} with odometry")
             places = np.column_stack([points, np.zeros(len(points))])
@@ -257,16 +279,6 @@ class PlannerNode:
         self._path, self._fresh_path = path, True
         return None
 
-    def _motion(self, target: str, source: str) -> Array | None:
-        """Return the pose of a frame in another, (3,), by the newest reports."""
-        if source in ("", target):
-            return np.zeros(3)
-        try:
-            found = self._frames.motion(target, source, [0.0])[0]
-        except WideberthError:
-            return None
-        return found if np.isfinite(found).all() else None
-
     def _refuse(self, why: str) -> None:
         self.counts.refused += 1
         if self.counts.refused in (1, 10, 100, 1000):
@@ -274,32 +286,41 @@ class PlannerNode:
 
     def waits_for(self) -> str:
         """Return why the robot may not drive now; "" where it may."""
-        now, patience = self._clock(), self.settings.patience
-        if self._odometry is None:
+        now, patience, own = self._clock(), self.settings.patience, self._own.newest
+        if own is None:
             return "waiting for odometry"
-        if now - self._odometry.time > patience:
-            return f"odometry is silent for {now - self._odometry.time:.2g} s"
-        if self.settings.obstacles:
-            if self._obstacles is None:
-                return "waiting for obstacles"
-            if now - self._obstacles.time > patience:
-                return f"obstacles are silent for {now - self._obstacles.time:.2g} s"
-        return "waiting for a path" if self._path is None else ""
+        if now - own.time > patience:
+            return f"odometry is silent for {now - own.time:.2g} s"
+        if self._sight is not None:
+            what = "obstacles" if "obstacles" in self._from else "scans"
+            seen = self._sight.newest
+            if seen is None:
+                return f"waiting for {what}"
+            if now - seen.time > patience:
+                return f"{what} are silent for {now - seen.time:.2g} s"
+        if self._path is not None:
+            return ""
+        return self._no_way or f"waiting for a {'path' if self._guide is None else 'goal'}"
 
     def decide(self) -> bool:
-        """Call the controller, if it may drive; return whether it was called."""
+        """Look, find the way, and call the controller if it may drive; return whether it did."""
+        if self._sight is not None:
+            self._sight.look()
+        self._find_way()
         with self._lock:
-            waits = self.waits_for()
-            if waits or self._odometry is None:
+            waits, own = self.waits_for(), self._own.newest
+            if waits or own is None:
                 self.status = waits
                 return False
-            begin, path, new = self._odometry.time, self._path, self._fresh_path
+            begin, path, new = own.time, self._path, self._fresh_path
             self._fresh_path = False
-            observation = self._observation(self._odometry)
+            observation, earlier = self._observation(own)
         self.counts.plans += 1
         try:
             if new and path is not None:
                 self.controller.set_path(path)
+            for one in earlier:
+                self.controller.remember(one)
             command = within_reach(self.robot, self.controller.command(observation))
         except Exception as error:  # the robot brakes, and the node goes on
             self.counts.failures += 1
@@ -315,8 +336,21 @@ class PlannerNode:
             self.counts.latency = [*self.counts.latency[-999:], now - begin]
         return True
 
-    def _observation(self, heard: _Heard) -> Observation:
-        """Put together what the controller sees."""
+    def _find_way(self) -> None:
+        """Find the way to the newest goal; a route over a map may take long."""
+        if self._guide is None:
+            return
+        with self._lock:
+            found = self._guide.ask(self._own)
+        if isinstance(found, Question):
+            found = self._guide.answer(found, self._clock())
+        if isinstance(found, Found):
+            with self._lock:
+                self._take_path(found.frame, found.points)
+                self._no_way = found.reason
+
+    def _observation(self, heard: Heard) -> tuple[Observation, list[Observation]]:
+        """Put together what the controller sees, and what it should remember first."""
         reading = heard.reading
         motion = reading.content
         assert isinstance(motion, Motion)
@@ -329,53 +363,17 @@ class PlannerNode:
         except WideberthError:  # no covariance at all
             estimate = MotionEstimate(heard.time, mean, EXACT * np.eye(6))
         state, spread = own_state(self.robot, estimate, seen_from_here=True)
-        return Observation(heard.time, state, self._detections(heard), spread)
-
-    def _detections(self, own: _Heard) -> tuple[Detection, ...]:
-        """Return the obstacles in the frame of the odometry."""
-        heard = self._obstacles
-        if heard is None or not isinstance(heard.reading.content, Obstacles):
-            return ()
-        frame = self._motion(own.reading.frame, heard.reading.frame)
-        if frame is None:
-            frame = self._from_robot(own, heard.reading.frame)
-        if frame is None:
-            self._refuse(f"no motion connects {heard.reading.frame!r} with odometry")
-            return ()
-        age = 1e-9 * (own.reading.stamp - heard.reading.stamp)
-        if not -OLDEST <= age <= OLDEST or not own.reading.stamp:
-            age = own.time - heard.time
-        seen = heard.reading.content.seen[: 10 * MOST_SEEN]
-        places = composed(frame, np.array([one.pose for one in seen]).reshape(-1, 3))[:, :2]
-        away = np.linalg.norm(places - own.reading.content.pose[:2], axis=1)  # type: ignore
-        turn = np.array(
-            [[np.cos(frame[2]), -np.sin(frame[2])], [np.sin(frame[2]), np.cos(frame[2])]]
-        )
-        found = []
-        for i in np.argsort(away, kind="stable")[:MOST_SEEN]:
-            one = seen[i]
-            spread = one.covariance
-            if spread is None:
-                spread = self.settings.deviation**2 * np.eye(2)
-            radius = one.radius if np.isfinite(one.radius) else self.settings.radius
-            name = one.ident or f"unnamed {i}"
-            place = turn @ spread @ turn.T
-            found.append(Detection(name, places[i], place, radius, max(age, 0.0)))
-        return tuple({one.ident: one for one in found}.values())
-
-    def _from_robot(self, own: _Heard, frame: str) -> Array | None:
-        """Return the pose of a frame on the robot, by the odometry itself."""
-        motion = own.reading.content
-        mount = self._motion(self.settings.base_frame, frame)
-        if mount is None or not isinstance(motion, Motion):
-            return None
-        return composed(motion.pose, mount)
+        seen = View() if self._sight is None else self._sight.view(self._own)
+        now = Observation(
+            heard.time, state, seen.detections, spread, seen.polygons, scan=seen.scan
+        )  # fmt: skip
+        return now, [replace(now, detections=one) for one in seen.earlier]
 
     def speak(self) -> bool:
         """Send a velocity; return whether one was sent."""
         with self._lock:
             now = self._clock()
-            if self._odometry is None or (self._path is None and self._last is None):
+            if self._own.newest is None or (self._path is None and self._last is None):
                 return False
             if self._last is None or now - self._sent > PAUSE / self.settings.rate:
                 self._begin(now)
@@ -395,8 +393,8 @@ class PlannerNode:
 
     def _begin(self, now: float) -> None:
         """Start at the velocity that the robot has."""
-        assert self._odometry is not None
-        motion = self._odometry.reading.content
+        assert self._own.newest is not None
+        motion = self._own.newest.reading.content
         assert isinstance(motion, Motion)
         still = np.zeros(len(self.robot.states))
         own = Twist((float(motion.twist[0]), float(motion.twist[1])), float(motion.twist[2]))
@@ -425,17 +423,14 @@ class PlannerNode:
     def show(self) -> None:
         """Send the last plan and what it keeps out of, to those who listen."""
         plan: Plan | None = self.controller.plan
-        if plan is None or self._odometry is None:
+        if plan is None or self._own.newest is None:
             return
-        wording = Wording(time.time_ns() - round(1e9 * plan.stamp), self._frame(), self._known)
+        wording = Wording(time.time_ns() - round(1e9 * plan.stamp), self._own.frame, self._known)
         for name, word in (
             ("plan", wording.plan), ("forecast", wording.forecast), ("regions", wording.regions),
         ):  # fmt: skip
             if self._to[name].heard:
                 self._to[name].send(word(plan))
-
-    def _frame(self) -> str:
-        return self._odometry.reading.frame if self._odometry is not None else ""
 
     def report(self) -> None:
         """Send diagnostics."""

@@ -80,6 +80,14 @@ class Way:
 
 
 @final
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """Where a robot should go, (2,), m."""
+
+    place: Array
+
+
+@final
 @dataclass(frozen=True)
 class Clock:
     """Simulated time, ns."""
@@ -87,7 +95,7 @@ class Clock:
     now: int
 
 
-Content: TypeAlias = Obstacles | Motion | Transforms | Way | Clock | Scan | OccupancyGrid
+Content: TypeAlias = Obstacles | Motion | Transforms | Way | Goal | Clock | Scan | OccupancyGrid
 
 
 @final
@@ -248,6 +256,13 @@ def _way(message: Any) -> Way:
     return Way(points[new])
 
 
+def _goal(message: Any) -> Goal:
+    place = np.array([message.pose.position.x, message.pose.position.y], dtype=np.float64)
+    if not np.isfinite(place).all():
+        raise ValueError(f"the goal is at {place.tolist()}")
+    return Goal(place)
+
+
 def grid_of(message: Any) -> OccupancyGrid:
     """Return a map.
 
@@ -271,6 +286,7 @@ _CONTENT: dict[str, Callable[[Any], Content]] = {
     "tf2_msgs/msg/TFMessage": _transforms,
     "sensor_msgs/msg/LaserScan": scan_of,
     "nav_msgs/msg/Path": _way,
+    "geometry_msgs/msg/PoseStamped": _goal,
     "nav_msgs/msg/OccupancyGrid": grid_of,
     "rosgraph_msgs/msg/Clock": lambda message: Clock(nanoseconds(message.clock)),
 }

@@ -1,11 +1,12 @@
 """A planner as a node of ROS 2, from a config."""
 
 import time
-from collections.abc import Sequence
-from dataclasses import fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Any, final
 
 from numpy import quantile
 
@@ -14,11 +15,18 @@ from ...bridges.messages import messages
 from ...bridges.node import PlannerNode
 from ...bridges.node_settings import NodeSettings
 from ...bridges.rclpy_server import serve
+from ...bridges.sight import ObstacleTopic, ScanTopic
+from ...bridges.ways import GoalTopic, KnownMap, MapTopic, Over, PathTopic
 from ...framework.controller import Controller, DrivesRobot
-from ...framework.plugins.config import build, import_plugins
+from ...framework.plugins.config import build, construct, import_plugins
+from ...framework.plugins.io import expanded
 from ...framework.plugins.registry import unknown
 from ...framework.plugins.yamlfile import read_config
-from ...framework.values.errors import WideberthError
+from ...framework.route_planner import RoutePlanner
+from ...framework.values.arrays import positive
+from ...framework.values.errors import WideberthError, short
+from ...routes.map_file import read_map
+from ...routes.replanning import Replanning
 from ..engine.progress import say
 
 KEYS = ("plugins", "robot", "planner", "node")
@@ -53,21 +61,98 @@ def read_node(path: Path, overrides: Sequence[str]) -> tuple[Controller, NodeSet
     return planner, _settings(path, config.get("node") or {})
 
 
+@final
+@dataclass(frozen=True)
+class MapFile:
+    """A map in a file, as map.yaml, and the frame it is in."""
+
+    path: str
+    frame: str = "map"
+
+
+@final
+@dataclass(frozen=True)
+class Goals:
+    """Goals, as of `wideberth.bridges.ways.GoalTopic`, and the map that leads to them.
+
+    Parameters
+    ----------
+    topic : of the goals. map : `MapTopic` or `MapFile`; None for straight ways.
+    planner : finds routes over the map. period : s, between two routes.
+    clearance : m beyond the robot's radius, to which routes would rather keep from walls.
+    tolerance : m; a robot that is so near has arrived.
+
+    Raises
+    ------
+    WideberthError : a number that is not above zero.
+    """
+
+    topic: str = "/goal_pose"
+    map: MapTopic | MapFile | None = None
+    planner: RoutePlanner = field(default_factory=partial(build, "route_planners", "smoothed"))
+    period: float = 1.0
+    clearance: float = 0.5
+    tolerance: float = 0.25
+
+    def __post_init__(self) -> None:
+        Replanning(self.planner, self.period)
+        positive("clearance", self.clearance)
+
+    def topic_of_goals(self) -> GoalTopic:
+        """Return what a node takes.
+
+        Raises
+        ------
+        WideberthError : a map that cannot be read.
+        """
+        if self.map is None:
+            return GoalTopic(self.topic, None, self.tolerance)
+        where: MapTopic | KnownMap = (
+            self.map
+            if isinstance(self.map, MapTopic)
+            else KnownMap(read_map(expanded(Path(self.map.path))), self.map.frame)
+        )
+        replanning = Replanning(self.planner, self.period)
+        return GoalTopic(self.topic, Over(where, replanning, self.clearance), self.tolerance)
+
+
+SEES = {"obstacles": ObstacleTopic, "scans": ScanTopic}
+FOLLOWS = {"path": PathTopic, "goal": Goals}
+MAPS = {"topic": MapTopic, "file": MapFile}
+"""Name of a type in the config of a node -> its settings."""
+
+
 def _settings(path: Path, given: Any) -> NodeSettings:
+    """Return the settings of a node, whose nested ones are told apart by their ``type``."""
     if not isinstance(given, dict):
         raise WideberthError(f"{path}: node is {given!r}; wanted its settings by name")
-    known = {one.name: one for one in fields(NodeSettings)}
-    for key, value in given.items():
-        if key not in known:
-            raise WideberthError(f"{path}: {unknown('setting of node', key, list(known))}")
-        usual = known[key].default
-        number = isinstance(value, int | float) and isinstance(usual, float)
-        if not (isinstance(value, type(usual)) or number) or (
-            isinstance(value, bool) and not isinstance(usual, bool)
-        ):
-            kind = type(usual).__name__
-            raise WideberthError(f"{path}: node.{key} is {value!r}; wanted a {kind}, as {usual!r}")
-    return NodeSettings(**given)
+    given = dict(given)
+    try:
+        if given.get("sees") is not None:
+            given["sees"] = _of_type(SEES, given["sees"], "node.sees")
+        if (follows := given.get("follows")) is not None:
+            if isinstance(follows, dict) and follows.get("type") == "goal" and "map" in follows:
+                place = follows["map"]
+                found = None if place is None else _of_type(MAPS, place, "node.follows.map")
+                follows = {**follows, "map": found}
+            chosen = _of_type(FOLLOWS, follows, "node.follows")
+            given["follows"] = chosen.topic_of_goals() if isinstance(chosen, Goals) else chosen
+        settings: NodeSettings = construct(NodeSettings, given, "node")
+    except WideberthError as error:
+        raise WideberthError(f"{path}: {error}") from None
+    return settings
+
+
+def _of_type(kinds: Mapping[str, type], value: Any, path: str) -> Any:
+    """Build what the ``type`` of a mapping names; a text is the name of a type."""
+    value = {"type": value} if isinstance(value, str) else value
+    if not isinstance(value, Mapping) or "type" not in value:
+        wanted = " or ".join(kinds)
+        raise WideberthError(f"{path} is {short(value)}; wanted a mapping with type: {wanted}")
+    if value["type"] not in kinds:
+        raise WideberthError(f"{path}: {unknown('type', str(value['type']), list(kinds))}")
+    rest = {key: entry for key, entry in value.items() if key != "type"}
+    return construct(kinds[value["type"]], rest, path)
 
 
 def run_node(path: Path, overrides: Sequence[str], seconds: float | None = None) -> PlannerNode:
@@ -107,7 +192,7 @@ def run_server(path: Path, overrides: Sequence[str]) -> None:
 
     Parameters
     ----------
-    path, overrides : as of `read_node`. Its topic of paths is not listened to.
+    path, overrides : as of `read_node`. What it follows otherwise is passed over.
 
     Raises
     ------
@@ -115,4 +200,4 @@ def run_server(path: Path, overrides: Sequence[str]) -> None:
     """
     planner, settings = read_node(path, overrides)
     assert isinstance(planner, DrivesRobot)
-    serve(planner, planner.robot, replace(settings, path=""))
+    serve(planner, planner.robot, replace(settings, follows=None))

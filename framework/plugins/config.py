@@ -90,7 +90,7 @@ def build(room: str, value: Any, path: str = "", default: Any = None) -> Any:
         found = load(room, value["type"])
     except WideberthError as error:
         raise WideberthError(f"{_at(_join(path, 'type'))}{error}") from None
-    return _construct(found, settings, path)
+    return construct(found, settings, path)
 
 
 def _saved(room: str, value: Mapping[str, Any], path: str) -> Any:
@@ -128,8 +128,18 @@ def _plain(value: Any) -> Any:
     return value.tolist() if hasattr(value, "tolist") else value
 
 
-def _construct(found: type, settings: Mapping[str, Any], path: str) -> Any:
-    """Call a dataclass with the settings, each brought to the type of its field."""
+def construct(found: type, settings: Mapping[str, Any], path: str) -> Any:
+    """Build a dataclass from its config, each setting brought to the type of its field.
+
+    Parameters
+    ----------
+    found : a dataclass, of no room. settings : by the names of its fields.
+    path : where they stand, for messages.
+
+    Raises
+    ------
+    WideberthError : as `build`.
+    """
     if not dataclasses.is_dataclass(found):
         raise WideberthError(f"{_at(path)}{found.__qualname__} is not a dataclass")
     fields = {field.name: field for field in dataclasses.fields(found) if field.init}
@@ -240,7 +250,7 @@ def _instance(hint: type, value: Any, path: str, default: Any) -> Any:
         return value
     if not isinstance(value, Mapping):
         raise _wrong(path, value, f"a mapping with the fields of {hint.__name__}")
-    return _construct(hint, value, path)
+    return construct(hint, value, path)
 
 
 def _one_of(arms: tuple[Any, ...], value: Any, path: str, default: Any) -> Any:

@@ -20,7 +20,10 @@ from wideberth import WideberthError
 from wideberth.bridges.dds import Link, Raw, Subscriber
 from wideberth.bridges.messages import messages
 from wideberth.bridges.node_settings import NodeSettings
+from wideberth.bridges.sight import ScanTopic
+from wideberth.bridges.ways import GoalTopic, KnownMap, MapTopic
 from wideberth.experiments.cli.ros_node import read_node
+from wideberth.perception.detection import OverTime
 from wideberth.tests.helpers import ros_robot
 from wideberth.tests.helpers.bags import obstacles, odometry
 
@@ -285,9 +288,52 @@ def test_a_minute_in_which_either_side_is_killed(peer: list[str], tmp_path: Path
     assert rows[after - 1, 1] > 0.2 and rows[after, 3] == 0.0  # the robot had braked
 
 
-def test_the_shipped_example_is_read() -> None:
-    planner, settings = read_node(Path(__file__).parents[2] / "examples" / "node.yaml", [])
+EXAMPLE = Path(__file__).parents[2] / "examples" / "node_scans.yaml"
+
+
+def in_the_hall(tmp_path: Path, seconds: float) -> tuple[Any, str]:
+    """Let the node drive a robot that sends scans, tf, a map and a goal; return what both say."""
+    out, config = tmp_path / "heard.json", tmp_path / "node.yaml"
+    text = EXAMPLE.read_text().replace("domain: 0", f"domain: {domain()}")
+    config.write_text(text.replace("map: {type: topic, topic: /map}", "map: {type: topic}"))
+    command = [sys.executable, ros_robot.__file__, str(domain()), str(seconds), str(out), "scans"]
+    robot = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    script = "from wideberth.experiments.cli.app import main; main()"
+    node = subprocess.Popen(
+        [sys.executable, "-c", script, "node", str(config), "--seconds", "300"],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    )  # fmt: skip
+    said, _ = robot.communicate(timeout=2 * seconds + 60)
+    node.send_signal(signal.SIGINT)
+    told, _ = node.communicate(timeout=60)
+    assert out.is_file(), said
+    found = json.loads(out.read_text())
+    check_commands(np.array(found["heard"]).reshape(-1, 5))
+    return found, told
+
+
+def test_a_robot_with_a_lidar_sets_out_for_its_goal(tmp_path: Path) -> None:
+    found, told = in_the_hall(tmp_path, 12.0)
+    assert len(found["heard"]) > 5, told
+    assert np.linalg.norm(found["pose"][:2]) > 0.05, told  # a busy computer gets no farther
+    assert found["nearest"][0] > 0.0
+
+
+@pytest.mark.slow
+def test_a_robot_with_a_lidar_drives_through_the_door_to_its_goal(tmp_path: Path) -> None:
+    found, told = in_the_hall(tmp_path, 120.0)
+    assert found["away"] < 0.4, told
+    assert min(found["nearest"]) > 0.0, told
+
+
+def test_the_shipped_examples_are_read() -> None:
+    planner, settings = read_node(EXAMPLE.with_name("node.yaml"), [])
     assert (settings, planner.period) == (NodeSettings(), 0.2)
+    _, settings = read_node(EXAMPLE, [])
+    assert isinstance(settings.sees, ScanTopic) and isinstance(settings.sees.detector, OverTime)
+    follows = settings.follows
+    assert isinstance(follows, GoalTopic) and follows.over is not None
+    assert follows.over.map == MapTopic()
 
 
 def test_configs_of_a_node_are_read(tmp_path: Path) -> None:
@@ -300,10 +346,34 @@ def test_configs_of_a_node_are_read(tmp_path: Path) -> None:
         ("node: {}", "has no planner"),
         (CONFIG % 3 + "nodes: {}", "did you mean 'node'"),
         (CONFIG.replace("domain: %d", "domian: 3"), "did you mean 'domain'"),
-        (CONFIG.replace("domain: %d", "domain: three"), "node.domain is 'three'; wanted a int"),
-        (CONFIG.replace("domain: %d", "domain: true"), "node.domain is True; wanted a int"),
+        (CONFIG.replace("domain: %d", "domain: three"), "node.domain: came 'three'"),
+        (CONFIG.replace("domain: %d", "domain: true"), "node.domain: came True"),
+        (CONFIG.replace("domain: %d", "sees: {topic: /scan}"), "type: obstacles or scans"),
+        (CONFIG.replace("domain: %d", "sees: {type: scan}"), "node.sees: unknown type 'scan'"),
+        (CONFIG.replace("domain: %d", "sees: {type: scans, detector: disks}"), "'discs'"),
+        (CONFIG.replace("domain: %d", "follows: {type: goal, map: 3}"), "type: topic or file"),
+        (CONFIG.replace("domain: %d", "follows: {type: goal, map: file}"), "'path' is missing"),
+        (CONFIG.replace("domain: %d", "follows: {type: path, map: x}"), "unknown key 'map'"),
+        (CONFIG.replace("domain: %d", "follows: {type: goal, clearance: 0}"), "clearance"),
         (CONFIG.replace("{domain: %d}", "3"), "wanted its settings by name"),
     ):
         path.write_text(text)
         with pytest.raises(WideberthError, match=cause):
             read_node(path, [])
+
+
+def test_a_map_in_a_file_is_read(tmp_path: Path) -> None:
+    (tmp_path / "hall.pgm").write_bytes(b"P5 3 2 255\n" + bytes([255, 255, 0, 255, 0, 255]))
+    (tmp_path / "hall.yaml").write_text(
+        "image: hall.pgm\nresolution: 0.5\norigin: [1.0, 2.0, 0.0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    config = tmp_path / "node.yaml"
+    follows = f"follows: {{type: goal, map: {{type: file, path: {tmp_path}/hall.yaml}}}}"
+    config.write_text(CONFIG.replace("domain: %d", follows))
+    _, settings = read_node(config, ["node.sees=scans", "node.follows.tolerance=0.5"])
+    follows = settings.follows
+    assert isinstance(settings.sees, ScanTopic)
+    assert isinstance(follows, GoalTopic) and follows.over is not None
+    assert follows.tolerance == 0.5 and isinstance(follows.over.map, KnownMap)
+    assert follows.over.map.grid.cells.tolist() == [[0, 100, 0], [0, 0, 100]]

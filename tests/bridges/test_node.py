@@ -11,6 +11,8 @@ from wideberth import Command, Observation, Path, WideberthError
 from wideberth.bridges.messages import messages
 from wideberth.bridges.node import PlannerNode
 from wideberth.bridges.node_settings import NodeSettings
+from wideberth.bridges.sight import ObstacleTopic, ScanTopic
+from wideberth.bridges.ways import GoalTopic, MapTopic, PathTopic
 from wideberth.framework.controller import Controller
 from wideberth.framework.values.errors import WideberthError as Refused
 from wideberth.robots import Unicycle
@@ -66,6 +68,8 @@ class Scripted(Controller):
     raises: bool = False
     seen: list[Observation] = field(default_factory=list)
     paths: list[Path] = field(default_factory=list)
+    told: list[Observation] = field(default_factory=list)
+    """What it was to remember."""
     plan = None
 
     def reset(self) -> None: ...
@@ -73,7 +77,8 @@ class Scripted(Controller):
     def set_path(self, path: Path) -> None:
         self.paths.append(path)
 
-    def remember(self, observation: Observation) -> None: ...
+    def remember(self, observation: Observation) -> None:
+        self.told.append(observation)
 
     def command(self, observation: Observation) -> Command:
         self.seen.append(observation)
@@ -353,11 +358,28 @@ def test_it_shows_plans_and_says_how_it_is() -> None:
         ({"rate": 0.0}, "node.rate"),
         ({"rate": 1e4}, "at most 200"),
         ({"distribution": "jazy"}, "did you mean 'jazzy'"),
-        ({"obstacle_type": "vision_msgs/msg/Detection3D"}, "vision_msgs/msg/Detection3DArray"),
         ({"odometry": "odom"}, "wanted a topic"),
-        ({"path": "plan"}, "wanted a topic"),
     ],
 )
 def test_bad_settings_are_named(given: Any, cause: str) -> None:
     with pytest.raises(Refused, match=cause):
         NodeSettings(**given)
+
+
+@pytest.mark.parametrize(
+    ("kind", "given", "cause"),
+    [
+        (ObstacleTopic, {"kind": "vision_msgs/msg/Detection3D"}, "vision_msgs/msg/Detection3DArr"),
+        (ObstacleTopic, {"topic": ""}, "wanted a topic"),
+        (ObstacleTopic, {"radius": 0.0}, "node.sees.radius"),
+        (ScanTopic, {"topic": "scan"}, "wanted a topic"),
+        (ScanTopic, {"handover": "both"}, "wanted measured or filtered"),
+        (ScanTopic, {"deviation": -1.0}, "node.sees.deviation"),
+        (PathTopic, {"topic": "plan"}, "wanted a topic"),
+        (GoalTopic, {"topic": "goal"}, "wanted a topic"),
+        (MapTopic, {"topic": "map"}, "wanted a topic"),
+    ],
+)
+def test_bad_topics_are_named(kind: Any, given: Any, cause: str) -> None:
+    with pytest.raises(Refused, match=cause):
+        kind(**given)

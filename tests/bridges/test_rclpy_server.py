@@ -59,7 +59,7 @@ class Arriving(Scripted):
 
 
 def test_a_path_is_followed_to_its_end() -> None:
-    loop = Loop(Arriving(), path="")
+    loop = Loop(Arriving(), follows=None)
     end, x = until_it_ends(loop, follower(loop))
     assert end.code is Code.NONE and 2.75 <= x <= 3.0
 
@@ -72,7 +72,7 @@ def test_a_path_is_followed_to_its_end() -> None:
     ],
 )
 def test_a_path_is_given_up(change: dict[str, Any], code: Code) -> None:
-    loop = Loop(Scripted(**change), path="")
+    loop = Loop(Scripted(**change), follows=None)
     begin = loop.now
     end, _ = until_it_ends(loop, follower(loop))
     assert end.code is code
@@ -81,14 +81,14 @@ def test_a_path_is_given_up(change: dict[str, Any], code: Code) -> None:
 
 def test_silence_is_a_time_out() -> None:
     for how in ({"people": False}, {"decide": False}):
-        loop = Loop(path="")
+        loop = Loop(follows=None)
         begin = loop.now
         end, _ = until_it_ends(loop, follower(loop), **how)
         assert end.code is Code.CONTROLLER_TIMED_OUT and loop.now - begin < 3.2, how
 
 
 def test_paths_that_cannot_be_followed_are_refused() -> None:
-    loop = Loop(path="")
+    loop = Loop(follows=None)
     made = Follower(loop.node, Following(), loop.now)
     assert made.begin("odom", WAY).code is Code.TF_ERROR  # type: ignore[union-attr]
     loop.turn()
@@ -99,7 +99,7 @@ def test_paths_that_cannot_be_followed_are_refused() -> None:
 
 
 def test_a_limit_of_speed_keeps_the_curve() -> None:
-    loop = Loop(Scripted(speed=0.5, rate=0.4), path="")
+    loop = Loop(Scripted(speed=0.5, rate=0.4), follows=None)
     follower(loop)
     assert loop.drive(60)[-1] == pytest.approx((0.5, 0.4))
     loop.node.limit_speed(0.25)
@@ -125,7 +125,7 @@ class Served:
         self.node = fake_rclpy.Node()
         known = messages("jazzy")
         self.planner = PlannerNode(
-            controller, ROBOT, NodeSettings(path=""), RclpyLink(self.node, known)
+            controller, ROBOT, NodeSettings(follows=None), RclpyLink(self.node, known)
         )
         self.server = FollowPathServer(self.node, self.planner, Following(tolerance=0.1))
         self.x, self.stop = 0.0, threading.Event()

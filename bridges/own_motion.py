@@ -1,0 +1,163 @@
+"""Where a robot is and was, by its odometry and tf, on the clock of its stamps."""
+
+from collections import deque
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from ..framework.values.arrays import Array
+from ..framework.values.errors import WideberthError
+from .frames import FrameTree, composed
+from .readings import Motion, Reading, Transforms
+
+OLDEST = 1.0
+"""s; stamps that lie farther apart are of clocks that do not agree, and are not compared."""
+KEPT = 500
+"""Poses that are kept: 5 s of odometry at 100 Hz."""
+AHEAD = 0.2
+"""s, for which the robot is taken to go on as it did in the newest odometry."""
+HOLE = 0.5
+"""s; between two messages of odometry that lie farther apart no pose is interpolated."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Heard:
+    """The newest message of a topic, and when it came, s on the node's clock."""
+
+    reading: Reading
+    time: float
+
+
+@final
+class OwnMotion:
+    """Poses of a robot in the frame of its odometry, and of its sensors on it.
+
+    Its clock is that of the odometry's stamps, in s since the first one; of odometry without
+    stamps it is the node's clock. Where the clock jumps, the poses of before are forgotten.
+
+    Parameters
+    ----------
+    base_frame : of the robot.
+    """
+
+    def __init__(self, base_frame: str) -> None:
+        self.newest: Heard | None = None
+        self._base = base_frame
+        self._frames = FrameTree()
+        self._epoch: int | None = None
+        self._rows: deque[Array] = deque(maxlen=KEPT)
+        """(time, x, y, heading, forward, lateral, yaw rate) each."""
+
+    def take_frames(self, content: Transforms) -> None:
+        """Take motions between frames; the newest of each counts at all times."""
+        for parent, child, _, pose, _ in content.rows:
+            self._frames.add(parent, child, 0.0, pose, static=True)
+
+    def take(self, reading: Reading, came: float) -> None:
+        """Take odometry that came at a time, s on the node's clock.
+
+        Raises
+        ------
+        WideberthError : numbers that are not finite.
+        """
+        motion = reading.content
+        assert isinstance(motion, Motion)
+        numbers = np.concatenate([motion.pose, motion.twist])
+        if not np.isfinite(numbers).all():
+            raise WideberthError("odometry is not finite")
+        self.newest = Heard(reading, came)
+        if self._epoch is None:
+            self._epoch = reading.stamp
+        row = np.array([self.now, *numbers])
+        if self._rows and not 0.0 <= row[0] - self._rows[-1][0] <= OLDEST:
+            self._rows.clear()
+        if self._rows and row[0] == self._rows[-1][0]:
+            self._rows.pop()
+        self._rows.append(row)
+
+    @property
+    def now(self) -> float:
+        """Instant of the newest odometry, s; NaN before the first."""
+        if self.newest is None or self._epoch is None:
+            return float("nan")
+        stamp = self.newest.reading.stamp
+        return 1e-9 * (stamp - self._epoch) if stamp else self.newest.time
+
+    def instant(self, heard: Heard, length: float = 0.0) -> float:
+        """Return when what a message says was so, s.
+
+        By its stamp; where that does not agree with the odometry's, by when both came.
+
+        Parameters
+        ----------
+        heard : the message. length : s, from its stamp until it could be sent.
+        """
+        if self.newest is None:
+            return float("nan")
+        own = self.newest.reading.stamp
+        apart = 1e-9 * (heard.reading.stamp - own)
+        if not own or not heard.reading.stamp or abs(apart) > OLDEST:
+            apart = heard.time - length - self.newest.time
+        return self.now + apart
+
+    def poses(self, times: Array) -> Array:
+        """Return the robot's poses at some instants, (B,) s -> (B, 3), m and rad.
+
+        Between two messages of odometry they are interpolated, up to `AHEAD` s after the last one
+        the robot goes on as it did::
+
+            x(t) = x + (Rot(psi + w t / 2) v) t     psi(t) = psi + w t
+
+        NaN where nothing is known.
+        """
+        if not self._rows:
+            return np.full((len(times), 3), np.nan)
+        table = np.array(self._rows)
+        table[:, 3] = np.unwrap(table[:, 3])
+        clock = table[:, 0]
+        found = np.stack([np.interp(times, clock, column) for column in table.T[1:4]], axis=-1)
+        later = np.asarray(times) - clock[-1]
+        twist = table[-1, 4:]
+        half = np.stack([0.0 * later, 0.0 * later, 0.5 * twist[2] * later], axis=-1)
+        step = np.stack([twist[0] * later, twist[1] * later, 0.5 * twist[2] * later], axis=-1)
+        ahead = composed(composed(table[-1, 1:4], half), step)
+        found = np.where((later > 0.0)[:, None], ahead, found)
+        right = np.clip(np.searchsorted(clock, times), 1, max(len(clock) - 1, 1))
+        hole = np.diff(clock)[right - 1] > HOLE if len(clock) > 1 else np.zeros(len(times), bool)
+        lost = (times < clock[0]) | (later > AHEAD) | (hole & (later <= 0.0))
+        found[lost] = np.nan
+        return np.asarray(found)
+
+    @property
+    def frame(self) -> str:
+        """The frame of the odometry; "" before the first."""
+        return self.newest.reading.frame if self.newest is not None else ""
+
+    def motion(self, target: str, source: str) -> Array | None:
+        """Return the pose of a frame in another, (3,), by the newest reports; None if unknown."""
+        if source in ("", target):
+            return np.zeros(3)
+        try:
+            found = self._frames.motion(target, source, [0.0])[0]
+        except WideberthError:
+            return None
+        return found if np.isfinite(found).all() else None
+
+    def mount(self, frame: str) -> Array | None:
+        """Return the pose of a frame on the robot, (3,); None if unknown."""
+        return self.motion(self._base, frame)
+
+    def placed(self, frame: str) -> Array | None:
+        """Return the pose of a frame in that of the odometry, (3,), now; None if unknown.
+
+        Where tf does not connect the two, the odometry itself says where the robot is.
+        """
+        found = self.motion(self.frame, frame)
+        mount = self.mount(frame)
+        if found is not None or mount is None or self.newest is None:
+            return found
+        motion = self.newest.reading.content
+        assert isinstance(motion, Motion)
+        return composed(motion.pose, mount)

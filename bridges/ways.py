@@ -1,0 +1,248 @@
+"""Where a node gets its path from: a topic of paths, or goals that it finds the way to."""
+
+from dataclasses import dataclass
+from math import cos, pi
+from typing import Any, Protocol, final
+
+import numpy as np
+
+from ..framework.numerics.inflation import Inflation
+from ..framework.route_planner import Route
+from ..framework.values.arrays import Array, positive
+from ..framework.values.costmap import Costmap
+from ..framework.values.occupancy_grid import OccupancyGrid
+from .frames import composed
+from .own_motion import OwnMotion
+from .readings import Goal, Reading
+from .sight import check_topic
+
+SHIFT, TURN = 0.02, 0.005
+"""m and rad; a route is placed anew when its frame has moved so far from the odometry's."""
+
+
+@final
+@dataclass(frozen=True)
+class PathTopic:
+    """A topic of `nav_msgs/msg/Path`, which is followed as it comes.
+
+    Raises
+    ------
+    WideberthError : no topic.
+    """
+
+    topic: str = "/plan"
+
+    def __post_init__(self) -> None:
+        check_topic("node.follows.topic", self.topic)
+
+
+@final
+@dataclass(frozen=True)
+class MapTopic:
+    """A topic of `nav_msgs/msg/OccupancyGrid`, of which the last message is kept for who joins.
+
+    Raises
+    ------
+    WideberthError : no topic.
+    """
+
+    topic: str = "/map"
+
+    def __post_init__(self) -> None:
+        check_topic("node.follows.map.topic", self.topic)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class KnownMap:
+    """A map that is there from the start, and the frame it is in."""
+
+    grid: OccupancyGrid
+    frame: str = "map"
+
+
+class Kept(Protocol):
+    """A route that is followed, as `wideberth.routes.replanning.KeptRoute`."""
+
+    @property
+    def route(self) -> Route:
+        """The newest one."""
+        ...
+
+
+class Replans(Protocol):
+    """Decides when a route is planned anew, as `wideberth.routes.replanning.Replanning`."""
+
+    def update(
+        self, kept: Any, time: float, costmap: Costmap, position: Array, goal: Array
+    ) -> Kept:
+        """Return the route to follow from now on; ``kept`` is what the last call returned."""
+        ...
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Over:
+    """Routes over a map.
+
+    Parameters
+    ----------
+    map : where it comes from.
+    replanning : finds the routes.
+    clearance : m beyond the robot's radius, to which routes would rather keep from walls.
+
+    Raises
+    ------
+    WideberthError : a clearance that is not above zero.
+    """
+
+    map: MapTopic | KnownMap
+    replanning: Replans
+    clearance: float = 0.5
+
+    def __post_init__(self) -> None:
+        positive("node.follows.clearance", self.clearance)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class GoalTopic:
+    """A topic of `geometry_msgs/msg/PoseStamped`: goals, as RViz sends them.
+
+    The robot drives to the place; the heading that it should have there is passed over.
+
+    Parameters
+    ----------
+    topic : of the goals.
+    over : how a way is found; None for a straight one from where the robot is when a goal comes.
+    tolerance : m; a robot that is so near has arrived, and brakes. The default is Nav2's.
+
+    Raises
+    ------
+    WideberthError : no topic, a tolerance that is not above zero.
+    """
+
+    topic: str = "/goal_pose"
+    over: Over | None = None
+    tolerance: float = 0.25
+
+    def __post_init__(self) -> None:
+        check_topic("node.follows.topic", self.topic)
+        positive("node.follows.tolerance", self.tolerance)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A way to the newest goal: points (P, 2) in m of a frame, or the reason why there is none."""
+
+    frame: str
+    points: Array
+    reason: str = ""
+
+
+@final
+class Guide:
+    """Finds the way to the newest goal. `hear` and `ask` are called under the node's lock.
+
+    Parameters
+    ----------
+    settings : the goals' topic and the map. radius : m, of the robot.
+    """
+
+    def __init__(self, settings: GoalTopic, radius: float) -> None:
+        self._over, self._radius, self._near = settings.over, radius, settings.tolerance
+        self._goal: tuple[str, Array] | None = None
+        self._asked: tuple[str, Array] | None = None
+        self._map: KnownMap | None = None
+        self._costs: tuple[KnownMap, Costmap] | None = None
+        self._kept: Kept | None = None
+        self._route: Route | None = None
+        self._put: Array | None = None
+        if self._over is not None and isinstance(self._over.map, KnownMap):
+            self._map = self._over.map
+
+    def hear(self, reading: Reading) -> None:
+        """Take a goal or a map."""
+        if isinstance(reading.content, Goal):
+            self._goal = reading.frame, reading.content.place
+        elif isinstance(reading.content, OccupancyGrid):
+            self._map = KnownMap(reading.content, reading.frame or "map")
+
+    def ask(self, own: OwnMotion) -> "Question | Found | None":
+        """Return what has to be found out; a way, or why there is none; None if all stays."""
+        if self._goal is None or own.newest is None:
+            return None
+        frame, place = self._goal
+        if self._over is None:
+            return self._straight(own, frame, place)
+        if self._map is None:
+            return Found("", np.zeros((0, 2)), "waiting for a map")
+        here, target = own.motion(self._map.frame, own.frame), own.motion(self._map.frame, frame)
+        if here is None or target is None:
+            missing = own.frame if here is None else frame
+            reason = f"no motion connects {missing!r} with the map's frame {self._map.frame!r}"
+            return Found("", np.zeros((0, 2)), reason)
+        pose = composed(here, own.poses(np.array([own.now]))[0])[:2]
+        goal = composed(target, np.array([*place, 0.0]))[:2]
+        return self._arrived(pose, goal) or Question(self._map, pose, goal, here)
+
+    def _straight(self, own: OwnMotion, frame: str, place: Array) -> Found | None:
+        motion = own.motion(own.frame, frame)
+        if motion is None:
+            reason = f"no motion connects the goal's frame {frame!r} with odometry"
+            return Found("", np.zeros((0, 2)), reason)
+        here = own.poses(np.array([own.now]))[0, :2]
+        target = composed(motion, np.array([*place, 0.0]))[:2]
+        old, self._asked = self._asked, self._goal
+        if (found := self._arrived(here, target)) is not None or old is self._goal:
+            return found
+        return Found(own.frame, np.stack([here, target]))
+
+    def _arrived(self, here: Array, goal: Array) -> Found | None:
+        """Forget a goal that is reached; the robot brakes."""
+        if float(np.linalg.norm(goal - here)) > self._near:
+            return None
+        self._goal = self._kept = self._route = None
+        return Found("", np.zeros((0, 2)))
+
+    def answer(self, question: "Question", time: float) -> Found | None:
+        """Find a route; return it where it is new or has moved, None if all stays."""
+        assert self._over is not None
+        if self._costs is None or self._costs[0] is not question.map:
+            inscribed = self._radius * cos(pi / 16)
+            spread = Inflation(inscribed, self._radius + self._over.clearance)
+            self._costs = question.map, spread.inflated(Costmap.from_grid(question.map.grid))
+            self._kept = None
+        costmap = self._costs[1]
+        kept = self._over.replanning.update(
+            self._kept, time, costmap, question.here, question.goal
+        )
+        self._kept, route = kept, kept.route
+        moved = self._put is None or (
+            np.abs(question.motion - self._put) > [SHIFT, SHIFT, TURN]
+        ).any()  # fmt: skip
+        if route is self._route and not moved:
+            return None
+        self._route, self._put = route, question.motion
+        if route.path is None:
+            return Found("", np.zeros((0, 2)), f"there is no route: {route.reason}")
+        return Found(question.map.frame, route.path.points, route.reason)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Question:
+    """What a route is wanted for.
+
+    Attributes
+    ----------
+    map : over which it leads.
+    here, goal : (2,), m, in the frame of the map.
+    motion : (3,), pose of the odometry's frame in the map's.
+    """
+
+    map: KnownMap
+    here: Array
+    goal: Array
+    motion: Array

@@ -1,0 +1,316 @@
+"""A node that sees by scans of a LiDAR, and finds its way to a goal by itself."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wideberth.bridges.messages import messages
+from wideberth.bridges.own_motion import AHEAD, OwnMotion
+from wideberth.bridges.readings import reading_of
+from wideberth.bridges.sight import ScanTopic
+from wideberth.bridges.ways import GoalTopic, KnownMap, MapTopic, Over
+from wideberth.framework.numerics.inflation import Inflation
+from wideberth.framework.values.costmap import Costmap
+from wideberth.framework.values.occupancy_grid import OccupancyGrid
+from wideberth.routes import NavFn
+from wideberth.routes.replanning import Replanning
+from wideberth.tests.bridges.test_node import EPOCH, ROBOT, Loop
+from wideberth.tests.helpers.bags import header, odometry, quaternion, transform, vector
+from wideberth.tests.helpers.rays import ranges
+
+ODOMETRY, SCAN = "nav_msgs/msg/Odometry", "sensor_msgs/msg/LaserScan"
+MOUNT = (0.2, -0.1, 0.3)
+"""m and rad, of the LiDAR on the robot."""
+BEAMS = 360
+TURN_TIME = 0.1
+"""s, of a turn of the LiDAR."""
+
+
+def arc(time: Any, speed: float, rate: float) -> Any:
+    """Pose (..., 3) after a time on a circle that begins at the origin along x."""
+    time = np.asarray(time, dtype=float)
+    if rate == 0.0:
+        return np.stack([speed * time, 0.0 * time, 0.0 * time], axis=-1)
+    turn = rate * time
+    return np.stack(
+        [speed / rate * np.sin(turn), speed / rate * (1.0 - np.cos(turn)), turn], axis=-1
+    )
+
+
+@pytest.mark.parametrize(("speed", "rate"), [(0.7, 0.0), (0.7, 1.0), (0.0, -2.0)])
+def test_poses_are_those_of_their_instants(speed: float, rate: float) -> None:
+    own = OwnMotion("base_link")
+    for k in range(51):
+        time = 0.02 * k
+        said = odometry(EPOCH + time, arc(time, speed, rate), (speed, 0.0, rate))
+        own.take(reading_of(ODOMETRY, said), 7.0 + time)
+    assert own.now == pytest.approx(1.0, abs=1e-9)
+    asked = np.linspace(0.0, 1.0 + AHEAD, 500)
+    chord = speed * abs(rate) * 0.02**2 / 8  # between two samples
+    ahead = speed * rate**2 * AHEAD**3 / 24  # a chord of half the turn for the arc
+    found = own.poses(asked)
+    np.testing.assert_allclose(found, arc(asked, speed, rate), atol=chord + ahead + 1e-7)
+    assert np.isnan(own.poses(np.array([-0.01, 1.01 + AHEAD]))).all()
+
+
+def test_poses_across_a_hole_or_a_jump_are_unknown() -> None:
+    own = OwnMotion("base_link")
+    assert np.isnan(own.poses(np.zeros(2))).all()
+    for time in (0.0, 0.1, 0.8, 0.9):
+        own.take(reading_of(ODOMETRY, odometry(EPOCH + time, (time, 0, 0), (1, 0, 0))), time)
+    found = own.poses(np.array([0.05, 0.5, 0.85]))[:, 0]
+    np.testing.assert_allclose(found, [0.05, np.nan, 0.85], atol=1e-6)
+    own.take(reading_of(ODOMETRY, odometry(EPOCH - 50.0, (1, 0, 0), (1, 0, 0))), 1.0)
+    np.testing.assert_allclose(own.poses(np.array([-50.0, 0.85]))[:, 0], [1.0, np.nan])
+
+
+class Seeing(Loop):
+    """A loop among discs that walk, seen by a LiDAR; the robot drives on a circle."""
+
+    def __init__(self, **settings: Any) -> None:
+        settings.setdefault("sees", ScanTopic())
+        super().__init__(**settings)
+        self.begin = self.now
+        self.start = np.array([[4.0, 1.5], [3.0, -2.5]])
+        self.walk = np.array([[-0.5, 0.2], [0.3, 0.6]])
+        self.late = 0.0
+        """s, by which the LiDAR's clock is wrong."""
+        self.come("/tf_static", transform(EPOCH, "base_link", "laser", MOUNT))
+
+    def people(self, time: float) -> np.ndarray:
+        return self.start + (time - self.begin) * self.walk
+
+    def odom(self) -> None:
+        pose = arc(self.now - self.begin, 0.4, 0.2)
+        self.come("/odom", odometry(self.stamp(), pose, (0.4, 0.0, 0.2), child="base_link"))
+
+    def scan(self, frame: str = "laser") -> None:
+        """Send a turn that ends now: every beam from where the LiDAR was at its instant."""
+        times = self.now - TURN_TIME + TURN_TIME / BEAMS * np.arange(1, BEAMS + 1)
+        bearings = -np.pi + 2.0 * np.pi / BEAMS * np.arange(BEAMS)
+        found = []
+        for time, bearing in zip(times, bearings, strict=True):
+            x, y, yaw = arc(time - self.begin, 0.4, 0.2)
+            sine, cosine = np.sin(yaw), np.cos(yaw)
+            origin = np.array([x + cosine * MOUNT[0] - sine * MOUNT[1],
+                               y + sine * MOUNT[0] + cosine * MOUNT[1]])  # fmt: skip
+            ray = np.array([yaw + MOUNT[2] + bearing])
+            found.append(ranges(origin, ray, self.people(time), 0.3)[0])
+        message = messages().make(
+            SCAN, header=header(self.stamp() + self.late - self.now + float(times[0]), frame),
+            angle_min=float(bearings[0]), angle_max=float(bearings[-1]),
+            angle_increment=2.0 * np.pi / BEAMS, time_increment=TURN_TIME / BEAMS,
+            range_max=12.0, ranges=np.asarray(found, np.float32),
+        )  # fmt: skip
+        self.come("/scan", message)
+
+    def go_on(self, seconds: float, frame: str = "laser") -> None:
+        """Odometry at 20 Hz, scans at 10 Hz."""
+        for k in range(round(seconds / 0.05)):
+            self.odom()
+            if k % 2:
+                self.scan(frame)
+            self.turn(odom=False, people=False)
+
+
+def check_people(loop: Seeing) -> None:
+    """Check that the newest observation holds the two, where and as fast as they are."""
+    seen = loop.controller.seen[-1].detections
+    assert len(seen) == 2
+    now = loop.now - 0.05  # of the last odometry
+    truth = loop.people(now)
+    for one in seen:
+        who = int(np.argmin(np.linalg.norm(truth - one.position, axis=1)))
+        np.testing.assert_allclose(one.position, truth[who], atol=0.05)
+        assert one.velocity is not None
+        np.testing.assert_allclose(one.velocity, loop.walk[who], atol=0.15)
+        assert one.radius == pytest.approx(0.3, abs=0.1)
+
+
+@pytest.mark.parametrize("late", [0.0, 1e6])
+def test_people_are_seen_in_scans(late: float) -> None:
+    """Also where the LiDAR has a clock of its own: then it counts when scans come."""
+    loop = Seeing()
+    loop.late = late
+    loop.turn(odom=False, people=False)
+    assert loop.node.status == "waiting for odometry"
+    loop.odom()
+    loop.turn(odom=False, people=False)
+    assert loop.node.status == "waiting for scans"
+    loop.path()
+    loop.go_on(3.0)
+    assert loop.node.status == "driving" and loop.node.counts.refused == 0
+    check_people(loop)
+    names = {one.ident for seen in loop.controller.seen[-20:] for one in seen.detections}
+    assert len(names) == 2  # nobody has changed identity
+    assert loop.controller.seen[-1].scan is not None
+    scan = loop.controller.seen[-1].scan
+    assert scan is not None and scan.scan.mount.tolist() == list(MOUNT)
+
+
+def test_measurements_are_handed_on_where_that_is_asked_for() -> None:
+    loop = Seeing(sees=ScanTopic(handover="measured"))
+    loop.path()
+    loop.go_on(1.5)
+    seen = [one for told in loop.controller.told for one in told.detections]
+    assert seen and all(one.velocity is None for one in seen)
+
+
+def test_a_clock_that_jumps_costs_the_tracks_alone() -> None:
+    loop = Seeing()
+    loop.path()
+    loop.go_on(1.0)
+    for shift in (1e5, -3e4):
+        loop.shift = shift
+        loop.go_on(1.5)
+        assert loop.node.status == "driving"
+        check_people(loop)
+
+
+def test_scans_of_an_unknown_frame_are_counted() -> None:
+    loop = Seeing()
+    loop.path()
+    loop.go_on(0.5, frame="nowhere")
+    assert loop.node.counts.refused == 5
+    assert loop.controller.seen[-1].detections == ()
+
+
+def test_it_brakes_when_scans_fall_silent() -> None:
+    loop = Seeing()
+    loop.path()
+    loop.go_on(1.0)
+    for _ in range(40):
+        loop.odom()
+        sent = loop.turn(odom=False, people=False)
+    assert sent[0] == 0.0 and loop.node.status.startswith("scans are silent for")
+
+
+def test_a_scan_that_is_too_long_is_refused() -> None:
+    loop = Seeing()
+    loop.odom()
+    long = messages().make(SCAN, ranges=np.ones(60_000, np.float32), range_max=9.0)
+    loop.come("/scan", long)
+    loop.turn(odom=False, people=False)
+    assert loop.node.counts.refused == 1
+
+
+def goal(x: float, y: float, frame: str = "odom") -> Any:
+    known = messages()
+    pose = known.make(
+        "geometry_msgs/msg/Pose", position=vector("Point", x, y), orientation=quaternion(0.0)
+    )
+    return known.make("geometry_msgs/msg/PoseStamped", header=header(EPOCH, frame), pose=pose)
+
+
+def grid() -> OccupancyGrid:
+    """A hall of 8 m by 5 m with a wall that leaves a door at the top."""
+    cells = np.zeros((50, 80), np.int8)
+    cells[:, :2] = cells[:, -2:] = cells[:2] = cells[-2:] = 100
+    cells[:35, 40:43] = 100
+    return OccupancyGrid(cells, 0.1)
+
+
+def map_message(frame: str = "map") -> Any:
+    known, made = messages(), grid()
+    info = known.make(
+        "nav_msgs/msg/MapMetaData", resolution=0.1, width=made.width, height=made.height,
+        origin=known.make("geometry_msgs/msg/Pose", orientation=quaternion(0.0)),
+    )  # fmt: skip
+    data = np.asarray(made.cells, np.int8).ravel()
+    return known.make(
+        "nav_msgs/msg/OccupancyGrid", header=header(EPOCH, frame), info=info, data=data
+    )
+
+
+def over(where: Any) -> GoalTopic:
+    return GoalTopic(over=Over(where, Replanning(NavFn())))
+
+
+def stands(loop: Loop, x: float = 0.0, y: float = 0.0) -> Any:
+    """One period of a robot that stands at a place."""
+    loop.come("/odom", odometry(loop.stamp(), (x, y, 0.0), (0, 0, 0)))
+    return loop.turn(odom=False)
+
+
+def test_without_a_map_the_way_to_a_goal_is_straight() -> None:
+    loop = Loop(follows=GoalTopic())
+    stands(loop, 1.0, 2.0)
+    assert loop.node.status == "waiting for a goal"
+    loop.come("/goal_pose", goal(4.0, -2.0))
+    for x in (1.0, 1.1, 1.2):
+        stands(loop, x, 2.0)
+    (path,) = loop.controller.paths  # the way stays while the robot drives
+    np.testing.assert_array_equal(path.points, [(1.0, 2.0), (4.0, -2.0)])
+    loop.come("/tf", transform(EPOCH, "map", "odom", (1.0, 0.0, np.pi / 2)))
+    loop.come("/goal_pose", goal(1.0, 4.0, "map"))
+    stands(loop)
+    np.testing.assert_allclose(loop.controller.paths[-1].points, [(0, 0), (4, 0)], atol=1e-9)
+    loop.come("/goal_pose", goal(1.0, 4.0, "moon"))
+    stands(loop)
+    assert "no motion connects the goal's frame 'moon'" in loop.node.status
+    loop.come("/goal_pose", goal(0.2, 0.0))  # where it stands already
+    stands(loop)
+    assert loop.node.status == "waiting for a goal"
+
+
+@pytest.mark.parametrize("over_map", [False, True])
+def test_at_the_goal_it_brakes(over_map: bool) -> None:
+    loop = Loop(follows=over(KnownMap(grid(), "odom")) if over_map else GoalTopic())
+    loop.come("/goal_pose", goal(3.0, 1.0))
+    sent = [stands(loop, 2.0, 1.0) for _ in range(20)]
+    assert sent[-1][0] > 0.0 and loop.node.status == "driving"
+    sent = [stands(loop, 2.8, 1.0) for _ in range(40)]
+    assert sent[-1][0] == 0.0 and loop.node.status == "waiting for a goal"
+    loop.come("/goal_pose", goal(2.0, 1.0))
+    sent = [stands(loop, 2.8, 1.0) for _ in range(20)]
+    assert sent[-1][0] > 0.0
+
+
+@pytest.mark.parametrize("where", [MapTopic(), KnownMap(grid())])
+def test_over_a_map_the_way_leads_through_the_door(where: Any) -> None:
+    loop = Loop(follows=over(where))
+    shift = (2.0, 1.0, 0.3)  # pose of the odometry's frame in the map
+    loop.come("/goal_pose", goal(6.5, 1.0, "map"))
+    stands(loop)
+    if isinstance(where, MapTopic):
+        assert loop.node.status == "waiting for a map"
+        loop.come("/map", map_message())
+        stands(loop)
+    assert "no motion connects 'odom' with the map's frame 'map'" in loop.node.status
+    loop.come("/tf", transform(EPOCH, "map", "odom", shift))
+    stands(loop)
+    assert loop.node.status == "driving"
+
+    def on_map(points: np.ndarray, x: float, y: float, yaw: float) -> np.ndarray:
+        turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+        return np.asarray((x, y) + points @ turn.T)
+
+    points = on_map(loop.controller.paths[-1].points, *shift)
+    np.testing.assert_allclose(points[[0, -1]], [(2.0, 1.0), (6.5, 1.0)], atol=0.11)
+    costs = Inflation(ROBOT.radius * np.cos(np.pi / 16)).inflated(Costmap.from_grid(grid()))
+    assert not costs.blocked_steps(points).any()
+    assert points[:, 1].max() > 3.5  # the door
+    before = len(loop.controller.paths)
+    stands(loop)
+    assert len(loop.controller.paths) == before
+    moved = (2.1, 1.05, 0.3)  # it was localised anew
+    loop.come("/tf", transform(EPOCH, "map", "odom", moved))
+    stands(loop)
+    assert len(loop.controller.paths) == before + 1
+    np.testing.assert_allclose(
+        on_map(loop.controller.paths[-1].points, *moved)[-1], points[-1], atol=1e-9
+    )
+
+
+def test_without_a_route_it_stands_and_says_why() -> None:
+    loop = Loop(follows=over(KnownMap(grid(), "odom")))
+    loop.come("/goal_pose", goal(6.5, 1.0))
+    sent = [stands(loop, 2.0, 1.0) for _ in range(20)]
+    assert sent[-1][0] > 0.0
+    loop.come("/goal_pose", goal(60.0, 1.0))
+    sent = [stands(loop, 2.0, 1.0) for _ in range(40)]
+    assert sent[-1][0] == 0.0 and loop.node.status.startswith("there is no route: ")
+    loop.come("/goal_pose", goal(6.5, 1.0))
+    stands(loop, 2.0, 1.0)
+    assert loop.node.status == "driving"
