@@ -8,8 +8,9 @@ from typing import NamedTuple, final
 
 import numpy as np
 
-from ..framework.values.arrays import Array
+from ..framework.values.arrays import Array, positive
 from ..framework.values.errors import WideberthError, nearest
+from ..framework.values.forecast import Forecast
 from ..framework.values.occupancy_grid import OccupancyGrid
 from ..framework.values.path import Path as Route
 from ..framework.values.sensing import Scan
@@ -17,7 +18,19 @@ from .bag_file import RawBag, read_raw
 from .clocks import stamps
 from .frames import FrameTree
 from .messages import Messages, messages
-from .readings import READ, Clock, Goal, Motion, Reading, Transforms, Way, reading_of, tilted
+from .readings import (
+    READ,
+    Clock,
+    Goal,
+    Mixture,
+    Motion,
+    Obstacles,
+    Reading,
+    Transforms,
+    Way,
+    reading_of,
+    tilted,
+)
 
 FIXED = ("map", "odom", "world")
 """Frames that stand still, the first that a recording has is taken."""
@@ -47,6 +60,14 @@ class Timed(NamedTuple):
     time: float
     reading: Reading
     source: int
+
+
+class RecordedForecast(NamedTuple):
+    """A forecast in a recording: when it was told, s, and of whom."""
+
+    time: float
+    names: tuple[str, ...]
+    forecast: Forecast
 
 
 @final
@@ -147,10 +168,57 @@ class Bag:
                 found.append((time, Route(reading.content.points)))
         return tuple(found)
 
+    def forecasts(self, topic: str, dt: float) -> tuple[RecordedForecast, ...]:
+        """Return the forecasts that messages of a topic hold, in its fixed frame.
+
+        Modes that an obstacle has less than another of its message have the weight 0; all have
+        the steps of the shortest. Obstacles without a forecast that is of use are left out.
+
+        Parameters
+        ----------
+        topic : of `mpc_planner_msgs/msg/ObstacleArray`.
+        dt : s between two steps, which the messages do not state.
+
+        Raises
+        ------
+        WideberthError : no such topic, a dt that is not above zero, or no way from its frame to
+            the fixed one.
+        """
+        positive("dt", dt)
+        fixed = self.fixed_frame([topic])
+        found = []
+        for time, reading, _ in self.rows(topic):
+            if not isinstance(reading.content, Obstacles):
+                continue
+            pose = self.frames.motion(fixed, reading.frame, [time])[0]
+            told = [(one.ident, one.forecast) for one in reading.content.seen if one.forecast]
+            if told and np.isfinite(pose).all():
+                mixtures = [mixture for _, mixture in told]
+                names = tuple(name for name, _ in told)
+                found.append(RecordedForecast(time, names, _forecast(mixtures, pose, dt)))
+        return tuple(found)
+
     def maps(self, topic: str) -> tuple[OccupancyGrid, ...]:
         """Return the maps of a topic, each in its own frame."""
         said = [reading.content for _, reading, _ in self.rows(topic)]
         return tuple(one for one in said if isinstance(one, OccupancyGrid))
+
+
+def _forecast(mixtures: list[Mixture], pose: Array, dt: float) -> Forecast:
+    """Put mixtures of one message together, in the frame in which theirs has a pose."""
+    most = max(len(one.weight) for one in mixtures)
+    steps = min(one.mean.shape[1] for one in mixtures)
+    turn = np.array([[np.cos(pose[2]), -np.sin(pose[2])], [np.sin(pose[2]), np.cos(pose[2])]])
+    # An empty mode repeats the first one: a forecast has no modes without a place.
+    rows = [
+        np.concatenate([np.arange(len(one.weight)), np.zeros(most - len(one.weight), int)])
+        for one in mixtures
+    ]
+    pairs = list(zip(mixtures, rows, strict=True))
+    weight = [np.where(np.arange(most) < len(one.weight), one.weight[i], 0.0) for one, i in pairs]
+    mean = np.array([one.mean[i, :steps] for one, i in pairs]) @ turn.T + pose[:2]
+    covariance = turn @ np.array([one.covariance[i, :steps] for one, i in pairs]) @ turn.T
+    return Forecast(mean, covariance, np.array(weight), dt, (None,) * len(mixtures))
 
 
 def read_bag(path: str | Path) -> Bag:

@@ -1,7 +1,12 @@
 """Topics of ROS 2 over DDS, without ROS: names, types and qualities as its own nodes have."""
 
+import logging
+import os
+import socket
 from collections.abc import Iterator
 from functools import cache
+from pathlib import Path
+from stat import S_ISSOCK
 from typing import Any, final
 from xml.sax.saxutils import quoteattr
 
@@ -17,6 +22,7 @@ DEPTH = 10
 """Messages that are kept for a reader, as in ROS 2."""
 AT_ONCE = 64
 """Messages that are taken at once."""
+_LOG = logging.getLogger("wideberth")
 
 
 @final
@@ -67,6 +73,52 @@ def _domain(number: int, interface: str) -> Any:
         ) from None
 
 
+def udp_sockets(first: int, count: int) -> list[socket.socket]:
+    """Return this process' UDP sockets of IPv4 that listen on some ports, for Linux alone.
+
+    They are further handles of the same sockets; whoever asks for them closes them.
+
+    Parameters
+    ----------
+    first, count : of the ports.
+    """
+    found = []
+    folder = Path("/proc/self/fd")
+    for name in [one.name for one in folder.iterdir()] if folder.is_dir() else ():
+        try:
+            if not S_ISSOCK(os.fstat(int(name)).st_mode):
+                continue
+            one = socket.socket(fileno=os.dup(int(name)))
+        except OSError:  # closed in the meantime
+            continue
+        kind = one.family == socket.AF_INET and one.type == socket.SOCK_DGRAM
+        if kind and first <= one.getsockname()[1] < first + count:
+            found.append(one)
+        else:
+            one.close()
+    return found
+
+
+def _hear_loopback_alone(domain: int) -> None:
+    """Tie the sockets of a domain to the loopback interface; Cyclone DDS opens them to all.
+
+    A domain has the ports from 7400 + 250 domain on (DDSI-RTPS 2.5, 9.6.2).
+    """
+    sockets = udp_sockets(7400 + 250 * domain, 250)
+    tied = bool(sockets)
+    for one in sockets:
+        try:
+            one.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, LOOPBACK.encode())
+        except (OSError, AttributeError):  # an old kernel, another system
+            tied = False
+        one.close()
+    if not tied:
+        _LOG.warning(
+            "the UDP ports of the DDS domain %d could not be tied to the loopback interface: "
+            "Cyclone DDS listens on them on all interfaces; let a firewall close them", domain,
+        )  # fmt: skip
+
+
 @final
 class Link:
     """A participant of a DDS domain.
@@ -94,6 +146,8 @@ class Link:
             self._participant: Any = library.DomainParticipant(domain)
         except Exception as error:
             raise WideberthError(f"DDS cannot join the domain {domain}: {error}") from None
+        if interface == LOOPBACK:
+            _hear_loopback_alone(domain)
 
     def publisher(self, topic: str, kind: str, *, kept: bool = False) -> "Publisher":
         """Return a publisher of a topic.

@@ -38,6 +38,8 @@ PAUSE = 5.0
 """Periods; after a pause that is longer, commands begin at the robot's own velocity again."""
 EXACT = 1e-8
 """m^2 and so on: covariance of odometry that states none."""
+TRAJECTORY = "nav_msgs/msg/Trajectory"
+"""A type that ROS 2 has from Lyrical on."""
 _LOG = logging.getLogger("wideberth")
 
 
@@ -171,6 +173,9 @@ class PlannerNode:
             "regions": link.publisher("/wideberth/regions", markers, kept=True),
             "diagnostics": link.publisher("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"),
         }
+
+        if TRAJECTORY in link.known:
+            self._to["trajectory"] = link.publisher("/wideberth/trajectory", TRAJECTORY, kept=True)
 
     def _see(self, link: Joins) -> None:
         """Open the topic of what is seen."""
@@ -431,6 +436,8 @@ class PlannerNode:
         ):  # fmt: skip
             if self._to[name].heard:
                 self._to[name].send(word(plan))
+        if "trajectory" in self._to and self._to["trajectory"].heard:
+            self._to["trajectory"].send(wording.trajectory(plan, self.robot))
 
     def report(self) -> None:
         """Send diagnostics."""

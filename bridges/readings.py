@@ -15,6 +15,22 @@ from .frames import TILT, tilt_of, yaw_of
 
 @final
 @dataclass(frozen=True, eq=False)
+class Mixture:
+    """Gaussians over the places where an obstacle will be, one per mode and step.
+
+    Attributes
+    ----------
+    weight : (M,), sums to 1.
+    mean : (M, N, 2), m. covariance : (M, N, 2, 2), m^2.
+    """
+
+    weight: Array
+    mean: Array
+    covariance: Array
+
+
+@final
+@dataclass(frozen=True, eq=False)
 class Seen:
     """An obstacle in a message.
 
@@ -26,6 +42,7 @@ class Seen:
     velocity : (2,), m/s, or None.
     covariance : (2, 2), m^2, of the position, or None where the message holds zeros.
     velocity_covariance : (2, 2), (m/s)^2, or None.
+    forecast : of its places, where the message holds one that is of use; else None.
     """
 
     ident: str
@@ -34,6 +51,7 @@ class Seen:
     velocity: Array | None = None
     covariance: Array | None = None
     velocity_covariance: Array | None = None
+    forecast: Mixture | None = None
 
 
 @final
@@ -188,11 +206,41 @@ def _costmap_obstacles(message: Any) -> Obstacles:
     return Obstacles(tuple(seen))
 
 
+def _mixture(message: Any) -> Mixture | None:
+    """Return the forecast of one obstacle of mpc_planner_msgs; None if its numbers do not fit.
+
+    The semi-axes a, b of a step are the deviations along and across the heading phi of its pose::
+
+        C = Rot(phi) diag(a^2, b^2) Rot(phi)^T
+    """
+    weight = np.asarray(message.probabilities, dtype=np.float64)
+    modes = message.gaussians
+    steps = min((len(one.mean.poses) for one in modes), default=0)
+    sizes = [(len(one.major_semiaxis), len(one.minor_semiaxis)) for one in modes]
+    whole = all(min(size) >= steps for size in sizes) and steps and len(weight) == len(modes)
+    if not whole or not (weight >= 0.0).all() or not 0.0 < weight.sum() < np.inf:
+        return None
+    poses = np.array([[pose_of(pose.pose) for pose in one.mean.poses[:steps]] for one in modes])
+    long, wide = (
+        np.array([np.asarray(getattr(one, name), np.float64)[:steps] ** 2 for one in modes])
+        for name in ("major_semiaxis", "minor_semiaxis")
+    )
+    cosine, sine = np.cos(poses[..., 2]), np.sin(poses[..., 2])
+    turn = np.stack([np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)], -2)
+    spread = turn * np.stack([long, wide], -1)[..., None, :] @ np.swapaxes(turn, -1, -2)
+    if not (np.isfinite(poses).all() and np.isfinite(spread).all()):
+        return None
+    return Mixture(weight / weight.sum(), poses[..., :2], spread)
+
+
 def _gaussian_obstacles(message: Any) -> Obstacles:
     none = float("nan")
     return Obstacles(
         tuple(
-            Seen(str(one.id) if one.id >= 0 else "", pose_of(one.pose), none)
+            Seen(
+                *(str(one.id) if one.id >= 0 else "", pose_of(one.pose), none),
+                forecast=_mixture(one),
+            )
             for one in message.obstacles
         )
     )

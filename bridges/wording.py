@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..framework.drawing.style import chosen_steps
+from ..framework.robot import Robot
 from ..framework.values.arrays import Array
 from ..framework.values.forecast import LIGHT, Forecast, content_bound
-from ..framework.values.motion import Command
+from ..framework.values.motion import Command, Twist
 from ..framework.values.plan import Plan, kept_out
 from ..framework.values.polygon import Polygon
 from ..framework.values.sensing import Scan
@@ -23,7 +24,7 @@ MOST_STEPS = 8
 """Steps of a plan that have markers."""
 TALL = 0.05
 """m, height of flat markers."""
-_CYLINDER, _STRIP, _DELETE_ALL = 3, 4, 3
+_SPHERE, _CYLINDER, _STRIP, _DELETE_ALL = 2, 3, 4, 3
 _GREY, _BLUE, _ORANGE = (0.5, 0.5, 0.5), (0.0, 0.45, 0.7), (0.9, 0.6, 0.0)
 
 
@@ -68,33 +69,47 @@ class Wording:
         name = self.frame if frame is None else frame
         return self.known.make("std_msgs/msg/Header", stamp=self.stamp(time), frame_id=name)
 
-    def pose(self, x: float, y: float, yaw: float = 0.0) -> Any:
-        """Return a pose in the plane, m and rad."""
+    def pose(self, x: float, y: float, yaw: float = 0.0, z: float = 0.0) -> Any:
+        """Return an upright pose, m and rad."""
         return self.known.make(
             "geometry_msgs/msg/Pose",
-            position=self._point(x, y),
+            position=self._point(x, y, z),
             orientation=self._turn(yaw),
         )
 
     def odometry(
-        self, time: float, pose: Sequence[float], twist: Sequence[float], child: str
+        self,
+        time: float,
+        pose: Sequence[float],
+        twist: Sequence[float],
+        child: str,
+        *,
+        height: float = 0.0,
+        climb: float = 0.0,
     ) -> Any:
-        """Return pose (x, y in m, yaw in rad) and twist (forward, lateral in m/s, yaw rate)."""
+        """Return pose (x, y in m, yaw in rad) and twist (forward, lateral in m/s, yaw rate).
+
+        A robot that flies has a height in m, and climbs in m/s.
+        """
         make = self.known.make
+        (x, y, yaw), (forward, aside, rate) = pose, twist
+        moving = self._twist(forward, aside, rate, climb)
         return make(
             "nav_msgs/msg/Odometry",
             header=self.header(time),
             child_frame_id=child,
-            pose=make("geometry_msgs/msg/PoseWithCovariance", pose=self.pose(*pose)),
-            twist=make("geometry_msgs/msg/TwistWithCovariance", twist=self._twist(*twist)),
+            pose=make("geometry_msgs/msg/PoseWithCovariance", pose=self.pose(x, y, yaw, height)),
+            twist=make("geometry_msgs/msg/TwistWithCovariance", twist=moving),
         )
 
-    def transform(self, time: float, child: str, pose: Sequence[float]) -> Any:
-        """Return the pose of a frame in the one that stands still."""
+    def transform(
+        self, time: float, child: str, pose: Sequence[float], height: float = 0.0
+    ) -> Any:
+        """Return the upright pose of a frame in the one that stands still."""
         x, y, yaw = pose
         motion = self.known.make(
             "geometry_msgs/msg/Transform",
-            translation=self._vector(x, y),
+            translation=self._vector(x, y, height),
             rotation=self._turn(yaw),
         )
         one = self.known.make(
@@ -107,17 +122,17 @@ class Wording:
 
     def command(self, time: float, command: Command, frame: str) -> Any:
         """Return a velocity for the robot of that frame."""
-        forward, aside = (*command.linear, 0.0)[:2]
+        forward, aside, up = _three(command.linear)
         return self.known.make(
             "geometry_msgs/msg/TwistStamped",
             header=self.header(time, frame),
-            twist=self._twist(forward, aside, command.omega),
+            twist=self._twist(forward, aside, command.omega, up),
         )
 
     def path(
         self, time: float, points: Array, headings: Array | None = None, dt: float = 0.0
     ) -> Any:
-        """Return points (P, 2) in m as a path; ``dt`` s lie between the stamps of two poses.
+        """Return points (P, D) in m as a path; ``dt`` s lie between the stamps of two poses.
 
         Without headings each pose looks at the next point.
         """
@@ -129,9 +144,9 @@ class Wording:
             self.known.make(
                 "geometry_msgs/msg/PoseStamped",
                 header=self.header(time + dt * k),
-                pose=self.pose(float(x), float(y), float(yaw)),
+                pose=self._placed(place, float(yaw)),
             )
-            for k, ((x, y), yaw) in enumerate(zip(points, headings, strict=True))
+            for k, (place, yaw) in enumerate(zip(points.tolist(), headings, strict=True))
         ]
         return self.known.make("nav_msgs/msg/Path", header=self.header(time), poses=poses)
 
@@ -139,26 +154,50 @@ class Wording:
         """Return a plan's positions as a path, with the instants at which it is there."""
         return self.path(plan.stamp, plan.positions, dt=plan.dt)
 
-    def trajectory(self, plan: Plan) -> Any:
+    def trajectory(self, plan: Plan, robot: Robot | None = None) -> Any:
         """Return a plan as ``nav_msgs/msg/Trajectory``, which ROS 2 has from Lyrical on.
+
+        With the robot's model each point has heading, velocity and acceleration of its state and
+        input; the last state has no input, and no acceleration. Without, the heading looks at the
+        next point, and there is a speed along it alone.
 
         Raises
         ------
         WideberthError : an older distribution.
         """
         path, make = self.plan(plan), self.known.make
-        speed = np.gradient(plan.positions, plan.dt, axis=0)
-        along = np.linalg.norm(speed, axis=1)
-        points = [
-            make(
-                "nav_msgs/msg/TrajectoryPoint",
-                header=one.header,
-                pose=one.pose,
-                velocity=self._twist(float(fast), 0.0, 0.0),
-            )
-            for one, fast in zip(path.poses, along, strict=True)
-        ]
+        flow: Array = np.gradient(plan.positions, plan.dt, axis=0)
+        points = []
+        for k, one in enumerate(path.poses):
+            climb = float(flow[k, 2]) if flow.shape[1] == 3 else 0.0
+            moving = Twist((float(np.linalg.norm(flow[k, :2])), 0.0, climb))
+            given, pose = {}, one.pose
+            if robot is not None:
+                state = plan.states[k]
+                control = plan.inputs[min(k, len(plan.inputs) - 1)]
+                at, moving = robot.pose(state), robot.twist(state, control)
+                yaw = 0.0 if at.heading is None else float(at.heading)
+                place = [float(number) for number in at.position]
+                pose = self._placed(place, yaw)
+                if k < len(plan.inputs):
+                    given["acceleration"] = self._accel(robot.acceleration(state, control))
+            twist = self._twist_of(moving)
+            kind = "nav_msgs/msg/TrajectoryPoint"
+            points.append(make(kind, header=one.header, pose=pose, velocity=twist, **given))
         return make("nav_msgs/msg/Trajectory", header=path.header, points=points)
+
+    def _twist_of(self, twist: Twist) -> Any:
+        forward, aside, up = _three(twist.linear)
+        return self._twist(forward, aside, float(twist.angular), up)
+
+    def _placed(self, place: Sequence[float], yaw: float) -> Any:
+        x, y, z = _three(place)
+        return self.pose(x, y, yaw, z)
+
+    def _accel(self, change: Twist) -> Any:
+        made = self._twist_of(change)
+        kind = "geometry_msgs/msg/Accel"
+        return self.known.make(kind, linear=made.linear, angular=made.angular)
 
     def obstacles(
         self,
@@ -168,7 +207,7 @@ class Wording:
         velocities: Array,
         radii: Sequence[float],
     ) -> Any:
-        """Return Nav2's dynamic obstacles: positions and velocities (O, 2), radii in m."""
+        """Return Nav2's dynamic obstacles: positions and velocities (O, D), radii in m."""
         make = self.known.make
         found = [
             make(
@@ -177,7 +216,7 @@ class Wording:
                 score=1.0,
                 position=self._point(*place),
                 velocity=self._vector(*speed),
-                size=self._vector(2.0 * radius, 2.0 * radius),
+                size=self._vector(*(2.0 * radius,) * len(place)),
             )
             for name, place, speed, radius in zip(
                 names, positions.tolist(), velocities.tolist(), radii, strict=True
@@ -203,14 +242,14 @@ class Wording:
         )
 
     def points(self, time: float, points: Array, frame: str | None = None) -> Any:
-        """Return points (P, 2) in m, as a cloud of float32."""
+        """Return points (P, D) in m, as a cloud of float32."""
         make = self.known.make
         fields = [
             make("sensor_msgs/msg/PointField", name=name, offset=4 * i, datatype=7, count=1)
             for i, name in enumerate("xyz")
         ]
         rows = np.zeros((len(points), 3), "<f4")
-        rows[:, :2] = points
+        rows[:, : points.shape[1]] = points
         return make(
             "sensor_msgs/msg/PointCloud2",
             header=self.header(time, frame),
@@ -235,7 +274,8 @@ class Wording:
     def forecast(self, plan: Plan, tail: float = 0.05) -> Any:
         """Return the forecast of a plan as markers, a flat cylinder per step that is shown.
 
-        Each is the ellipse that holds the content 1 - tail, the paler the less its mode weighs.
+        Each is the ellipse that holds the content 1 - tail, the paler the less its mode weighs;
+        in space it is the ellipsoid.
         """
         found: list[Any] = []
         if plan.forecast is not None:
@@ -244,35 +284,53 @@ class Wording:
 
     def _spread(self, plan: Plan, forecast: Forecast, tail: float) -> list[Any]:
         found = []
-        scale = float(np.sqrt(content_bound(2, tail)))
+        size = forecast.mean.shape[-1]
+        scale = float(np.sqrt(content_bound(size, tail)))
         for owner, mode in zip(*np.nonzero(forecast.weight >= LIGHT), strict=True):
             for step in shown_steps(plan):
-                x, y = forecast.mean[owner, mode, step].tolist()
+                place = forecast.mean[owner, mode, step].tolist()
                 values, vectors = np.linalg.eigh(forecast.covariance[owner, mode, step])
-                yaw = float(np.arctan2(vectors[1, 1], vectors[0, 1]))
-                short, long = 2.0 * scale * np.sqrt(np.clip(values, 0.0, None))
+                axes = (2.0 * scale * np.sqrt(np.clip(values, 0.0, None))).tolist()[::-1]
+                yaw = float(np.arctan2(vectors[1, -1], vectors[0, -1]))
+                pose = self._placed(place, yaw)
+                if size == 3:
+                    pose = self._turned(place, vectors[:, ::-1])
                 found.append(
                     self.known.make(
                         "visualization_msgs/msg/Marker",
                         header=self.header(plan.stamp),
                         ns=f"forecast of {plan.tracked[owner]}",
                         id=step * forecast.weight.shape[1] + int(mode),
-                        type=_CYLINDER,
-                        pose=self.pose(x, y, yaw),
-                        scale=self._vector(float(long), float(short), TALL),
+                        type=_CYLINDER if size == 2 else _SPHERE,
+                        pose=pose,
+                        scale=self._vector(*(*axes, TALL)[:3]),
                         color=self._colour(_ORANGE, 0.5 * float(forecast.weight[owner, mode])),
                     )
                 )
         return found
 
+    def _turned(self, place: Sequence[float], axes: Array) -> Any:
+        """Return the pose whose axes are the columns (3, 3); one is turned round if need be."""
+        from scipy.spatial.transform import Rotation
+
+        right = axes * np.array([1.0, 1.0, np.sign(np.linalg.det(axes))])
+        x, y, z, w = Rotation.from_matrix(right).as_quat().tolist()
+        turn = self.known.make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+        kind = "geometry_msgs/msg/Pose"
+        return self.known.make(kind, position=self._point(*place), orientation=turn)
+
     def regions(self, plan: Plan) -> Any:
-        """Return what a plan keeps the robot's centre out of, as markers: outlines by step."""
+        """Return what a plan keeps the robot's centre out of, as markers: outlines by step.
+
+        A surface in space is drawn as lines across it.
+        """
         steps = shown_steps(plan)
         found = []
         for (owner, mode), rims in kept_out(plan, plan.situation, steps).items():
             for step, rim in zip(steps, rims, strict=True):
                 name = f"region of {plan.tracked[owner]}, mode {mode}"
-                found.append(self._strip(plan.stamp, name, step, rim, _BLUE, 0.02))
+                line = rim.reshape(-1, rim.shape[-1])
+                found.append(self._strip(plan.stamp, name, step, line, _BLUE, 0.02))
         return self._array(found)
 
     def diagnostics(self, time: float, name: str, level: int, text: str,
@@ -304,7 +362,7 @@ class Wording:
     def _strip(
         self, time: float, name: str, ident: int, points: Array, colour: Any, width: float
     ) -> Any:
-        rim = [self._point(float(x), float(y)) for x, y in (*points, points[0])]
+        rim = [self._point(*place) for place in (*points.tolist(), points[0].tolist())]
         return self.known.make(
             "visualization_msgs/msg/Marker",
             header=self.header(time),
@@ -321,8 +379,8 @@ class Wording:
         red, green, blue = colour
         return self.known.make("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=opacity)
 
-    def _point(self, x: float, y: float) -> Any:
-        return self.known.make("geometry_msgs/msg/Point", x=x, y=y)
+    def _point(self, x: float, y: float, z: float = 0.0) -> Any:
+        return self.known.make("geometry_msgs/msg/Point", x=x, y=y, z=z)
 
     def _vector(self, x: float, y: float, z: float = 0.0) -> Any:
         return self.known.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
@@ -331,12 +389,17 @@ class Wording:
         kind = "geometry_msgs/msg/Quaternion"
         return self.known.make(kind, z=float(np.sin(yaw / 2)), w=float(np.cos(yaw / 2)))
 
-    def _twist(self, forward: float, aside: float, rate: float) -> Any:
+    def _twist(self, forward: float, aside: float, rate: float, up: float = 0.0) -> Any:
         return self.known.make(
             "geometry_msgs/msg/Twist",
-            linear=self._vector(float(forward), float(aside)),
+            linear=self._vector(float(forward), float(aside), float(up)),
             angular=self._vector(0.0, 0.0, float(rate)),
         )
+
+
+def _three(parts: Sequence[Any]) -> tuple[float, float, float]:
+    """Return two or three components as three."""
+    return float(parts[0]), float(parts[1]), float(parts[2]) if len(parts) == 3 else 0.0
 
 
 def shown_steps(plan: Plan) -> list[int]:

@@ -10,7 +10,6 @@ from ...bridges.bag_writer import BagWriter
 from ...bridges.messages import messages
 from ...bridges.wording import Wording
 from ...framework.values.arrays import Array
-from ...framework.values.errors import WideberthError
 from ...framework.values.motion import Command
 from ...simulation.log.episode_log import AgentLog, Episode
 from ..engine.result import read_episode
@@ -36,16 +35,14 @@ def write_episode_bag(
     episode : its file. out : folder, which must not exist.
     distribution : of ROS 2. storage : "mcap" or "sqlite3".
 
+    Of an episode in space all messages have heights; our own reader takes the plane out of them.
+
     Raises
     ------
-    WideberthError : no episode, one in space, a folder that exists, or the extra ``ros`` is not
+    WideberthError : no episode, a folder that exists, or the extra ``ros`` is not
         installed.
     """
     log = read_episode(episode)
-    if log.agents[0].positions.shape[1] != 2:
-        raise WideberthError(
-            f"{episode} is an episode in space; a recording holds those on ground"
-        )
     known = messages(distribution)
     wording = Wording(EPOCH, "map", known)
     counted: dict[str, int] = {}
@@ -86,11 +83,13 @@ def _motion(log: Episode, agent: AgentLog, wording: Wording) -> Iterator[Row]:
             continue
         heading, rate = float(agent.headings[i]), float(agent.yaw_rates[i])
         headed = np.isfinite(heading)
-        twist = (float(agent.speeds[i]), 0.0, rate) if headed else (*speeds[i].tolist(), 0.0)
-        pose = (*agent.positions[i].tolist(), heading if headed else 0.0)
-        odometry = wording.odometry(time, pose, twist, frame)
+        x, y, height = (*agent.positions[i].tolist(), 0.0)[:3]
+        east, north, climb = (*speeds[i].tolist(), 0.0)[:3]
+        twist = (float(agent.speeds[i]), 0.0, rate) if headed else (east, north, 0.0)
+        pose = (x, y, heading if headed else 0.0)
+        odometry = wording.odometry(time, pose, twist, frame, height=height, climb=climb)
         yield topic_of(agent, "odom"), time, odometry, False
-        yield "/tf", time, wording.transform(time, frame, pose), False
+        yield "/tf", time, wording.transform(time, frame, pose, height), False
     orders = agent.commands
     for i, time in enumerate(orders.effect.tolist()):
         command = Command(tuple(orders.linear[i]), float(orders.omega[i]))
@@ -113,7 +112,8 @@ def _plans(agent: AgentLog, wording: Wording) -> Iterator[Row]:
 def _seen(log: Episode, agent: AgentLog, wording: Wording) -> Iterator[Row]:
     """Yield where all others are, and what a robot's LiDAR met."""
     others = [one for one in log.agents if one.name != agent.name]
-    places = np.array([one.positions for one in others]).reshape(len(others), -1, 2)
+    shape = len(others), len(log.times), agent.positions.shape[1]
+    places = np.array([one.positions for one in others]).reshape(shape)
     speeds = _speeds(places, log.times)
     for i, time in enumerate(log.times.tolist()):
         here = np.flatnonzero(np.isfinite(places[:, i]).all(axis=1))

@@ -376,3 +376,67 @@ def test_definitions_as_idl_are_read() -> None:
     assert known.to_bytes(known.make("a/msg/B", x=1.5))[4:] == np.float64(1.5).tobytes()
     with pytest.raises(WideberthError, match="its definition of a/msg/B cannot be read"):
         Messages.of_text("a/msg/B", "what is this")
+
+
+def gaussian(places: np.ndarray, axes: np.ndarray) -> Any:
+    """Return a forecast of mpc_planner_msgs: (N, 3) places with headings, (N, 2) semi-axes."""
+    known = messages()
+    poses = [
+        known.make(
+            "geometry_msgs/msg/PoseStamped",
+            pose=known.make(
+                "geometry_msgs/msg/Pose",
+                position=vector("Point", *place[:2]),
+                orientation=quaternion(place[2]),
+            ),
+        )
+        for place in places
+    ]
+    mean = known.make("nav_msgs/msg/Path", poses=poses)
+    return known.make(
+        "mpc_planner_msgs/msg/Gaussian", mean=mean,
+        major_semiaxis=axes[:, 0].copy(), minor_semiaxis=axes[:, 1].copy(),
+    )  # fmt: skip
+
+
+def test_forecasts_in_a_recording_are_mixtures(tmp_path: Path) -> None:
+    """Weights, means and covariances, turned into the fixed frame; a malformed one is left out."""
+    rng = np.random.default_rng(7)
+    known = messages()
+    drawn = [[(rng.normal(size=(6, 3)), rng.uniform(0.1, 1.0, (6, 2))) for _ in range(modes)]
+             for modes in (2, 1, 1)]  # fmt: skip
+    told = [np.array([1.0, 3.0]), np.array([1.0]), np.array([0.4, 0.6])]  # the last: one too many
+    found = [
+        known.make(
+            "mpc_planner_msgs/msg/ObstacleGMM",
+            id=i,
+            probabilities=weight,
+            gaussians=[gaussian(*one) for one in modes],
+        )
+        for i, (modes, weight) in enumerate(zip(drawn, told, strict=True))
+    ]
+    kind = "mpc_planner_msgs/msg/ObstacleArray"
+    message = known.make(kind, header=header(1.0, "base"), obstacles=found)
+    pose = (2.0, -1.0, 0.7)
+    rows = [("/tf", 1.0, transform(1.0, "map", "base", pose)), ("/gmm", 1.0, message)]
+    bag = read_bag(write_bag(tmp_path / "bag", rows))
+    (one,) = bag.forecasts("/gmm", 0.2)
+    assert one.names == ("0", "1") and one.forecast.dt == 0.2
+    np.testing.assert_allclose(one.forecast.weight, [[0.25, 0.75], [1.0, 0.0]])
+    turn = np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
+    for owner in range(2):
+        for mode, (places, axes) in enumerate(drawn[owner]):
+            wanted = places[:, :2] @ turn.T + pose[:2]
+            np.testing.assert_allclose(one.forecast.mean[owner, mode], wanted, atol=1e-12)
+            for step in range(6):
+                yaw = places[step, 2] + 0.7
+                along = np.array([np.cos(yaw), np.sin(yaw)])
+                aside = np.array([-np.sin(yaw), np.cos(yaw)])
+                long, wide = axes[step] ** 2
+                spread = long * np.outer(along, along) + wide * np.outer(aside, aside)
+                np.testing.assert_allclose(
+                    one.forecast.covariance[owner, mode, step], spread, atol=1e-12
+                )
+    assert len(bag.timed["/gmm"][0].reading.content.seen) == 3  # type: ignore[union-attr]
+    with pytest.raises(WideberthError, match="dt"):
+        bag.forecasts("/gmm", 0.0)

@@ -10,14 +10,14 @@ import sys
 import time
 from functools import partial
 from pathlib import Path
-from socket import AF_INET, SOCK_DGRAM, socket
+from socket import AF_INET, SO_BINDTODEVICE, SOCK_DGRAM, SOL_SOCKET, socket
 from typing import Any
 
 import numpy as np
 import pytest
 
 from wideberth import WideberthError
-from wideberth.bridges.dds import Link, Raw, Subscriber
+from wideberth.bridges.dds import Link, Raw, Subscriber, udp_sockets
 from wideberth.bridges.messages import messages
 from wideberth.bridges.node_settings import NodeSettings
 from wideberth.bridges.sight import ScanTopic
@@ -174,6 +174,17 @@ def test_bad_domains_and_interfaces_are_named() -> None:
         Link(messages(), domain()).publisher("odom", ODOMETRY)
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="of Linux alone")
+def test_nothing_beyond_this_computer_is_listened_to(links: Any) -> None:
+    """Each socket is bound to 127.0.0.1, or to the loopback interface."""
+    found = udp_sockets(7400 + 250 * domain(), 250)
+    assert len(found) >= 2
+    for one in found:
+        device = one.getsockopt(SOL_SOCKET, SO_BINDTODEVICE, 16).rstrip(b"\0")
+        assert device == b"lo" or one.getsockname()[0] == "127.0.0.1"
+        one.close()
+
+
 def start_node(folder: Path, number: int, seconds: float) -> "subprocess.Popen[str]":
     config = folder / "node.yaml"
     config.write_text(CONFIG % number)
@@ -291,13 +302,15 @@ def test_a_minute_in_which_either_side_is_killed(peer: list[str], tmp_path: Path
 EXAMPLE = Path(__file__).parents[2] / "examples" / "node_scans.yaml"
 
 
-def in_the_hall(tmp_path: Path, seconds: float) -> tuple[Any, str]:
+def in_the_hall(tmp_path: Path, seconds: float, *way: str) -> tuple[Any, str]:
     """Let the node drive a robot that sends scans, tf, a map and a goal; return what both say."""
     out, config = tmp_path / "heard.json", tmp_path / "node.yaml"
     text = EXAMPLE.read_text().replace("domain: 0", f"domain: {domain()}")
     config.write_text(text.replace("map: {type: topic, topic: /map}", "map: {type: topic}"))
-    command = [sys.executable, ros_robot.__file__, str(domain()), str(seconds), str(out), "scans"]
-    robot = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    command = [sys.executable, ros_robot.__file__, str(domain()), str(seconds), str(out)]
+    robot = subprocess.Popen(
+        [*command, "scans", *way], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
     script = "from wideberth.experiments.cli.app import main; main()"
     node = subprocess.Popen(
         [sys.executable, "-c", script, "node", str(config), "--seconds", "300"],
@@ -313,10 +326,9 @@ def in_the_hall(tmp_path: Path, seconds: float) -> tuple[Any, str]:
 
 
 def test_a_robot_with_a_lidar_sets_out_for_its_goal(tmp_path: Path) -> None:
-    found, told = in_the_hall(tmp_path, 12.0)
-    assert len(found["heard"]) > 5, told
-    assert np.linalg.norm(found["pose"][:2]) > 0.05, told  # a busy computer gets no farther
-    assert found["nearest"][0] > 0.0
+    found, told = in_the_hall(tmp_path, 120.0, "0.2")
+    assert np.linalg.norm(found["pose"][:2]) > 0.2, told
+    assert min(found["nearest"]) > 0.0
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from wideberth.bridges.bag_writer import BagWriter
 from wideberth.bridges.messages import messages
 from wideberth.bridges.wording import Wording, identity
 from wideberth.experiments.cli.app import main
-from wideberth.experiments.report.episode_bag import EPOCH, write_episode_bag
+from wideberth.experiments.report.episode_bag import EPOCH, topic_of, write_episode_bag
 from wideberth.framework.values.forecast import content_bound
 from wideberth.framework.values.motion import Command
 from wideberth.framework.values.plan import Situation, kept_out
@@ -218,10 +218,93 @@ def test_commands_of_the_shell(file: Path, tmp_path: Path, capsys: Any) -> None:
     ):
         code, said = run(str(file), *words)
         assert code == 2 and cause in said.replace("\n", " ")
-    flying = tmp_path / "flying.npz"
-    flying.write_bytes(player_samples.episode(3).to_bytes())
-    code, said = run(str(flying), "--out", str(tmp_path / "x"))
-    assert code == 2 and "an episode in space" in said and not (tmp_path / "x").exists()
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: Any) -> tuple[Episode, dict[str, list[Any]]]:
+    """An episode in space, and its messages by an independent decoder."""
+    reader = pytest.importorskip("mcap.reader", reason="pip install mcap-ros2-support")
+    decoder = pytest.importorskip("mcap_ros2.decoder", reason="pip install mcap-ros2-support")
+    folder = tmp_path_factory.mktemp("space")
+    (folder / "one.npz").write_bytes(player_samples.episode(3).to_bytes())
+    write_episode_bag(folder / "one.npz", folder / "out")
+    found: dict[str, list[Any]] = {}
+    with (folder / "out" / "out.mcap").open("rb") as stream:
+        made = reader.make_reader(stream, decoder_factories=[decoder.DecoderFactory()])
+        for _, channel, _, content in made.iter_decoded_messages():
+            found.setdefault(channel.topic, []).append(content)
+    return player_samples.episode(3), found
+
+
+def test_an_episode_in_space_has_heights(flown: Any) -> None:
+    episode, found = flown
+    robot = episode.robots[0]
+    own = topic_of(robot, "")
+    assert np.ptp(robot.positions[:, 2]) > 0.0
+    places = [one.pose.pose.position for one in found[f"{own}odom"]]
+    np.testing.assert_array_equal([(p.x, p.y, p.z) for p in places], robot.positions)
+    moves = [one.transforms[0].transform.translation for one in found["/tf"]]
+    np.testing.assert_array_equal(
+        [(p.x, p.y, p.z) for p in moves[:: len(episode.robots)]], robot.positions
+    )
+    climbs = [one.twist.twist.linear.z for one in found[f"{own}odom"]]
+    np.testing.assert_allclose(climbs, np.gradient(robot.positions[:, 2], episode.times))
+    for one, plan in zip(found[f"{own}plan"], robot.plans, strict=True):
+        poses = [pose.pose.position for pose in one.poses]
+        np.testing.assert_array_equal([(p.x, p.y, p.z) for p in poses], plan.positions)
+    for one, speed in zip(found[f"{own}cmd_vel"], robot.commands.linear, strict=True):
+        assert one.twist.linear.z == speed[2]
+    others = [one for one in episode.agents if one.name != robot.name]
+    first = found[f"{own}obstacles"][0].obstacles
+    np.testing.assert_array_equal(
+        [(one.position.x, one.position.y, one.position.z) for one in first],
+        [one.positions[0] for one in others],
+    )
+    assert [one.size.z for one in first] == [2.0 * one.radius for one in others]
+
+
+def test_forecasts_in_space_are_ellipsoids() -> None:
+    from scipy.spatial.transform import Rotation
+
+    plan = player_samples.episode(3).robots[0].plans[0]
+    rng = np.random.default_rng(4)
+    roots = rng.normal(size=(*plan.forecast.mean.shape, 3))
+    spread = roots @ np.swapaxes(roots, -1, -2)
+    plan = replace(plan, forecast=replace(plan.forecast, covariance=spread))
+    markers = Wording().forecast(plan).markers[1:]
+    assert markers
+    for one in markers:
+        step, mode = divmod(one.id, plan.forecast.weight.shape[1])
+        where = one.pose.position
+        np.testing.assert_array_equal(
+            (where.x, where.y, where.z), plan.forecast.mean[0, mode, step]
+        )
+        turn = one.pose.orientation
+        axes = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix()
+        half = np.array([one.scale.x, one.scale.y, one.scale.z]) / 2
+        shape = axes @ np.diag(half**2) @ axes.T / content_bound(3, 0.05)
+        np.testing.assert_allclose(shape, spread[0, mode, step], atol=1e-9)
+
+
+def test_a_trajectory_has_the_robots_own_motion() -> None:
+    robot = build("robots", "unicycle")
+    base = player_samples.episode().robots[0].plans[0]
+    rng = np.random.default_rng(5)
+    count = len(base.inputs)
+    states, inputs = rng.uniform(-0.3, 0.3, (count + 1, 5)), rng.uniform(-0.1, 0.1, (count, 2))
+    plan = replace(base, states=states, inputs=inputs, positions=states[:, :2])
+    message = Wording(known=messages("lyrical")).trajectory(plan, robot)
+    found = [
+        (
+            *(one.pose.position.x, one.pose.position.y),
+            2.0 * np.arctan2(one.pose.orientation.z, one.pose.orientation.w),
+            *(one.velocity.linear.x, one.velocity.angular.z),
+            *(one.acceleration.linear.x, one.acceleration.angular.z),
+        )
+        for one in message.points
+    ]
+    wanted = np.column_stack([states, np.vstack([inputs, [0.0, 0.0]])])
+    np.testing.assert_allclose(found, wanted, atol=1e-12)
 
 
 def test_a_command_of_two_components() -> None:

@@ -2,7 +2,8 @@
 
 It follows `/cmd_vel`, brakes when commands stop for 0.5 s, and sends odometry, people and a path.
 With ``scans`` it sends scans of a hall with a door and walkers, tf, a map and a goal instead.
-Run as a program it writes what it heard to a file: ``ros_robot.py DOMAIN SECONDS OUT [scans]``.
+Run as a program it writes what it heard to a file:
+``ros_robot.py DOMAIN SECONDS OUT [scans [METRES]]``.
 """
 
 import json
@@ -262,13 +263,15 @@ def walkers(now: float) -> np.ndarray:
     return np.stack([column, 1.0 + np.minimum(along, 7.0 - along)], axis=-1)
 
 
-def drive_to_goal(domain: int, seconds: float, out: Path) -> None:
-    """Drive through the hall until the goal is reached; odometry at 50 Hz, scans at 10 Hz."""
+def drive_to_goal(domain: int, seconds: float, out: Path, way: float = math.inf) -> None:
+    """Drive through the hall to the goal, or for a way in m; odometry at 50 Hz, scans at 10 Hz."""
     robot = Robot(domain)
     robot.say_tf_and_map()
     begin = time.monotonic()
     count, away = 0, math.inf
     while (now := time.monotonic() - begin) < seconds and (away > 0.3 or robot.speed > 0.05):
+        if math.hypot(*robot.pose[:2]) > way:
+            break
         robot.step(time.time(), 0.02)
         robot.look(now)
         if count % 5 == 0:
@@ -304,5 +307,8 @@ def drive(domain: int, seconds: float, out: Path) -> None:
 
 
 if __name__ == "__main__":
-    run = drive_to_goal if sys.argv[4:] == ["scans"] else drive
-    run(int(sys.argv[1]), float(sys.argv[2]), Path(sys.argv[3]))
+    told = int(sys.argv[1]), float(sys.argv[2]), Path(sys.argv[3])
+    if sys.argv[4:5] == ["scans"]:
+        drive_to_goal(*told, *map(float, sys.argv[5:]))
+    else:
+        drive(*told)
