@@ -7,10 +7,10 @@ from typing import final
 
 import numpy as np
 
-from ..predictor import Adaptive, Predictor
+from ..predictor import Adaptive, Branching, Predictor
 from ..values.arrays import Array
 from ..values.errors import WideberthError
-from ..values.forecast import Forecast, Scene, resample
+from ..values.forecast import Forecast, Futures, Scene, resample
 from ..values.motion import Observation
 from ..values.number_limits import bounded
 from ..values.plan import Plan
@@ -131,11 +131,28 @@ class Perception:
         if tracks is None:
             return None
         times = first - tracks.stamp + grid
-        steps = max(int(np.ceil(times[-1] / tracks.dt - 1e-9)), 1)
-        forecast = self._ask(tracks, steps, scene)
-        newest = tracks.positions[:, -1]
-        newest = np.where(np.isnan(newest), forecast.mean[:, 0, 0], newest)
-        return resample(forecast, newest, tracks.noise, times)
+        return _on_times(self._ask(tracks, _steps(times, tracks), scene), tracks, times)
+
+    def futures(
+        self, tracks: Tracks | None, first: float, grid: Array, scene: Scene
+    ) -> Futures | None:
+        """Forecast all obstacles in both cases, see `Branching`; the parameters of `forecast`.
+
+        A predictor that raises, or that has no such futures, has one alone: its forecast.
+        """
+        if tracks is None or not isinstance(self.predictor, Branching):
+            return None
+        times = first - tracks.stamp + grid
+        steps = _steps(times, tracks)
+        try:
+            found = self.predictor.futures(tracks, steps, scene)
+        except Exception:
+            forecast = self._ask(tracks, steps, scene)
+            found = Futures(forecast, forecast, np.zeros(len(tracks)))
+        for one in (found.makes_way, found.keeps_on):
+            self._check(one, tracks, steps)
+        way, on = (_on_times(one, tracks, times) for one in (found.makes_way, found.keeps_on))
+        return Futures(way, on, found.share)
 
     def _ask(self, tracks: Tracks, steps: int, scene: Scene) -> Forecast:
         """Ask the predictor for all obstacles, or, if it raises, for those it does not raise for.
@@ -180,6 +197,18 @@ class Perception:
             raise WideberthError(
                 f"{name} forecast steps of {forecast.dt} s; asked for {tracks.dt} s"
             )
+
+
+def _steps(times: Array, tracks: Tracks) -> int:
+    """How many steps of the tracks reach the last of some times, s after the newest sample."""
+    return max(int(np.ceil(times[-1] / tracks.dt - 1e-9)), 1)
+
+
+def _on_times(forecast: Forecast, tracks: Tracks, times: Array) -> Forecast:
+    """Carry a forecast of the tracks to times, s after the newest sample."""
+    newest = tracks.positions[:, -1]
+    newest = np.where(np.isnan(newest), forecast.mean[:, 0, 0], newest)
+    return resample(forecast, newest, tracks.noise, times)
 
 
 def _logged(noise: Mapping[str, NoiseEstimate], before: Mapping[str, float]) -> dict[str, float]:

@@ -28,7 +28,7 @@ import numpy as np
 from ...numerics.symbolic import ca
 from ...region import Auxiliary
 from ...robot import Bounds
-from ...values.arrays import Array, probability, whole
+from ...values.arrays import probability, whole
 from ...values.errors import WideberthError
 from .problem import Parameters, Problem, SlotNumbers, Slots
 from .transcription import Guess
@@ -65,7 +65,8 @@ def two_tails(first: Problem, second: Problem) -> Problem:
     by_input = shares[0] * first.input_cost(one, own, plain)
     by_input += shares[1] * first.input_cost(other, shared, plain)
     by_input += (1.0 - apart) * DRAWN * ca.sumsqr(u[m:] - u[:m])
-    by_state = shares[0] * first.state_cost(one, plain) + shares[1] * first.state_cost(other, plain)
+    by_state = shares[0] * first.state_cost(one, plain)
+    by_state += shares[1] * first.state_cost(other, plain)
     on_input = [first.input_constraints(one, own), first.input_constraints(other, shared)]
     return replace(
         first,
@@ -99,7 +100,7 @@ def _of_both(function: Any, x: Any, one: Any, other: Any) -> Any:
 
 
 def _slots(slots: Slots, others: int, x: Any, one: Any, other: Any) -> Slots:
-    """Make slots for either tail: a further parameter of each is 0 for the first, 1 for the second.
+    """Make slots for either tail: a further parameter of each is 0 for the first, else 1.
 
     Tails are no kinds of their own, since compiled solvers are made for a number of kinds.
     """

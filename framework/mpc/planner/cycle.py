@@ -18,7 +18,7 @@ from ...robot import Robot, start_state
 from ...tracking.history import viewpoint
 from ...tracking.perception import Perception, scene_of
 from ...values.arrays import Array
-from ...values.forecast import Forecast
+from ...values.forecast import Forecast, Scene
 from ...values.motion import Command, Detection, Observation, checked_numbers
 from ...values.path import Path
 from ...values.plan import Plan, Situation
@@ -37,6 +37,7 @@ from ..ocp.transcription import Guess
 from ..slots.base import CAPACITIES, Chosen, Surroundings, View, reach_of_bodies
 from ..slots.screen import Travel
 from ..solvers.base import SizelessSolver
+from .contingency import Branch, TwoTailed
 from .multistart import (
     COMPILING,
     OTHERS,
@@ -64,6 +65,7 @@ class PlannerState:
     perception : remembered detections, and the predictor with what it has learnt.
     progress : the path and how far along it the robot has come; None before a path is set.
     plan : the last one.
+    other_tail : what it would be if those who matter made way; None where it has one tail.
     multipliers : of the last plan; None where it was not the solver's.
     smoother : of the last command; None after an emergency.
     obstacle_in_way : whether something was in the way of the reference, see `MultiStart`.
@@ -73,6 +75,7 @@ class PlannerState:
     perception: Perception
     progress: Progress | None = None
     plan: Plan | None = None
+    other_tail: Plan | None = None
     multipliers: KeptMultipliers | None = None
     smoother: VelocitySmoother | None = None
     obstacle_in_way: bool = False
@@ -166,12 +169,14 @@ class Decision:
     notes : what was refused of the observation, and of the command, and which other solver
         answered than the planner's own.
     solved : the problem that was solved; None where the cycle did not get that far.
+    other_tail : the plan if those who matter make way, see `Contingency`; None for one tail.
     """
 
     command: Command
     plan: Plan
     notes: tuple[str, ...]
     solved: Solved | None
+    other_tail: Plan | None = None
 
 
 @final
@@ -208,6 +213,7 @@ def step(
     progress = checked_ready(state.progress)
     checked_use(settings.robot, observation)
     budget, solved, robot = Budget.start(settings.deadline), None, settings.robot
+    other_tail = None
     try:
         state = remember(settings, state, observation)
         checked_numbers(observation)
@@ -221,17 +227,25 @@ def step(
         scene = scene_of(observation, state.plan, robot.radius)
         tracks = state.perception.history.tracks()
         state = replace(state, perception=state.perception.learnt(tracks, scene))
-        forecast = state.perception.forecast(tracks, stamp, settings.grid, scene)
+        forecast, branch = _foreseen(settings, state.perception, tracks, stamp, scene)
         seen = Seen(observation, tracks, forecast)
-        check, first = _fill(settings, state, services, seen, start, arc, reference)
-        starts = MultiStart(services.watch, settings.starts, budget)
-        outcome = starts.run(check, first, state.obstacle_in_way)
+        given = start, arc, reference
+        check, first = _fill(settings, state, services, seen, *given)
+        watch, both = services.watch, None
+        if branch is not None:
+            both = _two_tailed(settings, state, services, replace(seen, forecast=branch.forecast),
+                               given, (check, first), branch.share)  # fmt: skip
+            watch = Watch(both, settings.patience)
+        outcome = MultiStart(watch, settings.starts, budget).run(
+            check, first, state.obstacle_in_way
+        )
         state = replace(state, obstacle_in_way=outcome.obstacle_in_way)
         answered = _stand_in(outcome)
         plan, point = choose(rungs_of(settings.rungs), Trial(check, outcome), stamp)
         plan = strip_progress(robot, plan)
         words = joined(state.standing_off.note, outcome.note)
         plan = _in_situation(settings, plan, seen, course, start, words)
+        other_tail = None if both is None else _other_tail(robot, plan, outcome, point, both)
         kept = KeptMultipliers.of(point, check.around.chosen)
         ends = tuple(one.message for one in outcome.solutions)
         solved = Solved(check, outcome.guesses, point, plan, budget.spent(), ends)
@@ -240,10 +254,74 @@ def step(
     except Exception as error:
         words = f"{type(error).__name__}: {error}"
         plan, command = emergency(robot, observation, words, settings.horizon, settings.dt)
-        note, answered, smoother, kept = "", "", None, None
+        note, answered, smoother, kept, other_tail = "", "", None, None, None
     perception, notes = state.perception.drained()
-    state = replace(state, perception=perception, plan=plan, multipliers=kept, smoother=smoother)
-    return state, Decision(command, plan, (*filter(None, (note, answered)), *notes), solved)
+    state = replace(
+        state, perception=perception, plan=plan, other_tail=other_tail, multipliers=kept,
+        smoother=smoother,
+    )  # fmt: skip
+    said = (*filter(None, (note, answered)), *notes)
+    return state, Decision(command, plan, said, solved, other_tail)
+
+
+def _foreseen(
+    settings: PlannerSettings,
+    perception: Perception,
+    tracks: Tracks | None,
+    stamp: float,
+    scene: Scene,
+) -> tuple[Forecast | None, Branch | None]:
+    """Forecast what the plan is held against, and the case in which those who matter make way.
+
+    With a contingency the plan is held against people who keep on.
+    """
+    futures = None
+    if settings.contingency is not None:
+        futures = perception.futures(tracks, stamp, settings.grid, scene)
+    if settings.contingency is None or futures is None:
+        return perception.forecast(tracks, stamp, settings.grid, scene), None
+    return futures.keeps_on, settings.contingency.branch(futures)
+
+
+def _two_tailed(
+    settings: PlannerSettings,
+    state: PlannerState,
+    services: Services,
+    seen: Seen,
+    given: tuple[Array, float, Reference],
+    own: tuple[InstanceCheck, Guess],
+    share: float,
+) -> TwoTailed:
+    """Return the solver of a cycle's instance together with that in which people make way.
+
+    Parameters
+    ----------
+    seen : with the forecast of the other case.
+    given : start, arc length and reference of both.
+    own : the cycle's instance, and its first starting point.
+    share : probability of the other case.
+    """
+    assert settings.contingency is not None
+    check, first = own
+    before = state if state.other_tail is None else replace(state, plan=state.other_tail)
+    other, begin = _fill(settings, replace(before, multipliers=None), services, seen, *given)
+    problem = services.problems.of_two(other.problem, check.problem)
+    head = settings.contingency.stages(settings.dt, settings.horizon)
+    return TwoTailed(settings.solver, problem, other, (first, begin), share, head)
+
+
+def _other_tail(
+    robot: Robot, plan: Plan, outcome: Outcome, point: Guess, both: TwoTailed
+) -> Plan | None:
+    """Return the other tail of the plan that was chosen; None where it is not the solver's."""
+    found = next((one.solution for one in outcome.candidates if one.point is point), None)
+    tail = both.tail(found)
+    if tail is None:
+        return None
+    states, inputs = tail.states, tail.inputs
+    places = np.stack(robot.pose(tuple(states.T)).position, axis=-1)
+    other = replace(plan, states=states, inputs=inputs, positions=places)
+    return strip_progress(robot, other)
 
 
 def _course(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...plugins.config import ADVICE
-from ...predictor import Predictor
+from ...predictor import Branching, Predictor
 from ...region import Region
 from ...robot import Robot
 from ...static_region import StaticRegion
@@ -21,6 +21,7 @@ from ..levels.base import LevelPolicy
 from ..slots.base import CAPACITIES, SlotKind
 from ..slots.built_in import built_in
 from ..solvers.base import Solver
+from .contingency import Contingency
 from .multistart import PATIENCE, Starts, checked_starts
 
 MOST_STEPS, MOST_SAMPLES = 1000, 10_000
@@ -72,6 +73,9 @@ class PlannerSettings:
         is there to fall back on for as long as the forecast it was made for comes true.
     withdraw : whether a robot that stands before somebody who stands as well makes room after a
         while, see `wideberth.framework.mpc.planner.standing_off`.
+    contingency : two tails of every plan, if people make way and if they do not, with one
+        beginning, see `wideberth.framework.mpc.planner.contingency`; needs a predictor that is
+        `Branching`, such as `reacting_people`. None for one plan.
     rungs : of the fallback ladder, best first: names of built-in ones, or "module:Class" of a
         `FallbackRung` of your own, see `wideberth.framework.mpc.fallback.rungs`.
 
@@ -106,6 +110,7 @@ class PlannerSettings:
     own_uncertainty: Growth = "open-loop"
     stop_at_end: bool = False
     withdraw: bool = False
+    contingency: Contingency | None = None
     rungs: tuple[str, ...] = tuple(RUNGS)
 
     def __post_init__(self) -> None:
@@ -156,6 +161,11 @@ def check_settings(planner: PlannerSettings) -> None:
         raise WideberthError(
             f"the robot moves in {planner.robot.dimension} dimensions; the region "
             f"{type(planner.region).__name__} is made for {planner.region.dimensions}"
+        )
+    if planner.contingency is not None and not isinstance(planner.predictor, Branching):
+        raise WideberthError(
+            f"planner.contingency needs a predictor with two futures, and "
+            f"{type(planner.predictor).__name__} has one; take reacting_people, or leave it out"
         )
     planner.level.levels(planner.region, 1, 1, planner.robot.dimension)
     if planner.static_region is not None and planner.robot.dimension != 2:

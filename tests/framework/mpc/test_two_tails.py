@@ -6,19 +6,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth import build
+from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
+from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.ocp.two_tails import Tails, two_tails
 from wideberth.framework.mpc.slots.gaussian_discs import Obstacles
 from wideberth.framework.mpc.solvers.base import Solution, Solver
 from wideberth.framework.mpc.solvers.ipopt import Ipopt
 from wideberth.framework.mpc.solvers.riccati.solver import Riccati
-from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.numerics.symbolic import ca
-from wideberth.framework.mpc.ocp.reference import lay_reference
-from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Status
