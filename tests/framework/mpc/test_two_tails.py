@@ -34,14 +34,17 @@ SOLVERS = {"ipopt": Ipopt(), "riccati": Riccati()}
 def instance(*ways: tuple[float, float, float]) -> tuple[Problem, Parameters, Guess]:
     """Make an instance among people who come from x and y, m, and go along y at a speed, m/s."""
     time = DT * np.arange(1, N + 1)
-    mean = np.stack([np.stack([x + 0 * time, y + v * time], 1) for x, y, v in ways], 1)
+    mean = np.empty((N, len(ways), 2))
+    for k, (x, y, v) in enumerate(ways):
+        mean[:, k, 0], mean[:, k, 1] = x, y + v * time
     spread = 0.02 * np.tile(np.eye(2), (N, len(ways), 1, 1))
     names = tuple(str(k) for k in range(len(ways)))
     obstacles = Obstacles(mean, spread, np.full(len(ways), 0.3), names)
     room = len(ways)
     given = fill(START, REFERENCE, obstacles, REGION, LEVEL, ROBOT.radius, room)
     problem = assemble(ROBOT, REGION, LEVEL, horizon=N, dt=DT, capacity=room, penalty=1e4)
-    states = START + np.arange(N + 1)[:, None] * DT * np.array([0.5, 0.0, 0.0, 0.0, 0.0])
+    states = np.tile(START, (N + 1, 1))
+    states[:, 0] += 0.5 * DT * np.arange(N + 1)
     guess = Guess.bare(states, np.zeros((N, 2)), float("nan"))
     return problem, given, with_auxiliaries(ROBOT, REGION, given, guess)
 
