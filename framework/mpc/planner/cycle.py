@@ -18,7 +18,7 @@ from ...robot import Robot, start_state
 from ...tracking.history import viewpoint
 from ...tracking.perception import Perception, scene_of
 from ...values.arrays import Array
-from ...values.forecast import Forecast, Scene
+from ...values.forecast import Forecast
 from ...values.motion import Command, Detection, Observation, checked_numbers
 from ...values.path import Path
 from ...values.plan import Plan, Situation
@@ -37,7 +37,7 @@ from ..ocp.transcription import Guess
 from ..slots.base import CAPACITIES, Chosen, Surroundings, View, reach_of_bodies
 from ..slots.screen import Travel
 from ..solvers.base import SizelessSolver
-from .contingency import Branch, TwoTailed
+from .contingency import Contingency, TwoTailed
 from .multistart import (
     COMPILING,
     OTHERS,
@@ -213,7 +213,6 @@ def step(
     progress = checked_ready(state.progress)
     checked_use(settings.robot, observation)
     budget, solved, robot = Budget.start(settings.deadline), None, settings.robot
-    other_tail = None
     try:
         state = remember(settings, state, observation)
         checked_numbers(observation)
@@ -221,31 +220,22 @@ def step(
         start = _delayed(settings, state, observation.stamp, observation.state)
         start = within_bounds(robot, start)
         state, course, arc = _course(settings, state, observation, progress, start)
-        reference = settings.cost.lay(
-            course, arc, settings.reference_speed, settings.horizon, settings.dt
-        )
-        scene = scene_of(observation, state.plan, robot.radius)
-        tracks = state.perception.history.tracks()
-        state = replace(state, perception=state.perception.learnt(tracks, scene))
-        forecast, branch = _foreseen(settings, state.perception, tracks, stamp, scene)
-        seen = Seen(observation, tracks, forecast)
-        given = start, arc, reference
+        given = start, arc, _laid(settings, course, arc)
+        state, seen, branch = _foreseen(settings, state, observation, stamp)
         check, first = _fill(settings, state, services, seen, *given)
         watch, both = services.watch, None
         if branch is not None:
-            both = _two_tailed(settings, state, services, replace(seen, forecast=branch.forecast),
-                               given, (check, first), branch.share)  # fmt: skip
+            both = _two_tailed(settings, state, services, branch, given, (check, first))
             watch = Watch(both, settings.patience)
-        outcome = MultiStart(watch, settings.starts, budget).run(
-            check, first, state.obstacle_in_way
-        )
+        starts = MultiStart(watch, settings.starts, budget)
+        outcome = starts.run(check, first, state.obstacle_in_way)
         state = replace(state, obstacle_in_way=outcome.obstacle_in_way)
         answered = _stand_in(outcome)
         plan, point = choose(rungs_of(settings.rungs), Trial(check, outcome), stamp)
         plan = strip_progress(robot, plan)
         words = joined(state.standing_off.note, outcome.note)
         plan = _in_situation(settings, plan, seen, course, start, words)
-        other_tail = None if both is None else _other_tail(robot, plan, outcome, point, both)
+        other_tail = _other_tail(robot, plan, outcome, point, both)
         kept = KeptMultipliers.of(point, check.around.chosen)
         ends = tuple(one.message for one in outcome.solutions)
         solved = Solved(check, outcome.guesses, point, plan, budget.spent(), ends)
@@ -256,66 +246,81 @@ def step(
         plan, command = emergency(robot, observation, words, settings.horizon, settings.dt)
         note, answered, smoother, kept, other_tail = "", "", None, None, None
     perception, notes = state.perception.drained()
-    state = replace(
-        state, perception=perception, plan=plan, other_tail=other_tail, multipliers=kept,
-        smoother=smoother,
-    )  # fmt: skip
+    state = replace(state, perception=perception, plan=plan, other_tail=other_tail)
+    state = replace(state, multipliers=kept, smoother=smoother)
     said = (*filter(None, (note, answered)), *notes)
     return state, Decision(command, plan, said, solved, other_tail)
 
 
+def _laid(settings: PlannerSettings, course: Path, arc: float) -> Reference:
+    """Lay what the plan is held against along a path, from an arc length on, m."""
+    speed, steps = settings.reference_speed, settings.horizon
+    return settings.cost.lay(course, arc, speed, steps, settings.dt)
+
+
 def _foreseen(
-    settings: PlannerSettings,
-    perception: Perception,
-    tracks: Tracks | None,
-    stamp: float,
-    scene: Scene,
-) -> tuple[Forecast | None, Branch | None]:
+    settings: PlannerSettings, state: PlannerState, observation: Observation, stamp: float
+) -> tuple[PlannerState, "Seen", "_OtherCase | None"]:
     """Forecast what the plan is held against, and the case in which those who matter make way.
 
     With a contingency the plan is held against people who keep on.
     """
-    futures = None
-    if settings.contingency is not None:
-        futures = perception.futures(tracks, stamp, settings.grid, scene)
+    scene = scene_of(observation, state.plan, settings.robot.radius)
+    tracks = state.perception.history.tracks()
+    state = replace(state, perception=state.perception.learnt(tracks, scene))
+    asked = tracks, stamp, settings.grid, scene
+    futures = None if settings.contingency is None else state.perception.futures(*asked)
     if settings.contingency is None or futures is None:
-        return perception.forecast(tracks, stamp, settings.grid, scene), None
-    return futures.keeps_on, settings.contingency.branch(futures)
+        forecast = state.perception.forecast(*asked)
+        return state, Seen(observation, tracks, forecast), None
+    branch = settings.contingency.branch(futures)
+    seen = Seen(observation, tracks, futures.keeps_on)
+    if branch is None:
+        return state, seen, None
+    other = _OtherCase(replace(seen, forecast=branch.forecast), branch.share, settings.contingency)
+    return state, seen, other
+
+
+@dataclass(frozen=True, eq=False)
+class _OtherCase:
+    """What is seen if those who matter make way, the probability of it, and the setting."""
+
+    seen: Seen
+    share: float
+    contingency: Contingency
 
 
 def _two_tailed(
     settings: PlannerSettings,
     state: PlannerState,
     services: Services,
-    seen: Seen,
+    case: _OtherCase,
     given: tuple[Array, float, Reference],
     own: tuple[InstanceCheck, Guess],
-    share: float,
 ) -> TwoTailed:
     """Return the solver of a cycle's instance together with that in which people make way.
 
     Parameters
     ----------
-    seen : with the forecast of the other case.
+    case : the other one.
     given : start, arc length and reference of both.
     own : the cycle's instance, and its first starting point.
-    share : probability of the other case.
     """
-    assert settings.contingency is not None
     check, first = own
     before = state if state.other_tail is None else replace(state, plan=state.other_tail)
-    other, begin = _fill(settings, replace(before, multipliers=None), services, seen, *given)
+    before = replace(before, multipliers=None)
+    other, begin = _fill(settings, before, services, case.seen, *given)
     problem = services.problems.of_two(other.problem, check.problem)
-    head = settings.contingency.stages(settings.dt, settings.horizon)
-    return TwoTailed(settings.solver, problem, other, (first, begin), share, head)
+    head = case.contingency.stages(settings.dt, settings.horizon)
+    return TwoTailed(settings.solver, problem, other, (first, begin), case.share, head)
 
 
 def _other_tail(
-    robot: Robot, plan: Plan, outcome: Outcome, point: Guess, both: TwoTailed
+    robot: Robot, plan: Plan, outcome: Outcome, point: Guess, both: TwoTailed | None
 ) -> Plan | None:
     """Return the other tail of the plan that was chosen; None where it is not the solver's."""
     found = next((one.solution for one in outcome.candidates if one.point is point), None)
-    tail = both.tail(found)
+    tail = None if both is None else both.tail(found)
     if tail is None:
         return None
     states, inputs = tail.states, tail.inputs
