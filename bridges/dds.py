@@ -180,6 +180,10 @@ class Link:
             self._participant, made, quality
         ), kind)  # fmt: skip
 
+    def close(self) -> None:
+        """Leave the domain, as soon as its publishers and subscribers are gone."""
+        self._participant = None
+
     def _topic(self, topic: str, kind: str) -> Any:
         if not topic.startswith("/"):
             raise WideberthError(f"topic is {topic!r}; wanted one with its slash, as in '/odom'")

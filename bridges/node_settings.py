@@ -10,6 +10,34 @@ from .dds import LOOPBACK
 from .messages import DISTRIBUTIONS
 from .sight import ObstacleTopic, ScanTopic, check_topic
 from .ways import GoalTopic, PathTopic
+from .zenoh_link import ROUTER
+
+
+@final
+@dataclass(frozen=True)
+class Dds:
+    """The wire of Cyclone DDS and Fast DDS.
+
+    Parameters
+    ----------
+    interface : of the network: "lo" keeps everything on this computer, "default" leaves it to
+        Cyclone DDS.
+    """
+
+    interface: str = LOOPBACK
+
+
+@final
+@dataclass(frozen=True)
+class Zenoh:
+    """The wire of rmw_zenoh.
+
+    Parameters
+    ----------
+    router : where its router is.
+    """
+
+    router: str = ROUTER
 
 
 @final
@@ -19,9 +47,8 @@ class NodeSettings:
 
     Parameters
     ----------
-    domain : number of the DDS domain, as ROS_DOMAIN_ID.
-    interface : of the network: "lo" keeps everything on this computer, "default" leaves it to
-        Cyclone DDS.
+    domain : number of the domain, as ROS_DOMAIN_ID.
+    wire : `Dds` or `Zenoh`.
     distribution : of ROS 2.
     odometry : topic of `nav_msgs/msg/Odometry`.
     sees : where obstacles come from: `ObstacleTopic` or `ScanTopic`; None where there are none.
@@ -39,7 +66,7 @@ class NodeSettings:
     """
 
     domain: int = 0
-    interface: str = LOOPBACK
+    wire: Dds | Zenoh = field(default_factory=Dds)
     distribution: str = "jazzy"
     odometry: str = "/odom"
     sees: ObstacleTopic | ScanTopic | None = field(default_factory=ObstacleTopic)

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import partial
 from math import inf
@@ -10,13 +11,14 @@ from typing import Any, final
 
 from numpy import quantile
 
-from ...bridges.dds import Link
+from ...bridges.dds import LOOPBACK, Link
 from ...bridges.messages import messages
 from ...bridges.node import PlannerNode
-from ...bridges.node_settings import NodeSettings
+from ...bridges.node_settings import Dds, NodeSettings, Zenoh
 from ...bridges.rclpy_server import serve
 from ...bridges.sight import ObstacleTopic, ScanTopic
 from ...bridges.ways import GoalTopic, KnownMap, MapTopic, Over, PathTopic
+from ...bridges.zenoh_link import ZenohLink
 from ...framework.controller import Controller, DrivesRobot
 from ...framework.plugins.config import build, construct, import_plugins
 from ...framework.plugins.io import expanded
@@ -116,6 +118,7 @@ class Goals:
         return GoalTopic(self.topic, Over(where, replanning, self.clearance), self.tolerance)
 
 
+WIRES = {"dds": Dds, "zenoh": Zenoh}
 SEES = {"obstacles": ObstacleTopic, "scans": ScanTopic}
 FOLLOWS = {"path": PathTopic, "goal": Goals}
 MAPS = {"topic": MapTopic, "file": MapFile}
@@ -128,6 +131,8 @@ def _settings(path: Path, given: Any) -> NodeSettings:
         raise WideberthError(f"{path}: node is {given!r}; wanted its settings by name")
     given = dict(given)
     try:
+        if "wire" in given:
+            given["wire"] = _of_type(WIRES, given["wire"], "node.wire")
         if given.get("sees") is not None:
             given["sees"] = _of_type(SEES, given["sees"], "node.sees")
         if (follows := given.get("follows")) is not None:
@@ -168,15 +173,21 @@ def run_node(path: Path, overrides: Sequence[str], seconds: float | None = None)
     """
     planner, settings = read_node(path, overrides)
     assert isinstance(planner, DrivesRobot)
-    link = Link(messages(settings.distribution), settings.domain, settings.interface)
-    node = PlannerNode(planner, planner.robot, settings, link)
-    where = "this computer alone" if settings.interface == "lo" else settings.interface
-    say(f"domain {settings.domain}, {where}; {settings.odometry} -> {settings.commands}")
-    begin, used = time.monotonic(), time.process_time()
-    try:
-        node.run(inf if seconds is None else seconds)
-    except KeyboardInterrupt:
-        node.stop()
+    known, wire = messages(settings.distribution), settings.wire
+    link: Link | ZenohLink
+    if isinstance(wire, Zenoh):
+        link, where = ZenohLink(known, settings.domain, wire.router), f"Zenoh at {wire.router}"
+    else:
+        link = Link(known, settings.domain, wire.interface)
+        where = "this computer alone" if wire.interface == LOOPBACK else wire.interface
+    with closing(link):
+        node = PlannerNode(planner, planner.robot, settings, link)
+        say(f"domain {settings.domain}, {where}; {settings.odometry} -> {settings.commands}")
+        begin, used = time.monotonic(), time.process_time()
+        try:
+            node.run(inf if seconds is None else seconds)
+        except KeyboardInterrupt:
+            node.stop()
     counts = node.counts
     say(f"{counts.sent} commands, {counts.missed} periods missed, {counts.plans} plans")
     if counts.latency:

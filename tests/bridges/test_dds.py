@@ -19,7 +19,7 @@ import pytest
 from wideberth import WideberthError
 from wideberth.bridges.dds import Link, Raw, Subscriber, udp_sockets
 from wideberth.bridges.messages import messages
-from wideberth.bridges.node_settings import NodeSettings
+from wideberth.bridges.node_settings import Dds, NodeSettings
 from wideberth.bridges.sight import ScanTopic
 from wideberth.bridges.ways import GoalTopic, KnownMap, MapTopic
 from wideberth.experiments.cli.ros_node import read_node
@@ -351,8 +351,10 @@ def test_the_shipped_examples_are_read() -> None:
 def test_configs_of_a_node_are_read(tmp_path: Path) -> None:
     path = tmp_path / "node.yaml"
     path.write_text(CONFIG % 3)
-    planner, settings = read_node(path, ["node.rate=10", "node.interface=default"])
-    assert (settings.domain, settings.rate, settings.interface) == (3, 10, "default")
+    planner, settings = read_node(path, ["node.rate=10", "node.wire=dds"])
+    assert (settings.domain, settings.rate, settings.wire) == (3, 10, Dds())
+    _, settings = read_node(path, ["node.wire.type=dds", "node.wire.interface=default"])
+    assert settings.wire == Dds("default")
     assert planner.period == 0.2
     for text, cause in (
         ("node: {}", "has no planner"),
@@ -361,6 +363,7 @@ def test_configs_of_a_node_are_read(tmp_path: Path) -> None:
         (CONFIG.replace("domain: %d", "domain: three"), "node.domain: came 'three'"),
         (CONFIG.replace("domain: %d", "domain: true"), "node.domain: came True"),
         (CONFIG.replace("domain: %d", "sees: {topic: /scan}"), "type: obstacles or scans"),
+        (CONFIG.replace("domain: %d", "wire: tcp"), "node.wire: unknown type 'tcp'"),
         (CONFIG.replace("domain: %d", "sees: {type: scan}"), "node.sees: unknown type 'scan'"),
         (CONFIG.replace("domain: %d", "sees: {type: scans, detector: disks}"), "'discs'"),
         (CONFIG.replace("domain: %d", "follows: {type: goal, map: 3}"), "type: topic or file"),

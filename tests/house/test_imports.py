@@ -25,7 +25,7 @@ ROOMS = {
 }  # fmt: skip
 HEAVY = {
     "statsmodels", "filterpy", "jax", "cvxpy", "llvmlite", "matplotlib", "pandas", "pydantic",
-    "numba", "mujoco", "sklearn", "rosbags", "cyclonedds",
+    "numba", "mujoco", "sklearn", "rosbags", "cyclonedds", "zenoh",
 }  # fmt: skip
 COMPILED = ROOT / "framework" / "mpc" / "solvers" / "riccati" / "_core.py"
 """The file for Numba, imported only to be compiled. Its functions are longer: whatever a
