@@ -37,13 +37,16 @@ def closest_approach(first: Array, second: Array) -> tuple[float, int]:
 
 
 def approach(first: Array, second: Array) -> Array:
-    """Smallest distance of two centres in each interval, (T - 1,), m; NaN where absent."""
+    """Smallest distance of two centres in each interval, (..., T - 1), m; NaN where absent.
+
+    ``first`` and ``second`` are (..., T, D), m, and broadcast.
+    """
     relative = np.asarray(first) - np.asarray(second)
-    begin, move = relative[:-1], np.diff(relative, axis=0)
-    square = np.einsum("td,td->t", move, move)
-    share = -np.einsum("td,td->t", begin, move) / np.where(square > 0, square, 1.0)
-    nearest = begin + np.clip(share, 0.0, 1.0)[:, None] * move
-    return np.asarray(np.linalg.norm(nearest, axis=1))
+    begin, move = relative[..., :-1, :], np.diff(relative, axis=-2)
+    square = np.einsum("...d,...d->...", move, move)
+    share = -np.einsum("...d,...d->...", begin, move) / np.where(square > 0, square, 1.0)
+    nearest = begin + np.clip(share, 0.0, 1.0)[..., None] * move
+    return np.asarray(np.linalg.norm(nearest, axis=-1))
 
 
 def clearance(first: Array, second: Array, radii: float) -> float:

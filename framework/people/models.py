@@ -6,7 +6,7 @@ The rules are those of the people in simulations, `wideberth.controllers.social_
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, final
+from typing import ClassVar, TypeVar, final
 
 import numpy as np
 
@@ -23,11 +23,13 @@ COINCIDENT = 1e-3
 class Walkers:
     """B walkers, none of whom sees another one of them; whom they see is the `Company`.
 
+    Leading axes (...) are worlds apart, each with its own walkers and its own company.
+
     Attributes
     ----------
-    place, velocity : (B, 2), m and m/s.
-    wanted : (B, 2), m/s, the velocity of somebody alone; nobody walks faster.
-    radius : (B,), m.
+    place, velocity : (..., B, 2), m and m/s.
+    wanted : (..., B, 2), m/s, the velocity of somebody alone; nobody walks faster.
+    radius : (..., B), m.
     """
 
     place: Array
@@ -42,11 +44,11 @@ class Company:
 
     Attributes
     ----------
-    place, velocity : (Q, 2), m and m/s, of the bodies.
-    radius : (Q,), m.
-    seen : (B, Q), which of them each walker sees.
-    walls : (B, W, 3), m: distance of each wall from the walker's centre, negative inside, and the
-        unit vector away from its nearest point.
+    place, velocity : (..., Q, 2), m and m/s, of the bodies.
+    radius : (..., Q), m.
+    seen : (..., B, Q), which of them each walker sees.
+    walls : (..., B, W, 3), m: distance of each wall from the walker's centre, negative inside, and
+        the unit vector away from its nearest point.
     """
 
     place: Array
@@ -74,7 +76,7 @@ class PersonModel(ABC):
 
     @abstractmethod
     def next_velocity(self, walkers: Walkers, company: Company, duration: float) -> Array:
-        """Return the velocity for the next ``duration`` s, (B, 2), m/s."""
+        """Return the velocity for the next ``duration`` s, (..., B, 2), m/s."""
 
 
 @final
@@ -134,25 +136,24 @@ class CircularForce(PersonModel):
 
     def next_velocity(self, walkers: Walkers, company: Company, duration: float) -> Array:
         """Return the velocity that the forces leave."""
-        apart = walkers.place[:, None] - company.place
-        room = walkers.radius[:, None] + company.radius + self.GAP
+        apart = walkers.place[..., :, None, :] - company.place[..., None, :, :]
+        room = walkers.radius[..., :, None] + company.radius[..., None, :] + self.GAP
         push = circular_force(apart, room, self.strength, self.reach, company.seen)
         wall = self.wall_strength * exponential(
-            (walkers.radius[:, None] + self.GAP - company.walls[..., 0]) / self.wall_reach
+            (walkers.radius[..., :, None] + self.GAP - company.walls[..., 0]) / self.wall_reach
         )
-        push += (wall[..., None] * company.walls[..., 1:]).sum(axis=1)
+        push += (wall[..., None] * company.walls[..., 1:]).sum(axis=-2)
         later = walkers.velocity + duration * (
             self.stiffness * (walkers.wanted - walkers.velocity) + push
         )
-        fastest = np.hypot(walkers.wanted[:, 0], walkers.wanted[:, 1])
-        return shortened(later, fastest)
+        return shortened(later, np.hypot(walkers.wanted[..., 0], walkers.wanted[..., 1]))
 
 
 def shortened(velocity: Array, fastest: Array) -> Array:
-    """Return velocities (B, 2) brought down to the highest speeds (B,), m/s."""
-    speed = np.hypot(velocity[:, 0], velocity[:, 1])
+    """Return velocities (..., B, 2) brought down to the highest speeds (..., B), m/s."""
+    speed = np.hypot(velocity[..., 0], velocity[..., 1])
     share = np.where(speed > fastest, fastest / np.where(speed > 0.0, speed, 1.0), 1.0)
-    return np.asarray(velocity * share[:, None])
+    return np.asarray(velocity * share[..., None])
 
 
 def circular_force(
@@ -224,6 +225,13 @@ class Reciprocal(PersonModel):
 
     def next_velocity(self, walkers: Walkers, company: Company, duration: float) -> Array:
         """Return the best velocity within all half-planes, or the one that enters them least."""
+        if walkers.place.ndim > 2:
+            return np.stack(
+                [
+                    self.next_velocity(_world(walkers, index), _world(company, index), duration)
+                    for index in range(len(walkers.place))
+                ]
+            )
         wider = company.radius[:, None] + self.safety_space
         others = np.concatenate([company.place, company.velocity, wider], axis=1)
         radius = walkers.radius + self.safety_space
@@ -237,3 +245,11 @@ class Reciprocal(PersonModel):
             settings,
         )  # fmt: skip
         return np.asarray(found)
+
+
+Parts = TypeVar("Parts", Walkers, Company)
+
+
+def _world(parts: Parts, index: int) -> Parts:
+    """Return one world of several."""
+    return type(parts)(**{name: value[index] for name, value in vars(parts).items()})
