@@ -40,7 +40,7 @@ from ..ocp.problem import Parameters, Problem
 from ..ocp.progress_robot import ProgressRobot
 from ..ocp.reference import Reference
 from ..ocp.transcription import Guess
-from ..solvers.base import Solution, Solver, on_time, pressed, solve_cheapest
+from ..solvers.base import Solution, Solver, enters, on_time, pressed, solve_cheapest
 from ..solvers.watchdog import LeftBehind, Refused, watched
 
 Starts: TypeAlias = tuple[str, ...] | Literal["auto"]
@@ -235,10 +235,11 @@ class MultiStart:
         others = [check.suited(guess) for guess in found]
         known: list[Solution] | None = solutions if candidates[0].optimal else []
         if _refuted(candidates[0]):  # those of other starts will be as well
-            known = None
+            known = solutions if enters(solutions[0]) else None
         more, note = self._others(check, others, known, solutions[0].seconds)
         assessed = self._assessed(check, more)
-        if any(_refuted(one) for one in assessed):  # others may be given up because of it
+        if any(_refuted(one) and not _enters(one) for one in assessed):
+            # others may be given up because of it
             dropped = [k for k, one in enumerate(more) if one.status is Status.GIVEN_UP]
             again, why = self._others(check, [others[k] for k in dropped], None, 0.0)
             for k, one in zip(dropped, again, strict=False):
@@ -308,6 +309,11 @@ def _refuted(one: Candidate) -> bool:
     """Whether a solver calls a plan solved that does not pass the re-check."""
     assert one.solution is not None
     return one.solution.status is Status.SOLVED and not one.feasible
+
+
+def _enters(one: Candidate) -> bool:
+    """Whether a solver knows itself that its plan enters regions."""
+    return one.solution is not None and enters(one.solution)
 
 
 def _stuck(check: InstanceCheck, solved: Candidate) -> bool:

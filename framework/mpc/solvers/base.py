@@ -116,7 +116,8 @@ class CheapestSolver(Solver):
         """Solve from each guess in turn, but for those that lead to no cheaper plan.
 
         Unlike with `solve`, a solution depends on those before it, ``known`` ones included. One
-        that is given up has `Status.GIVEN_UP`; its message says why, its point is no plan.
+        that is given up has `Status.GIVEN_UP`; its message says why, its point is no plan. No
+        start is given up for being dearer than a plan that `enters` regions.
 
         Parameters
         ----------
@@ -143,6 +144,15 @@ def solve_cheapest(
     if isinstance(solver, CheapestSolver):
         return solver.solve_cheapest(problem, parameters, guesses, known, within, deadline)
     return solver.solve(problem, parameters, guesses, deadline)
+
+
+ENTERED = 1e-4
+"""Slack beyond which a plan enters soft regions, and fails the planner's re-check."""
+
+
+def enters(solution: Solution) -> bool:
+    """Whether a plan enters soft regions and pays for it: cheap or not, it is no plan to keep."""
+    return bool(solution.point.slack.max(initial=0.0) > ENTERED)
 
 
 NO_FORCE = 1e-3

@@ -252,12 +252,14 @@ def test_every_start_is_tried_where_the_level_gives_way_far(weight: float, count
 class Dropping(CheapestSolver):
     """Solves with fatrop from the first of several starts, and gives the others up.
 
-    ``spoilt`` moves that one's plan off its dynamics, ``worse`` that of the first call. ``calls``
-    are how many plans each call knew, -1 where it was to solve from each start, and from how many.
+    ``spoilt`` moves that one's plan off its dynamics, ``worse`` that of the first call; with
+    ``slack`` the solver knows that these are not feasible. ``calls`` are how many plans each call
+    knew, -1 where it was to solve from each start, and from how many.
     """
 
     spoilt: bool = False
     worse: bool = False
+    slack: float = 0.0
     calls: list[tuple[int, int]] = field(default_factory=list)
 
     def solve(self, problem: Problem, parameters: Parameters, guesses: Any, deadline: Any = None
@@ -265,8 +267,12 @@ class Dropping(CheapestSolver):
         self.calls.append((-1, len(guesses)))
         first, *others = Fatrop().solve(problem, parameters, guesses, deadline)
         if self.worse and not others:
-            first = replace(first, point=replace(first.point, states=first.point.states + 1.0))
+            first = self._moved(first)
         return [first, *others]
+
+    def _moved(self, one: Solution) -> Solution:
+        slack = np.full(len(one.point.inputs), self.slack)
+        return replace(one, point=replace(one.point, states=one.point.states + 1.0, slack=slack))
 
     def solve_cheapest(
         self, problem: Problem, parameters: Parameters, guesses: Any, known: Any, within: float,
@@ -276,7 +282,7 @@ class Dropping(CheapestSolver):
         self.calls.append((len(known), len(guesses)))
         first, *others = Fatrop().solve(problem, parameters, guesses, deadline)
         if self.spoilt:
-            first = replace(first, point=replace(first.point, states=first.point.states + 1.0))
+            first = self._moved(first)
         dropped = [
             replace(one, status=Status.GIVEN_UP, message="given up", cost=0.0, iterations=1000)
             for one in others
@@ -321,6 +327,17 @@ def test_where_the_first_plan_fails_the_re_check_nothing_is_given_up() -> None:
     made.command(seen(0.0, ("ahead", 5.0, 0.0)))
     assert solver.calls == [(-1, 1), (-1, len(made.explain().guesses) - 1)]
     assert made.plan is not None and made.plan.rung is Rung.OPTIMAL
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_a_plan_that_enters_regions_leaves_starts_given_up(first: bool) -> None:
+    """Who leads to the same plan fails the re-check as well, and nobody is too dear for it."""
+    solver = Dropping(worse=first, spoilt=not first, slack=1.0)
+    made = planner(solver)
+    solver.calls.clear()
+    made.command(seen(0.0, ("ahead", 5.0, 0.0)))
+    assert solver.calls == [(-1, 1), (1, len(made.explain().guesses) - 1)]
+    assert "given up" in made.explain().text()
 
 
 def test_the_side_is_chosen_on_cost_and_kept() -> None:

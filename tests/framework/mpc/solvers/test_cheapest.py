@@ -14,10 +14,12 @@ from wideberth.framework.mpc.planner.multistart import SAME, other_starts
 from wideberth.framework.mpc.solvers.base import (
     CheapestSolver,
     Solution,
+    enters,
     pressed,
     solve_cheapest,
 )
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
+from wideberth.framework.mpc.solvers.riccati import solver
 from wideberth.framework.mpc.solvers.riccati.live import RiccatiLive
 from wideberth.framework.mpc.solvers.riccati.solver import Riccati
 from wideberth.framework.values.errors import WideberthError
@@ -81,8 +83,11 @@ def test_the_cheapest_plan_is_that_of_full_solves_in_fewer_iterations(
                 np.testing.assert_array_equal(own.point.states, other.point.states)
         spent += sum(one.iterations for one in found)
         full += sum(one.iterations for one in every)
-    assert words == {f"it leads to {plan} another" for plan in (
-        "the same plan as", "a dearer plan than")}  # fmt: skip
+    assert words == {
+        "it leads to the same plan as another",
+        "it leads to a dearer plan than another",
+        "it takes far longer than another",
+    }
     assert spent < 0.6 * full
 
 
@@ -128,6 +133,48 @@ def test_nearness_and_cost_give_up_for_reasons_of_their_own(recorded: list[Insta
     assert found.status is alone.status  # never near, never dearer
     (found,) = raced(one, [guess], [replace(first, cost=-1e9)], within=0.0)
     assert found.status is Status.GIVEN_UP and "a dearer plan" in found.message
+
+
+def test_a_plan_that_enters_regions_makes_no_other_too_dear(recorded: list[Instance]) -> None:
+    """It makes others the same plan, though."""
+    one = recorded[-1]
+    guess, first = side(one)
+    (alone,) = solved(one, [guess])
+    deep = replace(first.point, slack=np.full(len(first.point.slack), 2e-4))
+    cheap = replace(first, cost=-1e9)
+    assert enters(replace(first, point=deep)) and not enters(first)
+    (found,) = raced(one, [guess], [replace(cheap, point=deep)], within=0.0)
+    assert (found.status, found.cost) == (alone.status, alone.cost)
+    (found,) = raced(one, [guess], [cheap], within=0.0)
+    assert found.status is Status.GIVEN_UP
+    there = replace(alone.point, slack=deep.slack)
+    (found,) = raced(one, [guess], [replace(cheap, point=there)])
+    assert found.status is Status.GIVEN_UP and "the same plan" in found.message
+
+
+def test_a_start_may_take_some_times_the_iterations_of_the_quickest(
+    recorded: list[Instance], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = recorded[-1]
+    guess, first = side(one)
+    (alone,) = solved(one, [guess])
+    away = replace(first.point, states=first.point.states + 100.0)
+    quick = replace(first, point=away, cost=np.inf, iterations=4)
+    assert alone.iterations > 9
+    assert raced(one, [guess], [quick])[0].iterations == alone.iterations
+    monkeypatch.setattr(solver, "PATIENT_ITERATIONS", 1.0)
+    monkeypatch.setattr(solver, "PATIENT_PER_STEP", 0.0)
+    (found,) = raced(one, [guess], [replace(quick, iterations=100), quick])
+    assert found.status is Status.GIVEN_UP and "far longer" in found.message
+    assert found.iterations == 8 and found.point.states is guess.states
+    (found,) = raced(one, [guess], [replace(quick, iterations=100)])
+    assert (found.status, found.cost) == (alone.status, alone.cost)
+    monkeypatch.setattr(solver, "PATIENT_PER_STEP", 0.6)  # of 15 steps
+    assert raced(one, [guess], [quick])[0].iterations == 9
+    (stopped,) = Riccati(iterations=7).solve_cheapest(
+        problem_for(one), one.parameters, [guess], [quick], WITHIN
+    )
+    assert stopped.status is Status.LIMIT  # that is the solver's own
 
 
 def test_more_plans_than_the_core_compares_with(recorded: list[Instance]) -> None:
