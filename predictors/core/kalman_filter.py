@@ -95,11 +95,18 @@ def _axes(noise: Array) -> tuple[Array, Array]:
     """Eigenvalues and eigenvectors of each; once where all are the same, as of one sensor."""
     if not (noise == noise[0]).all():
         return np.linalg.eigh(noise)
-    values, vectors = np.linalg.eigh(noise[0])
+    values, vectors = _axes_of_one(noise[0].tobytes(), noise.shape[1])
     return (
         np.broadcast_to(values, noise.shape[:2]).copy(),
         np.broadcast_to(vectors, noise.shape).copy(),
     )
+
+
+@lru_cache(maxsize=16)
+def _axes_of_one(noise: bytes, size: int) -> tuple[Array, Array]:
+    """Return those of one covariance (D, D), kept for the next call."""
+    values, vectors = np.linalg.eigh(np.frombuffer(noise).reshape(size, size))
+    return values, vectors
 
 
 def on_all_axes(matrix: Array, size: int) -> Array:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from itertools import accumulate
 
 import numpy as np
@@ -137,9 +138,21 @@ def content(check: InstanceCheck, level: Array, dimension: int) -> Array:
 
 
 def _contents(kind: LevelledKind, level: Array, dimension: int) -> Array:
-    flat = level.ravel().tolist()
-    known = {v: 1.0 - kind.tail(v, "content", dimension) if v > 0 else 0.0 for v in set(flat)}
-    return np.reshape([known[v] for v in flat], level.shape)
+    flat = tuple(level.ravel().tolist())
+    try:
+        found = _known_contents(kind, flat, dimension)
+    except TypeError:  # somebody's region may not be hashable
+        found = _contents_of(kind, flat, dimension)
+    return found.reshape(level.shape)
+
+
+def _contents_of(kind: LevelledKind, levels: tuple[float, ...], dimension: int) -> Array:
+    known = {v: 1.0 - kind.tail(v, "content", dimension) if v > 0 else 0.0 for v in set(levels)}
+    return np.array([known[v] for v in levels])
+
+
+_known_contents = lru_cache(maxsize=16)(_contents_of)
+"""Plans that keep the levels aimed at ask for the same at every decision."""
 
 
 def out_of_reach(check: InstanceCheck, level: Array) -> tuple[Array, Array, Array]:

@@ -1,6 +1,7 @@
 """The LevelPolicy interface, and that of policies whose level is a decision variable."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Literal, TypeAlias, get_args
 
@@ -117,8 +118,19 @@ def spread(
     ------
     WideberthError : as `level_of`.
     """
-    found = [level_of(region, promise, tail, dimension) for tail in tails.tolist()]
-    return np.repeat(np.array(found, dtype=np.float64)[:, None], obstacles, axis=1)
+    try:
+        found = _known_levels(region, promise, tuple(tails.tolist()), dimension)
+    except TypeError:  # somebody's region may not be hashable
+        found = _levels(region, promise, tails.tolist(), dimension)
+    return np.repeat(found[:, None], obstacles, axis=1)
+
+
+def _levels(region: Region, promise: Promise, tails: Sequence[float], dimension: int) -> Array:
+    return np.array([level_of(region, promise, tail, dimension) for tail in tails], np.float64)
+
+
+_known_levels = lru_cache(maxsize=64)(_levels)
+"""All steps at once: a region's hash takes as long as its level."""
 
 
 def checked_promise(promise: str) -> None:

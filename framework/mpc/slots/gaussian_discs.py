@@ -118,13 +118,14 @@ def choose_obstacles(
         apart = np.linalg.norm(discs.mean[:, near] - route[:, :, None], axis=3)
         clearance = apart.min(axis=(0, 1)) - discs.radius[near]
         kept = np.sort(near[np.argsort(clearance, kind="stable")[:most]])
-    no_room = np.setdiff1d(near, kept)
-    counted = np.setdiff1d(np.arange(len(discs)), no_room)
+    counted = beyond.copy()
+    counted[kept] = True
+    pairs = list(zip(discs.ids, counted.tolist(), strict=True))
     return replace(
         discs.some(kept),
-        left_out=discs.left_out + discs.some(no_room).ids,
+        left_out=(*discs.left_out, *(name for name, held in pairs if not held)),
         out_of_reach=discs.some(np.flatnonzero(beyond)),
-        counted=discs.some(counted).ids,
+        counted=tuple(name for name, held in pairs if held),
     )
 
 

@@ -125,6 +125,24 @@ def test_log_player_tables_and_report_say_it_in_the_same_words() -> None:
     assert row["gave_way"] in markdown_table([line])
 
 
+def test_levels_and_contents_do_not_need_a_region_that_can_be_hashed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Those of regions that can be are kept from decision to decision."""
+    plans = []
+    for hashed in (MahalanobisEllipse.__hash__, None):
+        monkeypatch.setattr(MahalanobisEllipse, "__hash__", hashed)
+        made = planner(level=Discounted())
+        for k in range(3):
+            plans.append(decided(made, at(0.5 * k, 0.25 * k, ("other", 6.0, 12.0))))
+    for own, other in zip(plans[:3], plans[3:], strict=True):
+        assert own.content.shape == (15, 1)
+        tails = Discounted().tails(15)[:, None]
+        np.testing.assert_allclose(own.content, 1.0 - tails, rtol=0, atol=1e-12)
+        for name in ("states", "level", "target", "content"):
+            np.testing.assert_array_equal(getattr(own, name), getattr(other, name))
+
+
 def test_a_stop_that_keeps_all_that_was_asked_did_not_give_way() -> None:
     """Fallbacks are held against the lowest level; that is not what they hold."""
     made = planner(level=Relaxed(weight=100.0, minimum=0.5), solver=Failing(good=0))

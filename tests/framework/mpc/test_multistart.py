@@ -65,6 +65,17 @@ def test_a_plan_that_waits_for_ever_is_not_the_only_one_looked_at():
     assert asked(-2.0) == ("along",)  # backs off: it is on its way
 
 
+@pytest.mark.parametrize(
+    ("slack", "alone", "wanted"), [(1.0, True, True), (1.0, False, False), (0.5e-4, True, False)]
+)
+def test_only_states_alone_say_that_starts_near_a_refuted_plan_are_refuted(slack, alone, wanted):
+    """Another separating line at the same states may keep a region that this one enters."""
+    solution = SimpleNamespace(point=SimpleNamespace(slack=np.array([0.0, slack])))
+    check = SimpleNamespace(problem=SimpleNamespace(no_auxiliaries=alone))
+    assert multistart._enters(check, SimpleNamespace(solution=solution)) is wanted
+    assert multistart._enters(check, SimpleNamespace(solution=None)) is False
+
+
 def test_a_tenth_of_the_deadline_is_kept_and_half_of_it_waited(monkeypatch):
     clock = iter([100.0, 102.0, 102.0, 102.0])
     monkeypatch.setattr(multistart, "perf_counter", lambda: next(clock))
