@@ -124,6 +124,12 @@ def checked_covariance(name: str, value: ArrayLike, shape: tuple[int | None, ...
     ------
     WideberthError : as `checked`, or not symmetric, or an eigenvalue below zero.
     """
+    if type(value) is np.ndarray and value.dtype == np.float64 and value.shape == shape == (2, 2):
+        numbers = value.ravel().tolist()  # one matrix, the usual case, is checked without NumPy
+        if all(map(isfinite, numbers)) and _plainly_definite(*numbers):
+            array = value.copy()
+            array.setflags(write=False)
+            return array
     reason = of_covariances(shape if isinstance(shape, int) else shape[-1])
     if isinstance(shape, int):
         array = checked(name, value, None)
@@ -132,8 +138,6 @@ def checked_covariance(name: str, value: ArrayLike, shape: tuple[int | None, ...
             raise WideberthError(f"{name} has shape {array.shape}; wanted {wanted}{reason}")
     else:
         array = checked(name, value, shape, reason=reason)
-    if array.shape == (2, 2) and _plainly_definite(*array.ravel().tolist()):
-        return array  # one matrix is checked faster without NumPy
     if _equals_transpose(array):
         symmetric = array
     else:
