@@ -8,7 +8,7 @@ import numpy as np
 
 from ..framework.numerics.inflation import Inflation
 from ..framework.route_planner import Route
-from ..framework.values.arrays import Array, positive
+from ..framework.values.arrays import FARTHEST, Array, positive
 from ..framework.values.costmap import Costmap
 from ..framework.values.occupancy_grid import OccupancyGrid
 from .frames import composed
@@ -200,7 +200,10 @@ class Guide:
         return Found(own.frame, np.stack([here, target]))
 
     def _arrived(self, here: Array, goal: Array) -> Found | None:
-        """Forget a goal that is reached; the robot brakes."""
+        """Forget a goal that is reached; the robot brakes. Say so of one that nobody reaches."""
+        if not (np.abs([here, goal]) <= FARTHEST).all():
+            reason = f"the goal or the robot is more than {FARTHEST:g} m away from the origin"
+            return Found("", np.zeros((0, 2)), reason)
         if float(np.linalg.norm(goal - here)) > self._near:
             return None
         self._goal = self._kept = self._route = None

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wideberth import WideberthError
 from wideberth.bridges.messages import messages
 from wideberth.bridges.own_motion import AHEAD, OwnMotion
 from wideberth.bridges.readings import reading_of
@@ -193,6 +194,41 @@ def test_a_scan_that_is_too_long_is_refused() -> None:
     loop.come("/scan", long)
     loop.turn(odom=False, people=False)
     assert loop.node.counts.refused == 1
+
+
+def test_scans_goals_and_maps_full_of_nonsense_do_not_stop_it() -> None:
+    rng = np.random.default_rng(3)
+    known = messages()
+    loop = Seeing(follows=over(MapTopic()))
+    loop.come("/tf", transform(EPOCH, "map", "odom", (2.0, 1.0, 0.0)))
+    loop.come("/map", map_message())
+    loop.come("/goal_pose", goal(6.5, 1.0, "map"))
+    loop.go_on(0.3)
+    nasty = [np.nan, np.inf, -np.inf, 1e300, -1e-300, 0.0]
+    ring = messages().make(
+        SCAN, header=header(loop.stamp(), "laser"), angle_min=-3.0, angle_max=3.0,
+        angle_increment=0.1, time_increment=1e-3, range_max=9.0, ranges=np.ones(60, np.float32),
+    )  # fmt: skip
+    wires = {"/scan": ring, "/goal_pose": goal(6.5, 1.0, "map"), "/map": map_message()}
+    for k in range(300):
+        topic = list(wires)[k % 3]
+        data = bytearray(known.to_bytes(wires[topic]))
+        for _ in range(int(rng.integers(1, 4))):
+            place, size = int(rng.integers(4, 80)), int(rng.choice([4, 8]))
+            kind = np.float32 if size == 4 else np.float64
+            with np.errstate(over="ignore"):
+                data[place : place + size] = kind(rng.choice(nasty)).tobytes()
+        try:
+            loop.come(topic, known.read(wires[topic].__msgtype__, bytes(data)))
+        except WideberthError:
+            continue
+        loop.turn(odom=False, people=False)
+        assert loop.node.counts.failures == 0
+    loop.come("/map", map_message())
+    loop.come("/goal_pose", goal(6.5, 1.0, "map"))
+    loop.go_on(1.5)  # whatever was said, the right thing is done again
+    assert loop.node.status == "driving"
+    check_people(loop)
 
 
 def goal(x: float, y: float, frame: str = "odom") -> Any:
