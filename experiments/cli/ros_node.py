@@ -118,10 +118,10 @@ class Goals:
         return GoalTopic(self.topic, Over(where, replanning, self.clearance), self.tolerance)
 
 
-WIRES = {"dds": Dds, "zenoh": Zenoh}
-SEES = {"obstacles": ObstacleTopic, "scans": ScanTopic}
-FOLLOWS = {"path": PathTopic, "goal": Goals}
-MAPS = {"topic": MapTopic, "file": MapFile}
+WIRES: dict[str, type[Any]] = {"dds": Dds, "zenoh": Zenoh}
+SEES: dict[str, type[Any]] = {"obstacles": ObstacleTopic, "scans": ScanTopic}
+FOLLOWS: dict[str, type[Any]] = {"path": PathTopic, "goal": Goals}
+MAPS: dict[str, type[Any]] = {"topic": MapTopic, "file": MapFile}
 """Name of a type in the config of a node -> its settings."""
 
 
@@ -148,7 +148,7 @@ def _settings(path: Path, given: Any) -> NodeSettings:
     return settings
 
 
-def _of_type(kinds: Mapping[str, type], value: Any, path: str) -> Any:
+def _of_type(kinds: Mapping[str, type[Any]], value: Any, path: str) -> Any:
     """Build what the ``type`` of a mapping names; a text is the name of a type."""
     value = {"type": value} if isinstance(value, str) else value
     if not isinstance(value, Mapping) or "type" not in value:
