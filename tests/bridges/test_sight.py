@@ -1,5 +1,6 @@
 """A node that sees by scans of a LiDAR, and finds its way to a goal by itself."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -7,19 +8,24 @@ import pytest
 
 from wideberth import WideberthError
 from wideberth.bridges.messages import messages
+from wideberth.bridges.node import PlannerNode
 from wideberth.bridges.own_motion import AHEAD, OwnMotion
 from wideberth.bridges.readings import reading_of
 from wideberth.bridges.sight import ScanTopic
 from wideberth.bridges.ways import GoalTopic, KnownMap, MapTopic, Over
+from wideberth.controllers import Planner
+from wideberth.experiments.cli.ros_node import read_node
 from wideberth.framework.numerics.inflation import Inflation
 from wideberth.framework.values.costmap import Costmap
 from wideberth.framework.values.occupancy_grid import OccupancyGrid
 from wideberth.routes import NavFn
 from wideberth.routes.replanning import Replanning
-from wideberth.tests.bridges.test_node import EPOCH, ROBOT, Loop
+from wideberth.tests.bridges.test_node import EPOCH, ROBOT, Loop, Network
+from wideberth.tests.helpers import ros_robot
 from wideberth.tests.helpers.bags import header, odometry, quaternion, transform, vector
 from wideberth.tests.helpers.rays import ranges
 
+EXAMPLE = Path(__file__).parents[2] / "examples" / "node_scans.yaml"
 ODOMETRY, SCAN = "nav_msgs/msg/Odometry", "sensor_msgs/msg/LaserScan"
 MOUNT = (0.2, -0.1, 0.3)
 """m and rad, of the LiDAR on the robot."""
@@ -247,8 +253,8 @@ def grid() -> OccupancyGrid:
     return OccupancyGrid(cells, 0.1)
 
 
-def map_message(frame: str = "map") -> Any:
-    known, made = messages(), grid()
+def map_message(frame: str = "map", made: OccupancyGrid | None = None) -> Any:
+    known, made = messages(), grid() if made is None else made
     info = known.make(
         "nav_msgs/msg/MapMetaData", resolution=0.1, width=made.width, height=made.height,
         origin=known.make("geometry_msgs/msg/Pose", orientation=quaternion(0.0)),
@@ -350,3 +356,79 @@ def test_without_a_route_it_stands_and_says_why() -> None:
     loop.come("/goal_pose", goal(6.5, 1.0))
     stands(loop, 2.0, 1.0)
     assert loop.node.status == "driving"
+
+
+class Hall:
+    """The shipped example in the hall of the other process' robot, in simulated time."""
+
+    def __init__(self) -> None:
+        planner, settings = read_node(EXAMPLE, [])
+        self.now, self.pose, self.twist = 5.0, np.zeros(3), np.zeros(3)
+        self.network = Network()
+        assert isinstance(planner, Planner)
+        self.node = PlannerNode(planner, planner.robot, settings, self.network, lambda: self.now)
+        self.nearest = np.inf
+        self.come("/tf_static", transform(EPOCH, "map", "odom", (*ros_robot.START, 0.0)))
+        self.come("/tf_static", transform(EPOCH, "base_link", "laser", (ros_robot.MOUNT, 0, 0)))
+        cells = np.zeros((50, 120), np.int8)
+        cells[:, [0, -1]] = cells[[0, -1]] = 100
+        cells[:26, 50] = 100
+        self.come("/map", map_message(made=OccupancyGrid(cells, 0.1)))
+        self.come("/goal_pose", goal(*ros_robot.GOAL, "map"))
+
+    def come(self, topic: str, message: Any) -> None:
+        self.network.wires[topic].come.append(message)
+
+    @property
+    def place(self) -> np.ndarray:
+        return np.asarray(self.pose[:2] + ros_robot.START)
+
+    def scan(self, time: float) -> None:
+        step = 2.0 * np.pi / ros_robot.BEAMS
+        turn = -np.pi + step * np.arange(ros_robot.BEAMS)
+        yaw = self.pose[2]
+        origin = self.place + ros_robot.MOUNT * np.array([np.cos(yaw), np.sin(yaw)])
+        walkers, walls = ros_robot.walkers(time), ros_robot.walls()
+        found = ranges(origin, yaw + turn, walkers, ros_robot.WIDE, walls)
+        found += 0.01 * np.random.default_rng(round(100 * time)).standard_normal(len(found))
+        message = messages().make(
+            SCAN, header=header(EPOCH + self.now, "laser"), angle_min=-np.pi,
+            angle_max=float(turn[-1]), angle_increment=step, range_max=ros_robot.LONGEST,
+            ranges=np.asarray(found, np.float32),
+        )  # fmt: skip
+        self.come("/scan", message)
+
+    def drive(self, seconds: float) -> None:
+        """Odometry at 50 Hz, scans at 10 Hz, commands at 25 Hz, plans at 5 Hz."""
+        begin = self.now
+        for k in range(round(seconds / 0.02)):
+            time = self.now - begin
+            away = np.linalg.norm(ros_robot.walkers(time) - self.place, axis=1).min()
+            self.nearest = min(self.nearest, float(away) - 2 * ros_robot.WIDE)
+            said = odometry(EPOCH + self.now, self.pose, self.twist, child="base_link")
+            self.come("/odom", said)
+            if k % 5 == 0:
+                self.scan(time)
+            self.node.listen()
+            if k % 10 == 0:
+                self.node.decide()
+            if k % 2 == 0 and self.node.speak():
+                told = self.network.wires["/cmd_vel"].gone[-1].twist
+                self.twist = np.array([told.linear.x, 0.0, told.angular.z])
+            middle = self.pose[2] + 0.01 * self.twist[2]
+            along = np.array([np.cos(middle), np.sin(middle), 0.0])
+            self.pose = self.pose + 0.02 * (self.twist[0] * along + [0.0, 0.0, self.twist[2]])
+            self.now += 0.02
+            if self.node.status == "waiting for a goal" and not self.twist.any():
+                break
+
+
+@pytest.mark.parametrize("seconds", [2.0, pytest.param(40.0, marks=pytest.mark.slow)])
+def test_the_shipped_example_drives_through_a_hall(seconds: float) -> None:
+    hall = Hall()
+    hall.drive(seconds)
+    assert hall.nearest > 0.3 and hall.node.counts.failures == 0
+    assert np.linalg.norm(hall.pose[:2]) > 0.05
+    if seconds > 30.0:
+        assert np.linalg.norm(hall.place - ros_robot.GOAL) < 0.5
+        assert hall.node.status == "waiting for a goal"
