@@ -13,7 +13,7 @@ def shaded(panel: Any, table: Array, form: str, *, better_high: bool) -> None:
     low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
     span = high - low if high > low else 1.0
     good = (table - low) / span if better_high else (high - table) / span
-    good = np.where(high > low, good, 1.0)
+    good = np.where(high > low, good, 0.5)
     panel.imshow(
         np.where(np.isfinite(table), good, np.nan), cmap="cividis_r", vmin=-0.05, vmax=1.05,
         aspect="auto",
