@@ -25,6 +25,7 @@ BUILT_IN: dict[str, str] = {
     "single_gaussian": "wideberth.predictors.single_gaussian:SingleGaussian",
     "smoothed": "wideberth.predictors.smoothed:Smoothed",
     "social_force": "wideberth.predictors.social_force:SocialForce",
+    "spread_in_time": "wideberth.predictors.spread_in_time:SpreadInTime",
     "static": "wideberth.predictors.static:Static",
     "var": "wideberth.predictors.var:VectorAutoregression",
 }

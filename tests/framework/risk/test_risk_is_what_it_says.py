@@ -178,6 +178,7 @@ WITHOUT = {
     "single_gaussian": "merges what another one says",
     "smoothed": "hands on what another one says of smoothed tracks",
     "social_force": "rolled out, not linear",
+    "spread_in_time": "states where somebody is within seconds, not at one instant",
 }
 """Registered predictors that state no linear Gaussian process, and why."""
 REGIONS = {
