@@ -25,7 +25,8 @@ def walk(speed: float = 1.2) -> Tracks:
     straight = np.stack([speed * time, np.full_like(time, 2.0)], axis=1)
     turned = np.stack([np.minimum(time, -0.6), np.maximum(time, -0.6)], axis=1)
     noise = np.tile(0.05**2 * np.eye(2), (2, 1, 1))
-    return Tracks(np.stack([straight, turned]), DT, ("one", "two"), np.full(2, 0.3), noise)
+    places = np.stack([straight, turned]).astype(np.float64)
+    return Tracks(places, DT, ("one", "two"), np.full(2, 0.3), noise)
 
 
 def test_its_moments_are_those_of_a_place_at_a_drawn_time() -> None:
