@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..framework.control.command_limits import attained
 from ..framework.metrics.episode import approach
@@ -18,6 +19,8 @@ from .steering import FAST, SLOWING
 
 CORRELATION = 0.8
 """Of the noise on a twist with that on the one a step earlier: samples are smooth."""
+NEAREST = 20
+"""People who are rolled out; who is farther away goes straight on, so that work is bounded."""
 BACKWARDS = 0.5
 """Share of its speed at which a robot with a heading is tried in reverse."""
 
@@ -41,12 +44,13 @@ class CrowdMppi(Reactive):
         J = mean_t |p_t - c| + C (T + 1 - t_touch) / T + Q dt sum_t sum_i max(0, 1 - gap_ti / m)^2
 
     with the point c ahead on the path; t_touch is the first step with a contact (none costs
-    nothing), and gaps are between the surfaces of robot and person or wall, the smallest within a
-    step.
+    nothing), and gaps are between the surfaces of robot and person or wall: the smallest within a
+    step, of walls at points a radius apart.
 
     What a person wants is not told: it is the mean velocity of the last while, u <- u + (1 -
     exp(-period / memory)) (v - u). Somebody whom the robot holds up is soon believed to want that.
-    Nothing is promised: no sample may be free, and people may do something else.
+    The `NEAREST` people are rolled out, the others go straight on. Nothing is promised: no sample
+    may be free, and people may do something else.
 
     Parameters
     ----------
@@ -131,14 +135,17 @@ class CrowdMppi(Reactive):
         """
         states = drive_along(self.robot, observation.state, twists, self.dt)
         ways = self.robot.pose(tuple(np.moveaxis(states, -1, 0))).points()
-        walls = WallField(observation.polygons)
-        others = reactions(self.model, people, ways, self.robot.radius, walls, self.dt)
-        gaps = approach(ways[:, None], others) - self.robot.radius - people.radius[:, None]
-        beside = walls.beside(ways[:, 1:].reshape(-1, 2))[..., 0] - self.robot.radius
-        beside = np.moveaxis(
-            beside.reshape(len(ways), self.steps, len(observation.polygons)), -1, 1
-        )
-        gaps = np.concatenate([gaps, beside], axis=1)  # (K, N + W, T)
+        walls, radius = WallField(observation.polygons), self.robot.radius
+        order = np.argsort(np.linalg.norm(people.place - ways[0, 0], axis=1), kind="stable")
+        near, far = _some(people, order[:NEAREST]), _some(people, order[NEAREST:])
+        others = reactions(self.model, near, ways, radius, walls, self.dt)
+        times = self.dt * np.arange(self.steps + 1)[:, None]
+        straight = far.place[:, None] + times * far.wanted[:, None]
+        met = [
+            approach(ways[:, None], places) - radius - some.radius[:, None]
+            for some, places in ((near, others), (far, straight))
+        ]
+        gaps = np.concatenate([*met, self._beside(ways, walls)], axis=1)  # (K, N + W, T)
         touched = gaps.min(axis=1, initial=np.inf) < 0.0
         left = np.where(touched.max(axis=1), self.steps - touched.argmax(axis=1), 0)
         close = (np.clip(1.0 - gaps / self.margin, 0.0, None) ** 2).sum(axis=(1, 2))
@@ -146,6 +153,17 @@ class CrowdMppi(Reactive):
         return np.asarray(
             off + self.contact * left / self.steps + self.closeness * self.dt * close
         )
+
+    def _beside(self, ways: Array, walls: WallField) -> Array:
+        """Return the gaps to each wall in each step, (K, W, T), m; at points a radius apart."""
+        moves = np.diff(ways, axis=1)
+        longest = float(np.linalg.norm(moves, axis=-1).max(initial=0.0))
+        parts = max(int(np.ceil(longest / self.robot.radius)), 1)
+        shares = np.arange(1.0, parts + 1)[:, None] / parts
+        places = ways[:, :-1, None] + shares * moves[:, :, None]  # (K, T, parts, 2)
+        shape = *places.shape[:3], len(walls.polygons)
+        gaps = walls.beside(places.reshape(-1, 2))[..., 0].reshape(shape).min(axis=2)
+        return np.asarray(np.moveaxis(gaps, -1, 1) - self.robot.radius)
 
     def _people(self) -> Walkers:
         """Return everybody known, with what they are believed to want."""
@@ -193,3 +211,8 @@ class CrowdMppi(Reactive):
         rows = np.arange(self.steps) * self.dt
         seen = np.minimum(rows + self.period, rows[-1])
         return np.stack([np.interp(seen, rows, column) for column in self._last.T], axis=1)
+
+
+def _some(people: Walkers, rows: NDArray[np.intp]) -> Walkers:
+    """Return some of the people."""
+    return Walkers(*(getattr(people, name)[rows] for name in vars(people)))

@@ -72,7 +72,8 @@ class Furnished(Scenario):
 
     Raises
     ------
-    WideberthError : a number not above 0; when drawing, no route.
+    WideberthError : a number not above 0; a scenario that draws its situation as a whole; when
+        drawing, no route.
     """
 
     scenario: Scenario = field(default_factory=Crossing)
@@ -85,6 +86,13 @@ class Furnished(Scenario):
     def __post_init__(self) -> None:
         positive("furnished.room", self.room)
         positive("furnished.resolution", self.resolution)
+        kind = type(self.scenario)
+        if kind.cast is not Scenario.cast:
+            raise WideberthError(
+                f"furnished.scenario is a {kind.__name__}, which draws its situation as a whole, "
+                "and walls and walkers need its parts; furnish another scenario, or put "
+                "furnished inside where that is possible, as in partly_courteous"
+            )
 
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
         """Draw the other scenario's robots, and lay their paths around the walls."""

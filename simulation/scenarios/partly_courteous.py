@@ -8,7 +8,8 @@ import numpy as np
 
 from ...framework.values.arrays import probability
 from ...framework.values.errors import WideberthError
-from ..engine.agents import RobotAgent
+from ...framework.values.polygon import Polygon
+from ..engine.agents import Bystander, RobotAgent
 from ..log.episode_log import Episode
 from .base import Cast, Placement, Scenario
 from .hallway import Hallway
@@ -71,6 +72,16 @@ class PartlyCourteous(Scenario):
     ) -> tuple[RobotAgent, ...]:
         """Draw the other scenario's people; `cast` draws who of them is courteous."""
         return self.scenario.people(rng, placements)
+
+    def bystanders(
+        self, rng: np.random.Generator, placements: tuple[Placement, ...]
+    ) -> tuple[Bystander, ...]:
+        """Draw the other scenario's bystanders."""
+        return self.scenario.bystanders(rng, placements)
+
+    def polygons(self, rng: np.random.Generator) -> tuple[Polygon, ...]:
+        """Draw the other scenario's static obstacles."""
+        return self.scenario.polygons(rng)
 
     def inputs(self) -> tuple[File, ...]:
         """Return the files of the other scenario."""

@@ -6,7 +6,7 @@ from math import exp
 import numpy as np
 import pytest
 
-from wideberth.controllers.crowd_mppi import CrowdMppi
+from wideberth.controllers.crowd_mppi import NEAREST, CrowdMppi
 from wideberth.framework.mpc.fallback.rollout import drive_along, steer
 from wideberth.framework.people.models import Straight, Walkers
 from wideberth.framework.values.errors import WideberthError
@@ -70,6 +70,31 @@ def test_a_wall_counts_as_a_body_does():
     free = controller.cost(Observation(0.0, np.zeros(2)), nobody, carrot, twists)
     held = controller.cost(Observation(0.0, np.zeros(2), polygons=(wall,)), nobody, carrot, twists)
     assert held - free == pytest.approx(10.0 * 6 / 8)  # 0.6 m are free: touched from step 3 on
+
+
+def test_a_wall_thinner_than_a_step_is_not_passed_unseen():
+    fast = HolonomicVelocity(radius=0.2, max_speed=2.0)
+    controller = CrowdMppi(fast, samples=4, steps=4, model=Straight(), contact=10.0, closeness=0.0)
+    twists = np.tile([2.0, 0.0, 0.0], (1, 4, 1))
+    wall = Polygon(((0.73, -1.0), (0.77, -1.0), (0.77, 1.0), (0.73, 1.0)))
+    nobody = Walkers(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
+    seen = [Observation(0.0, np.zeros(2), polygons=walls) for walls in ((), (wall,))]
+    free, held = (controller.cost(one, nobody, np.zeros(2), twists)[0] for one in seen)
+    assert held - free == pytest.approx(10.0 * 3 / 4)  # passed in the second step
+
+
+def test_who_is_far_away_goes_straight_on():
+    rng = np.random.default_rng(0)
+    near = np.stack([np.full(NEAREST, -3.0), np.linspace(-3.0, 3.0, NEAREST)], axis=1)
+    place = np.concatenate([near, [[0.0, 6.0]]])
+    pace = np.concatenate([np.zeros((NEAREST, 2)), [[0.0, -2.0]]])
+    order = rng.permutation(NEAREST + 1)
+    people = Walkers(place[order], pace[order], pace[order], np.full(NEAREST + 1, 0.2))
+    controller = CrowdMppi(BALL, samples=4, steps=12, contact=10.0, closeness=0.0)
+    found = controller.cost(
+        Observation(0.0, np.zeros(2)), people, np.zeros(2), np.zeros((1, 12, 3))
+    )
+    assert found == pytest.approx([10.0 * 1 / 12])  # his surface is there after 5.5 m of 6
 
 
 def test_what_somebody_wants_is_his_mean_velocity():

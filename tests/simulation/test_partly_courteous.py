@@ -78,6 +78,21 @@ def test_the_courteous_are_nested_and_as_many_as_stated() -> None:
         assert abs(count / whole - share) <= 3.0 * np.sqrt(share * (1.0 - share) / whole)
 
 
+def test_a_furnished_scenario_keeps_its_walls_and_walkers_and_who_sees_the_robot() -> None:
+    shelf = {"name": "shelf", "vertices": [[5.0, 5.0], [6.0, 5.0], [6.0, 6.0]]}
+    walker = {"way": [[0.0, 8.0], [4.0, 8.0]], "speed": [0.5, 0.6]}
+    inner = {"type": "furnished", "scenario": {"type": "random_crowd", "persons": 4},
+             "walls": [shelf], "walkers": [walker]}  # fmt: skip
+    scene: Scenario = build(
+        "scenarios", {"type": "partly_courteous", "scenario": inner, "share": 0}
+    )  # type: ignore[assignment]
+    cast = scene.cast(0)
+    assert [one.name for one in cast.polygons] == ["shelf"]
+    assert [one.name for one in cast.bystanders] == ["walker 1"]
+    assert cast.people
+    assert not any(one.courteous for one in cast.people)
+
+
 def test_shares_and_scenarios_that_do_not_fit_are_refused() -> None:
     with pytest.raises(WideberthError, match=r"partly_courteous.share is 1.5"):
         PartlyCourteous(share=1.5)
