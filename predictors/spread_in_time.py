@@ -39,7 +39,7 @@ class SpreadInTime(Predictor):
 
     Content is that of the place at t_i + T, so that a comparison with recorded places at t_i finds
     the regions too large and their middles ahead. Work is bounded: a ``span`` of more than `MOST`
-    steps is cut to these, and the reason says so.
+    steps is cut to these, and one of at most half a step spreads nothing; the reason says so.
 
     Parameters
     ----------
@@ -76,15 +76,19 @@ class SpreadInTime(Predictor):
             longer,
             mean=mean,
             covariance=covariance,
-            fallback=self._reasons(longer, later * tracks.dt),
+            fallback=self._reasons(longer, later),
             joint_source=joint,
         )
 
-    def _reasons(self, longer: Forecast, spread: float) -> tuple[str | None, ...]:
+    def _reasons(self, longer: Forecast, later: int) -> tuple[str | None, ...]:
         """Those of the base, and that the forecast was spread over less than was asked for."""
-        if spread > self.span - longer.dt:
+        spread = later * longer.dt
+        if later and spread > self.span - longer.dt:
             return longer.fallback
         words = f"spread_in_time: over {spread:.3g} s of {self.span:g} s, {MOST} steps"
+        if not later:
+            few = f"{self.span:g} s is no more than half a step of {longer.dt:g} s"
+            words = f"spread_in_time: over nothing, {few}"
         return tuple(both_reasons(words, deeper) for deeper in longer.fallback)
 
 

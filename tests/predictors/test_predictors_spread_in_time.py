@@ -76,6 +76,9 @@ def test_less_than_half_a_step_is_the_base_and_modes_stay_apart() -> None:
     alone = base.predict(tracks, STEPS)
     np.testing.assert_array_equal(same.mean, alone.mean)
     np.testing.assert_allclose(same.covariance, alone.covariance, atol=1e-15)
+    words = "spread_in_time: over nothing, 0.1 s is no more than half a step of 0.25 s"
+    assert all(why is not None and words in why for why in same.fallback)
+    assert wide.fallback == alone.fallback
     assert wide.mean.shape == alone.mean.shape
     np.testing.assert_array_equal(wide.weight, alone.weight)
     longer = base.predict(tracks, STEPS + 4).mean
