@@ -16,7 +16,6 @@ from ..diagnosis.solve_record import Record
 from ..ocp.reference import Progress
 from .cycle import Decision, PlannerState, Services, joined, remember, step, warm_up
 from .settings import PlannerSettings, check_settings
-from .standing_off import StandingOff
 
 
 @dataclass(eq=False)
@@ -87,7 +86,9 @@ class Planner(PlannerSettings, Controller):
     def set_path(self, path: Path) -> None:
         """Follow this path from now on."""
         path, memory = checked_path(self.robot, path), self._memory
-        memory.state = replace(memory.state, progress=Progress(path), standing_off=StandingOff())
+        before = memory.state.progress
+        known = memory.state.standing_off.on(path, None if before is None else before.path)
+        memory.state = replace(memory.state, progress=Progress(path), standing_off=known)
         if not self._services.problems:
             warm_up(self, self._services, path)
 

@@ -29,6 +29,8 @@ ROOM = 0.05
 """m beside the bodies on the way there."""
 LEFT = 0.3
 """m of path to go at which the robot stands because it has arrived."""
+SAME_GOAL = 0.3
+"""m between the goals of two paths up to which the second is the first one planned anew."""
 
 
 @final
@@ -112,6 +114,17 @@ class StandingOff:
             return ""
         where = ", ".join(f"{value:.2f}" for value in self.withdrawal.way.goal)
         return f"withdraws from {self.withdrawal.other!r} to ({where}) m"
+
+    def on(self, path: Path, before: Path | None) -> "StandingOff":
+        """Return what is still known on another path: all, or nothing where it has a new goal.
+
+        Parameters
+        ----------
+        path : from now on. before : until now; None where there was none.
+        """
+        if before is None or np.linalg.norm(path.goal - before.goal) > SAME_GOAL:
+            return StandingOff()
+        return self
 
     def after(
         self, observation: Observation, place: Array, radius: float, left: float

@@ -11,10 +11,13 @@ from wideberth.experiments.engine.closed_loop import play
 from wideberth.experiments.engine.shipped import read_experiment
 from wideberth.experiments.studies.comparison import Comparison
 from wideberth.framework.mpc.planner.standing_off import AWAY, StandingOff, retreat
+from wideberth.framework.mpc.solvers.riccati.solver import Riccati
 from wideberth.framework.values.motion import Detection, Observation
+from wideberth.framework.values.path import Path
 from wideberth.framework.values.polygon import Polygon
 from wideberth.simulation.measures.episode_measures import verdict
 from wideberth.simulation.scenarios.doorway import Doorway
+from wideberth.tests.helpers.planning import planner
 
 RADIUS = 0.3
 TICK = 0.2
@@ -141,15 +144,29 @@ def test_a_retreat_keeps_clear_of_walls_and_of_others() -> None:
     assert place((wall,), {"c": (0.0, -1.2)}) == (round(-np.sqrt(2.0), 6),) * 2
 
 
+@pytest.mark.parametrize(("drift", "withdraws"), [(0.0, True), (0.29, True), (0.31, False)])
+def test_a_path_that_is_planned_anew_keeps_what_is_known(drift: float, withdraws: bool) -> None:
+    """Another goal begins anew; here it moves on by so much each second, m."""
+    made = planner(withdraw=True, solver=Riccati())
+    reasons = []
+    for tick in range(26):  # 2 s of standing, at most 2 s of hesitating, and one second
+        if tick % 5 == 0:  # each second
+            made.set_path(Path(np.array([[0.0, 0.0], [8.0, drift * tick / 5]])))
+        made.command(seen(TICK * tick, {"b": (1.0, 0.0)}))
+        assert made.plan is not None
+        reasons.append(made.plan.reason)
+    assert any("withdraws from 'b'" in words for words in reasons) == withdraws
+
+
 @pytest.mark.parametrize("withdraw", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_two_robots_in_a_door_do_not_stand_for_ever(withdraw: bool) -> None:
     """At this seed both stand in the door, unless one of them makes room."""
     experiment, _ = read_experiment("doorway", [])
     assert isinstance(experiment, Comparison)
     robot, settings = experiment.robots["unicycle"], experiment.settings["noise_1_cm"]
-    planner = replace(experiment.controllers["ours"], withdraw=withdraw)  # type: ignore[type-var]
+    ours = replace(experiment.controllers["ours"], withdraw=withdraw)  # type: ignore[type-var]
     short = replace(settings, time_limit=45.0)
-    episode = play(Doorway(oncoming="robot", lag=(-0.2, 0.2)), robot, planner, short, 100)
+    episode = play(Doorway(oncoming="robot", lag=(-0.2, 0.2)), robot, ours, short, 100)
     notes = [plan.reason for log in episode.robots for plan in log.plans]
     assert any("withdraws from" in words for words in notes) == withdraw
     assert verdict(episode, 45.0)["outcome"] == ("success" if withdraw else "timeout")
