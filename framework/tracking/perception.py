@@ -135,24 +135,27 @@ class Perception:
 
     def futures(
         self, tracks: Tracks | None, first: float, grid: Array, scene: Scene
-    ) -> Futures | None:
+    ) -> tuple["Perception", Futures | None]:
         """Forecast all obstacles in both cases, see `Branching`; the parameters of `forecast`.
 
-        A predictor that raises, or that has no such futures, has one alone: its forecast.
+        A predictor that raises has one future alone, its forecast, and the `Perception` returned
+        has a note of it. One that is not `Branching` has none.
         """
         if tracks is None or not isinstance(self.predictor, Branching):
-            return None
+            return self, None
         times = first - tracks.stamp + grid
-        steps = _steps(times, tracks)
+        steps, known = _steps(times, tracks), self
         try:
             found = self.predictor.futures(tracks, steps, scene)
-        except Exception:
+        except Exception as error:
+            note = f"futures not forecast: {type(error).__name__}: {error}"
+            known = replace(self, notes=(*self.notes, note))
             forecast = self._ask(tracks, steps, scene)
             found = Futures(forecast, forecast, np.zeros(len(tracks)))
         for one in (found.makes_way, found.keeps_on):
             self._check(one, tracks, steps)
         way, on = (_on_times(one, tracks, times) for one in (found.makes_way, found.keeps_on))
-        return Futures(way, on, found.share)
+        return known, Futures(way, on, found.share)
 
     def _ask(self, tracks: Tracks, steps: int, scene: Scene) -> Forecast:
         """Ask the predictor for all obstacles, or, if it raises, for those it does not raise for.

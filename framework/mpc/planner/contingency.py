@@ -112,6 +112,11 @@ class TwoTailed(CheapestSolver):
         self._share, self._head = share, head
         self._whole: dict[int, tuple[Solution, Guess, Solution]] = {}
 
+    @property
+    def problem(self) -> Problem:
+        """The problem of both."""
+        return self._problem
+
     def solve(
         self,
         problem: Problem,

@@ -226,7 +226,7 @@ def step(
         watch, both = services.watch, None
         if branch is not None:
             both = _two_tailed(settings, state, services, branch, given, (check, first))
-            watch = Watch(both, settings.patience)
+            watch = watch.calling(both, both.problem)
         starts = MultiStart(watch, settings.starts, budget)
         outcome = starts.run(check, first, state.obstacle_in_way)
         state = replace(state, obstacle_in_way=outcome.obstacle_in_way)
@@ -269,7 +269,10 @@ def _foreseen(
     tracks = state.perception.history.tracks()
     state = replace(state, perception=state.perception.learnt(tracks, scene))
     asked = tracks, stamp, settings.grid, scene
-    futures = None if settings.contingency is None else state.perception.futures(*asked)
+    futures = None
+    if settings.contingency is not None:
+        perception, futures = state.perception.futures(*asked)
+        state = replace(state, perception=perception)
     if settings.contingency is None or futures is None:
         forecast = state.perception.forecast(*asked)
         return state, Seen(observation, tracks, forecast), None

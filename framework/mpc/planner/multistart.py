@@ -11,6 +11,7 @@ head-on, perfectly symmetric encounters these are 9, 11 and 15; with all of `OTH
 """
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter
@@ -120,12 +121,26 @@ class Watch:
 
     def __init__(self, solver: Solver, patience: float = PATIENCE) -> None:
         self._solver, self._patience = solver, patience
+        self._name = type(solver).__name__
         self._used: set[str] = set()
+        self._problem: Problem | None = None
 
     @property
     def name(self) -> str:
         """What reasons call the solver."""
-        return type(self._solver).__name__
+        return self._name
+
+    def calling(self, solver: Solver, problem: Problem) -> "Watch":
+        """Return a watch of a wrapper: it bears the solver's name, and both know what was used.
+
+        Parameters
+        ----------
+        solver : the wrapper.
+        problem : that the wrapper has the solver solve, whatever instance it is given.
+        """
+        other = copy(self)
+        other._solver, other._problem = solver, problem
+        return other
 
     def solve(
         self, check: InstanceCheck, guesses: Sequence[Guess], budget: Budget
@@ -166,9 +181,10 @@ class Watch:
         """Call with what is left of the time for each of ``count`` solves."""
         if budget.deadline is None:
             limit = self._patience * count
-            if check.problem.key not in self._used:
+            problem = check.problem if self._problem is None else self._problem
+            if problem.key not in self._used:
                 limit *= COMPILING
-                self._used.add(check.problem.key)
+                self._used.add(problem.key)
             return watched(partial(call, None), limit)
         begin, left = budget.spent(), max(budget.left(), 1e-3)
         found = watched(partial(call, left), max(budget.wait(), left))
@@ -179,8 +195,10 @@ class Watch:
 class MultiStart:
     """Solves one instance from the last plan first, then from other starts.
 
-    A `CheapestSolver` gives those up that lead to no cheaper plan than is known. A plan that fails
-    the re-check does not count: what was given up because of one is then solved.
+    A `CheapestSolver` gives those up that lead to no cheaper plan than is known. A plan
+    that enters regions counts as known, where they have no variables of their own; no start is too
+    dear because of it. A plan that fails the re-check for another reason does not count: what was
+    given up because of it is then solved.
 
     With ``auto`` these are all of `OTHERS` when the first solve gave no feasible plan, when there
     is no last plan, when something has just come into the way, when the plan does not get

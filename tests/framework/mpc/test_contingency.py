@@ -11,10 +11,13 @@ from wideberth.framework.mpc.costs.base import Weights
 from wideberth.framework.mpc.costs.tracking import Tracking
 from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.discounted import Discounted
+from wideberth.framework.mpc.planner import multistart
 from wideberth.framework.mpc.planner.contingency import LEAST_SHARE, Contingency
 from wideberth.framework.mpc.planner.cycle import Decision, PlannerState, Services, remember, step
 from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.mpc.solvers.base import Solution
 from wideberth.framework.mpc.solvers.riccati.solver import Riccati
+from wideberth.framework.mpc.solvers.watchdog import LeftBehind
 from wideberth.framework.predictor import Branching
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
@@ -141,6 +144,29 @@ def test_futures_that_cannot_be_had_leave_the_forecast() -> None:
     found = decided(planner(predictor=TwoWays(broken=True)))
     plain = decided(planner(contingency=None))
     assert found.other_tail is None and np.array_equal(found.plan.states, plain.plan.states)
+    assert found.notes == ("futures not forecast: ValueError: no futures",)
+    assert plain.notes == ()
+
+
+def test_a_solver_that_hangs_has_more_patience_once_for_each_problem(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The problem of both is another one than that of one; the reason names the solver."""
+    limits: list[float] = []
+
+    def hangs(call: object, limit: float) -> list[Solution]:
+        limits.append(limit)
+        raise LeftBehind("did not return")
+
+    monkeypatch.setattr(multistart, "watched", hangs)
+    two, one = planner(patience=2.0), planner(patience=2.0, contingency=None)
+    services, state = Services.of(two), PlannerState.initial(two, PATH)
+    for k in range(3):
+        state = remember(two, state, seen(k))
+    for settings in (one, one, two, two, one, two):
+        _, found = step(settings, state, seen(3), services)
+        assert "Riccati did not return" in found.plan.reason
+    assert limits == [20.0, 2.0, 20.0, 2.0, 2.0, 2.0]
 
 
 def test_a_drive_past_somebody_goes_on_from_both_tails() -> None:
