@@ -337,7 +337,7 @@ class Futures:
 
 
 def _with_modes(forecast: Forecast, modes: int) -> Forecast:
-    """Return the same forecast filled up with modes of weight 0, as many as the first one."""
+    """Return a forecast filled up to so many modes; those added repeat the first at weight 0."""
     more = modes - forecast.mean.shape[1]
     if not more:
         return forecast

@@ -117,7 +117,8 @@ class CheapestSolver(Solver):
 
         Unlike with `solve`, a solution depends on those before it, ``known`` ones included. One
         that is given up has `Status.GIVEN_UP`; its message says why, its point is no plan. No
-        start is given up for being dearer than a plan that `enters` regions.
+        start is given up for being dearer than a plan that `enters` regions, but it may be for
+        taking far longer.
 
         Parameters
         ----------
