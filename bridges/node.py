@@ -182,7 +182,7 @@ class PlannerNode:
         sees = self.settings.sees
         if isinstance(sees, ObstacleTopic):
             self._from["obstacles"] = link.subscriber(sees.topic, sees.kind)
-            self._sight = ObstacleSight(sees, self._refuse)
+            self._sight = ObstacleSight(sees, self._own, self._lock, self._refuse)
         elif sees is not None:
             self._from["scans"] = link.subscriber(sees.topic, LASERSCAN)
             walls, gap = avoids_polygons(self.controller), 2.0 * self.robot.radius
@@ -298,11 +298,13 @@ class PlannerNode:
             return f"odometry is silent for {now - own.time:.2g} s"
         if self._sight is not None:
             what = "obstacles" if "obstacles" in self._from else "scans"
-            seen = self._sight.newest
-            if seen is None:
+            seen, placed, why = self._sight.newest, self._sight.placed, self._sight.unplaced
+            if seen is None or (placed is None and not why):
                 return f"waiting for {what}"
             if now - seen.time > patience:
                 return f"{what} are silent for {now - seen.time:.2g} s"
+            if why and (placed is None or now - placed.time > patience):
+                return f"{what} cannot be placed: {why}"
         if self._path is not None:
             return ""
         return self._no_way or f"waiting for a {'path' if self._guide is None else 'goal'}"
@@ -317,19 +319,22 @@ class PlannerNode:
             if waits or own is None:
                 self.status = waits
                 return False
-            begin, path, new = own.time, self._path, self._fresh_path
-            self._fresh_path = False
             observation, earlier = self._observation(own)
+            begin, path, untold = own.time, self._path, self._fresh_path
+            self._fresh_path = False
         self.counts.plans += 1
         try:
-            if new and path is not None:
+            if untold and path is not None:
                 self.controller.set_path(path)
+            untold = False
             for one in earlier:
                 self.controller.remember(one)
             command = within_reach(self.robot, self.controller.command(observation))
         except Exception as error:  # the robot brakes, and the node goes on
             self.counts.failures += 1
             self.status = f"the controller failed: {short(str(error))}"
+            if untold:
+                self._fresh_path = True
             command = Command((0.0, 0.0))
         else:
             self.status = "driving"

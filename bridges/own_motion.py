@@ -126,7 +126,7 @@ class OwnMotion:
         found = np.where((later > 0.0)[:, None], ahead, found)
         right = np.clip(np.searchsorted(clock, times), 1, max(len(clock) - 1, 1))
         hole = np.diff(clock)[right - 1] > HOLE if len(clock) > 1 else np.zeros(len(times), bool)
-        lost = (times < clock[0]) | (later > AHEAD) | (hole & (later <= 0.0))
+        lost = (times < clock[0]) | (later > AHEAD) | (hole & (later < 0.0))
         found[lost] = np.nan
         return np.asarray(found)
 

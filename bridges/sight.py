@@ -29,6 +29,7 @@ MOST_SEEN = 500
 WAITING = 10
 """Scans that wait to be looked at; of more the oldest are left out."""
 LASERSCAN = "sensor_msgs/msg/LaserScan"
+UNKNOWN_POSE = "a scan is of a time at which the robot's own pose is not known"
 
 Refuse = Callable[[str], None]
 """Counts something that is of no use, with the reason."""
@@ -128,9 +129,16 @@ class Sight(Protocol):
     """Turns the messages of one topic into a view.
 
     `hear` and `view` are called under the node's lock, `look` is not: it may take long.
+
+    Attributes
+    ----------
+    newest : the last message. placed : the last one whose place is known, so that it is of use.
+    unplaced : why the last message that was looked at could not be placed; "" where it could.
     """
 
     newest: Heard | None
+    placed: Heard | None
+    unplaced: str
 
     def hear(self, reading: Reading, came: float) -> None:
         """Take a message."""
@@ -151,33 +159,56 @@ class ObstacleSight:
 
     Parameters
     ----------
-    settings : the topic. refuse : told of what is of no use.
+    settings : the topic. own : poses of the robot, and the motions between frames.
+    lock : held while ``own`` is read. refuse : told of what is of no use.
     """
 
-    def __init__(self, settings: ObstacleTopic, refuse: Refuse) -> None:
+    def __init__(
+        self,
+        settings: ObstacleTopic,
+        own: OwnMotion,
+        lock: AbstractContextManager[Any],
+        refuse: Refuse,
+    ) -> None:
         self.newest: Heard | None = None
-        self._settings, self._refuse = settings, refuse
+        self.placed: Heard | None = None
+        self.unplaced: str = ""
+        self._settings, self._own, self._lock, self._refuse = settings, own, lock, refuse
+        self._refused: Heard | None = None
 
     def hear(self, reading: Reading, came: float) -> None:
         """Take a message; the one before is forgotten."""
         self.newest = Heard(reading, came)
 
     def look(self) -> None:
-        """Do nothing: others have looked."""
+        """Find out whether the newest message can be placed; others have detected and tracked."""
+        with self._lock:
+            if self.newest is not None and self._own.newest is not None:
+                self._frame_of(self.newest)
+
+    def _frame_of(self, heard: Heard) -> Array | None:
+        """Return the pose of a message's frame in that of the odometry, and note how it went."""
+        frame = self._own.placed(heard.reading.frame)
+        if frame is not None:
+            self.placed, self.unplaced = heard, ""
+            return frame
+        self.unplaced = f"no motion connects {heard.reading.frame!r} with odometry"
+        if heard is not self._refused:
+            self._refused = heard
+            self._refuse(self.unplaced)
+        return None
 
     def view(self, own: OwnMotion) -> View:
-        """Return the obstacles in the frame of the odometry."""
-        heard = self.newest
-        if heard is None or not isinstance(heard.reading.content, Obstacles):
+        """Return the obstacles of the last message that was placed, in the odometry's frame."""
+        heard = self.placed
+        if heard is None or (frame := own.placed(heard.reading.frame)) is None:
+            self.placed = None  # the odometry has another frame by now
             return View()
-        frame = own.placed(heard.reading.frame)
-        if frame is None:
-            self._refuse(f"no motion connects {heard.reading.frame!r} with odometry")
-            return View()
+        assert isinstance(heard.reading.content, Obstacles)
         age = max(own.now - own.instant(heard), 0.0)
         seen = heard.reading.content.seen[: 10 * MOST_SEEN]
         places = composed(frame, np.array([one.pose for one in seen]).reshape(-1, 3))[:, :2]
-        away = np.linalg.norm(places - own.poses(np.array([own.now]))[0, :2], axis=1)
+        away = np.hypot(*(places - own.poses(np.array([own.now]))[0, :2]).T)
         cosine, sine = np.cos(frame[2]), np.sin(frame[2])
         turn = np.array([[cosine, -sine], [sine, cosine]])
         found = []
@@ -217,6 +248,8 @@ class ScanSight:
         refuse: Refuse,
     ) -> None:
         self.newest: Heard | None = None
+        self.placed: Heard | None = None
+        self.unplaced: str = ""
         self._settings, self._own, self._gap, self._walls = settings, own, gap, walls
         self._lock, self._refuse = lock, refuse
         self._detector, self._tracker = deepcopy((settings.detector, settings.tracker))
@@ -225,7 +258,7 @@ class ScanSight:
         self._handover = Handover(settings.handover)
         self._waiting: list[Heard] = []
         self._polygons: tuple[Polygon, ...] = ()
-        self._placed: PlacedScan | None = None
+        self._scan: PlacedScan | None = None
 
     def hear(self, reading: Reading, came: float) -> None:
         """Take a scan; it waits until it is looked at."""
@@ -243,7 +276,7 @@ class ScanSight:
             with self._lock:
                 found = self._placed_scan(heard)
             if found is not None:
-                self._conclude(*found)
+                self._conclude(heard, *found)
 
     def _placed_scan(self, heard: Heard) -> tuple[Scan, Array] | None:
         """Return a scan on our clock, with the robot's pose of each beam."""
@@ -251,20 +284,25 @@ class ScanSight:
         assert isinstance(scan, Scan)
         mount = self._own.mount(frame)
         if mount is None:
-            self._refuse(f"no motion connects the scan's frame {frame!r} with the robot")
+            self._leave_out(f"no motion connects the scan's frame {frame!r} with the robot")
             return None
         begin = self._own.instant(heard, float(scan.times[-1]) if len(scan.times) else 0.0)
         if not np.isfinite(begin):
             return None
         times = begin + scan.times
         poses = self._own.poses(times)
-        if not np.isfinite(poses).any() and len(times):
-            self._refuse("a scan is of a time at which the robot's own pose is not known")
+        if not np.isfinite(poses).any():
+            self._leave_out(UNKNOWN_POSE if len(times) else "a scan has no beams")
             return None
         deviation = self._settings.deviation
         return replace(scan, times=times, mount=mount, deviation=deviation), poses
 
-    def _conclude(self, scan: Scan, poses: Array) -> None:
+    def _leave_out(self, reason: str) -> None:
+        """Count a scan that cannot be placed."""
+        self.unplaced = reason
+        self._refuse(reason)
+
+    def _conclude(self, heard: Heard, scan: Scan, poses: Array) -> None:
         """Look for obstacles in a scan, and track them."""
         sightings: Sightings = self._detector.detect(scan, poses)
         reason = self._tracker.update(sightings) if np.isfinite(sightings.time) else ""
@@ -272,15 +310,17 @@ class ScanSight:
             for note in (sightings.note, reason):
                 if note:
                     self._refuse(note)
-            if not len(poses) or not np.isfinite(poses[-1]).all():
-                return
-            self._placed = PlacedScan(scan, poses[-1])
+            if not np.isfinite(poses[-1]).all():
+                return self._leave_out(UNKNOWN_POSE)
+            self.placed, self.unplaced = heard, ""
+            self._scan = PlacedScan(scan, poses[-1])
             if self._walls:
                 sensor = poses[-1, :2] if sightings.origin is None else sightings.origin
                 self._polygons = walls_behind(sightings.segments, sensor, self._gap)
+        return None
 
     def view(self, own: OwnMotion) -> View:
         """Return the tracked obstacles, carried on to the newest odometry."""
         now = own.now
         self._handover, earlier, present = self._handover.detections(self._tracker.at(now), now)
-        return View(present, earlier, self._polygons, self._placed)
+        return View(present, earlier, self._polygons, self._scan)

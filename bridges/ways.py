@@ -170,10 +170,18 @@ class Guide:
             self._map = KnownMap(reading.content, reading.frame or "map")
 
     def ask(self, own: OwnMotion) -> "Question | Found | None":
-        """Return what has to be found out; a way, or why there is none; None if all stays."""
+        """Return what has to be found out; a way, or why there is none; None if all stays.
+
+        Where there is none, the way is said again as soon as there is one.
+        """
         if self._goal is None or own.newest is None:
             return None
-        frame, place = self._goal
+        found = self._ask(own, *self._goal)
+        if isinstance(found, Found) and not len(found.points):
+            self._asked = self._route = self._put = None
+        return found
+
+    def _ask(self, own: OwnMotion, frame: str, place: Array) -> "Question | Found | None":
         if self._over is None:
             return self._straight(own, frame, place)
         if self._map is None:

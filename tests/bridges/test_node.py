@@ -223,6 +223,26 @@ def test_a_controller_that_raises_brakes_the_robot() -> None:
     assert loop.node.counts.failures == 40
 
 
+def test_a_path_that_the_controller_did_not_take_is_handed_to_it_again() -> None:
+    class Refusing(Scripted):
+        def set_path(self, path: Path) -> None:
+            super().set_path(path)
+            if len(self.paths) in (2, 3):
+                raise RuntimeError("not now")
+
+    loop = Loop(Refusing())
+    loop.path()
+    loop.drive(3)
+    loop.path(points=((0, 0), (0, 5)))
+    for _ in range(2):
+        loop.turn()
+        assert loop.node.status == "the controller failed: 'not now'"
+    loop.drive(3)
+    assert loop.node.status == "driving"
+    ends = [one.points[-1].tolist() for one in loop.controller.paths]
+    assert ends == [[9, 0], [0, 5], [0, 5], [0, 5]]
+
+
 def test_a_node_that_starts_again_goes_on_at_the_speed_of_the_robot() -> None:
     loop = Loop()
     loop.path()
@@ -291,6 +311,22 @@ def test_without_tf_the_odometry_itself_places_what_the_robot_sees() -> None:
     np.testing.assert_allclose(
         loop.controller.seen[-1].detections[0].position, (2.0, 2.5), atol=1e-9
     )
+
+
+@pytest.mark.parametrize("driven", [0, 20])
+def test_it_brakes_where_obstacles_cannot_be_placed(driven: int) -> None:
+    loop = Loop()
+    loop.path()
+    loop.drive(driven)
+    for _ in range(40):
+        loop.come("/obstacles", obstacles(loop.stamp(), [(5.0, 1.0)], "moon"))
+        sent = loop.turn(people=False)
+    assert sent is None or sent[0] == 0.0
+    reason = "no motion connects 'moon' with odometry"
+    assert loop.node.status == f"obstacles cannot be placed: {reason}"
+    assert loop.node.counts.refused == 40
+    assert all(len(one.detections) == 1 for one in loop.controller.seen)
+    assert loop.drive(20)[-1, 0] == pytest.approx(0.5) and loop.node.status == "driving"
 
 
 def test_a_path_comes_into_the_frame_of_odometry() -> None:

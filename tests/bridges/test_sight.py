@@ -22,7 +22,7 @@ from wideberth.routes import NavFn
 from wideberth.routes.replanning import Replanning
 from wideberth.tests.bridges.test_node import EPOCH, ROBOT, Loop, Network
 from wideberth.tests.helpers import ros_robot
-from wideberth.tests.helpers.bags import header, odometry, quaternion, transform, vector
+from wideberth.tests.helpers.bags import header, obstacles, odometry, quaternion, transform, vector
 from wideberth.tests.helpers.rays import ranges
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "node_scans.yaml"
@@ -70,6 +70,14 @@ def test_poses_across_a_hole_or_a_jump_are_unknown() -> None:
     np.testing.assert_allclose(found, [0.05, np.nan, 0.85], atol=1e-6)
     own.take(reading_of(ODOMETRY, odometry(EPOCH - 50.0, (1, 0, 0), (1, 0, 0))), 1.0)
     np.testing.assert_allclose(own.poses(np.array([-50.0, 0.85]))[:, 0], [1.0, np.nan])
+
+
+def test_the_pose_of_the_newest_odometry_is_known_after_a_hole() -> None:
+    own = OwnMotion("base_link")
+    for time in (0.0, 0.7):
+        own.take(reading_of(ODOMETRY, odometry(EPOCH + time, (time, 0, 0), (1, 0, 0))), time)
+    found = own.poses(np.array([own.now - 0.1, own.now, own.now + 0.1]))[:, 0]
+    np.testing.assert_allclose(found, [np.nan, 0.7, 0.8], atol=1e-6)
 
 
 class Seeing(Loop):
@@ -175,12 +183,53 @@ def test_a_clock_that_jumps_costs_the_tracks_alone() -> None:
         check_people(loop)
 
 
-def test_scans_of_an_unknown_frame_are_counted() -> None:
+@pytest.mark.parametrize("driven", [0.0, 1.0])
+@pytest.mark.parametrize(
+    ("frame", "late", "reason"),
+    [
+        ("moon", 0.0, "no motion connects the scan's frame 'moon' with the robot"),
+        ("laser", 0.5, "a scan is of a time at which the robot's own pose is not known"),
+        ("laser", 0.9, "a scan is of a time at which the robot's own pose is not known"),
+    ],
+)
+def test_it_brakes_where_scans_cannot_be_placed(
+    driven: float, frame: str, late: float, reason: str
+) -> None:
+    """From the beginning, and after scans that could be placed; with good ones it goes on."""
     loop = Seeing()
     loop.path()
-    loop.go_on(0.5, frame="nowhere")
-    assert loop.node.counts.refused == 5
-    assert loop.controller.seen[-1].detections == ()
+    loop.go_on(driven)
+    before = loop.node.counts.refused
+    loop.late = late
+    loop.go_on(1.8, frame)
+    assert loop.node.counts.refused == before + 18
+    assert loop.node.status == f"scans cannot be placed: {reason}"
+    assert loop.motion[0] == 0.0
+    loop.late = 0.0
+    loop.go_on(1.0)
+    assert loop.node.status == "driving" and loop.motion[0] > 0.4
+    check_people(loop)
+
+
+def test_a_few_scans_that_cannot_be_placed_do_not_stop_it() -> None:
+    loop = Seeing()
+    loop.path()
+    loop.go_on(1.0)
+    before = loop.node.counts.refused
+    loop.go_on(0.3, "moon")
+    assert loop.node.status == "driving" and loop.node.counts.refused == before + 3
+
+
+def test_it_does_not_drive_by_scans_without_beams() -> None:
+    loop = Seeing()
+    loop.path()
+    for _ in range(20):
+        loop.odom()
+        loop.come("/scan", messages().make(SCAN, header=header(loop.stamp(), "laser"),
+                                           range_max=9.0))  # fmt: skip
+        loop.turn(odom=False, people=False)
+    assert loop.node.status == "scans cannot be placed: a scan has no beams"
+    assert not loop.motion.any()
 
 
 def test_it_brakes_when_scans_fall_silent() -> None:
@@ -307,6 +356,34 @@ def test_at_the_goal_it_brakes(over_map: bool) -> None:
     loop.come("/goal_pose", goal(2.0, 1.0))
     sent = [stands(loop, 2.8, 1.0) for _ in range(20)]
     assert sent[-1][0] > 0.0
+
+
+@pytest.mark.parametrize("over_map", [False, True])
+def test_a_gap_in_odometry_does_not_lose_the_goal(over_map: bool) -> None:
+    """Over the map the goal is so near that the route is not planned anew."""
+    loop = Loop(follows=over(KnownMap(grid(), "odom")) if over_map else GoalTopic())
+    loop.come("/goal_pose", goal(3.0, 1.0))
+    for _ in range(20):
+        stands(loop, 1.0, 1.0)
+    loop.now += 0.6
+    loop.come("/obstacles", obstacles(loop.stamp(), [(5.0, 1.0)], "odom"))
+    stands(loop, 1.0, 1.0)
+    assert loop.node.status == "driving" and loop.node.path is not None
+
+
+@pytest.mark.parametrize("over_map", [False, True])
+def test_a_passing_reason_does_not_lose_the_goal(over_map: bool) -> None:
+    loop = Loop(follows=over(KnownMap(grid(), "odom")) if over_map else GoalTopic())
+    loop.come("/goal_pose", goal(3.0, 1.0))
+    for _ in range(20):
+        stands(loop, 1.0, 1.0)
+    for _ in range(40):
+        sent = stands(loop, 3e9, 1.0)  # odometry has gone astray
+    assert sent[0] == 0.0 and "more than 1e+09 m away" in loop.node.status
+    for _ in range(20):
+        sent = stands(loop, 1.0, 1.0)
+    assert sent[0] > 0.0 and loop.node.status == "driving"
+    np.testing.assert_allclose(loop.controller.paths[-1].points[-1], (3.0, 1.0), atol=0.11)
 
 
 @pytest.mark.parametrize("where", [MapTopic(), KnownMap(grid())])
