@@ -21,6 +21,8 @@ CORRELATION = 0.8
 """Of the noise on a twist with that on the one a step earlier: samples are smooth."""
 NEAREST = 20
 """People who are rolled out; who is farther away goes straight on, so that work is bounded."""
+MOST_PARTS = 8
+"""Of a step at which walls are looked at: only a state beyond all limits would need more."""
 BACKWARDS = 0.5
 """Share of its speed at which a robot with a heading is tried in reverse."""
 
@@ -158,7 +160,7 @@ class CrowdMppi(Reactive):
         """Return the gaps to each wall in each step, (K, W, T), m; at points a radius apart."""
         moves = np.diff(ways, axis=1)
         longest = float(np.linalg.norm(moves, axis=-1).max(initial=0.0))
-        parts = max(int(np.ceil(longest / self.robot.radius)), 1)
+        parts = int(np.clip(np.ceil(longest / self.robot.radius), 1, MOST_PARTS))
         shares = np.arange(1.0, parts + 1)[:, None] / parts
         places = ways[:, :-1, None] + shares * moves[:, :, None]  # (K, T, parts, 2)
         shape = *places.shape[:3], len(walls.polygons)
