@@ -164,7 +164,8 @@ def rivals() -> list[dict[str, Any]]:
     flat = [name for name in names("robots") if "3d" not in name]
     found = []
     for index, name in enumerate(n for n in names("controllers") if n != "mpc"):
-        one: dict[str, Any] = {"type": name, "robot": flat[index % len(flat)]}
+        robot = "unicycle" if name == "nav2" else flat[index % len(flat)]  # it wants a heading
+        one: dict[str, Any] = {"type": name, "robot": robot}
         if name == "policy":
             one["policy"] = "fuzz_cases:straight_on"
         found.append(one)

@@ -11,6 +11,8 @@ Velocity = tuple[float, float, float]
 """vx, vy, m/s, and yaw rate, rad/s."""
 
 _ZERO: Velocity = (0.0, 0.0, 0.0)
+LATEST = 9.0e9
+"""s, before or after the clock's zero: what 64 bits hold of nanoseconds, nearly."""
 
 
 @final
@@ -142,5 +144,14 @@ class VelocitySmoother:
 
 
 def _nanoseconds(time: float) -> int:
-    """Turn seconds into the whole numbers that ROS compares."""
+    """Turn seconds into the whole numbers that ROS compares.
+
+    Raises
+    ------
+    WideberthError : a time that 64 bits do not hold.
+    """
+    if not abs(time) <= LATEST:
+        raise WideberthError(
+            f"the time is {time:g} s; Nav2 counts nanoseconds in 64 bits, which hold {LATEST:.3g} s"
+        )
     return round(time * 1e9)

@@ -22,3 +22,9 @@ def test_a_limit_of_the_wrong_sign_is_refused() -> None:
         VelocitySmoother(max_velocity=(2.0, 1.0))  # type: ignore[arg-type]
     with pytest.raises(WideberthError, match="OPEN_LOOP"):
         VelocitySmoother(feedback="HALF")
+
+
+@pytest.mark.parametrize("time", [1e300, -1e11, float("inf"), float("nan")])
+def test_a_time_that_ros_cannot_hold_is_refused(time: float) -> None:
+    with pytest.raises(WideberthError, match="nanoseconds in 64 bits"):
+        VelocitySmoother().measure((0.0, 0.0, 0.0), time)
