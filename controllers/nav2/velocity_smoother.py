@@ -152,6 +152,6 @@ def _nanoseconds(time: float) -> int:
     """
     if not abs(time) <= LATEST:
         raise WideberthError(
-            f"the time is {time:g} s; Nav2 counts nanoseconds in 64 bits, which hold {LATEST:.3g} s"
+            f"the time is {time:g} s; Nav2 counts nanoseconds in 64 bits, which hold {LATEST:g} s"
         )
     return round(time * 1e9)
