@@ -10,11 +10,11 @@ from stat import S_ISSOCK
 from typing import Any, final
 from xml.sax.saxutils import quoteattr
 
-from ..framework.plugins.registry import unknown
 from ..framework.values.errors import WideberthError
 from .dds_types import idl_class
 from .messages import MOST_BYTES, Messages
 from .ros_extra import needed
+from .wire import CountingPublisher, CountingSubscriber
 
 LOOPBACK, OWN_CHOICE = "lo", "default"
 """Interfaces: nothing leaves the computer; what Cyclone DDS or CYCLONEDDS_URI choose."""
@@ -206,14 +206,11 @@ def _quality(known: Messages, kind: str, reliable: bool, kept: bool) -> Any:
 
 
 @final
-class Publisher:
-    """Sends messages of one type; see `Link.publisher`."""
+class Publisher(CountingPublisher):
+    """Sends messages of one type over DDS; see `Link.publisher`."""
 
     def __init__(self, known: Messages, writer: Any, kind: str) -> None:
-        self.known: Messages = known
-        self.kind: str = kind
-        self.failed: int = 0
-        """Messages that could not be sent."""
+        super().__init__(known, kind)
         self._writer = writer
         self._made = writer.topic.data_type
 
@@ -225,50 +222,24 @@ class Publisher:
         except Exception:  # of an entity that is being closed
             return False
 
-    def send(self, message: Any) -> None:
-        """Send a message; what cannot be sent is counted.
-
-        Raises
-        ------
-        WideberthError : a message of another type.
-        """
-        if message.__msgtype__ != self.kind:
-            raise WideberthError(unknown("type on this topic", message.__msgtype__, [self.kind]))
+    def put(self, data: bytes) -> None:
+        """Hand a message to Cyclone DDS."""
         sample = self._made.__new__(self._made)
-        sample.data = self.known.to_bytes(message)
-        try:
-            self._writer.write(sample)
-        except Exception:  # a full queue, a network that is gone
-            self.failed += 1
+        sample.data = data
+        self._writer.write(sample)
 
 
 @final
-class Subscriber:
-    """Takes messages of one type; see `Link.subscriber`."""
+class Subscriber(CountingSubscriber):
+    """Takes messages of one type from DDS; see `Link.subscriber`."""
 
     def __init__(self, known: Messages, reader: Any, kind: str) -> None:
-        self.known: Messages = known
-        self.kind: str = kind
-        self.refused: int = 0
-        """Messages that were malformed."""
-        self.reason: str = ""
-        """Why the last of them was refused."""
+        super().__init__(known, kind)
         self._reader = reader
         self._invalid = needed("cyclonedds.internal").InvalidSample
 
-    def take(self) -> Iterator[Any]:
-        """Yield the messages that have come; malformed ones are counted and left out."""
-        try:
-            samples = self._reader.take(AT_ONCE)
-        except Exception as error:
-            self.refused += 1
-            self.reason = str(error)
-            return
-        for one in samples:
-            if isinstance(one, self._invalid):  # a publisher has gone
-                continue
-            try:
-                yield self.known.read(self.kind, one.data)
-            except WideberthError as error:
-                self.refused += 1
-                self.reason = str(error)
+    def taken(self) -> Iterator[bytes]:
+        """Yield what has come; an invalid sample says that a publisher has gone."""
+        for one in self._reader.take(AT_ONCE):
+            if not isinstance(one, self._invalid):
+                yield one.data

@@ -8,9 +8,9 @@ from collections.abc import Iterator
 from typing import Any, final
 
 from ..framework.plugins.extras import from_extra
-from ..framework.plugins.registry import unknown
 from ..framework.values.errors import WideberthError, short
 from .messages import Messages
+from .wire import CountingPublisher, CountingSubscriber
 
 ROUTER = "tcp/127.0.0.1:7447"
 """Where the router of rmw_zenoh is, on the same computer."""
@@ -146,14 +146,11 @@ class ZenohLink:
 
 
 @final
-class ZenohPublisher:
-    """Sends messages of one type; see `ZenohLink.publisher`."""
+class ZenohPublisher(CountingPublisher):
+    """Sends messages of one type over Zenoh; see `ZenohLink.publisher`."""
 
     def __init__(self, known: Messages, sender: Any, plain: Any, kind: str) -> None:
-        self.known: Messages = known
-        self.kind: str = kind
-        self.failed: int = 0
-        """Messages that could not be sent."""
+        super().__init__(known, kind)
         self._sender, self._plain = sender, plain
         self._identity = os.urandom(16)
         self._number = 0
@@ -166,49 +163,25 @@ class ZenohPublisher:
         except Exception:  # of a session that is being closed
             return False
 
-    def send(self, message: Any) -> None:
-        """Send a message; what cannot be sent is counted.
-
-        Raises
-        ------
-        WideberthError : a message of another type.
-        """
-        if message.__msgtype__ != self.kind:
-            raise WideberthError(unknown("type on this topic", message.__msgtype__, [self.kind]))
-        data = self.known.to_bytes(message)
+    def put(self, data: bytes) -> None:
+        """Hand a message to the router."""
         self._number += 1
         note = attachment(self._number, time.time_ns(), self._identity)
-        try:
-            self._sender.put(data, attachment=note)
-        except Exception:  # a router that is gone
-            self.failed += 1
+        self._sender.put(data, attachment=note)
 
 
 @final
-class ZenohSubscriber:
-    """Takes messages of one type; see `ZenohLink.subscriber`."""
+class ZenohSubscriber(CountingSubscriber):
+    """Takes messages of one type from Zenoh; see `ZenohLink.subscriber`."""
 
     def __init__(self, known: Messages, reader: Any, kind: str) -> None:
-        self.known: Messages = known
-        self.kind: str = kind
-        self.refused: int = 0
-        """Messages that were malformed."""
-        self.reason: str = ""
-        """Why the last of them was refused."""
+        super().__init__(known, kind)
         self._reader = reader
 
-    def take(self) -> Iterator[Any]:
-        """Yield the messages that have come; malformed ones are counted and left out."""
+    def taken(self) -> Iterator[bytes]:
+        """Yield what has come."""
         for _ in range(DEPTH):
-            try:
-                sample = self._reader.try_recv()
-                if sample is None:
-                    return
-                yield self.known.read(self.kind, sample.payload.to_bytes())
-            except WideberthError as error:
-                self.refused += 1
-                self.reason = str(error)
-            except Exception as error:  # of a session that is being closed
-                self.refused += 1
-                self.reason = str(error)
+            sample = self._reader.try_recv()
+            if sample is None:
                 return
+            yield sample.payload.to_bytes()
