@@ -105,6 +105,10 @@ def reached(
     return None
 
 
+_TALKATIVE = ("distributed.client", "distributed.batched")
+"""Loggers of Dask that tell of lost workers and schedulers, as we do in a line."""
+
+
 class Cluster:
     """A pool of Dask workers; see `wideberth.experiments.engine.worker.Pool`.
 
@@ -125,10 +129,11 @@ class Cluster:
         self._back: SimpleQueue[Future] = SimpleQueue()
         self._out: dict[Future, Chunk] = {}
         self._alone = False
-        self._log = logging.getLogger("distributed.client")
         self._client: Any = _connect(scheduler)
-        self._level = self._log.level
-        self._log.setLevel(logging.CRITICAL)  # what it tells of lost workers and schedulers, we do
+        logs = [logging.getLogger(name) for name in _TALKATIVE]
+        self._levels = [(log, log.level) for log in logs]
+        for log in logs:
+            log.setLevel(logging.CRITICAL)
         try:
             self._look()
             self._compare()
@@ -222,7 +227,8 @@ class Cluster:
         """Forget the tasks that are left and leave the scheduler."""
         self._out.clear()
         self._client.close(timeout=_PATIENCE)
-        self._log.setLevel(self._level)
+        for log, level in self._levels:
+            log.setLevel(level)
 
 
 def _connect(scheduler: Scheduler) -> Any:

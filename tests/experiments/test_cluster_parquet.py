@@ -2,9 +2,11 @@
 
 import importlib
 import json
+import logging
 import sys
 from hashlib import sha256
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -100,3 +102,17 @@ def test_without_the_extra_nothing_is_begun(
     module = importlib.import_module("wideberth.experiments.engine.dask_pool")
     with pytest.raises(WideberthError, match=r"pip install 'wideberth\[cluster\]'"):
         module.Cluster(module.Scheduler("tcp://127.0.0.1:9"), b"")
+
+
+def test_dask_is_silent_as_long_as_we_speak_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    module = importlib.import_module("wideberth.experiments.engine.dask_pool")
+    client = SimpleNamespace(close=lambda timeout: None)
+    monkeypatch.setattr(module, "_connect", lambda scheduler: client)
+    for name in ("_look", "_compare"):
+        monkeypatch.setattr(module.Cluster, name, lambda self: None)
+    logs = [logging.getLogger(f"distributed.{name}") for name in ("client", "batched")]
+    before = [log.level for log in logs]
+    cluster = module.Cluster(module.Scheduler("tcp://127.0.0.1:9"), b"")
+    assert not any(log.isEnabledFor(logging.ERROR) for log in logs)
+    cluster.close()
+    assert [log.level for log in logs] == before
