@@ -157,6 +157,15 @@ class Messages:
             reason = f"{type(error).__name__}: {short(str(error), 80)}"
             raise WideberthError(f"{len(data)} bytes are no {name} ({reason})") from None
 
+    def prepare(self, name: str) -> None:
+        """Generate the code that writes and reads a type, so that no message waits for it.
+
+        Raises
+        ------
+        WideberthError : no such type.
+        """
+        self.read(name, self.to_bytes(self.make(name)))
+
     def type_hash(self, name: str) -> str:
         """Return the hash by which ROS 2 tells definitions of one type apart (RIHS01).
 

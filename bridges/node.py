@@ -4,6 +4,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, final
 
@@ -25,6 +26,7 @@ from .frames import composed
 from .messages import Messages
 from .node_settings import NodeSettings
 from .own_motion import Heard, OwnMotion
+from .priority import urgent
 from .readings import Goal, Motion, Transforms, Way, reading_of
 from .sight import LASERSCAN, ObstacleSight, ObstacleTopic, ScanSight, Sight, View
 from .ways import Found, GoalTopic, Guide, MapTopic, PathTopic, Question
@@ -461,23 +463,29 @@ class PlannerNode:
     def run(self, seconds: float = np.inf) -> None:
         """Listen and send at the rate of the commands; decide beside it, at the controller's rate.
 
+        The controller imports and compiles first, which may take long.
+
         Parameters
         ----------
         seconds : after which it returns; endless by default, until `stop`.
         """
+        self._warm_up()
         planner = threading.Thread(target=self._plan_forever, name="planner", daemon=True)
         planner.start()
+        priority = self.settings.priority
+        if priority and (reason := urgent(priority)):
+            _LOG.warning("node: no real-time priority (%s); commands may be late", reason)
         period, begin = 1.0 / self.settings.rate, time.monotonic()
         due, reported = begin, begin
         try:
             while not self._stop.is_set() and time.monotonic() - begin < seconds:
-                self.listen()
                 now = time.monotonic()
-                if now >= due:
+                if now >= due:  # before anything else: to listen may take long
                     self.speak()
                     late = int((now - due) / period)
                     self.counts.missed += late
                     due += (late + 1) * period
+                self.listen()
                 if now - reported >= 1.0:
                     self.report()
                     reported = now
@@ -485,13 +493,25 @@ class PlannerNode:
         finally:
             self._stop.set()
             planner.join(timeout=10.0)
+            if priority:
+                urgent(0)
 
     def stop(self) -> None:
         """Let `run` return."""
         self._stop.set()
 
+    def _warm_up(self) -> None:
+        """Let the controller import and compile before the first period, not within it."""
+        with suppress(Exception):  # it goes wrong again in `decide`, which says so
+            self.controller.set_path(Path(np.array([(0.0, 0.0), (1.0, 0.0)])))
+            self.controller.reset()
+
     def _plan_forever(self) -> None:
         """Decide at the controller's rate, as often as it can."""
+        if self.settings.priority:
+            # A planner that waits for the processor while it holds Python's lock would let the
+            # commands wait, whatever their own priority.
+            urgent(self.settings.priority)
         due = time.monotonic()
         while not self._stop.is_set():
             try:

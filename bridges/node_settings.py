@@ -8,6 +8,7 @@ from ..framework.values.arrays import positive, whole
 from ..framework.values.errors import WideberthError
 from .dds import LOOPBACK
 from .messages import DISTRIBUTIONS
+from .priority import MOST_URGENT
 from .sight import ObstacleTopic, ScanTopic, check_topic
 from .ways import GoalTopic, PathTopic
 from .zenoh_link import ROUTER
@@ -59,6 +60,8 @@ class NodeSettings:
     base_frame : of the robot.
     rate : Hz, of the commands.
     patience : s, for which odometry, obstacles or scans may be silent; then the robot brakes.
+    priority : real-time priority of commands and planner, see `wideberth.bridges.priority.urgent`;
+        0 for none.
 
     Raises
     ------
@@ -76,6 +79,7 @@ class NodeSettings:
     base_frame: str = "base_link"
     rate: float = 20.0
     patience: float = 0.5
+    priority: int = 0
 
     def __post_init__(self) -> None:
         whole("node.domain", self.domain, least=0)
@@ -83,6 +87,8 @@ class NodeSettings:
             positive(f"node.{name}", getattr(self, name))
         if self.rate > 200.0:
             raise WideberthError(f"node.rate is {self.rate:g} Hz; wanted at most 200")
+        if whole("node.priority", self.priority, least=0) > MOST_URGENT:
+            raise WideberthError(f"node.priority is {self.priority}; wanted at most {MOST_URGENT}")
         if self.distribution not in DISTRIBUTIONS:
             raise WideberthError(unknown("distribution", self.distribution, list(DISTRIBUTIONS)))
         check_topic("node.odometry", self.odometry)

@@ -53,6 +53,7 @@ class RclpyLink:
     def publisher(self, topic: str, kind: str, *, kept: bool = False) -> "_Sender":
         """Return a publisher."""
         quality = _quality(True, kept)
+        self.known.prepare(kind)
         return _Sender(self._node.create_publisher(_type(kind), topic, quality), self.known)
 
     def subscriber(
@@ -60,6 +61,7 @@ class RclpyLink:
     ) -> "_Taker":
         """Return a subscriber."""
         taker = _Taker(kind, self.known)
+        self.known.prepare(kind)
         self._node.create_subscription(
             _type(kind), topic, taker.come, _quality(reliable, kept), raw=True
         )

@@ -24,6 +24,7 @@ class CountingPublisher(ABC):
         self.kind: str = kind
         self.failed: int = 0
         """Messages that could not be sent."""
+        known.prepare(kind)
 
     @property
     @abstractmethod
@@ -67,6 +68,7 @@ class CountingSubscriber(ABC):
         """Messages that were malformed."""
         self.reason: str = ""
         """Why the last of them was refused."""
+        known.prepare(kind)
 
     @abstractmethod
     def taken(self) -> Iterator[bytes]:

@@ -230,3 +230,11 @@ def test_without_the_extra_one_line_says_what_to_install(monkeypatch: pytest.Mon
     monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
     with pytest.raises(WideberthError, match=r"pip install 'wideberth\[ros\]'"):
         Messages()
+
+
+def test_a_type_is_prepared_by_its_name() -> None:
+    known = Messages()
+    for name in sorted(known.store.fielddefs):
+        known.prepare(name)
+    with pytest.raises(WideberthError, match="there is no message"):
+        known.prepare("nav_msgs/msg/Pathh")

@@ -1,7 +1,10 @@
 """A planner on the network: what it does when others fall silent, lie, or come again."""
 
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from threading import Thread
+from time import sleep
 from typing import Any
 
 import numpy as np
@@ -11,6 +14,7 @@ from wideberth import Command, Observation, Path, WideberthError
 from wideberth.bridges.messages import messages
 from wideberth.bridges.node import PlannerNode
 from wideberth.bridges.node_settings import NodeSettings
+from wideberth.bridges.priority import urgent
 from wideberth.bridges.sight import ObstacleTopic, ScanTopic
 from wideberth.bridges.ways import GoalTopic, MapTopic, PathTopic
 from wideberth.framework.controller import Controller
@@ -395,6 +399,8 @@ def test_it_shows_plans_and_says_how_it_is() -> None:
         ({"rate": 1e4}, "at most 200"),
         ({"distribution": "jazy"}, "did you mean 'jazzy'"),
         ({"odometry": "odom"}, "wanted a topic"),
+        ({"priority": -1}, "node.priority"),
+        ({"priority": 100}, "at most 99"),
     ],
 )
 def test_bad_settings_are_named(given: Any, cause: str) -> None:
@@ -419,3 +425,67 @@ def test_bad_settings_are_named(given: Any, cause: str) -> None:
 def test_bad_topics_are_named(kind: Any, given: Any, cause: str) -> None:
     with pytest.raises(Refused, match=cause):
         kind(**given)
+
+
+class Noting(Scripted):
+    """A controller that notes what happens to it, and how urgent its thread is."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.calls: list[str] = []
+        self.policies: list[int] = []
+
+    def reset(self) -> None:
+        self.calls.append("reset")
+
+    def set_path(self, path: Path) -> None:
+        self.calls.append(f"path {path.length:g}")
+
+    def command(self, observation: Observation) -> Command:
+        self.calls.append("command")
+        self.policies.append(os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK)
+        return super().command(observation)
+
+
+def running(controller: Noting, **settings: Any) -> PlannerNode:
+    """Run a node in real time until it has decided; its robot stands still."""
+    loop = Loop(controller, patience=1000.0, **settings)
+    loop.path()
+    loop.come("/odom", odometry(loop.stamp(), (0, 0, 0), (0, 0, 0)))
+    loop.come("/obstacles", obstacles(loop.stamp(), [(5.0, 1.0)], "odom"))
+    runner = Thread(target=loop.node.run, args=(60.0,))
+    runner.start()
+    while runner.is_alive() and "command" not in controller.calls:
+        sleep(0.01)
+    loop.node.stop()
+    runner.join(60.0)
+    assert not runner.is_alive()
+    return loop.node
+
+
+def test_the_controller_compiles_before_the_first_period() -> None:
+    controller = Noting()
+    running(controller)
+    assert controller.calls[:4] == ["path 1", "reset", "path 9", "command"]
+
+
+@pytest.mark.skipif(not hasattr(os, "SCHED_RR"), reason="of Linux alone")
+def test_a_priority_is_asked_for_and_its_refusal_is_said(caplog: Any) -> None:
+    reason = urgent(1)
+    assert (os.sched_getscheduler(0) != os.SCHED_OTHER) == (reason == "")
+    assert urgent(0) == "" and os.sched_getscheduler(0) == os.SCHED_OTHER
+    controller = Noting()
+    running(controller, priority=1)
+    if reason:
+        assert "no real-time priority" in caplog.text and "ulimit -r" in reason
+    assert set(controller.policies) == {os.SCHED_OTHER if reason else os.SCHED_RR}
+
+
+def test_a_refused_priority_is_named(monkeypatch: Any) -> None:
+    def refuse(*_: Any) -> None:
+        raise PermissionError(1, "not permitted")
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    assert "not permitted" in urgent(5) and "limits.conf" in urgent(5)
+    monkeypatch.delattr(os, "sched_setscheduler")
+    assert "this system" in urgent(5)
