@@ -4,27 +4,15 @@ from dataclasses import dataclass, field
 from typing import ClassVar, final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..framework.control.command_limits import attained
-from ..framework.metrics.episode import approach
 from ..framework.mpc.fallback.rollout import drive_along
 from ..framework.people.models import CircularForce, PersonModel, Reciprocal, Straight, Walkers
-from ..framework.people.reactions import reactions
 from ..framework.people.walls import WallField
+from ..framework.people.ways import Neighbourhood, WayCost, averaged, drawn
 from ..framework.values.arrays import Array, whole
-from ..framework.values.motion import Command, Observation, Twist
+from ..framework.values.motion import Command, Observation
 from .reactive import Reactive
-from .steering import FAST, SLOWING
-
-CORRELATION = 0.8
-"""Of the noise on a twist with that on the one a step earlier: samples are smooth."""
-NEAREST = 20
-"""People who are rolled out; who is farther away goes straight on, so that work is bounded."""
-MOST_PARTS = 8
-"""Of a step at which walls are looked at: only a state beyond all limits would need more."""
-BACKWARDS = 0.5
-"""Share of its speed at which a robot with a heading is tried in reverse."""
+from .steering import SLOWING
 
 
 @final
@@ -41,18 +29,13 @@ class CrowdMppi(Reactive):
         U = sum_k w_k U_k,   w_k ~ exp(-(J_k - min J) / lambda)
 
     and its first twist is commanded. Where the mean costs more than the best sample, as it may
-    between two ways round somebody, the best sample takes its place. The cost is
-
-        J = mean_t |p_t - c| + C (T + 1 - t_touch) / T + Q dt sum_t sum_i max(0, 1 - gap_ti / m)^2
-
-    with the point c ahead on the path; t_touch is the first step with a contact (none costs
-    nothing), and gaps are between the surfaces of robot and person or wall: the smallest within a
-    step, of walls at points a radius apart.
+    between two ways round somebody, the best sample takes its place. The cost is that of
+    `wideberth.framework.people.ways.WayCost`, with the point c ahead on the path.
 
     What a person wants is not told: it is the mean velocity of the last while, u <- u + (1 -
     exp(-period / memory)) (v - u). Somebody whom the robot holds up is soon believed to want that.
-    The `NEAREST` people are rolled out, the others go straight on. Nothing is promised: no sample
-    may be free, and people may do something else.
+    The nearest people are rolled out (`wideberth.framework.people.ways.NEAREST`), the others go
+    straight on. Nothing is promised: no sample may be free, and people may do something else.
 
     Parameters
     ----------
@@ -137,43 +120,16 @@ class CrowdMppi(Reactive):
         """
         states = drive_along(self.robot, observation.state, twists, self.dt)
         ways = self.robot.pose(tuple(np.moveaxis(states, -1, 0))).points()
-        walls, radius = WallField(observation.polygons), self.robot.radius
-        order = np.argsort(np.linalg.norm(people.place - ways[0, 0], axis=1), kind="stable")
-        near, far = _some(people, order[:NEAREST]), _some(people, order[NEAREST:])
-        others = reactions(self.model, near, ways, radius, walls, self.dt)
-        times = self.dt * np.arange(self.steps + 1)[:, None]
-        straight = far.place[:, None] + times * far.wanted[:, None]
-        met = [
-            approach(ways[:, None], places) - radius - some.radius[:, None]
-            for some, places in ((near, others), (far, straight))
-        ]
-        gaps = np.concatenate([*met, self._beside(ways, walls)], axis=1)  # (K, N + W, T)
-        touched = gaps.min(axis=1, initial=np.inf) < 0.0
-        left = np.where(touched.max(axis=1), self.steps - touched.argmax(axis=1), 0)
-        close = (np.clip(1.0 - gaps / self.margin, 0.0, None) ** 2).sum(axis=(1, 2))
-        off = np.linalg.norm(ways[:, 1:] - carrot, axis=-1).mean(axis=1)
-        return np.asarray(
-            off + self.contact * left / self.steps + self.closeness * self.dt * close
-        )
-
-    def _beside(self, ways: Array, walls: WallField) -> Array:
-        """Return the gaps to each wall in each step, (K, W, T), m; at points a radius apart."""
-        moves = np.diff(ways, axis=1)
-        longest = float(np.linalg.norm(moves, axis=-1).max(initial=0.0))
-        parts = int(np.clip(np.ceil(longest / self.robot.radius), 1, MOST_PARTS))
-        shares = np.arange(1.0, parts + 1)[:, None] / parts
-        places = ways[:, :-1, None] + shares * moves[:, :, None]  # (K, T, parts, 2)
-        shape = *places.shape[:3], len(walls.polygons)
-        gaps = walls.beside(places.reshape(-1, 2))[..., 0].reshape(shape).min(axis=2)
-        return np.asarray(np.moveaxis(gaps, -1, 1) - self.robot.radius)
+        around = Neighbourhood(self.model, people, WallField(observation.polygons))
+        price = WayCost(self.contact, self.closeness, self.margin)
+        return price.of(around, ways, self.robot.radius, carrot, self.dt)
 
     def _people(self) -> Walkers:
         """Return everybody known, with what they are believed to want."""
         ids, places, velocities, radii = self._neighbours.now()
-        share = 1.0 - np.exp(-self.period / self.memory)
         before = self._wanted
         self._wanted = {
-            name: velocity + (1.0 - share) * (before.get(name, velocity) - velocity)
+            name: averaged(before.get(name, velocity), velocity, self.period, self.memory)
             for name, velocity in zip(ids, velocities, strict=True)
         }
         wanted = np.array(list(self._wanted.values())).reshape(-1, 2)
@@ -181,40 +137,11 @@ class CrowdMppi(Reactive):
 
     def _drawn(self, state: Array, fastest: float) -> Array:
         """Draw the samples, (K, T, 3); the first is the last decision's, the second stands."""
-        rng, old, fresh = self._rng, self.samples // 2, self.samples - self.samples // 2
-        scale = self._scale(state, fastest)
-        noise = rng.standard_normal((old, self.steps, 3))
-        for row in range(1, self.steps):
-            kept = np.sqrt(1.0 - CORRELATION**2)
-            noise[:, row] = CORRELATION * noise[:, row - 1] + kept * noise[:, row]
-        about = self._shifted() + self.spread * scale * noise
-        about[0] = self._shifted()
-        about[1] = 0.0
-        held = rng.uniform(-1.0, 1.0, (fresh, 2, 3))
-        if self.robot.pose(tuple(state)).heading is not None:
-            held[..., 0] = 0.5 * (1.0 + BACKWARDS) * held[..., 0] + 0.5 * (1.0 - BACKWARDS)
-        changed = rng.integers(1, self.steps, fresh)
-        later = np.arange(self.steps) >= changed[:, None]
-        anew = scale * np.where(later[..., None], held[:, 1:], held[:, :1])
-        drawn = np.concatenate([about, anew])
-        speed = np.hypot(drawn[..., 0], drawn[..., 1])
-        drawn[..., :2] *= np.minimum(1.0, fastest / np.maximum(speed, 1e-9))[..., None]
-        return drawn
-
-    def _scale(self, state: Array, fastest: float) -> Array:
-        """Return the largest twist, (3,): speeds along and across, m/s, and yaw rate, rad/s."""
-        if self.robot.pose(tuple(state)).heading is None:
-            return np.array([fastest, fastest, 0.0])
-        turning = attained(self.robot, state, [Twist((fastest, 0.0), FAST)])[0, 2]
-        return np.array([fastest, 0.0, abs(float(turning))])
+        about = self._shifted()
+        return drawn(self.robot, state, self._rng, about, fastest, self.spread, self.samples)
 
     def _shifted(self) -> Array:
         """Return the last decision's sequence as seen one period later, (T, 3)."""
         rows = np.arange(self.steps) * self.dt
         seen = np.minimum(rows + self.period, rows[-1])
         return np.stack([np.interp(seen, rows, column) for column in self._last.T], axis=1)
-
-
-def _some(people: Walkers, rows: NDArray[np.intp]) -> Walkers:
-    """Return some of the people."""
-    return Walkers(*(getattr(people, name)[rows] for name in vars(people)))

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..framework.control.command_limits import FAST as FAST
 from ..framework.control.command_limits import attained
 from ..framework.mpc.ocp.reference import Progress
 from ..framework.robot import Robot
@@ -12,8 +13,6 @@ from ..framework.values.path import Path
 SLOWING = 1.0
 """s; nearer to the goal than this at the present speed, a controller slows down in proportion to
 the distance. CrowdNav does the same: its wanted velocity is the way to the goal, at most 1 m/s."""
-FAST = 1e3
-"""m/s and rad/s, asked of `Robot.drive`, which stays within the limits."""
 CRAWL = 0.3
 """Share of the wanted speed that a robot keeps which cannot turn on the spot."""
 

@@ -13,6 +13,9 @@ ALLOWANCE = 1e-3
 """By how much a command may be beyond a limit, in the limit's own unit: ten times the tolerance
 to which plans are checked."""
 
+FAST = 1e3
+"""m/s and rad/s, asked of `Robot.drive`, which stays within the limits."""
+
 FOREVER = 1024.0
 """s, long enough for every robot to have any twist that it can have; a power of two, so that
 dividing by it and multiplying with it changes no digit."""

@@ -6,9 +6,10 @@ from math import exp
 import numpy as np
 import pytest
 
-from wideberth.controllers.crowd_mppi import NEAREST, CrowdMppi
+from wideberth.controllers.crowd_mppi import CrowdMppi
 from wideberth.framework.mpc.fallback.rollout import drive_along, steer
 from wideberth.framework.people.models import Straight, Walkers
+from wideberth.framework.people.ways import NEAREST
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Detection, Observation, Twist
 from wideberth.framework.values.path import Path

@@ -73,7 +73,9 @@ ARROWS: dict[str, set[str]] = {
         INTERFACES, "framework/numerics", "framework/tracking", "framework/values",
     },
     "framework/jit": {"framework/numerics", "framework/values"},
-    "framework/people": {"framework/jit", "framework/values"},
+    "framework/people": {
+        INTERFACES, "framework/control", "framework/jit", "framework/metrics", "framework/values",
+    },
     FACE: {
         INTERFACES, "framework/mpc/planner", "framework/plugins", "framework/tracking",
         "framework/values",
