@@ -425,3 +425,11 @@ def resample(forecast: Forecast, origin: Array, spread: Array, times: Array) -> 
         dt,
         forecast.fallback,
     )
+
+
+def same(first: Forecast | None, second: Forecast | None) -> bool:
+    """Whether two forecasts of the same obstacles have the same modes, means and covariances."""
+    if first is None or second is None:
+        return first is second
+    names = ("mean", "covariance", "weight")
+    return all(np.array_equal(getattr(first, name), getattr(second, name)) for name in names)

@@ -157,6 +157,11 @@ class Outcome:
     note: str = ""
     solutions: tuple[Solution, ...] = ()
 
+    @property
+    def converged(self) -> list[Solution]:
+        """The solutions that converged, and keep every constraint by the re-check."""
+        return [one.solution for one in self.candidates if one.solution and one.optimal]
+
 
 def contact(check: InstanceCheck, one: Candidate, window: int) -> float:
     """Return how deep a plan enters things or their expected places before a stop ends.

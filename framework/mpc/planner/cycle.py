@@ -7,6 +7,7 @@ change; what it may share between calls (compiled problems, the solver's watchdo
 
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import final
 
 import numpy as np
@@ -18,7 +19,7 @@ from ...robot import Robot, start_state
 from ...tracking.history import viewpoint
 from ...tracking.perception import Perception, scene_of
 from ...values.arrays import Array
-from ...values.forecast import Forecast
+from ...values.forecast import Forecast, same
 from ...values.motion import Command, Detection, Observation, checked_numbers
 from ...values.path import Path
 from ...values.plan import Plan, Situation
@@ -36,7 +37,8 @@ from ..ocp.reference import Progress, Reference
 from ..ocp.transcription import Guess
 from ..slots.base import CAPACITIES, Chosen, Surroundings, View, reach_of_bodies
 from ..slots.screen import Travel
-from ..solvers.base import SizelessSolver
+from ..solvers.base import SizelessSolver, Solution
+from ..solvers.watchdog import LeftBehind, Refused, watched
 from .contingency import Contingency, TwoTailed
 from .multistart import (
     COMPILING,
@@ -50,6 +52,7 @@ from .multistart import (
     strip_progress,
 )
 from .problem_cache import ProblemCache
+from .sampling import SampledWay, better, summary, worth_sampling
 from .settings import PlannerSettings, changed
 from .standing_off import StandingOff
 from .warm_start import KeptMultipliers
@@ -230,26 +233,128 @@ def step(
         starts = MultiStart(watch, settings.starts, budget)
         outcome = starts.run(check, first, state.obstacle_in_way)
         state = replace(state, obstacle_in_way=outcome.obstacle_in_way)
-        answered = _stand_in(outcome)
-        plan, point = choose(rungs_of(settings.rungs), Trial(check, outcome), stamp)
-        plan = strip_progress(robot, plan)
-        words = joined(state.standing_off.note, outcome.note)
-        plan = _in_situation(settings, plan, seen, course, start, words)
-        other_tail = _other_tail(robot, plan, outcome, point, both)
-        kept = KeptMultipliers.of(point, check.around.chosen)
-        ends = tuple(one.message for one in outcome.solutions)
-        solved = Solved(check, outcome.guesses, point, plan, budget.spent(), ends)
+        made = _Made.of(settings, seen, check, outcome, stamp)
+        made, missed = _or_sampled(settings, state, services, starts, given, made)
+        answered = _stand_in(made.outcome)
+        words = joined(state.standing_off.note, made.outcome.note)
+        plan = _in_situation(settings, made.plan, made.seen, course, start, words)
+        other_tail = _other_tail(robot, plan, made.outcome, made.point, both)
+        kept = KeptMultipliers.of(made.point, made.check.around.chosen)
+        solved = made.solved(plan, budget.spent())
         command, note = _limited(robot, command_of_plan(robot, plan))
         smoother = _smoothed(state.smoother, command, stamp)
     except Exception as error:
         words = f"{type(error).__name__}: {error}"
         plan, command = emergency(robot, observation, words, settings.horizon, settings.dt)
-        note, answered, smoother, kept, other_tail = "", "", None, None, None
+        note, missed, answered, smoother, kept, other_tail = "", "", "", None, None, None
     perception, notes = state.perception.drained()
     state = replace(state, perception=perception, plan=plan, other_tail=other_tail)
     state = replace(state, multipliers=kept, smoother=smoother)
-    said = (*filter(None, (note, answered)), *notes)
+    said = (*filter(None, (note, missed, answered)), *notes)
     return state, Decision(command, plan, said, solved, other_tail)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Made:
+    """What came of an instance.
+
+    Attributes
+    ----------
+    seen : what it was filled from. check : the instance. outcome : of its solves.
+    plan : of the rung that was chosen. point : the same as the problem states it.
+    """
+
+    seen: Seen
+    check: InstanceCheck
+    outcome: Outcome
+    plan: Plan
+    point: Guess
+
+    @classmethod
+    def of(
+        cls,
+        settings: PlannerSettings,
+        seen: Seen,
+        check: InstanceCheck,
+        outcome: Outcome,
+        stamp: float,
+    ) -> "_Made":
+        """Choose the plan of the best rung."""
+        plan, point = choose(rungs_of(settings.rungs), Trial(check, outcome), stamp)
+        return cls(seen, check, outcome, strip_progress(settings.robot, plan), point)
+
+    def or_better(self, other: "_Made | None", runs: tuple[Solution, ...]) -> "_Made":
+        """Return another one where its plan is better; the effort is that of both.
+
+        Parameters
+        ----------
+        other : None where no plan came of it. runs : its solves.
+        """
+        own, chosen = self.plan, self
+        if other is not None and better(other.plan, own):
+            words = joined(f"sampled way instead of {summary(own)}", other.plan.reason)
+            chosen = replace(other, plan=replace(other.plan, reason=words))
+        iterations = own.iterations + sum(one.iterations for one in runs)
+        seconds = own.seconds + sum(one.seconds for one in runs)
+        plan = replace(chosen.plan, iterations=iterations, seconds=seconds)
+        return replace(chosen, plan=plan)
+
+    def solved(self, plan: Plan, seconds: float) -> Solved:
+        """Return the record of it, with the plan as it is handed out."""
+        ends = tuple(one.message for one in self.outcome.solutions)
+        return Solved(self.check, self.outcome.guesses, self.point, plan, seconds, ends)
+
+
+def _or_sampled(
+    settings: PlannerSettings,
+    state: PlannerState,
+    services: Services,
+    starts: MultiStart,
+    given: tuple[Array, float, Reference],
+    made: _Made,
+) -> tuple[_Made, str]:
+    """Return what came of a sampled way where that is better, and why nothing was sampled.
+
+    Nothing is sampled where nothing is in the way, where no region presses on the plan, which is
+    then the best one there is, and after a solver that did not return.
+    """
+    if settings.sampling is None or not worth_sampling(made.outcome):
+        return made, ""
+    seen, own, budget = made.seen, made.plan, starts.budget
+    asked = settings.robot, own, seen.tracks, seen.observation, settings.reference_speed
+    try:
+        limit = COMPILING * settings.patience if budget.deadline is None else budget.left()
+        way = watched(partial(settings.sampling.best, *asked), limit)
+        if way is None:
+            return made, ""
+        there = replace(own, states=way.states, inputs=way.inputs, positions=way.positions)
+        scene = scene_of(seen.observation, there, settings.robot.radius)
+        forecast = state.perception.forecast(seen.tracks, own.stamp, settings.grid, scene)
+        known = made.outcome.converged if same(forecast, seen.forecast) else None
+        check = made.check
+        if known is None:
+            seen = replace(seen, forecast=forecast)
+            check, _ = _fill(settings, state, services, seen, *given)
+        guess = _start_along(check, way, given)
+        outcome = starts.further(check, guess, made.outcome, known)
+        other = _Made.of(settings, seen, check, outcome, own.stamp) if outcome.candidates else None
+    except (LeftBehind, Refused) as error:
+        return made, f"sampling: {error}"
+    except Exception as error:  # a model, or a predictor asked anew, may fail in any way
+        return made, f"sampling: {type(error).__name__}: {error}"
+    return made.or_better(other, outcome.solutions), outcome.note
+
+
+def _start_along(
+    check: InstanceCheck, way: SampledWay, given: tuple[Array, float, Reference]
+) -> Guess:
+    """Return the starting point of an instance that a way is."""
+    guess = Guess.bare(way.states, way.inputs, float("nan"))
+    if isinstance(check.robot, ProgressRobot):
+        _, arc, reference = given
+        guess = add_progress(check.robot, guess, reference, arc, check.problem.dt)
+    return check.guess(guess.states, guess.inputs)
 
 
 def _laid(settings: PlannerSettings, course: Path, arc: float) -> Reference:
@@ -547,3 +652,6 @@ def warm_up(settings: PlannerSettings, services: Services, path: Path) -> None:
                 state = remember(settings, state, seen)
             else:
                 state, _ = step(settings, state, seen, services)
+        if settings.sampling is not None and state.plan is not None:
+            tracks, speed = state.perception.history.tracks(), settings.reference_speed
+            settings.sampling.best(settings.robot, state.plan, tracks, seen, speed)

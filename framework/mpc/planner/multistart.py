@@ -271,6 +271,31 @@ class MultiStart:
             tuple(solutions),
         )  # fmt: skip
 
+    def further(
+        self,
+        check: InstanceCheck,
+        guess: Guess,
+        before: Outcome,
+        known: Sequence[Solution] | None,
+    ) -> Outcome:
+        """Solve from one more start, if there is time; candidates are feasible plans alone.
+
+        Parameters
+        ----------
+        check, guess : the instance, and where to start.
+        before : of the cycle's other solves.
+        known : plans of the same instance; a start that leads to no cheaper one is given up. None
+            to solve to the end.
+        """
+        longest = max(one.seconds for one in before.solutions)
+        solutions, note = self._others(check, [guess], known, longest)
+        feasible = tuple(one for one in self._assessed(check, solutions) if one.feasible)
+        last = solutions[0] if solutions else before
+        return Outcome(
+            feasible, (guess,), before.obstacle_in_way, False, last.status, last.message, note,
+            tuple(solutions),
+        )  # fmt: skip
+
     def _assessed(self, check: InstanceCheck, solutions: Sequence[Solution]) -> list[Candidate]:
         """Re-check what was not given up."""
         return check.assess_each([one for one in solutions if one.status is not Status.GIVEN_UP])

@@ -23,6 +23,7 @@ from ..slots.built_in import built_in
 from ..solvers.base import Solver
 from .contingency import Contingency
 from .multistart import PATIENCE, Starts, checked_starts
+from .sampling import Sampling
 
 MOST_STEPS, MOST_SAMPLES = 1000, 10_000
 """Of a plan, and of a track or a forecast: more means that a unit is wrong."""
@@ -76,6 +77,9 @@ class PlannerSettings:
     contingency : two tails of every plan, if people make way and if they do not, with one
         beginning, see `wideberth.framework.mpc.planner.contingency`; needs a predictor that is
         `Branching`, such as `reacting_people`. None for one plan.
+    sampling : a further start of the solver: the best of some ways that are sampled among people
+        who react to each, see `wideberth.framework.mpc.planner.sampling`. None for none; not
+        together with a contingency, and in the plane alone.
     rungs : of the fallback ladder, best first: names of built-in ones, or "module:Class" of a
         `FallbackRung` of your own, see `wideberth.framework.mpc.fallback.rungs`.
 
@@ -111,6 +115,7 @@ class PlannerSettings:
     stop_at_end: bool = False
     withdraw: bool = False
     contingency: Contingency | None = None
+    sampling: Sampling | None = None
     rungs: tuple[str, ...] = tuple(RUNGS)
 
     def __post_init__(self) -> None:
@@ -167,12 +172,34 @@ def check_settings(planner: PlannerSettings) -> None:
             f"planner.contingency needs a predictor with two futures, and "
             f"{type(planner.predictor).__name__} has one; take reacting_people, or leave it out"
         )
+    _check_sampling(planner)
     planner.level.levels(planner.region, 1, 1, planner.robot.dimension)
     if planner.static_region is not None and planner.robot.dimension != 2:
         raise WideberthError(
             f"planner.static_region is {type(planner.static_region).__name__}, and the robot "
             f"moves in {planner.robot.dimension} dimensions; polygons lie in the plane: leave it "
             "out"
+        )
+
+
+def _check_sampling(planner: PlannerSettings) -> None:
+    """Refuse sampled ways where they cannot be had.
+
+    Raises
+    ------
+    WideberthError : a robot in space, or a contingency besides.
+    """
+    if planner.sampling is None:
+        return
+    if planner.robot.dimension != 2:
+        raise WideberthError(
+            f"planner.sampling draws ways in the plane, and {type(planner.robot).__name__} moves "
+            f"in {planner.robot.dimension} dimensions; leave it out"
+        )
+    if planner.contingency is not None:
+        raise WideberthError(
+            "planner.sampling and planner.contingency come together; a sampled way has one "
+            "forecast and one tail: leave one of them out"
         )
 
 

@@ -255,9 +255,21 @@ def _gap(one: Detection, place: Array, radius: float) -> float:
     return float(np.linalg.norm(one.position - place)) - radius - one.radius
 
 
+def generator_of(observation: Observation, *seed: int) -> np.random.Generator:
+    """Return the robot's own generator for a decision: that of its state and clock.
+
+    Parameters
+    ----------
+    observation : whose state and stamp count.
+    seed : whole numbers, for other draws from the same state.
+    """
+    numbers = np.append(observation.state, observation.stamp)
+    own = np.frombuffer(numbers.tobytes(), dtype=np.uint32).tolist()
+    return np.random.default_rng([*seed, *own])
+
+
 def _drawn(observation: Observation, other: str) -> Withdrawal:
     """Draw when to withdraw and when to come back, by the robot's own state and clock."""
-    numbers = np.append(observation.state, observation.stamp)
-    rng = np.random.default_rng(np.frombuffer(numbers.tobytes(), dtype=np.uint32).tolist())
+    rng = generator_of(observation)
     begin = observation.stamp + rng.uniform(*HESITATION)
     return Withdrawal(other, begin, begin + rng.uniform(*ABSENCE))
