@@ -1,12 +1,13 @@
 """Following one path to its end, with the results that Nav2's controller server has."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import IntEnum
 from typing import final
 
 import numpy as np
 
 from ..framework.values.arrays import Array, positive
+from .frames import within_pi
 from .node import PlannerNode
 
 
@@ -39,8 +40,11 @@ class Following:
     Parameters
     ----------
     tolerance : m from the last point, within which the robot is there.
+    yaw_tolerance : rad, by which its heading may be off that of the last pose; it turns on the
+        spot. From pi on any heading will do.
     slow : m/s, below which it stands.
     progress : m, by which it has to move in ``allowance`` s.
+    progress_angle : rad, by which it has to turn in that time where it is there already.
     allowance : s.
     patience : s, for which the controller may fail, or messages be missing.
 
@@ -50,14 +54,16 @@ class Following:
     """
 
     tolerance: float = 0.25
+    yaw_tolerance: float = 0.25
     slow: float = 0.1
     progress: float = 0.5
+    progress_angle: float = 0.5
     allowance: float = 10.0
     patience: float = 2.0
 
     def __post_init__(self) -> None:
-        for name in ("tolerance", "slow", "progress", "allowance", "patience"):
-            positive(f"following.{name}", getattr(self, name))
+        for one in fields(self):
+            positive(f"following.{one.name}", getattr(self, one.name))
 
 
 @final
@@ -77,17 +83,28 @@ class Follower:
         self.speed: float = 0.0
         """m/s, of the robot."""
         self._place: Array | None = None
+        self._frame, self._heading = "", float("nan")
+        self._there = False
         self._moved = self._well = now
         self._failures, self._plans = node.counts.failures, node.counts.plans
 
-    def begin(self, frame: str, points: Array) -> End | None:
-        """Take the path; return why it cannot be followed."""
+    def begin(self, frame: str, points: Array, heading: float = float("nan")) -> End | None:
+        """Take the path; return why it cannot be followed.
+
+        Parameters
+        ----------
+        frame : of the path. points : (P, 2), m.
+        heading : rad, wanted at its end; NaN for any. It is passed over where the robot cannot
+            turn on the spot.
+        """
         if len(points) < 2:
             return End(Code.INVALID_PATH, f"the path has {len(points)} poses; wanted two at least")
         if self.node.motion is None:
             return End(Code.TF_ERROR, "where the robot is is not known: there is no odometry")
         if not self.node.follow(frame, points):
             return End(Code.INVALID_PATH, f"the path in {frame!r} cannot be followed")
+        if self.node.turns_on_the_spot:
+            self._frame, self._heading = frame, heading
         return None
 
     def step(self, now: float) -> End | None:
@@ -95,15 +112,16 @@ class Follower:
         path, motion, wanted = self.node.path, self.node.motion, self.settings
         if path is None or motion is None:
             return End(Code.UNKNOWN, "the path was taken away")
-        place = motion[0][:2]
-        self.distance = float(np.linalg.norm(path.goal - place))
+        self.distance = float(np.linalg.norm(path.goal - motion[0][:2]))
         self.speed = float(np.hypot(*motion[1][:2]))
-        if self.distance <= wanted.tolerance and self.speed <= wanted.slow:
+        self._there = self._there or self.distance <= wanted.tolerance
+        turned = self._turned()
+        if self._there and turned and self.speed <= wanted.slow:
             return End(Code.NONE)
-        if self._place is None or np.linalg.norm(place - self._place) >= wanted.progress:
-            self._place, self._moved = place, now
+        self._note_progress(motion[0], now)
         waits, counts = self.node.waits_for(), self.node.counts
-        if counts.plans > self._plans and counts.failures == self._failures and not waits:
+        planned = counts.plans > self._plans or not turned
+        if planned and counts.failures == self._failures and not waits:
             self._well = now
         failed = counts.failures > self._failures
         self._failures, self._plans = counts.failures, counts.plans
@@ -117,3 +135,18 @@ class Follower:
             reason = f"it moved less than {wanted.progress:g} m in {wanted.allowance:g} s"
             return End(Code.FAILED_TO_MAKE_PROGRESS, reason)
         return None
+
+    def _turned(self) -> bool:
+        """Whether nothing is left to turn; a robot at the end of its path turns to its heading."""
+        if not self._there or not np.isfinite(self._heading):
+            return True
+        return abs(self.node.turn(self._frame, self._heading)) <= self.settings.yaw_tolerance
+
+    def _note_progress(self, pose: Array, now: float) -> None:
+        """Note when the robot has moved, or turned at the end of its path, far enough."""
+        old, wanted = self._place, self.settings
+        moved = old is None or bool(np.linalg.norm(pose[:2] - old[:2]) >= wanted.progress)
+        if self._there and old is not None:
+            moved = moved or abs(within_pi(float(pose[2] - old[2]))) >= wanted.progress_angle
+        if moved:
+            self._place, self._moved = pose, now

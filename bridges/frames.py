@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from math import pi
 from typing import final
 
 import numpy as np
@@ -28,6 +29,11 @@ def tilt_of(x: float, y: float) -> float:
     x and y are the quaternion's; a sensor that hangs upside down has pi.
     """
     return float(np.arccos(np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0)))
+
+
+def within_pi(angle: float) -> float:
+    """Return the same angle in [-pi, pi), rad."""
+    return (angle + pi) % (2.0 * pi) - pi
 
 
 def composed(outer: Array, inner: Array) -> Array:

@@ -29,7 +29,7 @@ from .own_motion import Heard, OwnMotion
 from .priority import urgent
 from .readings import Goal, Motion, Transforms, Way, reading_of
 from .sight import LASERSCAN, ObstacleSight, ObstacleTopic, ScanSight, Sight, View
-from .ways import Found, GoalTopic, Guide, MapTopic, PathTopic, Question
+from .ways import Found, GoalTopic, Guide, MapTopic, PathTopic, Question, Turn
 from .wording import Wording
 
 LONGEST_PATH = 10_000
@@ -40,6 +40,10 @@ PAUSE = 5.0
 """Periods; after a pause that is longer, commands begin at the robot's own velocity again."""
 EXACT = 1e-8
 """m^2 and so on: covariance of odometry that states none."""
+DRIVING, TURNING = "driving", "turning to the goal's heading"
+"""What a node's status says where all is well."""
+STANDING = 0.01
+"""m/s; a slower robot stands, and may turn on the spot."""
 TRAJECTORY = "nav_msgs/msg/Trajectory"
 """A type that ROS 2 has from Lyrical on."""
 _LOG = logging.getLogger("wideberth")
@@ -148,6 +152,11 @@ class PlannerNode:
         self._last: Array | None = None
         self._decided = self._sent = -np.inf
         self._limit = np.inf
+        self._turn: Turn | None = None
+        still = np.zeros(len(robot.states))
+        fast = attained(robot, still, [Twist((0.0, 0.0), 1e3)], 1.0 / settings.rate)[0, 2]
+        self._gain: float = settings.rate * float(fast)
+        """rad/s^2, by which the robot can turn faster on the spot; 0 where it cannot."""
         self._lock = threading.RLock()
         self._stop = threading.Event()
         self._sight: Sight | None = None
@@ -198,7 +207,7 @@ class PlannerNode:
         elif isinstance(follows, GoalTopic):
             pose, grid = "geometry_msgs/msg/PoseStamped", "nav_msgs/msg/OccupancyGrid"
             self._from["goal"] = link.subscriber(follows.topic, pose, reliable=True)
-            self._guide = Guide(follows, self.robot.radius)
+            self._guide = Guide(follows, self.robot.radius, self.turns_on_the_spot)
             if follows.over is not None and isinstance(follows.over.map, MapTopic):
                 topic = follows.over.map.topic
                 self._from["map"] = link.subscriber(topic, grid, reliable=True, kept=True)
@@ -242,7 +251,7 @@ class PlannerNode:
     def follow(self, frame: str, points: Array) -> bool:
         """Follow a path of points (P, 2) in m of a frame; return whether it can be followed."""
         with self._lock:
-            refused = self.counts.refused
+            refused, self._turn = self.counts.refused, None
             self._take_path(frame, points)
             return self._path is not None and self.counts.refused == refused
 
@@ -250,6 +259,20 @@ class PlannerNode:
         """Forget the path: the robot brakes."""
         with self._lock:
             self._take_path("", np.zeros((0, 2)))
+
+    @property
+    def turns_on_the_spot(self) -> bool:
+        """Whether the robot can turn while it stands."""
+        return self._gain > 0.0
+
+    def turn(self, frame: str, heading: float) -> float:
+        """Brake, and turn on the spot to a heading of a frame, rad, until another path comes.
+
+        Return how much is left of the turn, within pi, rad; NaN where that is not known.
+        """
+        with self._lock:
+            self._turn = Turn(frame, heading)
+            return self._own.off(frame, heading)
 
     def limit_speed(self, limit: float) -> None:
         """Drive at most so fast from now on, m/s; infinity takes the limit away."""
@@ -283,7 +306,7 @@ class PlannerNode:
         same = path is not None and self._path is not None
         if same and np.array_equal(path.points, self._path.points):  # type: ignore[union-attr]
             return None
-        self._path, self._fresh_path = path, True
+        self._path, self._fresh_path, self._turn = path, True, None
         return None
 
     def _refuse(self, why: str) -> None:
@@ -321,6 +344,9 @@ class PlannerNode:
             if waits or own is None:
                 self.status = waits
                 return False
+            if self._turn is not None:
+                self._stand_still()
+                return False
             observation, earlier = self._observation(own)
             begin, path, untold = own.time, self._path, self._fresh_path
             self._fresh_path = False
@@ -339,7 +365,7 @@ class PlannerNode:
                 self._fresh_path = True
             command = Command((0.0, 0.0))
         else:
-            self.status = "driving"
+            self.status = DRIVING
         with self._lock:
             now = self._clock()
             self._decided = now
@@ -348,12 +374,19 @@ class PlannerNode:
             self.counts.latency = [*self.counts.latency[-999:], now - begin]
         return True
 
+    def _stand_still(self) -> None:
+        """Decide that the robot stands while it turns, see `_aim`."""
+        self.status, self._decided = TURNING, self._clock()
+        if self._smoother is not None:
+            self._smoother = self._smoother.aim(Command((0.0, 0.0)), self._decided)
+
     def _find_way(self) -> None:
         """Find the way to the newest goal; a route over a map may take long."""
         if self._guide is None:
             return
         with self._lock:
             found = self._guide.ask(self._own)
+            self._turn = found if isinstance(found, Turn) else None
         if isinstance(found, Question):
             found = self._guide.answer(found, self._clock())
         if isinstance(found, Found):
@@ -390,9 +423,8 @@ class PlannerNode:
             if self._last is None or now - self._sent > PAUSE / self.settings.rate:
                 self._begin(now)
             self._sent = now
-            assert self._smoother is not None
             old = now - self._decided > self.controller.period + self.settings.patience
-            aim = Twist((0.0, 0.0)) if old or self.waits_for() else self._smoother.at(now)
+            aim = Twist((0.0, 0.0)) if old or self.waits_for() else self._aim(now)
             sent = self._next(self._slowed(aim))
             self._last = sent
             forward, aside, rate = sent.tolist()
@@ -402,6 +434,23 @@ class PlannerNode:
         self._to["commands"].send(message if self.settings.stamped else message.twist)
         self.counts.sent += 1
         return True
+
+    def _aim(self, now: float) -> Twist:
+        """Return what the controller wants, or the turn on the spot of a robot at its goal.
+
+        The rate w of a turn that is off by e brakes in time at half of what the robot can do, and
+        dies out in a few periods P::
+
+            w = sign(e) min(sqrt(a |e|), |e| / (4 P))
+        """
+        assert self._smoother is not None and self._last is not None
+        if self._turn is None:
+            return self._smoother.at(now)
+        off = self._own.off(self._turn.frame, self._turn.heading)
+        if not np.isfinite(off) or np.hypot(*self._last[:2]) > STANDING:
+            return Twist((0.0, 0.0))
+        rate = min(np.sqrt(self._gain * abs(off)), 0.25 * self.settings.rate * abs(off))
+        return Twist((0.0, 0.0), float(np.copysign(rate, off)))
 
     def _begin(self, now: float) -> None:
         """Start at the velocity that the robot has."""
@@ -453,7 +502,7 @@ class PlannerNode:
                                                                "failures", "refused")}  # fmt: skip
         if counts.latency:
             numbers["latency median, ms"] = f"{1e3 * float(np.median(counts.latency)):.1f}"
-        well = self.status == "driving"
+        well = self.status in (DRIVING, TURNING)
         self._to["diagnostics"].send(
             Wording(0, "", self._known).diagnostics(
                 time.time(), "wideberth: planner", 0 if well else 1, self.status, numbers

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..framework.values.arrays import Array
 from ..framework.values.errors import WideberthError
-from .frames import FrameTree, composed
+from .frames import FrameTree, composed, within_pi
 from .readings import Motion, Reading, Transforms
 
 OLDEST = 1.0
@@ -148,6 +148,18 @@ class OwnMotion:
     def mount(self, frame: str) -> Array | None:
         """Return the pose of a frame on the robot, (3,); None if unknown."""
         return self.motion(self._base, frame)
+
+    def off(self, frame: str, heading: float) -> float:
+        """Return by how much the robot has to turn to a heading of a frame, within pi, rad.
+
+        NaN where that is not known.
+        """
+        motion = self.motion(self.frame, frame)
+        if self.newest is None or motion is None:
+            return float("nan")
+        content = self.newest.reading.content
+        assert isinstance(content, Motion)
+        return within_pi(float(motion[2]) + heading - float(content.pose[2]))
 
     def placed(self, frame: str) -> Array | None:
         """Return the pose of a frame in that of the odometry, (3,), now; None if unknown.

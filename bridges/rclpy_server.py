@@ -14,6 +14,7 @@ from ..framework.values.errors import WideberthError
 from .following import Code, End, Follower, Following
 from .messages import Messages
 from .node import PlannerNode
+from .readings import heading_of
 
 QUEUE = 10
 """Messages that wait to be taken."""
@@ -177,7 +178,8 @@ class FollowPathServer:
             path = handle.request.path
             places = [(one.pose.position.x, one.pose.position.y) for one in path.poses]
             points = np.array(places, dtype=np.float64).reshape(-1, 2)
-            end = follower.begin(str(path.header.frame_id).lstrip("/"), points)
+            heading = heading_of(path.poses[-1].pose) if path.poses else float("nan")
+            end = follower.begin(str(path.header.frame_id).lstrip("/"), points, heading)
         while end is None:
             if own != self._number:
                 handle.abort()

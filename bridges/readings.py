@@ -100,9 +100,16 @@ class Way:
 @final
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """Where a robot should go, (2,), m."""
+    """Where a robot should go.
+
+    Attributes
+    ----------
+    place : (2,), m.
+    heading : rad, that it should have there; NaN where the message states none.
+    """
 
     place: Array
+    heading: float = float("nan")
 
 
 @final
@@ -143,6 +150,14 @@ def pose_of(pose: Any) -> Array:
     turn = pose.orientation
     yaw = yaw_of(turn.x, turn.y, turn.z, turn.w)
     return np.array([pose.position.x, pose.position.y, float(yaw)], dtype=np.float64)
+
+
+def heading_of(pose: Any) -> float:
+    """Return the yaw of a pose of ROS 2, rad; NaN where its quaternion is none, all zeros say."""
+    turn = pose.orientation
+    parts = np.array([turn.x, turn.y, turn.z, turn.w], dtype=np.float64)
+    length = float(np.linalg.norm(parts))
+    return float(yaw_of(*(parts / length))) if 0.5 < length < 2.0 else float("nan")
 
 
 def _stated(matrix: Array) -> Array | None:
@@ -308,7 +323,7 @@ def _goal(message: Any) -> Goal:
     place = np.array([message.pose.position.x, message.pose.position.y], dtype=np.float64)
     if not np.isfinite(place).all():
         raise ValueError(f"the goal is at {place.tolist()}")
-    return Goal(place)
+    return Goal(place, heading_of(message.pose))
 
 
 def grid_of(message: Any) -> OccupancyGrid:

@@ -1,7 +1,7 @@
 """Where a node gets its path from: a topic of paths, or goals that it finds the way to."""
 
 from dataclasses import dataclass
-from math import cos, pi
+from math import cos, inf, pi
 from typing import Any, Protocol, final
 
 import numpy as np
@@ -11,7 +11,7 @@ from ..framework.route_planner import Route
 from ..framework.values.arrays import FARTHEST, Array, positive
 from ..framework.values.costmap import Costmap
 from ..framework.values.occupancy_grid import OccupancyGrid
-from .frames import composed
+from .frames import composed, within_pi
 from .own_motion import OwnMotion
 from .readings import Goal, Reading
 from .sight import check_topic
@@ -109,13 +109,16 @@ class Over:
 class GoalTopic:
     """A topic of `geometry_msgs/msg/PoseStamped`: goals, as RViz sends them.
 
-    The robot drives to the place; the heading that it should have there is passed over.
+    The robot drives to the place, brakes, and turns on the spot to the heading of the pose. A
+    heading is passed over where the quaternion is all zeros or the robot cannot turn on the spot.
 
     Parameters
     ----------
     topic : of the goals.
     over : how a way is found; None for a straight one from where the robot is when a goal comes.
-    tolerance : m; a robot that is so near has arrived, and brakes. The default is Nav2's.
+    tolerance : m; a robot that is so near has arrived, and brakes.
+    yaw_tolerance : rad, by which its heading may then be off; from pi on any heading will do.
+        The defaults of both are Nav2's.
 
     Raises
     ------
@@ -125,10 +128,12 @@ class GoalTopic:
     topic: str = "/goal_pose"
     over: Over | None = None
     tolerance: float = 0.25
+    yaw_tolerance: float = 0.25
 
     def __post_init__(self) -> None:
         check_topic("node.follows.topic", self.topic)
-        positive("node.follows.tolerance", self.tolerance)
+        for name in ("tolerance", "yaw_tolerance"):
+            positive(f"node.follows.{name}", getattr(self, name))
 
 
 @final
@@ -142,16 +147,28 @@ class Found:
 
 
 @final
+@dataclass(frozen=True)
+class Turn:
+    """The robot is at its goal, and has to turn to a heading of a frame, rad."""
+
+    frame: str
+    heading: float
+
+
+@final
 class Guide:
     """Finds the way to the newest goal. `hear` and `ask` are called under the node's lock.
 
     Parameters
     ----------
     settings : the goals' topic and the map. radius : m, of the robot.
+    turns : whether the robot can turn on the spot.
     """
 
-    def __init__(self, settings: GoalTopic, radius: float) -> None:
+    def __init__(self, settings: GoalTopic, radius: float, turns: bool = True) -> None:
         self._over, self._radius, self._near = settings.over, radius, settings.tolerance
+        self._skew = settings.yaw_tolerance if turns else inf
+        self._there = False
         self._goal: tuple[str, Array] | None = None
         self._asked: tuple[str, Array] | None = None
         self._map: KnownMap | None = None
@@ -165,12 +182,13 @@ class Guide:
     def hear(self, reading: Reading) -> None:
         """Take a goal or a map."""
         if isinstance(reading.content, Goal):
-            self._goal = reading.frame, reading.content.place
+            goal = reading.content
+            self._goal, self._there = (reading.frame, np.array([*goal.place, goal.heading])), False
         elif isinstance(reading.content, OccupancyGrid):
             self._map = KnownMap(reading.content, reading.frame or "map")
 
-    def ask(self, own: OwnMotion) -> "Question | Found | None":
-        """Return what has to be found out; a way, or why there is none; None if all stays.
+    def ask(self, own: OwnMotion) -> "Question | Found | Turn | None":
+        """Return what has to be found out; a way, or why there is none; a turn; None if all stays.
 
         Where there is none, the way is said again as soon as there is one.
         """
@@ -181,9 +199,9 @@ class Guide:
             self._asked = self._route = self._put = None
         return found
 
-    def _ask(self, own: OwnMotion, frame: str, place: Array) -> "Question | Found | None":
+    def _ask(self, own: OwnMotion, frame: str, aim: Array) -> "Question | Found | Turn | None":
         if self._over is None:
-            return self._straight(own, frame, place)
+            return self._straight(own, frame, aim)
         if self._map is None:
             return Found("", np.zeros((0, 2)), "waiting for a map")
         here, target = own.motion(self._map.frame, own.frame), own.motion(self._map.frame, frame)
@@ -191,29 +209,37 @@ class Guide:
             missing = own.frame if here is None else frame
             reason = f"no motion connects {missing!r} with the map's frame {self._map.frame!r}"
             return Found("", np.zeros((0, 2)), reason)
-        pose = composed(here, own.poses(np.array([own.now]))[0])[:2]
-        goal = composed(target, np.array([*place, 0.0]))[:2]
-        return self._arrived(pose, goal) or Question(self._map, pose, goal, here)
+        pose = composed(here, own.poses(np.array([own.now]))[0])
+        goal = composed(target, aim)
+        return self._arrived(pose, goal) or Question(self._map, pose[:2], goal[:2], here)
 
-    def _straight(self, own: OwnMotion, frame: str, place: Array) -> Found | None:
+    def _straight(self, own: OwnMotion, frame: str, aim: Array) -> Found | Turn | None:
         motion = own.motion(own.frame, frame)
         if motion is None:
             reason = f"no motion connects the goal's frame {frame!r} with odometry"
             return Found("", np.zeros((0, 2)), reason)
-        here = own.poses(np.array([own.now]))[0, :2]
-        target = composed(motion, np.array([*place, 0.0]))[:2]
+        here, target = own.poses(np.array([own.now]))[0], composed(motion, aim)
         old, self._asked = self._asked, self._goal
         if (found := self._arrived(here, target)) is not None or old is self._goal:
             return found
-        return Found(own.frame, np.stack([here, target]))
+        return Found(own.frame, np.stack([here[:2], target[:2]]))
 
-    def _arrived(self, here: Array, goal: Array) -> Found | None:
-        """Forget a goal that is reached; the robot brakes. Say so of one that nobody reaches."""
-        if not (np.abs([here, goal]) <= FARTHEST).all():
+    def _arrived(self, here: Array, goal: Array) -> Found | Turn | None:
+        """Forget a goal that is reached; the robot brakes. Say so of one that nobody reaches.
+
+        A robot that has begun to turn at its goal stays there up to twice the tolerance.
+        """
+        if not (np.abs([here[:2], goal[:2]]) <= FARTHEST).all():
             reason = f"the goal or the robot is more than {FARTHEST:g} m away from the origin"
             return Found("", np.zeros((0, 2)), reason)
-        if float(np.linalg.norm(goal - here)) > self._near:
+        near = (1.0 + self._there) * self._near
+        self._there = float(np.linalg.norm(goal[:2] - here[:2])) <= near
+        if not self._there:
             return None
+        assert self._goal is not None
+        frame, aim = self._goal
+        if abs(within_pi(float(goal[2] - here[2]))) > self._skew:  # never of a heading that is NaN
+            return Turn(frame, float(aim[2]))
         self._goal = self._kept = self._route = None
         return Found("", np.zeros((0, 2)))
 

@@ -83,6 +83,7 @@ class Goals:
     planner : finds routes over the map. period : s, between two routes.
     clearance : m beyond the robot's radius, to which routes would rather keep from walls.
     tolerance : m; a robot that is so near has arrived.
+    yaw_tolerance : rad, by which its heading may then be off.
 
     Raises
     ------
@@ -95,6 +96,7 @@ class Goals:
     period: float = 1.0
     clearance: float = 0.5
     tolerance: float = 0.25
+    yaw_tolerance: float = 0.25
 
     def __post_init__(self) -> None:
         Replanning(self.planner, self.period)
@@ -107,15 +109,16 @@ class Goals:
         ------
         WideberthError : a map that cannot be read.
         """
+        near = self.tolerance, self.yaw_tolerance
         if self.map is None:
-            return GoalTopic(self.topic, None, self.tolerance)
+            return GoalTopic(self.topic, None, *near)
         where: MapTopic | KnownMap = (
             self.map
             if isinstance(self.map, MapTopic)
             else KnownMap(read_map(expanded(Path(self.map.path))), self.map.frame)
         )
         replanning = Replanning(self.planner, self.period)
-        return GoalTopic(self.topic, Over(where, replanning, self.clearance), self.tolerance)
+        return GoalTopic(self.topic, Over(where, replanning, self.clearance), *near)
 
 
 WIRES: dict[str, type[Any]] = {"dds": Dds, "zenoh": Zenoh}
