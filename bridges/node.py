@@ -207,7 +207,8 @@ class PlannerNode:
         elif isinstance(follows, GoalTopic):
             pose, grid = "geometry_msgs/msg/PoseStamped", "nav_msgs/msg/OccupancyGrid"
             self._from["goal"] = link.subscriber(follows.topic, pose, reliable=True)
-            self._guide = Guide(follows, self.robot.radius, self.turns_on_the_spot)
+            told = avoids_polygons(self.controller) and not isinstance(self._sight, ScanSight)
+            self._guide = Guide(follows, self.robot.radius, self.turns_on_the_spot, told)
             if follows.over is not None and isinstance(follows.over.map, MapTopic):
                 topic = follows.over.map.topic
                 self._from["map"] = link.subscriber(topic, grid, reliable=True, kept=True)
@@ -409,8 +410,9 @@ class PlannerNode:
             estimate = MotionEstimate(heard.time, mean, EXACT * np.eye(6))
         state, spread = own_state(self.robot, estimate, seen_from_here=True)
         seen = View() if self._sight is None else self._sight.view(self._own)
+        walls = seen.polygons + (() if self._guide is None else self._guide.walls(self._own))
         now = Observation(
-            heard.time, state, seen.detections, spread, seen.polygons, scan=seen.scan
+            heard.time, state, seen.detections, spread, walls, scan=seen.scan
         )  # fmt: skip
         return now, [replace(now, detections=one) for one in seen.earlier]
 

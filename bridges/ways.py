@@ -1,5 +1,6 @@
 """Where a node gets its path from: a topic of paths, or goals that it finds the way to."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import cos, inf, pi
 from typing import Any, Protocol, final
@@ -11,11 +12,14 @@ from ..framework.route_planner import Route
 from ..framework.values.arrays import FARTHEST, Array, positive
 from ..framework.values.costmap import Costmap
 from ..framework.values.occupancy_grid import OccupancyGrid
+from ..framework.values.polygon import Polygon
 from .frames import composed, within_pi
 from .own_motion import OwnMotion
 from .readings import Goal, Reading
 from .sight import check_topic
 
+NEAR, AGAIN = 10.0, 3.0
+"""m from the robot, to which walls of a map are outlined; m, after which that is done anew."""
 SHIFT, TURN = 0.02, 0.005
 """m and rad; a route is placed anew when its frame has moved so far from the odometry's."""
 
@@ -90,6 +94,8 @@ class Over:
     map : where it comes from.
     replanning : finds the routes.
     clearance : m beyond the robot's radius, to which routes would rather keep from walls.
+    outlines : covers the occupied cells of a map by polygons, which the controller is told of
+        within `NEAR` m; None where the map shapes the routes alone.
 
     Raises
     ------
@@ -99,6 +105,7 @@ class Over:
     map: MapTopic | KnownMap
     replanning: Replans
     clearance: float = 0.5
+    outlines: Callable[[OccupancyGrid], tuple[Polygon, ...]] | None = None
 
     def __post_init__(self) -> None:
         positive("node.follows.clearance", self.clearance)
@@ -163,12 +170,17 @@ class Guide:
     ----------
     settings : the goals' topic and the map. radius : m, of the robot.
     turns : whether the robot can turn on the spot.
+    walls : whether the controller is told of the map's walls.
     """
 
-    def __init__(self, settings: GoalTopic, radius: float, turns: bool = True) -> None:
+    def __init__(
+        self, settings: GoalTopic, radius: float, turns: bool = True, walls: bool = True
+    ) -> None:
         self._over, self._radius, self._near = settings.over, radius, settings.tolerance
         self._skew = settings.yaw_tolerance if turns else inf
         self._there = False
+        self._tells = walls
+        self._walls: tuple[KnownMap, Array, tuple[Polygon, ...]] | None = None
         self._goal: tuple[str, Array] | None = None
         self._asked: tuple[str, Array] | None = None
         self._map: KnownMap | None = None
@@ -251,6 +263,7 @@ class Guide:
             spread = Inflation(inscribed, self._radius + self._over.clearance)
             self._costs = question.map, spread.inflated(Costmap.from_grid(question.map.grid))
             self._kept = None
+        self._outline(question)
         costmap = self._costs[1]
         kept = self._over.replanning.update(
             self._kept, time, costmap, question.here, question.goal
@@ -265,6 +278,49 @@ class Guide:
         if route.path is None:
             return Found("", np.zeros((0, 2)), f"there is no route: {route.reason}")
         return Found(question.map.frame, route.path.points, route.reason)
+
+    def _outline(self, question: "Question") -> None:
+        """Outline the walls of a map around the robot, where it has moved or the map is new."""
+        assert self._over is not None
+        if self._over.outlines is None or not self._tells:
+            return
+        if self._walls is not None and self._walls[0] is question.map:
+            if np.linalg.norm(question.here - self._walls[1]) <= AGAIN:
+                return
+        around = cropped(question.map.grid, question.here, NEAR)
+        found = () if around is None else self._over.outlines(around)
+        self._walls = question.map, question.here, found
+
+    def walls(self, own: OwnMotion) -> tuple[Polygon, ...]:
+        """Return the walls of the map around the robot, in the frame of the odometry.
+
+        What connects the two frames is taken to be exact.
+        """
+        if self._walls is None or (motion := own.motion(own.frame, self._walls[0].frame)) is None:
+            return ()
+        return tuple(_moved(one, motion) for one in self._walls[2])
+
+
+def cropped(grid: OccupancyGrid, centre: Array, reach: float) -> OccupancyGrid | None:
+    """Return the part of a map within a square; None where the square is off the map.
+
+    Parameters
+    ----------
+    grid : the map. centre : (2,), m. reach : m, half the side of the square.
+    """
+    low = np.maximum(np.floor((centre - reach - grid.origin) / grid.resolution), 0.0).astype(int)
+    high = np.ceil((centre + reach - grid.origin) / grid.resolution).astype(int)
+    cells = grid.cells[low[1] : max(high[1], 0), low[0] : max(high[0], 0)]
+    if not cells.size:
+        return None
+    x, y = grid.origin + grid.resolution * low
+    return OccupancyGrid(cells, grid.resolution, (float(x), float(y)))
+
+
+def _moved(polygon: Polygon, motion: Array) -> Polygon:
+    """Return a polygon in the frame in which its own has this pose."""
+    corners = np.column_stack([polygon.points, np.zeros(len(polygon.points))])
+    return Polygon(tuple(map(tuple, composed(motion, corners)[:, :2].tolist())), polygon.name)
 
 
 @final

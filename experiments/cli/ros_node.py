@@ -27,7 +27,10 @@ from ...framework.plugins.yamlfile import read_config
 from ...framework.route_planner import RoutePlanner
 from ...framework.values.arrays import positive
 from ...framework.values.errors import WideberthError, short
+from ...framework.values.occupancy_grid import OccupancyGrid
+from ...framework.values.polygon import Polygon
 from ...routes.map_file import read_map
+from ...routes.polygons import convex_polygons
 from ...routes.replanning import Replanning
 from ..engine.progress import say
 
@@ -118,7 +121,13 @@ class Goals:
             else KnownMap(read_map(expanded(Path(self.map.path))), self.map.frame)
         )
         replanning = Replanning(self.planner, self.period)
-        return GoalTopic(self.topic, Over(where, replanning, self.clearance), *near)
+        over = Over(where, replanning, self.clearance, _outlines)
+        return GoalTopic(self.topic, over, *near)
+
+
+def _outlines(grid: OccupancyGrid) -> tuple[Polygon, ...]:
+    """Cover the occupied cells of a map, to within a cell."""
+    return convex_polygons(grid, grid.resolution)
 
 
 WIRES: dict[str, type[Any]] = {"dds": Dds, "zenoh": Zenoh}

@@ -1,37 +1,44 @@
 """A node that sees by scans of a LiDAR, and finds its way to a goal by itself."""
 
-from pathlib import Path
+import pathlib
+from dataclasses import dataclass, replace
+from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 
-from wideberth import WideberthError
+from wideberth import Path, WideberthError
 from wideberth.bridges.messages import messages
 from wideberth.bridges.node import PlannerNode
 from wideberth.bridges.own_motion import AHEAD, OwnMotion
 from wideberth.bridges.readings import reading_of
 from wideberth.bridges.sight import ScanTopic
-from wideberth.bridges.ways import GoalTopic, KnownMap, MapTopic, Over
+from wideberth.bridges.ways import GoalTopic, KnownMap, MapTopic, Over, cropped
 from wideberth.controllers import Planner
 from wideberth.experiments.cli.ros_node import read_node
 from wideberth.framework.numerics.inflation import Inflation
+from wideberth.framework.route_planner import Route
 from wideberth.framework.values.costmap import Costmap
 from wideberth.framework.values.occupancy_grid import OccupancyGrid
 from wideberth.routes import NavFn
+from wideberth.routes.polygons import convex_polygons
 from wideberth.routes.replanning import Replanning
-from wideberth.tests.bridges.test_node import EPOCH, ROBOT, Loop, Network
+from wideberth.tests.bridges.test_node import EPOCH, ROBOT, Loop, Network, Scripted
 from wideberth.tests.helpers import ros_robot
 from wideberth.tests.helpers.bags import header, obstacles, odometry, quaternion, transform, vector
 from wideberth.tests.helpers.rays import ranges
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "node_scans.yaml"
+EXAMPLE = pathlib.Path(__file__).parents[2] / "examples" / "node_scans.yaml"
 ODOMETRY, SCAN = "nav_msgs/msg/Odometry", "sensor_msgs/msg/LaserScan"
 MOUNT = (0.2, -0.1, 0.3)
 """m and rad, of the LiDAR on the robot."""
 BEAMS = 360
 TURN_TIME = 0.1
 """s, of a turn of the LiDAR."""
+outlines = partial(convex_polygons, tolerance=0.0)
 
 
 def arc(time: Any, speed: float, rate: float) -> Any:
@@ -321,7 +328,7 @@ def over(where: Any) -> GoalTopic:
 def stands(loop: Loop, x: float = 0.0, y: float = 0.0) -> Any:
     """One period of a robot that stands at a place."""
     loop.come("/odom", odometry(loop.stamp(), (x, y, 0.0), (0, 0, 0)))
-    return loop.turn(odom=False)
+    return loop.turn(odom=False, people="/obstacles" in loop.network.wires)
 
 
 def test_without_a_map_the_way_to_a_goal_is_straight() -> None:
@@ -509,3 +516,128 @@ def test_the_shipped_example_drives_through_a_hall(seconds: float) -> None:
     if seconds > 30.0:
         assert np.linalg.norm(hall.place - ros_robot.GOAL) < 0.5
         assert hall.node.status == "waiting for a goal"
+
+
+def corner_cells(polygons: Any, resolution: float = 0.1) -> float:
+    """Return the area of all polygons, in cells."""
+    return sum(shapely.Polygon(one.points).area for one in polygons) / resolution**2
+
+
+@dataclass(kw_only=True)
+class Walled(Scripted):
+    """A controller that keeps clear of polygons where it has a region for them."""
+
+    static_region: Any = "any"
+
+
+def test_walls_of_a_map_are_told_in_the_frame_of_odometry() -> None:
+    shift = (2.0, 1.0, 0.3)
+    known = KnownMap(grid())
+    follows = GoalTopic(over=Over(known, Replanning(NavFn()), outlines=outlines))
+    loop = Loop(Walled(), follows=follows, sees=None)
+    loop.come("/tf", transform(EPOCH, "map", "odom", shift))
+    loop.come("/goal_pose", goal(6.5, 1.0, "map"))
+    stands(loop)
+    polygons = loop.controller.seen[-1].polygons
+    together = shapely.union_all([shapely.Polygon(one.points) for one in polygons])
+    cosine, sine = np.cos(shift[2]), np.sin(shift[2])
+    rows, columns = np.nonzero(grid().cells)
+    centres = grid().map_to_world(np.column_stack([columns, rows])) - shift[:2]
+    centres = centres @ np.array([[cosine, -sine], [sine, cosine]])
+    assert shapely.covers(together, shapely.points(centres)).all()
+    assert corner_cells(polygons) == pytest.approx(len(rows), rel=0.02)
+
+
+@pytest.mark.parametrize("case", ["scans", "no region", "no outlines"])
+def test_walls_are_not_told_twice_nor_to_who_has_no_use_for_them(case: str) -> None:
+    outlined = None if case == "no outlines" else outlines
+    over_it = Over(KnownMap(grid(), "odom"), Replanning(NavFn()), outlines=outlined)
+    controller = Walled(static_region=None if case == "no region" else "any")
+    sees = ScanTopic() if case == "scans" else None
+    loop = Loop(controller, follows=GoalTopic(over=over_it), sees=sees)
+    loop.come("/tf_static", transform(EPOCH, "base_link", "laser", (0.0, 0.0, 0.0)))
+    loop.come("/goal_pose", goal(6.5, 1.0))
+    if case == "scans":
+        stands(loop, 2.0, 1.0)
+        loop.come("/scan", messages().make(
+            SCAN, header=header(loop.stamp(), "laser"), angle_max=1.0, angle_increment=0.01,
+            range_max=12.0, ranges=np.full(101, np.inf, np.float32),
+        ))  # fmt: skip
+    stands(loop, 2.0, 1.0)
+    assert loop.node.status == "driving" and loop.controller.seen[-1].polygons == ()
+
+
+def test_walls_are_outlined_near_the_robot_and_again_where_it_has_moved() -> None:
+    asked: list[OccupancyGrid] = []
+
+    def noting(found: OccupancyGrid) -> Any:
+        asked.append(found)
+        return outlines(found)
+
+    cells = np.zeros((30, 600), np.int8)
+    cells[0] = cells[-1] = 100
+    corridor = OccupancyGrid(cells, 0.1, (-1.0, -1.5))
+    follows = GoalTopic(over=Over(MapTopic(), Replanning(NavFn()), outlines=noting))
+    loop = Loop(Walled(), follows=follows, sees=None)
+    loop.come("/map", map_message("odom", corridor))
+    loop.come("/goal_pose", goal(50.0, 1.0))
+    for x in (1.0, 3.9, 4.1, 9.0):
+        stands(loop, x, 1.0)
+        places = np.concatenate([one.points for one in loop.controller.seen[-1].polygons])
+        assert places[:, 0].min() <= max(x - 7.0, 0.0) + 1e-9 and places[:, 0].max() >= x + 7.0
+        assert np.abs(places[:, 0] - x).max() < 13.2
+    assert len(asked) == 3  # not where it had moved by less than 3 m
+    loop.come("/map", map_message("odom", corridor))
+    stands(loop, 9.0, 1.0)
+    assert len(asked) == 4
+
+
+@pytest.mark.parametrize("centre", [(30.0, 1.0), (1.0, -30.0), (-30.0, -30.0)])
+def test_off_the_map_there_are_no_walls(centre: Any) -> None:
+    assert cropped(grid(), np.array(centre), 10.0) is None
+    whole = cropped(grid(), np.array([4.0, 2.5]), 10.0)
+    assert whole is not None and (whole.cells == grid().cells).all()
+    part = cropped(grid(), np.array([7.04, 4.04]), 1.0)
+    assert part is not None
+    np.testing.assert_allclose(part.origin, (6.0, 3.0))
+    assert (part.cells == grid().cells[30:, 60:]).all()
+
+
+class Through:
+    """Routes that lead straight through everything."""
+
+    def update(self, kept: Any, _: float, __: Costmap, position: Any, aim: Any) -> Any:
+        if kept is not None:
+            return kept
+        return SimpleNamespace(route=Route(Path(np.array([position, aim]))))
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_the_planner_itself_keeps_out_of_the_walls_of_a_map(told: bool) -> None:
+    """The route leads through the wall: the robot stops before it, unless it is not told of it."""
+    planner, settings = read_node(EXAMPLE, ["node.sees=null"])
+    found = outlines if told else None
+    over_it = Over(KnownMap(grid(), "odom"), Through(), outlines=found)
+    node_settings = replace(settings, follows=GoalTopic(over=over_it))
+    network, now = Network(), 5.0
+    assert isinstance(planner, Planner)
+    node = PlannerNode(planner, planner.robot, node_settings, network, lambda: now)
+    pose, twist = np.array([2.2, 1.0, 0.0]), np.zeros(3)
+    network.wires["/goal_pose"].come.append(goal(6.5, 1.0))
+    for k in range(180):
+        network.wires["/odom"].come.append(odometry(EPOCH + now, pose, twist))
+        node.listen()
+        if k % 4 == 0:
+            node.decide()
+        if node.speak():
+            said = network.wires["/cmd_vel"].gone[-1].twist
+            twist = np.array([said.linear.x, 0.0, said.angular.z])
+        yaw = pose[2] + 0.025 * twist[2]
+        pose = pose + 0.05 * np.array(
+            [*(twist[0] * np.array([np.cos(yaw), np.sin(yaw)])), twist[2]]
+        )
+        now += 0.05
+        inside = abs(pose[0] - 4.15) < 0.15 + 0.28 and pose[1] < 3.5
+        if inside:
+            break
+    assert inside != told and pose[0] > 2.8
