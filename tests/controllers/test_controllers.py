@@ -31,7 +31,10 @@ PRESETS = [name for name, kind in KINDS.items() if issubclass(kind, Preset)]
 MISSING = {"orca"} if find_spec("pyrvo") is None else set()
 REACTIVE = [name for name, kind in KINDS.items() if issubclass(kind, Reactive)]
 REACTIVE = [name for name in REACTIVE if name not in MISSING]
-QUICK: dict[str, dict[str, int]] = {"crowd_mppi": {"samples": 32}}
+QUICK: dict[str, dict[str, int]] = {
+    "bilevel_orca": {"horizon": 2, "most_people": 2},
+    "crowd_mppi": {"samples": 32},
+}
 """Settings with which a controller keeps the same laws in less time."""
 
 
