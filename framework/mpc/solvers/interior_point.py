@@ -110,6 +110,13 @@ and regions are entered by less than this, all steps together. On the recorded i
 plan is then that of full solves; with a share of 0.03 two of 420 lose up to 1 % of the cost, and
 where it does not matter how far regions are entered four lose up to 40 %."""
 
+SETTLED_STEPS, SETTLED_SLOPE, MUCH_SLACK = 2, 1e-9, 1e-4
+"""A plan that enters regions by more than `MUCH_SLACK` has converged as well once so many Newton
+steps in a row would change the barrier function by less than this share of it. The multipliers of
+such regions are as large as the price, and their slacks t = h + eps smaller than the rounding
+errors of h: the errors of stationarity stay a thousand times above the tolerance, while the plan
+moves by 1e-13 m."""
+
 STILL_RESIDUAL, STILL_CHANGE, ROUNDING = 1e-9, 1e-12, 1e-13
 """Residual below which, and relative change of the barrier function within which, a step may do
 nothing; relative rounding error of the barrier function."""

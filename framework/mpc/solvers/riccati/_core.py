@@ -49,11 +49,14 @@ from ..interior_point import (
     LAST_BARRIER,
     MARGIN,
     MUCH_DEARER,
+    MUCH_SLACK,
     MULTIPLIER_RANGE,
     NEAR,
     RESIDUAL_POWER,
     ROUNDING,
     SAME_TARGET,
+    SETTLED_SLOPE,
+    SETTLED_STEPS,
     SHIFT_DECREASE,
     SHIFT_GROWTH,
     SLACK_LEFT,
@@ -192,7 +195,7 @@ def solve(kernels, sizes, limits, settings, head, given, given_slots, found, sto
         _take_costates(size, path.v, given.multipliers, scale)
     status, iterations, error, present, length = -1, -1, 0.0, (0.0, 0.0, 0.0, 0.0), 0.0
     longest, reach, slope, attempt, forget = 0.0, 0.0, 0.0, 0, False
-    left, deepest, primal = np.inf, 0.0, np.inf  # left: slack at the last price
+    left, deepest, primal, settled = np.inf, 0.0, np.inf, 0  # left: slack at the last price
     inequalities = _count_inequalities(size, kinds)
     numbers = found.numbers
     while True:
@@ -238,7 +241,7 @@ def solve(kernels, sizes, limits, settings, head, given, given_slots, found, sto
             status = OUTCOME.failed
             break
         deepest = slack.eps[: size.steps].max() if slots else 0.0
-        if error <= tolerance:
+        if error <= tolerance or (settled >= SETTLED_STEPS and deepest > MUCH_SLACK):
             total = slack.eps[: size.steps].sum() if slots else 0.0
             if deepest <= SLACK_LEFT * tolerance:
                 status = OUTCOME.solved
@@ -269,6 +272,7 @@ def solve(kernels, sizes, limits, settings, head, given, given_slots, found, sto
                                                    on_inputs, on_nodes, state, level, kinds,
                                                    state[SHARE])  # fmt: skip
         length, attempt, forget = longest, 0, False
+        settled = settled + 1 if is_settled(state, tolerance, primal, slope, present) else 0
         if settings[SETTING.plans] > 0.0:
             total = slack.eps[: size.steps].sum() if slots else 0.0
             ahead = (present[1] + fall - state[MU] * inequalities) / scale
@@ -277,7 +281,7 @@ def solve(kernels, sizes, limits, settings, head, given, given_slots, found, sto
             )
             if status >= 0:
                 break
-    if status == OUTCOME.limit and primal <= tolerance and slots > 0 and deepest > 1e-4:
+    if status == OUTCOME.limit and primal <= tolerance and slots > 0 and deepest > MUCH_SLACK:
         # it converges slowly, but all that moves is how slack is shared out
         status, left = OUTCOME.infeasible, np.inf
     if left == np.inf or status == OUTCOME.solved or status == OUTCOME.infeasible:
@@ -288,6 +292,13 @@ def solve(kernels, sizes, limits, settings, head, given, given_slots, found, sto
         status = OUTCOME.infeasible  # with the point that was kept
     numbers[NUMBER.status], numbers[NUMBER.iterations] = status, iterations
     numbers[NUMBER.error], numbers[NUMBER.penalty] = error, state[RHO] / scale
+
+
+@njit(**LEAN)
+def is_settled(state, tolerance, primal, slope, present):
+    """Whether the whole Newton step keeps phi, all residuals being small and mu the last one."""
+    last = state[MU] <= LAST_BARRIER * tolerance and primal <= tolerance
+    return last and abs(slope) <= SETTLED_SLOPE * abs(present[1] - state[MU] * present[2])
 
 
 @njit(**LEAN)

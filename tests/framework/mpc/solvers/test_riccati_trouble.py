@@ -9,24 +9,29 @@ from collections import OrderedDict
 from contextlib import ExitStack
 from dataclasses import replace
 from hashlib import sha256
-from pathlib import Path
+from pathlib import Path as File
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
 
+from wideberth.framework.mpc.diagnosis.explain import SolveRecord
 from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
+from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.solvers.base import Solution
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.mpc.solvers.ipopt import Ipopt
 from wideberth.framework.mpc.solvers.riccati import compiled
 from wideberth.framework.mpc.solvers.riccati.solver import Riccati
 from wideberth.framework.mpc.solvers.riccati.workspace import run_all
+from wideberth.framework.plugins.config import build
 from wideberth.framework.values.errors import WideberthError
+from wideberth.framework.values.motion import Detection, Observation
+from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Status
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.risk_contour import RiskContour
@@ -34,7 +39,7 @@ from wideberth.robots.unicycle import Unicycle
 from wideberth.tests.helpers.problems import assemble, slots_of
 from wideberth.tests.oracles.recorded_instances import Instance, read_instances
 
-SAMPLE = Path(__file__).parents[3] / "data" / "mpc_instances.npz"
+SAMPLE = File(__file__).parents[3] / "data" / "mpc_instances.npz"
 KEPT = 1e-6
 SOLVE = """
 import sys
@@ -112,6 +117,41 @@ def test_a_start_inside_a_region_is_left_as_far_as_can_be(
     if theirs.status is Status.SOLVED:
         most = 1.07 if which == 32 else 1.01  # of all forty that one ends in another optimum
         assert found.total <= most * violation(soft, parameters, theirs.point).total + 1e-4
+
+
+def surrounded(seed: int) -> SolveRecord:
+    """What a robot among six people solves who leave it no plan outside all regions."""
+    planner = Planner(
+        robot=build("robots", {"type": "holonomic_velocity", "radius": 0.25, "max_speed": 1.0}),
+        region=MahalanobisEllipse(),
+        predictor=build("predictors", "constant_velocity"),
+        level=build("levels", {"type": "discounted", "tail": 0.05, "final_tail": 0.9}),
+        solver=Riccati(), horizon=4, dt=0.25, period=0.25, track_dt=0.25, penalty=1e4,
+        margin=0.05, reference_speed=1.0, starts=(),
+    )  # fmt: skip
+    planner.set_path(Path(np.array([[0.0, 0.0], [5.0, 0.0]])))
+    rng = np.random.default_rng(seed)
+    places = rng.uniform([-0.2, -0.6], [0.8, 0.6], (6, 2))
+    velocities = 0.3 * rng.standard_normal((6, 2))
+    for tick in range(4):
+        seen = (
+            Detection(str(k), place, 1e-4 * np.eye(2), 0.25)
+            for k, place in enumerate(places + 0.25 * tick * velocities)
+        )
+        planner.command(Observation(0.25 * tick, np.zeros(2), tuple(seen)))
+    return planner.explain()
+
+
+@pytest.mark.parametrize("seed", [6, 8, 20, 28])
+def test_a_plan_that_has_to_enter_regions_is_found_in_few_iterations(seed: int) -> None:
+    # its multipliers cannot be brought within the tolerance: that took all 200 iterations
+    record = surrounded(seed)
+    assert record.verdict.iterations < 60
+    (ours,), (theirs,) = record.again(), record.again("ipopt")
+    assert ours.status is theirs.status is Status.SOLVED
+    assert ours.point.slack.max() > 0.1
+    np.testing.assert_allclose(ours.point.states, theirs.point.states, rtol=0.0, atol=1e-5)
+    np.testing.assert_allclose(ours.cost, theirs.cost, rtol=1e-6)
 
 
 def test_slack_that_is_paid_for_counts_as_solved(recorded: list[Instance]) -> None:
@@ -203,7 +243,7 @@ def test_a_region_that_is_too_large_goes_to_fatrop(instances: ModuleType) -> Non
 
 
 def other_process(way: str, **environment: str) -> str:
-    arguments = [sys.executable, "-c", SOLVE, str(Path(__file__).parent), way]
+    arguments = [sys.executable, "-c", SOLVE, str(File(__file__).parent), way]
     ran = subprocess.run(
         arguments, env={**os.environ, **environment}, capture_output=True, text=True, check=False
     )
