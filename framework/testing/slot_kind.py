@@ -1,7 +1,7 @@
 """The contract of a SlotKind, checked among obstacles and polygons that stand still."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -13,7 +13,7 @@ from ..mpc.ocp.problem import Parameters, SlotNumbers, Slots
 from ..mpc.ocp.reference import Reference
 from ..mpc.ocp.stage import Frame
 from ..mpc.ocp.transcription import Guess
-from ..mpc.slots.base import Chosen, LevelledKind, SlotKind, View, with_auxiliaries
+from ..mpc.slots.base import Chosen, LevelledKind, SlotKind, View, with_auxiliaries_each
 from ..plugins.registry import load
 from ..robot import Robot
 from ..values.arrays import Array
@@ -105,11 +105,17 @@ class Sample:
 
     def auxiliaries(self, states: Array, numbers: SlotNumbers) -> Array:
         """Return starting values of the auxiliaries, (N, K, A)."""
+        return self.auxiliaries_each([states], numbers)[0]
+
+    def auxiliaries_each(self, every: Sequence[Array], numbers: SlotNumbers) -> list[Array]:
+        """Return those of several plans, asked for at once."""
         at = self.view.reference
         along = at.position, at.direction, at.speed
-        parameters = Parameters(states[0], *along, (numbers,), at.curve)
-        bare = Guess.bare(states, np.zeros((STEPS, len(self.robot.inputs))), float("nan"))
-        return with_auxiliaries(self.robot, [self.kind], parameters, bare).auxiliaries[0]
+        parameters = Parameters(every[0][0], *along, (numbers,), at.curve)
+        inputs = np.zeros((STEPS, len(self.robot.inputs)))
+        bare = [Guess.bare(states, inputs, float("nan")) for states in every]
+        found = with_auxiliaries_each(self.robot, [self.kind], parameters, bare)
+        return [one.auxiliaries[0] for one in found]
 
     def rows(
         self, states: Array, numbers: SlotNumbers, lifted: Array | None = None
@@ -198,7 +204,7 @@ def _empty_slots_are_neutral(sample: Sample) -> None:
 
 
 def _auxiliaries_start_well(sample: Sample) -> None:
-    """Auxiliaries start within their bounds, and meet the equalities."""
+    """Auxiliaries start within their bounds, meet the equalities, and know no other plan."""
     numbers, own = sample.chosen.numbers, sample.slots.auxiliary
     lifted = sample.auxiliaries(sample.states, numbers)
     inside = (lifted >= np.array(own.lower) - 1e-9) & (lifted <= np.array(own.upper) + 1e-9)
@@ -206,6 +212,12 @@ def _auxiliaries_start_well(sample: Sample) -> None:
     tied = sample.rows(sample.states, numbers)[1][:, numbers.active > 0]
     worst = float(np.abs(tied).max(initial=0.0))
     assert worst < 1e-6, f"auxiliaries start off the equalities by {worst:.2g}"
+    back = sample.states[::-1]
+    pair = sample.auxiliaries_each([sample.states, back], numbers)
+    same = np.array_equal(pair[0], lifted) and np.array_equal(
+        pair[1], sample.auxiliaries(back, numbers)
+    )
+    assert same, "auxiliaries of two plans at once are others than those of each"
 
 
 def _inside_is_negative(sample: Sample) -> None:

@@ -79,8 +79,8 @@ def _largest(check: InstanceCheck, best: Candidate, broken: Array) -> tuple[floa
     (at_least,) = _entered(check, best, (0.0,))
     if at_least.max() > TOLERANCE:
         return 0.0, at_least, False
-    # Auxiliaries have to be made for each share.
-    together = _AT_ONCE if check.problem.no_auxiliaries else 1
+    # Auxiliaries have to be made for each share where they depend on the level.
+    together = _AT_ONCE if check.problem.levels_alone else 1
     low, wide, above = 0.0, 1.0, broken
     for _ in range(_HALVINGS // together):
         parts = 2**together
@@ -99,7 +99,7 @@ def _largest(check: InstanceCheck, best: Candidate, broken: Array) -> tuple[floa
 
 def _as_aimed(check: InstanceCheck, best: Candidate) -> Array:
     """How far each region is entered at the levels aimed at, (N, O)."""
-    if not check.problem.shared and check.problem.no_auxiliaries:
+    if not check.problem.shared and check.problem.levels_alone:
         return best.found.regions[:, _used(check)]  # the re-check asked the same
     return np.asarray(_entered(check, best, (1.0,))[0])
 
@@ -110,7 +110,7 @@ def _entered(check: InstanceCheck, best: Candidate, shares: Sequence[float]) -> 
     if problem.shared:
         levels = [share * parameters.target for share in shares]
         points = [check.suited(replace(point, level=level)) for level in levels]
-    elif problem.no_auxiliaries:
+    elif problem.levels_alone:
         points = [point]
     else:
         lower = [replace(check, parameters=at_share(parameters, share)) for share in shares]

@@ -11,7 +11,8 @@ from ...values.plan import Status
 from ..levels.base import LevelPolicy, SharedLevel
 from ..ocp.problem import Parameters, Problem
 from ..ocp.transcription import Guess
-from ..slots.base import SlotKind, Surroundings, level_at_first, with_auxiliaries
+from ..slots.base import SlotKind, Surroundings, level_at_first, with_auxiliaries_each
+from ..slots.contact import Touch
 from ..solvers.base import Solution
 from .rollout import clip, follow
 from .verify import Violation, price, violations
@@ -89,22 +90,37 @@ class InstanceCheck:
 
     def suited(self, guess: Guess) -> Guess:
         """Fill in the auxiliaries that suit the guess's poses best."""
+        return self.suited_each([guess])[0]
+
+    def suited_each(self, guesses: Sequence[Guess]) -> list[Guess]:
+        """Fill in those of several guesses, see `suited`."""
         none = self.problem.no_auxiliaries
         if none:
-            states, inputs = guess.states, guess.inputs
-            return Guess(states, inputs, none, guess.level, guess.slack, guess.multipliers)
-        return with_auxiliaries(self.robot, self.around.kinds, self.parameters, guess)
+            return [
+                Guess(one.states, one.inputs, none, one.level, one.slack, one.multipliers)
+                for one in guesses
+            ]
+        return with_auxiliaries_each(self.robot, self.around.kinds, self.parameters, guesses)
 
     def check(self, point: Guess) -> Violation:
         """Evaluate every constraint, and what is touched on the way."""
         return self.check_each([point])[0]
 
-    def check_each(self, points: Sequence[Guess]) -> list[Violation]:
-        """Evaluate every constraint at several points, see `check`."""
+    def check_each(
+        self, points: Sequence[Guess], touches: Sequence[Touch | None] = ()
+    ) -> list[Violation]:
+        """Evaluate every constraint at several points, see `check`.
+
+        ``touches`` are what is touched on the way of each, where that is known already.
+        """
         every = violations(self.problem, self.parameters, points)
+        looked = [
+            self.around.touched(point.states) if touch is None else touch
+            for point, touch in zip(points, touches or [None] * len(points), strict=True)
+        ]
         return [
-            Violation(found.motion, found.regions, self.around.touched(point.states))
-            for found, point in zip(every, points, strict=True)
+            Violation(found.motion, found.regions, touch)
+            for found, touch in zip(every, looked, strict=True)
         ]
 
     def assess_each(self, solutions: Sequence[Solution]) -> list[Candidate]:

@@ -95,7 +95,8 @@ class Trial:
         if not self.check.problem.shared and self.check.problem.no_auxiliaries:
             every = [one.found for one in moving]  # the re-check asked the same
         else:
-            every = self.check.check_each(points)
+            # what is touched on the way is the same at every level
+            every = self.check.check_each(points, [one.found.touch for one in moving])
         return tuple(
             Candidate(point, found, one.solution, cost=one.cost)
             for point, found, one in zip(points, every, moving, strict=True)
@@ -148,7 +149,8 @@ class Trial:
         """Wrap trajectories at the lowest level that the policy allows."""
         problem = self.check.problem
         level = max(problem.minimum, 0.0) if problem.shared else float("nan")
-        return [self.check.suited(Guess.bare(*driven, level)) for driven in trajectories]
+        bare = [Guess.bare(*driven, level) for driven in trajectories]
+        return self.check.suited_each(bare)
 
 
 class FallbackRung(ABC):

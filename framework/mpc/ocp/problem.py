@@ -159,6 +159,11 @@ class Problem:
         return tuple(np.zeros((self.horizon, one.count, 0)) for one in self.slots)
 
     @cached_property
+    def levels_alone(self) -> bool:
+        """Whether no slot with a level has auxiliaries: at any level the same point is held."""
+        return not any(one.levelled and len(one.auxiliary) for one in self.slots)
+
+    @cached_property
     def ends_at_rest(self) -> bool:
         """Whether the last state has constraints of its own."""
         return bool(self.terminal_constraints.size1_out(0))

@@ -250,7 +250,7 @@ class MultiStart:
         target = shared_target(check.around.kinds, check.level, check.robot.dimension)
         aimed = replace(first, level=target)  # a warm start is at the level of the last plan
         found = other_starts(check.robot, check.problem, parameters, aimed, names, laid)
-        others = [check.suited(guess) for guess in found]
+        others = check.suited_each(found)
         known: list[Solution] | None = solutions if candidates[0].optimal else []
         if _refuted(candidates[0]):  # those of other starts will be as well
             known = solutions if _enters(check, candidates[0]) else None

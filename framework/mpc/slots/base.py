@@ -182,7 +182,10 @@ class SlotKind(ABC):
 
     @abstractmethod
     def auxiliary_start(self, robot: Robot, pose: Pose, numbers: SlotNumbers) -> Array:
-        """Best auxiliaries of every slot for NumPy poses (N, 1) of the robot, (N, K, A)."""
+        """Best auxiliaries of every slot for NumPy poses (N, 1) of the robot, (N, K, A).
+
+        The poses may be those of several plans, one after the other, and so the numbers.
+        """
 
     @abstractmethod
     def explanation(self, dimension: int) -> str:
@@ -290,18 +293,50 @@ def with_auxiliaries(
     robot: Robot, kinds: Sequence[SlotKind], parameters: Parameters, guess: Guess
 ) -> Guess:
     """Fill in the auxiliaries that suit the guess's poses best."""
-    pose = robot.pose(tuple(guess.states[1:, None].T))  # (1, N): every slot sees each step
+    return with_auxiliaries_each(robot, kinds, parameters, [guess])[0]
+
+
+def with_auxiliaries_each(
+    robot: Robot, kinds: Sequence[SlotKind], parameters: Parameters, guesses: Sequence[Guess]
+) -> list[Guess]:
+    """Fill in those of several guesses; kinds see all their steps in one row."""
+    if not guesses:
+        return []
+    states = np.concatenate([guess.states[1:] for guess in guesses])
+    pose = robot.pose(tuple(states[:, None].T))  # (1, S N): every slot sees each step
     pose = Pose(
         tuple(entry.T for entry in pose.position), None if pose.heading is None else pose.heading.T
     )
-    found = []
+    found: list[list[Array]] = [[] for _ in guesses]
     for kind, numbers in zip(kinds, parameters.slots, strict=True):
-        if numbers.level is not None and not np.isnan(guess.level):
-            numbers = replace(numbers, level=np.full_like(numbers.level, guess.level))
         steps, count = numbers.parameters.shape[:2]
-        own = kind.auxiliary_start(robot, pose, numbers) if count else np.zeros((steps, 0, 0))
-        found.append(np.array(own))
-    return replace(guess, auxiliaries=tuple(found))
+        own = np.zeros((steps * len(guesses), 0, 0))
+        if count:
+            own = kind.auxiliary_start(robot, pose, _repeated(numbers, guesses))
+        for place, auxiliaries in enumerate(found):
+            auxiliaries.append(np.array(own[steps * place : steps * (place + 1)]))
+    return [
+        replace(guess, auxiliaries=tuple(auxiliaries))
+        for guess, auxiliaries in zip(guesses, found, strict=True)
+    ]
+
+
+def _repeated(numbers: SlotNumbers, guesses: Sequence[Guess]) -> SlotNumbers:
+    """Numbers of slots for the steps of several guesses, each at its own level if it has one."""
+    given, count = numbers.level, len(guesses)
+    level = None
+    if given is not None:
+        levels = [
+            given if np.isnan(guess.level) else np.full_like(given, guess.level)
+            for guess in guesses
+        ]
+        level = np.concatenate(levels)
+    return replace(
+        numbers,
+        parameters=np.concatenate([numbers.parameters] * count),
+        auxiliaries=np.concatenate([numbers.auxiliaries] * count),
+        level=level,
+    )
 
 
 def level_at_first(kinds: Iterable[SlotKind], policy: LevelPolicy, dimension: int) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from wideberth.framework.jit import exact
+from wideberth.framework.mpc import assembly
 from wideberth.framework.mpc.fallback import rungs as ladder
 from wideberth.framework.mpc.fallback.giving_way import held
 from wideberth.framework.mpc.fallback.instance_check import (
@@ -41,14 +42,17 @@ from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.slots.base import Chosen, Surroundings
 from wideberth.framework.mpc.slots.contact import Touch
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs, Obstacles
+from wideberth.framework.mpc.slots.static_polygons import StaticPolygons, choose_walls
 from wideberth.framework.mpc.solvers.base import Solution
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.region import Region
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Twist
 from wideberth.framework.values.plan import Rung, Status
+from wideberth.framework.values.polygon import Polygon
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
+from wideberth.regions.static.separating_line import SeparatingLine
 from wideberth.robots.unicycle import Unicycle
 from wideberth.simulation.log.episode_log import read_episode, write_episode
 from wideberth.simulation.measures.summary import robot_rows
@@ -334,7 +338,7 @@ def ways(
     slot = SimpleNamespace(levelled=True, count=1)
     problem = SimpleNamespace(horizon=6, dt=0.5, shared=False, minimum=0.0, slots=[slot])
     made: Any = SimpleNamespace(
-        problem=problem, check_each=check_each, suited=lambda point: point,
+        problem=problem, check_each=check_each, suited_each=list,
         robot=None, parameters=SimpleNamespace(initial=None),
         around=SimpleNamespace(overlap=overlap),
     )  # fmt: skip
@@ -543,29 +547,54 @@ def test_the_level_held_is_the_largest_share_that_enters_nothing(y: float) -> No
 @pytest.mark.parametrize("region", [MahalanobisEllipse(), MinkowskiSum()], ids=repr)
 @pytest.mark.parametrize("level", [Fixed(0.05), Relaxed(0.05, weight=3.0, minimum=0.2)], ids=repr)
 @pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("walled", [True, False])
 def test_the_share_is_that_of_one_halving_after_the_other(
-    level: LevelPolicy, region: Region, compiled: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    level: LevelPolicy, region: Region, compiled: bool, walled: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
     if not compiled:
         monkeypatch.setattr(exact, "MOST_OPERATIONS", 1)
     found = set()
     for y in (0.2, 0.35, 0.5, 0.65):
         check, guess = instance(level, y=y, region=region)
+        check = beside_a_wall(check, guess) if walled else check
         low, high = 0.0, 1.0
         for _ in range(12):
             middle = 0.5 * (low + high)
-            slots = tuple(replace(one, level=middle * one.level) for one in levelled(check))
+            slots = tuple(
+                one if one.level is None else replace(one, level=middle * one.level)
+                for one in check.parameters.slots
+            )
             lower = replace(check, parameters=replace(check.parameters, slots=slots))
             point = lower.suited(replace(guess, level=middle * check.parameters.target))
             if lower.check(point).regions.max() > TOLERANCE:
                 high = middle
             else:
                 low = middle
+        guess = check.suited(guess)
         kept, way = held(check, Candidate(guess, check.check(guess)), optimal=False)
         assert way is not None and low > 0.0
         assert kept.min() == low * levelled(check)[0].level.max()
         found.add(low)
     assert len(found) == 4
+
+
+def beside_a_wall(check: InstanceCheck, guess: Guess) -> InstanceCheck:
+    """The same instance with a wall beside the path, whose slots have auxiliaries but no level."""
+    robot, (discs,) = check.robot, check.around.kinds
+    wall = Polygon(((-2.0, -4.0), (9.0, -4.0), (9.0, -3.0), (-2.0, -3.0)), "wall")
+    kind = StaticPolygons(SeparatingLine())
+    walls = choose_walls([wall], kind.region, np.zeros((1, 2)), 50.0, 3)
+    own = np.zeros((STEPS, 2, 2))
+    chosen = (*check.around.chosen, kind.chosen(robot, walls, check.level, 0.3, own))
+    rooms = tuple(one.room for one in chosen)
+    sizes = {"horizon": STEPS, "dt": DT, "rooms": rooms}
+    problem = assembly.assemble(robot, (discs, kind), check.level, **sizes)
+    slots = (*check.parameters.slots, chosen[1].numbers)
+    around = Surroundings(robot, (discs, kind), chosen)
+    given = replace(check.parameters, slots=slots)
+    found = InstanceCheck(problem, given, around, check.level, check.last_inputs)
+    return replace(found, parameters=found.suited(guess).pull(given))
 
 
 def levelled(check: InstanceCheck) -> list[Any]:

@@ -185,6 +185,7 @@ BROKEN: dict[str, list[Spoilt]] = {
     "auxiliaries": [
         Spoilt("auxiliary_start", lambda one, _: one + 1e6),
         Spoilt("auxiliary_start", lambda one, _: one - 1e6),
+        Spoilt("auxiliary_start", lambda one, _: one[::-1]),
     ],
     "inside": [Spoilt("slots", lambda one, _: with_rows(one, lambda x, a, p, h: h**2))],
     "outside": [Spoilt("slots", lambda one, _: with_rows(one, lambda x, a, p, h: -h))],

@@ -13,7 +13,7 @@ from wideberth.framework.mpc.fallback.instance_check import InstanceCheck
 from wideberth.framework.mpc.fallback.rollout import steer
 from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.fixed import Fixed
-from wideberth.framework.mpc.ocp.bodies import Body
+from wideberth.framework.mpc.ocp.bodies import Body, bodies
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
@@ -37,7 +37,7 @@ from wideberth.framework.values.footprint import Discs, Footprint, Outline
 from wideberth.framework.values.motion import Twist
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Status
-from wideberth.framework.values.polygon import Polygon
+from wideberth.framework.values.polygon import Polygon, separation
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.regions.static.dual import Dual
@@ -246,6 +246,29 @@ def test_states_that_are_no_numbers_are_left_to_the_re_check() -> None:
         Unicycle(), MahalanobisEllipse(), REGIONS[0], Obstacles.none(2, 2), walls, 0.0
     )
     assert not around.touched(np.full((3, 5), np.nan)).depth.any()
+
+
+@pytest.mark.parametrize("footprint", FORMS, ids=lambda one: type(one).__name__)
+def test_all_parts_are_looked_at_as_by_their_distances(footprint: Any) -> None:
+    radius = 0.4 if footprint is None else footprint.reach
+    robot, rng, met = Unicycle(radius=radius, footprint=footprint), np.random.default_rng(5), 0
+    walls = choose_walls([EL, SHED, block(1.5, -2.0, "box")], REGIONS[0], HERE, 50.0, 9)
+    around = surroundings(robot, MahalanobisEllipse(), REGIONS[0], walls=walls)
+    for _ in range(60):
+        states = np.zeros((6, 5))
+        states[:, :3] = rng.uniform([-3.5, -3.0, -pi], [4.0, 3.5, pi])
+        states[:, :3] += np.cumsum(rng.uniform(-0.3, 0.3, (6, 3)), axis=0)
+        depth, names = np.zeros(5), [""] * 5
+        for body in bodies(robot):
+            way = Way.of(robot, body, states)
+            gaps = separation(way.corners[:, :, None], walls.known)[0].min(axis=1) - body.radius
+            for i, k in enumerate(gaps.argmin(axis=1)):
+                if -gaps[i, k] > max(depth[i], way.cut[i]):
+                    depth[i], names[i] = -gaps[i, k], walls.known_names[k]
+        touch = around.touched(states)
+        assert touch.depth.tolist() == depth.tolist() and list(touch.names) == names
+        met += bool(depth.any())
+    assert 10 < met < 50
 
 
 @pytest.mark.parametrize("box", [False, True])
