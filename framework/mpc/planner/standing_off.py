@@ -17,6 +17,10 @@ STUCK, STANDING = 0.15, 0.3
 """m that the robot, and the other one, have moved at most in this time."""
 NEAR, AWAY = 1.5, 2.0
 """m between the surfaces: somebody is near; the way is free again."""
+HALT, HALTED = 0.6, 0.12
+"""s, m: who has moved no more in this time has come to a halt."""
+PRECEDENCE = 0.0, 3.0
+"""s, range of the drawn time that a robot waits after both have come to a halt."""
 HESITATION = 0.0, 2.0
 """s, range of the drawn time before the robot withdraws."""
 ABSENCE = 4.0, 8.0
@@ -52,6 +56,26 @@ class Glimpse:
 
 @final
 @dataclass(frozen=True, eq=False)
+class Wait:
+    """A robot lets somebody go first who came to a halt when it did.
+
+    Attributes
+    ----------
+    other : identity of who may go.
+    place : (D,), m, where the robot waits.
+    end : s.
+    way : the point to stay at, as a way of 1 cm; None from the end of the wait on. Then the wait
+        is kept until the robot has moved, so that it does not begin again at the same place.
+    """
+
+    other: str
+    place: Array
+    end: float
+    way: Path | None
+
+
+@final
+@dataclass(frozen=True, eq=False)
 class Withdrawal:
     """A robot waits to withdraw, or has begun to.
 
@@ -77,7 +101,13 @@ class StandingOff:
 
     Each of two planners forecasts that the other stays where it is, for a while, and plans to
     withdraw later; the first step of such a plan is to stand, and the next plan says the same.
-    Here a withdrawal is carried out. The rule, for each robot alone:
+    Here a withdrawal is carried out. Two that do move come to a halt at the same time and set out
+    again at the same time, since each sees the other stand; so each lets the other go first, for
+    a drawn time. The rule, for each robot alone:
+
+    0. robot and nearest other, within `NEAR` m, have both come to a halt in the last `HALT` s and
+       both moved before that: the robot waits for a time drawn from `PRECEDENCE`, or until the
+       other one is `AWAY` m from it, and not again before it has moved;
 
     1. the robot has moved less than `STUCK` m in `STILL` s, is not at the end of its path, and
        somebody within `NEAR` m has moved less than `STANDING` m;
@@ -97,21 +127,26 @@ class StandingOff:
     ----------
     seen : of the last `STILL` s, oldest first.
     withdrawal : under way; None while there is none.
+    wait : under way, or over at the place where the robot still is; None while there is none.
     """
 
     seen: tuple[Glimpse, ...] = ()
     withdrawal: Withdrawal | None = None
+    wait: Wait | None = None
 
     @property
     def way(self) -> Path | None:
-        """The way on which it withdraws; None while it follows its path."""
-        return None if self.withdrawal is None else self.withdrawal.way
+        """What it follows while it withdraws or waits; None while it follows its path."""
+        if self.withdrawal is not None and self.withdrawal.way is not None:
+            return self.withdrawal.way
+        return None if self.wait is None else self.wait.way
 
     @property
     def note(self) -> str:
-        """Say where it withdraws to, and from whom; "" where it does not."""
+        """Say where it withdraws to, and from whom, or for whom it waits; "" if neither."""
         if self.withdrawal is None or self.withdrawal.way is None:
-            return ""
+            waits = self.wait is not None and self.wait.way is not None
+            return f"waits for {self.wait.other!r}" if self.wait is not None and waits else ""
         where = ", ".join(f"{value:.2f}" for value in self.withdrawal.way.goal)
         return f"withdraws from {self.withdrawal.other!r} to ({where}) m"
 
@@ -146,6 +181,7 @@ class StandingOff:
         if under_way is not None and under_way.way is not None:
             over = observation.stamp >= under_way.end or known._passed(gaps)
             return StandingOff(known.seen[-1:]) if over else known
+        known = replace(known, wait=known._waiting(observation, gaps, left))
         other = known._opposite(gaps) if left > LEFT else ""
         if not other or (under_way is not None and under_way.other != other):
             return replace(known, withdrawal=None)
@@ -157,7 +193,7 @@ class StandingOff:
         if goal is None:  # no room: look again after some time
             return StandingOff(known.seen[-1:])
         way, there = Path(np.stack([place, goal])), known.seen[-1].others[other]
-        return replace(known, withdrawal=replace(under_way, way=way, there=there))
+        return replace(known, withdrawal=replace(under_way, way=way, there=there), wait=None)
 
     def _looked(self, now: float, place: Array, others: Sequence[Detection]) -> "StandingOff":
         """Take note of where everybody is; what is older than needed is dropped."""
@@ -166,6 +202,49 @@ class StandingOff:
             return StandingOff((glimpse,))
         old = [k for k, one in enumerate(self.seen) if one.stamp <= now - STILL + 1e-6]
         return replace(self, seen=(*self.seen[max(old, default=0) :], glimpse))
+
+    def _waiting(
+        self, observation: Observation, gaps: Mapping[str, float], left: float
+    ) -> Wait | None:
+        """Return the wait that begins, goes on or is over; None where there is none."""
+        now, one = self.seen[-1], self.wait
+        if one is None:
+            name = self._met(gaps) if left > LEFT else ""
+            if not name:
+                return None
+            end = now.stamp + generator_of(observation).uniform(*PRECEDENCE)
+            step = np.eye(len(now.place))[0] * 0.01
+            return Wait(name, now.place, end, Path(np.stack([now.place, now.place + step])))
+        if one.way is None:
+            stays = np.linalg.norm(now.place - one.place) < STANDING
+            return one if stays else None
+        near = gaps.get(one.other, np.inf) < AWAY
+        return one if near and now.stamp < one.end else replace(one, way=None)
+
+    def _met(self, gaps: Mapping[str, float]) -> str:
+        """Name the nearest one near the robot, if both have just come to a halt; "" if not."""
+        name = min(gaps, key=lambda one: gaps[one], default="")
+        if not name or gaps[name] > NEAR:
+            return ""
+        both = "", name
+        halted = all(self._moved(one, HALT) < HALTED for one in both)
+        came = all(STANDING < self._moved(one, STILL) < np.inf for one in both)
+        return name if halted and came else ""
+
+    def _moved(self, name: str, span: float) -> float:
+        """Return how far somebody has been from where he is in the last ``span`` s, m.
+
+        Infinite where he has not been seen for so long. The name "" is the robot's.
+        """
+        now = self.seen[-1]
+        past = [one for one in self.seen if one.stamp >= now.stamp - span - 1e-6]
+        if self.seen[0].stamp > now.stamp - span + 1e-6:
+            return np.inf
+        places = [one.place if not name else one.others.get(name) for one in past]
+        here = places[-1]
+        if here is None:
+            return np.inf
+        return max(np.inf if at is None else float(np.linalg.norm(here - at)) for at in places)
 
     def _passed(self, gaps: Mapping[str, float]) -> bool:
         """Whether the other one has gone by, or is no longer seen."""

@@ -124,6 +124,48 @@ def test_times_are_uniform_and_the_robots_own() -> None:
     assert first is not None and second is not None and first.begin == second.begin
 
 
+def meeting(
+    own: float = 1.0, other: float = 1.0, halt: float = 0.6, y: float = 0.0
+) -> StandingOff:
+    """What is known when two who came at these speeds, m/s, have stood for a while, s."""
+    known, came = StandingOff(), 2.0
+    for tick in range(round((came + halt) / TICK) + 1):
+        before = min(TICK * tick - came, 0.0)
+        there = {"b": (1.0 - other * before, y)}
+        known = watched(known, seen(TICK * tick, there, (own * before, y)))
+    return known
+
+
+def test_two_who_come_to_a_halt_let_each_other_go() -> None:
+    wait = meeting().wait
+    assert wait is not None and wait.other == "b"
+    assert 2.6 <= wait.end <= 5.6
+    assert wait.way is not None and meeting().way is not None
+    assert np.linalg.norm(wait.way.goal) < 0.02 and meeting().note == "waits for 'b'"
+    assert meeting(halt=0.2).wait is None
+    assert meeting(own=0.1).wait is None and meeting(other=0.1).wait is None
+    assert after(1.8).wait is None  # the two were never seen to move
+
+
+def test_a_wait_ends_when_the_other_one_stays_or_has_gone() -> None:
+    """One that is over before two seconds of standing have made it a stand-off."""
+    y = next(y for y in 0.1 * np.arange(20) if meeting(y=y).wait.end < 4.4)  # type: ignore[union-attr]
+    known, time, b = meeting(y=y), 2.6, {"b": (1.0, y)}
+    assert known.wait is not None
+    end = known.wait.end
+    while time + TICK < end:
+        time += TICK
+        known = watched(known, seen(time, b, (0.0, y)))
+        assert known.wait is not None and known.wait.way is not None
+    over = watched(known, seen(end, b, (0.0, y)))
+    assert over.way is None and over.note == "" and over.wait is not None
+    later = watched(over, seen(end + TICK, b, (0.0, y)))
+    assert later.wait is not None and later.wait.way is None  # not again at this place
+    assert watched(later, seen(end + TICK, b, (0.31, y))).wait is None
+    gone = watched(known, seen(time, {"b": (2.0 * RADIUS + AWAY + 0.01, y)}, (0.0, y)))
+    assert gone.way is None
+
+
 def test_a_retreat_keeps_clear_of_walls_and_of_others() -> None:
     """A wall on the left: to the right; one on either side: back, as far as there is room."""
     wall = Polygon(((-3.0, 0.5), (3.0, 0.5), (3.0, 0.7), (-3.0, 0.7)), "left")
