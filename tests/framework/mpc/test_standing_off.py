@@ -150,7 +150,8 @@ def test_two_who_come_to_a_halt_let_each_other_go() -> None:
 def test_a_wait_ends_when_the_other_one_stays_or_has_gone() -> None:
     """One that is over before two seconds of standing have made it a stand-off."""
     y = next(y for y in 0.1 * np.arange(20) if meeting(y=y).wait.end < 4.4)  # type: ignore[union-attr]
-    known, time, b = meeting(y=y), 2.6, {"b": (1.0, y)}
+    known, time = meeting(y=y), 2.6
+    b = {"b": (1.0, float(y))}
     assert known.wait is not None
     end = known.wait.end
     while time + TICK < end:
