@@ -14,12 +14,14 @@ from ..framework.values.errors import WideberthError
 from .dds_types import idl_class
 from .messages import MOST_BYTES, Messages
 from .ros_extra import needed
-from .wire import CountingPublisher, CountingSubscriber
+from .wire import NODE, CountingPublisher, CountingSubscriber
 
 LOOPBACK, OWN_CHOICE = "lo", "default"
 """Interfaces: nothing leaves the computer; what Cyclone DDS or CYCLONEDDS_URI choose."""
 DEPTH = 10
 """Messages that are kept for a reader, as in ROS 2."""
+GRAPH, ENTITIES = "ros_discovery_info", "rmw_dds_common/msg/ParticipantEntitiesInfo"
+"""Topic on which the nodes of ROS 2 say which publishers and subscribers are theirs, its type."""
 AT_ONCE = 64
 """Messages that are taken at once."""
 _LOG = logging.getLogger("wideberth")
@@ -121,7 +123,7 @@ def _hear_loopback_alone(domain: int) -> None:
 
 @final
 class Link:
-    """A participant of a DDS domain.
+    """A participant of a DDS domain, and a node by the name of `NODE` in the graph of ROS 2.
 
     Parameters
     ----------
@@ -142,12 +144,20 @@ class Link:
         if interface != OWN_CHOICE:
             _domain(domain, interface)
         self.known: Messages = known
+        its = needed("cyclonedds.qos")
+        ours = its.Qos(its.Policy.Userdata(b"enclave=/;"))  # so that rmw knows it as one of ROS
         try:
-            self._participant: Any = library.DomainParticipant(domain)
+            self._participant: Any = library.DomainParticipant(domain, qos=ours)
         except Exception as error:
             raise WideberthError(f"DDS cannot join the domain {domain}: {error}") from None
         if interface == LOOPBACK:
             _hear_loopback_alone(domain)
+        self._writers: list[Any] = []
+        self._readers: list[Any] = []
+        self._graph: Publisher | None = Publisher(
+            known, self._writer(GRAPH, ENTITIES, True), ENTITIES
+        )
+        self._tell()
 
     def publisher(self, topic: str, kind: str, *, kept: bool = False) -> "Publisher":
         """Return a publisher of a topic.
@@ -157,10 +167,10 @@ class Link:
         topic : as ROS 2 names it, with its slash. kind : type of its messages.
         kept : whether those who join later are given the last message too.
         """
-        made, quality = self._topic(topic, kind), _quality(self.known, kind, True, kept)
-        return Publisher(self.known, needed("cyclonedds.pub").DataWriter(
-            self._participant, made, quality
-        ), kind)  # fmt: skip
+        writer = self._writer(_wire_topic(topic), kind, kept)
+        self._writers.append(writer.guid)
+        self._tell()
+        return Publisher(self.known, writer, kind)
 
     def subscriber(
         self, topic: str, kind: str, *, reliable: bool = False, kept: bool = False
@@ -175,20 +185,51 @@ class Link:
         kept : whether to ask for the last message of before; publishers that do not keep it are
             then not heard.
         """
-        made, quality = self._topic(topic, kind), _quality(self.known, kind, reliable, kept)
-        return Subscriber(self.known, needed("cyclonedds.sub").DataReader(
-            self._participant, made, quality
-        ), kind)  # fmt: skip
+        made, quality = (
+            self._topic(_wire_topic(topic), kind),
+            _quality(self.known, kind, reliable, kept),
+        )
+        reader = needed("cyclonedds.sub").DataReader(self._participant, made, quality)
+        self._readers.append(reader.guid)
+        self._tell()
+        return Subscriber(self.known, reader, kind)
 
     def close(self) -> None:
         """Leave the domain, as soon as its publishers and subscribers are gone."""
-        self._participant = None
+        self._graph = self._participant = None
 
-    def _topic(self, topic: str, kind: str) -> Any:
-        if not topic.startswith("/"):
-            raise WideberthError(f"topic is {topic!r}; wanted one with its slash, as in '/odom'")
+    def _writer(self, name: str, kind: str, kept: bool) -> Any:
+        made, quality = self._topic(name, kind), _quality(self.known, kind, True, kept)
+        return needed("cyclonedds.pub").DataWriter(self._participant, made, quality)
+
+    def _topic(self, name: str, kind: str) -> Any:
         made = _raw_class(self.known, kind)
-        return needed("cyclonedds.topic").Topic(self._participant, f"rt{topic}", made)
+        return needed("cyclonedds.topic").Topic(self._participant, name, made)
+
+    def _tell(self) -> None:
+        """Tell the graph of ROS 2 which publishers and subscribers are this node's."""
+        assert self._graph is not None
+        known, prefix = self.known, "rmw_dds_common/msg/"
+
+        def gid(guid: Any) -> Any:
+            made = known.make(f"{prefix}Gid")
+            made.data[:16] = list(guid.bytes)  # Humble has eight zeros more
+            return made
+
+        node = known.make(
+            f"{prefix}NodeEntitiesInfo", node_namespace="/", node_name=NODE,
+            reader_gid_seq=[gid(one) for one in self._readers],
+            writer_gid_seq=[gid(one) for one in self._writers],
+        )  # fmt: skip
+        own = gid(self._participant.guid)
+        self._graph.send(known.make(ENTITIES, gid=own, node_entities_info_seq=[node]))
+
+
+def _wire_topic(topic: str) -> str:
+    """Return the name that a topic of ROS 2 has in DDS."""
+    if not topic.startswith("/"):
+        raise WideberthError(f"topic is {topic!r}; wanted one with its slash, as in '/odom'")
+    return f"rt{topic}"
 
 
 def _quality(known: Messages, kind: str, reliable: bool, kept: bool) -> Any:

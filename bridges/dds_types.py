@@ -29,7 +29,9 @@ def idl_class(known: Messages, name: str) -> Any:
     def converted(kind: Any) -> Any:
         what, inner = kind
         if what.name == "BASE":
-            base = str(inner[0])
+            base, bound = str(inner[0]), inner[1]
+            if base == "string" and bound:
+                return types.bounded_str[bound]
             return _OTHER.get(base) or getattr(types, _NUMBERS.get(base, base))
         if what.name == "NAME":
             return idl_class(known, inner)

@@ -1,5 +1,6 @@
 """Messages of ROS 2: built, written as CDR, read back, and named by their type hash."""
 
+from copy import copy
 from functools import cache
 from typing import Any, Self, final
 
@@ -177,7 +178,17 @@ class Messages:
         WideberthError : no such type.
         """
         self.fields(name)
-        return str(self.store.hash_rihs01(name))
+        return str(self._hashing.hash_rihs01(name))
+
+    @property
+    def _hashing(self) -> Any:
+        """The store with every char as the uint8 that it is in ROS 2; rosbags hashes another."""
+        twin = copy(self.store)
+        twin.fielddefs = {
+            name: (constants, [(key, _without_char(kind)) for key, kind in fields])
+            for name, (constants, fields) in self.store.fielddefs.items()
+        }
+        return twin
 
     def fields(self, name: str) -> list[tuple[str, Any]]:
         """Return the fields of a type: name, and kind as rosbags has it.
@@ -208,6 +219,13 @@ class Messages:
 
 
 _NUMBERS = {"octet": "uint8", "byte": "uint8", "char": "uint8"}
+
+
+def _without_char(kind: Any) -> Any:
+    what, inner = kind
+    if what.name == "BASE":
+        return (what, ("uint8", inner[1])) if inner[0] == "char" else kind
+    return kind if what.name == "NAME" else (what, (_without_char(inner[0]), inner[1]))
 
 
 def _named(fields: list[tuple[str, Any]]) -> set[str]:

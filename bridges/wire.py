@@ -8,6 +8,9 @@ from ..framework.plugins.registry import unknown
 from ..framework.values.errors import WideberthError
 from .messages import Messages
 
+NODE = "wideberth"
+"""Name of our node in the graph of ROS 2."""
+
 
 class CountingPublisher(ABC):
     """Sends messages of one type.

@@ -10,14 +10,12 @@ from typing import Any, final
 from ..framework.plugins.extras import from_extra
 from ..framework.values.errors import WideberthError, short
 from .messages import Messages
-from .wire import CountingPublisher, CountingSubscriber
+from .wire import NODE, CountingPublisher, CountingSubscriber
 
 ROUTER = "tcp/127.0.0.1:7447"
 """Where the router of rmw_zenoh is, on the same computer."""
 DEPTH = 10
 """Messages that are kept for a reader, as in ROS 2."""
-NODE = "wideberth"
-"""Name of our node in the graph of ROS 2."""
 
 
 def _zenoh(module: str) -> Any:

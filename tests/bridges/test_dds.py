@@ -393,3 +393,66 @@ def test_a_map_in_a_file_is_read(tmp_path: Path) -> None:
     assert isinstance(follows, GoalTopic) and follows.over is not None
     assert follows.tolerance == 0.5 and isinstance(follows.over.map, KnownMap)
     assert follows.over.map.grid.cells.tolist() == [[0, 100, 0], [0, 0, 100]]
+
+
+def gid_of(key: Any, length: int) -> list[int]:
+    return [*key.bytes, *[0] * (length - 16)]
+
+
+@pytest.mark.parametrize(("distribution", "length"), [("humble", 24), ("jazzy", 16)])
+def test_the_graph_of_ros_has_our_node_and_what_is_its(distribution: str, length: int) -> None:
+    """Read as rmw does, by a type written by hand: who joins late hears of all of it."""
+    from cyclonedds.builtin import (
+        BuiltinDataReader,
+        BuiltinTopicDcpsParticipant,
+        BuiltinTopicDcpsPublication,
+        BuiltinTopicDcpsSubscription,
+    )
+    from cyclonedds.domain import DomainParticipant
+    from cyclonedds.qos import Policy, Qos
+    from cyclonedds.sub import DataReader
+    from cyclonedds.topic import Topic
+    from cyclonedds.util import duration
+
+    number = domain() + 1
+    link = Link(messages(distribution), number)
+    kept = [
+        link.publisher("/robot/plan", "nav_msgs/msg/Path", kept=True),
+        link.subscriber("/robot/odom", ODOMETRY),
+        link.subscriber("/tf", "tf2_msgs/msg/TFMessage"),
+    ]
+    other = DomainParticipant(number)
+    quality = Qos(
+        Policy.Reliability.Reliable(duration(milliseconds=100)),
+        Policy.Durability.TransientLocal,
+        Policy.History.KeepLast(1),
+        Policy.DataRepresentation(use_cdrv0_representation=True),
+    )
+    kind = ros_robot.graph_type(length)
+    reader = DataReader(other, Topic(other, "ros_discovery_info", kind), quality)
+    (said,) = first_whole(reader)
+    (node,) = said.node_entities_info_seq
+    assert (node.node_namespace, node.node_name) == ("/", "wideberth")
+    writers = topics_by_key(other, BuiltinTopicDcpsPublication, length)
+    readers = topics_by_key(other, BuiltinTopicDcpsSubscription, length)
+    assert [writers[tuple(one.data)] for one in node.writer_gid_seq] == ["rt/robot/plan"]
+    assert [readers[tuple(one.data)] for one in node.reader_gid_seq] == ["rt/robot/odom", "rt/tf"]
+    people = BuiltinDataReader(other, BuiltinTopicDcpsParticipant).take(10)
+    (own,) = [one for one in people if gid_of(one.key, length) == list(said.gid.data)]
+    assert own.qos[Policy.Userdata].data == b"enclave=/;"
+    del kept, link
+
+
+def first_whole(reader: Any) -> list[Any]:
+    """Return what a reader has been given, as soon as there is something."""
+    found: list[Any] = []
+    until(lambda: found.extend(reader.take(10)) or found)
+    return found
+
+
+def topics_by_key(participant: Any, kind: Any, length: int) -> dict[tuple[int, ...], str]:
+    """Return the topic of each publisher or subscriber that Cyclone DDS itself has found."""
+    from cyclonedds.builtin import BuiltinDataReader
+
+    found = BuiltinDataReader(participant, kind).take(200)
+    return {tuple(gid_of(one.key, length)): one.topic_name for one in found}

@@ -40,6 +40,21 @@ def test_type_hashes_are_the_published_ones(distribution: str) -> None:
     assert found == {name: f"RIHS01_{digest}" for name, digest in PUBLISHED.items()}
 
 
+def test_a_char_is_hashed_as_the_number_that_it_is() -> None:
+    """ROS 2 itself prints this hash, of the message in which its nodes name themselves."""
+    found = messages("jazzy").type_hash("rmw_dds_common/msg/ParticipantEntitiesInfo")
+    assert found == "RIHS01_91a0593bacdcc50ea9bdcf849a938b128412cc1ea821245c663bcd26f83c295e"
+    known = Messages()
+    known.add(
+        {"a/msg/Letter": "char x", "a/msg/Letters": "char[] x", "a/msg/Both": "a/Letter[2] y"}
+    )
+    before = {one: known.type_hash(f"a/msg/{one}") for one in ("Letter", "Letters", "Both")}
+    known = Messages()
+    known.add({"a/msg/Letter": "uint8 x", "a/msg/Letters": "uint8[] x",
+               "a/msg/Both": "a/Letter[2] y"})  # fmt: skip
+    assert before == {one: known.type_hash(f"a/msg/{one}") for one in before}
+
+
 NUMBERS = {
     "int8": 2, "uint8": 3, "int16": 4, "uint16": 5, "int32": 6, "uint32": 7, "int64": 8,
     "uint64": 9, "float32": 10, "float64": 11, "bool": 15, "string": 17,
@@ -109,7 +124,7 @@ TEN = (
     "visualization_msgs/msg/MarkerArray", "nav_msgs/msg/OccupancyGrid",
     "nav2_dynamic_msgs/msg/ObstacleArray", "costmap_converter_msgs/msg/ObstacleArrayMsg",
     "mpc_planner_msgs/msg/ObstacleArray", "vision_msgs/msg/Detection3DArray",
-    "diagnostic_msgs/msg/DiagnosticArray",
+    "diagnostic_msgs/msg/DiagnosticArray", "rmw_dds_common/msg/ParticipantEntitiesInfo",
 )  # fmt: skip
 """Messages that are written and read here."""
 

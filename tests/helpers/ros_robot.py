@@ -101,6 +101,24 @@ def types() -> dict[str, type]:
     }  # fmt: skip
 
 
+def graph_type(length: int) -> type:
+    """Return the message in which a participant names its nodes, with identities so long."""
+    from cyclonedds.idl import IdlStruct
+    from cyclonedds.idl import types as t
+
+    def made(name: str, **fields: object) -> type:
+        space = {"__annotations__": fields, "__module__": __name__}
+        typename = f"rmw_dds_common.msg.dds_.{name}_"
+        return dataclass(type(IdlStruct)(name, (IdlStruct,), space, typename=typename))
+
+    gid = made("Gid", data=t.array[t.uint8, length])
+    node = made(
+        "NodeEntitiesInfo", node_namespace=t.bounded_str[256], node_name=t.bounded_str[256],
+        reader_gid_seq=t.sequence[gid], writer_gid_seq=t.sequence[gid],
+    )  # fmt: skip
+    return made("ParticipantEntitiesInfo", gid=gid, node_entities_info_seq=t.sequence[node])
+
+
 class Robot:
     """A unicycle of at most 0.7 m/s, among people who walk beside its way."""
 
