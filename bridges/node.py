@@ -331,7 +331,7 @@ class PlannerNode:
                 return f"{what} are silent for {now - seen.time:.2g} s"
             if why and (placed is None or now - placed.time > patience):
                 return f"{what} cannot be placed: {why}"
-        if self._path is not None:
+        if self._path is not None or self._turn is not None:
             return ""
         return self._no_way or f"waiting for a {'path' if self._guide is None else 'goal'}"
 
@@ -420,7 +420,8 @@ class PlannerNode:
         """Send a velocity; return whether one was sent."""
         with self._lock:
             now = self._clock()
-            if self._own.newest is None or (self._path is None and self._last is None):
+            idle = self._path is None and self._turn is None and self._last is None
+            if self._own.newest is None or idle:
                 return False
             if self._last is None or now - self._sent > PAUSE / self.settings.rate:
                 self._begin(now)

@@ -11,8 +11,11 @@ from wideberth.bridges.following import Code, Follower, Following
 from wideberth.bridges.messages import messages
 from wideberth.bridges.node import TURNING
 from wideberth.bridges.readings import heading_of, reading_of
-from wideberth.bridges.ways import GoalTopic
+from wideberth.bridges.ways import GoalTopic, KnownMap, Over
+from wideberth.framework.values.occupancy_grid import OccupancyGrid
 from wideberth.robots import Bicycle, Unicycle
+from wideberth.routes import NavFn
+from wideberth.routes.replanning import Replanning
 from wideberth.tests.bridges import test_node
 from wideberth.tests.bridges.test_node import STEP, Loop, Scripted, within_limits
 from wideberth.tests.helpers.bags import header, odometry, quaternion, transform, vector
@@ -20,6 +23,7 @@ from wideberth.tests.helpers.bags import header, odometry, quaternion, transform
 GOAL = np.array([2.0, 0.0])
 PLACE, YAW = 0.25, 0.25
 """m and rad, Nav2's tolerances."""
+FREE = OccupancyGrid(np.zeros((60, 60), np.int8), 0.1, (-3.0, -3.0))
 
 
 class Arriving(Scripted):
@@ -86,6 +90,15 @@ def test_at_the_goal_it_faces_as_it_was_asked_to(heading: float) -> None:
         turned = sent[sent[:, 1] != 0.0]  # the shorter way round, never back, and on the spot
         assert (turned[:, 1] * heading > 0.0).all() and np.abs(turned[:, 0]).max() <= 0.05
         assert np.abs(loop.pose[2]) <= np.pi + YAW
+
+
+@pytest.mark.parametrize("over", [None, Over(KnownMap(FREE, "odom"), Replanning(NavFn()))])
+def test_a_goal_where_it_stands_is_a_turn_alone(over: Any) -> None:
+    loop = Drive(Arriving(), follows=GoalTopic(over=over))
+    loop.ask(2.0, place=(0.1, 0.0))
+    within_limits(loop.until("waiting for a goal"))
+    assert loop.off(2.0) <= YAW and loop.pose[:2].tolist() == [0.0, 0.0]
+    assert loop.controller.paths == []
 
 
 def test_a_heading_of_another_frame_is_turned_with_it() -> None:
