@@ -606,10 +606,10 @@ def test_off_the_map_there_are_no_walls(centre: Any) -> None:
 class Through:
     """Routes that lead straight through everything."""
 
-    def update(self, kept: Any, _: float, __: Costmap, position: Any, aim: Any) -> Any:
+    def update(self, kept: Any, time: float, costmap: Costmap, position: Any, goal: Any) -> Any:
         if kept is not None:
             return kept
-        return SimpleNamespace(route=Route(Path(np.array([position, aim]))))
+        return SimpleNamespace(route=Route(Path(np.array([position, goal]))))
 
 
 @pytest.mark.parametrize("told", [True, False])
