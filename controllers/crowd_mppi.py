@@ -127,9 +127,9 @@ class CrowdMppi(Reactive):
     def _people(self) -> Walkers:
         """Return everybody known, with what they are believed to want."""
         ids, places, velocities, radii = self._neighbours.now()
-        before = self._wanted
+        before = {**dict(zip(ids, velocities, strict=True)), **self._wanted}
         self._wanted = {
-            name: averaged(before.get(name, velocity), velocity, self.period, self.memory)
+            name: averaged(before[name], velocity, self.period, self.memory)
             for name, velocity in zip(ids, velocities, strict=True)
         }
         wanted = np.array(list(self._wanted.values())).reshape(-1, 2)

@@ -640,6 +640,7 @@ def warm_up(settings: PlannerSettings, services: Services, path: Path) -> None:
             from_all = changed(settings, starts=OTHERS)
             step(from_all, state, Observation(0.0, start), services)
         size, rng = settings.robot.dimension, np.random.default_rng(0)
+        seen = Observation(0.0, start)
         for tick in range(samples + 2 * len(crowds)):
             count = 1 if tick < samples else crowds[(tick - samples) // 2]
             far = []
@@ -654,4 +655,5 @@ def warm_up(settings: PlannerSettings, services: Services, path: Path) -> None:
                 state, _ = step(settings, state, seen, services)
         if settings.sampling is not None and state.plan is not None:
             tracks, speed = state.perception.history.tracks(), settings.reference_speed
-            settings.sampling.best(settings.robot, state.plan, tracks, seen, speed)
+            asked = settings.robot, state.plan, tracks, seen, speed
+            watched(partial(settings.sampling.best, *asked), COMPILING * settings.patience)
