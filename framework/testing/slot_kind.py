@@ -167,7 +167,7 @@ def _sizes_fit(sample: Sample) -> None:
         assert numbers.level.shape == wanted[:2], f"levels are {numbers.level.shape}"
     found = sample.auxiliaries(sample.states, numbers).shape
     assert found == (STEPS, count, len(slots.auxiliary)), f"auxiliaries are {found}"
-    kept = np.arange(count) < len(chosen.names)
+    kept = np.arange(count) < len(chosen.called)
     assert np.array_equal(numbers.active, kept), "used slots stand first, one for each name"
     assert not sample.kind.slots((), Frame(sample.robot, *_symbols(sample.robot))).count
 

@@ -20,6 +20,7 @@ from ..instance.own_uncertainty import Growth
 from ..levels.base import LevelPolicy
 from ..slots.base import CAPACITIES, SlotKind
 from ..slots.built_in import built_in
+from ..slots.ways import Ways
 from ..solvers.base import Solver
 from .contingency import Contingency
 from .multistart import PATIENCE, Starts, checked_starts
@@ -80,6 +81,8 @@ class PlannerSettings:
     sampling : a further start of the solver: the best of some ways that are sampled among people
         who react to each, see `wideberth.framework.mpc.planner.sampling`. None for none; not
         together with a contingency, and in the plane alone.
+    ways : of the obstacles, which plans keep free as well, and give up before they enter a body,
+        see `wideberth.framework.mpc.slots.ways`; needs a ``penalty``. None for bodies alone.
     rungs : of the fallback ladder, best first: names of built-in ones, or "module:Class" of a
         `FallbackRung` of your own, see `wideberth.framework.mpc.fallback.rungs`.
 
@@ -116,6 +119,7 @@ class PlannerSettings:
     withdraw: bool = False
     contingency: Contingency | None = None
     sampling: Sampling | None = None
+    ways: Ways | None = None
     rungs: tuple[str, ...] = tuple(RUNGS)
 
     def __post_init__(self) -> None:
@@ -124,7 +128,8 @@ class PlannerSettings:
     @cached_property
     def kinds(self) -> tuple[SlotKind, ...]:
         """Kinds of things that plans keep clear of, in the order of the problem's slots."""
-        return (*built_in(self.region, self.static_region), *self.further_kinds)
+        first = built_in(self.region, self.static_region, self.ways)
+        return (*first, *self.further_kinds)
 
     @property
     def grid(self) -> Array:
@@ -173,12 +178,34 @@ def check_settings(planner: PlannerSettings) -> None:
             f"{type(planner.predictor).__name__} has one; take reacting_people, or leave it out"
         )
     _check_sampling(planner)
+    _check_ways(planner)
     planner.level.levels(planner.region, 1, 1, planner.robot.dimension)
     if planner.static_region is not None and planner.robot.dimension != 2:
         raise WideberthError(
             f"planner.static_region is {type(planner.static_region).__name__}, and the robot "
             f"moves in {planner.robot.dimension} dimensions; polygons lie in the plane: leave it "
             "out"
+        )
+
+
+def _check_ways(planner: PlannerSettings) -> None:
+    """Refuse ways without a price, or more of them than there are slots for.
+
+    Raises
+    ------
+    WideberthError : no penalty, or too many obstacles.
+    """
+    if planner.ways is None:
+        return
+    if planner.penalty is None:
+        raise WideberthError(
+            "planner.ways has a share of the price of soft regions, and planner.penalty is None: "
+            "give a penalty, such as 1e4, or leave the ways out"
+        )
+    if 2 * planner.most_obstacles > CAPACITIES[-1]:
+        raise WideberthError(
+            f"planner.most_obstacles is {planner.most_obstacles}; wanted at most "
+            f"{CAPACITIES[-1] // 2} with planner.ways, which takes a slot for each way"
         )
 
 

@@ -36,7 +36,7 @@ class KeptMultipliers:
         """Keep those of a solution; None where the solver has none."""
         if point.multipliers is None:
             return None
-        return cls(point.multipliers, point.level, tuple(one.names for one in chosen))
+        return cls(point.multipliers, point.level, tuple(one.called for one in chosen))
 
     def at(self, share: float, parameters: Parameters, chosen: tuple[Chosen, ...]) -> Multipliers:
         """Return those of a plan that begins later, for the slots that it has.
@@ -55,7 +55,7 @@ class KeptMultipliers:
         ):
             known, shape = _numbered(names), (len(held), len(one.active), held.shape[2])
             found = np.full(shape, np.nan)
-            places = _numbered(new.names).items()
+            places = _numbered(new.called).items()
             pairs = [(known[name], place) for name, place in places if name in known]
             if pairs:
                 old, place = np.array(pairs).T

@@ -127,11 +127,12 @@ class Chosen:
     Attributes
     ----------
     room : of the smallest problem that has room for them.
-    names : of those that have a slot, slot by slot; the slots behind them are empty.
+    names : of those that have a slot, slot by slot; slots behind them are empty, or ``lesser``.
     left_out : names of those that the problem has no room for.
     numbers : of all slots; the auxiliaries have width 0, see `with_auxiliaries`.
     known : all of them.
     out_of_reach : those that need no slot, of a `LevelledKind`; None for none.
+    lesser : names of slots between the things and the empty ones that a plan says no level of.
     """
 
     room: Room
@@ -140,6 +141,12 @@ class Chosen:
     numbers: SlotNumbers
     known: Known
     out_of_reach: OutOfReach | None = None
+    lesser: tuple[str, ...] = ()
+
+    @property
+    def called(self) -> tuple[str, ...]:
+        """Names of all slots that are not empty."""
+        return (*self.names, *self.lesser)
 
 
 class SlotKind(ABC):
@@ -250,7 +257,7 @@ class Surroundings:
         return tuple(
             name
             for one, slots in zip(self.chosen, problem.slots, strict=True)
-            for name in (*one.names, *("?",) * (slots.count - len(one.names)))
+            for name in (*one.called, *("?",) * (slots.count - len(one.called)))
         )
 
     @cached_property

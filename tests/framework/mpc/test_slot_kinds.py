@@ -31,6 +31,7 @@ from wideberth.framework.mpc.slots.base import (
 from wideberth.framework.mpc.slots.contact import Touch
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
 from wideberth.framework.mpc.slots.static_polygons import StaticPolygons
+from wideberth.framework.mpc.slots.ways import DiscsAndWays, Ways
 from wideberth.framework.mpc.solvers.base import Solver
 from wideberth.framework.mpc.solvers.batch import solve_batch
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
@@ -58,6 +59,8 @@ CART = carts.CART
 KINDS: list[SlotKind] = [
     GaussianDiscs(MahalanobisEllipse()),
     GaussianDiscs(MinkowskiSum()),
+    DiscsAndWays(MahalanobisEllipse(), Ways()),
+    DiscsAndWays(MinkowskiSum(), Ways()),
     StaticPolygons(SeparatingLine()),
     StaticPolygons(Dual()),
     carts.Carts({"a": CART, "b": CART[:3], "c": CART}),

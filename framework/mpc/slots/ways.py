@@ -1,0 +1,171 @@
+"""The ways that people go next, which a plan gives up before it enters their bodies."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, final
+
+import numpy as np
+
+from ...region import Constraint, Region
+from ...robot import Robot
+from ...values.arrays import Array, Scalar, positive
+from ...values.errors import WideberthError
+from ...values.motion import Pose
+from ..levels.base import LevelPolicy, Promise
+from ..ocp.bodies import Body
+from ..ocp.problem import SlotNumbers, Slots
+from ..ocp.stage import Frame, slots
+from .base import Chosen, LevelledKind, Room, View, next_capacity
+from .gaussian_discs import GaussianDiscs, KnownDiscs, Obstacles, fill
+
+
+@final
+@dataclass(frozen=True)
+class Ways:
+    """How far ahead people's ways are kept free, and at what price.
+
+    A planner with ways keeps out of two regions for each obstacle and step: that of the obstacle
+    itself, and that of its way during the next ``span`` seconds. Both are soft; to enter a way
+    costs a share of what it costs to enter a body equally far, so that where no plan keeps
+    everything free, ways are given up first.
+
+    Parameters
+    ----------
+    span : s, above 0.
+    share : of the price, above 0 and at most 1.
+    margin : m, added to the radii of robot and obstacle; stands in place of the planner's.
+
+    Raises
+    ------
+    WideberthError : a number out of range.
+    """
+
+    span: float = 1.25
+    share: float = 0.1
+    margin: float = 0.05
+
+    def __post_init__(self) -> None:
+        positive("ways.span", self.span)
+        positive("ways.share", self.share)
+        positive("ways.margin", self.margin, zero=True)
+        if self.share > 1.0:
+            raise WideberthError(
+                f"ways.share is {self.share:g}; wanted at most 1: a way costs no more than a body"
+            )
+
+    def of(self, discs: Obstacles, dt: float) -> Obstacles:
+        """Return the ways of some discs.
+
+        The way at step i has the moments of where the disc is at step i + J, J drawn evenly from
+        0 .. min(c, N - i)::
+
+            mu_i' = mean_j mu_{i+j},    Sigma_i' = mean_j (Sigma_{i+j} + (mu_{i+j} - mu_i')(..)')
+
+        with c = span / dt to the nearest whole number: behind the forecast's end nothing is known.
+
+        Parameters
+        ----------
+        discs : on the plan's grid.
+        dt : s between its steps.
+        """
+        steps = len(discs.mean)
+        ahead = min(round(self.span / dt), steps - 1)
+        count = np.minimum(ahead, np.arange(steps - 1, -1, -1)) + 1
+        mean, spread = np.zeros_like(discs.mean), np.zeros_like(discs.covariance)
+        for later in range(ahead + 1):
+            mean[: steps - later] += discs.mean[later:]
+        mean /= count[:, None, None]
+        for later in range(ahead + 1):
+            apart = discs.mean[later:] - mean[: steps - later]
+            square = apart[..., :, None] * apart[..., None, :]
+            spread[: steps - later] += discs.covariance[later:] + square
+        spread /= count[:, None, None, None]
+        return replace(discs, mean=mean, covariance=spread)
+
+
+@final
+@dataclass(frozen=True)
+class DiscsAndWays(LevelledKind):
+    """Obstacles of the forecast, and behind them their ways: a slot for each mode of each.
+
+    Constraint: k h(x) >= 0 with h that of the region, and k = 1 for bodies and ``ways.share`` for
+    ways. A step has one slack, the largest k (-h) of all its slots, so that k is a share of the
+    price, and a way adds nothing where a body is entered more.
+
+    What a plan says of levels is about bodies alone, and so is contact.
+
+    Parameters
+    ----------
+    region : states the sets that the robot keeps out of.
+    ways : how far ahead, and at what price.
+    """
+
+    region: Region
+    ways: Ways
+
+    name: ClassVar[str] = "obstacle"
+
+    @property
+    def discs(self) -> GaussianDiscs:
+        """The kind without ways."""
+        return GaussianDiscs(self.region)
+
+    def bodies(self, robot: Robot) -> tuple[Body, ...]:
+        """Those before discs."""
+        return self.discs.bodies(robot)
+
+    def slots(self, room: Room, frame: Frame) -> Slots:
+        """State that every body is outside of the region, at the price that is the last number."""
+        size, region = frame.robot.dimension, self.region
+        own, width = region.auxiliary(size), region.parameter_count(size) + 1
+        parts, count = self.bodies(frame.robot), room[0] if room else 0
+
+        def state(pose: Pose, numbers: Scalar, level: Scalar, auxiliary: Scalar) -> Constraint:
+            found = region.constraint(pose, numbers[: width - 1], level, auxiliary)
+            share = numbers[width - 1]
+            return Constraint(tuple(share * one for one in found.inequalities), found.equalities)
+
+        return slots(self.name, count, width, own, parts, state, frame, levelled=True)
+
+    def choose(self, robot: Robot, view: View) -> Chosen:
+        """Choose discs as without ways, and add the way of each that has a slot."""
+        chosen = self.discs.choose(robot, view)
+        assert isinstance(chosen.known, KnownDiscs)
+        discs, radius = chosen.known.obstacles, self.bodies(robot)[0].radius + view.margin
+        count, room = len(discs), next_capacity(2 * len(discs))
+        dt = float(view.times[1] - view.times[0]) if len(view.times) > 1 else self.ways.span
+        ways = self.ways.of(discs, dt)
+        both = replace(
+            discs,
+            mean=np.concatenate([discs.mean, ways.mean], axis=1),
+            covariance=np.concatenate([discs.covariance, ways.covariance], axis=1),
+            radius=np.concatenate([discs.radius, discs.radius + (self.ways.margin - view.margin)]),
+            ids=(*discs.ids, *discs.ids),
+        )
+        numbers = fill(view.reference, both, self.region, view.level, radius, room, view.own)
+        share = np.ones((*numbers.parameters.shape[:2], 1))
+        share[:, count : 2 * count] = self.ways.share
+        priced = np.concatenate([numbers.parameters, share], axis=2)
+        return replace(
+            chosen,
+            room=(room,),
+            numbers=replace(numbers, parameters=priced),
+            lesser=tuple(f"way of {name}" for name in discs.ids),
+        )
+
+    def auxiliary_start(self, robot: Robot, pose: Pose, numbers: SlotNumbers) -> Array:
+        """Best auxiliaries of the region, whatever the price."""
+        plain = replace(numbers, parameters=numbers.parameters[..., :-1])
+        return self.discs.auxiliary_start(robot, pose, plain)
+
+    def levels(self, policy: LevelPolicy, steps: int, count: int, dimension: int) -> Array:
+        """Levels that the policy aims at with this region."""
+        return self.discs.levels(policy, steps, count, dimension)
+
+    def tail(self, level: float, promise: Promise, dimension: int) -> float:
+        """Tail of the region at a level."""
+        return self.discs.tail(level, promise, dimension)
+
+    def explanation(self, dimension: int) -> str:
+        """Quote the region, and say what the last number is."""
+        last = f"The last number is the share of the price: 1, or {self.ways.share:g} for a way."
+        return f"{self.discs.explanation(dimension)}\n\n{last}"
