@@ -16,6 +16,7 @@ from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.region import Region
 from wideberth.framework.testing.slot_kind import STEPS, sample_view
+from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
@@ -31,8 +32,10 @@ WAYS = Ways(span=1.25, share=0.1, margin=0.05)
 
 def test_a_way_is_where_somebody_is_within_the_span() -> None:
     """As `spread_in_time` says, from a forecast that does not end."""
-    time = 0.25 * np.arange(-9, 1)[:, None]
-    walk = np.stack([[2.5, 0.2] + time * [-1.2, 0.3], [0.0, 3.0] + time * [0.1, -0.9]])
+    time = 0.25 * np.arange(-9.0, 1.0)[:, None]
+    walk: Array = np.array(
+        [[2.5, 0.2] + time * [-1.2, 0.3], [0.0, 3.0] + time * [0.1, -0.9]], dtype=np.float64
+    )
     noise = np.tile(1e-4 * np.eye(2), (2, 1, 1))
     tracks = Tracks(walk, 0.25, ("anna", "ben"), np.array([0.25, 0.3]), noise)
     straight = ConstantVelocity(acceleration_density=0.05)
