@@ -2,22 +2,28 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import ClassVar, Self, final
 
 import numpy as np
 
 from ..framework.predictor import Fittable, Predictor
 from ..framework.tracking.windows import windows_of
-from ..framework.values.arrays import Array, positive, whole
+from ..framework.values.arrays import positive, whole
 from ..framework.values.errors import WideberthError
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
 from .constant_velocity import ConstantVelocity
 from .core.assembly import Gaussians, refuse_adaptive, with_fallback
 from .core.calibration import same_step
-from .core.density_network import DensityNetwork, Modes, frames
-from .core.history import Histories, gather, measurement_noise
+from .core.density_network import (
+    DensityNetwork,
+    Modes,
+    forecast_of,
+    frames,
+    resampled,
+    rows_that_span,
+)
+from .core.history import Histories, gather, too_short
 
 WANTED = 100
 """Fewest windows to fit to."""
@@ -137,44 +143,27 @@ class MixtureDensity(Fittable):
             spread = np.zeros((*shape, tracks.dimension))
             empty = Gaussians(np.zeros(shape), spread, (None,) * len(tracks))
             return with_fallback(empty, missing, self.fallback, tracks, scene)
-        seen = self._foresee(past, tracks.dt)
-        times = tracks.dt * (past.late[:, None] + np.arange(1.0, steps + 1))
-        noise = measurement_noise(tracks, self.noise_floor)
-        own = Forecast(
-            past.origin[:, None, None] + seen.displacements(times),
-            seen.covariances(times) + noise[:, None, None],
-            seen.weight,
-            tracks.dt,
-            (None,) * len(tracks),
-            partial(_joint, seen, times, noise),
-        )
+        own = forecast_of(self._foresee(past, tracks.dt), past, tracks, steps, self.noise_floor)
         return with_fallback(own, missing, self.fallback, tracks, scene)
 
     def _rows(self, dt: float) -> int:
         """Count the samples of the tracks that span what the network sees."""
         if self.fitted is None:
             return self.observed
-        return int(np.ceil((self.fitted.observed - 1) * self.fitted.dt / dt - 1e-9)) + 1
+        return rows_that_span(self.fitted.observed, self.fitted.dt, dt)
 
     def _missing(self, past: Histories, tracks: Tracks) -> list[str | None]:
         """Say why an obstacle cannot be served, or None."""
         if tracks.dimension != 2:
             return [f"mixture_density: {tracks.dimension} coordinates, needs 2"] * len(tracks)
         needed = 2 if self.fitted is None else self._rows(tracks.dt)
-        reasons: list[str | None] = [None] * len(tracks)
-        for index, (length, seen) in enumerate(zip(past.length, past.samples, strict=True)):
-            if length < needed:
-                plural = "" if length == 1 else "s"
-                reasons[index] = f"mixture_density: {length} sample{plural}, needs {needed}"
-            elif 2 * seen < needed:
-                reasons[index] = f"mixture_density: {seen} of {needed} samples observed"
-        return reasons
+        return too_short(past, needed, "mixture_density")
 
     def _foresee(self, past: Histories, dt: float) -> Modes:
         if self.fitted is None:
             return _manoeuvres(past, dt)
         return self.fitted.foresee(
-            _resampled(past.positions, dt, self.fitted.dt, self.fitted.observed)
+            resampled(past.positions, dt, self.fitted.dt, self.fitted.observed)
         )
 
 
@@ -193,22 +182,3 @@ def _manoeuvres(past: Histories, dt: float) -> Modes:
     whole_growth = np.broadcast_to(growth, (count, len(table), *growth.shape))
     weight = np.broadcast_to(table[:, 0], (count, len(table)))
     return Modes(np.array(weight), own.velocity, path, np.array(whole_growth), HORIZON)
-
-
-def _resampled(positions: Array, dt: float, wanted: float, count: int) -> Array:
-    """Read histories, (O, T, D), ``count`` times at steps of ``wanted`` s up to the newest."""
-    rows = positions.shape[1]
-    place = rows - 1 - wanted / dt * np.arange(count - 1.0, -1.0, -1.0)
-    place = np.clip(
-        np.where(np.abs(place - np.rint(place)) < 1e-9, np.rint(place), place), 0, None
-    )
-    below = np.minimum(place.astype(np.int64), max(rows - 2, 0))
-    share = (place - below)[:, None]
-    after = np.minimum(below + 1, rows - 1)
-    return np.asarray((1 - share) * positions[:, below] + share * positions[:, after])
-
-
-def _joint(seen: Modes, times: Array, noise: Array) -> Array:
-    """Joint covariance of modes and of the measured position that all steps start from."""
-    steps = times.shape[1]
-    return seen.joint(times) + np.tile(noise, (1, steps, steps))[:, None]

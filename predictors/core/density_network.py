@@ -5,7 +5,7 @@ frame, so that its answer turns and shifts with the world whatever its weights a
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import Any, final
 
@@ -13,6 +13,9 @@ import numpy as np
 
 from ...framework.values.arrays import Array, BoolArray, positive, whole
 from ...framework.values.errors import WideberthError
+from ...framework.values.forecast import Forecast
+from ...framework.values.tracks import Tracks
+from .history import Histories, measurement_noise
 
 MEMORY = 0.6
 """s, time constant of the weighted mean velocity d that gives the straight path and the heading.
@@ -276,10 +279,58 @@ class DensityNetwork:
         own = frames(velocities, known, self.dt, STANDING * self.scale)
         raw = forward(np, self.arrays, features(velocities, own, self.scale))
         length = self.scale * self.horizon
-        weight, path, growth = decode(np, raw, own.certain, self.modes, length)
-        count = len(positions)
-        both = np.einsum("oia,ojb->oijab", own.turn, own.turn).reshape(count, 4, 4)
-        growth = (growth.reshape(count, self.modes * POWERS, 4) @ both).reshape(growth.shape)
-        share = np.exp(weight)
-        share = share / share.sum(axis=1, keepdims=True)
-        return Modes(share, own.velocity, path @ own.turn[:, None], growth, self.horizon)
+        decoded = decode(np, raw, own.certain, self.modes, length)
+        return in_world(*decoded, own, self.horizon)
+
+
+def in_world(scores: Array, path: Array, growth: Array, own: Frames, horizon: float) -> Modes:
+    """Turn decoded modes, see `decode`, from each obstacle's frame into the world."""
+    count, modes = scores.shape
+    both = np.einsum("oia,ojb->oijab", own.turn, own.turn).reshape(count, 4, 4)
+    growth = (growth.reshape(count, modes * POWERS, 4) @ both).reshape(growth.shape)
+    share = np.exp(scores)
+    share = share / share.sum(axis=1, keepdims=True)
+    return Modes(share, own.velocity, path @ own.turn[:, None], growth, horizon)
+
+
+def rows_that_span(observed: int, own: float, dt: float) -> int:
+    """Count the samples of ``dt`` s that span ``observed`` samples of ``own`` s."""
+    return int(np.ceil((observed - 1) * own / dt - 1e-9)) + 1
+
+
+def resampled(positions: Array, dt: float, wanted: float, count: int) -> Array:
+    """Read histories, (O, T, D), ``count`` times at steps of ``wanted`` s up to the newest."""
+    rows = positions.shape[1]
+    place = rows - 1 - wanted / dt * np.arange(count - 1.0, -1.0, -1.0)
+    place = np.clip(
+        np.where(np.abs(place - np.rint(place)) < 1e-9, np.rint(place), place), 0, None
+    )
+    below = np.minimum(place.astype(np.int64), max(rows - 2, 0))
+    share = (place - below)[:, None]
+    after = np.minimum(below + 1, rows - 1)
+    return np.asarray((1 - share) * positions[:, below] + share * positions[:, after])
+
+
+def forecast_of(
+    seen: Modes, past: Histories, tracks: Tracks, steps: int, noise_floor: float
+) -> Forecast:
+    """Return the forecast of modes that begin at each obstacle's newest sample.
+
+    The measurement noise and ``noise_floor`` (m, in quadrature) are added to all covariances.
+    """
+    times = tracks.dt * (past.late[:, None] + np.arange(1.0, steps + 1))
+    noise = measurement_noise(tracks, noise_floor)
+    return Forecast(
+        past.origin[:, None, None] + seen.displacements(times),
+        seen.covariances(times) + noise[:, None, None],
+        seen.weight,
+        tracks.dt,
+        (None,) * len(tracks),
+        partial(_joint, seen, times, noise),
+    )
+
+
+def _joint(seen: Modes, times: Array, noise: Array) -> Array:
+    """Joint covariance of modes and of the measured position that all steps start from."""
+    steps = times.shape[1]
+    return seen.joint(times) + np.tile(noise, (1, steps, steps))[:, None]

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...framework.tracking.windows import Windows
 from ...framework.values.arrays import Array, BoolArray
+from . import adam
 from .density_network import (
     POWERS,
     STANDING,
@@ -25,14 +26,6 @@ from .density_network import (
 
 HIDDEN = (48, 48)
 """Width of the tanh layers."""
-BATCH = 512
-"""Windows per update."""
-UPDATES = 50
-"""Updates per round; after each round the held-out windows are looked at."""
-RATE = 3e-3
-"""Largest learning rate; it falls to 0 as a half cosine."""
-DECAY = (0.9, 0.999)
-"""Memory of Adam's two averages."""
 HELD_OUT = 8
 """One window in so many is held out: the last tracks of each scene."""
 BENT = 0.5
@@ -143,12 +136,17 @@ class Material:
         share = np.where(self.held, 0.0, self.share)
         chosen = rng.choice(len(share), size=count, p=share / share.sum())
         past, future = self.past[chosen], self.future[chosen]
-        low, high = np.log(np.array(NOISE) * self.scale * self.dt)
-        deviation = np.exp(rng.uniform(low, high, count)) * (rng.random(count) < 0.5)
-        past = past + deviation[:, None, None] * rng.standard_normal(past.shape)
+        past = noisy(rng, past, self.scale * self.dt)
         mirror = np.where(rng.random(count) < 0.5, -1.0, 1.0)[:, None, None]
         flip = np.concatenate([np.ones_like(mirror), mirror], axis=2)
         return self.examples(past * flip, future * flip)
+
+
+def noisy(rng: np.random.Generator, past: Array, unit: float) -> Array:
+    """Add noise to the positions (W, T, 2), m, of half of the windows: `NOISE` x ``unit`` m."""
+    low, high = np.log(np.array(NOISE) * unit)
+    deviation = np.exp(rng.uniform(low, high, len(past))) * (rng.random(len(past)) < 0.5)
+    return np.asarray(past + deviation[:, None, None] * rng.standard_normal(past.shape))
 
 
 def train(scenes: Sequence[Windows], *, modes: int, rounds: int, seed: int) -> DensityNetwork:
@@ -159,31 +157,25 @@ def train(scenes: Sequence[Windows], *, modes: int, rounds: int, seed: int) -> D
     Parameters
     ----------
     scenes : windows of plane tracks, all of one dt, `observed` and `predicted`.
-    modes : K. rounds : of `UPDATES` updates each. seed : of all that is drawn.
+    modes : K. rounds : of `adam.UPDATES` updates each. seed : of all that is drawn.
     """
-    import jax
-
     rng = np.random.default_rng(seed)
     data = Material.of(scenes)
     ahead = data.future.shape[1]
-    first = data.draw(rng, UPDATES * BATCH).inputs
+    first = data.draw(rng, adam.UPDATES * adam.BATCH).inputs
     centre, width = first.mean(axis=0), first.std(axis=0) + 1e-3
     held = _scaled(data.examples(data.past[data.held], data.future[data.held]), centre, width)
     worth = data.share[data.held] / data.share[data.held].sum()
     sizes = np.float32(data.scale * data.dt * ahead), np.float32(FLOOR * data.scale)
-    layers = _start(rng, len(centre), modes)
-    with jax.enable_x64(False):
-        round_of, held_loss = _program(modes)
-        zero = jax.tree.map(np.zeros_like, layers)
-        state = layers, zero, zero, np.float32(0), sizes, np.float32(rounds * UPDATES)
-        best, kept = np.inf, layers
-        for _ in range(rounds):
-            drawn = _scaled(data.draw(rng, UPDATES * BATCH), centre, width)
-            batches = [part.reshape(UPDATES, BATCH, *part.shape[1:]) for part in drawn]
-            state = round_of(state, *batches)
-            reached = float(np.dot(worth, np.asarray(held_loss(state[0], sizes, *held))))
-            if reached < best:
-                best, kept = reached, state[0]
+    layers = adam.descend(
+        lambda: _program(modes),
+        _start(rng, len(centre), modes),
+        sizes,
+        lambda count: _scaled(data.draw(rng, count), centre, width),
+        held,
+        worth,
+        rounds,
+    )
     return DensityNetwork(
         dt=data.dt,
         observed=data.past.shape[1],
@@ -192,7 +184,7 @@ def train(scenes: Sequence[Windows], *, modes: int, rounds: int, seed: int) -> D
         modes=modes,
         centre=tuple(centre.tolist()),
         width=tuple(width.tolist()),
-        layers=tuple(_layer(np.asarray(weight), np.asarray(bias)) for weight, bias in kept),
+        layers=tuple(layer_of(weight, bias) for weight, bias in layers),
     )
 
 
@@ -223,39 +215,18 @@ def _start(rng: np.random.Generator, inputs: int, modes: int) -> list[tuple[Any,
 
 
 @cache
-def _program(modes: int) -> tuple[Any, Any]:
+def _program(modes: int) -> adam.Program:
     """Compile a round of Adam, and the loss of held-out windows; once for all fits."""
-    import jax
     import jax.numpy as jnp
 
     def losses(layers: Any, sizes: Any, inputs: Any, certain: Any, residual: Any) -> Any:
         raw = forward(jnp, layers, inputs)
         return loss(jnp, raw, certain, residual, modes, *sizes)
 
-    slope = jax.grad(lambda *given: losses(*given).mean())
-    one, two = DECAY
-
-    def update(state: Any, batch: Any) -> tuple[Any, None]:
-        layers, mean, square, count, sizes, total = state
-        count = count + 1
-        step = slope(layers, sizes, *batch)
-        mean = jax.tree.map(lambda m, g: one * m + (1 - one) * g, mean, step)
-        square = jax.tree.map(lambda v, g: two * v + (1 - two) * g**2, square, step)
-        rate = 0.5 * RATE * (1 + jnp.cos(jnp.pi * count / total)) / (1 - one**count)
-
-        def moved(p: Any, m: Any, v: Any) -> Any:
-            return p - rate * m / (jnp.sqrt(v / (1 - two**count)) + 1e-8)
-
-        layers = jax.tree.map(moved, layers, mean, square)
-        return (layers, mean, square, count, sizes, total), None
-
-    def round_of(state: Any, *batches: Any) -> Any:
-        return jax.lax.scan(update, state, batches)[0]
-
-    return jax.jit(round_of), jax.jit(losses)
+    return adam.compiled(losses)
 
 
-def _layer(weight: Array, bias: Array) -> Layer:
+def layer_of(weight: Array, bias: Array) -> Layer:
     """Turn arrays into plain numbers; float32 values are exact as float64."""
     rows = tuple(tuple(map(float, row)) for row in weight)
     return Layer(rows, tuple(map(float, bias)))

@@ -166,3 +166,21 @@ def measurement_noise(tracks: Tracks, floor: float) -> Array:
     share = ROUNDING * np.trace(tracks.noise, axis1=1, axis2=2)
     least = np.maximum(floor**2, share)[:, None, None]
     return np.asarray(tracks.noise + least * np.eye(tracks.dimension))
+
+
+def too_short(past: Histories, needed: int, name: str) -> list[str | None]:
+    """Say why a history is too short for a method, or None.
+
+    Parameters
+    ----------
+    needed : samples it must have, at least half of them observed.
+    name : of the method.
+    """
+    reasons: list[str | None] = [None] * len(past.length)
+    for index, (length, seen) in enumerate(zip(past.length, past.samples, strict=True)):
+        if length < needed:
+            plural = "" if length == 1 else "s"
+            reasons[index] = f"{name}: {length} sample{plural}, needs {needed}"
+        elif 2 * seen < needed:
+            reasons[index] = f"{name}: {seen} of {needed} samples observed"
+    return reasons

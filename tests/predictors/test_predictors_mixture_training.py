@@ -12,7 +12,7 @@ from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.tracking.windows import cut_windows
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.tracks import Tracks
-from wideberth.predictors.core import density_training
+from wideberth.predictors.core import adam
 from wideberth.predictors.core.density_network import decode, forward, output_count
 from wideberth.predictors.core.density_training import Material, log_densities, loss
 from wideberth.predictors.mixture_density import MixtureDensity
@@ -192,7 +192,7 @@ def test_fitted_keeps_the_laws(corner):
 
 
 def test_same_seed_same_network_and_the_unfitted_stays(monkeypatch):
-    monkeypatch.setattr(density_training, "UPDATES", 5)
+    monkeypatch.setattr(adam, "UPDATES", 5)
     positions, _, _ = corner_world(200, np.random.default_rng(9))
     predictor = MixtureDensity(observed=6, predicted=8, rounds=2)
     first, second, other = (
@@ -231,7 +231,7 @@ def test_what_cannot_be_learnt_from_is_refused():
 
 
 def test_standing_crowd_and_exact_lines_do_not_break_the_training(monkeypatch):
-    monkeypatch.setattr(density_training, "UPDATES", 5)
+    monkeypatch.setattr(adam, "UPDATES", 5)
     still = scene_of(np.tile(np.arange(150.0)[:, None, None], (1, 14, 2)))
     fitted = MixtureDensity(observed=6, predicted=8, rounds=2).fit([still])
     forecast = fitted.predict(still.select([3]), 4)
@@ -258,7 +258,7 @@ def test_single_gaussian_has_the_mixtures_moments():
 
 
 def test_single_gaussian_fits_its_base(corner, monkeypatch):
-    monkeypatch.setattr(density_training, "UPDATES", 5)
+    monkeypatch.setattr(adam, "UPDATES", 5)
     scene = scene_of(corner_world(200, np.random.default_rng(13))[0])
     base = MixtureDensity(observed=6, predicted=8, rounds=2)
     fitted = SingleGaussian(base).fit([scene])

@@ -1,0 +1,91 @@
+"""Training of a network's layers by Adam, in JAX."""
+
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from ...framework.values.arrays import Array
+
+BATCH = 512
+"""Windows per update."""
+UPDATES = 50
+"""Updates per round; after each round the held-out windows are looked at."""
+RATE = 3e-3
+"""Largest learning rate; it falls to 0 as a half cosine."""
+DECAY = (0.9, 0.999)
+"""Memory of Adam's two averages."""
+Layers: TypeAlias = list[tuple[Any, Any]]
+"""Pairs of weight and bias."""
+Program: TypeAlias = tuple[Callable[..., Any], Callable[..., Any]]
+"""A compiled round of training, and the compiled losses."""
+
+
+def compiled(losses: Callable[..., Any]) -> Program:
+    """Compile a round of Adam, and the losses of held-out windows.
+
+    Parameters
+    ----------
+    losses : (layers, sizes, *parts of the windows) -> (W,); the mean is lowered.
+    """
+    import jax
+    import jax.numpy as jnp
+
+    slope = jax.grad(lambda *given: losses(*given).mean())
+    one, two = DECAY
+
+    def update(state: Any, batch: Any) -> tuple[Any, None]:
+        layers, mean, square, count, sizes, total = state
+        count = count + 1
+        step = slope(layers, sizes, *batch)
+        mean = jax.tree.map(lambda m, g: one * m + (1 - one) * g, mean, step)
+        square = jax.tree.map(lambda v, g: two * v + (1 - two) * g**2, square, step)
+        rate = 0.5 * RATE * (1 + jnp.cos(jnp.pi * count / total)) / (1 - one**count)
+
+        def moved(p: Any, m: Any, v: Any) -> Any:
+            return p - rate * m / (jnp.sqrt(v / (1 - two**count)) + 1e-8)
+
+        layers = jax.tree.map(moved, layers, mean, square)
+        return (layers, mean, square, count, sizes, total), None
+
+    def round_of(state: Any, *batches: Any) -> Any:
+        return jax.lax.scan(update, state, batches)[0]
+
+    return jax.jit(round_of), jax.jit(losses)
+
+
+def descend(
+    program: Callable[[], Program],
+    layers: Layers,
+    sizes: Any,
+    draw: Callable[[int], Sequence[Array]],
+    held: Sequence[Array],
+    worth: Array,
+    rounds: int,
+) -> Layers:
+    """Return the layers of the round with the lowest held-out loss.
+
+    Parameters
+    ----------
+    program : gives what `compiled` returns.
+    layers : to begin with, float32.
+    sizes : handed to the losses.
+    draw : gives the parts of so many windows, float32.
+    held : parts of the held-out windows. worth : (W,), their weights.
+    rounds : of `UPDATES` updates each.
+    """
+    import jax
+
+    with jax.enable_x64(False):
+        round_of, held_losses = program()
+        zero = jax.tree.map(np.zeros_like, layers)
+        state = layers, zero, zero, np.float32(0), sizes, np.float32(rounds * UPDATES)
+        best, kept = np.inf, layers
+        for _ in range(rounds):
+            drawn = draw(UPDATES * BATCH)
+            batches = [part.reshape(UPDATES, BATCH, *part.shape[1:]) for part in drawn]
+            state = round_of(state, *batches)
+            reached = float(np.dot(worth, np.asarray(held_losses(state[0], sizes, *held))))
+            if reached < best:
+                best, kept = reached, state[0]
+    return [(np.asarray(weight), np.asarray(bias)) for weight, bias in kept]
