@@ -41,6 +41,7 @@ PREDICTORS: dict[str, Any] = {
     "kalman, q = 0.1": {"type": "kalman", "acceleration_density": 0.1},
     "reacting_people": "reacting_people",
     "calibrated": {"type": "adaptive_conformal", "base": "reacting_people"},
+    "social_attention": "social_attention",
 }
 
 
@@ -64,16 +65,21 @@ def crowd(persons: int, density: float, seed: int) -> tuple[Episode, tuple[str, 
     return episode, tuple(type(one.controller).__name__ for one in cast.people)
 
 
-def measure(
-    predictors: Mapping[str, Predictor], episode: Episode, kinds: Sequence[str], seed: int
-) -> dict[str, Scores]:
-    """Let each predictor forecast one episode."""
+def sampled(episode: Episode, seed: int) -> tuple[Array, Array, Array]:
+    """Return times (T,), s, and where everybody was and was measured then, (O, T, 2), m."""
     grid = DT * np.arange(int(episode.times[-1] / DT) + 1)
     true = np.array([
         np.stack([np.interp(grid, episode.times, axis) for axis in one.positions.T], axis=1)
         for one in episode.agents
     ])  # fmt: skip
-    seen = true + NOISE * np.random.default_rng(seed).standard_normal(true.shape)
+    return grid, true, true + NOISE * np.random.default_rng(seed).standard_normal(true.shape)
+
+
+def measure(
+    predictors: Mapping[str, Predictor], episode: Episode, kinds: Sequence[str], seed: int
+) -> dict[str, Scores]:
+    """Let each predictor forecast one episode."""
+    grid, true, seen = sampled(episode, seed)
     radius = np.array([one.radius for one in episode.agents])
     found = {name: Scores() for name in predictors}
     for name, first in predictors.items():
