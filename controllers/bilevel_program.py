@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -190,7 +189,7 @@ class Program:
         ways = np.array([self._robot.pose(tuple(one)).position for one in course.states])
         edges, radius = _edges(scene.polygons, ways[0]), self._robot.radius
         apart = np.hypot(*np.moveaxis(course.people[1:] - ways[1:, None], -1, 0)).min(axis=0)
-        beside = min(float(_to_edge(way, edge)) for way in ways[1:] for edge in edges)
+        beside = _to_edges(ways[1:], edges).min()
         room = scene.radii + radius + ROOM
         return np.maximum([*(room - apart), radius + WALL_ROOM - beside], 0.0)
 
@@ -363,21 +362,28 @@ def _gaps(walls: Array, places: Array) -> Array:
 
 def _edges(polygons: tuple[Polygon, ...], place: Array) -> Array:
     """Return the ends of the edges nearest to a place, (`EDGES`, 4), m."""
-    found = [
-        np.array([*begin, *end])
-        for polygon in polygons
-        for begin, end in pairwise([*polygon.vertices, polygon.vertices[0]])
-    ]
-    nearest = sorted(found, key=lambda edge: float(_to_edge(place, edge)))[:EDGES]
-    absent = [np.array([NOWHERE, NOWHERE, NOWHERE + 1.0, NOWHERE])] * (EDGES - len(nearest))
-    return np.array([*nearest, *absent])
+    corners = [np.array(polygon.vertices, dtype=np.float64) for polygon in polygons]
+    every = [np.concatenate([one, np.roll(one, -1, axis=0)], axis=1) for one in corners]
+    found = np.concatenate([np.zeros((0, 4)), *every])
+    near = found[np.argsort(_to_edges(place[None], found)[0], kind="stable")[:EDGES]]
+    absent = [[NOWHERE, NOWHERE, NOWHERE + 1.0, NOWHERE]] * (EDGES - len(near))
+    return np.concatenate([near, np.reshape(absent, (-1, 4))])
+
+
+def _to_edges(places: Array, edges: Array) -> Array:
+    """Return the distances of points (K, 2) from edges (E, 4), (K, E), m."""
+    begin, along = edges[:, :2], edges[:, 2:] - edges[:, :2]
+    off = places[:, None] - begin
+    share = (off * along).sum(axis=-1) / np.maximum((along * along).sum(axis=-1), TINY)
+    off = off - np.clip(share, 0.0, 1.0)[..., None] * along
+    return np.asarray(np.hypot(off[..., 0], off[..., 1]))
 
 
 def _to_edge(place: Any, edge: Any) -> Any:
-    """Return the distance of a point from an edge, m; numbers or expressions."""
+    """Return the distance of a point from an edge, m, as an expression."""
     dx, dy = edge[2] - edge[0], edge[3] - edge[1]
     px, py = place[0] - edge[0], place[1] - edge[1]
-    share = ca.fmax(0.0, ca.fmin(1.0, (px * dx + py * dy) / (dx * dx + dy * dy)))
+    share = ca.fmax(0.0, ca.fmin(1.0, (px * dx + py * dy) / (dx * dx + dy * dy + TINY)))
     return ca.sqrt((px - share * dx) ** 2 + (py - share * dy) ** 2 + TINY)
 
 

@@ -196,20 +196,22 @@ class _Barrier:
             gaps = self.gaps(points)
             slopes = np.concatenate([self.entry, np.zeros((len(points), 1, 3))], axis=1)
             slopes[:, -1, :2] = -points[:, :2]
-            share = slopes / gaps[..., None]
-            gradient = _weight() * (points - self.aim) - barrier * share.sum(axis=1)
-            curve = barrier * np.swapaxes(share, 1, 2) @ share + np.diag(_weight())
+            log = slopes / gaps[..., None]
+            gradient = _weight() * (points - self.aim) - barrier * log.sum(axis=1)
+            curve = barrier * np.swapaxes(log, 1, 2) @ log + np.diag(_weight())
             curve[:, [0, 1], [0, 1]] += (barrier / gaps[:, -1])[:, None]
             move = -np.linalg.solve(curve, gradient[..., None])[..., 0]
             fall = (gradient * move).sum(axis=1)
-            if (fall > -ENOUGH).all():
+            share = self._length(points, move, fall, barrier)
+            if not share[fall <= -ENOUGH].any():
                 break
-            points = points + self._length(points, move, fall, barrier)[:, None] * move
+            points = points + share[:, None] * move
         return points
 
     def _length(self, points: Array, move: Array, fall: Array, barrier: float) -> Array:
         """Return how much of each move to make, (N,): halved until the cost falls; or none."""
         size, here = np.ones(len(points)), self.value(points, barrier)
+        far = np.ones(len(points), dtype=bool)
         for _ in range(HALVINGS):
             ahead = self.value(points + size[:, None] * move, barrier)
             far = ~(ahead <= here + 0.1 * size * fall)
