@@ -17,7 +17,7 @@ from ..costs.base import Cost
 from ..costs.tracking import Tracking
 from ..fallback.rungs import RUNGS, rungs_of
 from ..instance.own_uncertainty import Growth
-from ..levels.base import LevelPolicy
+from ..levels.base import LevelPolicy, SharedLevel
 from ..slots.base import CAPACITIES, SlotKind
 from ..slots.built_in import built_in
 from ..slots.ways import Ways
@@ -189,14 +189,22 @@ def check_settings(planner: PlannerSettings) -> None:
 
 
 def _check_ways(planner: PlannerSettings) -> None:
-    """Refuse ways without a price, or more of them than there are slots for.
+    """Refuse ways without a price, more of them than there are slots for, or a level that moves.
+
+    A level that gives way does so for the way as it does for the body, at the level's own price.
 
     Raises
     ------
-    WideberthError : no penalty, or too many obstacles.
+    WideberthError : no penalty, too many obstacles, or a level that is a variable of the plan.
     """
     if planner.ways is None:
         return
+    if isinstance(planner.level, SharedLevel):
+        raise WideberthError(
+            f"planner.level is {type(planner.level).__name__}, which would give way for people's "
+            "ways at the price of their bodies; wanted a level that is held with planner.ways, "
+            "such as discounted or fixed"
+        )
     if planner.penalty is None:
         raise WideberthError(
             "planner.ways has a share of the price of soft regions, and planner.penalty is None: "

@@ -237,9 +237,10 @@ class StandingOff:
         Infinite where he has not been seen for so long. The name "" is the robot's.
         """
         now = self.seen[-1]
-        past = [one for one in self.seen if one.stamp >= now.stamp - span - 1e-6]
-        if self.seen[0].stamp > now.stamp - span + 1e-6:
+        before = [k for k, one in enumerate(self.seen) if one.stamp <= now.stamp - span + 1e-6]
+        if not before:
             return np.inf
+        past = self.seen[before[-1] :]
         places = [one.place if not name else one.others.get(name) for one in past]
         here = places[-1]
         if here is None:

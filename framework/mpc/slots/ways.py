@@ -26,7 +26,11 @@ class Ways:
     A planner with ways keeps out of two regions for each obstacle and step: that of the obstacle
     itself, and that of its way during the next ``span`` seconds. Both are soft; to enter a way
     costs a share of what it costs to enter a body equally far, so that where no plan keeps
-    everything free, ways are given up first.
+    everything free, the solver gives ways up first.
+
+    A plan that enters a way counts as one that enters regions. It is no longer ``optimal``: of
+    the plans at hand the one is driven that enters least, the entry of a way times ``share``,
+    whatever the plans cost; see `wideberth.framework.mpc.fallback.rungs`.
 
     Parameters
     ----------

@@ -147,6 +147,15 @@ def test_two_who_come_to_a_halt_let_each_other_go() -> None:
     assert after(1.8).wait is None  # the two were never seen to move
 
 
+@pytest.mark.parametrize("period", [0.7, 1.0])
+def test_who_walks_on_has_not_come_to_a_halt_however_seldom_it_is_looked_at(period: float) -> None:
+    known = StandingOff()
+    for tick in range(12):
+        way = 0.4 * period * tick
+        known = watched(known, seen(period * tick, {"b": (1.0 + way, 0.0)}, (way, 0.0)))
+        assert known.wait is None and known.way is None
+
+
 def test_a_wait_ends_when_the_other_one_stays_or_has_gone() -> None:
     """One that is over before two seconds of standing have made it a stand-off."""
     y = next(y for y in 0.1 * np.arange(20) if meeting(y=y).wait.end < 4.4)  # type: ignore[union-attr]

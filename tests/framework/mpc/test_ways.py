@@ -8,6 +8,7 @@ import pytest
 from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.ocp.stage import Frame
+from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, Obstacles
 from wideberth.framework.mpc.slots.ways import DiscsAndWays, Ways
@@ -180,3 +181,5 @@ def test_a_planner_refuses_ways_that_it_cannot_price() -> None:
         replace(planner, penalty=None)
     with pytest.raises(WideberthError, match=r"most_obstacles is 60; wanted at most 50"):
         replace(planner, most_obstacles=60)
+    with pytest.raises(WideberthError, match=r"level is Relaxed, which would give way"):
+        replace(planner, level=Relaxed())
