@@ -7,8 +7,8 @@ import pytest
 
 from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.fixed import Fixed
-from wideberth.framework.mpc.ocp.stage import Frame
 from wideberth.framework.mpc.levels.relaxed import Relaxed
+from wideberth.framework.mpc.ocp.stage import Frame
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, Obstacles
 from wideberth.framework.mpc.slots.ways import DiscsAndWays, Ways
