@@ -222,10 +222,15 @@ def _check_sampling(planner: PlannerSettings) -> None:
 
     Raises
     ------
-    WideberthError : a robot in space, or a contingency besides.
+    WideberthError : a robot in space, a single step, or a contingency besides.
     """
     if planner.sampling is None:
         return
+    if planner.horizon < 2:
+        raise WideberthError(
+            f"planner.horizon is {planner.horizon}; wanted at least 2 with planner.sampling, "
+            "whose ways hold one twist and then another: plan more steps, or leave it out"
+        )
     if planner.robot.dimension != 2:
         raise WideberthError(
             f"planner.sampling draws ways in the plane, and {type(planner.robot).__name__} moves "

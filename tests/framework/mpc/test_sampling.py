@@ -374,5 +374,8 @@ def test_settings_that_do_not_fit_are_refused() -> None:
         Sampling(model="social_force")  # type: ignore[arg-type]
     with pytest.raises(WideberthError, match="leave one of them out"):
         planner(predictor=ReactingPeople(), contingency=Contingency())
+    with pytest.raises(WideberthError, match=r"horizon is 1; wanted at least 2 with planner.sam"):
+        planner(horizon=1)
+    assert planner(horizon=1, sampling=None).horizon == 1
     with pytest.raises(WideberthError, match="in the plane"):
         planner(robot=Holonomic3D(), static_region=None, predictor=Kalman())
