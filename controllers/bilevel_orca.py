@@ -6,19 +6,22 @@ from typing import ClassVar, final
 import numpy as np
 
 from ..framework.control.command_limits import within_bounds
-from ..framework.mpc.fallback.rollout import brake, clip, follow
+from ..framework.mpc.fallback.rollout import brake, clip, follow, shift
 from ..framework.robot import step
 from ..framework.values.arrays import Array, whole
 from ..framework.values.errors import WideberthError
 from ..framework.values.motion import Command, Observation
 from .bilevel_program import Rules, Scene, program
-from .reactive import Reactive
+from .reactive import Preparing, Reactive
 from .steering import limited, steer, velocity_of
+
+MOST_PEOPLE = 10
+"""In a programme. One for ten takes 2 s of processor time to build, one for twenty 14 s."""
 
 
 @final
 @dataclass(eq=False)
-class BilevelOrca(Reactive):
+class BilevelOrca(Reactive, Preparing):
     """Plans its own way and the people's answers in one programme: each answers by ORCA.
 
     The upper level is a model predictive controller of the robot. The lower level is a programme
@@ -55,7 +58,7 @@ class BilevelOrca(Reactive):
     horizon, dt : K steps of dt s.
     people_speed : highest speed of people, m/s.
     time_horizon, obstacle_horizon : s, of people's half-planes, of others and of walls.
-    most_people : nearest ones in the programme; who is farther away is left out.
+    most_people : nearest ones in the programme, at most 10; who is farther away is left out.
     speeding_up : a, m/s^2, besides the robot's own limits; None for those alone.
     most_iterations : of the solver.
 
@@ -86,7 +89,10 @@ class BilevelOrca(Reactive):
 
     def __post_init__(self) -> None:
         whole("BilevelOrca.horizon", self.horizon, least=2)
-        whole("BilevelOrca.most_people", self.most_people)
+        if whole("BilevelOrca.most_people", self.most_people) > MOST_PEOPLE:
+            raise WideberthError(
+                f"BilevelOrca.most_people is {self.most_people}; wanted at most {MOST_PEOPLE}"
+            )
         whole("BilevelOrca.most_iterations", self.most_iterations)
         super().__post_init__()
         try:
@@ -97,6 +103,11 @@ class BilevelOrca(Reactive):
                 f"no hash ({error}); make it a frozen dataclass of numbers and tuples"
             ) from None
 
+    def prepare(self) -> None:
+        """Build the programmes for every number of people."""
+        for people in range(self.most_people + 1):
+            program(self.robot, self._rules(), people)
+
     def decide(self, observation: Observation, place: Array) -> Command:
         """Return the first step of the plan."""
         found = self._guide.ahead(place, self.look_ahead)
@@ -105,8 +116,7 @@ class BilevelOrca(Reactive):
             self._velocity, self._last = np.zeros(2), np.zeros((0, len(self.robot.inputs)))
         now = velocity_of(self.robot, observation.state)
         scene = self._scene(observation, place, self._velocity if now is None else now, found[0])
-        rules = Rules(**{entry.name: getattr(self, entry.name) for entry in fields(Rules)})
-        self._last = self._planned(scene, rules)
+        self._last = self._planned(scene)
         state = follow(self.robot, scene.state, self._last[:1], self.dt)[1]
         twist = self.robot.twist(tuple(state), tuple(self._last[0]))
         command = limited(self.robot, observation.state, twist)
@@ -115,9 +125,13 @@ class BilevelOrca(Reactive):
             return command
         return replace(command, ramp=self.dt)
 
-    def _planned(self, scene: Scene, rules: Rules) -> Array:
+    def _rules(self) -> Rules:
+        """Return the fixed numbers of the programmes."""
+        return Rules(**{entry.name: getattr(self, entry.name) for entry in fields(Rules)})
+
+    def _planned(self, scene: Scene) -> Array:
         """Return the inputs of a plan, (K, m); from the last plan, then from braking."""
-        solver = program(self.robot, rules, len(scene.radii))
+        solver = program(self.robot, self._rules(), len(scene.radii))
         carried = solver.course(scene, self._begun(scene))
         planned, why = solver.solved(scene, carried)
         if why:
@@ -126,7 +140,7 @@ class BilevelOrca(Reactive):
         if not why:
             return planned
         if solver.touches(scene, carried):
-            self._last = self._last[:0]
+            self._last, self._velocity = self._last[:0], np.zeros(2)  # it will stand
             raise WideberthError(f"{why}, and the last plan carried on touches somebody: brake")
         return carried.inputs
 
@@ -142,8 +156,11 @@ class BilevelOrca(Reactive):
 
     def _begun(self, scene: Scene) -> Array:
         """Return the inputs to begin with, (K, m): the last plan's, and then towards c."""
-        rows = list(clip(self.robot, self._last[1:]))
-        state = follow(self.robot, scene.state, np.array(self._last[1:]), self.dt)[-1]
+        share = self.period / self.dt
+        left = max(len(self._last) - int(np.ceil(share - 1e-9)), 0)
+        kept = shift(self._last, share)[:left]
+        rows = list(clip(self.robot, kept))
+        state = follow(self.robot, scene.state, kept, self.dt)[-1]
         while len(rows) < self.horizon:
             way = scene.ahead - np.array(self.robot.pose(tuple(state)).position)
             length = float(np.hypot(*way))

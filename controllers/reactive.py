@@ -1,6 +1,7 @@
 """The base of controllers without a horizon, which react to the present observation."""
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
+from contextlib import suppress
 from dataclasses import dataclass, fields
 from typing import ClassVar
 
@@ -104,13 +105,21 @@ class Neighbours:
         return _Sight(*known, detection.radius, self._stamp)
 
 
+class Preparing(ABC):
+    """Has something to build before the first decision, which would take too long within it."""
+
+    @abstractmethod
+    def prepare(self) -> None:
+        """Build it; `Reactive.set_path` calls this."""
+
+
 @dataclass(eq=False)
 class Reactive(Controller):
     """Controls a robot in the plane from the present observation, without a plan.
 
-    A subclass gives `decide` and nothing else; it may keep the velocity that it chose last in
-    ``self._velocity``, which `reset` sets to None. An exception in `decide` becomes the command to
-    stand still, and `reason` says why.
+    A subclass gives `decide`, and `prepare` if it is `Preparing`; it may keep the velocity that
+    it chose last in ``self._velocity``, which `reset` sets to None. An exception in `decide`
+    becomes the command to stand still, and `reason` says why.
 
     Parameters
     ----------
@@ -161,6 +170,9 @@ class Reactive(Controller):
     def set_path(self, path: Path) -> None:
         """Follow this path from now on."""
         self._guide.follow(checked_path(self.robot, path))
+        if isinstance(self, Preparing):
+            with suppress(Exception):  # it goes wrong again in `decide`, which says so
+                self.prepare()
 
     @property
     def plan(self) -> Plan | None:

@@ -270,6 +270,58 @@ def test_where_nothing_is_found_it_brakes_and_says_why():
     assert command.linear[0] > 0.5 and not controller.reason
 
 
+def test_a_robot_without_inertia_stands_after_braking(monkeypatch):
+    """It speeds up from 0 again, not from the velocity that it had before it braked."""
+    controller = BilevelOrca(BALL, most_people=1)
+    controller.set_path(NORTH)
+    place = np.array([0.0, -1.5])
+    command = controller.command(Observation(0.0, place, polygons=HALL))
+    assert np.hypot(*command.linear) > 0.5
+    near = Detection("near", np.array([0.05, -0.9]), np.zeros((2, 2)), 0.3)
+    with monkeypatch.context() as patch:
+        patch.setattr(Program, "solved", lambda *_: (np.zeros((4, 2)), "nothing is found"))
+        command = controller.command(Observation(0.25, place, (near,), polygons=HALL))
+    assert command.linear == (0.0, 0.0) and controller.reason.endswith("touches somebody: brake")
+    controller.speeding_up = 0.5
+    command = controller.command(Observation(9.0, place, polygons=HALL))
+    assert not controller.reason and 0.0 < np.hypot(*command.linear) < 0.5 * DT + 1e-3
+
+
+@pytest.mark.parametrize("period", [0.05, 0.25, 0.4, 0.5, 3.0])
+def test_the_last_plan_is_carried_on_by_the_period(period):
+    """Each step covers the ends of two of the last plan's; what lies beyond heads for c."""
+    controller, share = BilevelOrca(BALL, period=period), period / DT
+    controller._last = np.array([[0.1, 0.2], [0.3, 0.1], [0.0, 0.4], [0.2, 0.2]])
+    begun = controller._begun(scene_of(ahead=(5.0, 0.0)))
+    times, held = np.arange(0, 4 * DT, 1e-3), np.array([[0.95, 0.0]] * 4)
+    for k in range(4):
+        if k + 1 + share <= 4:  # the mean of what the last plan commands within the step
+            within = times[
+                (times >= period + k * DT - 1e-6) & (times < period + (k + 1) * DT - 1e-6)
+            ]
+            held[k] = controller._last[((within + 1e-9) / DT).astype(int)].mean(axis=0)
+    kept = max(int(4 - share), 0)
+    np.testing.assert_allclose(begun[:kept], held[:kept], atol=1e-9)
+    assert len(begun) == 4 and (begun[kept:, 0] > 0.5).all()
+
+
+def test_nothing_is_built_in_the_loop(monkeypatch):
+    controller = BilevelOrca(BALL, most_people=2, people_speed=0.51)
+    controller.set_path(NORTH)
+    monkeypatch.setattr(Program, "__init__", None)  # building one more fails
+    for count in range(4):
+        crowd = tuple(
+            Detection(f"p{k}", np.array([k - 1.0, 1.0]), np.zeros((2, 2)), 0.2)
+            for k in range(count)
+        )
+        controller.command(Observation(DT * count, np.array([0.0, -1.5]), crowd))
+        assert not controller.reason
+    other = BilevelOrca(BALL, most_people=1, people_speed=0.52)
+    other.set_path(NORTH)  # where building fails, a decision says so
+    assert other.command(Observation(0.0, np.array([0.0, -1.5]))).linear == (0.0, 0.0)
+    assert other.reason.startswith("TypeError")
+
+
 def test_two_hundred_people_are_bounded_work():
     controller = BilevelOrca(BALL, most_people=3)
     controller.set_path(NORTH)
@@ -287,6 +339,8 @@ def test_settings_are_looked_at():
         BilevelOrca(BALL, horizon=1)
     with pytest.raises(WideberthError, match="most_people is 0"):
         BilevelOrca(BALL, most_people=0)
+    with pytest.raises(WideberthError, match="most_people is 11; wanted at most 10"):
+        BilevelOrca(BALL, most_people=11)
     with pytest.raises(WideberthError, match="people_speed is -1"):
         BilevelOrca(BALL, people_speed=-1.0)
     with pytest.raises(WideberthError, match="HolonomicVelocity has no hash"):
