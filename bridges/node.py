@@ -10,7 +10,7 @@ from typing import Any, Protocol, final
 
 import numpy as np
 
-from ..framework.control.command_limits import attained, within_reach
+from ..framework.control.command_limits import FAST, attained, turns_on_the_spot, within_reach
 from ..framework.control.own_state import own_state
 from ..framework.control.velocity_smoother import VelocitySmoother
 from ..framework.controller import Controller, avoids_polygons
@@ -154,7 +154,9 @@ class PlannerNode:
         self._limit = np.inf
         self._turn: Turn | None = None
         still = np.zeros(len(robot.states))
-        fast = attained(robot, still, [Twist((0.0, 0.0), 1e3)], 1.0 / settings.rate)[0, 2]
+        self.turns_on_the_spot: bool = turns_on_the_spot(robot, still)
+        """Whether the robot can turn while it stands."""
+        fast = attained(robot, still, [Twist((0.0, 0.0), FAST)], 1.0 / settings.rate)[0, 2]
         self._gain: float = settings.rate * float(fast)
         """rad/s^2, by which the robot can turn faster on the spot; 0 where it cannot."""
         self._lock = threading.RLock()
@@ -260,11 +262,6 @@ class PlannerNode:
         """Forget the path: the robot brakes."""
         with self._lock:
             self._take_path("", np.zeros((0, 2)))
-
-    @property
-    def turns_on_the_spot(self) -> bool:
-        """Whether the robot can turn while it stands."""
-        return self._gain > 0.0
 
     def turn(self, frame: str, heading: float) -> float:
         """Brake, and turn on the spot to a heading of a frame, rad, until another path comes.

@@ -5,12 +5,12 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.control.command_limits import attained
+from ..framework.control.command_limits import attained, turns_on_the_spot
 from ..framework.values.arrays import Array
 from ..framework.values.motion import Command, Observation, Twist
 from .arcs import free_way
 from .reactive import Reactive
-from .steering import SLOWING, limited, steer, turns_on_the_spot, wrapped, yaw_rate
+from .steering import SLOWING, limited, steer, wrapped, yaw_rate
 
 
 @final

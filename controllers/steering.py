@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..framework.control.command_limits import FAST as FAST
-from ..framework.control.command_limits import attained
+from ..framework.control.command_limits import attained, turns_on_the_spot
 from ..framework.mpc.ocp.reference import Progress
 from ..framework.robot import Robot
 from ..framework.values.arrays import Array
@@ -90,11 +90,6 @@ def limited(robot: Robot, state: Array, wanted: Twist) -> Command:
     """Command of the nearest twist that the robot can ever have."""
     reached = attained(robot, state, [wanted])[0]
     return Command((float(reached[0]), float(reached[1])), float(reached[2]))
-
-
-def turns_on_the_spot(robot: Robot, state: Array) -> bool:
-    """Whether the robot, which has a heading, can turn without going anywhere."""
-    return bool(abs(attained(robot, state, [Twist((0.0, 0.0), FAST)])[0, 2]) > 0.0)
 
 
 def yaw_acceleration(robot: Robot, state: Array) -> float:

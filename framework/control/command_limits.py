@@ -51,6 +51,11 @@ def attained(
     return np.stack(columns[:-1], axis=-1).astype(np.float64)
 
 
+def turns_on_the_spot(robot: Robot, state: Array) -> bool:
+    """Whether a robot can turn without going anywhere; False for one without a heading."""
+    return bool(abs(attained(robot, state, [Twist((0.0,) * robot.dimension, FAST)])[0, -1]) > 0.0)
+
+
 def broken_limit(robot: Robot, command: object) -> str:
     """Say which promise of `Controller` about commands this one breaks; "" where it keeps all.
 

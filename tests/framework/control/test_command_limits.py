@@ -6,7 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.framework.control.command_limits import ALLOWANCE, broken_limit, within_reach
+from wideberth.framework.control.command_limits import (
+    ALLOWANCE,
+    broken_limit,
+    turns_on_the_spot,
+    within_reach,
+)
 from wideberth.framework.control.velocity_box import VelocityBox
 from wideberth.framework.controller import checked_ready, checked_use
 from wideberth.framework.plugins.config import build
@@ -169,3 +174,10 @@ def test_values_that_are_no_measurement_are_named_and_left_out() -> None:
     checked_numbers(Observation(0.0, np.zeros(5), (bad,)))  # the robot's own are fine
     with pytest.raises(WideberthError, match="the observation's stamp is inf"):
         checked_numbers(Observation(np.inf, np.zeros(5)))
+
+
+def test_who_can_turn_on_the_spot() -> None:
+    found = {name: build("robots", name) for name in names("robots")}
+    turns = [name for name, one in found.items()
+             if turns_on_the_spot(one, np.zeros(len(one.states)))]  # fmt: skip
+    assert sorted(turns) == ["differential_drive", "unicycle"]
