@@ -6,9 +6,14 @@ from typing import final
 
 import numpy as np
 
+from ..framework.mpc.ocp.reference import Progress
 from ..framework.values.arrays import Array, positive
+from ..framework.values.path import Path
 from .frames import within_pi
 from .node import PlannerNode
+
+LEFT = 1.0
+"""m of the path; with more of it ahead, a robot beside the path's end only passes by."""
 
 
 class Code(IntEnum):
@@ -39,7 +44,8 @@ class Following:
 
     Parameters
     ----------
-    tolerance : m from the last point, within which the robot is there.
+    tolerance : m from the last point, within which the robot is there, if at most `LEFT` m of
+        the path are ahead. Then it stays there up to twice as far away.
     yaw_tolerance : rad, by which its heading may be off that of the last pose; it turns on the
         spot. From pi on any heading will do.
     slow : m/s, below which it stands.
@@ -85,6 +91,7 @@ class Follower:
         self._place: Array | None = None
         self._frame, self._heading = "", float("nan")
         self._there = False
+        self._progress: Progress | None = None
         self._moved = self._well = now
         self._failures, self._plans = node.counts.failures, node.counts.plans
 
@@ -114,7 +121,7 @@ class Follower:
             return End(Code.UNKNOWN, "the path was taken away")
         self.distance = float(np.linalg.norm(path.goal - motion[0][:2]))
         self.speed = float(np.hypot(*motion[1][:2]))
-        self._there = self._there or self.distance <= wanted.tolerance
+        self._arrive(path, motion[0][:2])
         turned = self._turned()
         if self._there and turned and self.speed <= wanted.slow:
             return End(Code.NONE)
@@ -135,6 +142,17 @@ class Follower:
             reason = f"it moved less than {wanted.progress:g} m in {wanted.allowance:g} s"
             return End(Code.FAILED_TO_MAKE_PROGRESS, reason)
         return None
+
+    def _arrive(self, path: Path, place: Array) -> None:
+        """Note whether the robot is at the end of the path; one that is not there drives on."""
+        if self._progress is None or self._progress.path is not path:
+            self._progress = Progress(path)
+        self._progress, arc = self._progress.advanced(place)
+        near = self.distance <= (1.0 + self._there) * self.settings.tolerance
+        there = near and path.length - arc <= LEFT
+        if self._there and not there:
+            self.node.drive_on()
+        self._there = there
 
     def _turned(self) -> bool:
         """Whether nothing is left to turn; a robot at the end of its path turns to its heading."""

@@ -272,6 +272,11 @@ class PlannerNode:
             self._turn = Turn(frame, heading)
             return self._own.off(frame, heading)
 
+    def drive_on(self) -> None:
+        """End a turn on the spot: the robot follows its path again."""
+        with self._lock:
+            self._turn = None
+
     def limit_speed(self, limit: float) -> None:
         """Drive at most so fast from now on, m/s; infinity takes the limit away."""
         self._limit = limit if limit >= 0.0 else 0.0

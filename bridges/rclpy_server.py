@@ -180,19 +180,24 @@ class FollowPathServer:
             points = np.array(places, dtype=np.float64).reshape(-1, 2)
             heading = heading_of(path.poses[-1].pose) if path.poses else float("nan")
             end = follower.begin(str(path.header.frame_id).lstrip("/"), points, heading)
+            if end is not None:
+                self.planner.halt()
         while end is None:
-            if own != self._number:
+            with self._lock:  # a goal that is replaced leaves no command behind
+                replaced, cancelled = own != self._number, bool(handle.is_cancel_requested)
+                if not replaced and not cancelled:
+                    end = follower.step(time.monotonic())
+                if not replaced and (cancelled or end is not None):
+                    self.planner.halt()
+            if replaced:
                 handle.abort()
                 return self._result(End(Code.NONE, "a new goal took its place"))
-            if handle.is_cancel_requested:
-                self.planner.halt()
+            if cancelled:
                 handle.canceled()
                 return self._result(End(Code.NONE, "it was cancelled"))
-            end = follower.step(time.monotonic())
             if end is None:
                 self._feed_back(handle, follower)
                 time.sleep(1.0 / RATE)
-        self.planner.halt()
         (handle.abort if end.code else handle.succeed)()
         return self._result(end)
 

@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 import yaml
 
+from wideberth import Path as WorldPath
 from wideberth import WideberthError
 from wideberth.bridges.following import Code, Follower, Following
 from wideberth.bridges.messages import messages
-from wideberth.bridges.node import PlannerNode
+from wideberth.bridges.node import TURNING, PlannerNode
 from wideberth.bridges.node_settings import NodeSettings
 from wideberth.bridges.rclpy_server import FollowPathServer, RclpyLink, needs_ros
 from wideberth.experiments.cli.app import main
@@ -98,6 +99,48 @@ def test_paths_that_cannot_be_followed_are_refused() -> None:
         Following(tolerance=0.0)
 
 
+ROUND = WorldPath(np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [2.0, 2.0], [2.0, 0.0]]))
+"""Passes its own end after 2 m."""
+
+
+@pytest.mark.parametrize("heading", [np.nan, 1.0])
+def test_a_path_that_passes_its_own_end_is_followed_to_its_end(heading: float) -> None:
+    loop = Loop(follows=None)
+    loop.turn()
+    one = Follower(loop.node, Following(), loop.now)
+    assert one.begin("odom", ROUND.points, heading) is None
+    arcs = np.arange(0.0, ROUND.length, 0.025)
+    for arc in arcs:
+        stands = 41 if min(abs(arc - 2.0), abs(arc - 4.0)) < 1e-9 else 1
+        for _ in range(stands):
+            speed = 0.5 if stands == 1 else 0.0
+            place = ROUND.at(np.array(arc))
+            odom = odometry(loop.stamp(), (*place, 0.0), (speed, 0.0, 0.0))
+            loop.come("/odom", odom)
+            loop.turn(odom=False)
+            end = one.step(loop.now)
+            assert end is None and (loop.node.status == "driving" or arc > ROUND.length - 0.3), arc
+    for _ in range(2):
+        loop.come("/odom", odometry(loop.stamp(), (2.0, 0.1, 1.0), (0.0, 0.0, 0.0)))
+        loop.turn(odom=False)
+        end = one.step(loop.now)
+    assert end is not None and end.code is Code.NONE
+
+
+def test_a_robot_that_has_passed_the_end_is_not_there() -> None:
+    loop = Loop(follows=None)
+    loop.turn()
+    one = Follower(loop.node, Following(), loop.now)
+    assert one.begin("odom", WAY, 1.0) is None
+    for x in (2.0, 2.5, 2.9, 3.4, 3.6, 5.0):
+        speed = 0.5 if x < 5.0 else 0.0
+        loop.come("/odom", odometry(loop.stamp(), (x, 0.0, 0.0), (speed, 0.0, 0.0)))
+        loop.turn(odom=False)
+        assert one.step(loop.now) is None
+        loop.node.decide()
+        assert (loop.node.status == TURNING) == (x in (2.9, 3.4)), x
+
+
 def test_a_limit_of_speed_keeps_the_curve() -> None:
     loop = Loop(Scripted(speed=0.5, rate=0.4), follows=None)
     follower(loop)
@@ -110,7 +153,7 @@ def test_a_limit_of_speed_keeps_the_curve() -> None:
 
 def until(done: Any) -> None:
     """Wait until something holds."""
-    end = time.monotonic() + 30.0
+    end = time.monotonic() + 15.0
     while not done():
         assert time.monotonic() < end, "it did not come"
         time.sleep(0.01)
@@ -151,7 +194,9 @@ class Served:
                 self.node.calls[topic](known.to_bytes(message))
 
     def goal(self, end: float) -> fake_rclpy.Handle:
-        place = [SimpleNamespace(pose=SimpleNamespace(position=SimpleNamespace(x=x, y=0.0)))
+        turn = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=0.0)  # any heading will do
+        place = [SimpleNamespace(pose=SimpleNamespace(position=SimpleNamespace(x=x, y=0.0),
+                                                      orientation=turn))
                  for x in (0.0, end)]  # fmt: skip
         header = SimpleNamespace(frame_id="odom")
         path = SimpleNamespace(header=header, poses=place)
@@ -228,6 +273,43 @@ def test_goals_are_cancelled_replaced_and_refused(served: Any) -> None:
     result = one.server.execute(refused)
     assert (refused.state, result.error_code) == ("aborted", 103)
     assert "the path has 0 poses" in result.error_msg
+
+
+def test_a_goal_that_is_replaced_leaves_no_turn_behind(served: Any, monkeypatch: Any) -> None:
+    """The new goal comes while the old one is looked at, before that turns the robot."""
+    one = served("kilted", Scripted(speed=0.3, period=0.05))
+    first, second = one.goal(50.0), one.goal(60.0)
+    follow, step = Follower.begin, Follower.step
+    coming, begun, late = threading.Event(), threading.Event(), threading.Event()
+
+    def begin(self: Follower, *given: Any) -> Any:
+        found = follow(self, *given)
+        if coming.is_set():
+            begun.set()
+        return found
+
+    def turning(self: Follower, now: float) -> Any:
+        if not coming.is_set():
+            coming.set()
+            begun.wait(0.5)
+            self.node.turn("odom", 3.0)
+            late.set()
+        return step(self, now)
+
+    monkeypatch.setattr(Follower, "begin", begin)
+    monkeypatch.setattr(Follower, "step", turning)
+    threads = [threading.Thread(target=one.server.execute, args=(first,))]
+    threads[0].start()
+    coming.wait(5.0)
+    threads.append(threading.Thread(target=one.server.execute, args=(second,)))
+    threads[1].start()
+    late.wait(5.0)
+    until(lambda: first.state == "aborted" and second.feedback)
+    until(lambda: one.planner.status == "driving" and one.x > 0.2)
+    second.is_cancel_requested = True
+    for thread in threads:
+        thread.join()
+    assert second.state == "canceled"
 
 
 def test_limits_of_speed_come_as_nav2_sends_them(served: Any) -> None:
