@@ -412,7 +412,7 @@ class PlannerNode:
             estimate = MotionEstimate(heard.time, mean, EXACT * np.eye(6))
         state, spread = own_state(self.robot, estimate, seen_from_here=True)
         seen = View() if self._sight is None else self._sight.view(self._own)
-        walls = seen.polygons + (() if self._guide is None else self._guide.walls(self._own))
+        walls = seen.polygons + (() if self._guide is None else self._guide.walls)
         now = Observation(
             heard.time, state, seen.detections, spread, walls, scan=seen.scan
         )  # fmt: skip

@@ -3,6 +3,7 @@
 import pathlib
 from dataclasses import dataclass, replace
 from functools import partial
+from threading import Thread
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 import shapely
 
 from wideberth import Path, WideberthError
+from wideberth.bridges import ways
 from wideberth.bridges.messages import messages
 from wideberth.bridges.node import PlannerNode
 from wideberth.bridges.own_motion import AHEAD, OwnMotion
@@ -546,6 +548,46 @@ def test_walls_of_a_map_are_told_in_the_frame_of_odometry() -> None:
     centres = centres @ np.array([[cosine, -sine], [sine, cosine]])
     assert shapely.covers(together, shapely.points(centres)).all()
     assert corner_cells(polygons) == pytest.approx(len(rows), rel=0.02)
+
+
+def test_walls_stay_the_same_until_the_map_has_moved(monkeypatch: Any) -> None:
+    """They are made while commands go on, and not in each decision."""
+    known = KnownMap(grid())
+    follows = GoalTopic(over=Over(known, Replanning(NavFn()), outlines=outlines))
+    loop = Loop(Walled(), follows=follows, sees=None)
+    made, free = ways._moved, []
+
+    def noting(*given: Any) -> Any:
+        def take() -> None:
+            free.append(loop.node._lock.acquire(blocking=False))
+            if free[-1]:
+                loop.node._lock.release()
+
+        one = Thread(target=take)
+        one.start()
+        one.join()
+        return made(*given)
+
+    monkeypatch.setattr(ways, "_moved", noting)
+
+    def seen(x: float, y: float, turn: float) -> Any:
+        loop.come("/tf", transform(EPOCH, "map", "odom", (x, y, turn)))
+        stands(loop, 2.0, 1.0)
+        return loop.controller.seen[-1].polygons
+
+    loop.come("/goal_pose", goal(6.5, 1.0, "map"))
+    first = seen(0.0, 0.0, 0.0)
+    assert first and len(free) == len(first) and all(free)
+    for motion in ((0.019, 0.0, 0.0), (0.0, -0.019, 0.004), (0.0, 0.0, 2.0 * np.pi - 0.001)):
+        assert all(one is other for one, other in zip(first, seen(*motion), strict=True))
+    moved = seen(0.021, 0.0, 0.0)
+    for one, other in zip(first, moved, strict=True):
+        np.testing.assert_allclose(other.points, one.points - [0.021, 0.0], atol=1e-12)
+    turned = seen(0.021, 0.0, 0.006)
+    assert len(free) == 3 * len(first) and all(free)
+    back = np.array([[np.cos(0.006), -np.sin(0.006)], [np.sin(0.006), np.cos(0.006)]])
+    for one, other in zip(moved, turned, strict=True):
+        np.testing.assert_allclose(other.points, one.points @ back, atol=1e-12)
 
 
 @pytest.mark.parametrize("case", ["scans", "no region", "no outlines"])
