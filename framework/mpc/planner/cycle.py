@@ -316,17 +316,22 @@ def _or_sampled(
 ) -> tuple[_Made, str]:
     """Return what came of a sampled way where that is better, and why nothing was sampled.
 
-    Nothing is sampled where nothing is in the way, where no region presses on the plan, which is
-    then the best one there is, and after a solver that did not return.
+    Nothing is sampled where it is not worth it, see `worth_sampling`. With a deadline nothing is
+    sampled, and nothing is forecast for a way, where less time is left than the cycle took so far
+    with its longest solve alone.
     """
     if settings.sampling is None or not worth_sampling(made.outcome):
         return made, ""
     seen, own, budget = made.seen, made.plan, starts.budget
+    solves = [one.seconds for one in made.outcome.solutions]
+    again, left = budget.spent() - sum(solves) + max(solves), budget.left()
+    if left <= again:
+        return made, ""
     asked = settings.robot, own, seen.tracks, seen.observation, settings.reference_speed
     try:
-        limit = COMPILING * settings.patience if budget.deadline is None else budget.left()
+        limit = settings.patience if budget.deadline is None else left
         way = watched(partial(settings.sampling.best, *asked), limit)
-        if way is None:
+        if way is None or budget.left() <= again:
             return made, ""
         there = replace(own, states=way.states, inputs=way.inputs, positions=way.positions)
         scene = scene_of(seen.observation, there, settings.robot.radius)

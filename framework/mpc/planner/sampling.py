@@ -168,9 +168,10 @@ def _twists(robot: Robot, plan: Plan) -> Array:
 def worth_sampling(outcome: Outcome) -> bool:
     """Whether another start may lead to a better plan than the first: see `MultiStart`.
 
-    Something is in the way, and regions press on the plan; and the solver has returned.
+    Something is in the way, and regions press on the plan; and the solver has returned from every
+    start.
     """
-    if not outcome.solutions or not outcome.obstacle_in_way:
+    if not outcome.solutions or outcome.note or not outcome.obstacle_in_way:
         return False
     first = outcome.candidates[0]
     return first.solution is None or not first.optimal or pressed(first.solution)

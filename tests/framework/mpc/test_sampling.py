@@ -18,7 +18,7 @@ from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.discounted import Discounted
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
-from wideberth.framework.mpc.planner import cycle
+from wideberth.framework.mpc.planner import cycle, multistart
 from wideberth.framework.mpc.planner.contingency import Contingency
 from wideberth.framework.mpc.planner.cycle import Decision, PlannerState, Services, remember, step
 from wideberth.framework.mpc.planner.planner import Planner
@@ -248,6 +248,7 @@ def test_sampling_is_worth_it_where_something_is_in_the_way_of_a_plan_that_feels
     assert found.obstacle_in_way and worth_sampling(found)
     assert not worth_sampling(replace(found, obstacle_in_way=False))
     assert not worth_sampling(replace(found, solutions=()))
+    assert not worth_sampling(replace(found, note="from another start Riccati did not return"))
     first = found.candidates[0]
     assert first.solution is not None
     none = replace(first.solution.point.multipliers, slots=())  # type: ignore[type-var]
@@ -316,10 +317,46 @@ def test_a_model_that_hangs_is_left_behind(monkeypatch: pytest.MonkeyPatch) -> N
 
     monkeypatch.setattr(cycle, "watched", hangs)
     found = decided(planner(patience=3.0))[1]
-    assert found.notes == ("sampling: did not return within 30 s",)
+    assert found.notes == ("sampling: did not return within 3 s",)
     assert found.plan.rung is Rung.OPTIMAL
     decided(planner(deadline=50.0))
     assert 0.0 < limits[1] < 50.0
+
+
+@pytest.mark.parametrize(
+    ("deadline", "sampling", "sampled", "forecasts"),
+    [(400.0, 100.0, 1, 2), (400.0, 190.0, 1, 1), (190.0, 0.0, 0, 1), (None, 1e3, 1, 2)],
+    ids=["enough", "too little for a forecast", "too little to sample", "no deadline"],
+)
+def test_what_there_is_no_time_for_is_not_begun(
+    deadline: float | None,
+    sampling: float,
+    sampled: int,
+    forecasts: int,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """By a clock of the test's own: a forecast takes 100 s, and 0.9 of the deadline counts."""
+    now, begun = [0.0], {"best": 0, "predict": 0}
+
+    def counted(kind: type, name: str, seconds: float) -> None:
+        real = getattr(kind, name)
+
+        def slow(*asked: Any, **more: Any) -> Any:
+            now[0] += seconds
+            begun[name] += 1
+            return real(*asked, **more)
+
+        monkeypatch.setattr(kind, name, slow)
+
+    settings = planner(deadline=deadline)
+    state, observation, services = ready(settings)
+    monkeypatch.setattr(multistart, "perf_counter", lambda: now[0])
+    counted(Sampling, "best", sampling)
+    counted(Foreseeing, "predict", 100.0)
+    found = step(settings, state, observation, services)[1]
+    assert begun == {"best": sampled, "predict": forecasts}
+    assert found.notes == () and found.plan.rung is Rung.OPTIMAL
+    assert found.plan.reason.startswith("sampled way instead") is (forecasts == 2)
 
 
 @pytest.mark.parametrize("solver", [Fatrop(), Ipopt()], ids=lambda one: type(one).__name__)
