@@ -565,7 +565,8 @@ class PlannerNode:
         if self.settings.priority:
             # A planner that waits for the processor while it holds Python's lock would let the
             # commands wait, whatever their own priority.
-            urgent(self.settings.priority)
+            # Its solver's calls are as urgent as it is; commands go before both.
+            urgent(max(self.settings.priority - 1, 1))
         due = time.monotonic()
         while not self._stop.is_set():
             try:

@@ -60,8 +60,8 @@ class NodeSettings:
     base_frame : of the robot.
     rate : Hz, of the commands.
     patience : s, for which odometry, obstacles or scans may be silent; then the robot brakes.
-    priority : real-time priority of commands and planner, see `wideberth.bridges.priority.urgent`;
-        0 for none.
+    priority : real-time priority of the commands, see `wideberth.bridges.priority.urgent`; 0 for
+        none. That of the planner and its calls of the solver is one lower, 1 at least.
 
     Raises
     ------
