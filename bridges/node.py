@@ -28,6 +28,7 @@ from .node_settings import NodeSettings
 from .own_motion import Heard, OwnMotion
 from .priority import urgent
 from .readings import Goal, Motion, Transforms, Way, reading_of
+from .room import beside_robot
 from .sight import LASERSCAN, ObstacleSight, ObstacleTopic, ScanSight, Sight, View
 from .ways import Found, GoalTopic, Guide, MapTopic, PathTopic, Question, Turn
 from .wording import Wording
@@ -42,6 +43,8 @@ EXACT = 1e-8
 """m^2 and so on: covariance of odometry that states none."""
 DRIVING, TURNING = "driving", "turning to the goal's heading"
 """What a node's status says where all is well."""
+NO_ROOM = "no room to turn: "
+"""Begins the status of a robot that something is beside as it wants to turn."""
 STANDING = 0.01
 """m/s; a slower robot stands, and may turn on the spot."""
 TRAJECTORY = "nav_msgs/msg/Trajectory"
@@ -153,6 +156,8 @@ class PlannerNode:
         self._decided = self._sent = -np.inf
         self._limit = np.inf
         self._turn: Turn | None = None
+        self._room: Turn | None = None
+        """The turn for which there was room at the last look."""
         still = np.zeros(len(robot.states))
         self.turns_on_the_spot: bool = turns_on_the_spot(robot, still)
         """Whether the robot can turn while it stands."""
@@ -347,20 +352,32 @@ class PlannerNode:
             if waits or own is None:
                 self.status = waits
                 return False
-            if self._turn is not None:
-                self._stand_still()
+            turn = self._turn
+            if turn is not None and self.robot.footprint is None:
+                self._stand_still(turn, "")
                 return False
             observation, earlier = self._observation(own)
             begin, path, untold = own.time, self._path, self._fresh_path
-            self._fresh_path = False
+            self._fresh_path = untold and turn is not None
+        if turn is not None:
+            self._look_beside(turn, [*earlier, observation])
+            return False
+        self._plan(observation, earlier, path if untold else None)
+        with self._lock:
+            self.counts.latency = [*self.counts.latency[-999:], self._decided - begin]
+        return True
+
+    def _plan(self, seen: Observation, earlier: list[Observation], new: Path | None) -> None:
+        """Call the controller, with a path that it has not been given before, if there is one."""
         self.counts.plans += 1
+        untold = new is not None
         try:
-            if untold and path is not None:
-                self.controller.set_path(path)
+            if new is not None:
+                self.controller.set_path(new)
             untold = False
             for one in earlier:
                 self.controller.remember(one)
-            command = within_reach(self.robot, self.controller.command(observation))
+            command = within_reach(self.robot, self.controller.command(seen))
         except Exception as error:  # the robot brakes, and the node goes on
             self.counts.failures += 1
             self.status = f"the controller failed: {short(str(error))}"
@@ -370,16 +387,27 @@ class PlannerNode:
         else:
             self.status = DRIVING
         with self._lock:
-            now = self._clock()
-            self._decided = now
+            self._decided = self._clock()
             if self._smoother is not None:
-                self._smoother = self._smoother.aim(command, now)
-            self.counts.latency = [*self.counts.latency[-999:], now - begin]
-        return True
+                self._smoother = self._smoother.aim(command, self._decided)
 
-    def _stand_still(self) -> None:
-        """Decide that the robot stands while it turns, see `_aim`."""
+    def _look_beside(self, turn: Turn, seen: list[Observation]) -> None:
+        """Decide that a robot turns whose corners sweep over a disc, if there is room for that."""
+        beside = beside_robot(self.robot, seen[-1])
+        try:
+            for one in seen:
+                self.controller.remember(one)
+        except Exception:  # the turn does not depend on it
+            self.counts.failures += 1
+        with self._lock:
+            self._stand_still(turn, beside)
+
+    def _stand_still(self, turn: Turn, beside: str) -> None:
+        """Decide that the robot stands and turns, see `_aim`, unless something is beside it."""
         self.status, self._decided = TURNING, self._clock()
+        self._room = None if beside else turn
+        if beside:
+            self.status = NO_ROOM + beside
         if self._smoother is not None:
             self._smoother = self._smoother.aim(Command((0.0, 0.0)), self._decided)
 
@@ -390,6 +418,8 @@ class PlannerNode:
         with self._lock:
             found = self._guide.ask(self._own)
             self._turn = found if isinstance(found, Turn) else None
+        if isinstance(found, Turn):
+            self._guide.look()
         if isinstance(found, Question):
             found = self._guide.answer(found, self._clock())
         if isinstance(found, Found):
@@ -452,7 +482,8 @@ class PlannerNode:
         if self._turn is None:
             return self._smoother.at(now)
         off = self._own.off(self._turn.frame, self._turn.heading)
-        if not np.isfinite(off) or np.hypot(*self._last[:2]) > STANDING:
+        moving = np.hypot(*self._last[:2]) > STANDING
+        if self._room != self._turn or moving or not np.isfinite(off):
             return Twist((0.0, 0.0))
         rate = min(np.sqrt(self._gain * abs(off)), 0.25 * self.settings.rate * abs(off))
         return Twist((0.0, 0.0), float(np.copysign(rate, off)))

@@ -167,7 +167,8 @@ class Turn:
 class Guide:
     """Finds the way to the newest goal.
 
-    `hear` and `ask` are called under the node's lock, `answer`, which may take long, without it.
+    `hear` and `ask` are called under the node's lock; `answer` and `look`, which may take long,
+    without it.
 
     Parameters
     ----------
@@ -185,6 +186,7 @@ class Guide:
         self._tells = walls
         self._walls: tuple[KnownMap, Array, tuple[Polygon, ...]] | None = None
         self._placed: Array | None = None
+        self._question: Question | None = None
         self.walls: tuple[Polygon, ...] = ()
         """Walls of the map around the robot by the last answer, in the frame of the odometry; what
         connects the two frames is taken to be exact."""
@@ -230,7 +232,8 @@ class Guide:
             return Found("", np.zeros((0, 2)), reason)
         pose = composed(here, own.poses(np.array([own.now]))[0])
         goal = composed(target, aim)
-        return self._arrived(pose, goal) or Question(self._map, pose[:2], goal[:2], here)
+        self._question = Question(self._map, pose[:2], goal[:2], here)
+        return self._arrived(pose, goal) or self._question
 
     def _straight(self, own: OwnMotion, frame: str, aim: Array) -> Found | Turn | None:
         motion = own.motion(own.frame, frame)
@@ -282,6 +285,11 @@ class Guide:
         if route.path is None:
             return Found("", np.zeros((0, 2)), f"there is no route: {route.reason}")
         return Found(question.map.frame, route.path.points, route.reason)
+
+    def look(self) -> None:
+        """Find the walls around a robot that is at its goal and asks for no route."""
+        if self._question is not None:
+            self._outline(self._question)
 
     def _outline(self, question: "Question") -> None:
         """Outline the walls of a map around the robot, where it has moved or the map is new.

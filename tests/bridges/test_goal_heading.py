@@ -9,16 +9,18 @@ import pytest
 from wideberth import Observation, Path
 from wideberth.bridges.following import Code, Follower, Following
 from wideberth.bridges.messages import messages
-from wideberth.bridges.node import TURNING
+from wideberth.bridges.node import NO_ROOM, TURNING
 from wideberth.bridges.readings import heading_of, reading_of
 from wideberth.bridges.ways import GoalTopic, KnownMap, Over
+from wideberth.framework.values.footprint import Outline
 from wideberth.framework.values.occupancy_grid import OccupancyGrid
+from wideberth.framework.values.polygon import Polygon
 from wideberth.robots import Bicycle, Unicycle
 from wideberth.routes import NavFn
 from wideberth.routes.replanning import Replanning
 from wideberth.tests.bridges import test_node
 from wideberth.tests.bridges.test_node import STEP, Loop, Scripted, within_limits
-from wideberth.tests.helpers.bags import header, odometry, quaternion, transform, vector
+from wideberth.tests.helpers.bags import header, obstacles, odometry, quaternion, transform, vector
 
 GOAL = np.array([2.0, 0.0])
 PLACE, YAW = 0.25, 0.25
@@ -40,10 +42,10 @@ class Drive(Loop):
 
     pose = np.array([0.0, 0.0, 0.0])
 
-    def move(self) -> np.ndarray:
+    def move(self, people: bool = True) -> np.ndarray:
         """One period; return what was sent."""
         self.come("/odom", odometry(self.stamp(), self.pose, self.motion))
-        sent = self.turn(odom=False) or (0.0, 0.0)
+        sent = self.turn(odom=False, people=people) or (0.0, 0.0)
         way, turn = STEP * np.array(sent)
         middle = self.pose[2] + 0.5 * turn
         across = 1.0 if turn == 0.0 else np.sin(0.5 * turn) / (0.5 * turn)
@@ -223,3 +225,58 @@ def test_paths_stay_as_they_were_asked_for() -> None:
     loop.until("waiting for a goal")
     (path,) = loop.controller.paths
     np.testing.assert_allclose(path.points, Path(np.stack([np.zeros(2), GOAL])).points)
+
+
+LONG = Outline(((0.5, 0.2), (-0.5, 0.2), (-0.5, -0.2), (0.5, -0.2)))
+"""Sweeps out to 0.54 m as it turns."""
+
+
+@pytest.mark.parametrize("action", [False, True])
+def test_corners_are_not_swept_over_somebody_beside_the_robot(
+    monkeypatch: Any, action: bool
+) -> None:
+    robot = replace(test_node.ROBOT, radius=0.55, footprint=LONG)
+    monkeypatch.setattr(test_node, "ROBOT", robot)
+    loop = Drive(Arriving(), follows=None if action else GoalTopic())
+    one = None
+    loop.move()
+    if action:
+        one = Follower(loop.node, Following(), loop.now)
+        assert one.begin("odom", np.stack([np.zeros(2), GOAL]), 2.0) is None
+    else:
+        loop.ask(2.0)
+    while loop.node.status != TURNING or loop.off(2.0) > 1.4:
+        loop.move()
+        if one is not None:
+            one.step(loop.now)
+    for _ in range(40):
+        loop.come("/obstacles", obstacles(loop.stamp(), [(loop.pose[0], 0.7)], "odom"))
+        sent = loop.move(people=False)
+        if one is not None:
+            assert one.step(loop.now) is None
+    assert loop.node.status.startswith(NO_ROOM) and sent.tolist() == [0.0, 0.0]
+    assert 0.3 < loop.off(2.0)
+    for _ in range(100):
+        loop.come("/obstacles", obstacles(loop.stamp(), [(loop.pose[0], 5.0)], "odom"))
+        loop.move(people=False)
+        if one is not None and one.step(loop.now) is not None:
+            break
+    assert loop.off(2.0) <= YAW
+
+
+@pytest.mark.parametrize(("away", "free"), [(0.5, False), (0.6, True)])
+def test_corners_are_not_swept_over_a_wall_of_the_map(
+    monkeypatch: Any, away: float, free: bool
+) -> None:
+    robot = replace(test_node.ROBOT, radius=0.55, footprint=LONG)
+    monkeypatch.setattr(test_node, "ROBOT", robot)
+    wall = Polygon(((-3.0, away), (3.0, away), (3.0, away + 1.0), (-3.0, away + 1.0)))
+    over = Over(KnownMap(FREE, "odom"), Replanning(NavFn()), outlines=lambda _: (wall,))
+    controller = Arriving()
+    controller.static_region = "any"  # type: ignore[attr-defined]
+    loop = Drive(controller, follows=GoalTopic(over=over))
+    loop.ask(2.0, place=(0.1, 0.0))
+    for _ in range(150):
+        loop.move()
+    assert (loop.off(2.0) <= YAW) == free
+    assert free or (loop.pose[2] == 0.0 and loop.node.status.startswith(NO_ROOM))
