@@ -10,7 +10,6 @@ import numpy as np
 from ..framework.mpc.planner.best_response import Agent, BestResponsePlanner, state_of
 from ..framework.mpc.planner.planner import Planner
 from ..framework.plugins.config import build, describe
-from ..framework.plugins.yamlfile import shared_settings
 from ..framework.predictor import Predictor
 from ..framework.values.arrays import Array, positive, whole
 from ..framework.values.errors import WideberthError
@@ -32,8 +31,11 @@ NEAR = 0.5
 
 
 def _recommended() -> Planner:
-    """Return the recommended planner of a unicycle."""
-    planner = build("controllers", {**shared_settings("recommended"), "robot": "unicycle"})
+    """Return the recommended planner of a unicycle, with Kalman forecasts: robots are known."""
+    kalman = {"type": "kalman", "acceleration_density": 0.01}
+    planner = build(
+        "controllers", {"type": "recommended", "robot": "unicycle", "predictor": kalman}
+    )
     assert isinstance(planner, Planner)
     return planner
 

@@ -16,14 +16,17 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 from ...framework.plugins.lazy import PACKAGES
 from ...framework.plugins.registry import (
     ROOMS,
+    Recipe,
     base_class,
+    choices,
     class_path,
     load,
-    names,
+    recipe,
     room_name,
     targets,
     unknown,
 )
+from ...framework.plugins.yamlfile import dump as yaml_text
 from ...framework.values.errors import WideberthError, nearest, short
 from ..engine.shipped import CONFIGS, shipped
 from ..engine.width import wrapped
@@ -44,7 +47,8 @@ def listed(room: str) -> dict[str, str]:
     rooms = (*ROOMS, CONFIG_ROOM)
     if room not in rooms and f"{room}s" not in rooms:
         raise WideberthError(unknown("room", room, rooms))
-    return {name: summary(target) for name, target in sorted(targets(room).items())}
+    named = {**targets(room), **ROOMS[room_name(room)].recipes}
+    return {name: summary(target) for name, target in sorted(named.items())}
 
 
 def lines(table: dict[str, str], most: int = 22, columns: int | None = None) -> Iterator[str]:
@@ -94,8 +98,8 @@ def _docstrings(file: Path) -> dict[str, str]:
         tree = ast.parse(file.read_text(encoding="utf-8"))
     except (OSError, ValueError, SyntaxError):  # a compiled module, say
         return {}
-    classes = (node for node in tree.body if isinstance(node, ast.ClassDef))
-    return {node.name: ast.get_docstring(node) or "" for node in classes}
+    named = (node for node in tree.body if isinstance(node, ast.ClassDef | ast.FunctionDef))
+    return {node.name: ast.get_docstring(node) or "" for node in named}
 
 
 def _claim(path: Path) -> str:
@@ -126,7 +130,7 @@ def described(words: list[str]) -> str:
     word = words[0]
     if ":" in word:
         return _one(_room_of_path(word), word)
-    found = [room for room in ROOMS if word in names(room)]
+    found = [room for room in ROOMS if word in choices(room)]
     if found:
         return "\n\n\n".join(_one(room, word) for room in found)
     for room in (word, f"{word}s"):
@@ -136,7 +140,7 @@ def described(words: list[str]) -> str:
             return "\n".join(lines(listed(room)))
     if word in shipped():
         return _config(word)
-    everything = {name for room in ROOMS for name in names(room)}
+    everything = {name for room in ROOMS for name in choices(room)}
     hint = nearest(word, {*everything, *ROOMS, CONFIG_ROOM, *shipped()}) or ";"
     raise WideberthError(f"unknown name {short(word)}{hint} `wideberth list` shows all names")
 
@@ -170,7 +174,22 @@ def _config(name: str) -> str:
     return "\n\n".join(parts)
 
 
+def _recipe(room: str, name: str, complete: Recipe) -> str:
+    """Return what a recipe makes, which settings it has on its own, and how to use it."""
+    sections = split(inspect.getdoc(complete) or "")
+    settings = yaml_text({key: value for key, value in complete({}, "").items() if key != "type"})
+    return "\n\n".join([
+        f"{name} ({room}): {complete.__module__}.{complete.__name__}",
+        sections[""],
+        f"Settings\n{indent(settings.rstrip(), '  ')}",
+        f"In a config\n  {room.removesuffix('s')}: {{type: {name}, robot: unicycle}}",
+    ])  # fmt: skip
+
+
 def _one(room: str, name: str) -> str:
+    complete = recipe(room, name)
+    if complete is not None:
+        return _recipe(room, name, complete)
     found = load(room, name)
     sections = split(inspect.getdoc(found) or "")
     home = _home(found)

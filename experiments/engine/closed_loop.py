@@ -1,5 +1,6 @@
 """Closed-loop studies: settings, tasks, one episode played, many condensed."""
 
+import logging
 from collections.abc import Iterable, Mapping, Sequence, Sized
 from itertools import product
 from pathlib import Path
@@ -9,6 +10,8 @@ import numpy as np
 
 from ...controllers.reactive import Reactive
 from ...framework.controller import Controller, fresh
+from ...framework.mpc.planner.planner import Planner
+from ...framework.mpc.planner.recommended import slow_aside
 from ...framework.numerics.statistics import known_mean
 from ...framework.robot import Robot
 from ...framework.values.arrays import Array, probability, whole
@@ -23,6 +26,7 @@ from .base import Outcome, Row, Task
 from .errors import as_user_error
 
 T = TypeVar("T")
+LOG = logging.getLogger("wideberth.experiments")
 
 EPISODE_CAPTIONS = {
     "run_*": "Where everybody drove, with a mark every 5 s and the closest approach.",
@@ -112,6 +116,9 @@ def check_starts(
 ) -> None:
     """Initialise every controller in every scenario without stepping.
 
+    A warning is logged where a planner's robot is slow for the people of a scenario, see
+    `slow_aside`.
+
     Parameters
     ----------
     scenarios : by the names of the config; "" where it has one only.
@@ -127,6 +134,11 @@ def check_starts(
         for name, controller in controllers.items():
             with as_user_error(f"{place}: no episode of {name} can begin: "):
                 _begun(cast, robot, controller, Settings(history=0.0), seed)
+        others = cast.people or cast.bystanders or cast.rules is not None
+        planners = [one for one in controllers.values() if isinstance(one, Planner)]
+        speeds = {one.reference_speed for one in planners} if others else set()
+        for words in filter(None, (slow_aside(robot, speed) for speed in sorted(speeds))):
+            LOG.warning("%s: %s", place, words)
 
 
 def inputs_of(scenarios: Iterable[Scenario]) -> list[Path]:

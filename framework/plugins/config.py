@@ -18,7 +18,16 @@ from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 from ..values.errors import WideberthError, short
 from .former_keys import with_new_keys
 from .io import check_target, expanded, read_json, write_json
-from .registry import load, name_of, names, room_name, room_of, unimportable, unknown
+from .registry import (
+    choices,
+    load,
+    name_of,
+    recipe,
+    room_name,
+    room_of,
+    unimportable,
+    unknown,
+)
 from .yamlfile import read_config as read_config
 
 LONGEST_NAME = 48
@@ -76,7 +85,7 @@ def build(room: str, value: Any, path: str = "", default: Any = None) -> Any:
     if "type" not in value and default is not None:
         value = {**describe(default), **value}
     if not isinstance(value.get("type"), str):
-        known = ", ".join(names(room))
+        known = ", ".join(choices(room))
         hint = "" if "type" in value else _mistyped("type", value)
         raise WideberthError(
             f"{_at(path)}key 'type' is missing{hint}; wanted one of: {known}; or {{saved: FILE}}"
@@ -86,6 +95,9 @@ def build(room: str, value: Any, path: str = "", default: Any = None) -> Any:
     except WideberthError as error:
         raise WideberthError(f"{_at(path)}{error}") from None
     settings = {key: entry for key, entry in value.items() if key != "type"}
+    complete = recipe(room, value["type"])
+    if complete is not None:
+        return build(room, complete(settings, path), path)
     try:
         found = load(room, value["type"])
     except WideberthError as error:
@@ -190,7 +202,7 @@ def _choices(hint: Any) -> str:
     if room is None:
         return ""
     wanted = f"a name of yours for each of the {room}, and below it " if several else ""
-    return f"; wanted {wanted}one of: {', '.join(names(room))}"
+    return f"; wanted {wanted}one of: {', '.join(choices(room))}"
 
 
 def _mistyped(key: str, found: Iterable[Any]) -> str:

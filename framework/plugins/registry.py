@@ -6,14 +6,14 @@ of an installed package (groups ``wideberth.predictors`` and so on), or as ``"mo
 
 import sys
 import warnings
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points, packages_distributions
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 from ..values.errors import WideberthError, nearest, short
 
@@ -28,10 +28,17 @@ class Room:
     ----------
     module : holds the table ``BUILT_IN``, name -> "module:Class".
     base : "module:Class" that every plug-in of the room derives from.
+    recipes : name -> "module:function" that completes the settings of a plug-in of the room, see
+        `recipe`.
     """
 
     module: str
     base: str
+    recipes: Mapping[str, str] = field(default_factory=dict)
+
+
+Recipe: TypeAlias = Callable[[Mapping[str, Any], str], Mapping[str, Any]]
+"""(settings given, where they stand in the config) -> settings with ``type``."""
 
 
 _FRAMEWORK = "wideberth.framework"
@@ -40,7 +47,11 @@ ROOMS = {
     "regions": Room("wideberth.regions", f"{_FRAMEWORK}.region:Region"),
     "static_regions": Room("wideberth.regions.static", f"{_FRAMEWORK}.static_region:StaticRegion"),
     "robots": Room("wideberth.robots", f"{_FRAMEWORK}.robot:Robot"),
-    "controllers": Room("wideberth.controllers", f"{_FRAMEWORK}.controller:Controller"),
+    "controllers": Room(
+        "wideberth.controllers",
+        f"{_FRAMEWORK}.controller:Controller",
+        {"recommended": f"{_FRAMEWORK}.mpc.planner.recommended:completed"},
+    ),
     "state_estimators": Room(
         "wideberth.perception.state", f"{_FRAMEWORK}.state_estimator:StateEstimator"
     ),
@@ -99,6 +110,11 @@ def names(room: str) -> list[str]:
     return sorted(targets(room))
 
 
+def choices(room: str) -> list[str]:
+    """List what ``type`` may name in a config: the plug-ins and the recipes of a room, sorted."""
+    return sorted([*names(room), *ROOMS[room_name(room)].recipes])
+
+
 def targets(room: str) -> dict[str, str]:
     """Return name -> "module:Class" of a room; none of the plug-ins is imported."""
     room = room_name(room)
@@ -129,13 +145,24 @@ def load(room: str, target: str) -> type[Any]:
             "; 'module:Class' names any other class, and `plugins: [module]` in a config imports "
             "a module that registers names"
         )
-        raise WideberthError(unknown(room.removesuffix("s"), target, names(room)) + advice)
+        raise WideberthError(unknown(room.removesuffix("s"), target, choices(room)) + advice)
     base = base_class(room)
     if not (isinstance(found, type) and issubclass(found, base)):
         raise WideberthError(
             f"{target!r} is not a plug-in of {room}: it must be a class derived from "
             f"{ROOMS[room].base.replace(':', '.')}"
         )
+    return found
+
+
+def recipe(room: str, name: str) -> Recipe | None:
+    """Return the function that completes the settings of a name; None where it names a class.
+
+    A recipe stands where a class may stand in a config, ``{type: recommended, robot: ...}``: the
+    settings that are not given follow from those that are.
+    """
+    target = ROOMS[room_name(room)].recipes.get(name)
+    found: Recipe | None = None if target is None else _imported(target)
     return found
 
 

@@ -11,7 +11,9 @@ from wideberth.predictors.game import Game
 
 
 def test_configs_and_the_game_take_the_same_planner() -> None:
-    recommended = build("controllers", {**shared_settings("recommended"), "robot": "unicycle"})
+    among_robots = {"predictor": {"type": "kalman", "acceleration_density": 0.01}}
+    settings = {**shared_settings("recommended"), "robot": "unicycle", **among_robots}
+    recommended = build("controllers", settings)
     assert describe(Game().planner) == describe(recommended)
     crossing, _ = read_experiment("crossing", [])
     assert isinstance(crossing, Encounter)

@@ -9,10 +9,10 @@ from ...control.command_limits import broken_limit
 from ...plugins.config import build, describe
 from ...plugins.registry import load
 from ...plugins.yamlfile import shared_settings
-from ...robot import Robot, SpeedLimited, start_state
+from ...robot import Robot, SpeedLimited, start_state, step
 from ...values.arrays import positive
 from ...values.errors import WideberthError, short
-from ...values.motion import Command
+from ...values.motion import Command, Twist
 from ..costs.base import Weights
 from .planner import Planner
 from .settings import PlannerSettings
@@ -23,6 +23,10 @@ AHEAD = 5.0
 """s that a plan reaches ahead at least."""
 HEADROOM = 1.4
 """Largest speed of a robot over its reference speed (the paper's 0.7 m/s over 0.5 m/s)."""
+PERSON, MOST_ASIDE, LONGEST_ASIDE = 0.3, 3.5, 20.0
+"""m, s and s: radius of a person; longest time to move aside that suits people; longest sought."""
+_TICK, _RATES = 0.05, (0.1, 0.2, 0.5, 1.0, 2.0, 4.0)
+"""s, and rad/s: step, and yaw rates that are tried, when the time to move aside is sought."""
 _POWERS = {
     **{"max_speed": 1, "max_wheel_speed": 1, "max_yaw_rate": 1, "max_steering_rate": 1},
     **{"max_acceleration": 1, "max_wheel_acceleration": 1, "max_yaw_acceleration": 2},
@@ -31,11 +35,16 @@ _POWERS = {
 
 
 def recommended(
-    robot: str | Mapping[str, Any] | Robot = "unicycle", speed: float = 1.0, *, quiet: bool = False
+    robot: str | Mapping[str, Any] | Robot = "unicycle",
+    speed: float | None = None,
+    *,
+    quiet: bool = False,
+    **settings: Any,
 ) -> Planner:
     """Return our recommended planner for a robot that drives at a speed.
 
-    Predictor, region, level, solver, penalty and margin are those of
+    The same planner as ``{<<: recommended, robot: ..., reference_speed: ...}`` in a config, see
+    `completed`. Predictor, region, level, solver, penalty and margin are those of
     ``framework/recommended.yaml``. The weights of the cost, the step and the horizon follow the
     speed. A robot that is k = speed / 0.5 m/s times as fast drives the same way in 1/k of the
     time, so that every weight is divided by the power of k that its unit has of time::
@@ -54,12 +63,15 @@ def recommended(
         speed: where the largest speed is below 1.4 times the speed, all limits grow with it (the
         yaw acceleration with its square), so that the smallest turning circle stays. A config or
         a `Robot` is taken as it is.
-    speed : m/s, along the path.
+    speed : m/s, along the path; None for 1/1.4 of the robot's largest speed.
     quiet : print nothing; otherwise a line says each choice and its reason.
+    settings : any other of `PlannerSettings`, instead of the recommended ones. A step ``dt`` sets
+        the horizon, the period and the samples of tracks too, unless they are given.
 
     Raises
     ------
-    WideberthError : an unknown robot, a speed not above 0, or a robot that cannot drive at it.
+    WideberthError : an unknown robot, a speed not above 0, a robot that cannot drive at it, or
+        settings that `PlannerSettings` refuses.
 
     Examples
     --------
@@ -67,27 +79,60 @@ def recommended(
     >>> planner.dt, planner.horizon, planner.cost.weights.acceleration
     (0.25, 20, 625.0)
     """
-    positive("speed", speed)
-    model, fitted = _robot_for(robot, speed)
-    _check_speed(model, speed)
+    chosen = {} if speed is None else {"reference_speed": speed}
+    given = {**settings, "robot": robot, **chosen}
+    planner: Planner = build("controllers", completed(given))
+    if not quiet:
+        changes = _robot_for(robot, planner.reference_speed)[1]
+        print("\n".join(_choices(planner, changes)))
+    return planner
+
+
+def completed(given: Mapping[str, Any], path: str = "") -> dict[str, Any]:
+    """Our recommended planner: what its settings leave open follows from robot and speed.
+
+    How it follows stands at `recommended`. Without a speed it is 1/1.4 of the robot's largest.
+    A step ``dt`` sets the horizon, the period and the samples of tracks too, unless they are
+    given. What is made is a planner of ``type: mpc``.
+
+    Parameters
+    ----------
+    given : settings of a planner, ``robot`` and ``reference_speed`` among them.
+    path : where they stand in a config, for messages.
+
+    Raises
+    ------
+    WideberthError : as `recommended`.
+    """
+    settings = shared_settings("recommended") | {"type": "mpc"} | dict(given)
+    if "robot" not in given:
+        return settings
+    place = f"{path}." if path else ""
+    named = given["robot"]
+    own: Robot = build("robots", named, f"{place}robot")
+    speed = _fitting_speed(own) if "reference_speed" not in given else given["reference_speed"]
+    positive(f"{place}reference_speed", speed)
+    robot, _ = _robot_for(named, speed)
+    _check_speed(robot, speed, place)
     k = max(speed / SPEED, 1.0)
-    dt = STEP / k
-    weights = scaled_weights(k)
-    settings = shared_settings("recommended") | {
-        "robot": model,
+    dt = positive(f"{place}dt", given.get("dt", STEP / k))
+    derived = {
         "reference_speed": float(speed),
-        "cost": {"type": "tracking", "weights": weights},
+        "cost": {"type": "tracking", "weights": scaled_weights(k)},
         "dt": dt,
         "period": dt,
         "track_dt": dt,
         "horizon": max(PlannerSettings.horizon, ceil(AHEAD / dt - 1e-9)),
     }
-    if model.dimension == 2:
-        settings["static_region"] = "separating_line"
-    planner: Planner = build("controllers", settings)
-    if not quiet:
-        print("\n".join(_choices(planner, settings, fitted)))
-    return planner
+    if robot.dimension == 2:
+        derived["static_region"] = "separating_line"
+    return settings | {**derived, **given, "type": "mpc", "robot": robot}
+
+
+def _fitting_speed(robot: Robot) -> float:
+    """Return the speed for a robot that is given without one, m/s."""
+    fastest = robot.max_speed if isinstance(robot, SpeedLimited) else HEADROOM * SPEED
+    return round(fastest / HEADROOM, 3)
 
 
 def scaled_weights(k: float) -> Weights:
@@ -118,8 +163,8 @@ def _robot_for(robot: Any, speed: float) -> tuple[Robot, str]:
     return fast, ", ".join(f"{name} {value:g}" for name, value in limits.items())
 
 
-def _check_speed(robot: Robot, speed: float) -> None:
-    """Refuse a robot that cannot drive straight on at this speed.
+def _check_speed(robot: Robot, speed: float, place: str) -> None:
+    """Refuse a robot that cannot drive straight on at this speed, which stands in ``place``.
 
     Raises
     ------
@@ -130,31 +175,73 @@ def _check_speed(robot: Robot, speed: float) -> None:
     if broken_limit(robot, Command(tuple(float(v) for v in twist.linear))):
         limit = f"at most {robot.max_speed:g} m/s" if isinstance(robot, SpeedLimited) else "less"
         raise WideberthError(
-            f"speed is {speed:g} m/s; {short(robot)} can drive {limit}: take a lower speed, or "
+            f"{place}reference_speed is {speed:g} m/s; {short(robot)} can drive {limit}: take a lower speed, or "
             "give the robot higher limits"
         )
 
 
-def _choices(planner: Planner, settings: Mapping[str, Any], fitted: str) -> list[str]:
+def slow_aside(robot: Robot, speed: float) -> str:
+    """Warn of a robot that moves aside too slowly for people who make no way; empty for others.
+
+    It drives at ``speed`` and steers as hard as it can, until it is its own radius and that of a
+    person (0.3 m) away from its line. The bound `MOST_ASIDE` lies between a robot that takes 2.9 s
+    and touched nobody in four episodes of ``recorded_scene``, and one that takes 4.5 s and was
+    touched in all four; people walk 4.7 m in that time.
+    """
+    distance = robot.radius + PERSON
+    needed = min(_time_aside(robot, speed, rate, distance) for rate in _RATES)
+    if needed <= MOST_ASIDE:
+        return ""
+    span = f"{needed:.1f} s" if needed < LONGEST_ASIDE else f"more than {LONGEST_ASIDE:g} s"
+    return (
+        f"this robot takes {span} at {speed:g} m/s to move aside by {distance:g} m (its radius "
+        f"and a person's); above {MOST_ASIDE:g} s people who make no way may walk into it: state "
+        "the limits that it really has (those not given are the paper's), or a higher speed"
+    )
+
+
+def _time_aside(robot: Robot, speed: float, rate: float, distance: float) -> float:
+    """Return when the robot is this far from its line if it turns at a rate, s."""
+    ahead = (1.0, *(0.0,) * (robot.dimension - 1))
+    state, _ = start_state(robot, (0.0,) * robot.dimension, ahead, speed)
+    turning = Twist((speed, 0.0), rate)
+    if robot.pose(state).heading is None:
+        turning = Twist((0.0, 1e3, *(0.0,) * (robot.dimension - 2)))
+    now = 0.0
+    while abs(float(robot.pose(state).position[1])) < distance and now < LONGEST_ASIDE:
+        control = robot.drive(state, turning, _TICK)
+        state = tuple(float(value) for value in step(robot, state, control, _TICK))
+        now += _TICK
+    return now
+
+
+def _choices(planner: Planner, fitted: str) -> list[str]:
     """Say what was chosen and why, a line each."""
     name = describe(planner.robot).get("type", type(planner.robot).__name__)
-    predictor = describe(planner.predictor)["type"]
-    region, level = (describe(part)["type"] for part in (planner.region, planner.level))
-    tail, weights = describe(planner.level).get("tail", 0.05), settings["cost"]["weights"]
-    ahead = planner.horizon * planner.dt
+    predictor, region, level, solver, cost = (
+        describe(getattr(planner, part))["type"]
+        for part in ("predictor", "region", "level", "solver", "cost")
+    )
+    tail, weights = describe(planner.level).get("tail", 0.05), getattr(planner.cost, "weights", "")
+    ahead, speed = planner.horizon * planner.dt, planner.reference_speed
+    if isinstance(weights, Weights):
+        weights = (
+            f" of position {weights.position:g}, speed {weights.speed:.4g}, acceleration "
+            f"{weights.acceleration:.4g}, yaw acceleration {weights.yaw_acceleration:.4g}: the "
+            "paper's at 0.5 m/s, less for a faster robot"
+        )
     rows = {
         "robot": f"{name} of radius {planner.robot.radius:g} m",
-        "speed": f"{planner.reference_speed:g} m/s along the path",
+        "speed": f"{speed:g} m/s along the path",
         "limits": fitted or "its own",
-        "predictor": f"{predictor}: straight on, with a spread that covers what people do",
+        "predictor": f"{predictor}: where people may be, with a spread that covers what they do",
         "region": f"{region}: {100 * (1 - tail):g} % of where an obstacle may be, and both radii",
-        "level": f"{level}: gives way at a high price where nothing else is possible",
+        "level": f"{level}: gives way at a price where that is worth it",
         "margin": f"{planner.margin:g} m: regions hold at the steps alone",
-        "weights": f"position {weights.position:g}, speed {weights.speed:.4g}, acceleration "
-        f"{weights.acceleration:.4g}, yaw acceleration {weights.yaw_acceleration:.4g}: "
-        "the paper's at 0.5 m/s, less for a faster robot",
+        "cost": f"{cost}{weights}",
         "horizon": f"{planner.horizon} steps of {planner.dt:.3g} s, {ahead:.3g} s and "
-        f"{ahead * planner.reference_speed:.3g} m ahead; call it every {planner.period:.3g} s",
-        "solver": f"{describe(planner.solver)['type']}",
+        f"{ahead * speed:.3g} m ahead; call it every {planner.period:.3g} s",
+        "solver": solver,
+        "beware": slow_aside(planner.robot, speed),
     }
-    return [f"{key:<10}{text}" for key, text in rows.items()]
+    return [f"{key:<10}{text}" for key, text in rows.items() if text]

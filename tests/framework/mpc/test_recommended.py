@@ -1,28 +1,105 @@
 """One call gives a planner that arrives, says what it chose, and names itself where keys lack."""
 
+from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from wideberth import WideberthError, build, recommended
+from wideberth.framework.mpc.costs.tracking import Tracking
+from wideberth.framework.mpc.planner.recommended import slow_aside
+from wideberth.framework.mpc.planner.settings import PlannerSettings
 from wideberth.framework.plugins.config import describe
-from wideberth.framework.plugins.yamlfile import shared_settings
+from wideberth.framework.plugins.registry import load, names
+from wideberth.framework.plugins.yamlfile import parse, shared_settings
 from wideberth.robots.unicycle import Unicycle
 
+OWN = {"type": "unicycle", "radius": 0.4, "max_speed": 0.8, "max_yaw_rate": 0.7}
+"""A robot with limits of its own."""
 
-def test_at_the_papers_speed_it_is_the_recommended_setting() -> None:
-    shipped = build("controllers", {**shared_settings("recommended"), "robot": "unicycle"})
-    found = describe(recommended("unicycle", 0.5, quiet=True))
-    assert found.pop("static_region")["type"] == "separating_line"
-    assert found == {key: value for key, value in describe(shipped).items() if key in found}
+
+def by_config(text: str) -> dict[str, Any]:
+    """Return the resolved settings of a planner that a config states."""
+    return describe(build("controllers", parse(text, "here")))
+
+
+@pytest.mark.parametrize("speed", [None, 0.3, 0.5, 1.0, 1.5])
+@pytest.mark.parametrize("robot", names("robots"))
+def test_a_config_and_the_function_make_the_same_planner(robot: str, speed: float | None) -> None:
+    wanted = "" if speed is None else f", reference_speed: {speed}"
+    found = by_config(f"{{<<: recommended, robot: {robot}{wanted}}}")
+    assert found == describe(recommended(robot, speed, quiet=True))
+    if speed is not None:
+        k = max(speed / 0.5, 1.0)
+        assert (found["dt"], found["horizon"]) == (0.5 / k, max(15, round(5.0 * k / 0.5)))
+        assert found["cost"]["weights"]["acceleration"] == pytest.approx(1e4 / k**4)
+
+
+def test_a_robot_with_limits_of_its_own_sets_the_speed() -> None:
+    found = by_config(f"{{<<: recommended, robot: {OWN}}}")
+    assert found == describe(recommended(OWN, quiet=True))
+    assert found["robot"]["max_speed"] == 0.8 and found["reference_speed"] == 0.571  # 0.8 / 1.4
+    assert found["dt"] == 0.5 / (0.571 / 0.5) and found["horizon"] == 15
+
+
+def test_the_papers_robot_gets_the_papers_numbers() -> None:
+    found = by_config("{<<: recommended, robot: unicycle}")
+    paper = {field.name: field.default for field in fields(PlannerSettings)}
+    for name in ("dt", "period", "track_dt", "horizon", "reference_speed"):
+        assert found[name] == paper[name]
+    assert found["cost"] == describe(Tracking())
+
+
+def test_it_can_be_varied() -> None:
+    found = by_config("{<<: recommended, robot: unicycle, predictor: imm, dt: 0.2}")
+    assert found == describe(recommended("unicycle", quiet=True, predictor="imm", dt=0.2))
+    assert (found["predictor"]["type"], found["horizon"]) == ("imm", 25)
+    assert found["period"] == found["track_dt"] == 0.2
+    assert found == by_config("{type: recommended, robot: unicycle, predictor: imm, dt: 0.2}")
+    kept = by_config("{<<: recommended, robot: unicycle, dt: 0.2, horizon: 9, track_dt: 0.4}")
+    assert (kept["horizon"], kept["period"], kept["track_dt"]) == (9, 0.2, 0.4)
+    assert kept["predictor"]["type"] == "adaptive_conformal"  # the one of docs/choose.md
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (
+            "robot: {type: unicycle}, reference_speed: 1.0",
+            "planner.reference_speed is 1 m/s.*at most 0.7",
+        ),
+        ("robot: unicycle, reference_speed: -1.0", "planner.reference_speed is -1"),
+        ("robot: unicycle, dt: 0.0", "planner.dt is 0"),
+        ("robot: unicycel", "planner.robot.type: unknown robot 'unicycel': did you mean"),
+        ("robot: unicycle, horzon: 3", "planner.horzon: unknown key 'horzon': did you mean"),
+    ],
+)
+def test_what_does_not_fit_is_refused_where_it_stands(settings: str, message: str) -> None:
+    with pytest.raises(WideberthError, match=message):
+        build("controllers", parse(f"{{<<: recommended, {settings}}}", "here"), "planner")
+
+
+def test_a_robot_that_moves_aside_slowly_is_named() -> None:
+    """At a constant yaw acceleration it gets v times the integral of sin(alpha t^2 / 2) aside."""
+    speed, alpha, distance = 0.5, 0.1, 0.4 + 0.3
+    times = np.linspace(0.0, 10.0, 100_001)
+    turned = 0.5 * alpha * np.minimum(times, 3.0) ** 2 + 0.3 * np.maximum(times - 3.0, 0.0)
+    aside = np.cumsum(np.sin(turned)) * speed * 1e-4
+    needed = times[int((aside >= distance).argmax())]
+    found = slow_aside(Unicycle(radius=0.4), speed)
+    assert f"takes {needed:.1f} s at 0.5 m/s to move aside by 0.7 m" in found
+    assert slow_aside(Unicycle(radius=0.4, max_yaw_rate=0.7, max_yaw_acceleration=0.7), 0.57) == ""
+    assert slow_aside(load("robots", "holonomic_velocity")(), 0.5) == ""  # 1.05 m at 0.7 m/s
 
 
 def test_what_it_chose_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     fast = recommended(speed=1.0)
     said = capsys.readouterr().out
-    assert 7 <= len(said.splitlines()) <= 10 and max(map(len, said.splitlines())) < 140
-    for words in ("unicycle of radius 0.75 m", " 1 m/s", "max_speed 1.4", "kalman",
+    assert 7 <= len(said.splitlines()) <= 10 and max(map(len, said.splitlines())) < 160
+    for words in ("unicycle of radius 0.75 m", " 1 m/s", "max_speed 1.4", "adaptive_conformal",
                   "mahalanobis_ellipse", "relaxed", "acceleration 625", "20 steps of 0.25 s",
                   "riccati"):  # fmt: skip
         assert words in said
@@ -46,7 +123,7 @@ def test_a_robot_that_cannot_drive_so_fast_is_refused(robot, speed, message) -> 
 
 
 def test_a_missing_key_names_the_recommendation() -> None:
-    settings = {"type": "mpc", "robot": "unicycle", **shared_settings("recommended")}
+    settings = {"robot": "unicycle", **shared_settings("recommended"), "type": "mpc"}
     for key in ("robot", "region", "predictor", "level", "solver"):
         rest = {name: value for name, value in settings.items() if name != key}
         with pytest.raises(WideberthError, match=rf"'{key}' is missing.*<<: recommended.*recomm"):
