@@ -59,8 +59,12 @@ plan = planner.plan
 plan.plot()
 
 # %%
-# How good is the plan? ``optimal`` says that the solver found the best motion that keeps out of the regions. If it
-# had not, the robot would fall back to the next rung of a ladder of plans, and ``plan.reason`` would say why.
+# How good is the plan? ``optimal`` says that the solver found the best motion that keeps out of the regions drawn
+# above. If it had not, the robot would fall back to the next rung of a ladder of plans, and ``plan.reason`` would
+# say why. The regions drawn are those of the level that the plan holds. The recommended level may give way: where
+# 95 % would cost a long detour, regions hold somewhat less, at a price. Then the reason says how much, and from which
+# step on; ``plan.given_way`` is that as a value, and None where all that was asked for is kept. Steps that lie some
+# seconds ahead are planned again many times before the robot gets there.
 
 print(plan.rung, plan.reason)
 

@@ -18,6 +18,8 @@ def test_first_script_draws_a_picture(tmp_path: Path) -> None:
         capture_output=True, env={**os.environ, "MPLBACKEND": "Agg"}, timeout=120,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr[-2000:]
+    lines = done.stderr.splitlines()
+    assert [one for one in lines if not one.startswith("compiling kernels")] == []  # no warning
     (picture,) = tmp_path.glob("*.png")
     assert picture.read_bytes().startswith(b"\x89PNG") and picture.stat().st_size > 10_000
 

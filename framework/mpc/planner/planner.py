@@ -17,6 +17,9 @@ from ..ocp.reference import Progress
 from .cycle import Decision, PlannerState, Services, joined, remember, step, warm_up
 from .settings import PlannerSettings, check_settings
 
+SOON = 2.0
+"""s ahead within which a level that gives way is a warning; far longer than robots need to stop."""
+
 
 @dataclass(eq=False)
 class _Memory:
@@ -138,10 +141,13 @@ class Planner(PlannerSettings, Controller):
 
 
 def _warn(name: str, plan: Plan, notes: Sequence[str]) -> None:
-    """Warn of a plan that is not the one that was asked for, and of what was refused."""
+    """Warn of a plan that is not the one that was asked for, and of what was refused.
+
+    A level that gives way later than `SOON` is no warning: decisions until then may still keep it.
+    """
     if plan.rung is not Rung.OPTIMAL:
         WARNINGS.warn(name, str(plan.rung), plan.reason)
-    elif plan.given_way is not None:
+    elif plan.given_way is not None and plan.given_way.step * plan.dt <= SOON:
         WARNINGS.warn(name, "gave way", str(plan.given_way))
     if plan.left_out:
         WARNINGS.warn(name, "no room in the problem", ", ".join(plan.left_out))

@@ -175,8 +175,8 @@ def _check_speed(robot: Robot, speed: float, place: str) -> None:
     if broken_limit(robot, Command(tuple(float(v) for v in twist.linear))):
         limit = f"at most {robot.max_speed:g} m/s" if isinstance(robot, SpeedLimited) else "less"
         raise WideberthError(
-            f"{place}reference_speed is {speed:g} m/s; {short(robot)} can drive {limit}: take a lower speed, or "
-            "give the robot higher limits"
+            f"{place}reference_speed is {speed:g} m/s; {short(robot)} can drive {limit}: take a "
+            "lower speed, or give the robot higher limits"
         )
 
 

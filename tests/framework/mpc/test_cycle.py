@@ -19,7 +19,7 @@ from wideberth.framework.plugins.config import describe
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.motion import Command, Observation
-from wideberth.framework.values.plan import Rung, Status
+from wideberth.framework.values.plan import GivenWay, Rung, Status
 from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.adaptive_conformal import AdaptiveConformal
 from wideberth.predictors.kalman import Kalman
@@ -243,12 +243,14 @@ def test_a_delay_carries_state_and_covariance() -> None:
 def test_what_is_not_as_asked_for_is_warned_of(monkeypatch: pytest.MonkeyPatch) -> None:
     said: list[tuple[str, ...]] = []
     monkeypatch.setattr(shell, "WARNINGS", SimpleNamespace(warn=lambda *words: said.append(words)))
-    good = SimpleNamespace(rung=Rung.OPTIMAL, reason="", given_way=None, left_out=())
+    good = SimpleNamespace(rung=Rung.OPTIMAL, reason="", given_way=None, left_out=(), dt=0.5)
+    soon, later = (GivenWay(0.05, 0.1, "content", step, "a") for step in (4, 5))  # 2.0, 2.5 s
     for changes, notes, wanted in (
         ({}, (), []),
         ({"rung": Rung.BRAKE, "reason": "why"}, (), [(str(Rung.BRAKE), "why")]),
-        ({"given_way": "less"}, (), [("gave way", "less")]),
-        ({"rung": Rung.BRAKE, "given_way": "less"}, (), [(str(Rung.BRAKE), "")]),
+        ({"given_way": soon}, (), [("gave way", str(soon))]),
+        ({"given_way": later}, (), []),
+        ({"rung": Rung.BRAKE, "given_way": soon}, (), [(str(Rung.BRAKE), "")]),
         ({"left_out": ("a", "b")}, (), [("no room in the problem", "a, b")]),
         ({}, ("clock: back", "command too fast"),
          [("clock", "clock: back"), ("command", "command too fast")]),

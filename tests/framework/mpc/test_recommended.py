@@ -69,7 +69,7 @@ def test_it_can_be_varied() -> None:
     [
         (
             "robot: {type: unicycle}, reference_speed: 1.0",
-            "planner.reference_speed is 1 m/s.*at most 0.7",
+            "reference_speed is 1 m/s.*at most 0.7",
         ),
         ("robot: unicycle, reference_speed: -1.0", "planner.reference_speed is -1"),
         ("robot: unicycle, dt: 0.0", "planner.dt is 0"),
