@@ -10,6 +10,11 @@ from .messages import Messages
 from .ros_extra import needed
 
 STORAGES = ("mcap", "sqlite3")
+TEXT, LIST = 8, 9
+"""Versions of rosbag2's metadata: up to 8 what publishers offer is one text of numbers, from 9 on a
+list of names. Humble writes 5 and reads the text alone; Jazzy and later write 9 and read both."""
+VERSIONS = {"humble": TEXT, "jazzy": LIST, "kilted": LIST, "lyrical": LIST}
+"""Distribution -> version that its own readers take."""
 
 
 @final
@@ -19,7 +24,7 @@ class BagWriter:
     Parameters
     ----------
     folder : that must not exist yet.
-    known : the message types.
+    known : the message types; their distribution's own readers take the recording.
     storage : one of `STORAGES`.
 
     Raises
@@ -40,7 +45,8 @@ class BagWriter:
         self.known: Messages = known
         self._open: dict[tuple[str, str], Any] = {}
         plugin = library.StoragePlugin[storage.upper()]
-        self._bag: Any = library.Writer(folder, version=9, storage_plugin=plugin)
+        version = VERSIONS[known.distribution]
+        self._bag: Any = library.Writer(folder, version=version, storage_plugin=plugin)
 
     def __enter__(self) -> Self:
         """Open the files."""
