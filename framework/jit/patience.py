@@ -1,4 +1,4 @@
-"""Says that something takes its time: at once, how long it usually takes, and how far it is."""
+"""Says that something takes its time: how long it usually takes, and how far it is."""
 
 import json
 import os
@@ -13,6 +13,8 @@ _TIMES = ".times.json"
 """File beside the compiled modules: stem -> s that compiling took on this machine, at last."""
 _LARGEST = 10_000
 """Bytes of it that are read."""
+WORTH = 1.0
+"""s; what usually takes less is worth no line, unless it takes longer this time."""
 _EVERY = 10.0
 """s between two lines, at first."""
 _LONG = 5.0
@@ -20,25 +22,37 @@ _LONG = 5.0
 
 
 @contextmanager
-def announced(say: Callable[[str], None], what: str, usual: float | None) -> Iterator[None]:
+def announced(
+    say: Callable[[str], None], what: str, usual: float | None, *, at_once: bool = False
+) -> Iterator[None]:
     """Say ``what`` goes on, now and then, and what it took if that was long.
+
+    The first line comes at once where `WORTH` s or more are usual, otherwise after `WORTH` s.
 
     Parameters
     ----------
     say : is called with each line, also from another thread.
     what : goes on, as "compiling kernels".
     usual : s that it usually takes; None if nobody knows.
+    at_once : whether it is worth a line however short it is.
     """
     begin, over = time.monotonic(), Event()
-    about = "" if usual is None else f", usually about {usual:.0f} s"
+    long = usual is not None and usual >= WORTH
+    about = f", usually about {usual:.0f} s" if long else ""
+    silent = 0.0 if long or at_once else WORTH
 
     def count() -> None:
+        if silent and over.wait(silent):
+            return
+        if silent:
+            say(f"{what}{about} ...")
         seconds = 0.0
         while not over.wait(max(_EVERY, seconds / 5.0)):
             seconds = time.monotonic() - begin
             say(f"{what}: {seconds:.0f} s so far{about}")
 
-    say(f"{what}{about} ...")
+    if not silent:
+        say(f"{what}{about} ...")
     thread = Thread(target=count, daemon=True)
     thread.start()
     try:

@@ -42,7 +42,8 @@ def load(
     source : an LLVM module; with ``make``, any text that the code depends on.
     names : of the functions.
     announce : is called with a line before something is compiled or another process is waited
-        for, and now and then from there on; not where the cache serves.
+        for, and now and then from there on; not where the cache serves, nor for what takes less
+        than a second, unless stored code is damaged or nothing can be kept.
     usual : s that compiling usually takes, which is stated until it has been measured here.
     make : gives the object file where LLVM alone cannot make it from ``source``.
 
@@ -104,7 +105,8 @@ def _stored(wanted: _Wanted) -> Mapping[str, int]:
             return _for_now(wanted, error)
         why = "again, the stored one is damaged or not yours alone" if damaged else "(once)"
         begin = time.monotonic()
-        with announced(wanted.say, f"compiling {wanted.stem} {why}", usual):
+        what = f"compiling {wanted.stem} {why}"
+        with announced(wanted.say, what, usual, at_once=damaged):
             code = _built(place, final, wanted)
         note_seconds(root, wanted.stem, time.monotonic() - begin)
     return machine.loaded(code, wanted.names)
@@ -113,7 +115,7 @@ def _stored(wanted: _Wanted) -> Mapping[str, int]:
 def _for_now(wanted: _Wanted, error: OSError) -> Mapping[str, int]:
     """Compile for this process alone."""
     what = f"compiling {wanted.stem} for this run only (it cannot be kept: {error})"
-    with announced(wanted.say, what, wanted.usual):
+    with announced(wanted.say, what, wanted.usual, at_once=True):
         return machine.loaded(wanted.make(), wanted.names)
 
 

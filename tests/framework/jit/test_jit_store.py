@@ -24,8 +24,8 @@ DOUBLE = """define double @double(double %x) {
 PROCESS = """
 import sys
 from ctypes import CFUNCTYPE, c_double
-from wideberth.framework.jit import load
-said = []
+from wideberth.framework.jit import load, patience
+patience.WORTH, said = 0.0, []
 place = load("tested", open(sys.argv[1]).read(), ["double"], said.append)["double"]
 print(CFUNCTYPE(c_double, c_double)(place)(4.0), *said)
 """

@@ -1,4 +1,4 @@
-"""Whoever compiles or waits says so at once, with what it usually takes."""
+"""Whoever compiles or waits says so where that is worth it, with what it usually takes."""
 
 import time
 from collections.abc import Callable
@@ -8,7 +8,7 @@ from threading import Thread
 
 import pytest
 
-from wideberth.framework.jit import folder, patience
+from wideberth.framework.jit import folder, load, patience
 from wideberth.framework.jit.patience import announced, note_seconds, usual_seconds
 
 DOUBLE = """define double @double(double %x) {
@@ -28,16 +28,50 @@ def test_it_speaks_at_once_now_and_then_and_at_the_end(monkeypatch: pytest.Monke
             time.sleep(0.01)
     assert said[1] == "compiling it: 0 s so far, usually about 60 s"
     assert said[-1] == "compiling it: 0 s, done"
-    monkeypatch.setattr(patience, "_LONG", 1e9)
-    with announced(said.append, "compiling more", None):
+
+
+@pytest.mark.parametrize("usual", [0.0, 0.4, 0.99, None])
+def test_what_takes_no_time_is_worth_no_line(usual: float | None) -> None:
+    said: list[str] = []
+    with announced(said.append, "compiling it", usual):
         pass
-    assert said[-1] == "compiling more ..."
+    assert said == []
+    with announced(said.append, "compiling it", usual, at_once=True):
+        assert said == ["compiling it ..."]
+    with announced(said.append, "compiling it", 1.0):
+        assert said[-1] == "compiling it, usually about 1 s ..."
+
+
+@pytest.mark.parametrize("usual", [0.01, None])
+def test_what_takes_longer_than_usual_is_announced_then(
+    usual: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(patience, "WORTH", 0.02)
+    said: list[str] = []
+    with announced(said.append, "compiling it", usual):
+        begin = time.monotonic()
+        while not said:
+            time.sleep(0.002)
+        assert time.monotonic() - begin > 0.01
+    assert said == ["compiling it ..."]
+
+
+def test_code_that_is_compiled_in_no_time_says_nothing(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first time, and when it is known here that it takes no time."""
+    monkeypatch.setattr(patience, "WORTH", 60.0, raising=False)  # a machine may be busy
+    said: list[str] = []
+    for source in (DOUBLE, DOUBLE + "\n"):
+        load("tested", source, ["double"], said.append)
+    assert said == [] and usual_seconds(place, "tested", None) is not None
 
 
 def test_a_machine_tells_what_it_took_there(
     again: Callable[[str], list[str]], place: Path
 ) -> None:
-    assert again(DOUBLE) == ["compiling tested (once) ..."]
+    (line,) = again(DOUBLE)
+    assert line.startswith("compiling tested (once)")
     assert usual_seconds(place, "tested", None) is not None
     note_seconds(place, "tested", 41.6)
     assert again(DOUBLE + "\n") == ["compiling tested (once), usually about 42 s ..."]
@@ -47,7 +81,10 @@ def test_a_machine_tells_what_it_took_there(
     note_seconds(place / "missing", "tested", 1.0)  # nothing can be kept: nothing happens
 
 
-def test_who_waits_for_another_process_says_so(tmp_path: Path) -> None:
+def test_who_waits_for_another_process_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(patience, "WORTH", 0.0)
     said: list[str] = []
 
     def waits() -> None:
