@@ -165,6 +165,18 @@ def filter_modes(past: Histories, noise: Array, bank: ModeBank, speed: float) ->
     return _turned(beliefs, vectors)
 
 
+def _begun(beliefs: Beliefs, past: Histories, tracks: Tracks) -> Beliefs:
+    """Take velocity and covariance of the tracker for obstacles of which it has one sample."""
+    new = np.asarray(past.samples == 1)
+    if tracks.velocity is None or tracks.state_covariance is None or not new.any():
+        return beliefs
+    size = tracks.dimension
+    state, covariance = beliefs.state.copy(), beliefs.covariance.copy()
+    state[size:, :, new] = tracks.velocity[new].T[:, None]
+    covariance[..., new] = tracks.state_covariance[new].transpose(1, 2, 0)[:, :, None]
+    return Beliefs(beliefs.weight, state, covariance)
+
+
 def _turned(beliefs: Beliefs, vectors: Array) -> Beliefs:
     """Turn states and covariances by the rotations with columns ``vectors``, (O, D, D)."""
     states, modes, count = beliefs.state.shape
@@ -278,7 +290,10 @@ class InteractingModels(Fittable):
     - "kept": three modes with the newest model probabilities as weights, in the order above;
       each keeps its model over the whole horizon. A planner then keeps clear of each.
 
-    A tracker's ``state_covariance`` is not used: it belongs to no one model.
+    An obstacle of a single sample starts with the velocity that its tracker states, and with the
+    tracker's covariance of position and velocity, under all models: who has only just been seen
+    would otherwise be forecast to go anywhere at 1 m/s. From two samples on the tracker's
+    numbers are not used, as they belong to no one model.
 
     The defaults suit walking people whose measurement noise is known or estimated (`Recording`,
     `NoiseEvidence`). ``standing`` is far below the speed of a slow robot: with 0.03 m/s, half of
@@ -352,7 +367,8 @@ class InteractingModels(Fittable):
         return self._filtered(past, tracks, self.bank(tracks.dt, tracks.dimension))
 
     def _filtered(self, past: Histories, tracks: Tracks, bank: ModeBank) -> Beliefs:
-        return filter_modes(past, measurement_noise(tracks, self.noise_floor), bank, self.speed)
+        noise = measurement_noise(tracks, self.noise_floor)
+        return _begun(filter_modes(past, noise, bank, self.speed), past, tracks)
 
     def bank(self, dt: float, size: int) -> ModeBank:
         """Return the three models and their chain."""

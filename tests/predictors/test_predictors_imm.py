@@ -224,3 +224,36 @@ def test_settings():
     ):
         with pytest.raises(WideberthError, match=words):
             InteractingModels(**bad)
+
+
+def seen_once(velocity: bool) -> Tracks:
+    """Two obstacles with a tracker's state: one of a single sample, one of three."""
+    positions = np.full((2, 5, 2), np.nan)
+    positions[0, -1] = 1.0, 2.0
+    positions[1, -3:] = [(0.0, 0.0), (0.1, 0.1), (0.2, 0.1)]
+    root = np.random.default_rng(4).normal(size=(2, 4, 4))
+    joint = 0.02 * root @ root.transpose(0, 2, 1) + 1e-3 * np.eye(4)
+    rows = np.array([(0.4, -0.3), (5.0, 5.0)])
+    return Tracks(
+        positions, 0.25, ("new", "old"), np.full(2, 0.3), noise=joint[:, :2, :2],
+        state_covariance=joint, velocity=rows if velocity else None,
+    )  # fmt: skip
+
+
+def test_who_is_seen_for_the_first_time_has_the_trackers_velocity() -> None:
+    """Each model rolls the tracker's own state out; who has a history keeps to it."""
+    tracks, steps = seen_once(True), 6
+    own = InteractingModels(modes="kept")
+    found, without = (own.predict(one, steps) for one in (tracks, seen_once(False)))
+    bank = own.bank(tracks.dt, 2)
+    assert tracks.velocity is not None and tracks.state_covariance is not None
+    np.testing.assert_allclose(found.weight[0], 1.0 / 3.0)
+    for mode, (transition, process) in enumerate(bank.models):
+        state = np.array([1.0, 2.0, *tracks.velocity[0]])
+        spread = tracks.state_covariance[0]
+        for h in range(steps):
+            state, spread = transition @ state, transition @ spread @ transition.T + process
+            np.testing.assert_allclose(found.mean[0, mode, h], state[:2])
+            np.testing.assert_allclose(found.covariance[0, mode, h], spread[:2, :2])
+    np.testing.assert_array_equal(found.mean[1], without.mean[1])
+    np.testing.assert_array_equal(found.covariance[1], without.covariance[1])
