@@ -19,8 +19,8 @@ from .settings import PlannerSettings
 
 SPEED, STEP = 0.5, 0.5
 """m/s and s: the speed and the step that the weights of `Weights` are made for (the paper's)."""
-AHEAD = 5.0
-"""s that a plan reaches ahead at least."""
+AHEAD, STOPPING = 5.0, 7.5
+"""s that a plan reaches ahead at least: for people who walk, and, over k, for the weights."""
 HEADROOM = 1.4
 """Largest speed of a robot over its reference speed (the paper's 0.7 m/s over 0.5 m/s)."""
 PERSON, MOST_ASIDE, LONGEST_ASIDE = 0.3, 3.5, 20.0
@@ -49,12 +49,14 @@ def recommended(
     speed. A robot that is k = speed / 0.5 m/s times as fast drives the same way in 1/k of the
     time, so that every weight is divided by the power of k that its unit has of time::
 
-        k = max(speed / (0.5 m/s), 1)      dt = 0.5 s / k      N = max(15, 5 s / dt)
+        k = max(speed / (0.5 m/s), 1)   dt = 0.5 s / k   N = max(15, 5 s / dt, 7.5 s / (k dt))
         w_p = 100     w_v = 10 / k^2       w_a = 1e4 / k^4     w_alpha = 500 / k^4
 
     At 0.5 m/s and below these are the paper's numbers, and the planner that the studies recommend.
     Kept at 1 m/s, they let the robot arrive too fast to stop, and it circles its goal. The horizon
-    reaches 5 s ahead or more, as people who walk need it. The controller's period and the samples
+    reaches 5 s ahead or more, as people who walk need it, and 7.5 s / k, in which a robot with
+    these weights stops: their time constant is (w_a / w_p)^(1/4) = 3.2 s / k, and a plan of 5 s
+    at 0.5 m/s would run 0.5 m past the end of the path. The controller's period and the samples
     of tracks are one step long.
 
     Parameters
@@ -122,7 +124,7 @@ def completed(given: Mapping[str, Any], path: str = "") -> dict[str, Any]:
         "dt": dt,
         "period": dt,
         "track_dt": dt,
-        "horizon": max(PlannerSettings.horizon, ceil(AHEAD / dt - 1e-9)),
+        "horizon": max(PlannerSettings.horizon, ceil(max(AHEAD, STOPPING / k) / dt - 1e-9)),
     }
     if robot.dimension == 2:
         derived["static_region"] = "separating_line"

@@ -56,7 +56,7 @@ def test_the_papers_robot_gets_the_papers_numbers() -> None:
 def test_it_can_be_varied() -> None:
     found = by_config("{<<: recommended, robot: unicycle, predictor: imm, dt: 0.2}")
     assert found == describe(recommended("unicycle", quiet=True, predictor="imm", dt=0.2))
-    assert (found["predictor"]["type"], found["horizon"]) == ("imm", 25)
+    assert (found["predictor"]["type"], found["horizon"]) == ("imm", 38)  # 7.5 s
     assert found["period"] == found["track_dt"] == 0.2
     assert found == by_config("{type: recommended, robot: unicycle, predictor: imm, dt: 0.2}")
     kept = by_config("{<<: recommended, robot: unicycle, dt: 0.2, horizon: 9, track_dt: 0.4}")

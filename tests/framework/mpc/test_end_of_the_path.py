@@ -1,0 +1,101 @@
+"""At the end of its path a robot stands: it runs past it a little at most, and does not circle."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wideberth import Observation, Path, names, recommended
+from wideberth.framework.control.command_limits import within_reach
+from wideberth.framework.control.velocity_smoother import VelocitySmoother
+from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.robot import start_state, step
+
+TICK = 0.05
+NEAR, SLOW = 0.25, 0.1
+"""m and m/s: where and at what speed a robot has arrived, Nav2's numbers."""
+PAST, SOON = 0.2, 3.0
+"""m, by which it may run past the end; s, within which it stands once it is near."""
+STRAIGHT, SHORT = ((0.0, 0.0), (6.0, 0.0)), ((0.0, 0.0), (3.0, 0.0))
+CORNER = ((0.0, 0.0), (4.0, 0.0), (4.0, 4.0))
+"""The car's smallest circle has a radius of 2.4 m."""
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """How a drive ended: time until it is near, then until it stands, and way past the end."""
+
+    near: float
+    stands: float
+    past: float
+    strayed: float
+    """m from the end, at most, once it has been near."""
+
+
+def drive(planner: Planner, points: Any = STRAIGHT, aside: float = 0.0) -> Arrival:
+    """Drive from rest, exactly as planned, for some seconds beyond the first time that it is near.
+
+    Parameters
+    ----------
+    points : of the path, in the plane. aside : m, by which the robot begins beside it.
+    """
+    robot, size = planner.robot, planner.robot.dimension
+    path = Path(np.pad(np.array(points), ((0, 0), (0, size - 2))))
+    place = path.points[0] + np.eye(size)[1] * aside
+    state, twist = start_state(robot, tuple(place), tuple(path.direction(np.zeros(1))[0]), 0.0)
+    smoother = VelocitySmoother.at_rest(twist)
+    (last,) = path.direction(np.array([path.length]))
+    planner.set_path(path)
+    rows: list[tuple[float, ...]] = []
+    first, time, due = np.inf, 0.0, 0.0
+    while time < min(first + SOON + 5.0, 4.0 * path.length / planner.reference_speed + 20.0):
+        if time >= due - 1e-9:
+            seen = Observation(time, np.array(state))
+            smoother = smoother.aim(within_reach(robot, planner.command(seen)), time)
+            due += planner.period
+        control = robot.drive(state, smoother.at(time + TICK), TICK)
+        state = tuple(float(value) for value in step(robot, state, control, TICK))
+        time += TICK
+        away = np.array(robot.pose(state).position, dtype=float) - path.goal
+        speed = np.linalg.norm(np.array(robot.twist(state, control).linear, dtype=float))
+        rows.append((time, float(np.linalg.norm(away)), float(speed), float(away @ last)))
+        first = min(first, time) if rows[-1][1] <= NEAR else first
+    found = np.array(rows)
+    after = found[found[:, 0] >= first]
+    moves = after[(after[:, 1] > NEAR) | (after[:, 2] > SLOW), 0]
+    stands = float(moves.max(initial=first) - first)
+    return Arrival(first, stands, float(found[:, 3].max()), float(after[:, 1].max(initial=0.0)))
+
+
+def check(found: Arrival) -> None:
+    assert found.near < np.inf
+    assert found.past <= PAST and found.stands <= SOON
+    assert found.strayed <= NEAR + 1e-9
+
+
+SPEEDS = [pytest.param(0.3, marks=pytest.mark.slow), 0.5, 1.0,
+          pytest.param(1.5, marks=pytest.mark.slow)]  # fmt: skip
+
+
+@pytest.mark.parametrize("speed", SPEEDS)
+@pytest.mark.parametrize("name", names("robots"))
+def test_the_recommended_planner_stands_at_the_end(name: str, speed: float) -> None:
+    check(drive(recommended(name, speed, quiet=True)))
+
+
+@pytest.mark.parametrize("speed", SPEEDS)
+def test_it_does_so_with_a_step_of_its_own(speed: float) -> None:
+    """A finer step makes no shorter plan: one of 5 s at 0.5 m/s ran 0.5 m past the end."""
+    step_size = 0.25 / max(speed / 0.5, 1.0)
+    check(drive(recommended("unicycle", speed, quiet=True, dt=step_size)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("speed", [0.5, 1.0])
+@pytest.mark.parametrize(("points", "aside"), [(SHORT, 0.5), (CORNER, 0.0)])
+@pytest.mark.parametrize("name", ["bicycle", "holonomic", "unicycle"])
+def test_it_does_so_from_beside_the_path_and_after_a_corner(
+    name: str, points: Any, aside: float, speed: float
+) -> None:
+    check(drive(recommended(name, speed, quiet=True), points, aside))
