@@ -11,8 +11,8 @@ from .ros_extra import needed
 
 STORAGES = ("mcap", "sqlite3")
 TEXT, LIST = 8, 9
-"""Versions of rosbag2's metadata: up to 8 what publishers offer is one text of numbers, from 9 on a
-list of names. Humble writes 5 and reads the text alone; Jazzy and later write 9 and read both."""
+"""Versions of rosbag2's metadata: up to 8 what publishers offer is one text of numbers, from 9 on
+a list of names. Humble writes 5 and reads the text; Jazzy and later write 9 and read both."""
 VERSIONS = {"humble": TEXT, "jazzy": LIST, "kilted": LIST, "lyrical": LIST}
 """Distribution -> version that its own readers take."""
 

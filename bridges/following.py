@@ -6,14 +6,10 @@ from typing import final
 
 import numpy as np
 
-from ..framework.mpc.ocp.reference import Progress
 from ..framework.values.arrays import Array, positive
-from ..framework.values.path import Path
 from .frames import within_pi
 from .node import PlannerNode
-
-LEFT = 1.0
-"""m of the path; with more of it ahead, a robot beside the path's end only passes by."""
+from .ways import Arrival
 
 
 class Code(IntEnum):
@@ -44,8 +40,8 @@ class Following:
 
     Parameters
     ----------
-    tolerance : m from the last point, within which the robot is there, if at most `LEFT` m of
-        the path are ahead. Then it stays there up to twice as far away.
+    tolerance : m from the last point, within which the robot is there and brakes, see
+        `wideberth.bridges.ways.Arrival`.
     yaw_tolerance : rad, by which its heading may be off that of the last pose; it turns on the
         spot. From pi on any heading will do.
     slow : m/s, below which it stands.
@@ -90,8 +86,7 @@ class Follower:
         """m/s, of the robot."""
         self._place: Array | None = None
         self._frame, self._heading = "", float("nan")
-        self._there = False
-        self._progress: Progress | None = None
+        self._arrival = Arrival(settings.tolerance)
         self._moved = self._well = now
         self._failures, self._plans = node.counts.failures, node.counts.plans
 
@@ -121,13 +116,16 @@ class Follower:
             return End(Code.UNKNOWN, "the path was taken away")
         self.distance = float(np.linalg.norm(path.goal - motion[0][:2]))
         self.speed = float(np.hypot(*motion[1][:2]))
-        self._arrive(path, motion[0][:2])
+        was = self._arrival.there
+        there = self._arrival.look(path, motion[0][:2])
+        if was and not there:
+            self.node.drive_on()
         turned = self._turned()
-        if self._there and turned and self.speed <= wanted.slow:
+        if there and turned and self.speed <= wanted.slow:
             return End(Code.NONE)
         self._note_progress(motion[0], now)
         waits, counts = self.node.waits_for(), self.node.counts
-        planned = counts.plans > self._plans or not turned
+        planned = counts.plans > self._plans or there
         if planned and counts.failures == self._failures and not waits:
             self._well = now
         failed = counts.failures > self._failures
@@ -143,28 +141,18 @@ class Follower:
             return End(Code.FAILED_TO_MAKE_PROGRESS, reason)
         return None
 
-    def _arrive(self, path: Path, place: Array) -> None:
-        """Note whether the robot is at the end of the path; one that is not there drives on."""
-        if self._progress is None or self._progress.path is not path:
-            self._progress = Progress(path)
-        self._progress, arc = self._progress.advanced(place)
-        near = self.distance <= (1.0 + self._there) * self.settings.tolerance
-        there = near and path.length - arc <= LEFT
-        if self._there and not there:
-            self.node.drive_on()
-        self._there = there
-
     def _turned(self) -> bool:
-        """Whether nothing is left to turn; a robot at the end of its path turns to its heading."""
-        if not self._there or not np.isfinite(self._heading):
+        """Whether nothing is left to turn; a robot at the end of its path stands, and turns."""
+        if not self._arrival.there:
             return True
-        return abs(self.node.turn(self._frame, self._heading)) <= self.settings.yaw_tolerance
+        left = self.node.turn(self._frame, self._heading)
+        return not np.isfinite(self._heading) or abs(left) <= self.settings.yaw_tolerance
 
     def _note_progress(self, pose: Array, now: float) -> None:
         """Note when the robot has moved, or turned at the end of its path, far enough."""
         old, wanted = self._place, self.settings
         moved = old is None or bool(np.linalg.norm(pose[:2] - old[:2]) >= wanted.progress)
-        if self._there and old is not None:
+        if self._arrival.there and old is not None:
             moved = moved or abs(within_pi(float(pose[2] - old[2]))) >= wanted.progress_angle
         if moved:
             self._place, self._moved = pose, now

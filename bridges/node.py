@@ -30,7 +30,7 @@ from .priority import urgent
 from .readings import Goal, Motion, Transforms, Way, reading_of
 from .room import beside_robot
 from .sight import LASERSCAN, ObstacleSight, ObstacleTopic, ScanSight, Sight, View
-from .ways import Found, GoalTopic, Guide, MapTopic, PathTopic, Question, Turn
+from .ways import Arrival, Found, GoalTopic, Guide, MapTopic, PathTopic, Question, Turn
 from .wording import Wording
 
 LONGEST_PATH = 10_000
@@ -42,6 +42,7 @@ PAUSE = 5.0
 EXACT = 1e-8
 """m^2 and so on: covariance of odometry that states none."""
 DRIVING, TURNING = "driving", "turning to the goal's heading"
+ARRIVED = "standing at the end of the path"
 """What a node's status says where all is well."""
 NO_ROOM = "no room to turn: "
 """Begins the status of a robot that something is beside as it wants to turn."""
@@ -168,6 +169,7 @@ class PlannerNode:
         self._stop = threading.Event()
         self._sight: Sight | None = None
         self._guide: Guide | None = None
+        self._arrival: Arrival | None = None
         self._no_way = ""
         self._join(link)
 
@@ -211,6 +213,7 @@ class PlannerNode:
         follows = self.settings.follows
         if isinstance(follows, PathTopic):
             self._from["path"] = link.subscriber(follows.topic, "nav_msgs/msg/Path", reliable=True)
+            self._arrival = Arrival(follows.tolerance)
         elif isinstance(follows, GoalTopic):
             pose, grid = "geometry_msgs/msg/PoseStamped", "nav_msgs/msg/OccupancyGrid"
             self._from["goal"] = link.subscriber(follows.topic, pose, reliable=True)
@@ -271,7 +274,8 @@ class PlannerNode:
     def turn(self, frame: str, heading: float) -> float:
         """Brake, and turn on the spot to a heading of a frame, rad, until another path comes.
 
-        Return how much is left of the turn, within pi, rad; NaN where that is not known.
+        With a heading that is NaN the robot only brakes. Return how much is left of the turn,
+        within pi, rad; NaN where that is not known.
         """
         with self._lock:
             self._turn = Turn(frame, heading)
@@ -353,7 +357,8 @@ class PlannerNode:
                 self.status = waits
                 return False
             turn = self._turn
-            if turn is not None and self.robot.footprint is None:
+            sweeps = self.robot.footprint is not None
+            if turn is not None and not (sweeps and np.isfinite(turn.heading)):
                 self._stand_still(turn, "")
                 return False
             observation, earlier = self._observation(own)
@@ -404,7 +409,8 @@ class PlannerNode:
 
     def _stand_still(self, turn: Turn, beside: str) -> None:
         """Decide that the robot stands and turns, see `_aim`, unless something is beside it."""
-        self.status, self._decided = TURNING, self._clock()
+        self.status = TURNING if np.isfinite(turn.heading) else ARRIVED
+        self._decided = self._clock()
         self._room = None if beside else turn
         if beside:
             self.status = NO_ROOM + beside
@@ -414,7 +420,7 @@ class PlannerNode:
     def _find_way(self) -> None:
         """Find the way to the newest goal; a route over a map may take long."""
         if self._guide is None:
-            return
+            return self._end_way()
         with self._lock:
             found = self._guide.ask(self._own)
             self._turn = found if isinstance(found, Turn) else None
@@ -426,6 +432,16 @@ class PlannerNode:
             with self._lock:
                 self._take_path(found.frame, found.points)
                 self._no_way = found.reason
+        return None
+
+    def _end_way(self) -> None:
+        """Forget a path of a topic whose end the robot has reached: it brakes."""
+        with self._lock:
+            path, motion = self._path, self.motion
+            if self._arrival is None or path is None or motion is None:
+                return
+            if self._arrival.look(path, motion[0][:2]):
+                self._take_path("", np.zeros((0, 2)))
 
     def _observation(self, heard: Heard) -> tuple[Observation, list[Observation]]:
         """Put together what the controller sees, and what it should remember first."""
@@ -538,7 +554,7 @@ class PlannerNode:
                                                                "failures", "refused")}  # fmt: skip
         if counts.latency:
             numbers["latency median, ms"] = f"{1e3 * float(np.median(counts.latency)):.1f}"
-        well = self.status in (DRIVING, TURNING)
+        well = self.status in (DRIVING, TURNING, ARRIVED)
         self._to["diagnostics"].send(
             Wording(0, "", self._known).diagnostics(
                 time.time(), "wideberth: planner", 0 if well else 1, self.status, numbers

@@ -7,11 +7,13 @@ from typing import Any, Protocol, final
 
 import numpy as np
 
+from ..framework.mpc.ocp.reference import Progress
 from ..framework.numerics.inflation import Inflation
 from ..framework.route_planner import Route
 from ..framework.values.arrays import FARTHEST, Array, positive
 from ..framework.values.costmap import Costmap
 from ..framework.values.occupancy_grid import OccupancyGrid
+from ..framework.values.path import Path
 from ..framework.values.polygon import Polygon
 from .frames import composed, inverted, within_pi
 from .own_motion import OwnMotion
@@ -20,6 +22,8 @@ from .sight import check_topic
 
 NEAR, AGAIN = 10.0, 3.0
 """m from the robot, to which walls of a map are outlined; m, after which that is done anew."""
+LEFT = 1.0
+"""m of the path; with more of it ahead, a robot beside the path's end only passes by."""
 SHIFT, TURN = 0.02, 0.005
 """m and rad; routes and walls are placed anew when the map's frame has moved so far against the
 odometry's, where the robot is. A wall 10 m away is then up to 0.08 m off."""
@@ -30,15 +34,23 @@ odometry's, where the robot is. A wall 10 m away is then up to 0.08 m off."""
 class PathTopic:
     """A topic of `nav_msgs/msg/Path`, which is followed as it comes.
 
+    Parameters
+    ----------
+    topic : of the paths.
+    tolerance : m; a robot that is so near to the path's end, with at most `LEFT` m of the path
+        ahead, has arrived, and brakes. The default is Nav2's.
+
     Raises
     ------
-    WideberthError : no topic.
+    WideberthError : no topic, a tolerance that is not above zero.
     """
 
     topic: str = "/plan"
+    tolerance: float = 0.25
 
     def __post_init__(self) -> None:
         check_topic("node.follows.topic", self.topic)
+        positive("node.follows.tolerance", self.tolerance)
 
 
 @final
@@ -161,6 +173,38 @@ class Turn:
 
     frame: str
     heading: float
+
+
+@final
+class Arrival:
+    """Notes whether a robot has come to the end of its path.
+
+    A robot that is there stays there up to twice the tolerance.
+
+    Parameters
+    ----------
+    tolerance : m from the last point, within which the robot is there, if at most `LEFT` m of
+        the path are ahead.
+    """
+
+    def __init__(self, tolerance: float) -> None:
+        self.there: bool = False
+        """Whether it was there at the last look."""
+        self._tolerance = tolerance
+        self._progress: Progress | None = None
+
+    def look(self, path: Path, place: Array) -> bool:
+        """Return whether a robot at a place, (2,) in m, is at the end of its path."""
+        if not (np.abs(place) <= FARTHEST).all():
+            self.there = False
+            return False
+        if self._progress is None or self._progress.path is not path:
+            self._progress = Progress(path)
+        self._progress, arc = self._progress.advanced(place)
+        distance = float(np.linalg.norm(path.goal - place))
+        near = distance <= (1.0 + self.there) * self._tolerance
+        self.there = near and path.length - arc <= LEFT
+        return self.there
 
 
 @final
