@@ -360,10 +360,17 @@ def show(
     result: Annotated[
         str,
         typer.Argument(
-            help="Folder of a result, or the name of its config.",
+            help="Folder of a result, or the name of its config; or the word config.",
             autocompletion=completing.results,
         ),
     ],
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            help="After the word config: the shipped config to print.",
+            autocompletion=completing.shipped_configs,
+        ),
+    ] = None,
     columns: Annotated[
         str, typer.Option(help="Only these columns, as in planner,clearance_min_m.")
     ] = "",
@@ -373,9 +380,18 @@ def show(
     latex: Annotated[bool, typer.Option("--latex", help="As a tabular with booktabs.")] = False,
     markdown: Annotated[bool, typer.Option("--markdown", help="As Markdown.")] = False,
 ) -> None:
-    """Show a result: its claim, its table, its files; or a part of its tables alone."""
+    """Show a result (claim, table, files), a part of its tables, or a shipped config's YAML.
+
+    `wideberth show config crossing > mine.yaml` writes a shipped config to a file.
+    """
+    part = bool(columns or pivot or latex or markdown)
+    if name is not None:
+        typer.echo(_config_text(result, name, part), nl=False)
+        return
     folder = result_folder(result)
-    if not (columns or pivot or latex or markdown):
+    if not (folder / "config.yaml").is_file():
+        _mean_config(result)
+    if not part:
         _show(folder)
         return
     from ..engine import extract, showing
@@ -396,6 +412,37 @@ def show(
     if chosen.measure:
         typer.echo(chosen.measure)
     showing.print_table(chosen.rows)
+
+
+def _config_text(word: str, name: str, part: bool) -> str:
+    """Return the shipped config that the two words of `wideberth show` mean."""
+    from ..engine.shipped import shipped_text
+    from .describing import is_config_room
+
+    if not is_config_room(word):
+        raise WideberthError(
+            f"show takes one result, and {word!r} and {name!r} were given; two words are "
+            "`show config NAME`, which prints a shipped config"
+        )
+    if part:
+        raise WideberthError("--columns, --pivot, --latex and --markdown are of a result's tables")
+    return shipped_text(name)
+
+
+def _mean_config(word: str) -> None:
+    """Refuse a word that names a shipped config, and no result."""
+    from ..engine.shipped import shipped
+    from .describing import is_config_room
+
+    if is_config_room(word):
+        raise WideberthError(
+            "`wideberth show config NAME` prints a shipped config; none was named"
+        )
+    if word in shipped():
+        raise WideberthError(
+            f"{result_folder(word)} holds no result; `wideberth run {word}` makes one, and "
+            f"`wideberth show config {word}` prints the shipped config"
+        )
 
 
 @app.command(no_args_is_help=True)
@@ -673,7 +720,10 @@ def node(
 @app.command(no_args_is_help=True)
 def bag(
     episode: KeptEpisode,
-    out: Annotated[Path, typer.Option(help="Folder of the recording; it must not exist yet.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder, which must not exist yet; the episode's name by default."),
+    ] = None,
     storage: Annotated[str, typer.Option(help="mcap or sqlite3.")] = "mcap",
     distribution: Annotated[
         str, typer.Option(help="Of ROS 2: humble, jazzy, kilted or lyrical.")
@@ -688,13 +738,12 @@ def bag(
     found = find_episodes(path if path.exists() else result_folder(episode))
     if len(found) > 1:
         typer.echo(f"{found[0]} is written, the first of {len(found)}")
+    written = expanded(out) if out else Path(found[0].stem)
     with working("writing the recording"):
-        counted = write_episode_bag(
-            found[0], expanded(out), distribution=distribution, storage=storage
-        )
+        counted = write_episode_bag(found[0], written, distribution=distribution, storage=storage)
     for topic, count in sorted(counted.items()):
         typer.echo(f"  {topic}: {count}")
-    typer.echo(f"written: {out}")
+    typer.echo(f"written: {written}")
 
 
 def main(arguments: list[str] | None = None) -> None:

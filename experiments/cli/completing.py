@@ -21,6 +21,13 @@ def results(incomplete: str) -> Iterator[str]:
     yield from _paths(incomplete, ())
 
 
+def shipped_configs(incomplete: str) -> Iterator[str]:
+    """Yield shipped configs."""
+    from ..engine.shipped import shipped
+
+    yield from _begun(shipped(), incomplete)
+
+
 def rooms(incomplete: str) -> Iterator[str]:
     """Yield the rooms, and the word for shipped configs."""
     from ...framework.plugins.registry import ROOMS
@@ -47,13 +54,15 @@ def predictors(incomplete: str) -> Iterator[str]:
 
 
 def described(context: typer.Context, incomplete: str) -> Iterator[str]:
-    """Yield rooms and all plug-ins, or those of the room that stands before."""
-    from ...framework.plugins.registry import ROOMS, names
+    """Yield rooms and all plug-ins and configs, or those of the room that stands before."""
+    from ...framework.plugins.registry import ROOMS, choices
+    from ..engine.shipped import shipped
 
     before = list(context.params.get("what") or ())
-    inside = [room for room in ROOMS if not before or room in (before[0], f"{before[0]}s")]
-    found = {name for room in inside for name in names(room)}
-    yield from _begun(sorted(found | ({*ROOMS} if not before else set())), incomplete)
+    known = {room: choices for room in ROOMS} | {"configs": lambda _: shipped()}
+    inside = [room for room in known if not before or room in (before[0], f"{before[0]}s")]
+    found = {name for room in inside for name in known[room](room)}
+    yield from _begun(sorted(found | ({*known} if not before else set())), incomplete)
 
 
 def _begun(words: list[str], incomplete: str) -> Iterator[str]:

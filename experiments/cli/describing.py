@@ -28,7 +28,7 @@ from ...framework.plugins.registry import (
 )
 from ...framework.plugins.yamlfile import dump as yaml_text
 from ...framework.values.errors import WideberthError, nearest, short
-from ..engine.shipped import CONFIGS, shipped
+from ..engine.shipped import shipped, shipped_text
 from ..engine.width import wrapped
 
 CONFIG_ROOM = "configs"
@@ -42,13 +42,23 @@ def listed(room: str) -> dict[str, str]:
 
     No plug-in is imported: the line is read from the file.
     """
-    if room in (CONFIG_ROOM, "config"):
-        return {name: _claim(CONFIGS / f"{name}.yaml") for name in shipped()}
-    rooms = (*ROOMS, CONFIG_ROOM)
-    if room not in rooms and f"{room}s" not in rooms:
-        raise WideberthError(unknown("room", room, rooms))
-    named = {**targets(room), **ROOMS[room_name(room)].recipes}
+    if is_config_room(room):
+        return {name: _claim(shipped_text(name)) for name in shipped()}
+    room = _known_room(room)
+    named = {**targets(room), **ROOMS[room].recipes}
     return {name: summary(target) for name, target in sorted(named.items())}
+
+
+def is_config_room(word: str) -> bool:
+    """Whether a word means the shipped configs, as the name of a room does its plug-ins."""
+    return f"{word.removesuffix('s')}s" == CONFIG_ROOM
+
+
+def _known_room(word: str) -> str:
+    """Return the room that a word means; the error names the configs too."""
+    if word not in ROOMS and f"{word}s" not in ROOMS:
+        raise WideberthError(unknown("room", word, (*ROOMS, CONFIG_ROOM)))
+    return room_name(word)
 
 
 def lines(table: dict[str, str], most: int = 22, columns: int | None = None) -> Iterator[str]:
@@ -102,10 +112,10 @@ def _docstrings(file: Path) -> dict[str, str]:
     return {node.name: ast.get_docstring(node) or "" for node in named}
 
 
-def _claim(path: Path) -> str:
+def _claim(config: str) -> str:
     """Return the first sentence of the comment that a config begins with."""
     found = []
-    for line in path.read_text(encoding="utf-8").splitlines():
+    for line in config.splitlines():
         if not line.startswith("# "):
             break
         found.append(line.removeprefix("# "))
@@ -117,29 +127,31 @@ def described(words: list[str]) -> str:
 
     Parameters
     ----------
-    words : a name, a room and a name, "module:Class", a shipped config, or a room alone.
+    words : a name, a room (or ``configs``) and a name, "module:Class", a shipped config, or a room
+        alone.
 
     Raises
     ------
     WideberthError : unknown name or room, or more words.
     """
     if len(words) == 2:
-        return _one(room_name(words[0]), words[1])
+        if is_config_room(words[0]):
+            return _config(words[1])
+        return _one(_known_room(words[0]), words[1])
     if len(words) != 1:
         raise WideberthError("describe takes a name, or a room and a name")
     word = words[0]
     if ":" in word:
         return _one(_room_of_path(word), word)
-    found = [room for room in ROOMS if word in choices(room)]
+    found = [_one(room, word) for room in ROOMS if word in choices(room)]
+    found += [_config(word)] if word in shipped() else []
     if found:
-        return "\n\n\n".join(_one(room, word) for room in found)
+        return "\n\n\n".join(found)
     for room in (word, f"{word}s"):
         if room in ROOMS:
             return _room(room)
         if room == CONFIG_ROOM:
             return "\n".join(lines(listed(room)))
-    if word in shipped():
-        return _config(word)
     everything = {name for room in ROOMS for name in choices(room)}
     hint = nearest(word, {*everything, *ROOMS, CONFIG_ROOM, *shipped()}) or ";"
     raise WideberthError(f"unknown name {short(word)}{hint} `wideberth list` shows all names")
@@ -166,11 +178,12 @@ def _room(room: str) -> str:
 
 
 def _config(name: str) -> str:
-    """Return the comment that a shipped config begins with, its study, and how to run it."""
-    text = (CONFIGS / f"{name}.yaml").read_text(encoding="utf-8")
+    """Return the comment that a shipped config begins with, its study, and how to use it."""
+    text = shipped_text(name)
     comment = takewhile(lambda line: line.startswith("#"), text.splitlines())
     parts = [f"{name} ({CONFIG_ROOM})", "\n".join(line[1:].strip() for line in comment)]
     parts.append(f"Study: {_studies(name)}\nRun it: wideberth run {name}")
+    parts.append(f"Make one of your own: wideberth show config {name} > mine.yaml")
     return "\n\n".join(parts)
 
 
@@ -292,8 +305,7 @@ def snippet(room: str, name: str, found: type) -> str:
 
 
 def _studies(config: str) -> str:
-    text = (CONFIGS / f"{config}.yaml").read_text(encoding="utf-8")
-    found = re.search(r"^type: *(\w+)", text, flags=re.MULTILINE)
+    found = re.search(r"^type: *(\w+)", shipped_text(config), flags=re.MULTILINE)
     return found[1] if found else ""
 
 

@@ -31,6 +31,18 @@ def shipped() -> list[str]:
     return sorted(path.stem for path in CONFIGS.glob("*.yaml"))
 
 
+def shipped_text(name: str) -> str:
+    """Return a shipped config as it stands in its file, comments included.
+
+    Raises
+    ------
+    WideberthError : no config of this name is shipped.
+    """
+    if name not in shipped():
+        raise WideberthError(unknown("config", name, shipped()))
+    return (CONFIGS / f"{name}.yaml").read_text(encoding="utf-8")
+
+
 def config_path(text: str) -> Path:
     """Return the file that a path or the bare name of a shipped config means.
 

@@ -202,7 +202,9 @@ def test_points_of_a_lidar_are_a_cloud(tmp_path: Path) -> None:
     assert (cloud.width, cloud.point_step, len(cloud.data)) == (2, 12, 24)
 
 
-def test_commands_of_the_shell(file: Path, tmp_path: Path, capsys: Any) -> None:
+def test_commands_of_the_shell(
+    file: Path, tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def run(*words: str) -> tuple[int, str]:
         with pytest.raises(SystemExit) as stop:
             main(["bag", *words])
@@ -211,6 +213,10 @@ def test_commands_of_the_shell(file: Path, tmp_path: Path, capsys: Any) -> None:
 
     code, said = run(str(file), "--out", str(tmp_path / "out"))
     assert code == 0 and "/walker_0/plan: 3" in said and "written: " in said
+    monkeypatch.chdir(tmp_path)
+    code, said = run(str(file))  # as `play` and `film`: the episode's name, here
+    assert code == 0 and f"written: {file.stem}\n" in said
+    assert (tmp_path / file.stem / f"{file.stem}.mcap").is_file()
     for words, cause in (
         (("--out", str(tmp_path / "out")), "a recording is not replaced"),
         (("--out", str(tmp_path / "x"), "--storage", "mcab"), "did you mean 'mcap'"),

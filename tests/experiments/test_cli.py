@@ -62,7 +62,8 @@ def test_watching_needs_one_process_and_a_screen(shell) -> None:  # type: ignore
 
 
 def test_quick_and_no_figures(shell) -> None:  # type: ignore[no-untyped-def]
-    assert shell("run", "coins.yaml", "--quick", "--no-figures")[0] == 0
+    code, _, error = shell("run", "coins.yaml", "--quick", "--no-figures")
+    assert code == 0 and "quick: seeds 2, not 3" in error
     assert Path("results/coins-quick/table.csv").exists()
     assert not Path("results/coins-quick/figures").exists()
 
@@ -252,3 +253,43 @@ def test_a_config_is_described(shell) -> None:  # type: ignore[no-untyped-def]
     code, out, _ = shell("describe", "fault_sweep")
     assert code == 0 and "What is worse than 1 cm of noise" in out and "Study: comparison" in out
     assert shell("describe", "configs")[1] == shell("list", "configs")[1]
+    for room in ("config", "configs"):
+        assert shell("describe", room, "fault_sweep")[:2] == (0, out)
+    code, out, _ = shell("describe", "crossing")  # a scenario too
+    assert code == 0 and "crossing (scenarios)" in out and "crossing (configs)" in out
+    code, _, error = shell("describe", "configs", "fault_swep")
+    assert code == 2 and "did you mean 'fault_sweep'" in error
+
+
+@pytest.mark.parametrize("word", ["config", "configs"])
+def test_a_shipped_config_is_printed_as_it_stands(shell, word: str) -> None:  # type: ignore[no-untyped-def]
+    code, out, error = shell("show", word, "crossing")
+    assert (code, out, error) == (0, config_path("crossing").read_text(encoding="utf-8"), "")
+    assert out.startswith("# The paper's second scenario")
+    Path("mine.yaml").write_text(out, encoding="utf-8")
+    own, shipped_one = (read_experiment(name, [])[0] for name in ("mine.yaml", "crossing"))
+    assert describe(own) == describe(shipped_one)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["config", "crosing"], "did you mean 'crossing'"),
+        (
+            ["results", "crossing"],
+            "show takes one result, and 'results' and 'crossing' were",
+        ),
+        (["config", "crossing", "--latex"], "are of a result's tables"),
+        (["config"], "`wideberth show config NAME` prints a shipped config"),
+        (["crossing"], "`wideberth show config crossing` prints the shipped config"),
+    ],
+)
+def test_what_show_cannot_print(shell, words: list[str], message: str) -> None:  # type: ignore[no-untyped-def]
+    code, out, error = shell("show", *words)
+    assert code == 2 and message in error and out == ""
+
+
+def test_a_result_called_config_is_shown(shell) -> None:  # type: ignore[no-untyped-def]
+    assert shell("run", "coins.yaml", "--out", "results/config")[0] == 0
+    code, out, _ = shell("show", "config")
+    assert code == 0 and "A coin falls on either side equally often." in out

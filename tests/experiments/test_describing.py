@@ -110,6 +110,8 @@ def test_version_and_commands_without_arguments() -> None:
         ("check region mini", ["minimum_area", "minimum_trace"]),
         ("describe robots b", ["bicycle"]),
         ("describe kal", ["kalman"]),
+        ("describe configs fault", ["fault_sweep"]),
+        ("show config fault", ["fault_sweep"]),
     ],
 )
 def test_the_tab_key(line: str, offered: list[str]) -> None:
