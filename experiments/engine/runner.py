@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 from ... import __version__
 from ...framework.plugins.config import build, describe, import_plugins
 from ...framework.plugins.io import (
+    expanded,
     read_json,
     read_rows,
     table_text,
@@ -28,12 +29,13 @@ from ...framework.plugins.io import (
     write_table,
     write_text,
 )
-from ...framework.values.errors import WideberthError
+from ...framework.values.errors import WideberthError, short
 from .base import Experiment, Outcome, Result, Row, Task
 from .errors import as_user_error, describe_error
 from .extending import TASKS, extend, grown, task_index
 from .progress import Progress, say, working
 from .provenance import foreign_sources, plugin_modules, provenance
+from .quick import left_out
 from .result import check_finished
 from .result_folder import (
     SHARDS,
@@ -80,7 +82,7 @@ class _Work:
 
 def run(
     experiment: Experiment,
-    out: Path,
+    out: Path | str,
     workers: int = 1,
     quick: bool = False,
     plugins: Sequence[str] = (),
@@ -95,7 +97,7 @@ def run(
     out : folder of the result; made if missing. With the same config in it the run resumes; with
         more of what may grow (`Experiment.growing`, as more seeds) the result is extended.
     workers : processes; the result does not depend on their number.
-    quick : run the experiment's reduced copy.
+    quick : run the experiment's reduced copy; a line says what it leaves out.
     plugins : modules that every worker imports first.
     fresh : remove the files that an earlier run of any config wrote into the folder; others that
         lie beside them stay.
@@ -103,10 +105,11 @@ def run(
 
     Raises
     ------
-    WideberthError : before any work if the folder holds anything else, another config or a
-        result of other source code, or cannot be written, or another run is at work there, the
-        scheduler does not answer, the tasks are not valid, or `check` refuses; later if a task
-        refuses its input, ends its workers, or the disk is full. Finished tasks are kept.
+    WideberthError : before any work if it is no experiment, if the folder holds anything else,
+        another config or a result of other source code, or cannot be written, or another run is
+        at work there, the scheduler does not answer, the tasks are not valid, or `check` refuses;
+        later if a task refuses its input, ends its workers, or the disk is full. Finished tasks
+        are kept.
     KeyboardInterrupt : with a message that says how to resume; finished tasks are kept.
     """
     if workers < 1:
@@ -115,9 +118,10 @@ def run(
         raise WideberthError(
             f"workers is {workers}, and a scheduler has its own; give one of them"
         )
+    out = expanded(out)
     check_folder(out)
     with as_user_error():
-        work = _work(experiment.quick() if quick else experiment, plugins)
+        work = _work(_chosen(experiment, quick), plugins)
     fields = work.experiment.growing
     larger = not fresh and grown(out, work.config, fields, work.source)
     if (out / "table.csv").exists() and not fresh and not larger:
@@ -140,6 +144,27 @@ def run(
                 except Exception as error:  # a summary may fail in any way
                     raise _kept(error, len(work.tasks), work, out) from error
     return Result(out)
+
+
+def _chosen(experiment: Experiment, quick: bool) -> Experiment:
+    """Return the experiment, or its quick copy, of which a line says what it leaves out.
+
+    Raises
+    ------
+    WideberthError : no experiment, but the name of a config, say.
+    """
+    if not isinstance(experiment, Experiment):
+        raise WideberthError(
+            f"run takes an Experiment, and {short(experiment, 60)} was given; read a config by "
+            "`experiment, plugins = read_experiment('crossing', [])` of "
+            "wideberth.experiments.engine.shipped"
+        )
+    if not quick:
+        return experiment
+    small = experiment.quick()
+    if less := left_out(describe(experiment), describe(small)):
+        say(f"quick: {less}")
+    return small
 
 
 def _work(experiment: Experiment, plugins: Sequence[str]) -> _Work:

@@ -6,14 +6,17 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from wideberth.experiments.engine.base import Experiment, Outcome, Task
 from wideberth.experiments.engine.provenance import fingerprint
+from wideberth.experiments.engine.quick import left_out
 from wideberth.experiments.engine.runner import draw, reopen, run
 from wideberth.experiments.engine.shipped import read_experiment
 from wideberth.experiments.engine.showing import print_table
+from wideberth.framework.plugins.config import describe
 from wideberth.framework.plugins.io import read_json, read_table, write_json
 from wideberth.framework.values.errors import WideberthError
 from wideberth.tests.helpers.sweeps import coins, contents
@@ -108,6 +111,31 @@ def test_ctrl_c_leaves_whole_shards_and_says_how_to_resume(tmp_path: Path, worke
     assert not (tmp_path / "r" / "table.csv").exists()
     for path in (tmp_path / "r" / "shards").glob("[!.]*.json"):
         assert path.read_text().endswith("}\n")
+
+
+def test_the_folder_may_be_a_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(coins(), "mine").folder == Path("mine")
+    assert (tmp_path / "mine" / "table.csv").is_file()
+
+
+@pytest.mark.parametrize("given", ["crossing", Path("a"), ({}, [])])
+def test_what_is_no_experiment_is_refused(given: Any, tmp_path: Path) -> None:
+    with pytest.raises(WideberthError, match=r"run takes an Experiment, and .* was given; read a"):
+        run(given, tmp_path / "a")
+    assert not (tmp_path / "a").exists()
+
+
+def test_a_quick_run_says_what_it_leaves_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run(coins(seeds=5), tmp_path / "a", quick=True)
+    assert capsys.readouterr().err == "quick: seeds 2, not 5\n"
+    run(coins(seeds=2), tmp_path / "b", quick=True)  # the whole one
+    assert capsys.readouterr().err == ""
+    doorway, _ = read_experiment("doorway", [])
+    said = left_out(describe(doorway), describe(doorway.quick()))
+    assert said == "scenarios without robot; seeds 1, not 20"
 
 
 def test_quick_runs_the_reduced_copy(tmp_path: Path) -> None:
