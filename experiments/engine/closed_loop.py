@@ -4,7 +4,7 @@ import logging
 from collections.abc import Iterable, Mapping, Sequence, Sized
 from itertools import product
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -58,21 +58,51 @@ def could_avoid(
     return {**avoidable(episode, agents, settings, cast.bystanders, (), cast.polygons)}
 
 
-def check_settings(seeds: int, tail: float, **named: Sized) -> None:
+class Seeded(Protocol):
+    """A study that plays the same seeds under every setting."""
+
+    @property
+    def seeds(self) -> int:
+        """Number of episodes under each setting."""
+
+    @property
+    def first_seed(self) -> int:
+        """The first of the seeds."""
+
+
+class ClosedLoop(Seeded, Protocol):
+    """One that measures plans too."""
+
+    @property
+    def tail(self) -> float:
+        """1 - content that forecasts are measured against."""
+
+
+def seeds_of(study: Seeded) -> range:
+    """Return the seeds that a study plays: first_seed to first_seed + seeds - 1."""
+    return range(study.first_seed, study.first_seed + study.seeds)
+
+
+def check_seeds(study: Seeded) -> None:
+    """Refuse to play no seed, or one below 0."""
+    whole("seeds", study.seeds)
+    whole("first_seed", study.first_seed, least=0)
+
+
+def check_settings(study: ClosedLoop, **named: Sized) -> None:
     """Validate what studies of closed loops have in common.
 
     Parameters
     ----------
-    seeds : number of episodes, at least 1.
-    tail : in (0, 1).
+    study : with at least 1 seed, the first at least 0, and a tail in (0, 1).
     named : fields of the study that must hold an entry at least.
 
     Raises
     ------
     WideberthError : one of them is out of range or empty.
     """
-    whole("seeds", seeds)
-    probability("tail", tail)
+    check_seeds(study)
+    probability("tail", study.tail)
     for name, entries in named.items():
         if not len(entries):
             raise WideberthError(f"{name} is empty; name at least one")

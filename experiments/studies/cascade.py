@@ -41,6 +41,7 @@ from ..engine.closed_loop import (
     inputs_of,
     outcome,
     pick,
+    seeds_of,
     shown_of_fewer,
 )
 from ..engine.errors import as_user_error
@@ -142,7 +143,8 @@ class CascadeStudy(Experiment):
     cases : name -> which scenario, planner, cascade and settings; what a case does not name is
         the first of its kind.
     stepwise : compare each case with the one before it, not with the first.
-    seeds : number of episodes per case, seeds 0 to seeds - 1.
+    seeds : number of episodes per case.
+    first_seed : the seeds are first_seed to first_seed + seeds - 1.
     tail : 1 - content that forecasts are measured against, and of the drawn regions.
     true_tolerance : m, from its goal, within which a robot has truly arrived. By its own belief
         it arrives within the ``goal_tolerance`` of the settings; what it drifts comes on top.
@@ -176,18 +178,17 @@ class CascadeStudy(Experiment):
     cases: dict[str, dict[str, str]] = field(default_factory=dict)
     stepwise: bool = False
     seeds: int = 20
+    first_seed: int = 0
     tail: float = 0.05
     true_tolerance: float = 0.5
     show: tuple[int, ...] = (0,)
     view_distance: float = 5.0
 
     def __post_init__(self) -> None:
-        check_settings(
-            self.seeds, self.tail, **{name: getattr(self, name) for name in AXES.values()}
-        )
+        check_settings(self, **{name: getattr(self, name) for name in AXES.values()})
         positive("view_distance", self.view_distance)
         positive("true_tolerance", self.true_tolerance)
-        check_shown(self.show, 0, self.seeds)
+        check_shown(self.show, self.first_seed, self.seeds)
         for label, chosen in self.cases.items():
             for axis, name in chosen.items():
                 if axis not in AXES:
@@ -216,7 +217,7 @@ class CascadeStudy(Experiment):
         return [
             Task(f"{case.label} {seed}", seed, {"case": case.label})
             for case in self.played()
-            for seed in range(self.seeds)
+            for seed in seeds_of(self)
         ]
 
     def inputs(self) -> list[Path]:
@@ -225,9 +226,10 @@ class CascadeStudy(Experiment):
 
     def check(self) -> None:
         """Begin an episode of every case."""
+        seed = self.first_seed
         for case in self.played():
-            with as_user_error(f"case {case.label!r}, seed 0: no episode can begin: "):
-                self._begun(case, 0)
+            with as_user_error(f"case {case.label!r}, seed {seed}: no episode can begin: "):
+                self._begun(case, seed)
 
     def measure(self, task: Task) -> Outcome:
         """Play one episode."""
@@ -306,7 +308,7 @@ class CascadeStudy(Experiment):
             cascades=self.cascades if self.cases else {name: self.cascades[name] for name in ends},
             cases=first_of(self.cases, 2),
             seeds=1,
-            show=shown_of_fewer(self.show, 0, 1),
+            show=shown_of_fewer(self.show, self.first_seed, 1),
         )
 
     def _case(self, label: str) -> Case:

@@ -15,7 +15,7 @@ from ...framework.numerics.statistics import bootstrap_interval, clopper_pearson
 from ...framework.predictor import Predictor
 from ...framework.region import RiskLevel
 from ...framework.risk.collision_probability import collision_probability
-from ...framework.values.arrays import Array, whole
+from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
 from ...framework.values.forecast import GaussianObstacle
 from ...framework.values.plan import Plan
@@ -25,7 +25,7 @@ from ...simulation.engine.settings import Settings
 from ...simulation.scenarios.model_crowd import ModelCrowd
 from ..drawing.plotting import COLOURS, ENOUGH, LINES, PAGE, few, paper_style, save, subplots
 from ..engine.base import Experiment, Outcome, Result, Row, Task
-from ..engine.closed_loop import column, group
+from ..engine.closed_loop import check_seeds, column, group, seeds_of
 from .variants import planner_of
 
 BLOCK = 50
@@ -95,7 +95,8 @@ class ClosedLoopRisk(Experiment):
     crowds : by name.
     planner : `mpc`, whose predictor and level are exchanged.
     levels : fixed levels by name.
-    seeds : number of episodes of each crowd, predictor and level, seeds 0 to seeds - 1.
+    seeds : number of episodes of each crowd, predictor and level.
+    first_seed : the seeds are first_seed to first_seed + seeds - 1.
     """
 
     claim: ClassVar[str] = (
@@ -116,10 +117,11 @@ class ClosedLoopRisk(Experiment):
     planner: Controller
     levels: dict[str, LevelPolicy]
     seeds: int = 2000
+    first_seed: int = 0
 
     def __post_init__(self) -> None:
         planner_of(self.planner)
-        whole("seeds", self.seeds)
+        check_seeds(self)
         if not self.crowds or not self.levels:
             raise WideberthError("crowds and levels must each name at least one")
         loose = [name for name, level in self.levels.items() if not isinstance(level, Fixed)]
@@ -128,6 +130,7 @@ class ClosedLoopRisk(Experiment):
 
     def tasks(self) -> list[Task]:
         """One per crowd, predictor, level and block of seeds."""
+        seeds = seeds_of(self)
         return [
             Task(
                 f"{crowd} {predictor} {level} {first}",
@@ -136,13 +139,13 @@ class ClosedLoopRisk(Experiment):
                     "crowd": crowd,
                     "predictor": predictor,
                     "level": level,
-                    "seeds": min(BLOCK, self.seeds - first),
+                    "seeds": min(BLOCK, seeds.stop - first),
                 },
             )
             for crowd, one in self.crowds.items()
             for predictor in one.predictors
             for level in self.levels
-            for first in range(0, self.seeds, BLOCK)
+            for first in seeds[::BLOCK]
         ]
 
     def measure(self, task: Task) -> Outcome:

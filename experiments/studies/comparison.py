@@ -17,7 +17,7 @@ from ...framework.numerics.statistics import (
 )
 from ...framework.plugins.io import write_bytes, write_table
 from ...framework.robot import Robot
-from ...framework.values.arrays import Array, whole
+from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
@@ -48,6 +48,7 @@ from ..engine.closed_loop import (
     log_name,
     outcome,
     play,
+    seeds_of,
 )
 
 AXES = {
@@ -125,10 +126,7 @@ class Comparison(Experiment):
     tail: float = 0.05
 
     def __post_init__(self) -> None:
-        check_settings(
-            self.seeds, self.tail, **{name: getattr(self, name) for name in AXES.values()}
-        )
-        whole("first_seed", self.first_seed, least=0)
+        check_settings(self, **{name: getattr(self, name) for name in AXES.values()})
         for name in ("baseline", "oracle"):
             named = getattr(self, name)
             if named and named not in self.controllers:
@@ -145,7 +143,7 @@ class Comparison(Experiment):
     def tasks(self) -> list[Task]:
         """One per scenario, robot, settings, controller and seed."""
         axes = {column: getattr(self, name) for column, name in AXES.items()}
-        return grid(axes, range(self.first_seed, self.first_seed + self.seeds))
+        return grid(axes, seeds_of(self))
 
     def inputs(self) -> list[Path]:
         """Return the files that the scenarios read."""

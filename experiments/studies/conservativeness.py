@@ -29,6 +29,7 @@ from ..engine.closed_loop import (
     outcome,
     pick,
     play,
+    seeds_of,
 )
 from .variants import by_region_and_predictor, planner_of
 
@@ -61,7 +62,7 @@ class Conservativeness(Experiment):
 
     Parameters
     ----------
-    scenarios, robot, planner, settings, seeds, tail : as in `dynamic_matters`.
+    scenarios, robot, planner, settings, seeds, first_seed, tail : as in `dynamic_matters`.
     regions : by name.
     predictors : covariance rules by name; one of them is named ``oracle``.
     """
@@ -87,10 +88,11 @@ class Conservativeness(Experiment):
     predictors: dict[str, Predictor]
     settings: Settings = field(default_factory=Settings)
     seeds: int = 10
+    first_seed: int = 0
     tail: float = 0.05
 
     def __post_init__(self) -> None:
-        check_settings(self.seeds, self.tail, regions=self.regions, scenarios=self.scenarios)
+        check_settings(self, regions=self.regions, scenarios=self.scenarios)
         planner_of(self.planner)
         if ORACLE not in self.predictors:
             raise WideberthError(
@@ -114,7 +116,7 @@ class Conservativeness(Experiment):
             for scenario in self.scenarios
             for region in self.regions
             for rule in self.predictors
-            for seed in range(self.seeds)
+            for seed in seeds_of(self)
         ]
 
     def inputs(self) -> list[Path]:
@@ -125,7 +127,7 @@ class Conservativeness(Experiment):
         """Begin an episode with every region and covariance rule in every scenario."""
         variants = by_region_and_predictor(self.planner, self.regions, self.predictors)
         planners = {" ".join(key): planner for key, planner in variants.items()}
-        check_starts(self.scenarios, self.robot, planners)
+        check_starts(self.scenarios, self.robot, planners, self.first_seed)
 
     def measure(self, task: Task) -> Outcome:
         """Play one episode and count what its plans kept."""

@@ -27,6 +27,7 @@ from ..engine.closed_loop import (
     inputs_of,
     pick,
     play,
+    seeds_of,
 )
 from .stopwatch import Stopwatch
 from .variants import planner_of
@@ -62,7 +63,8 @@ class CostComparison(Experiment):
     planner : settings of the MPC; its cost is exchanged.
     costs : by name; solve times are over those of the first.
     settings : clock, noise and end of the episodes.
-    seeds : number of episodes per scenario and cost, seeds 0 to seeds - 1.
+    seeds : number of episodes per scenario and cost.
+    first_seed : the seeds are first_seed to first_seed + seeds - 1.
     tail : 1 - content that the plans' levels are compared with.
     """
 
@@ -86,15 +88,16 @@ class CostComparison(Experiment):
     costs: dict[str, Cost]
     settings: Settings = field(default_factory=Settings)
     seeds: int = 20
+    first_seed: int = 0
     tail: float = 0.05
 
     def __post_init__(self) -> None:
-        check_settings(self.seeds, self.tail, costs=self.costs, scenarios=self.scenarios)
+        check_settings(self, costs=self.costs, scenarios=self.scenarios)
         planner_of(self.planner)
 
     def tasks(self) -> list[Task]:
         """One per scenario and seed, for all costs."""
-        return grid({"scenario": self.scenarios}, range(self.seeds))
+        return grid({"scenario": self.scenarios}, seeds_of(self))
 
     def inputs(self) -> list[Path]:
         """Return the files that the scenarios read."""
@@ -104,7 +107,7 @@ class CostComparison(Experiment):
         """Begin an episode with every cost in every scenario."""
         planner = planner_of(self.planner)
         planners = {name: replace(planner, cost=cost) for name, cost in self.costs.items()}
-        check_starts(self.scenarios, self.robot, planners)
+        check_starts(self.scenarios, self.robot, planners, self.first_seed)
 
     def measure(self, task: Task) -> Outcome:
         """Play one episode with each cost."""

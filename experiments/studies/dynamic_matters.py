@@ -21,6 +21,7 @@ from ..engine.closed_loop import (
     outcome,
     pick,
     play,
+    seeds_of,
 )
 from .variants import by_predictor, planner_of
 
@@ -52,6 +53,7 @@ class DynamicMatters(Experiment):
     predictors : by name.
     settings : clock, noise and end of the episodes.
     seeds : number of episodes per scenario and predictor.
+    first_seed : the seeds are first_seed to first_seed + seeds - 1.
     tail : 1 - content that levels and coverage are measured against.
     """
 
@@ -74,15 +76,16 @@ class DynamicMatters(Experiment):
     predictors: dict[str, Predictor]
     settings: Settings = field(default_factory=Settings)
     seeds: int = 20
+    first_seed: int = 0
     tail: float = 0.05
 
     def __post_init__(self) -> None:
-        check_settings(self.seeds, self.tail, predictors=self.predictors, scenarios=self.scenarios)
+        check_settings(self, predictors=self.predictors, scenarios=self.scenarios)
         planner_of(self.planner)
 
     def tasks(self) -> list[Task]:
         """One per scenario, predictor and seed."""
-        return grid({"scenario": self.scenarios, "planner": self.predictors}, range(self.seeds))
+        return grid({"scenario": self.scenarios, "planner": self.predictors}, seeds_of(self))
 
     def inputs(self) -> list[Path]:
         """Return the files that the scenarios read."""
@@ -91,7 +94,7 @@ class DynamicMatters(Experiment):
     def check(self) -> None:
         """Begin an episode with every predictor in every scenario."""
         planners = by_predictor(self.planner, self.predictors)
-        check_starts(self.scenarios, self.robot, planners)
+        check_starts(self.scenarios, self.robot, planners, self.first_seed)
 
     def measure(self, task: Task) -> Outcome:
         """Play one episode."""

@@ -26,6 +26,7 @@ from ..engine.closed_loop import (
     inputs_of,
     outcome,
     play,
+    seeds_of,
     shown_of_fewer,
 )
 
@@ -41,7 +42,8 @@ class Encounter(Experiment):
     robot : model of both plants.
     planners : settings to compare by name, on the same seeds.
     settings : clock, noise and end of the episodes.
-    seeds : number of episodes per planner, seeds 0 to seeds - 1.
+    seeds : number of episodes per planner.
+    first_seed : the seeds are first_seed to first_seed + seeds - 1.
     tail : 1 - content that the plans' levels are compared with, and of the drawn regions.
     show : seeds whose views and run are drawn for every planner; the first of them is animated
         for the first planner.
@@ -68,18 +70,19 @@ class Encounter(Experiment):
     planners: dict[str, Controller]
     settings: Settings = field(default_factory=Settings)
     seeds: int = 20
+    first_seed: int = 0
     tail: float = 0.05
     show: tuple[int, ...] = (0,)
     view_distance: float = 5.0
 
     def __post_init__(self) -> None:
-        check_settings(self.seeds, self.tail, planners=self.planners)
+        check_settings(self, planners=self.planners)
         positive("view_distance", self.view_distance)
-        check_shown(self.show, 0, self.seeds)
+        check_shown(self.show, self.first_seed, self.seeds)
 
     def tasks(self) -> list[Task]:
         """One per planner and seed."""
-        return grid({"scenario": ["run"], "planner": self.planners}, range(self.seeds))
+        return grid({"scenario": ["run"], "planner": self.planners}, seeds_of(self))
 
     def inputs(self) -> list[Path]:
         """Return the files that the scenario reads."""
@@ -87,7 +90,7 @@ class Encounter(Experiment):
 
     def check(self) -> None:
         """Begin an episode with every planner."""
-        check_starts({"": self.scenario}, self.robot, self.planners)
+        check_starts({"": self.scenario}, self.robot, self.planners, self.first_seed)
 
     def measure(self, task: Task) -> Outcome:
         """Play one episode."""
@@ -136,5 +139,5 @@ class Encounter(Experiment):
         """Two seeds; of more than two planners the first two, and one seed."""
         seeds = min(self.seeds, 2 if len(self.planners) <= 2 else 1)
         planners = first_of(self.planners, 2)
-        show = shown_of_fewer(self.show, 0, seeds)
+        show = shown_of_fewer(self.show, self.first_seed, seeds)
         return replace(self, planners=planners, seeds=seeds, show=show)

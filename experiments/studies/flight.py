@@ -33,6 +33,7 @@ from ..engine.closed_loop import (
     outcome,
     pick,
     play,
+    seeds_of,
     shown_of_fewer,
 )
 from .variants import by_region_and_predictor, planner_of
@@ -73,6 +74,7 @@ class Flight(Experiment):
         under each predictor.
     settings : clock, noise and end of the episodes.
     seeds : number of episodes per pair.
+    first_seed : the seeds are first_seed to first_seed + seeds - 1.
     tail : 1 - content of the drawn ellipsoid, of the coverage and of the volumes.
     show : seeds that are drawn.
     lead : s from the drawn plan to the closest approach.
@@ -102,15 +104,16 @@ class Flight(Experiment):
     predictors: dict[str, Predictor]
     settings: Settings = field(default_factory=Settings)
     seeds: int = 10
+    first_seed: int = 0
     tail: float = 0.05
     show: tuple[int, ...] = (0,)
     lead: float = 1.5
 
     def __post_init__(self) -> None:
-        check_settings(self.seeds, self.tail, regions=self.regions, predictors=self.predictors)
+        check_settings(self, regions=self.regions, predictors=self.predictors)
         positive("lead", self.lead)
         planner_of(self.planner)
-        check_shown(self.show, 0, self.seeds)
+        check_shown(self.show, self.first_seed, self.seeds)
         if self.robot.dimension != 3:
             raise WideberthError(
                 f"robot moves in {self.robot.dimension} dimensions; a flight has three"
@@ -122,7 +125,7 @@ class Flight(Experiment):
             Task(f"{rule} {region} {seed}", seed, _labels(rule, region))
             for rule in self.predictors
             for region in self.regions
-            for seed in range(self.seeds)
+            for seed in seeds_of(self)
         ]
 
     def inputs(self) -> list[Path]:
@@ -133,7 +136,7 @@ class Flight(Experiment):
         """Begin an episode with every region and predictor."""
         variants = by_region_and_predictor(self.planner, self.regions, self.predictors)
         planners = {" ".join(key): planner for key, planner in variants.items()}
-        check_starts({"": self.scenario}, self.robot, planners)
+        check_starts({"": self.scenario}, self.robot, planners, self.first_seed)
 
     def measure(self, task: Task) -> Outcome:
         """Play one episode and measure its regions."""
@@ -190,7 +193,7 @@ class Flight(Experiment):
             regions=first_of(self.regions, 2),
             predictors=dict(list(self.predictors.items())[-1:]),
             seeds=1,
-            show=shown_of_fewer(self.show, 0, 1),
+            show=shown_of_fewer(self.show, self.first_seed, 1),
         )
 
 

@@ -33,6 +33,7 @@ from ..engine.closed_loop import (
     outcome,
     pick,
     play,
+    seeds_of,
 )
 from .replay import STILL
 from .variants import planner_of
@@ -64,6 +65,7 @@ class LevelPolicies(Experiment):
     predictors, levels : by name.
     settings : clock, noise and end of the episodes.
     seeds : number of episodes per scenario, predictor and policy.
+    first_seed : the seeds are first_seed to first_seed + seeds - 1.
     tail : that the driven step is held against.
     """
 
@@ -88,12 +90,12 @@ class LevelPolicies(Experiment):
     levels: dict[str, LevelPolicy]
     settings: Settings = field(default_factory=Settings)
     seeds: int = 20
+    first_seed: int = 0
     tail: float = 0.05
 
     def __post_init__(self) -> None:
         check_settings(
-            self.seeds,
-            self.tail,
+            self,
             scenarios=self.scenarios,
             predictors=self.predictors,
             levels=self.levels,
@@ -107,7 +109,7 @@ class LevelPolicies(Experiment):
         """One per scenario, predictor, policy and seed."""
         return grid(
             {"scenario": self.scenarios, "forecast": self.predictors, "planner": self.levels},
-            range(self.seeds),
+            seeds_of(self),
         )
 
     def inputs(self) -> list[Path]:
@@ -116,7 +118,7 @@ class LevelPolicies(Experiment):
 
     def check(self) -> None:
         """Begin an episode in every scenario."""
-        check_starts(self.scenarios, self.robot, {"planner": self.planner})
+        check_starts(self.scenarios, self.robot, {"planner": self.planner}, self.first_seed)
 
     def measure(self, task: Task) -> Outcome:
         """Play one episode."""

@@ -37,6 +37,7 @@ from ..engine.closed_loop import (
     group,
     inputs_of,
     outcome,
+    seeds_of,
     shown_of_fewer,
 )
 from ..engine.errors import as_user_error
@@ -120,7 +121,8 @@ class Nav2Rivals(Experiment):
     places, limits, views, controllers : by name.
     tracker : forecasts that the velocities come from which TEB is told; others take positions.
     baseline : controller that the others are compared with.
-    seeds : number of episodes of each combination, seeds 0 to seeds - 1.
+    seeds : number of episodes of each combination.
+    first_seed : the seeds are first_seed to first_seed + seeds - 1.
     tail : 1 - content that forecasts are measured against.
     show : seeds whose episodes are kept and drawn.
     """
@@ -158,23 +160,22 @@ class Nav2Rivals(Experiment):
     tracker: Predictor
     baseline: str
     seeds: int = 100
+    first_seed: int = 0
     tail: float = 0.05
     show: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        check_settings(
-            self.seeds, self.tail, **{name: getattr(self, name) for name in AXES.values()}
-        )
+        check_settings(self, **{name: getattr(self, name) for name in AXES.values()})
         if self.baseline not in self.controllers:
             raise WideberthError(
                 f"baseline is {self.baseline!r}; the controllers are {sorted(self.controllers)}"
             )
-        check_shown(self.show, 0, self.seeds)
+        check_shown(self.show, self.first_seed, self.seeds)
 
     def tasks(self) -> list[Task]:
         """One per place, limits, view, controller and seed."""
         axes = {column: getattr(self, name) for column, name in AXES.items()}
-        return grid(axes, range(self.seeds))
+        return grid(axes, seeds_of(self))
 
     def inputs(self) -> list[Path]:
         """Return the files that the scenarios read."""
@@ -183,11 +184,14 @@ class Nav2Rivals(Experiment):
     def check(self) -> None:
         """Begin an episode of every controller at every place, under the first limits and view."""
         firsts = {column: next(iter(getattr(self, name))) for column, name in AXES.items()}
+        seed = self.first_seed
         for place in self.places:
             for controller in self.controllers:
                 settings = {**firsts, "scenario": place, "controller": controller}
-                with as_user_error(f"{controller} at {place}, seed 0: no episode can begin: "):
-                    self._begun(Task("", 0, settings), looks=False)
+                with as_user_error(
+                    f"{controller} at {place}, seed {seed}: no episode can begin: "
+                ):
+                    self._begun(Task("", seed, settings), looks=False)
 
     def measure(self, task: Task) -> Outcome:
         """Play one episode."""
@@ -253,7 +257,7 @@ class Nav2Rivals(Experiment):
             views=first_of(self.views),
             controllers=first_of(self.controllers, 3),
             seeds=1,
-            show=shown_of_fewer(self.show, 0, 1),
+            show=shown_of_fewer(self.show, self.first_seed, 1),
         )
 
     def _begun(self, task: Task, looks: bool) -> tuple[Run, list[Watched]]:

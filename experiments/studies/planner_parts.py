@@ -11,14 +11,21 @@ from ...framework.controller import Controller
 from ...framework.predictor import Predictor
 from ...framework.region import Region
 from ...framework.robot import Robot
-from ...framework.values.arrays import whole
 from ...framework.values.errors import WideberthError
 from ...simulation.engine.settings import Settings
 from ...simulation.scenarios.base import Scenario
 from ..drawing.plotting import PAGE, subplots
 from ..drawing.shaded_tables import shaded
 from ..engine.base import Experiment, Outcome, Result, Row, Task
-from ..engine.closed_loop import check_settings, check_starts, first_of, grid, group, inputs_of
+from ..engine.closed_loop import (
+    check_settings,
+    check_starts,
+    first_of,
+    grid,
+    group,
+    inputs_of,
+    seeds_of,
+)
 from .comparison import SOURCES, against, check_robots, condensed, driving, measured
 
 
@@ -65,8 +72,7 @@ class PlannerParts(Experiment):
     tail: float = 0.05
 
     def __post_init__(self) -> None:
-        check_settings(self.seeds, self.tail, predictors=self.predictors, regions=self.regions)
-        whole("first_seed", self.first_seed, least=0)
+        check_settings(self, predictors=self.predictors, regions=self.regions)
         own: Any = fields(self.planner) if is_dataclass(self.planner) else ()
         missing = sorted({"predictor", "region"} - {entry.name for entry in own if entry.init})
         if missing:
@@ -86,7 +92,7 @@ class PlannerParts(Experiment):
 
     def tasks(self) -> list[Task]:
         """One per predictor, region and seed."""
-        seeds = range(self.first_seed, self.first_seed + self.seeds)
+        seeds = seeds_of(self)
         return grid({"predictor": self.predictors, "region": self.regions}, seeds)
 
     def inputs(self) -> list[Path]:

@@ -35,6 +35,7 @@ from ..engine.closed_loop import (
     inputs_of,
     pick,
     play,
+    seeds_of,
 )
 from .region_family import family, member, rounded, title
 from .stopwatch import Stopwatch
@@ -76,7 +77,8 @@ class RegionPrice(Experiment):
     registered : add every other registered region.
     at_risk : names of regions to be played once more at the level at which the collision
         risk is at most the policy's tail (promise: risk).
-    seeds : number of episodes per region and forecast, seeds 0 to seeds - 1.
+    seeds : number of episodes per region and forecast.
+    first_seed : the seeds are first_seed to first_seed + seeds - 1.
     """
 
     claim: ClassVar[str] = (
@@ -102,10 +104,11 @@ class RegionPrice(Experiment):
     at_risk: tuple[str, ...] = ()
     settings: Settings = field(default_factory=Settings)
     seeds: int = 10
+    first_seed: int = 0
     tail: float = 0.05
 
     def __post_init__(self) -> None:
-        check_settings(self.seeds, self.tail, predictors=self.predictors)
+        check_settings(self, predictors=self.predictors)
         planner_of(self.planner)
         if ELLIPSE not in self.regions:
             raise WideberthError(
@@ -123,7 +126,7 @@ class RegionPrice(Experiment):
         return [
             Task(f"{forecast} {seed}", seed, {"forecast": forecast})
             for forecast in self.predictors
-            for seed in range(self.seeds)
+            for seed in seeds_of(self)
         ]
 
     def inputs(self) -> list[Path]:
@@ -132,7 +135,7 @@ class RegionPrice(Experiment):
 
     def check(self) -> None:
         """Begin an episode of the first seed."""
-        check_starts({"": self.scenario}, self.robot, {"planner": self.planner})
+        check_starts({"": self.scenario}, self.robot, {"planner": self.planner}, self.first_seed)
 
     def measure(self, task: Task) -> Outcome:
         """Play one episode with each region."""

@@ -12,7 +12,7 @@ from ...framework.metrics.episode import approach
 from ...framework.plugins.io import write_bytes
 from ...framework.robot import Robot
 from ...framework.tracking.recordings import Recording
-from ...framework.values.arrays import positive, whole
+from ...framework.values.arrays import positive
 from ...framework.values.errors import WideberthError
 from ...simulation.engine.agents import RobotAgent
 from ...simulation.engine.episode import run_episode
@@ -28,6 +28,7 @@ from ..engine.closed_loop import (
     figure_name,
     group,
     outcome,
+    seeds_of,
     shown_of_fewer,
 )
 from ..engine.progress import say
@@ -121,8 +122,7 @@ class Replay(Experiment):
     show: tuple[int, ...] = (0,)
 
     def __post_init__(self) -> None:
-        check_settings(self.seeds, self.tail, planners=self.planners)
-        whole("first_seed", self.first_seed, least=0)
+        check_settings(self, planners=self.planners)
         positive("reach", self.reach)
         positive("speed", self.speed)
         check_shown(self.show, self.first_seed, self.seeds)
@@ -141,7 +141,7 @@ class Replay(Experiment):
         recording = self.tracks.read()
         if self.tracks.is_bag:
             say(recording.report())
-        seeds = range(self.first_seed, self.first_seed + self.seeds)
+        seeds = seeds_of(self)
         for seed in seeds:
             self.situation(recording, seed)
         return [

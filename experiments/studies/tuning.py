@@ -19,7 +19,7 @@ from ...simulation.scenarios.base import Scenario
 from ..drawing.plotting import COLOURS, PAGE, subplots
 from ..drawing.trade_off_markers import bars_note, mark, say_empty, widen
 from ..engine.base import Experiment, Outcome, Result, Row, Task
-from ..engine.closed_loop import check_settings, check_starts, group, inputs_of
+from ..engine.closed_loop import check_settings, check_starts, group, inputs_of, seeds_of
 from ..engine.showing import format_cell
 from .comparison import SOURCES, against, check_robots, condensed, driving, measured
 
@@ -44,7 +44,8 @@ class Tuning(Experiment):
     factors : dotted key of the planner's config, as for ``--set``, and the values it takes; its
         value in the base is left out where it stands among them.
     settings : clock, noise and end of the episodes.
-    seeds : number of episodes per setting, seeds 0 to seeds - 1.
+    seeds : number of episodes per setting.
+    first_seed : the seeds are first_seed to first_seed + seeds - 1.
     tail : 1 - content that forecasts and regions are measured against.
     """
 
@@ -67,10 +68,11 @@ class Tuning(Experiment):
     factors: dict[str, tuple[Any, ...]]
     settings: Settings = field(default_factory=Settings)
     seeds: int = 20
+    first_seed: int = 0
     tail: float = 0.05
 
     def __post_init__(self) -> None:
-        check_settings(self.seeds, self.tail)
+        check_settings(self)
         if not self.factors:
             raise WideberthError("factors is empty; name a key of the planner and its values")
         if not all(self.factors.values()):
@@ -104,7 +106,7 @@ class Tuning(Experiment):
         return [
             Task(f"{factor} {value} {seed}", seed, {"factor": factor, "value": value})
             for factor, value in self.variants()
-            for seed in range(self.seeds)
+            for seed in seeds_of(self)
         ]
 
     def inputs(self) -> list[Path]:
@@ -114,7 +116,7 @@ class Tuning(Experiment):
     def check(self) -> None:
         """Begin an episode with every setting of the planner."""
         variants = {" ".join(key).strip(): self.variant(*key) for key in self.variants()}
-        check_starts({"": self.scenario}, self.robot, variants)
+        check_starts({"": self.scenario}, self.robot, variants, self.first_seed)
 
     def measure(self, task: Task) -> Outcome:
         """Play one episode."""

@@ -10,7 +10,7 @@ import numpy as np
 from ...framework.controller import Controller
 from ...framework.mpc.planner.planner import Planner
 from ...framework.numerics.statistics import bootstrap_interval, known_mean, mcnemar
-from ...framework.values.arrays import Array, probability, whole
+from ...framework.values.arrays import Array, probability
 from ...framework.values.errors import WideberthError
 from ...predictors.reacting_people import ReactingPeople
 from ...simulation.engine.settings import Settings
@@ -27,6 +27,7 @@ from ..engine.closed_loop import (
     group,
     inputs_of,
     pick,
+    seeds_of,
 )
 from .comparison import against, condensed, measured, paired
 from .variants import planner_of
@@ -111,8 +112,7 @@ class WrongBelief(Experiment):
 
     def __post_init__(self) -> None:
         named = {name: getattr(self, name) for name in ("places", "true", "assumed", "beliefs")}
-        check_settings(self.seeds, self.tail, **named)
-        whole("first_seed", self.first_seed, least=0)
+        check_settings(self, **named)
         for name in ("true", "assumed", "beliefs"):
             if len(set(named[name])) < len(named[name]):
                 raise WideberthError(f"{name} is {named[name]}; wanted each of them once")
@@ -146,7 +146,7 @@ class WrongBelief(Experiment):
             for place in self.places
             for true in self.true
             for assumed, belief in self.planners
-            for seed in range(self.first_seed, self.first_seed + self.seeds)
+            for seed in seeds_of(self)
         ]
 
     def inputs(self) -> list[Path]:
