@@ -10,8 +10,10 @@ from ...bridges.bag_file import is_bag, storage_files
 from ...bridges.bag_tracks import read_bag_tracks
 from ...framework.plugins.registry import unknown
 from ...framework.tracking.recordings import (
+    ROBOT_COLUMNS,
     TRACK_COLUMNS,
     Recording,
+    named_columns,
     read_robot_log,
     read_rows,
     read_tracks,
@@ -49,9 +51,9 @@ class TrackFile:
         ``time x y theta`` and a recording of ROS 2 are resampled to it.
     frames_per_row : frame numbers between rows; by default the smallest step within a track.
     kind : "tracks" (``frame id x y``), "robot-log" (``time x y theta``) or "bag", a recording of
-        ROS 2, which "auto" knows by its files. The first two have four
-        columns. "auto" takes a file for a robot log if a value of its first column has a
-        fraction; or if the first column increases from each row to the next and a value of
+        ROS 2, which "auto" knows by its files. The first two have four columns. "auto" goes by a
+        header, as a comment or not, if there is one. Otherwise it takes a file for a robot log
+        if a value of its first column has a fraction; or if the first column increases from each row to the next and a value of
         the second column has one. Frames and identities are whole numbers or names, and
         several people share a frame. A log in whole seconds of a robot that stays at whole
         metres is mistaken: state its kind.
@@ -126,7 +128,10 @@ class TrackFile:
 
 
 def guess_kind(file: File) -> Literal["tracks", "robot-log"]:
-    """Tell the two formats apart by their numbers; see `TrackFile`."""
+    """Tell the two formats apart by their header or their numbers; see `TrackFile`."""
+    named = named_columns(file)
+    if len(named) == len(TRACK_COLUMNS):
+        return "robot-log" if named == ROBOT_COLUMNS else "tracks"
     first, second = [], []
     for _, words in read_rows(file, TRACK_COLUMNS):
         try:

@@ -29,24 +29,61 @@ LONGEST_IDENTITY = 100
 LARGEST_COORDINATE = 1e8
 """m; a coordinate beyond it is no position on the earth, in whatever frame."""
 
+_OF_TIMES = "of a time in s write round(time / dt) as the frame"
 TRACK_COLUMNS = ("frame", "id", "x", "y")
 ROBOT_COLUMNS = ("time", "x", "y", "theta")
 
 
+_MEANINGS = {
+    "frame": ("frame", "frames", "frame_id", "frame_number"),
+    "id": ("id", "ids", "ident", "identity", "ped", "ped_id", "pedestrian_id", "person_id",
+           "agent_id", "track_id", "object_id"),
+    "time": ("time", "t", "stamp", "timestamp", "seconds", "time_s"),
+    "x": ("x", "pos_x", "x_m"), "y": ("y", "pos_y", "y_m"), "z": ("z", "pos_z", "z_m"),
+    "theta": ("theta", "yaw", "phi", "psi", "heading", "theta_rad", "yaw_rad"),
+}  # fmt: skip
+_NAMES = {word: name for name, words in _MEANINGS.items() for word in words}
+"""Word of a header -> what the column holds."""
+
+
+def header(line: str) -> tuple[str, ...]:
+    """Return what the columns hold where a line names them, as a comment or not; else ().
+
+    Examples
+    --------
+    >>> header("# ID, t, pos_x, pos_y"), header("# recorded in a hall")
+    (('id', 'time', 'x', 'y'), ())
+    """
+    words = line.lstrip("# \t").split("(", 1)[0].replace(",", " ").lower().split()
+    known = tuple(_NAMES[word] for word in words if word in _NAMES)
+    return known if len(known) == len(words) else ()
+
+
+def _check_header(line: str, place: str, columns: tuple[str, ...]) -> None:
+    """Refuse a header that names other columns, or the same in another order."""
+    named = header(line)
+    if len(named) != len(columns) or named == columns:  # rows of another length are refused
+        return
+    cure = "write the columns in this order"
+    if "time" in named and "frame" in columns:
+        cure = f"{_OF_TIMES}, and {cure}"
+    raise WideberthError(
+        f"{place} names the columns `{' '.join(named)}`; wanted `{' '.join(columns)}`: {cure}"
+    )
+
+
 def read_rows(path: Path, columns: tuple[str, ...]) -> Iterator[tuple[int, list[str]]]:
-    """Yield (line number, words) of each row that is not a comment."""
-    try:
-        raw = read_bytes(path, MOST_BYTES)
-    except WideberthError as error:
-        raise WideberthError(f"{error}; check the path") from None
-    try:
-        text = raw.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = "\0"
-    if "\0" in text:
-        raise WideberthError(f"{path} is not a text file; wanted rows `{' '.join(columns)}`")
+    """Yield (line number, words) of each row that is not a comment.
+
+    Raises
+    ------
+    WideberthError : no such file, no text, no rows, rows of another length, or a header before
+        the first row, as a comment or not, that names other columns.
+    """
     empty = True
-    for place, line in enumerate(text.splitlines(), start=1):
+    for place, line in enumerate(_text(path, columns).splitlines(), start=1):
+        if empty:
+            _check_header(line, f"{path}, line {place}", columns)
         words = line.split("#", 1)[0].replace(",", " ").split()
         if not words:
             continue
@@ -59,6 +96,30 @@ def read_rows(path: Path, columns: tuple[str, ...]) -> Iterator[tuple[int, list[
         yield place, words
     if empty:
         raise WideberthError(f"{path} holds no rows; wanted `{' '.join(columns)}` in each")
+
+
+def named_columns(path: Path) -> tuple[str, ...]:
+    """Return what a file's header says that its columns hold; () where it has none."""
+    for line in _text(path, TRACK_COLUMNS).splitlines():
+        if named := header(line):
+            return named
+        if line.split("#", 1)[0].strip():
+            break
+    return ()
+
+
+def _text(path: Path, columns: tuple[str, ...]) -> str:
+    try:
+        raw = read_bytes(path, MOST_BYTES)
+    except WideberthError as error:
+        raise WideberthError(f"{error}; check the path") from None
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = "\0"
+    if "\0" in text:
+        raise WideberthError(f"{path} is not a text file; wanted rows `{' '.join(columns)}`")
+    return text
 
 
 def number(word: str, name: str, path: str | Path, line: int) -> float:
@@ -89,9 +150,8 @@ def read_samples(path: Path) -> Samples:
         frame = number(words[0], "frame", path, line)
         if frame != round(frame):
             raise WideberthError(
-                f"{path}, line {line}: frame is {words[0][:40]}; wanted a whole number: of a time "
-                "in s write round(time / dt) (a robot log of `time x y theta` is read by "
-                "read_robot_log)"
+                f"{path}, line {line}: frame is {words[0][:40]}; wanted a whole number: "
+                f"{_OF_TIMES} (a robot log of `time x y theta` is read by read_robot_log)"
             )
         ident = _identity(words[1], path, line)
         x, y = (number(words[i], TRACK_COLUMNS[i], path, line) for i in (2, 3))
@@ -109,7 +169,22 @@ def read_samples(path: Path) -> Samples:
                 f"{rows[-1][0]} (line {rows[-1][3]}); sort the file by frame"
             )
         rows.append((key[1], x, y, line))
+    timed = [ident for ident in samples if _is_fraction(ident)]
+    if timed and len({frame for _, frame in seen}) < len(seen):
+        raise WideberthError(
+            f"{path}: the columns seem to be `id time x y`, since the second holds {timed[0]} and "
+            f"the first repeats; wanted `{' '.join(TRACK_COLUMNS)}`: {_OF_TIMES}, and put it first"
+        )
     return samples
+
+
+def _is_fraction(word: str) -> bool:
+    """Whether a word is a number that is not whole."""
+    try:
+        value = float(word)
+    except ValueError:
+        return False
+    return bool(np.isfinite(value)) and value != round(value)
 
 
 def _identity(word: str, path: Path, line: int) -> str:
@@ -331,6 +406,9 @@ def read_robot_log(
     positions = interpolated([clock], [table[:, 1:3]], grid, bridge, OFF_GRID)[0]
     lost = int(np.isnan(positions[:, 0]).sum())
     notes = (f"{lost} rows unobserved: in gaps longer than {bridge:g} s",) if lost else ()
+    if len(rows) > 1 and np.ptp(table[:, 1]) == 0.0 and table[0, 1] == round(table[0, 1]):
+        asked = f"are the columns `{' '.join(ROBOT_COLUMNS)}`, in this order?"
+        notes += (f"x is {table[0, 1]:g} in every row: {asked}",)
     reason = unusable(positions, dt, minimum_samples, longest_gap)
     name = Path(path).stem if ident is None else ident
     times = table[0, 0] + dt * np.arange(count)
@@ -351,12 +429,24 @@ def _log(path: Path) -> list[tuple[int, list[float]]]:
     ]
     for (before, old), (line, new) in pairwise(rows):
         if new[0] <= old[0]:
+            if new[1] != old[1] and _seem_timed_tracks([row for _, row in rows]):
+                raise WideberthError(
+                    f"{path}: the columns seem to be `time id x y`, since the first goes on from "
+                    f"{old[0]:.10g} (line {before}) to {new[0]:.10g} (line {line}) and the second "
+                    f"holds whole numbers; wanted `{' '.join(TRACK_COLUMNS)}`: {_OF_TIMES}"
+                )
             raise WideberthError(
                 f"{path}, line {line}: time {new[0]:.10g} does not come after {old[0]:.10g} "
                 f"(line {before}); sort the rows by time and remove repeated ones (a file of "
                 "`frame id x y` is read by read_tracks)"
             )
     return rows
+
+
+def _seem_timed_tracks(rows: list[list[float]]) -> bool:
+    """Whether the first column holds times in s, and the second identities."""
+    fractions = [any(row[place] != round(row[place]) for row in rows) for place in (0, 1)]
+    return fractions == [True, False]
 
 
 def _on_grid(

@@ -53,7 +53,5 @@ def test_the_seeds_begin_there(name: str, kind: type[Any]) -> None:
 
 @pytest.mark.parametrize("name", ["cascade_crossing", "crossing"])
 def test_a_figure_of_a_seed_that_is_not_played_is_refused(name: str) -> None:
-    with pytest.raises(
-        WideberthError, match=r"show is \[0\]; wanted .* as in show=\[40\]"
-    ):
+    with pytest.raises(WideberthError, match=r"show is \[0\]; wanted .* as in show=\[40\]"):
         read_experiment(name, [f"first_seed={FIRST}"])

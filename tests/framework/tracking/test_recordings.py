@@ -115,15 +115,60 @@ def test_unusable_tracks_stay_and_say_why(tmp_path):
 
 
 def test_columns_in_another_order(tmp_path):
-    """A file of `id time x y` holds no track: the report asks for the order of its columns."""
-    text = "".join(f"{ident} {0.4 * k:.1f} {k} 0\n" for ident in (1, 2) for k in range(10))
-    report = read_tracks(write(tmp_path, text), dt=0.4).report()
+    """What the numbers allow to say of the columns is said."""
+    rows = [(ident, 0.4 * k, k) for ident in (1, 2) for k in range(10)]
+    for order in (rows, sorted(rows, key=lambda row: row[1])):
+        text = "".join(f"{ident} {time:.1f} {x} 0\n" for ident, time, x in order)
+        with pytest.raises(WideberthError, match=r"columns seem to be `id time x y`, .* put it f"):
+            read_tracks(write(tmp_path, text), dt=0.4)
+    few = "".join(f"{ident} {frame} {x} 0\n" for ident in (1, 2) for frame, x in ((0, 1), (1, 2)))
+    report = read_tracks(write(tmp_path, few), dt=0.4).report()  # whole numbers say nothing
     assert "are the columns `frame id x y`, in this order?" in report
     swapped = "".join(f"{0.4 * k:.1f} {ident} {k} 0\n" for ident in (1, 2) for k in range(10))
     with pytest.raises(WideberthError, match=r"frame is 0\.4; .* write round\(time / dt\)"):
         read_tracks(write(tmp_path, swapped), dt=0.4)
     text = "".join(f"{k} 1 {k} 0\n" for k in range(10))
     assert "columns" not in read_tracks(write(tmp_path, text), dt=0.4).report()
+
+
+def test_times_of_several_people_are_no_robot_log(tmp_path):
+    text = "".join(f"{0.4 * k:.1f} {ident} {k} 0.5\n" for k in range(10) for ident in (1, 2))
+    said = (
+        r"seem to be `time id x y`, since .* from 0 \(line 1\) to 0 \(line 2\) .*round\(time / dt"
+    )
+    with pytest.raises(WideberthError, match=said):
+        read_robot_log(write(tmp_path, text), 0.4)
+    one = "".join(f"{0.4 * k:.1f} 7 {k} 0.5\n" for k in range(10))
+    (note,) = read_robot_log(write(tmp_path, one), 0.4).notes
+    assert note == "x is 7 in every row: are the columns `time x y theta`, in this order?"
+
+
+@pytest.mark.parametrize(
+    ("head", "message"),
+    [
+        (
+            "id,time,x,y",
+            r"line 1 names the columns `id time x y`; wanted `frame id x y`: of a time",
+        ),
+        ("# id,time,x,y", r"line 1 names the columns `id time x y`; wanted `frame id x y`"),
+        (
+            "# made by hand\n# ID frame X Y",
+            r"line 2 names the columns `id frame x y`; .* this order",
+        ),
+        ("# time x y yaw", r"names the columns `time x y theta`; wanted `frame id x y`"),
+    ],
+)
+def test_a_header_that_names_other_columns_is_read(tmp_path, head, message):
+    rows = "\n".join(f"{ident} {k} {k} 0" for ident in (1, 2) for k in range(10))
+    with pytest.raises(WideberthError, match=message):
+        read_tracks(write(tmp_path, f"{head}\n{rows}\n"), dt=0.4)
+
+
+@pytest.mark.parametrize("head", ["# frame id x y", "# Frame, ped_id, x_m, y_m (m)", "# x y",
+                                  "# id time x and y come later"])  # fmt: skip
+def test_other_comments_are_left_alone(tmp_path, head):
+    text = f"{head}\n0 1 2 3\n# id time x y\n1 1 2 3\n"
+    assert read_tracks(write(tmp_path, text), dt=0.4).ids == ("1",)
 
 
 def test_robot_log_keeps_its_clock_and_marks_long_gaps(tmp_path):
