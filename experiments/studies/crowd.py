@@ -53,10 +53,10 @@ class TrackFile:
     kind : "tracks" (``frame id x y``), "robot-log" (``time x y theta``) or "bag", a recording of
         ROS 2, which "auto" knows by its files. The first two have four columns. "auto" goes by a
         header, as a comment or not, if there is one. Otherwise it takes a file for a robot log
-        if a value of its first column has a fraction; or if the first column increases from each row to the next and a value of
-        the second column has one. Frames and identities are whole numbers or names, and
-        several people share a frame. A log in whole seconds of a robot that stays at whole
-        metres is mistaken: state its kind.
+        if a value of its first column has a fraction; or if the first column increases from each
+        row to the next and a value of the second column has one. Frames and identities are whole
+        numbers or names, and several people share a frame. A log in whole seconds of a robot that
+        stays at whole metres is mistaken: state its kind.
     radius : m, of a recorded body (0.3 m: a person).
     minimum_samples : samples that a usable track has in a row.
     topic : of a recording of ROS 2; see `wideberth.bridges.bag_tracks.read_bag_tracks`.

@@ -23,6 +23,8 @@ CHANGED = 1.2
 """Factor between an estimated noise and the one logged last from which on it is logged again."""
 FINE = 0.01
 """Share of a track's step that the clock must resolve."""
+LONG = 20.0
+"""Pause between two observations over the period from which on it is said, once."""
 PACE = 1.0
 """m/s per axis, standard deviation of the velocity of somebody who may or may not walk."""
 
@@ -38,18 +40,22 @@ class Perception:
     dimension : D of the robot; detections of another dimension are dropped.
     history : of the detections.
     forget : s after which an obstacle that is no longer reported is dropped.
+    period : s that are meant to lie between observations.
     stamp : s, of the last observation.
     notes : what was refused since `drained`, and why.
     logged : the noise of each sensor that was logged last, m.
+    paused : whether a long pause was noted.
     """
 
     predictor: Predictor
     dimension: int
     history: History
     forget: float
+    period: float
     stamp: float = -np.inf
     notes: tuple[str, ...] = ()
     logged: Mapping[str, float] = field(default_factory=dict)
+    paused: bool = False
 
     @classmethod
     def initial(
@@ -71,7 +77,7 @@ class Perception:
         period : s between observations.
         """
         history = History(dt, samples, forget, 2.5 * max(dt, period))
-        return cls(predictor, dimension, history, forget)
+        return cls(predictor, dimension, history, forget, period)
 
     @property
     def noise(self) -> dict[str, NoiseEstimate]:
@@ -91,12 +97,26 @@ class Perception:
         if stamp < self.stamp:
             notes.append(f"clock went back by {self.stamp - stamp:.3g} s")
             history = history.emptied()
+        pause, period = stamp - self.stamp, self.period
+        paused = np.isfinite(pause) and pause > max(LONG * period, self.forget)
+        if paused and not self.paused:
+            notes.append(
+                f"pause of {pause:.3g} s between observations, at a period of {period:.3g} s: "
+                "what was seen before is forgotten; are the stamps in s?"
+            )
         if (step := float(np.spacing(abs(stamp)))) > FINE * history.dt:
             notes.append(f"clock counts in steps of {step:.3g} s at {stamp:.3g} s")
         detections, refused = admitted(observation, self.dimension, self.forget, here)
         history = history.add(stamp, detections)
         logged = _logged(history.noise, self.logged)
-        return replace(self, history=history, stamp=stamp, notes=(*notes, *refused), logged=logged)
+        return replace(
+            self,
+            history=history,
+            stamp=stamp,
+            notes=(*notes, *refused),
+            logged=logged,
+            paused=self.paused or bool(paused),
+        )
 
     def drained(self) -> tuple["Perception", tuple[str, ...]]:
         """Return the same without notes, and the notes."""

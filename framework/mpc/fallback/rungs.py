@@ -1,7 +1,7 @@
 """The fallback ladder: rungs, best first, each of which offers a plan or says why it has none.
 
-1. `Optimal`: the solver converged and the plan keeps every constraint, regions at the level that it
-   holds: a level that may give way holds less than asked where that is cheaper (`Plan.given_way`);
+1. `Optimal`: the solver converged and the plan keeps every constraint, regions at the level that
+   it holds: one that may give way holds less than asked where that is cheaper (`Plan.given_way`);
 2. `FeasibleIterate`: the solver did not converge, but its last point keeps every constraint;
 3. `ShiftedPlan`: the last plan, while it still keeps every constraint against the new forecast;
 4. `LeastViolation`: the last point of a solve that the robot can drive, where that enters regions

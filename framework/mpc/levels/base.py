@@ -96,6 +96,28 @@ def tail_of(region: Region, promise: Promise, level: float, dimension: int) -> f
     return float(region.tail(level, dimension))
 
 
+def mixed_up(tail: float) -> str:
+    """Say that a tail looks like a content; "" where it does not.
+
+    A tail above 1/2 is no error: the ellipse of one standard deviation holds 39 % of where an
+    obstacle may be. From 0.999 on nothing is left of a region but the forecast's mean, which is
+    what is meant by such a number.
+
+    Examples
+    --------
+    >>> mixed_up(0.95)
+    'tail is 1 - content: 0.95 holds 5 % of where an obstacle may be, and 0.05 holds 95 %'
+    >>> mixed_up(0.05), mixed_up(0.999999)
+    ('', '')
+    """
+    if not 0.5 < tail < 0.999:
+        return ""
+    return (
+        f"tail is 1 - content: {tail:g} holds {100 * (1 - tail):.4g} % of where an obstacle may "
+        f"be, and {1 - tail:.4g} holds {100 * tail:.4g} %"
+    )
+
+
 def uniform(
     policy: LevelPolicy, region: Region, steps: int, obstacles: int, dimension: int
 ) -> Array:

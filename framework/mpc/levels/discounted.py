@@ -8,7 +8,7 @@ import numpy as np
 from ...region import Region
 from ...values.arrays import Array, probability, whole
 from ...values.errors import WideberthError
-from .base import LevelPolicy, Promise, checked_promise, spread
+from .base import LevelPolicy, Promise, checked_promise, mixed_up, spread
 
 
 @final
@@ -56,10 +56,11 @@ class Discounted(LevelPolicy):
         whole("level.full_steps", self.full_steps)
         checked_promise(self.promise)
         if self.final_tail < self.tail:
-            raise WideberthError(
+            words = (
                 f"level.final_tail is {self.final_tail:g}; wanted at least level.tail, "
                 f"{self.tail:g}: the level falls over the horizon"
             )
+            raise WideberthError("; ".join(filter(None, (words, mixed_up(self.tail)))))
 
     def tails(self, steps: int) -> Array:
         """Tail of each step, (steps,)."""

@@ -6,7 +6,7 @@ from typing import final
 from ...region import Region
 from ...values.arrays import Array, positive, probability
 from ...values.errors import WideberthError
-from .base import Promise, SharedLevel, checked_promise, uniform
+from .base import Promise, SharedLevel, checked_promise, mixed_up, uniform
 
 
 @final
@@ -48,8 +48,9 @@ class Relaxed(SharedLevel):
         """Levels aimed at, (steps, obstacles)."""
         target = uniform(self, region, steps, obstacles, dimension)
         if target.size and self.minimum > target.min():
-            raise WideberthError(
+            words = (
                 f"level.minimum is {self.minimum:g}; wanted at most {target.min():.4g}, the "
                 f"level of {type(region).__name__} for the tail {self.tail:g}"
             )
+            raise WideberthError("; ".join(filter(None, (words, mixed_up(self.tail)))))
         return target

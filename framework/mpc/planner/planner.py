@@ -15,10 +15,10 @@ from ..diagnosis.explain import SolveRecord
 from ..diagnosis.solve_record import Record
 from ..ocp.reference import Progress
 from .cycle import Decision, PlannerState, Services, joined, remember, step, warm_up
-from .settings import PlannerSettings, check_settings
+from .settings import PlannerSettings, check_settings, doubts
 
 SOON = 2.0
-"""s ahead within which a level that gives way is a warning; far longer than robots need to stop."""
+"""s ahead within which a level that gives way is a warning; far more than robots need to stop."""
 
 
 @dataclass(eq=False)
@@ -87,13 +87,15 @@ class Planner(PlannerSettings, Controller):
         self._memory.decision = self._memory.plan = None
 
     def set_path(self, path: Path) -> None:
-        """Follow this path from now on."""
+        """Follow this path from now on; the first one warns of settings that look like a slip."""
         path, memory = checked_path(self.robot, path), self._memory
         before = memory.state.progress
         known = memory.state.standing_off.on(path, None if before is None else before.path)
         memory.state = replace(memory.state, progress=Progress(path), standing_off=known)
         if not self._services.problems:
             warm_up(self, self._services, path)
+        for words in doubts(self) if before is None else ():
+            WARNINGS.warn(type(self).__name__, words.split()[0], words)
 
     @property
     def plan(self) -> Plan | None:

@@ -15,12 +15,14 @@ from ...values.errors import WideberthError, short
 from ...values.motion import Command, Twist
 from ..costs.base import Weights
 from .planner import Planner
-from .settings import PlannerSettings
+from .settings import PlannerSettings, doubts
 
 SPEED, STEP = 0.5, 0.5
 """m/s and s: the speed and the step that the weights of `Weights` are made for (the paper's)."""
 AHEAD, STOPPING = 5.0, 7.5
 """s that a plan reaches ahead at least: for people who walk, and, over k, for the weights."""
+FASTEST = 10.0
+"""m/s that the setting is scaled to: plans of 200 steps of 25 ms. Nothing of it was measured."""
 HEADROOM = 1.4
 """Largest speed of a robot over its reference speed (the paper's 0.7 m/s over 0.5 m/s)."""
 PERSON, MOST_ASIDE, LONGEST_ASIDE = 0.3, 3.5, 20.0
@@ -72,8 +74,8 @@ def recommended(
 
     Raises
     ------
-    WideberthError : an unknown robot, a speed not above 0, a robot that cannot drive at it, or
-        settings that `PlannerSettings` refuses.
+    WideberthError : an unknown robot, a speed not above 0 or beyond 10 m/s (km/h are no m/s), a
+        robot that cannot drive at it, or settings that `PlannerSettings` refuses.
 
     Examples
     --------
@@ -113,7 +115,12 @@ def completed(given: Mapping[str, Any], path: str = "") -> dict[str, Any]:
     named = given["robot"]
     own: Robot = build("robots", named, f"{place}robot")
     speed = _fitting_speed(own) if "reference_speed" not in given else given["reference_speed"]
-    positive(f"{place}reference_speed", speed)
+    if positive(f"{place}reference_speed", speed) > FASTEST:
+        raise WideberthError(
+            f"{place}reference_speed is {speed:g} m/s; wanted at most {FASTEST:g} m/s, at which a "
+            f"step of the recommended planner is {SPEED * STEP / FASTEST:g} s ({speed:g} km/h are "
+            f"{speed / 3.6:.3g} m/s); for a robot that is so fast state a planner of `type: mpc`"
+        )
     robot, _ = _robot_for(named, speed)
     _check_speed(robot, speed, place)
     k = max(speed / SPEED, 1.0)
@@ -244,6 +251,6 @@ def _choices(planner: Planner, fitted: str) -> list[str]:
         "horizon": f"{planner.horizon} steps of {planner.dt:.3g} s, {ahead:.3g} s and "
         f"{ahead * speed:.3g} m ahead; call it every {planner.period:.3g} s",
         "solver": solver,
-        "beware": slow_aside(planner.robot, speed),
+        "beware": "; ".join(filter(None, (slow_aside(planner.robot, speed), *doubts(planner)))),
     }
     return [f"{key:<10}{text}" for key, text in rows.items() if text]

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from ...plugins.config import ADVICE
+from ...plugins.config import ADVICE, describe
 from ...predictor import Branching, Predictor
 from ...region import Region
-from ...robot import Robot
+from ...robot import Robot, SpeedLimited
 from ...static_region import StaticRegion
 from ...values.arrays import Array, positive, whole
 from ...values.errors import WideberthError
@@ -17,7 +17,7 @@ from ..costs.base import Cost
 from ..costs.tracking import Tracking
 from ..fallback.rungs import RUNGS, rungs_of
 from ..instance.own_uncertainty import Growth
-from ..levels.base import LevelPolicy, SharedLevel
+from ..levels.base import LevelPolicy, SharedLevel, mixed_up
 from ..slots.base import CAPACITIES, SlotKind
 from ..slots.built_in import built_in
 from ..slots.ways import Ways
@@ -28,6 +28,10 @@ from .sampling import Sampling
 
 MOST_STEPS, MOST_SAMPLES = 1000, 10_000
 """Of a plan, and of a track or a forecast: more means that a unit is wrong."""
+DOUBTFUL = 5.0
+"""m/s; a reference speed beyond it, ten times the paper's, may be in km/h."""
+ABOVE = 2.0
+"""Largest reference speed over that which the robot can drive, beyond which something is wrong."""
 _WHOLE_PLANNER = (
     "write `<<: recommended` beside `robot: unicycle` in a config, which sets all of region, "
     "predictor, level and solver, or call wideberth.recommended('unicycle') in Python"
@@ -186,6 +190,27 @@ def check_settings(planner: PlannerSettings) -> None:
             f"moves in {planner.robot.dimension} dimensions; polygons lie in the plane: leave it "
             "out"
         )
+
+
+def doubts(settings: PlannerSettings) -> tuple[str, ...]:
+    """Say what of some settings is allowed and looks like a slip, beginning with its name.
+
+    A reference speed in km/h, one that the robot cannot drive, or a level's content as its tail.
+    """
+    speed, robot, found = settings.reference_speed, settings.robot, []
+    if speed > DOUBTFUL:
+        found.append(
+            f"reference_speed is {speed:g} m/s, {speed * settings.dt:.3g} m a step; {speed:g} "
+            f"km/h are {speed / 3.6:.3g} m/s"
+        )
+    elif isinstance(robot, SpeedLimited) and speed > ABOVE * robot.max_speed:
+        found.append(
+            f"reference_speed is {speed:g} m/s, and the robot drives at most "
+            f"{robot.max_speed:g} m/s: the reference runs away from it"
+        )
+    if words := mixed_up(describe(settings.level).get("tail", 0.0)):
+        found.append(f"level.{words}")
+    return tuple(found)
 
 
 def _check_ways(planner: PlannerSettings) -> None:

@@ -365,3 +365,17 @@ def test_a_direction_of_travel_is_kept_while_standing_and_never_jumps() -> None:
     np.testing.assert_allclose(
         _headings(tiny, np.linalg.norm(tiny, axis=1), 0.3), [0.3, 0.5 * np.pi]
     )
+
+
+def test_a_pause_far_beyond_the_period_is_said_once() -> None:
+    """As where stamps are in ms."""
+    known = perceiving(Told())  # called every 0.25 s
+    for time in (1000.0, 1005.0):
+        known = known.take(observed(time, "a"))
+    assert not known.notes  # a pause of 20 periods
+    known, notes = known.take(observed(2005.0, "a")).drained()
+    assert len(notes) == 1
+    assert notes[0].startswith("pause of 1e+03 s between observations, at a period of 0.25 s")
+    assert notes[0].endswith("are the stamps in s?")
+    assert not known.take(observed(3005.0, "a")).notes
+    assert perceiving(Told()).take(observed(0.0)).take(observed(6.0)).notes

@@ -2,16 +2,19 @@
 
 from dataclasses import fields
 from importlib import import_module
-from pathlib import Path
+from pathlib import Path as File
 from typing import Any
 
 import numpy as np
 import pytest
 
-from wideberth import WideberthError, build, recommended
+from wideberth import Path, WideberthError, build, recommended
+from wideberth.experiments.cli.export import planners
+from wideberth.experiments.engine.shipped import read_experiment, shipped
+from wideberth.framework.control.rate_limited_warnings import WARNINGS
 from wideberth.framework.mpc.costs.tracking import Tracking
 from wideberth.framework.mpc.planner.recommended import slow_aside
-from wideberth.framework.mpc.planner.settings import PlannerSettings
+from wideberth.framework.mpc.planner.settings import PlannerSettings, doubts
 from wideberth.framework.plugins.config import describe
 from wideberth.framework.plugins.registry import load, names
 from wideberth.framework.plugins.yamlfile import parse, shared_settings
@@ -72,6 +75,10 @@ def test_it_can_be_varied() -> None:
             "reference_speed is 1 m/s.*at most 0.7",
         ),
         ("robot: unicycle, reference_speed: -1.0", "planner.reference_speed is -1"),
+        (
+            "robot: unicycle, reference_speed: 36",
+            r"planner.reference_speed is 36 m/s; wanted at most 10 m/s.*36 km/h are 10 m/s",
+        ),
         ("robot: unicycle, dt: 0.0", "planner.dt is 0"),
         ("robot: unicycel", "planner.robot.type: unknown robot 'unicycel': did you mean"),
         ("robot: unicycle, horzon: 3", "planner.horzon: unknown key 'horzon': did you mean"),
@@ -93,6 +100,56 @@ def test_a_robot_that_moves_aside_slowly_is_named() -> None:
     assert f"takes {needed:.1f} s at 0.5 m/s to move aside by 0.7 m" in found
     assert slow_aside(Unicycle(radius=0.4, max_yaw_rate=0.7, max_yaw_acceleration=0.7), 0.57) == ""
     assert slow_aside(load("robots", "holonomic_velocity")(), 0.5) == ""  # 1.05 m at 0.7 m/s
+
+
+def test_a_speed_in_kilometres_per_hour_is_no_speed(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(WideberthError, match=r"^reference_speed is 36 m/s; wanted at most 10 m/s"):
+        recommended(speed=36)
+    recommended(speed=7.2)
+    assert "beware    reference_speed is 7.2 m/s" in capsys.readouterr().out
+    assert recommended(speed=10.0, quiet=True).horizon == 200
+
+
+def test_a_level_that_is_a_content_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    mixed = r"tail is 1 - content: 0.95 holds 5 % .*0.05 holds 95 %"
+    for level in ("relaxed", "discounted"):
+        with pytest.raises(WideberthError, match=mixed):
+            recommended(level={"type": level, "tail": 0.95})
+    recommended(level={"type": "fixed", "tail": 0.95})
+    assert "; level.tail is 1 - content: 0.95 holds 5 %" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({}, ""),
+        ({"reference_speed": 1.4, "level": "{type: fixed, tail: 0.61}"}, "level.tail is 1 -"),
+        ({"level": "{type: fixed, tail: 0.5}"}, ""),  # half of where it may be
+        ({"level": "{type: fixed, tail: 0.999999}"}, ""),  # the mean alone
+        ({"reference_speed": 36}, "reference_speed is 36 m/s, 18 m a step; 36 km/h are 10 m/s"),
+        ({"reference_speed": 1.5}, "and the robot drives at most 0.7 m/s: the reference runs"),
+    ],
+)
+def test_a_slip_is_a_warning_of_the_first_path(
+    settings: dict[str, Any], words: str, caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.setattr(WARNINGS, "_last", {})
+    parts = {"region": "mahalanobis_ellipse", "predictor": "kalman", "solver": "riccati"}
+    level = parse(f"level: {settings.get('level', 'fixed')}", "here")
+    planner = build(
+        "controllers", {"type": "mpc", "robot": "unicycle", **parts, **settings, **level}
+    )
+    for end in (5.0, 6.0):
+        planner.set_path(Path([[0.0, 0.0], [end, 0.0]]))
+    said = [record.message for record in caplog.records]
+    assert len(said) == bool(words) and words in "".join(said)
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_no_shipped_config_looks_like_a_slip(name: str) -> None:
+    assert not [doubts(one) for one in planners(read_experiment(name, [])[0]).values()
+                if doubts(one)]  # fmt: skip
 
 
 def test_what_it_chose_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
@@ -135,6 +192,6 @@ def test_it_passes_a_walker_and_arrives(
     robot: str, speed: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """At the paper's weights a robot of 1 m/s circles its goal instead."""
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[3] / "benchmarks"))
+    monkeypatch.syspath_prepend(str(File(__file__).parents[3] / "benchmarks"))
     found = import_module("recommended_arrives").drive(recommended(robot, speed, quiet=True), True)
     assert found.time < 1.3 and found.way < 1.2 and found.clearance > 0.1
