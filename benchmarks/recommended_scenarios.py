@@ -1,6 +1,7 @@
 """What does `<<: recommended` do in every shipped scenario? Prints a table of docs/choose.md.
 
     python benchmarks/recommended_scenarios.py --seeds 6 --first 300
+    python benchmarks/recommended_scenarios.py --seeds 1 --only doorway crossing
 
 A row is a scenario of a shipped config, with the robot, its own limits and the settings of that
 config, and with ``{<<: recommended, robot: *robot}`` as the controller of every
@@ -56,8 +57,7 @@ def episode(place: tuple[Any, Any, Any], seed: int) -> tuple[str, float, float]:
     logging.getLogger("wideberth").setLevel(logging.ERROR)
     scenario, robot = build("scenarios", place[0]), build("robots", place[1])
     settings = construct(Settings, place[2], "settings")
-    walls = {"static_region": "separating_line"} if robot.dimension == 2 else {}
-    recommended = {**shared_settings("recommended"), "robot": robot, **walls}
+    recommended = {**shared_settings("recommended"), "robot": robot}
     played = play(scenario, robot, build("controllers", recommended), settings, seed)
     found = verdict(played, settings.time_limit)
     least = min(clearances(played).values(), default=np.nan)
@@ -74,11 +74,14 @@ def main() -> None:
     asked.add_argument("--seeds", type=int, default=6)
     asked.add_argument("--first", type=int, default=300)
     asked.add_argument("--workers", type=int, default=2)
+    asked.add_argument("--only", nargs="+", help="names of configs", default=())
     given = asked.parse_args()
     seeds = range(given.first, given.first + given.seeds)
     print("| Config, scenario | Collisions | Arrived | Least clearance (m) | Median time (s) |")
     print("| --- | --- | --- | --- | --- |")
     for (name, label), place in places().items():
+        if given.only and name not in given.only:
+            continue
         tasks = (delayed(episode)(place, seed) for seed in seeds)
         outcomes, clearances, times = zip(*Parallel(given.workers)(tasks), strict=True)
         row = [

@@ -30,7 +30,7 @@ CROWD = "{type: crowdnav, humans: 60}"
         ("crossing", f"scenario={CROWD}", f"scenario, seed 0: {NO_ROOM}"),
         (
             "tuning",
-            "scenario={type: doorway, robot_radius: 0.75}",
+            "planner.static_region=null;scenario={type: doorway, robot_radius: 0.75}",
             "of base can begin: .*static_region",
         ),
         ("corridor", "controllers.ours.static_region=null", "episode of ours .*static_region"),
@@ -57,7 +57,7 @@ def test_an_episode_that_cannot_begin(
 ) -> None:
     if config in ("crowdnav", "corridor") or CROWD in override:
         pytest.importorskip("pyrvo")
-    experiment, _ = read_experiment(config, [override])
+    experiment, _ = read_experiment(config, override.split(";"))
     with pytest.raises(WideberthError, match=message):
         run(experiment, tmp_path / "out")
     assert not (tmp_path / "out").exists()

@@ -15,7 +15,6 @@ from typing import Any
 
 import pytest
 import typer
-import yaml
 
 from wideberth import build, save_plugin
 from wideberth.experiments.cli.app import app
@@ -23,7 +22,7 @@ from wideberth.experiments.engine.shipped import config_path, read_experiment
 from wideberth.framework.mpc.diagnosis.solve_record import Record
 from wideberth.framework.mpc.fallback.rungs import rungs_of
 from wideberth.framework.plugins import registry
-from wideberth.framework.plugins.yamlfile import read_config
+from wideberth.framework.plugins.yamlfile import parse, read_config
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -93,8 +92,8 @@ def test_python_on_a_page_runs(page: str, folder: Path) -> None:
 
 
 ROOMS = {
-    "planners": "controllers", "controllers": "controllers", "predictor": "predictors",
-    "scenario": "scenarios",
+    "planners": "controllers", "controllers": "controllers", "planner": "controllers",
+    "predictor": "predictors", "scenario": "scenarios",
 }  # fmt: skip
 
 
@@ -104,7 +103,7 @@ def test_yaml_on_a_page_builds(page: str, folder: Path) -> None:
         if "plugins:" in block:
             continue  # test_readme.py runs it
         robot = "&robot {type: holonomic_velocity}" if "policy" in block else "&robot unicycle"
-        config = yaml.safe_load(f"robot: {robot}\n{block}")
+        config = parse(f"robot: {robot}\n{block}", page)  # plain YAML knows no `<<: recommended`
         for key, value in config.items():
             if key in ("planners", "controllers"):
                 for one in value.values():

@@ -258,7 +258,7 @@ def test_games_about_games_and_numbers_out_of_range_are_refused():
     for inner in (GAME, Oracle(fallback=GAME)):
         with pytest.raises(WideberthError, match=r"is, or holds, a game"):
             Game(replace(GAME.planner, predictor=inner))
-    flying = replace(GAME.planner, robot=Holonomic3D())
+    flying = replace(GAME.planner, robot=Holonomic3D(), static_region=None)  # of the plane
     with pytest.raises(WideberthError, match=r"moves in 3 dimensions; wanted 2"):
         Game(flying)
     for name, value in {"iterations": 0, "agents": 0, "memory": 0.0}.items():

@@ -23,7 +23,10 @@ FILES = {
     "Makefile", "README.md", "example.c", "example_data.h", "manifest.json", "nlp_functions.c",
     "stage_functions.c", "wideberth.c", "wideberth.h", "wideberth_nlp.c",
 }  # fmt: skip
-SHORT = ["planners.default.horizon=3", "planners.default.history=6"]
+SHORT = [
+    "planners.default.horizon=3", "planners.default.history=6",
+    "planners.default.static_region=null",
+]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -77,6 +80,13 @@ def test_another_planner_of_the_config(tmp_path: Path) -> None:
     sizes = json.loads((tmp_path / "c" / "manifest.json").read_text())["sizes"]
     assert (sizes["OBSTACLES"], sizes["SLACKS"], sizes["SHARED_LEVEL"]) == (0, 0, 1)
     assert "wideberth_obstacle(" not in (tmp_path / "c" / "wideberth.h").read_text()
+
+
+def test_a_planner_that_minds_polygons_has_slots_for_five(tmp_path: Path) -> None:
+    settings = ["planners.default.horizon=2", "planners.default.history=6"]
+    export("crossing", settings, tmp_path / "c", obstacles=0)  # the recommended planner does
+    sizes = json.loads((tmp_path / "c" / "manifest.json").read_text())["sizes"]
+    assert (sizes["OBSTACLES"], sizes["POLYGONS"]) == (0, 5)
 
 
 def test_an_older_export_is_replaced_only_by_force(written: Path, tmp_path: Path) -> None:
