@@ -105,8 +105,11 @@ episode = result.episodes["field-unicycle-nominal-uncertain-0"]
 episode.plot()
 
 # %%
-# ``episode.animate().save("caution.gif")`` writes a film of it.
-#
+# A film shows it in motion. In a notebook it plays below the cell; ``.save("caution.gif")`` writes it to a file.
+
+episode.animate(rate=5.0)
+
+# %%
 # The folder holds the config with every default, versions and commit, and the measured values, so that somebody else
 # gets the same bytes. ``wideberth report caution`` makes one HTML page of it, and ``wideberth cite
 # caution.yaml`` prints what to cite.

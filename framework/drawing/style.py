@@ -51,7 +51,8 @@ _IN_A_BROWSER = ("nbagg", "webagg", "module://ipympl.backend_nbagg", "ipympl")
 def paper_style() -> Iterator[None]:
     """Draw in the sizes, fonts and line cycle of a printed column.
 
-    Settings of the user and the backend of the session are as before when it ends.
+    Settings of the user are as before when it ends. Backend and interactive mode belong to the
+    session: the first figure chooses them, within the block or not, and they stay.
     """
     import matplotlib
     from cycler import cycler
@@ -81,8 +82,15 @@ def paper_style() -> Iterator[None]:
         "pdf.fonttype": 42,  # text stays text
         "svg.hashsalt": "wideberth",
     }
-    with matplotlib.rc_context(settings):
-        yield
+    interactive = matplotlib.is_interactive()
+    try:
+        with matplotlib.rc_context(settings):
+            try:
+                yield
+            finally:
+                interactive = matplotlib.is_interactive()
+    finally:
+        matplotlib.interactive(interactive)
 
 
 def shades(count: int) -> list[Shade]:

@@ -1,4 +1,4 @@
-"""Films that are written by what their file's name asks for."""
+"""Films that play in a notebook, and are written by what their file's name asks for."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -16,10 +16,13 @@ _PILLOW = (".gif", ".webp", ".apng")
 def film_of(
     figure: "Figure", show: Callable[[float], list[Any]], times: list[float], interval: float
 ) -> "FuncAnimation":
-    """Return a film whose ``save`` chooses the writer by the file's suffix.
+    """Return a film that plays in a notebook, and whose ``save`` chooses the writer by suffix.
 
     Pillow, which comes with matplotlib, writes .gif, .webp and .apng; all others need a program,
     ffmpeg by default (matplotlib's setting ``animation.writer``).
+
+    A notebook shows a film that has no window of its own as matplotlib's player, with buttons to
+    stop and to step; the setting ``animation.html`` chooses another form.
 
     Parameters
     ----------
@@ -28,6 +31,7 @@ def film_of(
     times : of the frames, s.
     interval : between two frames, ms.
     """
+    import matplotlib
     from matplotlib.animation import FuncAnimation
 
     class Film(FuncAnimation):
@@ -38,6 +42,13 @@ def film_of(
         ) -> None:
             chosen = writer_for(Path(filename)) if writer is None else writer
             super().save(filename, chosen, *more, **settings)
+
+        def _repr_html_(self) -> str | None:
+            if figure.canvas.manager is not None:  # it plays in its window
+                return None
+            if matplotlib.rcParams["animation.html"] != "none":
+                return super()._repr_html_()
+            return str(self.to_jshtml())
 
     return Film(figure, show, frames=times, interval=interval)
 

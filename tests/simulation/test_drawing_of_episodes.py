@@ -1,5 +1,6 @@
 """Episodes draw themselves, as a picture, as a film, and while they run."""
 
+import re
 from pathlib import Path as File
 
 import matplotlib
@@ -79,6 +80,19 @@ def test_a_film_is_written(episode: Episode, tmp_path: File) -> None:
         episode.animate(live=True)
     with pytest.raises(WideberthError, match="rate"):
         episode.animate(rate=0.0)
+
+
+def test_a_film_plays_in_a_notebook(episode: Episode, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = episode.animate(rate=2.0, speed=2.0)._repr_html_()
+    assert page is not None and "<script" in page
+    frames = re.findall(r'frames\[(\d+)\] = "data:image/png;base64,', page)
+    assert frames == ["0", "1", "2"]  # at 0 s, 1 s and 2 s
+    with monkeypatch.context() as screen:
+        screen.setattr(film, "window", lambda: pyplot.figure(dpi=50))
+        screen.setattr(Figure, "show", lambda self: None)
+        live = episode.animate(live=True)
+    assert live._repr_html_() is None
+    live._draw_was_started = True  # matplotlib warns of films that nobody draws
 
 
 def test_a_film_names_the_program_that_it_lacks(

@@ -135,6 +135,13 @@ class SolveRecord:
         within = SAME * settings.robot.radius
         return first + solve_cheapest(*given, self.guesses[1:], first, within)
 
+    def __repr__(self) -> str:
+        """Say which plan it is and how it came about; `text` says why."""
+        found, starts = self.verdict, len(self.guesses)
+        words = f"plan at {found.stamp:g} s: {found.rung}, solver: {found.status}"
+        counts = f"{starts} start{'s' * (starts != 1)}, {found.iterations} iterations"
+        return f"SolveRecord({words}; {counts}; text() says why)"
+
     def text(self) -> str:
         """Say what happened: rung, reason, sizes, and what the plan taken breaks."""
         found, config = self.verdict, self.planner

@@ -151,6 +151,10 @@ def test_the_text_says_what_happened() -> None:
     assert fine.rung is Rung.OPTIMAL
     assert "nothing went wrong" in made.explain().text()
     assert "keeps every constraint" in made.explain().text()
+    said = repr(made.explain())
+    assert (
+        said.startswith("SolveRecord(plan at 0 s: optimal, solver: solved; ") and len(said) < 120
+    )
 
 
 def test_nothing_solved_is_nothing_to_explain() -> None:

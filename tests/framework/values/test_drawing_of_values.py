@@ -17,7 +17,7 @@ from wideberth import (
     build,
     recommended,
 )
-from wideberth.framework.drawing.style import chosen_steps, shades
+from wideberth.framework.drawing.style import chosen_steps, paper_style, shades
 from wideberth.framework.values.plan import Plan, kept_out
 
 
@@ -75,9 +75,10 @@ def test_axes_of_the_users_keep_their_figure(plan: Plan) -> None:
     assert np.allclose(mean.get_xydata(), plan.forecast.mean[0, 0])
     ellipses = panels[1].collections[0].get_paths()
     assert len(ellipses) == 8
-    chi = np.linalg.norm(ellipses[-1].vertices - plan.forecast.mean[0, 0, -1], axis=1)
-    spread = np.sqrt(plan.forecast.covariance[0, 0, -1, 0, 0])
-    assert np.allclose(chi, 2.4477 * spread, rtol=1e-3)  # round: chi^2 with two degrees, 95 %
+    away = ellipses[-1].vertices - plan.forecast.mean[0, 0, -1]
+    inverse = np.linalg.inv(plan.forecast.covariance[0, 0, -1])
+    chi2 = np.einsum("ki,ij,kj->k", away, inverse, away)
+    assert np.allclose(chi2, 5.9915, rtol=1e-3)  # chi^2 with two degrees of freedom, 95 %
 
 
 def test_modes_are_paler_the_less_they_weigh() -> None:
@@ -92,6 +93,22 @@ def test_modes_are_paler_the_less_they_weigh() -> None:
     assert drawn["obstacle 0, 30 %"] < drawn["obstacle 0, 70 %"] < drawn["obstacle 1"]
     assert repr(forecast) == ("Forecast(2 obstacles in 3 dimensions, 2 modes each, 3 steps of "
                               "0.5 s, 1 by another method)")  # fmt: skip
+
+
+def test_the_first_figure_chooses_the_interactive_mode_for_good() -> None:
+    """A notebook's backend is loaded by the first figure, and shows only what is interactive."""
+    square = Polygon(((0, 0), (2, 0), (2, 1), (0, 1)))
+    with matplotlib.rc_context():
+        matplotlib.interactive(False)
+        with paper_style():
+            matplotlib.interactive(True)  # as such a backend does when it is loaded
+        assert matplotlib.is_interactive() and matplotlib.rcParams["font.size"] != 8
+        square.plot()
+        assert matplotlib.is_interactive()
+        with pytest.raises(ZeroDivisionError), paper_style():
+            matplotlib.interactive(False)
+            raise ZeroDivisionError
+        assert not matplotlib.is_interactive()
 
 
 @pytest.mark.parametrize("name", ["mahalanobis_ellipse", "luetkepohl_rectangle", "half_plane"])
@@ -139,7 +156,8 @@ def test_notebooks_show_them(plan: Plan) -> None:
 def test_reprs_are_short(plan: Plan) -> None:
     planner = recommended(quiet=True)
     assert len(repr(planner).splitlines()) == 9 and max(map(len, repr(planner).split("\n"))) < 130
-    assert "Kalman(" in repr(planner) and "20 steps of 0.25 s" in repr(planner)
+    assert "AdaptiveConformal(" in repr(planner) and "15 steps of 0.5 s" in repr(planner)
+    assert "20 steps of 0.25 s" in repr(recommended(speed=1.0, quiet=True))
     assert planner.plan is None and "none yet" in repr(planner)
     detections = tuple(Detection(f"w{i}", (i, 0.0), np.eye(2), 0.3) for i in range(30))
     lines = repr(Observation(1.5, (0, 0, 0, 0.5, 0), detections)).splitlines()
