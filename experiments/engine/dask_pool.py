@@ -15,6 +15,7 @@ from time import monotonic
 from typing import Any, TypeAlias
 from uuid import uuid4
 
+from ...framework.plugins.extras import from_extra
 from ...framework.values.errors import WideberthError
 from .progress import say
 from .worker import Chunk, Done, Returned, check, do_chunk
@@ -232,14 +233,9 @@ class Cluster:
 
 
 def _connect(scheduler: Scheduler) -> Any:
-    try:
-        from distributed import Client
-    except ImportError:
-        raise WideberthError(
-            "a scheduler needs Dask: pip install 'wideberth[cluster]', here and on the workers"
-        ) from None
+    everywhere = "the workers need it too"
+    client = from_extra("distributed", "cluster", "a scheduler needs Dask", everywhere).Client
     security = scheduler.security()
-    client: Any = Client
     try:
         return client(
             scheduler.address, timeout=_PATIENCE, security=security, set_as_default=False

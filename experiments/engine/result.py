@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from ...framework.plugins.extras import from_extra
 from ...framework.plugins.io import expanded, read_bytes, read_table
 from ...framework.plugins.registry import unknown
 from ...framework.values.errors import WideberthError, nearest
@@ -184,14 +185,9 @@ def listed(names: Iterable[str], most: int = 8) -> str:
 
 def need_frames() -> None:
     """Raise a `WideberthError` where the extra for data frames is missing."""
-    try:
-        import jinja2  # noqa: F401
-        import pandas  # noqa: F401
-    except ImportError:
-        raise WideberthError(
-            "data frames need pandas: pip install 'wideberth[frames]'; without it, `rows` of a "
-            "result holds its table as dictionaries"
-        ) from None
+    otherwise = "without it, `rows` of a result holds its table as dictionaries"
+    for module in ("jinja2", "pandas"):
+        from_extra(module, "frames", f"data frames need {module}", otherwise)
 
 
 def _read_frame(path: Path) -> "pandas.DataFrame":

@@ -7,8 +7,8 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...framework.plugins.extras import from_extra
 from ...framework.plugins.io import read_json, read_table, write_bytes
-from ...framework.values.errors import WideberthError
 from .result_folder import claim_files
 
 if TYPE_CHECKING:
@@ -17,10 +17,7 @@ if TYPE_CHECKING:
 
 def need_parquet() -> None:
     """Raise a `WideberthError` where the extra is missing, before any work."""
-    try:
-        import pyarrow  # noqa: F401
-    except ImportError:
-        raise WideberthError("Parquet needs PyArrow: pip install 'wideberth[parquet]'") from None
+    from_extra("pyarrow", "parquet", "Parquet needs PyArrow")
 
 
 def write_parquet(folder: Path) -> Path:

@@ -1,9 +1,8 @@
 """The RVO2 library (``pyrvo``), imported where it is first needed."""
 
-from importlib import import_module
 from typing import Any
 
-from ..values.errors import WideberthError
+from ..plugins.extras import from_extra
 
 
 def rvo2(user: str) -> Any:
@@ -17,10 +16,4 @@ def rvo2(user: str) -> Any:
     ------
     WideberthError : it is not installed.
     """
-    try:
-        return import_module("pyrvo")
-    except ImportError as error:
-        raise WideberthError(
-            f"{user} needs the library pyrvo ({error}); install it with: "
-            "pip install 'wideberth[sim]'"
-        ) from None
+    return from_extra("pyrvo", "sim", f"{user} needs the library pyrvo")

@@ -1,12 +1,13 @@
 """Libraries that come with an extra, imported when they are needed."""
 
 from importlib import import_module
+from importlib.metadata import PackageNotFoundError, requires
 from typing import Any
 
 from ..values.errors import WideberthError
 
 
-def from_extra(module: str, extra: str, need: str) -> Any:
+def from_extra(module: str, extra: str, need: str, otherwise: str = "") -> Any:
     """Return a module of a library that an extra of this package installs.
 
     Parameters
@@ -14,6 +15,7 @@ def from_extra(module: str, extra: str, need: str) -> Any:
     module : name of the module.
     extra : name of the extra.
     need : who needs what, as "messages of ROS 2 need rosbags"; the error begins with it.
+    otherwise : what can be done without the library; the error ends with it.
 
     Raises
     ------
@@ -22,6 +24,36 @@ def from_extra(module: str, extra: str, need: str) -> Any:
     try:
         return import_module(module)
     except ImportError as error:
-        raise WideberthError(
-            f"{need}, which is not installed: pip install 'wideberth[{extra}]'"
-        ) from error
+        raise missing(extra, need, error, otherwise) from error
+
+
+def missing(extra: str, need: str, error: ImportError, otherwise: str = "") -> WideberthError:
+    """Return the error for a library that cannot be imported; see `from_extra`."""
+    words = f"{need}, which cannot be imported ({error}): {installation(extra)}"
+    return WideberthError(f"{words}; {otherwise}" if otherwise else words)
+
+
+def installation(extra: str) -> str:
+    """Say how the libraries of an extra are installed; this package itself is in no index.
+
+    Examples
+    --------
+    >>> installation("sim")
+    "pip install 'pyrvo>=0.4.3', or in a clone pip install -e '.[sim]'"
+    """
+    in_a_clone = f"in a clone pip install -e '.[{extra}]'"
+    libraries = " ".join(f"'{library}'" for library in _libraries(extra))
+    return f"pip install {libraries}, or {in_a_clone}" if libraries else in_a_clone
+
+
+def _libraries(extra: str) -> list[str]:
+    """Return the requirements of an extra; none where the package runs without being installed."""
+    try:
+        found = [line.split(";") for line in requires("wideberth") or ()]
+    except PackageNotFoundError:
+        return []
+    return [
+        name.strip()
+        for name, *marker in found
+        if marker and marker[0].replace('"', "'").strip() == f"extra == '{extra}'"
+    ]

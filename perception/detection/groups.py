@@ -1,14 +1,13 @@
 """Which points of a scan belong to the same body."""
 
-from importlib import import_module
 from itertools import pairwise
 from math import log, sqrt
 from typing import Any
 
 import numpy as np
 
+from ...framework.plugins.extras import from_extra
 from ...framework.values.arrays import Array
-from ...framework.values.errors import WideberthError
 from .hits import Hits, IntArray
 
 MISSING = 2
@@ -90,13 +89,8 @@ def density_library() -> Any:
     ------
     WideberthError : it is not installed.
     """
-    try:
-        return import_module("sklearn.cluster")
-    except ImportError as error:
-        raise WideberthError(
-            f"groups by density need scikit-learn ({error}); install it with: "
-            "pip install 'wideberth[perception]', or choose groups: gap"
-        ) from None
+    need, otherwise = "groups by density need scikit-learn", "or choose groups: gap"
+    return from_extra("sklearn.cluster", "perception", need, otherwise)
 
 
 def at_notches(hits: Hits, index: IntArray, depth: float) -> list[IntArray]:

@@ -16,6 +16,7 @@ from ...framework.control.policy_observer import ObservationSpec, PolicyObserver
 from ...framework.controller import Controller, fresh
 from ...framework.metrics.gaps import BodyMotion, gaps, wall_gaps
 from ...framework.plugins.config import build
+from ...framework.plugins.extras import missing
 from ...framework.robot import Robot
 from ...framework.values.arrays import Array, positive
 from ...framework.values.errors import WideberthError
@@ -37,9 +38,7 @@ try:
     import gymnasium
     from gymnasium.spaces import Box, Dict
 except ImportError as _error:
-    raise WideberthError(
-        "the environment needs Gymnasium, which is not installed: pip install 'wideberth[gym]'"
-    ) from _error
+    raise missing("gym", "the environment needs Gymnasium", _error) from _error
 
 Config: TypeAlias = str | Mapping[str, Any]
 """Name of a plug-in, or a mapping with ``type`` and its settings."""

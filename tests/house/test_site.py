@@ -1,8 +1,10 @@
 """Helpers of the site: which words of a docstring are formulas, where methods are documented."""
 
+import re
 import sys
 from pathlib import Path
 
+import pydata_sphinx_theme
 import pytest
 
 from wideberth import Polygon, Region
@@ -72,3 +74,20 @@ def test_inherited_members_are_named_with_their_page() -> None:
     assert line.startswith("Inherited from :py:obj:`Region <wideberth.Region>`: ")
     assert ":py:obj:`plot <wideberth.Region.plot>`" in line and "`contains <" not in line
     assert inherited(MahalanobisEllipse, {}) == [] == inherited(Polygon, homes)
+
+
+def test_headings_are_smaller_the_deeper_on_any_screen() -> None:
+    """The sizes of the theme, and what our own style changes where the screen is narrow."""
+    folder = Path(pydata_sphinx_theme.__file__).parent / "theme" / "pydata_sphinx_theme"
+    theme = (folder / "static" / "styles" / "pydata-sphinx-theme.css").read_text("utf-8")
+    own = (ROOT / "docs" / "_static" / "site.css").read_text("utf-8")
+    narrow = own[own.index("@media (max-width: 600px)") :]
+    variable, direct = (
+        r"--pst-font-size-(h\d): ?([\d.]+)rem",
+        r"[ {](h\d) ?{ ?font-size: ?([\d.]+)rem",
+    )
+    wide = dict(re.findall(variable, theme))
+    changed = dict(re.findall(variable, narrow)) | dict(re.findall(direct, narrow))
+    for sizes in (wide, wide | changed):
+        found = [float(sizes[f"h{depth}"]) for depth in range(1, 7)]
+        assert found == sorted(set(found), reverse=True)
