@@ -3,10 +3,11 @@
 import os
 import signal
 import sys
+from collections.abc import Collection
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from textwrap import indent
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -171,17 +172,31 @@ def _run(
     _show(out)
 
 
-def _show(folder: Path) -> None:
-    """Print claim, tables and every file of a result."""
-    from ...framework.plugins.io import read_table
+ALL = "all"
+"""What `--columns` takes for every column of the summary."""
+
+
+def _show(folder: Path, every: bool = False) -> None:
+    """Print claim, tables and every file of a result.
+
+    Parameters
+    ----------
+    folder : of a finished result.
+    every : all columns of the summary, not those alone that answer the question.
+    """
+    from ..engine.extract import answering, extract
     from ..engine.runner import reopen, written
-    from ..engine.showing import list_files, print_table
+    from ..engine.showing import columns_of, list_files, print_table
     from ..engine.timing import condense_times
     from ..engine.width import width, wrapped
 
     experiment, result = reopen(folder)
     typer.secho(wrapped(f"Examined: {experiment.claim}", width()), bold=True)
-    print_table(read_table(folder / "summary.csv"))
+    whole = extract(folder)
+    names = columns_of(whole.rows) if every else answering(folder, whole.rows)
+    print_table([{name: row[name] for name in names} for row in whole.rows], whole.shares)
+    if more := len(columns_of(whole.rows)) - len(names):
+        typer.echo(f"{more} more columns: wideberth show {folder} --columns {ALL}")
     times = condense_times(result.times)
     if times:
         typer.echo("Calls of the controller, as measured here:")
@@ -294,22 +309,40 @@ def check(
     checks = [name.removeprefix("check_") for name in testing.CHECKS]
     if kind not in checks:
         raise WideberthError(unknown("contract check", kind, checks))
-    if dimensions and (kind not in ("predictor", "region") or not {*dimensions} <= {2, 3}):
+    if dimensions and not {*dimensions} <= {*DIMENSIONS.get(kind, ())}:
         raise WideberthError("--dimensions takes 2 or 3, for a predictor or a region")
     plugin = read_plugin(room_name(room), target, set_ or [])
     choices = {"dimensions": tuple(dimensions)} if dimensions else {}
-    broken = []
+    broken: dict[str, str] = {}
     for one in testing.laws_of(kind, plugin, **choices):
         with working(f"checking: {one.name}"):
             ((law, error),) = findings([one])
         verdict = f"exempt: {law.exception}" if law.exception else "broken" if error else "holds"
         typer.echo(f"{law.name}: {verdict}")
-        broken += [f"{law.name}: {described(error)}"] if error else []
-    for line in broken:
-        typer.secho(f"{target} breaks a law of {room_name(room)}: {line}", fg="red", err=True)
+        broken |= {law.name: described(error)} if error else {}
+    for name, said in broken.items():
+        line = f"{target} breaks a law of {room_name(room)}: {name}: {said}"
+        typer.secho(line, fg="red", err=True)
     if broken:
+        if not dimensions and (size := _kept_in(kind, plugin, broken)):
+            typer.echo(f"In {size} dimensions it keeps them all: --dimensions {size}", err=True)
         raise typer.Exit(1)
     typer.echo(f"{target} keeps the laws of {room_name(room)}.")
+
+
+DIMENSIONS = {"predictor": (2, 3), "region": (2, 3)}
+"""Kind whose laws hold by dimension -> its dimensions."""
+
+
+def _kept_in(kind: str, plugin: Any, broken: Collection[str]) -> int:
+    """Return the one dimension in which a plug-in keeps all laws that it breaks; 0 for none."""
+    from ...framework.testing.laws import findings, laws_of
+
+    for size in DIMENSIONS.get(kind, ()):
+        laws = (law for law in laws_of(kind, plugin, dimensions=(size,)) if law.name in broken)
+        if not any(error for _, error in findings(laws)):
+            return size
+    return 0
 
 
 @app.command(no_args_is_help=True)
@@ -372,7 +405,8 @@ def show(
         ),
     ] = None,
     columns: Annotated[
-        str, typer.Option(help="Only these columns, as in planner,clearance_min_m.")
+        str,
+        typer.Option(help="Only these, as in planner,clearance_min_m; `all` for every column."),
     ] = "",
     pivot: Annotated[
         str, typer.Option(help="LINES,COLUMNS,MEASURE, as in predictor,region,clearance_min_m.")
@@ -391,8 +425,9 @@ def show(
     folder = result_folder(result)
     if not (folder / "config.yaml").is_file():
         _mean_config(result)
-    if not part:
-        _show(folder)
+    every, names = columns == ALL, columns.split(",") if columns not in ("", ALL) else []
+    if not (names or pivot or latex or markdown):
+        _show(folder, every)
         return
     from ..engine import extract, showing
     from ..engine.progress import say
@@ -401,17 +436,19 @@ def show(
     if latex and markdown:
         raise WideberthError("--latex and --markdown were both given; give one of them")
     check_finished(folder)
-    chosen = extract.extract(
-        folder, *(text.split(",") if text else () for text in (columns, pivot))
-    )
+    if not (names or pivot or every):
+        names = extract.answering(folder, extract.extract(folder).rows)
+    chosen = extract.extract(folder, names, pivot.split(",") if pivot else ())
     if chosen.note:
         say(chosen.note)
     if latex or markdown:
         typer.echo((extract.latex_text if latex else extract.markdown_text)(chosen))
         return
-    if chosen.measure:
+    if chosen.measure:  # it names the unit of all cells
         typer.echo(chosen.measure)
-    showing.print_table(chosen.rows)
+        showing.print_table([showing.in_per_cent(row, chosen.shares) for row in chosen.rows])
+        return
+    showing.print_table(chosen.rows, chosen.shares)
 
 
 def _config_text(word: str, name: str, part: bool) -> str:

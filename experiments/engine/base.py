@@ -72,6 +72,10 @@ class Experiment(ABC):
     headline: ClassVar[tuple[str, ...]] = ()
     """Three columns of the summary that lead a report; its first numbers where none is named."""
 
+    printed: ClassVar[tuple[str, ...]] = ()
+    """Columns of the summary that answer the question, printed behind those that name a line; all
+    where none is named. Files hold all."""
+
     @abstractmethod
     def tasks(self) -> Sequence[Task]:
         """List the work; at least one task, with names that differ."""

@@ -2,14 +2,24 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import floor, isfinite, isinf, isnan, log10
 from pathlib import Path
 from typing import Any
 
 from ...framework.plugins.io import read_table
-from ...framework.plugins.registry import unknown
+from ...framework.plugins.registry import load, unknown
 from ...framework.values.errors import WideberthError
+from .meanings import shares
 from .result import Row, need_frames
-from .showing import columns_of, format_cell, headed, markdown_table
+from .showing import (
+    columns_of,
+    format_cell,
+    headed,
+    in_per_cent,
+    main_columns,
+    markdown_table,
+)
+from .stored import read_stored
 
 
 @dataclass(frozen=True)
@@ -21,11 +31,13 @@ class Extract:
     rows : the lines.
     measure : what the cells of a pivot hold, with its unit; "" without a pivot.
     note : how the cells were condensed; "" if they are the table's own.
+    shares : columns whose cells are shares.
     """
 
     rows: list[Row]
     measure: str = ""
     note: str = ""
+    shares: frozenset[str] = frozenset()
 
 
 def extract(folder: Path, columns: Sequence[str] = (), pivot: Sequence[str] = ()) -> Extract:
@@ -54,9 +66,25 @@ def extract(folder: Path, columns: Sequence[str] = (), pivot: Sequence[str] = ()
         )
     wanted = list(columns or pivot)
     name, rows = _table_with(folder, wanted)
+    study = str(read_stored(folder / "config.yaml").get("type", ""))
+    known = shares(study, wanted or columns_of(rows))
     if pivot:
-        return _pivoted(name, rows, wanted)
-    return Extract([{name: row[name] for name in wanted} for row in rows] if wanted else rows)
+        return _pivoted(name, rows, wanted, wanted[2] in known)
+    chosen = [{name: row[name] for name in wanted} for row in rows] if wanted else rows
+    return Extract(chosen, shares=known)
+
+
+def answering(folder: Path, rows: Sequence[Row]) -> list[str]:
+    """Return the columns of a result's summary that answer its study's question.
+
+    All of them where the study names none, or is not known here.
+    """
+    study = str(read_stored(folder / "config.yaml").get("type", ""))
+    try:
+        printed = load("experiments", study).printed
+    except WideberthError:
+        printed = ()
+    return main_columns(rows, printed)
 
 
 def _table_with(folder: Path, wanted: Sequence[str]) -> tuple[str, list[Row]]:
@@ -73,7 +101,7 @@ def _table_with(folder: Path, wanted: Sequence[str]) -> tuple[str, list[Row]]:
     raise WideberthError(f"no table of {folder} has all of {', '.join(wanted)}; name fewer")
 
 
-def _pivoted(name: str, rows: Sequence[Row], pivot: Sequence[str]) -> Extract:
+def _pivoted(name: str, rows: Sequence[Row], pivot: Sequence[str], share: bool) -> Extract:
     need_frames()
     import pandas
 
@@ -91,7 +119,8 @@ def _pivoted(name: str, rows: Sequence[Row], pivot: Sequence[str]) -> Extract:
         for label, values in zip(table.index, table.to_numpy().tolist(), strict=True)
     ]
     note = f"each cell is the mean of up to {most} lines of {name}" if most > 1 else ""
-    return Extract(found, headed(measure), note)
+    held = frozenset(map(str, table.columns)) if share else frozenset[str]()
+    return Extract(found, headed(measure, share), note, held)
 
 
 def markdown_text(chosen: Extract) -> str:
@@ -103,6 +132,9 @@ def markdown_text(chosen: Extract) -> str:
 def latex_text(chosen: Extract) -> str:
     """Return an extract as a LaTeX tabular with units; it needs the package booktabs.
 
+    The numbers of a column have the same digits after the point, see `aligned`; what is unknown
+    is a dash.
+
     Raises
     ------
     WideberthError : the extra for data frames is missing.
@@ -111,26 +143,102 @@ def latex_text(chosen: Extract) -> str:
     import pandas
 
     rows = [_titled(row, chosen) for row in chosen.rows]
-    words = {name: any(isinstance(row[name], str) for row in rows) for name in columns_of(rows)}
-    texts: list[dict[Any, str]] = [
-        {name: format_cell(row[name]) for name in words} for row in rows
-    ]
-    frame = pandas.DataFrame(texts, dtype=str)
+    columns = {name: [row.get(name) for row in rows] for name in columns_of(rows)}
+    words = [any(isinstance(value, str) for value in values) for values in columns.values()]
+    frame = pandas.DataFrame(
+        {_latex(name): [_latex(text) for text in aligned(own)] for name, own in columns.items()},
+        dtype=str,
+    )
     if chosen.measure:
         first, *rest = frame.columns
         frame.columns = pandas.MultiIndex.from_tuples(
-            [("", first), *((chosen.measure, name) for name in rest)]
+            [("", first), *((_latex(chosen.measure), name) for name in rest)]
         )
-    aligned = "".join("l" if text else "r" for text in words.values())
+    sides = "".join("l" if text else "r" for text in words)
     text: str = frame.to_latex(
-        index=False, escape=True, column_format=aligned, multicolumn_format="c"
+        index=False, escape=False, column_format=sides, multicolumn_format="c"
     )
     return text.rstrip("\n")
+
+
+_DIGITS, _LEAST, _MORE = 4, 2, 2
+"""Digits of the largest number of a column, of the smallest one, and how many that may add."""
+_UNKNOWN, _ENDLESS = "\u2013", "\u221e"
+
+
+def aligned(values: Sequence[Any]) -> list[str]:
+    """Return the cells of a column as text; its numbers have the same digits after the point.
+
+    The largest number has four digits, or fewer where none needs them. A number that would be 0
+    is stated as smaller than the last digit; an unknown one is a dash.
+
+    Examples
+    --------
+    >>> aligned([12.3456, 0.5, float("nan"), None])
+    ['12.35', '0.50', '–', '']
+    >>> aligned([1.0, 0.03125, 2e-9])
+    ['1.00000', '0.03125', '<0.00001']
+    >>> aligned([3, 12]), aligned(["a", True])
+    (['3', '12'], ['a', 'True'])
+    """
+    numbers = [abs(value) for value in values if _finite(value)]
+    decimals = _decimals([number for number in numbers if number])
+    return [_aligned(value, decimals) for value in values]
+
+
+def _finite(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+
+
+def _decimals(numbers: Sequence[float]) -> int:
+    """Return the digits after the point that positive numbers of one column need."""
+    if not numbers:
+        return 0
+    most = max(_fraction(number) for number in numbers)
+    large = max(_DIGITS - 1 - floor(log10(max(numbers))), 0)
+    small = min(_LEAST - 1 - floor(log10(min(numbers))), large + _MORE)
+    return min(most, max(large, small))
+
+
+def _fraction(number: float) -> int:
+    """Return the digits after the point that show four digits of a number, without zeros."""
+    places = max(_DIGITS - 1 - floor(log10(number)), 0)
+    return len(f"{number:.{places}f}".rstrip("0").partition(".")[2])
+
+
+def _aligned(value: Any, decimals: int) -> str:
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return format_cell(value)
+    if isnan(value):
+        return _UNKNOWN
+    if isinf(value):
+        return f"{'-' * (value < 0)}{_ENDLESS}"
+    last = 10.0**-decimals
+    return f"<{last:.{decimals}f}" if 0.0 < value < 0.5 * last else f"{value:.{decimals}f}"
+
+
+_SPECIAL = {
+    **{sign: f"\\{sign}" for sign in "&%$#_{}"},
+    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
+    "<": "$<$", ">": "$>$", _UNKNOWN: "--", _ENDLESS: r"$\infty$",
+}  # fmt: skip
+"""Character -> how LaTeX writes it."""
+
+
+def _latex(text: str) -> str:
+    r"""Return text as LaTeX writes it.
+
+    Examples
+    --------
+    >>> print(_latex("asked 95 % of box_1"), _latex("<0.001"))
+    asked 95 \% of box\_1 $<$0.001
+    """
+    return "".join(_SPECIAL.get(sign, sign) for sign in text)
 
 
 def _titled(row: Row, chosen: Extract) -> Row:
     """Return a line under headers for reading; the labels across a pivot stay what they are."""
     return {
-        headed(name) if i == 0 or not chosen.measure else name: value
-        for i, (name, value) in enumerate(row.items())
+        headed(name, name in chosen.shares) if i == 0 or not chosen.measure else name: value
+        for i, (name, value) in enumerate(in_per_cent(row, chosen.shares).items())
     }

@@ -1,6 +1,7 @@
 """Tables of results as text: in a terminal that they fit, and as Markdown."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -25,15 +26,19 @@ UNITS = {
 """Units by the endings of columns that state them."""
 
 
-def headed(column: str) -> str:
-    """Return the name of a column for reading, its unit in brackets.
+def headed(column: str, share: bool = False) -> str:
+    """Return the name of a column for reading, its unit in brackets; of shares it is per cent.
 
     Examples
     --------
     >>> [headed(name) for name in ("clearance_min_m", "median ms", "time_ratio", "speed_mps")]
     ['clearance min (m)', 'median (ms)', 'time ratio', 'speed (m/s)']
+    >>> headed("goals_in_time", share=True)
+    'goals in time (%)'
     """
     *words, last = column.replace("_", " ").split(" ")
+    if share:
+        return f"{' '.join([*words, last])} (%)"
     if words and last in UNITS:
         return f"{' '.join(words)} ({UNITS[last]})"
     return " ".join([*words, last])
@@ -46,18 +51,57 @@ def format_cell(value: Any) -> str:
     return "" if value is None else str(value)
 
 
-def print_table(rows: Sequence[Row]) -> None:
+def per_cent(value: Any) -> Any:
+    """Return a share in per cent; what is no number as it is.
+
+    Examples
+    --------
+    >>> [per_cent(value) for value in (0.25, 1, True, "none", None)]
+    [25.0, 100.0, True, 'none', None]
+    """
+    known = isinstance(value, int | float) and not isinstance(value, bool)
+    return 100.0 * value if known else value
+
+
+def in_per_cent(row: Row, shares: Collection[str]) -> Row:
+    """Return a line with those columns in per cent."""
+    return {name: per_cent(value) if name in shares else value for name, value in row.items()}
+
+
+def main_columns(rows: Sequence[Row], printed: Sequence[str]) -> list[str]:
+    """Return the columns that a table has in a terminal.
+
+    Parameters
+    ----------
+    rows : of the summary.
+    printed : see `Experiment.printed`; those that hold nothing are left out.
+    """
+    every = columns_of(rows)
+    if not printed:
+        return every
+    names = takewhile(lambda name: all(isinstance(row.get(name), str) for row in rows), every)
+    held = (name for name in printed if any(row.get(name) not in ("", None) for row in rows))
+    return list(dict.fromkeys([*names, *held]))
+
+
+def print_table(rows: Sequence[Row], shares: Collection[str] = ()) -> None:
     """Print a table, on its side where many quantities stand against few rows.
 
     What is too wide for the terminal is folded into several tables below each other, each
     with the columns that name the lines; text is wrapped between words. In a file or a pipe
     there are 200 characters, or as many as COLUMNS says.
+
+    Parameters
+    ----------
+    rows : lines.
+    shares : columns that hold shares, which are printed in per cent.
     """
     from rich.console import Console
     from rich.table import Table
 
     lines = [
-        [name, *(format_cell(row[name]) for row in rows)] for name in (rows[0] if rows else ())
+        [name, *(_printed(row[name], name in shares) for row in rows)]
+        for name in (rows[0] if rows else ())
     ]
     upright = not sideways(rows)
     columns = lines if upright else [list(line) for line in zip(*lines, strict=True)]
@@ -72,6 +116,12 @@ def print_table(rows: Sequence[Row]) -> None:
         for line in zip(*(column[1:] for column in block), strict=True):
             table.add_row(*line)
         console.print(table)
+
+
+def _printed(value: Any, share: bool) -> str:
+    """Return a cell as text, of a share with its unit."""
+    found = per_cent(value) if share else value
+    return format_cell(found) + (" %" if found is not value and found == found else "")
 
 
 def sideways(rows: Sequence[Row]) -> bool:

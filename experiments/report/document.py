@@ -12,14 +12,14 @@ from typing import Any
 from ...framework.plugins.io import check_target, read_json, read_table, table_text, write_text
 from ...framework.values.errors import WideberthError
 from ..engine.base import Row
+from ..engine.meanings import Meaning, meanings
 from ..engine.runner import draw, reopen
-from ..engine.showing import columns_of, format_cell, headed, markdown_table, plain
+from ..engine.showing import columns_of, format_cell, markdown_table, plain
 from ..engine.stored import read_stored
 from ..engine.timing import condense_times
-from .meanings import Meaning, meanings
 from .page import MARK, PLAYER, data_uri, page, template
 from .player import ROOM, Recorded, kept_episodes, player, recordings, result_tail
-from .tables import flagged, html_table, leading, shown
+from .tables import flagged, html_table, in_unit, leading, shown, titled
 
 TABLES = "<!-- tables of a report by wideberth -->"
 """First line of the Markdown: a file that holds it may be replaced."""
@@ -280,9 +280,10 @@ def _card(rows: Sequence[Row], lines: Sequence[str], name: str, meaning: Meaning
     notes = "; ".join(filter(None, (which, unknown, flag)))
     looks = ' class="flagged"' if flag else ""
     said = f' title="{escape(meaning.text)}"' if meaning else ""
+    values = [shown(in_unit(end, meaning)) for end in ends]
     return (
-        f"<div{looks}{said}><dt>{escape(headed(name))}</dt>"
-        f"<dd>{' to '.join(map(shown, ends))}<small>{escape(notes)}</small></dd></div>"
+        f"<div{looks}{said}><dt>{escape(titled(name, meaning))}</dt>"
+        f"<dd>{' to '.join(values)}<small>{escape(notes)}</small></dd></div>"
     )
 
 

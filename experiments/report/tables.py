@@ -7,8 +7,17 @@ from typing import Any
 
 from ...framework.drawing.style import MINUS, number
 from ..engine.base import Row
-from ..engine.showing import WIDEST, columns_of, format_cell, has_words, headed, naming, sideways
-from .meanings import Meaning
+from ..engine.meanings import Meaning
+from ..engine.showing import (
+    WIDEST,
+    columns_of,
+    format_cell,
+    has_words,
+    headed,
+    naming,
+    per_cent,
+    sideways,
+)
 
 FLAGS = {
     "collision": "contact",
@@ -57,9 +66,9 @@ def html_table(
     kept = [name for name in columns if name not in same]
     if sideways(rows):
         table = _framed(caption, _on_its_side(rows, kept, meanings), len(rows))
-        return table + _said(same, rows)
+        return table + _said(same, rows, meanings)
     table = _framed(caption, _upright(rows, kept, meanings))
-    return table + _said(same, rows) + _explained(kept, meanings)
+    return table + _said(same, rows, meanings) + _explained(kept, meanings)
 
 
 def leading(rows: Sequence[Row], meanings: Mapping[str, Meaning]) -> list[str]:
@@ -97,10 +106,16 @@ def _framed(caption: str, inside: str, lines: int = 0) -> str:
 def _upright(rows: Sequence[Row], columns: Sequence[str], meanings: Mapping[str, Meaning]) -> str:
     """Return head and body of a table whose columns sort at a click."""
     words = {name for name in columns if has_words(rows, name)}
-    wide = {name: _decimals(row.get(name) for row in rows) for name in columns}
+    wide = {
+        name: _decimals(in_unit(row.get(name), meanings.get(name)) for row in rows)
+        for name in columns
+    }
     head = "".join(_head(name, name in words, meanings.get(name)) for name in columns)
     lines = [
-        "".join(_cell(name, row.get(name), wide[name], name in words) for name in columns)
+        "".join(
+            _cell(name, row.get(name), meanings.get(name), wide[name], name in words)
+            for name in columns
+        )
         for row in rows
     ]
     body = "\n".join(f"<tr>{line}</tr>" for line in lines)
@@ -123,9 +138,8 @@ def _groups(columns: Sequence[str], meanings: Mapping[str, Meaning], names: int)
 def _head(name: str, words: bool, meaning: Meaning | None) -> str:
     said = f' title="{escape(f"{name}: {meaning.text}")}"' if meaning else ""
     side = ' class="words"' if words else ""
-    return (
-        f'<th scope="col"{side}><button type="button"{said}>{escape(headed(name))}</button></th>'
-    )
+    title = escape(titled(name, meaning))
+    return f'<th scope="col"{side}><button type="button"{said}>{title}</button></th>'
 
 
 def _on_its_side(
@@ -151,7 +165,7 @@ def _on_its_side(
                 f"{escape(group)}</th></tr>"
             )
         said = f"<small>{escape(meaning.text)}</small>" if meaning else ""
-        cells = "".join(_cell(name, row.get(name), 0, False) for row in rows)
+        cells = "".join(_cell(name, row.get(name), meaning, 0, False) for row in rows)
         lines.append(
             f'<tr><th scope="row" title="{escape(name)}"><span>{escape(headed(name))}</span>'
             f"{said}</th>{cells}</tr>"
@@ -165,9 +179,19 @@ def _breakable(value: Any) -> str:
     return escape(format_cell(value)).replace("_", "_<wbr>")
 
 
-def _cell(name: str, value: Any, decimals: int, words: bool) -> str:
+def titled(name: str, meaning: Meaning | None) -> str:
+    """Return the name of a column for reading, with its unit."""
+    return headed(name, meaning is not None and meaning.share)
+
+
+def in_unit(value: Any, meaning: Meaning | None) -> Any:
+    """Return a value in the unit that the name of its column states: a share in per cent."""
+    return per_cent(value) if meaning is not None and meaning.share else value
+
+
+def _cell(name: str, value: Any, meaning: Meaning | None, decimals: int, words: bool) -> str:
     """Return a cell; one of a number carries it with all its digits, for the sorting."""
-    text = shown(value)
+    text = shown(in_unit(value, meaning))
     kinds = ["words"] if words else []
     if isinstance(value, str) and len(text) > WIDEST:
         kinds.append("long")
@@ -232,14 +256,15 @@ def _constant(rows: Sequence[Row], columns: Sequence[str]) -> list[str]:
     return [name for name, values in held.items() if len(values) == 1]
 
 
-def _said(same: Sequence[str], rows: Sequence[Row]) -> str:
+def _said(same: Sequence[str], rows: Sequence[Row], meanings: Mapping[str, Meaning]) -> str:
     if not same:
         return ""
     values = []
     for name in same:
         value = rows[0].get(name)
         flag = flagged(name, value)
-        values.append(f"{headed(name)} {shown(value) or 'none'}{f' ({flag})' if flag else ''}")
+        title, text = titled(name, meaning := meanings.get(name)), shown(in_unit(value, meaning))
+        values.append(f"{title} {text or 'none'}{f' ({flag})' if flag else ''}")
     return f'<p class="quiet">The same in every line: {escape(", ".join(values))}.</p>\n'
 
 
@@ -249,7 +274,8 @@ def _explained(columns: Sequence[str], meanings: Mapping[str, Meaning]) -> str:
     if not known:
         return ""
     entries = "".join(
-        f"<dt>{escape(headed(name))}</dt><dd>{escape(meanings[name].text)}</dd>" for name in known
+        f"<dt>{escape(titled(name, meanings[name]))}</dt><dd>{escape(meanings[name].text)}</dd>"
+        for name in known
     )
     return (
         "<details><summary>What the columns mean</summary>"

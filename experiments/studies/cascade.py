@@ -169,6 +169,10 @@ class CascadeStudy(Experiment):
         **EPISODE_CAPTIONS,
     }
     headline: ClassVar[tuple[str, ...]] = ("collisions", "clearance_min_m", "goals_in_time")
+    printed: ClassVar[tuple[str, ...]] = (
+        *("episodes", "collisions", "goals_in_time", "goals_in_time_true", "clearance_min_m"),
+        *("clearance_change", "time_change", "coverage", "coverage_change", "errors"),
+    )
 
     scenarios: dict[str, Scenario]
     robot: Robot

@@ -64,6 +64,12 @@ SOURCES = (
 )
 """Keys of what the columns of `measured`, `condensed` and `against` are taken from."""
 
+ANSWERS = (
+    *("episodes", "success", "collision", "time_mean_s", "clearance_median_m", "intrusion_share"),
+    *("time_difference_s", "p_value", "price_of_uncertainty_s", "judged_outcome", "errors"),
+)
+"""Columns of the summary that say who arrives, who touches, how fast, how near, and by chance."""
+
 
 @final
 @dataclass(frozen=True)
@@ -113,6 +119,7 @@ class Comparison(Experiment):
         **EPISODE_CAPTIONS,
     }
     headline: ClassVar[tuple[str, ...]] = ("success", "collision", "time_mean_s")
+    printed: ClassVar[tuple[str, ...]] = ANSWERS
 
     scenarios: dict[str, Scenario]
     robots: dict[str, Robot]

@@ -152,6 +152,10 @@ class Nav2Rivals(Experiment):
         **EPISODE_CAPTIONS,
     }
     headline: ClassVar[tuple[str, ...]] = ("success", "collision", "time_mean_s")
+    printed: ClassVar[tuple[str, ...]] = (
+        *("episodes", "success", "collision", "time_mean_s", "clearance_mean_m", "gave_up"),
+        *("time_difference_s", "finding", "judged_outcome", "errors"),
+    )
 
     places: dict[str, Place]
     limits: dict[str, LimitSet]

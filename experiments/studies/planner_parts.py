@@ -26,7 +26,7 @@ from ..engine.closed_loop import (
     inputs_of,
     seeds_of,
 )
-from .comparison import SOURCES, against, check_robots, condensed, driving, measured
+from .comparison import ANSWERS, SOURCES, against, check_robots, condensed, driving, measured
 
 
 @final
@@ -60,6 +60,7 @@ class PlannerParts(Experiment):
         ),
     }
     headline: ClassVar[tuple[str, ...]] = ("success", "time_mean_s", "collision")
+    printed: ClassVar[tuple[str, ...]] = ANSWERS
 
     scenario: Scenario
     robot: Robot

@@ -61,6 +61,10 @@ class Tuning(Experiment):
         ),
     }
     headline: ClassVar[tuple[str, ...]] = ("clearance_median_m", "time_median_s", "success")
+    printed: ClassVar[tuple[str, ...]] = (
+        *("value", "episodes", "success", "collision", "time_median_s", "clearance_median_m"),
+        *("time_difference_s", "p_value", "pareto", "judged_outcome", "errors"),
+    )
 
     scenario: Scenario
     robot: Robot

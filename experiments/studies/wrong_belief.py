@@ -101,6 +101,10 @@ class WrongBelief(Experiment):
         ),
     }
     headline: ClassVar[tuple[str, ...]] = ("success", "contacts", "contact_difference")
+    printed: ClassVar[tuple[str, ...]] = (
+        *("true", "assumed", "belief", "episodes", "success", "contacts", "contact_difference"),
+        *("contacts_p", "time_mean_s", "clearance_median_m"),
+    )
 
     places: dict[str, Place]
     true: tuple[float, ...] = (0.0, 0.25, 0.5, 1.0)

@@ -58,12 +58,12 @@ def laws(policy: LevelPolicy) -> tuple[Law, ...]:
 
 
 def _check_fields(policy: LevelPolicy) -> None:
-    _demand(policy, is_dataclass(policy), "a policy is a dataclass")
-    _demand(policy, 0.0 < policy.tail < 1.0, "the tail must lie between 0 and 1")
+    _demand(is_dataclass(policy), "a policy is a dataclass")
+    _demand(0.0 < policy.tail < 1.0, "the tail must lie between 0 and 1")
     if isinstance(policy, SharedLevel):
-        _demand(policy, policy.weight >= 0.0, "the weight must not be negative")
-        _demand(policy, policy.minimum < np.inf, "the minimum must be below infinity")
-    _demand(policy, replace(cast(Any, policy)) == policy, "its fields must rebuild it")
+        _demand(policy.weight >= 0.0, "the weight must not be negative")
+        _demand(policy.minimum < np.inf, "the minimum must be below infinity")
+    _demand(replace(cast(Any, policy)) == policy, "its fields must rebuild it")
 
 
 def _check_frozen(policy: LevelPolicy) -> None:
@@ -72,7 +72,7 @@ def _check_frozen(policy: LevelPolicy) -> None:
             setattr(policy, one.name, getattr(policy, one.name))
         except FrozenInstanceError:
             continue
-        _demand(policy, False, f"it must be frozen, and {one.name} can be set")
+        _demand(False, f"it must be frozen, and {one.name} can be set")
 
 
 def _has_tail(policy: LevelPolicy) -> bool:
@@ -106,14 +106,14 @@ class _Served:
 
 
 def _check_serves(policy: LevelPolicy, served: _Served) -> None:
-    _demand(policy, len(served.regions) > 0, "it must serve some registered region")
+    _demand(len(served.regions) > 0, "it must serve some registered region")
 
 
 def _check_promise(policy: LevelPolicy, served: _Served) -> None:
     for region, _ in served.regions:
         hollow = policy.promise == "risk" and region.guarantee is Guarantee.NONE
         name = type(region).__name__
-        _demand(policy, not hollow, f"{name} guarantees no risk, and it has to be refused")
+        _demand(not hollow, f"{name} guarantees no risk, and it has to be refused")
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,13 +158,13 @@ class _Levels:
     def _demand(self, holds: bool, law: str) -> None:
         region = type(self.region).__name__
         where = f"{region}, {self.steps} steps, {self.obstacles} obstacles, {self.dimension}-D"
-        _demand(self.policy, holds, f"{law} ({where})")
+        _demand(holds, f"{law} ({where})")
 
 
 def _constant(levels: Array) -> bool:
     return bool((levels == levels.flat[0]).all()) if levels.size else True
 
 
-def _demand(policy: LevelPolicy, holds: bool, law: str) -> None:
+def _demand(holds: bool, law: str) -> None:
     if not holds:
-        raise AssertionError(f"{policy!r} breaks a law: {law}")
+        raise AssertionError(law)

@@ -130,7 +130,7 @@ class RegionCase:
     def fail(self, law: str) -> AssertionError:
         """Name a broken law and the obstacle."""
         return AssertionError(
-            f"{self.region!r} breaks a law: {law} (mean {self.mean.tolist()}, covariance "
+            f"{law} (mean {self.mean.tolist()}, covariance "
             f"{self.covariance.tolist()}, margin {self.margin.tolist()}, tail "
             f"{self.tail.tolist()})"
         )

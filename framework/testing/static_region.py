@@ -185,7 +185,7 @@ class _Case:
 
     def fail(self, law: str) -> AssertionError:
         return AssertionError(
-            f"{self.region!r} breaks a law: {law} (polygon {self.polygon.tolist()}, body "
+            f"{law} (polygon {self.polygon.tolist()}, body "
             f"{self.outline}, margin {self.margin:g}, spread {self.spread.tolist()})"
         )
 

@@ -1,7 +1,9 @@
 """Films that play in a notebook, and are written by what their file's name asks for."""
 
+from base64 import b64encode
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from ...framework.values.errors import WideberthError
@@ -21,8 +23,9 @@ def film_of(
     Pillow, which comes with matplotlib, writes .gif, .webp and .apng; all others need a program,
     ffmpeg by default (matplotlib's setting ``animation.writer``).
 
-    A notebook shows a film that has no window of its own as matplotlib's player, with buttons to
-    stop and to step; the setting ``animation.html`` chooses another form.
+    A notebook shows a film that has no window of its own as a GIF, which plays wherever pictures
+    are shown. Matplotlib's setting ``animation.html`` chooses another form: "jshtml" has buttons
+    to stop and to step, and is ten times as large.
 
     Parameters
     ----------
@@ -48,7 +51,10 @@ def film_of(
                 return None
             if matplotlib.rcParams["animation.html"] != "none":
                 return super()._repr_html_()
-            return str(self.to_jshtml())
+            with TemporaryDirectory() as folder:
+                self.save(Path(folder) / "film.gif")
+                data = b64encode((Path(folder) / "film.gif").read_bytes()).decode("ascii")
+            return f'<img alt="film" src="data:image/gif;base64,{data}">'
 
     return Film(figure, show, frames=times, interval=interval)
 

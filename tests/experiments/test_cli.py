@@ -106,6 +106,31 @@ def test_check(shell) -> None:  # type: ignore[no-untyped-def]
     assert "pure: broken\n" in out and "RuntimeError: always" in error
 
 
+def test_check_says_a_law_once_and_in_which_dimensions_it_holds(shell) -> None:  # type: ignore[no-untyped-def]
+    Path("made.py").write_text(
+        "from dataclasses import dataclass, replace\n"
+        "from wideberth import Predictor\n"
+        "from wideberth.predictors import Static\n"
+        "@dataclass(frozen=True)\n"
+        "class Flat(Predictor):\n"
+        "    def predict(self, tracks, steps, scene=None):\n"
+        "        x, y = tracks.positions.swapaxes(0, 2)\n"
+        "        return Static().predict(tracks, steps, scene)\n"
+        "@dataclass(frozen=True)\n"
+        "class Stretched(Predictor):\n"
+        "    def predict(self, tracks, steps, scene=None):\n"
+        "        found = Static().predict(tracks, steps, scene)\n"
+        "        return replace(found, mean=1.01 * found.mean)\n"
+    )
+    code, _, error = shell("check", "predictor", "made:Flat")
+    assert code == 1 and "expected 2" in error
+    assert error.endswith("In 2 dimensions it keeps them all: --dimensions 2\n")
+    code, _, error = shell("check", "predictor", "made:Stretched")
+    (line,) = (one for one in error.splitlines() if "a law of predictors: tr" in one)
+    assert code == 1 and line.count("translation equivariant") == 1
+    assert "--dimensions" not in error
+
+
 def test_check_in_the_plane_alone(shell) -> None:  # type: ignore[no-untyped-def]
     code, out, error = shell("check", "predictor", "static", "--dimensions", "2")
     assert code == 0 and "rotation equivariant: holds" in out, error

@@ -88,7 +88,7 @@ def test_columns_and_pivots(folder: Path, capsys: pytest.CaptureFixture[str]) ->
     lines = capsys.readouterr().out.splitlines()
     assert lines[:5] == [
         r"\begin{tabular}{lrl}", r"\toprule", r"region & clearance min (m) & gave way \\",
-        r"\midrule", r"disc & 0.1 &  \\",
+        r"\midrule", r"disc & 0.10 &  \\",
     ]  # fmt: skip
     assert lines[5] == r"box\_1 & 0.25 & asked 95 \%, held 50 \% \\"
     pivot = "predictor,region,clearance_min_m"
@@ -96,6 +96,10 @@ def test_columns_and_pivots(folder: Path, capsys: pytest.CaptureFixture[str]) ->
     out = capsys.readouterr().out
     assert r" & \multicolumn{2}{c}{clearance min (m)} \\" in out
     assert r"predictor & disc & box\_1 \\" in out and r"var & 0.5 & -0.75 \\" in out
+    assert not shown(folder, "--columns", "predictor,extra_time,gave_way", "--latex")
+    out = capsys.readouterr().out  # unknown and endless numbers
+    assert r"kalman & -- &  \\" in out and r"var & $\infty$ &  \\" in out
+    assert r"var & 2.0 & -- \\" in out and "nan" not in out
     assert not shown(folder, "--pivot", pivot, "--markdown")
     assert capsys.readouterr().out.splitlines() == [
         "clearance min (m)", "", "| predictor | disc | box_1 |", "| :-- | --: | --: |",

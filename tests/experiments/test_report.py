@@ -15,9 +15,9 @@ import pytest
 
 from wideberth.experiments.cli import app as cli
 from wideberth.experiments.engine.closed_loop import condense
+from wideberth.experiments.engine.meanings import meanings
 from wideberth.experiments.engine.runner import run
 from wideberth.experiments.report.document import Report, gather, markdown, report, report_page
-from wideberth.experiments.report.meanings import meanings
 from wideberth.experiments.report.tables import html_table
 from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.io import read_table, write_table

@@ -224,7 +224,7 @@ class Forgetful(Adaptive):
         (Leaky(), "a reason for an obstacle never observed"),
         (Noisy(), "never raises: RuntimeWarning"),
         (Torn(), "joint covariance: step 1 of track 'ordinary', .* differs by"),
-        (Forgetful([]), "pure: a second call gives another forecast: step 1 of .*, after updates"),
+        (Forgetful([]), "a second call gives another forecast: step 1 of .*, after updates"),
     ],
     ids=lambda value: type(value).__name__,
 )

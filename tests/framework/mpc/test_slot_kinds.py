@@ -228,8 +228,9 @@ def test_every_law_is_broken_by_something() -> None:
     ],
 )
 def test_a_law_can_fail(law: str, kind: Spoilt) -> None:
-    with pytest.raises(AssertionError, match="breaks a law"):
+    with pytest.raises(AssertionError) as caught:
         check_slot_kind(kind, law=law)
+    assert "breaks a law" not in str(caught.value)  # `require` and the command line say it
 
 
 # a kind of a user's own goes through everything

@@ -23,10 +23,21 @@ class Meaning:
     ----------
     text : a sentence without a full stop; plain text.
     group : heading of the table that defines the column.
+    share : whether the column holds shares, contents or probabilities, from 0 to 1.
     """
 
     text: str
     group: str
+    share: bool = False
+
+
+_SHARE = re.compile(
+    r"((surface|centre): )?((least|largest|mean|median|true) )*"
+    r"(shares?|contents?|(collision )?probability|risk)\b"
+)
+"""How the meaning of a column of shares begins."""
+_BOUND = re.compile(r"(_single)?_(low|high)$")
+"""End of the name of a column that bounds the one before it."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +51,8 @@ def meanings(study: str, columns: Sequence[str]) -> dict[str, Meaning]:
     """Return what the columns of a study's summary mean; those that no page defines are absent.
 
     The last definition counts: a page defines the columns of the table first, then those of the
-    summary, which may condense a column of the same name.
+    summary, which may condense a column of the same name. Bounds of an interval are shares where
+    the quantity is one.
 
     Parameters
     ----------
@@ -49,12 +61,19 @@ def meanings(study: str, columns: Sequence[str]) -> dict[str, Meaning]:
     """
     common = [table for table in _tables() if not table.studies]
     own = [table for table in _tables() if study in table.studies]
+    last = {name: table for table in (*common, *own) for name in table.columns}
     found = {}
     for column in columns:
-        holding = [table for table in (*common, *own) if column in table.columns]
-        if holding:
-            found[column] = Meaning(holding[-1].columns[column], holding[-1].group)
+        if table := last.get(column):
+            text, bounded = table.columns[column], _BOUND.sub("", column)
+            of = last[bounded].columns[bounded] if bounded in last else text
+            found[column] = Meaning(text, table.group, _SHARE.match(of) is not None)
     return found
+
+
+def shares(study: str, columns: Sequence[str]) -> frozenset[str]:
+    """Return those columns of a study's tables that hold shares, by what the pages say of them."""
+    return frozenset(name for name, one in meanings(study, columns).items() if one.share)
 
 
 @cache

@@ -1,0 +1,112 @@
+"""Printed tables answer the question first, and write shares, counts and lengths as such."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wideberth.experiments.cli import app as cli
+from wideberth.experiments.engine.extract import aligned
+from wideberth.experiments.engine.meanings import meanings, shares
+from wideberth.experiments.engine.showing import main_columns, print_table
+from wideberth.experiments.report.tables import html_table
+from wideberth.experiments.studies.comparison import Comparison, against, condensed
+from wideberth.framework.plugins.io import write_table
+from wideberth.framework.plugins.registry import load, names
+from wideberth.simulation.measures.episode_measures import measures
+from wideberth.simulation.measures.summary import summarise
+from wideberth.tests.helpers.player_samples import episode
+
+ROW = {"planner": "ours", "goals_in_time": 1, "collisions": 1, "coverage": 0.953, "time_s": 1.0}
+
+
+def condensed_rows() -> list[dict[str, object]]:
+    """Return the summary of a comparison, of two controllers in three episodes each."""
+    played = episode()
+    row = {**summarise(played), **measures(played, 0.05, 30.0)}
+    row |= {"avoidable_2s": None, "errors": ""}
+    rows = [{**row, "seed": seed} for seed in range(3)]
+    line = condensed(rows) | against(rows, rows)
+    return [{"scenario": "field", "controller": name, **line} for name in ("ours", "theirs")]
+
+
+def test_a_comparison_prints_what_answers_its_question() -> None:
+    rows = condensed_rows()
+    assert len(rows[0]) > 30
+    found = main_columns(rows, Comparison.printed)
+    assert found == [
+        "scenario", "controller", "episodes", "success", "collision", "time_mean_s",
+        "clearance_median_m", "intrusion_share", "time_difference_s", "p_value",
+    ]  # fmt: skip
+    rows[1]["errors"] = "KeyError 2"
+    assert main_columns(rows, Comparison.printed)[-1] == "errors"  # said where there are any
+    assert main_columns(rows, ()) == list(rows[0])
+
+
+@pytest.mark.parametrize("study", names("experiments"))
+def test_printed_columns_are_few(study: str) -> None:
+    kind = load("experiments", study)
+    assert len(kind.printed) <= 11 and len(set(kind.printed)) == len(kind.printed)
+
+
+def test_the_pages_say_what_is_a_share() -> None:
+    columns = list(condensed_rows()[0])
+    found = shares("comparison", columns)
+    assert found == {
+        "success", "success_low", "success_high", "collision", "collision_low", "collision_high",
+        "timeout", "deadlock", "avoidable_2s", "intrusion_share", "freeze_share", "coverage",
+        "frozen", "fallback_plans",
+    }  # fmt: skip
+    line = condensed_rows()[0]
+    values = [line[name] for name in found if isinstance(line[name], float)]
+    assert all(0.0 <= value <= 1.0 for value in values if value == value)
+    assert shares("encounter", ["collisions", "deadlocks", "goals_in_time", "kept"]) == {
+        "goals_in_time", "kept",
+    }  # fmt: skip
+
+
+def test_shares_are_printed_in_per_cent_and_counts_as_counts(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    rows = [ROW, {**ROW, "goals_in_time": float("nan"), "coverage": 1.0}]
+    print_table(rows, shares("encounter", list(ROW)))
+    cells = [
+        line.split("│")[1:-1] for line in capsys.readouterr().out.splitlines() if "ours" in line
+    ]
+    assert [[cell.strip() for cell in line] for line in cells] == [
+        ["ours", "100 %", "1", "95.3 %", "1"], ["ours", "nan", "1", "100 %", "1"],
+    ]  # fmt: skip
+
+
+def test_a_report_writes_them_so_too() -> None:
+    page = html_table([ROW, ROW, {**ROW, "collisions": 2}], "one", meanings("encounter", [*ROW]))
+    assert "goals in time (%)" in page and '<td data-value="1.0">100</td>' in page
+    assert "collisions</button>" in page and "coverage (%)" in page and ">95.3" in page
+
+
+def test_the_rest_is_shown_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "config.yaml").write_text("{type: comparison}\n")
+    write_table(tmp_path / "summary.csv", condensed_rows())
+    write_table(tmp_path / "table.csv", [{"seed": 0}])
+    for options, digits in (([], 10), (["--columns", "all"], len(condensed_rows()[0]))):
+        with pytest.raises(SystemExit):
+            cli.main(["show", str(tmp_path), "--latex", *options])
+        _, _, head, _, *lines = capsys.readouterr().out.splitlines()
+        assert head.count("&") == digits - 1 and r"success (\%)" in head
+        assert "nan" not in " ".join(lines)
+
+
+@pytest.mark.parametrize("seed", range(50))
+def test_a_column_of_a_paper_has_one_number_of_digits(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    sizes = 10.0 ** rng.uniform(-8.0, 6.0, 5) * rng.choice([-1.0, 1.0], 5)
+    values = [*sizes.tolist(), 0.0, float("nan"), None]
+    *known, zero, unknown, empty = aligned(values)
+    assert (unknown, empty) == ("\u2013", "")
+    assert len({len(text.partition(".")[2]) for text in (*known, zero)}) == 1
+    for text, value in zip(known, values, strict=False):
+        last = 10.0 ** -len(text.partition(".")[2])
+        if text.startswith("<"):
+            assert value is not None and 0.0 < value < 0.5 * last == 0.5 * float(text[1:])
+        else:
+            assert abs(float(text) - value) <= 0.5001 * last
