@@ -15,7 +15,7 @@ import resource
 import sys
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
@@ -23,7 +23,9 @@ from pathlib import Path
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
-from fuzz_cases import BATCH, TICKS, Call, cases, controller, rivals, setups  # noqa: E402
+import fuzz_cases  # noqa: E402
+import fuzz_scans  # noqa: E402
+from fuzz_cases import BATCH, CONTROLLERS, TICKS, Call, optional, rivals, setups  # noqa: E402
 
 from wideberth.framework.plugins.io import write_table  # noqa: E402
 from wideberth.framework.plugins.registry import names  # noqa: E402
@@ -62,14 +64,41 @@ class Tally:
             self.over += call.clock > 2 * call.limit
 
 
+AMOUNTS = {
+    "node": (4_000, TICKS), "detector": (5_000, BATCH), "optional": (4_000, TICKS),
+    "planner": (10_000, TICKS), "rival": (2_000, TICKS), "predictor": (100_000, BATCH),
+    "config": (500, 1),
+}  # fmt: skip
+"""Calls of each kind that are made by default, and how many a case makes."""
+
+
+def cases(kind: str, index: int, seed: int) -> Iterator[Call]:
+    """Return the calls of one case."""
+    return (fuzz_scans if kind in ("node", "detector") else fuzz_cases).cases(kind, index, seed)
+
+
+def things(kind: str) -> int:
+    """Count what is under test."""
+    return {
+        "node": lambda: len(fuzz_scans.nodes()),
+        "detector": lambda: len(fuzz_scans.sensing()),
+        "optional": lambda: len(optional()),
+        "planner": lambda: len(setups()),
+        "rival": lambda: len(rivals()),
+        "predictor": lambda: len(names("predictors")),
+        "config": lambda: 1,
+    }[kind]()
+
+
 def chunks(amounts: dict[str, int]) -> list[list[Case]]:
     """Return the cases of each kind, those of one thing under test together."""
     made = []
-    for kind, size in (("planner", TICKS), ("rival", TICKS), ("predictor", BATCH), ("config", 1)):
-        things = {"planner": len(setups()), "rival": len(rivals()), "config": 1}
-        count = things.get(kind, len(names("predictors")))
-        each = -(-amounts[kind] // (count * size)) if amounts[kind] else 0
-        for index in range(count if amounts[kind] else 0):
+    for kind, (_, size) in AMOUNTS.items():
+        if not amounts.get(kind):
+            continue
+        count = things(kind)
+        each = -(-amounts[kind] // (count * size))
+        for index in range(count):
             whole = [(kind, index, seed) for seed in range(each)]
             step = 50 if kind == "config" else max(len(whole), 1)
             made += [whole[k : k + step] for k in range(0, len(whole), step)]
@@ -92,8 +121,10 @@ def work(chunk: list[Case], pipe: Connection) -> None:
     logging.getLogger("wideberth").setLevel(logging.CRITICAL)  # the same as the reasons
     for case in chunk:
         pipe.send(("begin", case))
-        if case[0] in ("planner", "rival"):
-            controller(*case[:2])
+        if case[0] in CONTROLLERS:
+            fuzz_cases.controller(*case[:2])
+        elif case[0] == "node":
+            fuzz_scans.node_controller(case[1])
         pipe.send(("ready", case))
         for call in cases(*case):
             pipe.send(("call", case, call))
@@ -229,19 +260,15 @@ def again(only: str, pool: Pool) -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Fuzz; the exit code is 1 where anything was wrong."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--planner", type=int, default=10_000, help="calls of the planner")
-    parser.add_argument("--rival", type=int, default=2_000, help="calls of the rivals")
-    parser.add_argument("--predictor", type=int, default=100_000, help="calls of predictors")
-    parser.add_argument("--config", type=int, default=500, help="mutated configs")
+    for kind, (count, _) in AMOUNTS.items():
+        parser.add_argument(f"--{kind}", type=int, default=count, help=f"calls of a {kind}")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--minutes", type=float, default=60.0, help="after which it gives up")
     parser.add_argument("--only", help="one case, as KIND.INDEX.SEED")
     parser.add_argument("--quick", action="store_true", help="a few cases of each kind, here")
     parser.add_argument("--out", type=Path, default=Path("results/fuzz"))
     given = parser.parse_args(arguments)
-    todo = chunks(
-        {kind: getattr(given, kind) for kind in ("planner", "rival", "predictor", "config")}
-    )
+    todo = chunks({kind: getattr(given, kind) for kind in AMOUNTS})
     pool = Pool(todo, given.workers, time.monotonic() + 60.0 * given.minutes)
     if given.only:
         again(given.only, pool)

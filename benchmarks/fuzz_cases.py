@@ -1,5 +1,7 @@
 """Absurd input for planners, rivals, predictors and configs, each case from one seed.
 
+Nodes and detectors have theirs in `fuzz_scans`.
+
 A case is a short run whose numbers all come from its seed, so that it can be repeated alone.
 """
 
@@ -43,6 +45,8 @@ EXPONENTS = (-323, -308, -300, -200, -160, -100, -31, -20, -6, -3, 0, 0, 0, 3, 6
 INSIDE = re.compile(r"\b(?!WideberthError)[A-Z]\w*(?:Error|Warning|Exception|Interrupt)\b")
 """An exception or a warning that a controller has caught and made the reason of a status."""
 LARGEST = 1.7e308
+CONTROLLERS = ("planner", "optional", "rival")
+"""Kinds of cases that call a controller."""
 
 Rng = np.random.Generator
 
@@ -177,10 +181,50 @@ def straight_on(shown: dict[str, Array]) -> Array:
     return np.asarray(1e300 * shown["goal"])
 
 
+OPTIONS: dict[str, dict[str, Any]] = {
+    "none": {},
+    "hard regions": {"penalty": None},
+    "relaxed level": {"level": "relaxed"},
+    "ways": {"ways": {}},
+    "withdraw": {"withdraw": True},
+    "stop_at_end": {"stop_at_end": True},
+    "latency": {"latency": 0.3},
+    "own_uncertainty": {"own_uncertainty": "feedback"},
+    "starts": {"starts": ["along", "left", "right", "back-left", "back-right", "wait", "coast"]},
+    "warm_within": {"warm_within": 0.0},
+    "contouring": {"cost": "contouring"},
+    "no deadline": {"deadline": None},
+    "contingency": {"contingency": {}, "predictor": "reacting_people"},
+    "sampling": {"sampling": {}},
+    "all": {"ways": {}, "withdraw": True, "stop_at_end": True, "latency": 0.3,
+            "own_uncertainty": "feedback", "static_region": "separating_line"},
+}  # fmt: skip
+"""Optional settings of the planner, each on by itself, and all of those that go together."""
+FEW = ("none", "ways")
+"""Those that are tried with every solver."""
+
+
+@cache
+def optional() -> list[tuple[str, dict[str, Any]]]:
+    """Return planners with each optional setting, and with each solver, and what they are."""
+    plain = {"type": "mpc", "robot": "unicycle", "region": "mahalanobis_ellipse",
+             "predictor": "imm", "level": "fixed", "penalty": 1e4, "horizon": 10, "period": 0.2,
+             "deadline": DEADLINE, "most_obstacles": 5}  # fmt: skip
+    every = ("riccati", "fatrop")
+    pairs = [(solver, option) for solver in every for option in OPTIONS]
+    pairs += [(one, option) for one in names("solvers") if one not in every for option in FEW]
+    return [
+        (f"{solver} with {option}", plain | {"solver": solver} | OPTIONS[option])
+        for solver, option in pairs
+    ]
+
+
 @cache
 def controller(kind: str, index: int) -> Controller:
     """Build a controller and compile what it needs; kept for later cases."""
-    made: Controller = build("controllers", (setups() if kind == "planner" else rivals())[index])
+    lists = {"planner": setups, "rival": rivals}
+    settings = optional()[index][1] if kind == "optional" else lists[kind]()[index]
+    made: Controller = build("controllers", settings)
     made.set_path(Path(5.0 * np.eye(robot_of(made).dimension)[:1] * [[-1.0], [1.0]]))
     return made
 
@@ -198,15 +242,21 @@ def controller_case(kind: str, index: int, seed: int) -> Iterator[Call]:
     made.reset()
     robot, stamp = robot_of(made), 0.0
     settings = vars(made)
-    name = f"{settings['solver'].__class__.__name__.lower()} planner" if kind == "planner" else (
-        f"rival {rivals()[index]['type']}")  # fmt: skip
-    walls = kind == "planner" and settings.get("static_region") is not None
-    limit = DEADLINE if kind == "planner" else SECONDS
+    name = label(kind, index)
+    walls = kind != "rival" and settings.get("static_region") is not None
+    limit = SECONDS if settings.get("deadline") is None else DEADLINE
     yield timed("path", lambda: (made.set_path(draw_path(rng, robot.dimension)), ("", ""))[1], 0.0)
     for _ in range(TICKS):
         stamp = draw_stamp(rng, stamp, made.period)
         seen = draw_observation(rng, robot, stamp, walls)
         yield timed(name, lambda seen=seen: judged(made, robot, seen), limit)
+
+
+def label(kind: str, index: int) -> str:
+    """Return what a controller is counted as."""
+    if kind == "planner":
+        return f"{setups()[index]['solver']} planner"
+    return optional()[index][0] if kind == "optional" else f"rival {rivals()[index]['type']}"
 
 
 def judged(made: Controller, robot: Robot, seen: Observation) -> tuple[str, str]:
@@ -435,6 +485,6 @@ def mutated(rng: Rng, name: str) -> bytes:
 
 def cases(kind: str, index: int, seed: int) -> Iterator[Call]:
     """Return the calls of one case."""
-    if kind in ("planner", "rival"):
+    if kind in CONTROLLERS:
         return controller_case(kind, index, seed)
     return predictor_case(index, seed) if kind == "predictor" else config_case(seed)

@@ -8,7 +8,7 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..framework.values.arrays import Array
+from ..framework.values.arrays import FARTHEST, Array
 from ..framework.values.errors import WideberthError, nearest
 
 SLACK = 0.5
@@ -102,12 +102,14 @@ class FrameTree:
     ) -> None:
         """Take a report of a frame's pose in its parent: x, y in m, yaw in rad, at a time in s.
 
-        A report that is not finite, or would close a circle, is left out; of two parents the later
-        one counts. `notes` says so.
+        A report that is not finite, is beyond `FARTHEST`, or would close a circle, is left out;
+        of two parents the later one counts. `notes` says so.
         """
         row = (float(time), *map(float, pose))
         if not np.isfinite(row).all():
             return self._note(f"a pose of {child!r} is not finite")
+        if not (np.abs(row[1:]) <= FARTHEST).all():
+            return self._note(f"a pose of {child!r} is beyond {FARTHEST:g}")
         if child == parent or child in self._above(parent):
             return self._note(f"{child!r} in {parent!r} closes a circle of frames")
         edge = self._edges.get(child)

@@ -564,7 +564,8 @@ class PlannerNode:
     def run(self, seconds: float = np.inf) -> None:
         """Listen and send at the rate of the commands; decide beside it, at the controller's rate.
 
-        The controller imports and compiles first, which may take long.
+        The controller and those who see and find the way import and compile first, which may
+        take long.
 
         Parameters
         ----------
@@ -602,10 +603,19 @@ class PlannerNode:
         self._stop.set()
 
     def _warm_up(self) -> None:
-        """Let the controller import and compile before the first period, not within it."""
-        with suppress(Exception):  # it goes wrong again in `decide`, which says so
-            self.controller.set_path(Path(np.array([(0.0, 0.0), (1.0, 0.0)])))
-            self.controller.reset()
+        """Let all that decides import and compile before the first period, not within it."""
+        for warm_up in (self._warm_controller, *self._helpers()):
+            with suppress(Exception):  # it goes wrong again in `decide`, which says so
+                warm_up()
+
+    def _warm_controller(self) -> None:
+        """Let the controller import and compile."""
+        self.controller.set_path(Path(np.array([(0.0, 0.0), (1.0, 0.0)])))
+        self.controller.reset()
+
+    def _helpers(self) -> list[Callable[[], None]]:
+        """Return what warms up those who see and find the way."""
+        return [one.warm_up for one in (self._sight, self._guide) if one is not None]
 
     def _plan_forever(self) -> None:
         """Decide at the controller's rate, as often as it can."""

@@ -6,7 +6,7 @@ from typing import final
 
 import numpy as np
 
-from ..framework.values.arrays import Array
+from ..framework.values.arrays import FARTHEST, Array
 from ..framework.values.errors import WideberthError
 from .frames import FrameTree, composed, within_pi
 from .readings import Motion, Reading, Transforms
@@ -58,6 +58,8 @@ class OwnMotion:
     def take(self, reading: Reading, came: float) -> None:
         """Take odometry that came at a time, s on the node's clock.
 
+        Of numbers beyond `FARTHEST` no pose is taken.
+
         Raises
         ------
         WideberthError : numbers that are not finite.
@@ -70,6 +72,8 @@ class OwnMotion:
         self.newest = Heard(reading, came)
         if self._epoch is None:
             self._epoch = reading.stamp
+        if np.abs(numbers).max() > FARTHEST:
+            return
         row = np.array([self.now, *numbers])
         if self._rows and not 0.0 <= row[0] - self._rows[-1][0] <= OLDEST:
             self._rows.clear()

@@ -371,7 +371,8 @@ def reading_of(kind: str, message: Any) -> Reading:
     WideberthError : its fields are not those of our definition, or its numbers are of no use.
     """
     try:
-        content = _CONTENT[kind](message)
+        with np.errstate(over="ignore", invalid="ignore"):  # its numbers are judged below
+            content = _CONTENT[kind](message)
         if isinstance(content, Clock):
             return Reading(content.now, "", content)
         if isinstance(content, Transforms):

@@ -1,6 +1,6 @@
 """How a node learns of obstacles: from messages that hold them, or from scans of a LiDAR."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
@@ -15,14 +15,14 @@ from ..framework.plugins.config import build
 from ..framework.plugins.registry import unknown
 from ..framework.tracker import Tracker
 from ..framework.tracking.handover import Batch, Handover
-from ..framework.values.arrays import Array, positive
+from ..framework.values.arrays import LATEST, Array, positive
 from ..framework.values.errors import WideberthError
 from ..framework.values.motion import Detection
 from ..framework.values.polygon import Polygon
 from ..framework.values.sensing import PlacedScan, Scan, Sightings
 from .frames import composed
 from .own_motion import Heard, OwnMotion
-from .readings import OBSTACLES, Obstacles, Reading
+from .readings import OBSTACLES, Obstacles, Reading, Seen
 
 MOST_SEEN = 500
 """Obstacles of one message that are looked at, the nearest first."""
@@ -152,6 +152,10 @@ class Sight(Protocol):
         """Return what is known, in the frame of the odometry."""
         ...
 
+    def warm_up(self) -> None:
+        """Import and compile what `look` needs, and change nothing."""
+        ...
+
 
 @final
 class ObstacleSight:
@@ -205,8 +209,15 @@ class ObstacleSight:
             self.placed = None  # the odometry has another frame by now
             return View()
         assert isinstance(heard.reading.content, Obstacles)
-        age = max(own.now - own.instant(heard), 0.0)
         seen = heard.reading.content.seen[: 10 * MOST_SEEN]
+        with np.errstate(over="ignore", invalid="ignore"):  # controllers leave out what is absurd
+            found = self._placed_in(frame, seen, own, max(own.now - own.instant(heard), 0.0))
+        return View(tuple({one.ident: one for one in found}.values()))
+
+    def _placed_in(
+        self, frame: Array, seen: Sequence[Seen], own: OwnMotion, age: float
+    ) -> list[Detection]:
+        """Return the nearest of some obstacles of a frame whose pose is known, (3,)."""
         places = composed(frame, np.array([one.pose for one in seen]).reshape(-1, 3))[:, :2]
         away = np.hypot(*(places - own.poses(np.array([own.now]))[0, :2]).T)
         cosine, sine = np.cos(frame[2]), np.sin(frame[2])
@@ -220,7 +231,10 @@ class ObstacleSight:
             radius = one.radius if np.isfinite(one.radius) else self._settings.radius
             name = one.ident or f"unnamed {i}"
             found.append(Detection(name, places[i], turn @ spread @ turn.T, radius, age))
-        return View(tuple({one.ident: one for one in found}.values()))
+        return found
+
+    def warm_up(self) -> None:
+        """Do nothing: others have detected and tracked."""
 
 
 @final
@@ -291,7 +305,7 @@ class ScanSight:
             return None
         times = begin + scan.times
         poses = self._own.poses(times)
-        if not np.isfinite(poses).any():
+        if not np.isfinite(poses).any() or not (np.abs(times) <= LATEST).all():
             self._leave_out(UNKNOWN_POSE if len(times) else "a scan has no beams")
             return None
         deviation = self._settings.deviation
@@ -324,3 +338,16 @@ class ScanSight:
         now = own.now
         self._handover, earlier, present = self._handover.detections(self._tracker.at(now), now)
         return View(present, earlier, self._polygons, self._scan)
+
+    def warm_up(self) -> None:
+        """Detect and track with copies in scans that are made up: a body before a wall."""
+        detector, tracker = deepcopy((self._detector, self._tracker))
+        bearings = np.linspace(-np.pi, np.pi, 360, endpoint=False)
+        ranges = np.where(np.abs(bearings) < 0.1, 2.0, 5.0)
+        for tick in range(3):
+            times = np.full(len(bearings), 0.1 * tick)
+            scan = Scan("", times, bearings, ranges, self._settings.deviation)
+            sightings = detector.detect(scan, np.zeros((len(bearings), 3)))
+            tracker.update(sightings)
+        self._handover.detections(tracker.at(0.2), 0.2)
+        walls_behind(sightings.segments, np.zeros(2), self._gap)

@@ -309,13 +309,29 @@ class Guide:
         self._goal = self._kept = self._route = None
         return Found("", np.zeros((0, 2)))
 
+    def warm_up(self) -> None:
+        """Find a route over a small map that is made up, so that all is imported and compiled."""
+        if self._over is None:
+            return
+        cells = np.zeros((40, 40), np.int8)
+        cells[:20, 20] = 100
+        grid, ends = OccupancyGrid(cells, 0.2), np.array([[1.0, 1.0], [6.0, 1.0]])
+        self._over.replanning.update(None, 0.0, self._inflated(grid), *ends)
+        if self._over.outlines is not None and self._tells:
+            self._over.outlines(grid)
+
+    def _inflated(self, grid: OccupancyGrid) -> Costmap:
+        """Return the costs of a map for the robot's radius."""
+        assert self._over is not None
+        inscribed = self._radius * cos(pi / 16)
+        spread = Inflation(inscribed, self._radius + self._over.clearance)
+        return spread.inflated(Costmap.from_grid(grid))
+
     def answer(self, question: "Question", time: float) -> Found | None:
         """Find a route; return it where it is new or has moved, None if all stays."""
         assert self._over is not None
         if self._costs is None or self._costs[0] is not question.map:
-            inscribed = self._radius * cos(pi / 16)
-            spread = Inflation(inscribed, self._radius + self._over.clearance)
-            self._costs = question.map, spread.inflated(Costmap.from_grid(question.map.grid))
+            self._costs = question.map, self._inflated(question.map.grid)
             self._kept = None
         self._outline(question)
         costmap = self._costs[1]

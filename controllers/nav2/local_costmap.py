@@ -337,8 +337,22 @@ def _covered(grid: Costmap, polygons: Sequence[Polygon]) -> BoolArray:
         found |= _within(grid, points)
         edges = np.roll(points, -1, axis=0) - points
         for begin, edge in zip(points, edges, strict=True):
-            count = 2 + ceil(2.0 * float(np.abs(edge).max()) / grid.resolution)
-            places = begin + np.linspace(0.0, 1.0, count)[:, None] * edge
+            places = begin + _shares(begin, edge, low, high, grid.resolution)[:, None] * edge
             mx, my = grid.world_to_map(places[grid.inside(places)]).T
             found[my, mx] = True
     return found
+
+
+def _shares(begin: Array, edge: Array, low: Array, high: Array, resolution: float) -> Array:
+    """Shares of an edge at which it is looked at, half a cell apart, where it is in a box, (n,).
+
+    Those of the whole edge are k / n with k = 0..n; of an edge that is far longer than the box
+    only a few lie within.
+    """
+    count = 1 + ceil(2.0 * float(np.abs(edge).max()) / resolution)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.stack([(low - begin) / edge, (high - begin) / edge])
+    ends = np.where(edge == 0.0, [[-np.inf], [np.inf]], ends)
+    first, last = np.clip([ends.min(axis=0).max(), ends.max(axis=0).min()], 0.0, 1.0)
+    near = np.arange(max(int(first * count) - 1, 0), min(int(last * count) + 2, count) + 1)
+    return np.where(near == count, 1.0, near * (1.0 / count))

@@ -33,6 +33,8 @@ from .settings import Settings
 
 SPACING = 0.05
 """m, between the poses that a path is given as: Nav2's planners give one per cell."""
+MOST_POSES = 200_000
+"""Of a path: 10 km."""
 _HELPED = {
     Status.UNKNOWN, Status.CONTROLLER_TIMED_OUT, Status.FAILED_TO_MAKE_PROGRESS,
     Status.NO_VALID_CONTROL, Status.PATIENCE_EXCEEDED, Status.NO_VALID_PATH,
@@ -376,8 +378,11 @@ class Nav2(Controller):
 
 
 def poses_along(path: Path) -> Array:
-    """Return poses (N, 3) along a path, `SPACING` apart, each heading along it."""
-    count = max(int(np.ceil(path.length / SPACING)), 1)
+    """Return poses (N, 3) along a path, `SPACING` apart, each heading along it.
+
+    On a path that would have more than `MOST_POSES` they are farther apart.
+    """
+    count = min(max(int(np.ceil(path.length / SPACING)), 1), MOST_POSES)
     arc = np.union1d(np.linspace(0.0, path.length, count + 1), path.arc)
     points = path.at(arc)
     way = path.direction(arc)

@@ -48,7 +48,8 @@ class Rays:
         placed = beams_of(scan, np.tile(pose, (len(scan.times), 1)))
         ways = np.stack([np.cos(placed.directions), np.sin(placed.directions)], axis=1)
         origin = placed.origins[0] if len(ways) else pose[:2]
-        return cls(origin, ways, scan.ranges, scan.longest)
+        ranges = np.where(placed.known, scan.ranges, np.nan)
+        return cls(origin, ways, ranges, min(scan.longest, FARTHEST))
 
     @classmethod
     def cast(

@@ -102,6 +102,7 @@ class Inflation:
         """
         x0, y0, x1, y1 = _within(costmap, window)
         reach = ceil(self.inflation_radius / costmap.resolution)
+        reach = min(reach, costmap.width + costmap.height)  # farther apart are no two cells
         left, low = max(x0 - reach, 0), max(y0 - reach, 0)
         near = costmap.cells[low : y1 + reach, left : x1 + reach]
         inner = np.s_[y0 - low : y1 - low, x0 - left : x1 - left]

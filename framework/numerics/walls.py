@@ -4,7 +4,7 @@ from math import hypot
 
 import numpy as np
 
-from ..values.arrays import Array
+from ..values.arrays import FARTHEST, Array
 from ..values.polygon import Polygon
 from ..values.sensing import Segments
 
@@ -31,11 +31,13 @@ def walls_behind(segments: Segments, sensor: Array, gap: float) -> tuple[Polygon
 
     Returns
     -------
-    polygons : at most S rectangles, named "wall 0", "wall 1" and so on.
+    polygons : at most S rectangles, named "wall 0", "wall 1" and so on; none that would reach
+        beyond `FARTHEST`.
     """
     corners = [_rectangle(*some, sensor) for some in _joined(segments, sensor, gap)]
+    within = [some for some in corners if np.abs(some).max() <= FARTHEST]
     return tuple(
-        Polygon(tuple(map(tuple, some.tolist())), f"wall {i}") for i, some in enumerate(corners)
+        Polygon(tuple(map(tuple, some.tolist())), f"wall {i}") for i, some in enumerate(within)
     )
 
 

@@ -16,6 +16,8 @@ from .laws import Law, require
 
 BEAMS, RATE, SCANS = 360, 10.0, 40
 """Of the scans that a detector is shown: beams, scans per second, and their number."""
+ABSURD = (1e12, 1e154, -1e300, 1.7e308, np.inf)
+"""m and rad, of poses that are of no use."""
 NEAR = 1e-6
 """m. Positions are the same to this."""
 Run: TypeAlias = list[tuple[Scan, Array]]
@@ -27,8 +29,9 @@ def check_detector(
     """Hold a detector to its laws, on scans of walking cylinders and on scans of no use.
 
     The laws: as many positions as covariances, radii and times, which lie within the scan; no
-    sightings and a note from a scan that is empty, blind, lost, of ranges that are none, or
-    without poses; turning and shifting the poses turns and shifts what is found; the same scans
+    sightings and a note from a scan that is empty, blind, lost, of ranges that are none or beyond
+    `FARTHEST`, without poses, or with absurd ones; some absurd poses cost their own beams alone;
+    turning and shifting the poses turns and shifts what is found; the same scans
     give the same again after `reset`; a clock that goes back raises nothing; one pose per beam, or
     a `WideberthError`.
 
@@ -60,6 +63,7 @@ def laws(
     checks: dict[str, Callable[[Detector], None]] = {
         "shapes and instants": partial(_check_shapes, run=run),
         "useless scans": partial(_check_useless, run=run),
+        "absurd poses": partial(_check_absurd, run=run),
         "turning and shifting": partial(_check_moved, run=run, angle=angle, shift=shift),
         "reset": partial(_check_reset, run=run),
         "clock": partial(_check_clock, run=run),
@@ -139,7 +143,10 @@ def _check_useless(detector: Detector, run: Run) -> None:
             np.zeros((1, 3)),
         ),
         "without poses": (scan, np.full((BEAMS, 3), np.nan)),
+        "of absurd ranges": (replace(scan, ranges=np.full(BEAMS, 1e200), longest=1e300), poses),
     }
+    for value in ABSURD:
+        cases[f"at {value:g} m"] = scan, np.full((BEAMS, 3), value)
     for name, value in (("blind", np.inf), ("lost", np.nan), ("negative", -1.0), ("zero", 0.0)):
         cases[name] = (replace(scan, ranges=np.full(BEAMS, value)), poses)
     for name, (useless, places) in cases.items():
@@ -150,6 +157,19 @@ def _check_useless(detector: Detector, run: Run) -> None:
                 f"a scan that is {name} gave {len(found.positions)} sightings and the note "
                 f"{found.note!r}; wanted none, and a reason"
             )
+
+
+def _check_absurd(detector: Detector, run: Run) -> None:
+    """Spoil the poses of the first half of the beams: they count as not known."""
+    scan, poses = run[-1]
+    half, found = BEAMS // 2, []
+    for value in (np.nan, *ABSURD):
+        spoilt = poses.copy()
+        spoilt[:half] = value
+        detector.reset()
+        found.append(detector.detect(scan, spoilt))
+    if not all(_same(found[:1], [one]) for one in found[1:]):
+        raise AssertionError(f"poses of {ABSURD} gave something else than poses that are none")
 
 
 def _check_moved(detector: Detector, run: Run, angle: float, shift: Array) -> None:

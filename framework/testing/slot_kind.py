@@ -52,6 +52,7 @@ def sample_view() -> View:
         tracks=_tracks(np.repeat(PLACES[:, None], 2, axis=1), names),
         forecast=Forecast.single(mean, covariance, 0.5),
         times=0.5 * np.arange(1, STEPS + 1, dtype=np.float64),
+        dt=0.5,
         reference=Reference(position, direction, np.full(STEPS, 0.5), np.zeros((STEPS, 0))),
         route=np.stack([position, position]),
         planned=position,

@@ -136,8 +136,10 @@ def _check_asking(tracker: Tracker, run: Sequence[Sightings]) -> None:
 def _check_late(tracker: Tracker, run: Sequence[Sightings]) -> None:
     once = _shown(tracker, run)
     late = replace(run[-1], time=run[-1].time - 0.5 * STEP, times=run[-1].times - 0.5 * STEP)
+    absurd = replace(run[-1], time=1e300, times=np.full(len(run[-1].times), 1e300))
     empty = Sightings(np.nan, np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0))
-    for name, one in (("late", late), ("the last, again", run[-1]), ("without instant", empty)):
+    for name, one in (("late", late), ("the last, again", run[-1]), ("without instant", empty),
+                      ("of 1e300 s", absurd)):  # fmt: skip
         if not tracker.update(one):
             raise AssertionError(f"sightings that are {name} were used without a word")
     if not _same(once, tracker.at(run[-1].time)):

@@ -273,25 +273,18 @@ def admitted(
 ) -> tuple[tuple[Detection, ...], list[str]]:
     """Return the detections that a controller can use, and why it cannot use the others.
 
-    Refused are those that are of no use (`sound`) or larger than `FARTHEST`, those measured more
-    than ``forget`` s ago, and of more than `MOST` those farthest from ``here`` (D,) m; without
-    a place to measure from the first ones are kept.
+    Refused are those that are of no use (`sound`), those measured more than ``forget`` s ago, and
+    of more than `MOST` those farthest from ``here`` (D,) m; without a place to measure from the
+    first ones are kept.
 
     The first word of a reason says of what kind it is: warnings are limited by kind.
     """
     fitting: list[Detection] = []
     detections, reasons = sound(observation, dimension)
-    places = np.array([one.position for one in detections]).reshape(-1, dimension)
-    for one, coordinate in zip(detections, np.abs(places).max(axis=1).tolist(), strict=True):
-        refused = f"detection {one.ident!r} refused:"
+    for one in detections:
         if one.age > forget:
-            reasons.append(f"{refused} it was measured {one.age:.3g} s ago, at most {forget:g} s")
-        elif coordinate > FARTHEST:
-            reasons.append(f"{refused} it is at {coordinate:.3g} m, at most {FARTHEST:g} m")
-        elif one.radius > FARTHEST:
-            reasons.append(f"{refused} its radius is {one.radius:.3g} m, at most {FARTHEST:g} m")
-        elif unbounded := _unbounded(one):
-            reasons.append(f"{refused} {unbounded}")
+            age = f"it was measured {one.age:.3g} s ago, at most {forget:g} s"
+            reasons.append(f"detection {one.ident!r} refused: {age}")
         else:
             fitting.append(one)
     if len(fitting) > MOST:
@@ -307,17 +300,6 @@ def admitted(
     if len(reasons) > NAMED:
         reasons = [*reasons[:NAMED], f"detections refused: {len(reasons) - NAMED} more"]
     return tuple(fitting), reasons
-
-
-def _unbounded(detection: Detection) -> str:
-    """Say what of a tracked motion is too large to compute with; "" where nothing is."""
-    for name, value, limit in (
-        ("velocity", detection.velocity, FARTHEST),
-        ("state covariance", detection.state_covariance, FARTHEST**2),
-    ):
-        if value is not None and (largest := np.abs(value).max(initial=0.0)) > limit:
-            return f"its {name} holds {largest:.3g}, at most {limit:g}"
-    return ""
 
 
 def viewpoint(robot: Robot, observation: Observation) -> Array | None:

@@ -19,6 +19,9 @@ Scalar: TypeAlias = Any
 FARTHEST = 1e9
 """m, largest coordinate of a position that anything is computed with; the Earth's circumference
 is 4e7 m. Beyond it rounding exceeds a tenth of a micrometre."""
+LATEST = 1e12
+"""s, largest stamp of what sensors measure; 30 000 years. Beyond it rounding exceeds 0.1 ms, less
+than which lies between two beams of a scan."""
 
 
 def checked(

@@ -295,16 +295,36 @@ def checked_numbers(observation: Observation) -> None:
 
 
 def sound(observation: Observation, dimension: int) -> tuple[tuple[Detection, ...], list[str]]:
-    """Return the detections that are of use to a robot in D dimensions, and why others are not."""
+    """Return the detections that are of use to a robot in D dimensions, and why others are not.
+
+    Of no use are those with a flaw, of another dimension, or larger than `FARTHEST`.
+    """
     kept, notes = [], []
     for one in observation.detections:
         size = len(one.position)
         wrong = one.flaw or (f"it has {size} coordinates" if size != dimension else "")
+        wrong = wrong or _too_large(one)
         if wrong:
             notes.append(f"detection {one.ident!r} refused: {wrong}")
         else:
             kept.append(one)
     return tuple(kept), notes
+
+
+def _too_large(detection: Detection) -> str:
+    """Say what of a detection is too large to compute with; "" where nothing is."""
+    farthest = max(map(abs, detection.position.tolist()), default=0.0)
+    if farthest > FARTHEST:
+        return f"it is at {farthest:.3g} m, at most {FARTHEST:g} m"
+    if detection.radius > FARTHEST:
+        return f"its radius is {detection.radius:.3g} m, at most {FARTHEST:g} m"
+    for name, value, limit in (
+        ("velocity", detection.velocity, FARTHEST),
+        ("state covariance", detection.state_covariance, FARTHEST**2),
+    ):
+        if value is not None and (largest := np.abs(value).max(initial=0.0)) > limit:
+            return f"its {name} holds {largest:.3g}, at most {limit:g}"
+    return ""
 
 
 def _covariance(name: str, value: Array, size: int) -> tuple[Array, str]:

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 Cells: TypeAlias = NDArray[np.int64]
 """Columns and rows of cells, (..., 2)."""
 
+SMALLEST = 1e-6
+"""m, least side of a cell."""
 UNKNOWN_CELL, FREE_CELL, OCCUPIED_CELL = -1, 0, 100
 """Values of cells as in ROS: not observed, surely free, surely occupied; percent between."""
 
@@ -39,8 +41,8 @@ class CellGrid:
 
     Raises
     ------
-    WideberthError : no cell, numbers that are not whole or out of range, a resolution that is not
-        above zero, corners beyond `FARTHEST`.
+    WideberthError : no cell, numbers that are not whole or out of range, a resolution below
+        `SMALLEST`, corners beyond `FARTHEST`.
     """
 
     cells: NDArray[Any]
@@ -56,6 +58,10 @@ class CellGrid:
         cells = _whole_cells(f"{label}.cells", self.cells, self._range).astype(self._type)
         cells.setflags(write=False)
         resolution = positive(f"{label}.resolution", self.resolution)
+        if resolution < SMALLEST:
+            raise WideberthError(
+                f"{label}.resolution is {resolution:g} m; wanted at least {SMALLEST:g}"
+            )
         origin = checked(f"{label}.origin", self.origin, (2,))
         far = np.abs(np.stack([origin, origin + resolution * np.array(cells.shape[::-1])]))
         if far.max() > FARTHEST:

@@ -5,7 +5,17 @@ from math import inf, isfinite
 
 import numpy as np
 
-from .arrays import Array, BoolArray, all_finite, checked, checked_covariance, number, positive
+from .arrays import (
+    FARTHEST,
+    LATEST,
+    Array,
+    BoolArray,
+    all_finite,
+    checked,
+    checked_covariance,
+    number,
+    positive,
+)
 from .errors import WideberthError
 
 MOTION = ("x", "y", "heading", "forward speed", "lateral speed", "yaw rate")
@@ -31,8 +41,8 @@ class Scan:
 
     Raises
     ------
-    WideberthError : shapes that do not fit, times or bearings that are not finite, a deviation
-        or longest range that is not positive.
+    WideberthError : shapes that do not fit, times or bearings that are not finite, times beyond
+        `LATEST`, a deviation or longest range that is not positive.
     """
 
     sensor: str
@@ -45,6 +55,8 @@ class Scan:
 
     def __post_init__(self) -> None:
         times = checked("scan.times", self.times, (None,))
+        if (latest := float(np.abs(times).max(initial=0.0))) > LATEST:
+            raise WideberthError(f"scan.times holds {latest:.3g} s; wanted at most {LATEST:g}")
         shape = (len(times),)
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "bearings", checked("scan.bearings", self.bearings, shape))
@@ -61,9 +73,10 @@ class Scan:
 
     @property
     def met(self) -> BoolArray:
-        """Which beams met something, (B,)."""
+        """Which beams met something, at most `FARTHEST` away, (B,)."""
         with np.errstate(invalid="ignore"):
-            return np.asarray((self.ranges > 0.0) & (self.ranges <= self.longest))
+            farthest = min(self.longest, FARTHEST)
+            return np.asarray((self.ranges > 0.0) & (self.ranges <= farthest))
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +108,7 @@ class Beams:
     ----------
     origins : (B, 2), m, where each began.
     directions : (B,), rad.
-    ends : (B, 2), m, where each ended; NaN where it met nothing.
+    ends : (B, 2), m, where each ended; NaN where it met nothing, or beyond `FARTHEST`.
     """
 
     origins: Array
@@ -121,23 +134,26 @@ def beams_of(scan: Scan, poses: Array) -> Beams:
     Parameters
     ----------
     scan : B beams; m and psi_m are its mount, r a range.
-    poses : (B, 3), (p, psi), see `Detector.detect`. A pose that is not finite loses its beam.
+    poses : (B, 3), (p, psi), see `Detector.detect`. A pose that is not finite loses its beam, as
+        does one beyond `FARTHEST`, in m or rad; so do bearings and a mount beyond it.
 
     Raises
     ------
     WideberthError : not one pose per beam.
     """
     poses = checked("poses", poses, (len(scan.times), 3), finite=False, reason=", one per beam")
-    known = np.asarray(np.isfinite(poses).all(axis=1))
-    poses = np.where(known[:, None], poses, np.nan)
-    heading = poses[:, 2]
-    along, aside, turn = scan.mount
+    mount = np.broadcast_to(scan.mount, poses.shape)
+    numbers = np.column_stack([poses, mount, scan.bearings])
+    numbers[~(np.abs(numbers) <= FARTHEST).all(axis=1)] = np.nan  # NaN is not either
+    x, y, heading, along, aside, turn, bearings = numbers.T
     cosine, sine = np.cos(heading), np.sin(heading)
     shift = np.stack([cosine * along - sine * aside, sine * along + cosine * aside], axis=-1)
-    origins, directions = poses[:, :2] + shift, heading + turn + scan.bearings
+    origins, directions = np.stack([x, y], axis=-1) + shift, heading + turn + bearings
     ranges = np.where(scan.met, scan.ranges, np.nan)
     unit = np.stack([np.cos(directions), np.sin(directions)], axis=-1)
-    return Beams(origins, directions, origins + ranges[:, None] * unit)
+    ends = origins + ranges[:, None] * unit
+    ends[~(np.abs(ends) <= FARTHEST).all(axis=1)] = np.nan
+    return Beams(origins, directions, ends)
 
 
 @dataclass(frozen=True, eq=False)

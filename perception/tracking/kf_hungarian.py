@@ -6,10 +6,9 @@ from typing import ClassVar, final
 import numpy as np
 
 from ...framework.tracker import Tracker
-from ...framework.values.arrays import Array, number, positive, whole
-from ...framework.values.errors import WideberthError
+from ...framework.values.arrays import Array, positive, whole
 from ...framework.values.sensing import Sightings, TrackedObstacle
-from .motion import corrected, in_order, out_of_order
+from .motion import checked_instant, corrected, in_order, out_of_order
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,8 +107,7 @@ class KfHungarian(Tracker):
 
     def at(self, time: float) -> tuple[TrackedObstacle, ...]:
         """Return the obstacles that move at a speed in between; see `Tracker.at`."""
-        if not np.isfinite(number("time", time)):
-            raise WideberthError(f"time is {time}; wanted the instant that is asked for")
+        checked_instant(time)
         found = []
         for track in self._tracks:
             if self.slowest < float(np.hypot(*track.velocity)) < self.fastest:

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...framework.values.arrays import Array
+from ...framework.values.arrays import LATEST, Array, number
+from ...framework.values.errors import WideberthError
 from ...framework.values.sensing import Sightings
 
 TIMELESS = "the scan has no instant"
@@ -55,6 +56,17 @@ def in_order(sightings: Sightings) -> Sightings:
     )
 
 
+def checked_instant(time: float) -> None:
+    """Refuse an instant that nobody can be carried to, s.
+
+    Raises
+    ------
+    WideberthError : it is no number, or beyond `LATEST`.
+    """
+    if not abs(number("time", time)) <= LATEST:  # NaN is not either
+        raise WideberthError(f"time is {time}; wanted the instant that is asked for")
+
+
 def out_of_order(now: float, before: float, memory: float) -> tuple[str, bool]:
     """Judge the instant of a scan, s, by that of the last one.
 
@@ -63,7 +75,7 @@ def out_of_order(now: float, before: float, memory: float) -> tuple[str, bool]:
     What is wrong, "" where nothing is; and whether the clock has been set back, by more than
     ``memory`` s: then a tracker starts anew, since nothing would ever be new again.
     """
-    if not np.isfinite(now):
+    if not abs(now) <= LATEST:  # NaN is not either
         return TIMELESS, False
     if now > before:
         return "", False

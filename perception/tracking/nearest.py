@@ -6,10 +6,10 @@ from typing import ClassVar, NamedTuple, final
 import numpy as np
 
 from ...framework.tracker import Tracker
-from ...framework.values.arrays import Array, BoolArray, number, positive, whole
+from ...framework.values.arrays import Array, BoolArray, positive, whole
 from ...framework.values.errors import WideberthError
 from ...framework.values.sensing import Sightings, TrackedObstacle
-from .motion import carried, corrected, in_order, out_of_order
+from .motion import carried, checked_instant, corrected, in_order, out_of_order
 
 FORBIDDEN = 1e6
 """Cost of a pair outside the gate."""
@@ -156,8 +156,7 @@ class Nearest(Tracker):
 
     def at(self, time: float) -> tuple[TrackedObstacle, ...]:
         """Return the confirmed obstacles; see `Tracker.at`."""
-        if not np.isfinite(number("time", time)):
-            raise WideberthError(f"time is {time}; wanted the instant that is asked for")
+        checked_instant(time)
         found = []
         for track in self._tracks:
             if track.confirmed and time - track.time <= max(self.memory, self.hidden):

@@ -6,10 +6,9 @@ from typing import ClassVar, final
 import numpy as np
 
 from ...framework.tracker import Tracker
-from ...framework.values.arrays import Array, number, positive
-from ...framework.values.errors import WideberthError
+from ...framework.values.arrays import Array, positive
 from ...framework.values.sensing import Sightings, TrackedObstacle
-from .motion import in_order, out_of_order
+from .motion import checked_instant, in_order, out_of_order
 
 NOBODY = -1
 """Index of no correspondence."""
@@ -102,8 +101,7 @@ class ObstacleTracker(Tracker):
 
     def at(self, time: float) -> tuple[TrackedObstacle, ...]:
         """Return the obstacles that have not faded; see `Tracker.at`."""
-        if not np.isfinite(number("time", time)):
-            raise WideberthError(f"time is {time}; wanted the instant that is asked for")
+        checked_instant(time)
         if not self._tracks:
             return ()
         dt, found = time - self._now, []

@@ -73,10 +73,12 @@ def test_what_is_wrong_with_reports_is_counted() -> None:
     tree.add("base", "map", 0.0, (0.0, 0.0, 0.0))
     tree.add("base", "base", 0.0, (0.0, 0.0, 0.0))
     tree.add("map", "base", 1.0, (np.nan, 0.0, 0.0))
+    tree.add("map", "base", 1.0, (0.0, -1e300, 0.0))
     tree.add("odom", "base", 0.0, (1.0, 0.0, 0.0))
     assert [text.partition(",")[0] for text in tree.notes] == [
         "'map' in 'base' closes a circle of frames", "'base' in 'base' closes a circle of frames",
-        "a pose of 'base' is not finite", "'base' has two parents",
+        "a pose of 'base' is not finite", "a pose of 'base' is beyond 1e+09",
+        "'base' has two parents",
     ]  # fmt: skip
     assert tree.motion("odom", "base", [0.0])[0, 0] == 1.0
     with pytest.raises(WideberthError, match=r"no frame connects 'bas' with 'odom': did you mean"):

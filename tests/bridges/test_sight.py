@@ -1,7 +1,8 @@
 """A node that sees by scans of a LiDAR, and finds its way to a goal by itself."""
 
 import pathlib
-from dataclasses import dataclass, replace
+import warnings
+from dataclasses import dataclass, field, replace
 from functools import partial
 from threading import Thread
 from types import SimpleNamespace
@@ -21,10 +22,14 @@ from wideberth.bridges.sight import ScanTopic
 from wideberth.bridges.ways import GoalTopic, KnownMap, MapTopic, Over, cropped
 from wideberth.controllers import Planner
 from wideberth.experiments.cli.ros_node import read_node
+from wideberth.framework.detector import Detector
 from wideberth.framework.numerics.inflation import Inflation
 from wideberth.framework.route_planner import Route
 from wideberth.framework.values.costmap import Costmap
 from wideberth.framework.values.occupancy_grid import OccupancyGrid
+from wideberth.framework.values.sensing import Scan, Sightings
+from wideberth.perception.detection.discs import Discs
+from wideberth.perception.detection.over_time import OverTime
 from wideberth.routes import NavFn
 from wideberth.routes.polygons import convex_polygons
 from wideberth.routes.replanning import Replanning
@@ -683,3 +688,108 @@ def test_the_planner_itself_keeps_out_of_the_walls_of_a_map(told: bool) -> None:
         if inside:
             break
     assert inside != told and pose[0] > 2.8
+
+
+ABSURD = (2e9, 1e154, -1e300, 1.7e308)
+
+
+@pytest.mark.parametrize("value", ABSURD)
+@pytest.mark.parametrize("axis", [0, 1])
+def test_no_pose_is_taken_of_absurd_odometry(axis: int, value: float) -> None:
+    own = OwnMotion("base_link")
+    own.take(reading_of(ODOMETRY, odometry(EPOCH, (1, 2, 0), (1, 0, 0))), 0.0)
+    pose, twist = np.array([1.0, 2.0, 0.0]), np.array([1.0, 0.0, 0.0])
+    for changed in (pose, twist):
+        changed[axis] = value
+        own.take(reading_of(ODOMETRY, odometry(EPOCH + 0.1, pose, twist)), 0.1)
+    known = own.poses(np.array([0.0, 0.1, 0.1 + AHEAD]))
+    np.testing.assert_allclose(known[:2], [[1.0, 2.0, 0.0], [1.1, 2.0, 0.0]], atol=1e-9)
+    assert np.isnan(known[2]).all() and own.newest is not None
+
+
+@pytest.mark.parametrize("value", [9e8, *ABSURD])
+@pytest.mark.parametrize("what", ["/odom", "/tf", "/scan"])
+def test_absurd_poses_do_not_end_a_decision(what: str, value: float) -> None:
+    """They reached the sightings and the walls, which refused them while the node decided."""
+    loop = Seeing(sees=ScanTopic(detector=OverTime()))
+    loop.node._sight._walls = True  # type: ignore[union-attr]
+    loop.path()
+    loop.go_on(0.5)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for _ in range(3):
+            if what == "/odom":
+                message = odometry(loop.stamp(), (value, value, 0.0), (0, 0, 0))
+            elif what == "/tf":
+                message = transform(loop.stamp(), "base_link", "laser", (value, 0.0, 0.0))
+            else:
+                message = messages().make(
+                    SCAN, header=header(loop.stamp(), "laser"), angle_increment=0.01,
+                    range_max=3e38, ranges=np.full(BEAMS, min(abs(value), 3e38), np.float32),
+                )  # fmt: skip
+            if what != "/odom":
+                loop.odom()
+            loop.come(what, message)
+            if what != "/scan":
+                loop.scan()
+            loop.turn(odom=False, people=False)
+    assert loop.node.counts.failures == 0
+    loop.come("/tf_static", transform(EPOCH, "base_link", "laser", MOUNT))
+    loop.go_on(2.0)
+    assert loop.node.status == "driving"
+
+
+@pytest.mark.parametrize("share", [1.0, 3e38])
+def test_a_turn_that_takes_for_ever_is_left_out(share: float) -> None:
+    loop = Seeing()
+    loop.path()
+    loop.go_on(0.5)
+    before = loop.node.counts.refused
+    loop.odom()
+    loop.come("/scan", messages().make(
+        SCAN, header=header(loop.stamp() - 0.05, "laser"), angle_increment=0.1,
+        time_increment=share, range_max=9.0, ranges=np.ones(60, np.float32),
+    ))  # fmt: skip
+    loop.turn(odom=False, people=False)
+    assert loop.node.counts.refused > before and loop.node.counts.failures == 0
+    loop.go_on(1.0)
+    check_people(loop)
+
+
+@dataclass(eq=False)
+class Counting(Detector):
+    """Counts its calls in all of its copies."""
+
+    looks: list[int] = field(default_factory=list)
+
+    def __deepcopy__(self, memo: Any) -> "Counting":
+        return self
+
+    def reset(self) -> None:
+        self.looks.append(0)
+
+    def detect(self, scan: Scan, poses: np.ndarray) -> Sightings:
+        self.looks.append(1)
+        return Discs().detect(scan, poses)
+
+
+def test_those_who_see_and_find_the_way_warm_up_before_the_first_period() -> None:
+    """What they import and compile took the first decision a second of processor time."""
+    detector = Counting()
+    asked: list[Costmap] = []
+
+    class Asked(Replanning):
+        def update(self, kept: Any, time: float, costmap: Costmap, *ends: Any) -> Any:
+            asked.append(costmap)
+            return super().update(kept, time, costmap, *ends)
+
+    follows = GoalTopic(over=Over(MapTopic(), Asked(NavFn())))
+    loop = Seeing(sees=ScanTopic(detector=detector), follows=follows)
+    loop.node._warm_up()
+    assert sum(detector.looks) == 3 and len(asked) == 1
+    loop.come("/tf", transform(EPOCH, "map", "odom", (0.5, 2.0, 0.0)))
+    loop.come("/map", map_message())
+    loop.come("/goal_pose", goal(6.5, 1.0, "map"))
+    loop.go_on(1.0)  # nothing is left of it
+    assert loop.node.status == "driving"
+    check_people(loop)

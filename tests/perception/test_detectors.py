@@ -462,3 +462,10 @@ def test_covariance_of_bodies_of_several_sizes(radius: float, distance: float) -
 def test_a_second_shape_that_is_none() -> None:
     with pytest.raises(WideberthError, match=r"discs.shape is \(\); wanted"):
         Discs(others=((),))
+
+
+@pytest.mark.parametrize("late", [2e12, -1e300, 1.7e308])
+def test_a_scan_of_absurd_times_is_refused(late: float) -> None:
+    """Their mean left the range of a float."""
+    with pytest.raises(WideberthError, match=r"scan\.times holds .*; wanted at most 1e\+12"):
+        Scan("lidar", np.array([0.0, late]), np.zeros(2), np.ones(2))

@@ -5,6 +5,7 @@ from several starts, take the best rung, command. Settings and state are values 
 change; what it may share between calls (compiled problems, the solver's watchdog) are `Services`.
 """
 
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -23,6 +24,7 @@ from ...values.forecast import Forecast, same
 from ...values.motion import Command, Detection, Observation, checked_numbers
 from ...values.path import Path
 from ...values.plan import Plan, Situation
+from ...values.polygon import Polygon
 from ...values.tracks import Tracks
 from ..costs.base import ProgressCost
 from ..fallback.emergency import command_of_plan, emergency
@@ -527,6 +529,7 @@ def _fill(
         tracks=seen.tracks,
         forecast=seen.forecast,
         times=stamp + settings.grid,
+        dt=settings.dt,
         reference=reference,
         route=np.stack([reference.position, here]),
         planned=_place(robot, first.states[1:].T).T,
@@ -630,8 +633,7 @@ def warm_up(settings: PlannerSettings, services: Services, path: Path) -> None:
     timed = None if settings.deadline is None else COMPILING * settings.patience
     every = timed is not None or isinstance(settings.solver, SizelessSolver)
     crowds = [n for n in CAPACITIES if 0 < n <= settings.most_obstacles] if every else [1]
-    settings, samples = changed(settings, deadline=timed), settings.history
-    services = services.for_all()
+    settings, services = changed(settings, deadline=timed), services.for_all()
     with suppress(Exception):  # a plug-in that raises here is named by `step`
         state = PlannerState.initial(settings, path)
         direction = path.direction(np.zeros(1))[0]
@@ -644,17 +646,9 @@ def warm_up(settings: PlannerSettings, services: Services, path: Path) -> None:
         if every:
             from_all = changed(settings, starts=OTHERS)
             step(from_all, state, Observation(0.0, start), services)
-        size, rng = settings.robot.dimension, np.random.default_rng(0)
         seen = Observation(0.0, start)
-        for tick in range(samples + 2 * len(crowds)):
-            count = 1 if tick < samples else crowds[(tick - samples) // 2]
-            far = []
-            for index in range(count):
-                away = 100.0 + 0.3 * settings.period * tick + 10.0 * index
-                place = path.points[0] - away * direction + 0.01 * rng.standard_normal(size)
-                far.append(Detection(f"warm-up {index}", place, 1e-4 * np.eye(size), 0.5))
-            seen = Observation(settings.period * tick, start, tuple(far))
-            if tick < samples:
+        for tick, seen in enumerate(_far_behind(settings, path, start, crowds, walls=every)):
+            if tick < settings.history:
                 state = remember(settings, state, seen)
             else:
                 state, _ = step(settings, state, seen, services)
@@ -662,3 +656,33 @@ def warm_up(settings: PlannerSettings, services: Services, path: Path) -> None:
             tracks, speed = state.perception.history.tracks(), settings.reference_speed
             asked = settings.robot, state.plan, tracks, seen, speed
             watched(partial(settings.sampling.best, *asked), COMPILING * settings.patience)
+
+
+def _far_behind(
+    settings: PlannerSettings, path: Path, start: Array, crowds: list[int], *, walls: bool
+) -> Iterator[Observation]:
+    """Return observations to warm up with: a history, then two of each number of obstacles.
+
+    Parameters
+    ----------
+    settings, path, start : of the robot.
+    crowds : numbers of obstacles, far behind it.
+    walls : whether two more show a polygon beside it, where the planner may meet polygons.
+    """
+    size, rng = settings.robot.dimension, np.random.default_rng(0)
+    origin, direction = path.points[0], path.direction(np.zeros(1))[0]
+    beside: list[tuple[Polygon, ...]] = [()] * (settings.history + 2 * len(crowds))
+    if walls and settings.static_region is not None:
+        way = settings.reference_speed * settings.horizon * settings.dt
+        aside = settings.robot.radius + settings.margin + 0.25 * way
+        middle = origin + aside * np.array([-direction[1], direction[0]])
+        corners = middle + 0.05 * np.array([(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)])
+        beside += 2 * [(Polygon(tuple(map(tuple, corners.tolist())), "warm-up"),)]
+    counts = [1] * settings.history + [count for count in crowds for _ in range(2)] + [1, 1]
+    for tick, polygons in enumerate(beside):
+        far = []
+        for index in range(counts[tick]):
+            away = 100.0 + 0.3 * settings.period * tick + 10.0 * index
+            place = origin - away * direction + 0.01 * rng.standard_normal(size)
+            far.append(Detection(f"warm-up {index}", place, 1e-4 * np.eye(size), 0.5))
+        yield Observation(settings.period * tick, start, tuple(far), polygons=polygons)

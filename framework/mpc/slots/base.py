@@ -50,6 +50,7 @@ class View:
     observation : of this cycle.
     tracks, forecast : of the observed obstacles, on the plan's grid 1..N; None without any.
     times : (N,), s, of steps 1..N, on the clock of the observations.
+    dt : s between steps. Times on a clock that counts in larger steps do not show it.
     reference : along the path, at steps 1..N.
     route : (R, N, D), m, places where the robot may be at each step: the reference, and where it
         is now.
@@ -69,6 +70,7 @@ class View:
     tracks: Tracks | None
     forecast: Forecast | None
     times: Array
+    dt: float
     reference: Reference
     route: Array
     planned: Array

@@ -136,8 +136,7 @@ class DiscsAndWays(LevelledKind):
         assert isinstance(chosen.known, KnownDiscs)
         discs, radius = chosen.known.obstacles, self.bodies(robot)[0].radius + view.margin
         count, room = len(discs), next_capacity(2 * len(discs))
-        dt = float(view.times[1] - view.times[0]) if len(view.times) > 1 else self.ways.span
-        ways = self.ways.of(discs, dt)
+        ways = self.ways.of(discs, view.dt)
         both = replace(
             discs,
             mean=np.concatenate([discs.mean, ways.mean], axis=1),

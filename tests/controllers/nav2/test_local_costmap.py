@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 
 from wideberth.controllers.nav2.footprint import RobotFootprint
-from wideberth.controllers.nav2.local_costmap import LayeredCostmap, Surroundings, View
+from wideberth.controllers.nav2.local_costmap import (
+    LayeredCostmap,
+    Surroundings,
+    View,
+    _shares,
+)
 from wideberth.controllers.nav2.rays import Rays
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.costmap import LETHAL, Costmap
@@ -163,3 +168,19 @@ def test_a_known_map_is_seen_where_no_ray_goes() -> None:
 def test_a_view_without_size_is_refused() -> None:
     with pytest.raises(WideberthError, match=r"view\.width"):
         View(width=0.0)
+
+
+def test_an_edge_is_looked_at_within_the_window_alone() -> None:
+    """Half a cell apart over 1e9 m that was 149 GiB, and the controller failed."""
+    rng = np.random.default_rng(0)
+    grid = Costmap(np.zeros((20, 30), np.uint8), 0.1, (-1.0, -1.0))
+    low, high = np.array([-1.0, -1.0]), np.array([2.0, 1.0])
+    for _ in range(300):
+        begin, edge = 3.0 * rng.standard_normal(2), 6.0 * rng.standard_normal(2)
+        edge[rng.random(2) < 0.1] = 0.0
+        some = begin + _shares(begin, edge, low, high, 0.1)[:, None] * edge
+        count = 2 + int(np.ceil(2.0 * np.abs(edge).max() / 0.1))
+        every = begin + np.linspace(0.0, 1.0, count)[:, None] * edge
+        np.testing.assert_array_equal(some[grid.inside(some)], every[grid.inside(every)])
+    long = _shares(np.array([-5e8, 0.0]), np.array([1e9, 0.1]), low, high, 0.1)
+    assert len(long) < 100

@@ -163,6 +163,8 @@ def test_values_that_are_no_measurement_are_named_and_left_out() -> None:
         "must be a finite number": {"covariance": np.full((2, 2), np.nan)},
         "radius is -1": {"radius": -1.0},
         "age is nan": {"age": np.nan},
+        "it is at 2e+09 m, at most 1e+09 m": {"position": [0.0, -2e9]},
+        "its radius is 1e+300 m": {"radius": 1e300},
         "it has 3 coordinates": {"position": np.zeros(3), "covariance": np.eye(3)},
     }
     for words, change in cases.items():

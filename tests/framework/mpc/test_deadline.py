@@ -14,6 +14,7 @@ from wideberth.framework.mpc.planner import multistart
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.solvers.base import Solution, Solver
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
+from wideberth.framework.plugins.config import build
 from wideberth.framework.predictor import Predictor
 from wideberth.framework.values.forecast import Forecast, Scene
 from wideberth.framework.values.motion import Detection, Observation
@@ -139,3 +140,17 @@ def test_a_forecast_that_took_all_the_time_ends_in_a_checked_stop(clock: Clock) 
     assert (plan.rung, plan.status) == (Rung.BRAKE, Status.DEADLINE)
     assert plan.reason == "solver: no time was left to solve"
     assert plan.violation <= 1e-4
+
+
+@pytest.mark.parametrize("solver", ["riccati", "fatrop"])
+def test_what_polygons_need_is_compiled_before_the_loop(solver: str) -> None:
+    """The first wall cost three decisions that braked, since their solves were left behind."""
+    planner = build("controllers", {
+        "type": "mpc", "robot": "unicycle", "region": "mahalanobis_ellipse", "level": "fixed",
+        "predictor": "static", "solver": solver, "static_region": "separating_line",
+        "horizon": 4, "most_obstacles": 1, "deadline": 0.4,
+    })  # fmt: skip
+    assert isinstance(planner, Planner)
+    planner.set_path(Path(np.array([[0.0, 0.0], [9.0, 0.0]])))
+    rooms = {rooms[1] for rooms in planner._services.problems._made}
+    assert (1, 4) in rooms

@@ -1,5 +1,6 @@
 """Standing off: when a robot withdraws, where to, and for how long; two robots in a door."""
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -222,3 +223,14 @@ def test_two_robots_in_a_door_do_not_stand_for_ever(withdraw: bool) -> None:
     notes = [plan.reason for log in episode.robots for plan in log.plans]
     assert any("withdraws from" in words for words in notes) == withdraw
     assert verdict(episode, 45.0)["outcome"] == ("success" if withdraw else "timeout")
+
+
+def test_somebody_at_the_end_of_the_world_is_not_looked_at() -> None:
+    """Squares of such a distance are no numbers, which the whole decision then fell with."""
+    known = StandingOff()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for tick in range(15):
+            one = seen(TICK * tick, {"b": (1e200, 0.0), "c": (1.0, 0.0)})
+            known = watched(known, one)
+    assert known.withdrawal is not None and known.withdrawal.other == "c"

@@ -183,3 +183,23 @@ def test_a_planner_refuses_ways_that_it_cannot_price() -> None:
         replace(planner, most_obstacles=60)
     with pytest.raises(WideberthError, match=r"level is Relaxed, which would give way"):
         replace(planner, level=Relaxed())
+
+
+@pytest.mark.parametrize("stamp", [0.1, 1e9, 1e17, 1e300, 1.7e308, -1e300])
+def test_ways_are_the_same_on_any_clock(stamp: float) -> None:
+    """The step was read off the clock: 0 s where that counts in larger ones, and 1 / 0."""
+    view = sample_view()
+    kind, robot = DiscsAndWays(MinkowskiSum(), WAYS), Unicycle()
+    wanted = kind.choose(robot, view).numbers
+    shifted = replace(view, times=stamp + view.times)
+    found = kind.choose(robot, shifted).numbers
+    np.testing.assert_array_equal(found.parameters, wanted.parameters)
+
+
+@pytest.mark.parametrize("stamp", [1e17, 1e300])
+def test_a_planner_with_ways_plans_on_any_clock(stamp: float) -> None:
+    planner = crowded(WAYS)
+    planner.reset()
+    away = Detection("a", np.array([2.0, 3.0]), 1e-4 * np.eye(2), 0.25)
+    planner.command(Observation(stamp, np.zeros(2), (away,)))
+    assert planner.plan is not None and planner.plan.rung == "optimal", planner.plan

@@ -5,6 +5,7 @@ import pytest
 import shapely
 
 from wideberth.framework.numerics.walls import DEPTH, SURE, walls_behind
+from wideberth.framework.values.arrays import FARTHEST
 from wideberth.framework.values.sensing import Segments
 from wideberth.perception.detection.hits import hits_of
 from wideberth.perception.detection.segments import segments_of
@@ -67,3 +68,10 @@ def test_a_single_point_is_a_small_box_across_the_line_of_sight() -> None:
 def test_a_wall_across_the_seam_of_the_angles_is_one() -> None:
     parts = segments(((-3.0, 1.0), (-3.0, 0.1)), ((-3.0, -0.1), (-3.0, -1.0)))
     assert len(walls_behind(parts, np.zeros(2), 0.5)) == 1
+
+
+def test_what_reaches_too_far_is_no_wall() -> None:
+    """It was refused as a polygon, in the middle of a node's decision."""
+    far = segments(((FARTHEST, -1.0), (FARTHEST, 1.0)), ((3.0, -1.0), (3.0, 1.0)))
+    (wall,) = walls_behind(far, np.zeros(2), 0.5)
+    assert wall.points.max() < 4.0
