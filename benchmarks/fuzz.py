@@ -111,6 +111,8 @@ def quick() -> list[Case]:
     return [
         *(("rival", kinds.index(name), 0) for name in QUICK),
         *(("predictor", index, 0) for index in (0, 9, 10)),
+        ("detector", 2, 0),
+        ("node", 3, 0),
         *(("config", 0, seed) for seed in range(5)),
     ]
 

@@ -6,6 +6,7 @@ A case is a short run whose numbers all come from its seed, so that it can be re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cache, partial
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -61,8 +62,9 @@ def sensing() -> list[tuple[str, str, Any, str]]:
     """Return detectors with trackers: what they are, detector, its settings, tracker."""
     trackers = names("trackers")
     kinds: list[tuple[str, Any]] = [(name, {}) for name in names("detectors")]
-    kinds += [("discs", {"shape": [0.3, 0.2], "others": [[0.2], [0.4]]}),
-              ("discs", {"groups": "density"})]  # fmt: skip
+    kinds += [("discs", {"shape": [0.3, 0.2], "others": [[0.2], [0.4]]})]
+    if find_spec("sklearn"):
+        kinds += [("discs", {"groups": "density"})]
     return [
         (f"detector {name}{' ' * bool(given)}{' '.join(map(str, given.values()))}",
          name, given, trackers[(k + turn) % len(trackers)])
@@ -202,7 +204,7 @@ def nodes() -> list[tuple[str, dict[str, Any], Callable[[], Any], Callable[[], A
                "level": "fixed", "penalty": 1e4, "horizon": 10, "period": 0.2, "dt": 0.25,
                "track_dt": 0.25, "deadline": DEADLINE, "static_region": "separating_line",
                "most_obstacles": 5, "solver": "riccati"}  # fmt: skip
-    rivals = [{"type": name} for name in ("nav2", "dynamic_window", "orca", "crowd_mppi")]
+    rivals = [{"type": name} for name in ("nav2", "dynamic_window", "orca", "social_force")]
     made: list[Any] = []
     for index, (what, *_) in enumerate(sensing()):
         drives = planner if index % 2 == 0 else rivals[index // 2 % len(rivals)]

@@ -31,6 +31,8 @@ def test_the_dry_run_finds_nothing(
     rows = {row["what"]: row for row in read_table(tmp_path / "fuzz.csv")}
     assert rows["rival orca"]["calls"] == 25
     assert rows["predictor imm"]["calls"] == 50
+    assert rows["detector discs"]["calls"] == 50
+    assert rows["node, dynamic_window, detector discs: speak"]["calls"] == 25
     assert all(row[fault] == 0 for row in rows.values() for fault in fuzz.FAULTS)
     assert not (tmp_path / "faults.csv").exists()
 
@@ -53,11 +55,31 @@ def test_the_default_run_covers_what_it_promises(fuzz: ModuleType) -> None:
     assert {one["solver"] for one in made} == {"riccati", "fatrop", "ipopt"}
     rivals = {one["type"] for one in cases.rivals()}
     assert rivals == set(names("controllers")) - {"mpc"}
-    amounts = {"planner": 10_000, "rival": 2_000, "predictor": 100_000, "config": 500}
+    with_each = {what: one for what, one in cases.optional()}
+    assert {one["solver"] for one in with_each.values()} == set(names("solvers"))
+    for option, settings in cases.OPTIONS.items():
+        for solver in ("riccati", "fatrop"):
+            assert settings.items() <= with_each[f"{solver} with {option}"].items()
+    optional = {name for one in cases.OPTIONS.values() for name in one}
+    wanted = {
+        "ways",
+        "withdraw",
+        "stop_at_end",
+        "latency",
+        "own_uncertainty",
+        "starts",
+        "deadline",
+    }
+    assert wanted <= optional
+    scans = import_module("fuzz_scans")
+    assert {name for _, name, _, _ in scans.sensing()} == set(names("detectors"))
+    assert {name for _, _, _, name in scans.sensing()} == set(names("trackers"))
+    amounts = {kind: least for kind, (least, _) in fuzz.AMOUNTS.items()}
+    assert set(amounts) == {"node", "detector", "optional", "planner", "rival", "predictor",
+                            "config"}  # fmt: skip
     todo = [case for chunk in fuzz.chunks(amounts) for case in chunk]
-    size = {"planner": cases.TICKS, "rival": cases.TICKS, "predictor": cases.BATCH, "config": 1}
-    for kind, least in amounts.items():
-        assert sum(size[kind] for case in todo if case[0] == kind) >= least
+    for kind, (least, size) in fuzz.AMOUNTS.items():
+        assert sum(size for case in todo if case[0] == kind) >= least
     assert len(set(todo)) == len(todo)
 
 

@@ -778,12 +778,12 @@ def test_those_who_see_and_find_the_way_warm_up_before_the_first_period() -> Non
     detector = Counting()
     asked: list[Costmap] = []
 
-    class Asked(Replanning):
+    class Asked:
         def update(self, kept: Any, time: float, costmap: Costmap, *ends: Any) -> Any:
             asked.append(costmap)
-            return super().update(kept, time, costmap, *ends)
+            return Replanning(NavFn()).update(kept, time, costmap, *ends)
 
-    follows = GoalTopic(over=Over(MapTopic(), Asked(NavFn())))
+    follows = GoalTopic(over=Over(MapTopic(), Asked()))
     loop = Seeing(sees=ScanTopic(detector=detector), follows=follows)
     loop.node._warm_up()
     assert sum(detector.looks) == 3 and len(asked) == 1

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from wideberth.controllers.nav2.local_costmap import View
-from wideberth.controllers.nav2.navigator import Nav2, Navigation, poses_along
+from wideberth.controllers.nav2.navigator import MOST_POSES, Nav2, Navigation, poses_along
 from wideberth.controllers.nav2.settings import Settings
 from wideberth.framework.robot import step
 from wideberth.framework.testing import check_controller
@@ -278,3 +278,10 @@ def test_poses_lie_along_the_path_at_equal_steps() -> None:
     steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
     assert steps.max() <= 0.05 + 1e-9 and steps.sum() == pytest.approx(2.0)
     assert poses[0, 2] == 0.0 and poses[-1, 2] == pytest.approx(np.pi / 2)
+
+
+def test_a_path_to_the_end_of_the_world_has_no_more_poses_than_memory_holds() -> None:
+    path = Path([(0.0, 0.0), (1e9, 0.0)])
+    poses = poses_along(path)
+    assert len(poses) == MOST_POSES + 1
+    np.testing.assert_array_equal(poses[[0, -1]], [(0.0, 0.0, 0.0), (1e9, 0.0, 0.0)])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from wideberth import Costmap, Inflation, WideberthError
+from wideberth.framework.values.costmap import INSCRIBED, LETHAL
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -50,3 +51,13 @@ def test_bad_input_is_refused() -> None:
 def test_a_map_without_obstacles_stays_as_it_is() -> None:
     costmap = Costmap([[0, 7, 255]], 0.1)
     assert Inflation(0.1).inflated(costmap).cells.tolist() == [[0, 7, 255]]
+
+
+def test_cells_far_smaller_than_the_radius_take_no_more_memory() -> None:
+    """A table of all squares up to the radius has 3e11 entries here."""
+    cells = np.zeros((3, 4), np.uint8)
+    cells[1, 1] = LETHAL
+    found = Inflation(0.1, 0.55).inflated(Costmap(cells, 1e-6))
+    wanted = np.full((3, 4), INSCRIBED)
+    wanted[1, 1] = LETHAL
+    np.testing.assert_array_equal(found.cells, wanted)

@@ -81,3 +81,9 @@ def test_grids_draw_themselves(grid: Any) -> None:
     panel = grid.plot()
     assert panel.images[0].get_extent() == [0.0, 3.0, 0.0, 1.0]
     assert grid._repr_png_().startswith(b"\x89PNG")
+
+
+def test_cells_of_no_size_are_refused() -> None:
+    """In such cells the inflation radius is more of them than a float holds."""
+    with pytest.raises(WideberthError, match="resolution is 1e-300 m; wanted at least 1e-06"):
+        OccupancyGrid(np.zeros((2, 2), np.int8), 1e-300)
