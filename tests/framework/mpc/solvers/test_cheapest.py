@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from wideberth.framework.mpc.solvers.base import (
     solve_cheapest,
 )
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
+from wideberth.framework.mpc.solvers.riccati import _core as core
 from wideberth.framework.mpc.solvers.riccati import solver
 from wideberth.framework.mpc.solvers.riccati.live import RiccatiLive
 from wideberth.framework.mpc.solvers.riccati.solver import Riccati
@@ -133,6 +135,48 @@ def test_nearness_and_cost_give_up_for_reasons_of_their_own(recorded: list[Insta
     assert found.status is alone.status  # never near, never dearer
     (found,) = raced(one, [guess], [replace(first, cost=-1e9)], within=0.0)
     assert found.status is Status.GIVEN_UP and "a dearer plan" in found.message
+
+
+def test_a_start_beside_a_known_plan_goes_on_where_it_leads_elsewhere(
+    recorded: list[Instance],
+) -> None:
+    """The known plan lies where the start begins; its own plan lies elsewhere."""
+    for one in recorded[-3:]:
+        (guess, *_), first = others(one), solved(one, [one.guess])[0]
+        (alone,) = solved(one, [guess])
+        away = np.abs(alone.point.states[:, :2] - guess.states[:, :2]).max()
+        at_start = replace(first, point=replace(first.point, states=guess.states), cost=np.inf)
+        (found,) = raced(one, [guess], [at_start], within=0.4 * away)
+        assert (found.status, found.cost) == (Status.SOLVED, alone.cost)
+        np.testing.assert_array_equal(found.point.states, alone.point.states)
+
+
+@pytest.mark.parametrize(
+    ("here", "there", "same"),
+    [(0.9, 0.5, True), (0.9, 0.7, False), (1.1, 0.5, False), (0.0, 9.0, False), (0.0, 0.0, True)],
+)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_same_plan_is_near_now_and_nearer_after_the_whole_step(
+    here: float, there: float, same: bool, sign: float
+) -> None:
+    """Distances as shares of the one within which plans are the same; it ends at 1 and 0.6."""
+    within, steps, moved = 0.3, 4, 3
+    settings = np.zeros(1 + max(core.SETTING))
+    settings[core.SETTING.plans], settings[core.SETTING.within] = 2, within
+    settings[core.SETTING.best] = np.inf
+    plans = np.random.default_rng(0).normal(size=(2, 1 + steps, 3))
+    now, step = np.zeros((3, 1 + steps)), np.zeros((3, 1 + steps))
+    now[:] = plans[1].T  # the second plan; the first is far away
+    plans[0] += 10.0
+    now[:, 0] += 5.0  # where the robot is, which no plan changes
+    now[1] += 5.0  # a state that is not compared
+    now[2, moved] += sign * here * within
+    step[2, moved] = sign * (there - here) * within
+    outcome = core.hopeless.py_func(
+        SimpleNamespace(steps=steps), SimpleNamespace(v=now), SimpleNamespace(v=step), (0, 2),
+        plans, settings, 0.0, 0.0,
+    )  # fmt: skip
+    assert outcome == (core.OUTCOME.same if same else -1)
 
 
 def test_a_plan_that_enters_regions_makes_no_other_too_dear(recorded: list[Instance]) -> None:
