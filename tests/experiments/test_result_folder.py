@@ -5,6 +5,7 @@ import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,6 +13,8 @@ from wideberth.experiments.engine import result_folder, runner
 from wideberth.experiments.engine.base import Experiment
 from wideberth.experiments.engine.result_folder import listed_files
 from wideberth.experiments.engine.runner import draw, run
+from wideberth.experiments.engine.stored import read_stored
+from wideberth.framework.plugins.io import read_json
 from wideberth.framework.values.errors import WideberthError
 from wideberth.tests.helpers.sweeps import coins
 
@@ -239,3 +242,58 @@ def test_a_config_that_cannot_be_opened_again_is_refused_before_the_work(
         with pytest.raises(WideberthError, match=f"could not be opened again.*{words}"):
             run(coins(), tmp_path / "out")
         assert not measured and not tree(tmp_path)
+
+
+def begun_run(kept: Path) -> Callable[[Path], None]:
+    """Return what begins a run of another config in a folder, as another process does."""
+    run(coins(throws=7), kept)
+    settings = read_stored(kept / "config.yaml")
+    origin = read_json(kept / "provenance.json", "provenance", 1)
+    return lambda out: result_folder.prepare(out, settings, origin)
+
+
+@pytest.mark.parametrize("made", ["new", "empty"])
+def test_a_folder_that_another_run_begins_at_the_same_moment_is_refused(
+    made: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The other run comes between the last look at the folder and the step that takes it."""
+    out, measured, begun = tmp_path / "out", [], dict[str, bytes | None]()
+    if made == "empty":
+        out.mkdir()
+    place, name, taken = {
+        "new": (os, "rename", lambda source, target: target == out),
+        "empty": (Path, "mkdir", lambda folder: folder == out / "shards"),
+    }[made]
+    original, other = getattr(place, name), begun_run(tmp_path / "kept")
+
+    def late(*given: Any, **options: Any) -> None:
+        if taken(*given) and not begun:
+            begun["."] = None
+            other(out)
+            begun.update(tree(out))
+        original(*given, **options)
+
+    monkeypatch.setattr(runner, "_measure", lambda *given: measured.append(given))
+    with monkeypatch.context() as patch:
+        patch.setattr(place, name, late)
+        with pytest.raises(WideberthError, match=r"begun by another run at the same moment"):
+            run(coins(), out)
+    assert {".": None, **tree(out)} == begun and not measured
+    assert not list(tmp_path.glob(".*.part"))
+
+
+@pytest.mark.parametrize(
+    ("other", "fresh"), [({}, False), ({"throws": 7}, True), ({"seeds": 5}, False)], ids=str
+)
+def test_a_run_changes_nothing_while_another_is_at_work(
+    other: dict[str, Any], fresh: bool, tmp_path: Path
+) -> None:
+    """Be it to resume, to begin afresh or to extend what is there."""
+    out = tmp_path / "out"
+    with pytest.raises(WideberthError, match=r"fell on its edge"):
+        run(coins(fails=True), out)
+    before = tree(out)
+    with result_folder.locked(out):
+        with pytest.raises(WideberthError, match=r"another run is at work in .*--out"):
+            run(coins(fails=True, **other), out, fresh=fresh)
+        assert tree(out) == before
