@@ -78,7 +78,8 @@ class HalfPlane(gaussian.Eigenframe, gaussian.LineLevel, Bounded):
 
         By the moments of h over directions: the mean is L / (2 pi) in 2-D, with L the
         perimeter of the ellipse with semi-axes sigma_i, and R_G(l_1, l_2, l_3) in 3-D; the mean
-        of the square tr(Sigma) / D; that of the cube see `framework.geometry`.
+        of the square tr(Sigma) / D; of the cube
+        `framework.numerics.geometry.mean_cubed_support`.
         """
         _, _, deviations, margin = gaussian.unpack(parameters)
         z, size = np.asarray(level), deviations.shape[-1]

@@ -14,7 +14,7 @@ from . import gaussian, rays
 from .log_normal_probability import deep_inside
 
 _NODES, _FINE_NODES = 24, 40
-"""Of the integral in the constraint and in the NumPy twin; see `framework.inversion.rule`."""
+"""Of the integral in the constraint and in the NumPy twin; see `framework.risk.inversion.rule`."""
 _TINY = 1e-12
 """Keeps the square root differentiable where P is 1; moves the level by 5e-13 / level."""
 
@@ -33,11 +33,11 @@ class RiskContour(gaussian.Eigenframe, gaussian.ExponentLevel, Bounded):
     content 1 - eps: P is at most the bound of the best half-plane, see `BestHalfPlane`.
 
     The constraint is sqrt(-2 log P) - level >= 0, about the distance in deviations. log P is one
-    integral in the complex plane for 2-D and 3-D alike, `framework.inversion.log_probability`,
-    which keeps its digits far out in the tails: the relative error of P is below 1e-6 in the
-    constraint and 5e-9 in `contains`, as measured there. Nested Gauss-Legendre quadrature would
-    need 32 nodes per dimension for 1e-4 in the constraint, in 3-D some hundred times the
-    operations.
+    integral in the complex plane for 2-D and 3-D alike,
+    `framework.risk.inversion.log_probability`, which keeps its digits far out in the tails: the
+    relative error of P is below 1e-6 in the constraint and 5e-9 in `contains`, as measured there.
+    Nested Gauss-Legendre quadrature would need 32 nodes per dimension for 1e-4 in the constraint,
+    in 3-D some hundred times the operations.
     Deep inside, where P is 1 to all digits, `log_normal_probability.deep_inside` gives the slope.
 
     References

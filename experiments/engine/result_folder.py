@@ -88,8 +88,7 @@ def prepare(
 ) -> None:
     """Make the folder with manifest, provenance and config in it, or check those that it holds.
 
-    With ``fresh`` the files of an earlier result are removed first, and no others: see
-    `wideberth.experiments.engine.result_folder.remove`.
+    With ``fresh`` `remove_result` removes the files of an earlier result first, and no others.
     """
     check_folder(out)
     try:

@@ -50,7 +50,7 @@ def reading(region: Region, obstacle: GaussianObstacle, margin: float, level: fl
 
     Raises
     ------
-    WideberthError : the region is not defined here; see `framework.risk_meter.measure`.
+    WideberthError : the region is not defined here; see `framework.risk.risk_meter.measure`.
     """
     report = measure(region, obstacle, margin, level)
     values = {key: rounded(value, key in _LENGTHS) for key, value in asdict(report).items()}

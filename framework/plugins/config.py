@@ -157,7 +157,9 @@ def construct(found: type, settings: Mapping[str, Any], path: str) -> Any:
     fields = {field.name: field for field in dataclasses.fields(found) if field.init}
     for key in settings:
         if key not in fields:
-            raise WideberthError(f"{_at(_join(path, str(key)))}{unknown('key', key, fields)}")
+            none = f"unknown key {short(key)}: {found.__qualname__} takes no keys"
+            words = unknown("key", key, fields) if fields else none
+            raise WideberthError(f"{_at(_join(path, str(key)))}{words}")
     try:
         hints = get_type_hints(found, include_extras=True)
     except (NameError, TypeError, AttributeError) as error:

@@ -102,7 +102,7 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> str:
     """
     known = sorted(known)
     hint = nearest(str(name), known) or "."
-    return f"unknown {kind} {short(name)}{hint} Known: {', '.join(known) or 'none yet'}"
+    return f"unknown {kind} {short(name)}{hint} Known: {', '.join(known) or 'none'}"
 
 
 def names(room: str) -> list[str]:

@@ -437,7 +437,7 @@ def along_boundary(
     if len(walk.axes) != 2:
         raise WideberthError(
             f"the obstacle has {len(walk.axes)} coordinates; a boundary is walked along in two, "
-            "use framework.risk_meter.measure"
+            "use wideberth.framework.risk.risk_meter.measure"
         )
     return _along(walk, whole("count", count, least=3))
 

@@ -53,7 +53,7 @@ class Rung(StrEnum):
 
 
 class BreachKind(StrEnum):
-    """BreachKind of constraint that a plan can break."""
+    """Kind of constraint that a plan can break."""
 
     REGION = "region"
     POLYGON = "polygon"

@@ -34,7 +34,7 @@ def at_own_step(
 
     Histories are read at the process's step back from each obstacle's newest sample, and means
     and covariances at the tracks' steps ahead, on straight lines between two samples or steps,
-    as `framework.forecast.resample` does. The joint covariance is then not known. Where the
+    as `framework.values.forecast.resample` does. The joint covariance is then not known. Where the
     steps agree within 1 % nothing of this happens; where they differ more than tenfold, no
     obstacle can be served.
 

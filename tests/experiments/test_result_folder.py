@@ -260,10 +260,11 @@ def test_a_folder_that_another_run_begins_at_the_same_moment_is_refused(
     out, measured, begun = tmp_path / "out", [], dict[str, bytes | None]()
     if made == "empty":
         out.mkdir()
-    place, name, taken = {
+    steps: dict[str, tuple[Any, str, Callable[..., bool]]] = {
         "new": (os, "rename", lambda source, target: target == out),
         "empty": (Path, "mkdir", lambda folder: folder == out / "shards"),
-    }[made]
+    }
+    place, name, taken = steps[made]
     original, other = getattr(place, name), begun_run(tmp_path / "kept")
 
     def late(*given: Any, **options: Any) -> None:

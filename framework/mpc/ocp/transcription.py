@@ -60,7 +60,7 @@ class Guess:
 
     @classmethod
     def bare(cls, states: Array, inputs: Array, level: float) -> "Guess":
-        """Wrap a trajectory; auxiliaries are filled in later, see `bodies.with_auxiliaries`."""
+        """Wrap a trajectory; `slots.base.with_auxiliaries` fills in auxiliaries later."""
         return cls(states, inputs, (), level, np.zeros(len(inputs)))
 
     def pull(self, parameters: Parameters) -> Parameters:

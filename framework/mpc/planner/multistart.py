@@ -152,7 +152,7 @@ class Watch:
 
         Raises
         ------
-        LeftBehind, Refused : there is no solution, see `watch.watched`.
+        LeftBehind, Refused : there is no solution, see `solvers.watchdog.watched`.
         """
         call = partial(self._solver.solve, check.problem, check.parameters, guesses)
         return self._watched(check, call, len(guesses), budget)
@@ -467,7 +467,7 @@ def other_starts(
     robot : of the problem.
     problem, parameters : the instance.
     guess : what is solved from first; it gives the shared level. Auxiliaries are filled in
-        later, see `bodies.with_auxiliaries`.
+        later, see `slots.base.with_auxiliaries`.
     names : of `NAMES`.
     laid : states on the reference, where they are known already.
     """

@@ -74,6 +74,13 @@ class Leaf(Predictor):
 
 @final
 @dataclass(frozen=True)
+class Bare(Predictor):
+    def predict(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Forecast:
+        raise NotImplementedError
+
+
+@final
+@dataclass(frozen=True)
 class Holder(Predictor):
     leaf: Predictor = Leaf(3.0)
 
@@ -84,7 +91,7 @@ class Holder(Predictor):
 @pytest.fixture(autouse=True)
 def _registered(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(registry, "_registered", {room: {} for room in ROOMS})
-    for name, kind in (("every", Every), ("leaf", Leaf), ("holder", Holder)):
+    for name, kind in (("every", Every), ("leaf", Leaf), ("holder", Holder), ("bare", Bare)):
         register("predictors", name)(kind)
 
 
@@ -138,6 +145,7 @@ def test_describe_and_build_are_inverse() -> None:
         ({"inner": 3}, r"^p\.inner: came 3 \(int\); wanted the name of a predictor"),
         ({"inner": {"size": 1}}, r"^p\.inner: key 'type' is missing; wanted one of:"),
         ({"inner": {"type": "leaf", "sise": 1}}, r"^p\.inner\.sise: unknown key"),
+        ({"inner": {"type": "bare", "x": 1}}, r"^p\.inner\.x: unknown .*x.: Bare takes no keys$"),
         ({"list_of": "leaf"}, r"^p\.list_of: came 'leaf' .*a list"),
         ({"named": {"n": "leav"}}, r"^p\.named\.n\.type: unknown"),
         ({"named": ["leaf"]}, r"^p\.named: came .*a mapping"),

@@ -22,6 +22,7 @@ from wideberth.framework.mpc.solvers.base import (
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.mpc.solvers.riccati import _core as core
 from wideberth.framework.mpc.solvers.riccati import solver
+from wideberth.framework.mpc.solvers.riccati._protocol import OUTCOME, SETTING
 from wideberth.framework.mpc.solvers.riccati.live import RiccatiLive
 from wideberth.framework.mpc.solvers.riccati.solver import Riccati
 from wideberth.framework.values.errors import WideberthError
@@ -161,9 +162,9 @@ def test_the_same_plan_is_near_now_and_nearer_after_the_whole_step(
 ) -> None:
     """Distances as shares of the one within which plans are the same; it ends at 1 and 0.6."""
     within, steps, moved = 0.3, 4, 3
-    settings = np.zeros(1 + max(core.SETTING))
-    settings[core.SETTING.plans], settings[core.SETTING.within] = 2, within
-    settings[core.SETTING.best] = np.inf
+    settings = np.zeros(1 + max(SETTING))
+    settings[SETTING.plans], settings[SETTING.within] = 2, within
+    settings[SETTING.best] = np.inf
     plans = np.random.default_rng(0).normal(size=(2, 1 + steps, 3))
     now, step = np.zeros((3, 1 + steps)), np.zeros((3, 1 + steps))
     now[:] = plans[1].T  # the second plan; the first is far away
@@ -176,7 +177,7 @@ def test_the_same_plan_is_near_now_and_nearer_after_the_whole_step(
         SimpleNamespace(steps=steps), SimpleNamespace(v=now), SimpleNamespace(v=step), (0, 2),
         plans, settings, 0.0, 0.0,
     )  # fmt: skip
-    assert outcome == (core.OUTCOME.same if same else -1)
+    assert outcome == (OUTCOME.same if same else -1)
 
 
 def test_a_plan_that_enters_regions_makes_no_other_too_dear(recorded: list[Instance]) -> None:
