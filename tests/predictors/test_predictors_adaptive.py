@@ -289,6 +289,12 @@ def test_fit_and_update_are_handed_on():
     assert adaptive(Counter()).update(scene).fit([scene]).state is None
 
 
+def test_a_scene_too_short_to_learn_from_is_passed_over():
+    scene = recording(np.random.default_rng(9))
+    short = tracks_of(np.zeros((2, OBSERVED + STEPS - 1, 2)))
+    assert adaptive().fit([scene, short]) == adaptive().fit([scene])
+
+
 def test_laws_hold_and_nothing_changes_in_place(tmp_path):
     scene = recording(np.random.default_rng(8))
     start = adaptive(ConstantVelocity())

@@ -8,6 +8,7 @@ import pytest
 from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.tracks import Tracks
+from wideberth.predictors import coordinated_turn
 from wideberth.predictors.constant_acceleration import singer
 from wideberth.predictors.coordinated_turn import (
     CHORD,
@@ -315,3 +316,17 @@ def test_the_first_chord_is_over_the_steps_that_it_takes():
     assert span.tolist() == [CHORD, 1.0, 1.0, CHORD + 1.0]
     wanted = [[CHORD**2, 0.5 * CHORD**2], [2.0, 0.0], [0.0, 0.0]]
     np.testing.assert_allclose(chord, [*wanted, [(CHORD + 1) ** 2, 0.5 * (CHORD + 1) ** 2]])
+
+
+def test_a_heading_of_which_nothing_is_known_has_the_spread_of_a_uniform_one(monkeypatch):
+    """(2 pi)^2 / 12, where the first chord is of length 0."""
+    begun = []
+
+    def seen(past, noise, start, *given):
+        begun.append(start[1][:, 2, 2])
+        return filter_turns(past, noise, start, *given)
+
+    monkeypatch.setattr(coordinated_turn, "filter_turns", seen)
+    CoordinatedTurn().predict(tracks_of(np.zeros((1, 8, 2))), 3)
+    uniform = (2.0 * np.pi) ** 2 / 12.0
+    assert begun[0] == pytest.approx([coordinated_turn.FIRST_HEADING**2 + uniform], rel=1e-12)

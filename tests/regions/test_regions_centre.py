@@ -46,6 +46,11 @@ def sized(regions: list[Region]) -> list[Any]:
     ]
 
 
+def plain(region: Region) -> bool:
+    """Whether a region has no auxiliaries, whose units differ."""
+    return not any(len(region.auxiliary(size)) for size in region.dimensions)
+
+
 def obstacle(region: Region, size: int, shape: tuple[Any, float]) -> RegionCase:
     deviations, margin = np.array(shape[0])[:size], np.array(shape[1])
     mean = np.arange(1.0, size + 1.0)
@@ -126,3 +131,19 @@ def test_the_boundary_stays_where_it_is(region: Region, size: int) -> None:
         values, _, _ = twin(case.mean + multiple * edge, case.parameters, float(case.level))
         wanted = 0.5 * np.log((multiple**2 + CENTRE) / (1.0 + CENTRE))
         np.testing.assert_allclose(values, wanted, atol=2e-6)
+
+
+@pytest.mark.parametrize(("region", "size"), sized([one for one in REGISTERED if plain(one)]))
+def test_a_constraint_has_no_unit(region: Region, size: int) -> None:
+    """All lengths in another unit: the same values, at the centre too."""
+    here, rays = obstacle(region, size, WIDE), sphere(np.random.default_rng(22), 6, size)
+    radius = float(here.reach(rays)[0].min())
+    twin, factor = compile_twin(region, size), 3.0
+    there = RegionCase(
+        region, factor * here.mean, factor**2 * here.covariance, factor * here.margin, here.tail
+    )
+    for distance in (*DISTANCES, 0.5, 2.0):
+        points = here.mean + distance * radius * rays
+        values, _, _ = twin(points, here.parameters, float(here.level))
+        found, _, _ = twin(factor * points, there.parameters, float(there.level))
+        np.testing.assert_allclose(found, values, rtol=1e-6, atol=1e-6)

@@ -60,6 +60,8 @@ def test_slope_deep_inside(region: Region) -> None:
         assert value.item() < 0.0
         assert slope[:, 0] == pytest.approx(point / np.hypot.reduce(point), abs=2e-2)
     assert function(np.zeros(2), numbers, 0.0)[0] >= 0.0  # level 0 stands for an empty region
+    slopes = [function(np.array([0.3, 0.0]), numbers, level)[1] for level in (0.049, 0.051)]
+    assert [float(slope[0]) for slope in slopes] == pytest.approx([0.0, 1.0], abs=2e-2)
 
 
 def test_scaled_complementary_error_function() -> None:

@@ -376,6 +376,33 @@ def test_an_empty_slot_holds_its_auxiliaries_and_nothing_else() -> None:
     assert [len(one) for one in ties] == [0, 1]
 
 
+def test_leaving_the_guess_of_auxiliaries_has_a_price() -> None:
+    """regularisation times the squared distance, of all slots."""
+    rng = np.random.default_rng(8)
+    for slots in full(rng)[0].slots:
+        own = len(slots.auxiliary)
+        numbers, lifted = rng.random((slots.count, slots.size)), rng.random((slots.count, own))
+        off = lifted - numbers[:, slots.size - own :]
+        found = float(slots.regularisation(ca.DM(lifted.ravel()), ca.DM(numbers.ravel())))
+        assert found == pytest.approx(slots.auxiliary.regularisation * (off**2).sum(), rel=1e-12)
+        assert found > 0.0
+    without = set_up(Unicycle(), MahalanobisEllipse(), Fixed(), 1)[0].slots[0]
+    assert without.regularisation(ca.DM(0, 1), ca.DM(without.size, 1)) == 0
+
+
+def test_an_equality_that_does_not_hold_enters_a_region_by_as_much() -> None:
+    problem, parameters, point = full(np.random.default_rng(9))
+    place = next(k for k, one in enumerate(problem.slots) if one.constraint.size1_out(1))
+    slots, numbers, step = problem.slots[place], parameters.slots[place].columns, 4
+    auxiliaries = [one.copy() for one in point.auxiliaries]
+    auxiliaries[place][step] *= 40.0  # multipliers, whose normal has length 1
+    far = replace(point, auxiliaries=tuple(auxiliaries))
+    found = violation(problem, parameters, far).regions[step]
+    assert numbers is not None and slots.count
+    first = sum(one.count for one in problem.slots[:place])
+    assert (found[first : first + slots.count] > 1.0).any()
+
+
 def test_compiled_constraints_are_those_of_the_virtual_machine(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -122,6 +122,10 @@ def test_bad_forecasts() -> None:
         Scene(plan_times=np.array([1.0, 1.0]))
     with pytest.raises(WideberthError, match=r"scene\.plan_times"):
         Scene(plan=np.zeros((3, 2)), plan_times=np.array([1.0, 2.0]))
+    for name in ("plan", "goals"):
+        with pytest.raises(WideberthError, match=rf"scene\.{name}"):
+            Scene(**{name: np.zeros(3)})
+        assert getattr(Scene(**{name: [[1, 2]]}), name).dtype == np.float64
     assert Scene().plan_times is None and Scene(plan_times=np.array([1.0, 1.5])).radius == 0.0
     with pytest.raises(WideberthError, match="fallback"):
         Forecast(good.mean, good.covariance, good.weight, 0.5, ())
