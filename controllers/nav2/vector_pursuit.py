@@ -59,7 +59,8 @@ class VectorPursuit(LocalController):
     use_collision_detection : test the arc.
     max_allowed_time_to_collision_up_to_target : s.
     use_interpolation : take a point between two poses of the plan.
-    use_heading_from_path : its heading is that of the plan; else that of the step.
+    use_heading_from_path : its heading is that of the plan; else that of the step that ends there,
+        and at the first pose that of the step that begins there.
     allow_reversing : drive backwards to a point behind.
     max_robot_pose_search_dist : m; negative: the whole path; None: half the larger side of the
         costmap.
@@ -196,12 +197,11 @@ class VectorPursuit(LocalController):
         reach = min(reach, _cusp_distance(plan))
         far = np.flatnonzero(np.hypot(plan[:, 0], plan[:, 1]) >= reach)
         place = int(far[0]) if len(far) else len(plan) - 1
+        if self.use_interpolation and len(far) and place:
+            return self._between(plan[place - 1], plan[place], reach)
         point: Array = plan[place].copy()
-        if not len(far) or not place:
-            if not self.use_heading_from_path and len(plan) > 1:
-                point[2] = _heading(plan[max(place - 1, 0)], plan[max(place, 1)])
-        elif self.use_interpolation:
-            point = self._between(plan[place - 1], plan[place], reach)
+        if not self.use_heading_from_path and len(plan) > 1:
+            point[2] = _heading(plan[max(place - 1, 0)], plan[max(place, 1)])
         return point
 
     def _between(self, begin: Array, end: Array, reach: float) -> Array:

@@ -77,7 +77,8 @@ def commands_are_equal(gc_controller: Case) -> None:
             assert np.abs(np.subtract(way.target, expect["motion_target_base"])).max() < 1e-9
         answer = controller.velocity(tick)
         assert_equal_answer(answer, expect, 1e-9)
-        assert controller.does_initial_rotation == expect["do_initial_rotation"]
+        if "do_initial_rotation" in expect:  # a tick that throws has a state only where recorded
+            assert controller.does_initial_rotation == expect["do_initial_rotation"]
         if expect.get("safe_approach_angle") is not None:
             assert controller.safe_approach_angle == pytest.approx(expect["safe_approach_angle"])
         if expect.get("local_plan_base"):
