@@ -88,6 +88,7 @@ TESTS = (
     "starts",
     "standing_off",
     "sampling",
+    "screen",
     "two_tails",
     "warm_start",
     "statistics",

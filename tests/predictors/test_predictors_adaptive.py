@@ -315,3 +315,8 @@ def test_bad_input():
     for settings in ({"tail": 0.0}, {"rate": 0.0}, {"steps": 0}, {"observed": 0}):
         with pytest.raises(WideberthError, match=r"adaptive_conformal\."):
             adaptive(**settings)
+    with pytest.raises(WideberthError, match=r"adaptive_conformal\.start"):
+        adaptive(start=(1.0,) * (STEPS + 1), start_dt=DT)
+    with pytest.raises(WideberthError, match=r"adaptive_conformal\.start_dt"):
+        adaptive(start=(1.0,) * STEPS, start_dt=0.0)
+    assert adaptive(start=(1.0,) * STEPS, start_dt=DT).start_dt == DT

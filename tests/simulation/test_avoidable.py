@@ -1,6 +1,8 @@
 """Contacts that can be avoided by construction, and contacts that cannot."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +19,13 @@ from wideberth.robots.unicycle import Unicycle
 from wideberth.simulation.engine.agents import ReplayAgent, RobotAgent
 from wideberth.simulation.engine.episode import Run, run_episode
 from wideberth.simulation.engine.settings import Settings
-from wideberth.simulation.measures.avoidable import avoidable, first_contact
+from wideberth.simulation.measures.avoidable import (
+    _EXTREME,
+    _decision,
+    _drawn,
+    avoidable,
+    first_contact,
+)
 from wideberth.simulation.scenarios.random_crowd import RandomCrowd
 
 SETTINGS = Settings(time_limit=12.0, history=0.0)
@@ -134,11 +142,55 @@ def test_what_is_known_only_where_it_can_be() -> None:
     assert found["avoidable_2s"] is True  # from its first decision on, 0.6 s before
 
 
+@dataclass
+class Counting(Blind):
+    """Counts its commands, which a copy of it adds to as well."""
+
+    seen: list[float] = field(default_factory=list)
+
+    def command(self, observation: Observation) -> Command:
+        """Go on."""
+        self.seen.append(observation.stamp)
+        return super().command(observation)
+
+
+def test_robots_repeat_what_they_commanded_and_are_not_asked_again() -> None:
+    counting = Counting(0.1, 1.0)
+    robot, post = RobotAgent("robot", driver().robot, counting, EAST, 1.0), standing((4.0, 0.0))
+    episode = run_episode([robot], SETTINGS, others=(post,))
+    before = len(counting.seen)
+    assert before > 10
+    found = avoidable(episode, [robot], SETTINGS, (post,))
+    assert found["avoidable_1s_reacting"] is True and len(counting.seen) == before
+
+
 def test_others_go_on_after_a_contact_that_ends_the_episode() -> None:
     """A wall of a body that follows for ever; to delay the contact is not to avoid it."""
     train = np.stack([np.linspace(-20.0, 52.0, 13), np.zeros(13)], axis=1)
     ends = replace(SETTINGS, stop_on_collision=True)
     assert columns([driver()], (body("train", train, 9.0),), settings=ends) == [False] * 4
+
+
+def test_twists_are_drawn_between_the_ends_and_often_at_one() -> None:
+    ends, rng = [[-2.0, 0.0, 1.0], [3.0, 4.0]], np.random.default_rng(0)
+    drawn = np.array([_drawn(rng, ends) for _ in range(4000)])
+    for values, possible in zip(drawn.T, ends, strict=True):
+        low, high = possible[0], possible[-1]
+        assert low <= values.min() and values.max() <= high
+        at_end = np.isin(values, possible)
+        spread = 3.0 * np.sqrt(0.25 / 4000)
+        assert abs(at_end.mean() - _EXTREME) <= spread
+        for one in possible:
+            assert abs((values == one).mean() - _EXTREME / len(possible)) <= spread
+        between = (values[~at_end] - low) / (high - low)
+        assert abs(between.mean() - 0.5) <= 3.0 / np.sqrt(12.0 * len(between))
+
+
+def test_the_decision_is_the_first_of_the_last_seconds_before_a_contact() -> None:
+    log: Any = SimpleNamespace(commands=SimpleNamespace(stamp=np.array([0.0, 1.0, 2.0, 3.0])))
+    assert _decision(log, 3.0, 1.5) == 2.0
+    assert _decision(log, 3.0, 2.0) == 1.0
+    assert _decision(log, 3.9, 0.5) is None
 
 
 @pytest.mark.parametrize("solve_time", ["zero", 0.06])

@@ -104,10 +104,30 @@ def test_who_differs_most_makes_way_as_long_as_that_is_likely() -> None:
     assert Contingency().branch(futures_of([5.0], [0.01])) is None
 
 
+def test_a_case_with_fewer_modes_is_filled_up_with_modes_of_no_weight() -> None:
+    few = futures_of([1.0, 2.0], [0.9, 0.9])
+    two = few.makes_way
+    weight = np.array([[0.25, 0.75]] * 2)
+    mean = np.concatenate([two.mean, two.mean + 3.0], axis=1)
+    twice = replace(
+        two, mean=mean, covariance=two.covariance.repeat(2, axis=1), weight=weight,
+        joint_source=None,
+    )  # fmt: skip
+    for makes_way, keeps_on in ((twice, few.keeps_on), (few.makes_way, twice)):
+        found = Futures(makes_way, keeps_on, few.share).if_all_make_way([1])
+        for row, case in enumerate((keeps_on, makes_way)):
+            modes = case.mean.shape[1]
+            np.testing.assert_array_equal(found.mean[row, :modes], case.mean[row])
+            np.testing.assert_array_equal(
+                found.weight[row], np.resize([*case.weight[row], 0.0], 2)
+            )
+
+
 def test_the_beginning_is_common_and_the_plan_holds_for_who_keeps_on() -> None:
     found = decided(planner())
     plan, other = found.plan, found.other_tail
     assert plan.rung is Rung.OPTIMAL and other is not None and found.solved is not None
+    np.testing.assert_array_equal(other.positions, other.states[:, :2])
     assert np.array_equal(plan.inputs[:HEAD], other.inputs[:HEAD])
     assert np.array_equal(plan.states[: HEAD + 1], other.states[: HEAD + 1])
     assert np.abs(plan.inputs[HEAD:] - other.inputs[HEAD:]).max() > 0.05

@@ -13,7 +13,10 @@ from wideberth.framework.mpc.costs.curve import curve_at, curve_width, lay_curve
 from wideberth.framework.mpc.costs.tracking import Tracking
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.ocp.progress_robot import progress_robot_of
+from wideberth.framework.mpc.planner.cycle import PlannerState, Services
+from wideberth.framework.mpc.planner.cycle import step as decide
 from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.mpc.planner.settings import PlannerSettings
 from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.mpc.solvers.ipopt import Ipopt
 from wideberth.framework.numerics.symbolic import ca
@@ -194,6 +197,24 @@ def test_a_corner_is_rounded_and_the_robot_stops_at_the_goal() -> None:
     assert max(aside) < 0.3
     assert np.linalg.norm(states[-1, :2] - CORNER.goal) < 0.05
     assert np.abs(states[-1, 2:]).max() < 0.02
+
+
+def test_the_last_inputs_have_a_progress_as_the_robot_has() -> None:
+    """None at first; then those of the last plan, with a speed along the curve."""
+    own = PlannerSettings(
+        Unicycle(), MinkowskiSum(), Static(), Fixed(), Fatrop(), cost=Contouring(), penalty=1e5
+    )
+    services, state = Services.of(own), PlannerState.initial(own, STRAIGHT)
+    for tick in range(2):
+        seen = Observation(0.5 * tick, np.array([0.25 * tick, 0.0, 0.0, 0.5, 0.0]))
+        state, decision = decide(own, state, seen, services)
+        assert decision.solved is not None
+        inputs = decision.solved.check.last_inputs
+        if tick == 0:
+            assert inputs is None
+        else:
+            assert inputs is not None and inputs.shape == (own.horizon, 3)
+            np.testing.assert_allclose(inputs[:-1, 2], 0.5, atol=1e-2)
 
 
 def test_the_same_calls_give_the_same_plans() -> None:

@@ -161,6 +161,14 @@ def test_a_collision_risk_is_called_one() -> None:
     assert plan.reason.startswith("asked a risk of at most 5 %, holds ")
 
 
+def test_who_is_in_contact_holds_nothing() -> None:
+    """Not even the risk of a region of level 0, which is below 1."""
+    made = planner(region=MinkowskiSum(), level=Fixed(promise="risk"))
+    plan = decided(made, at(0.0, 0.0, ("ahead", 1.0, 0.0)))
+    assert plan.given_way is not None and plan.given_way.held == 1.0
+    assert MinkowskiSum().risk(0.0) < 1.0 and plan.level[0, 0] == 0.0
+
+
 @pytest.mark.parametrize("promise", ["content", "risk"])
 def test_a_tail_is_the_inverse_of_its_level(promise: Promise) -> None:
     for region in (MinkowskiSum(), HalfPlane()):

@@ -27,6 +27,7 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast, Scene
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.tracks import Tracks
+from wideberth.predictors.static import Static
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.holonomic import Holonomic
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
@@ -379,3 +380,9 @@ def test_a_pause_far_beyond_the_period_is_said_once() -> None:
     assert notes[0].endswith("are the stamps in s?")
     assert not known.take(observed(3005.0, "a")).notes
     assert perceiving(Told()).take(observed(0.0)).take(observed(6.0)).notes
+
+
+@pytest.mark.parametrize(("period", "gap"), [(0.1, 1.25), (0.5, 1.25), (0.8, 2.0)])
+def test_two_missing_samples_are_no_gap(period: float, gap: float) -> None:
+    """Two and a half of the steps of the tracks, or of the observations if they are longer."""
+    assert Perception.initial(Static(), 2, 0.5, 10, period, 3.0).history.gap == pytest.approx(gap)

@@ -65,6 +65,15 @@ def test_a_plan_that_waits_for_ever_is_not_the_only_one_looked_at():
     assert asked(-2.0) == ("along",)  # backs off: it is on its way
 
 
+def test_a_plan_within_two_thirds_of_the_radius_is_the_same(monkeypatch):
+    """Starts to the left and right of a body lead to plans that are a width of the robot apart."""
+    asked, check = [], SimpleNamespace(robot=Unicycle(radius=0.45), problem=None, parameters=None)
+    watch = multistart.Watch(None, 60.0)
+    monkeypatch.setattr(watch, "_watched", lambda check, call, *given: asked.append(call.args[-1]))
+    watch.solve_cheapest(check, [], [], Budget(None, 0.0))
+    assert asked == [pytest.approx(0.3)]
+
+
 @pytest.mark.parametrize(
     ("slack", "alone", "wanted"), [(1.0, True, True), (1.0, False, False), (0.5e-4, True, False)]
 )

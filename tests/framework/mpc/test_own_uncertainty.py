@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from wideberth.framework.control.velocity_smoother import VelocitySmoother
-from wideberth.framework.mpc.fallback.rollout import carry, follow
+from wideberth.framework.mpc.fallback.rollout import brake, carry, follow, stand
 from wideberth.framework.mpc.instance.own_uncertainty import Growth, OwnUncertainty, carried
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.ocp.progress_robot import ProgressRobot, progress_robot_of
@@ -277,6 +277,17 @@ def test_the_risk_beside_a_wall_is_what_was_asked_for(region: Any, footprint: An
             body = np.stack([np.stack(pose.offset(place), axis=-1) for place in group], axis=1)
             risks.append((separation(body, WALL.points)[0] < radius).mean())
     assert 0.01 < max(risks) < tail + 4.0 * np.sqrt(tail * (1.0 - tail) / count)
+
+
+def test_beyond_a_shifted_plan_the_robot_brakes() -> None:
+    """A plan of 4 steps: what a shift by so many steps leaves of it, then as `brake` does."""
+    robot, start = Unicycle(), np.array([0.0, 0.0, 0.2, 1.0, 0.1])
+    inputs = 0.1 * np.arange(1.0, 9.0).reshape(4, 2)
+    for share, kept in ((0.0, 4), (0.5, 3), (1.0, 3), (3.2, 0), (4.0, 0), (7.0, 0)):
+        found = stand(robot, start, inputs, share, DT)
+        last = follow(robot, start, inputs[:kept], DT)[-1]
+        np.testing.assert_array_equal(found[:kept], inputs[:kept])
+        np.testing.assert_array_equal(found[kept:], brake(robot, last, 4 - kept, DT)[1])
 
 
 def test_unknown_growth_is_refused() -> None:

@@ -37,6 +37,7 @@ from wideberth.framework.region import Region
 from wideberth.framework.robot import Robot
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.footprint import Outline
+from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.framework.values.motion import Pose, Twist
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Status
@@ -443,6 +444,20 @@ def test_the_heading_is_a_state_or_is_not_known() -> None:
     x = ca.SX.sym("x", 3)
     for heading, wanted in ((x[1], 1), (x[2], 2), (2.0 * x[2], None), (None, None)):
         assert _heading(Pose((x[0], x[1]), heading), x) == wanted
+
+
+@pytest.mark.parametrize("region", [MahalanobisEllipse(), MinkowskiSum()], ids=repr)
+def test_the_parameters_of_one_disc_are_those_that_a_planner_fills_in(region: Region) -> None:
+    """The margin is the sum of three: of the robot, of the obstacle, and the planner's own."""
+    mean, covariance = np.array([1.0, -2.0]), np.array([[0.3, 0.1], [0.1, 0.2]])
+    function = GaussianDiscs(region).parameters_of_one(Unicycle(radius=0.35), 0.2)
+    found = np.asarray(function(mean, covariance, 0.4)).ravel()
+    wanted = region.parameters(GaussianObstacle(mean, covariance), np.float64(0.35 + 0.2 + 0.4))
+    ends = [
+        region.area(numbers, np.float64(2.0)) for numbers in (found, wanted)
+    ]  # eigenvectors may differ in sign
+    np.testing.assert_allclose(ends[0], ends[1], rtol=1e-9)
+    np.testing.assert_allclose(np.sort(np.abs(found)), np.sort(np.abs(wanted)), rtol=1e-9)
 
 
 @pytest.mark.parametrize("outline", [False, True])

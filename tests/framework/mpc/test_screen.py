@@ -1,6 +1,7 @@
 """What no plan can meet is left out of the problem, and no plan changes by it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.levels.risk_allocation import RiskAllocation
 from wideberth.framework.mpc.planner.cycle import Decision, PlannerState, Services, step
 from wideberth.framework.mpc.planner.settings import PlannerSettings
+from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, Obstacles
 from wideberth.framework.mpc.slots.screen import Travel, leaves_out, out_of_reach
 from wideberth.framework.mpc.solvers.riccati.solver import Riccati
 from wideberth.framework.plugins import registry
@@ -261,3 +263,26 @@ def test_who_stands_on_the_reference_is_kept_though_nobody_gets_there() -> None:
     own = settings(robot=Unicycle(max_speed=0.1), reference_speed=0.5, level=Fixed())
     assert slots(drive(own, [(3.6, 0.0)], True)[0]) == 1
     assert slots(drive(own, [(2.5, 3.6)], True)[0]) == 0
+
+
+def test_a_margin_is_as_a_larger_robot() -> None:
+    rng, count = np.random.default_rng(4), 200
+    discs = Obstacles(
+        np.tile(rng.uniform(-6.0, 6.0, (count, 2)), (STEPS, 1, 1)),
+        np.tile(0.02 * np.eye(2), (STEPS, count, 1, 1)), np.full(count, 0.3),
+        tuple(map(str, range(count))),
+    )  # fmt: skip
+    still = np.zeros((STEPS, 2))
+
+    def out(radius: float, margin: float) -> Array:
+        view: Any = SimpleNamespace(
+            level=Fixed(), travel=0.4 * np.arange(1.0, STEPS + 1), margin=margin, own=None,
+            reference=SimpleNamespace(position=still), here=still,
+        )  # fmt: skip
+        kind = GaussianDiscs(MahalanobisEllipse())
+        found = kind.out_of_reach(Unicycle(radius=radius), discs, view)
+        assert found is not None
+        return found
+
+    np.testing.assert_array_equal(out(0.3, 0.5), out(0.8, 0.0))
+    assert 20 < out(0.3, 0.5).sum() < out(0.3, 0.0).sum() < count

@@ -197,6 +197,14 @@ def test_a_retreat_keeps_clear_of_walls_and_of_others() -> None:
     assert place((wall,), {"c": (0.0, -1.2)}) == (round(-np.sqrt(2.0), 6),) * 2
 
 
+def test_a_retreat_in_space_is_at_the_same_height() -> None:
+    other = Detection("b", np.array([1.0, 0.0, 1.3]), np.eye(3), RADIUS)
+    observation = Observation(0.0, np.zeros(6), (other,))
+    found = retreat(observation, [other], np.array([0.0, 0.0, 1.2]), RADIUS, "b")
+    assert found is not None and found[2] == 1.2
+    assert abs(found[:2]) == pytest.approx([0.0, 2.0])
+
+
 @pytest.mark.parametrize(("drift", "withdraws"), [(0.0, True), (0.29, True), (0.31, False)])
 def test_a_path_that_is_planned_anew_keeps_what_is_known(drift: float, withdraws: bool) -> None:
     """Another goal begins anew; here it moves on by so much each second, m."""
