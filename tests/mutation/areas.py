@@ -73,6 +73,7 @@ TESTS = (
     "level_risk",
     "regions_in_planner",
     "number_limits",
+    "numbers_of_settings",
     "multistart",
     "kept_in_step",
     "judged_in_time",

@@ -164,6 +164,14 @@ def test_robots_repeat_what_they_commanded_and_are_not_asked_again() -> None:
     assert found["avoidable_1s_reacting"] is True and len(counting.seen) == before
 
 
+def test_the_first_contact_is_that_of_a_pair_that_touches() -> None:
+    short = replace(SETTINGS, time_limit=5.0)
+    aside, ahead = body("aside", np.tile((2.0, 3.0), (13, 1)), 0.3), standing((4.0, 0.0))
+    assert first_contact(run_episode([driver()], short, others=(aside,))) is None
+    found = first_contact(run_episode([driver()], short, others=(aside, ahead)))
+    assert found == (pytest.approx(3.4, abs=0.021), ("robot",))
+
+
 def test_others_go_on_after_a_contact_that_ends_the_episode() -> None:
     """A wall of a body that follows for ever; to delay the contact is not to avoid it."""
     train = np.stack([np.linspace(-20.0, 52.0, 13), np.zeros(13)], axis=1)
