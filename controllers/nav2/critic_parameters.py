@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any, TypeVar
 
 from ...framework.values.errors import WideberthError, nearest
-from .parameters import names_of
+from .parameters import names_of, refuse_unknown
 
 C = TypeVar("C")
 
@@ -35,18 +35,5 @@ def split_critics(
     for name in names:
         if name not in kinds:
             raise WideberthError(f"there is no critic {name!r}; {nearest(name, kinds)}")
-        checked_names(kinds[name], own[name], f"{name}.")
+        refuse_unknown(name, own[name], names_of(kinds[name]), f"{name}.")
     return tuple(kinds[name](**own[name]) for name in names), rest
-
-
-def checked_names(kind: type, parameters: Mapping[str, Any], prefix: str = "") -> None:
-    """Refuse parameters that are no fields of a class.
-
-    Raises
-    ------
-    WideberthError : there is one.
-    """
-    known = names_of(kind)
-    for name in parameters:
-        if name not in known:
-            raise WideberthError(f"there is no parameter {prefix}{name}; {nearest(name, known)}")

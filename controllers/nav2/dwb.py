@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
 from ...framework.values.motion import Twist
-from .critic_parameters import checked_names, split_critics
+from .critic_parameters import split_critics
 from .dwb_critics import (
     CRITICS,
     BaseObstacle,
@@ -25,7 +25,13 @@ from .dwb_critics import (
 )
 from .dwb_trajectories import Sampling, Trajectories
 from .local_controller import Answer, LocalController, Tick
-from .parameters import at_default, check_parameters, check_work
+from .parameters import (
+    at_default,
+    check_parameters,
+    check_work,
+    names_of,
+    refuse_unknown,
+)
 
 GENERATORS = ("dwb_plugins::StandardTrajectoryGenerator", "dwb_plugins::LimitedAccelGenerator")
 """Generators of trajectories: one that accelerates along them, one for what a period allows."""
@@ -90,7 +96,8 @@ class DWB(LocalController):
     min_speed_xy, max_speed_xy, min_speed_theta : m/s, m/s, rad/s; a negative one sets no limit.
     acc_lim_x, acc_lim_y, acc_lim_theta : m/s^2 and rad/s^2.
     decel_lim_x, decel_lim_y, decel_lim_theta : m/s^2 and rad/s^2, at most 0.
-    vx_samples, vy_samples, vtheta_samples : of twists per axis.
+    vx_samples, vy_samples, vtheta_samples : of twists per axis, less than 2 count as 2; that
+        of y may be 0, as robots have it that cannot drive sideways.
     sim_time : s, of a trajectory.
     linear_granularity, angular_granularity : m and rad, longest step of a trajectory.
     time_granularity : s, its longest step where ``discretize_by_time``.
@@ -152,10 +159,10 @@ class DWB(LocalController):
 
     def __post_init__(self) -> None:
         above = (
-            "vx_samples", "vy_samples", "vtheta_samples", "sim_time", "linear_granularity",
+            "vx_samples", "vtheta_samples", "sim_time", "linear_granularity",
             "angular_granularity", "time_granularity", "controller_frequency",
         )  # fmt: skip
-        check_parameters(self, "dwb", above)
+        check_parameters(self, "dwb", above, ("vy_samples",))
         names = "the numbers of samples, sim_time and the granularities"
         check_work("dwb", names, self._points(), _MOST)
         if self.trajectory_generator_name not in GENERATORS:
@@ -207,7 +214,7 @@ class DWB(LocalController):
             if name in rest:
                 rest[f"RotateToGoal.{ours}"] = rest.pop(name)
         critics, rest = split_critics(CRITICS, names, rest)
-        checked_names(cls, rest)
+        refuse_unknown("dwb", rest, names_of(cls))
         return cls(critics=critics, **rest)
 
     def reset(self) -> None:

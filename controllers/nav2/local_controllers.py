@@ -185,11 +185,12 @@ def built(local: str, parameters: Mapping[str, Any]) -> LocalController:
     if local in _FROM_PARAMETERS:
         return _checked(found.from_parameters(parameters))
     known = names_of(found)
+    former = [old for old, new in _RENAMED.items() if new in known]
+    refuse_unknown(local, parameters, [*known, *former])
     renamed = {
         (_RENAMED.get(name, name) if name not in known else name): value
         for name, value in parameters.items()
     }
-    refuse_unknown(local, renamed, known)
     return _checked(found(**renamed))
 
 

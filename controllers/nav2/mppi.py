@@ -10,7 +10,7 @@ from ...framework.values.arrays import Array, whole
 from ...framework.values.costmap import INSCRIBED, LETHAL
 from ...framework.values.errors import WideberthError
 from ...framework.values.motion import Twist
-from .critic_parameters import checked_names, split_critics
+from .critic_parameters import split_critics
 from .dwb_trajectories import cells_of
 from .expected_people import ExpectedPeopleCritic
 from .local_controller import Answer, LocalController, Tick
@@ -27,7 +27,13 @@ from .mppi_critics import (
     PreferForwardCritic,
 )
 from .mppi_rollouts import Limits, Rollouts, Single, Situation, delayed, driven, followed
-from .parameters import at_default, check_parameters, check_work
+from .parameters import (
+    at_default,
+    check_parameters,
+    check_work,
+    names_of,
+    refuse_unknown,
+)
 
 CRITICS: dict[str, type[Critic]] = {**NAV2, "ExpectedPeopleCritic": ExpectedPeopleCritic}
 """Name in a parameter file -> class: Nav2's, and one of ours."""
@@ -66,6 +72,8 @@ _ONLY = {
     "PathAngleCritic.forward_preference": True,
 }
 """Parameters that can have this value alone, the original's default."""
+_DOTTED = ("TrajectoryValidator.collision_lookahead_time", "AckermannConstraints.min_turning_r")
+"""Names in Nav2's files of parameters that the class has without their block."""
 SMOOTHED = 20
 """Fewer controls than this and one are not smoothed."""
 _MOST = 1e8
@@ -254,13 +262,10 @@ class MPPI(LocalController):
         model = rest.get("motion_model", "diff_drive")
         plugin = rest.pop(f"{model}.plugin", model)
         rest["motion_model"] = MODELS.get(plugin, plugin)
-        for full in (
-            "TrajectoryValidator.collision_lookahead_time", "AckermannConstraints.min_turning_r",
-            f"{model}.min_turning_r",
-        ):  # fmt: skip
+        for full in (*_DOTTED, f"{model}.min_turning_r"):
             if full in rest:
                 rest[full.partition(".")[2]] = rest.pop(full)
-        checked_names(cls, rest)
+        refuse_unknown("mppi", rest, [*names_of(cls), *_DOTTED])
         return cls(critics=critics, **rest)
 
     def reset(self) -> None:

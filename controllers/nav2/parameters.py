@@ -21,6 +21,17 @@ WITHOUT_EFFECT = frozenset(
     """.split()
 )
 """Parameters of controllers that draw, that belong to ROS, or that have no effect here."""
+MISSPELT = 0.75
+"""Ratio of `difflib` from which on an unknown name is taken for a known one that is misspelt."""
+NOT_MODELLED = frozenset(
+    """
+    clear_threshold coarse_xy_goal_tolerance cost_scaling_factor_left cost_scaling_factor_right
+    final_rotation fine_xy_goal_tolerance initial_rotation_min_angle
+    max_allowed_time_to_collision max_scaling_factor near_collision_cost obstacle_range
+    raytrace_range required_movement_angle use_approach_linear_velocity_scaling
+    """.split()
+)
+"""Names that some version of Nav2 has, which look like misspelt ones of those modelled here."""
 
 
 def effective(parameters: Mapping[str, Any]) -> dict[str, Any]:
@@ -42,22 +53,46 @@ def names_of(kind: type) -> list[str]:
     return [one.name for one in fields(kind) if one.init]
 
 
-def refuse_unknown(place: str, given: Iterable[str], known: Iterable[str]) -> None:
-    """Refuse a name that is not known, and name the nearest.
+class UnknownParameters(WideberthError):
+    """Parameters that nothing here has, and that are no misspelt names.
+
+    Attributes
+    ----------
+    names : of these parameters, as they were given.
+    """
+
+    def __init__(self, message: str, names: tuple[str, ...] = ()) -> None:
+        super().__init__(message)
+        self.names = names
+
+
+def refuse_unknown(
+    place: str, given: Iterable[str], known: Iterable[str], prefix: str = ""
+) -> None:
+    """Refuse names that are not known, and name the nearest to the first of them.
 
     Parameters
     ----------
     place : what has these parameters, in the message.
     given, known : names.
+    prefix : stands before each given name where it came from, as ``Critic.``.
 
     Raises
     ------
-    WideberthError : there is one.
+    WideberthError : a name that is nearly a known one of its block, at least `MISSPELT` alike.
+    UnknownParameters : others; a reader of files may go on without them.
     """
     names = list(known)
-    for name in given:
-        if name not in names:
-            raise WideberthError(f"{place} has no parameter {name!r}{nearest(name, names)}")
+    unknown = [name for name in given if name not in names]
+    for name in unknown:
+        block, _, last = name.rpartition(".")
+        inside = [one for one in names if one.rpartition(".")[0] == block]
+        near = nearest(name, inside, MISSPELT)
+        if near and last not in NOT_MODELLED:
+            raise WideberthError(f"{place} has no parameter {prefix + name!r}{near}")
+    if unknown:
+        message = f"{place} has no parameter {prefix + unknown[0]!r}{nearest(unknown[0], names)}"
+        raise UnknownParameters(message, tuple(prefix + name for name in unknown))
 
 
 def at_default(

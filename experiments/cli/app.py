@@ -1,6 +1,7 @@
 """The command line. Everything heavy is imported by the command that needs it."""
 
 import os
+import shlex
 import signal
 import sys
 from collections.abc import Collection
@@ -720,16 +721,22 @@ def nav2(
     ] = None,
 ) -> None:
     """Turn nav2_params.yaml into a config of ours, or a config into nav2_params.yaml."""
+    from ...controllers.nav2.params_file import is_params_file, read_params
     from ...framework.plugins.io import write_text
-    from .nav2_files import config_of, is_params_file, params_of
+    from .nav2_files import config_of, params_of
 
     out = expanded(out)
     if out.exists():
         raise WideberthError(f"{out} exists and is not replaced; give another name with --out")
-    theirs = is_params_file(file)
-    text = config_of(expanded(file), controller) if theirs else params_of(file, planner)
-    write_text(out, text)
-    typer.echo(f"written: {out}" + (f"; `wideberth run {out}` compares both" if theirs else ""))
+    if not is_params_file(expanded(file)):
+        write_text(out, params_of(file, planner))
+        typer.echo(f"written: {out}")
+        return
+    read = read_params(expanded(file), controller)
+    write_text(out, config_of(read.settings, file))
+    for remark in read.remarks:
+        typer.echo(remark)
+    typer.echo(f"written: {out}; `wideberth run {shlex.quote(str(out))}` compares both")
 
 
 @app.command(no_args_is_help=True)

@@ -26,9 +26,14 @@ class Loader(yaml.SafeLoader):
     most : values and keys that it may hold, those that aliases repeat counted each time.
     deepest : lists and mappings that may stand inside each other.
     shared : returns the text of the settings that ``<<: NAME`` names.
+    merging : a key may stand twice, as in ROS's parameter files: the last value holds, mappings
+        are merged, and `twice` names the keys.
     """
 
-    def __init__(self, text: str, most: int, deepest: int, shared: Callable[[str], str]) -> None:
+    def __init__(
+        self, text: str, most: int, deepest: int, shared: Callable[[str], str],
+        merging: bool = False,
+    ) -> None:  # fmt: skip
         super().__init__(text)
         self.most: int = most
         self.deepest: int = deepest
@@ -36,6 +41,8 @@ class Loader(yaml.SafeLoader):
         self.nodes: int = 0
         self.depth: int = 0
         self.known: dict[int, tuple[int, int]] = {}  # what an alias stands for: nodes, depth
+        self.merging: bool = merging
+        self.twice: dict[str, None] = {}  # in order
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         """Compose one node as PyYAML does, and count it."""
@@ -62,18 +69,41 @@ class Loader(yaml.SafeLoader):
     def compose_mapping_node(self, anchor: Any) -> Any:
         """Compose a mapping as PyYAML does, and refuse a key that stands twice."""
         node: Any = super().compose_mapping_node(anchor)
-        seen = set()
-        for place, (key, value) in enumerate(node.value):
+        self._check_keys(node)
+        return node
+
+    def _check_keys(self, node: Any) -> None:
+        """Take over what ``<<`` names, and refuse or merge keys that stand twice."""
+        kept: dict[Any, int] = {}
+        entries: list[tuple[Any, Any]] = []
+        for key, value in node.value:
             if not isinstance(key, yaml.ScalarNode):
                 self._refuse(key, "a key must be one word, no list or mapping")
             if key.tag == "tag:yaml.org,2002:merge":  # <<: takes over what is not stated here
-                if isinstance(value, yaml.ScalarNode):
-                    node.value[place] = key, self._shared(value)
+                shared = self._shared(value) if isinstance(value, yaml.ScalarNode) else value
+                entries.append((key, shared))
                 continue
             name = self.construct_object(key, deep=True)
-            if name in seen:
+            if name not in kept:
+                kept[name] = len(entries)
+                entries.append((key, value))
+            elif self.merging:
+                entries[kept[name]] = key, self._merged(key, entries[kept[name]][1], value)
+            else:
                 self._refuse(key, f"key {short(name)} stands twice")
-            seen.add(name)
+        node.value = entries
+
+    def _merged(self, key: Any, former: Any, later: Any) -> Any:
+        """Return the value of a key that stands twice, and take note of the key."""
+        self.twice[f"{key.value} (line {key.start_mark.line + 1})"] = None
+        if not (isinstance(former, yaml.MappingNode) and isinstance(later, yaml.MappingNode)):
+            return later
+        both = [*former.value, *later.value]
+        node = yaml.MappingNode(later.tag, both, later.start_mark, later.end_mark)
+        self._check_keys(node)
+        sizes = zip(self.known[id(former)], self.known[id(later)], strict=True)
+        (nodes, more), depths = sizes
+        self.known[id(node)] = nodes + more, max(depths)
         return node
 
     def _shared(self, name: Any) -> Any:

@@ -37,13 +37,38 @@ def read_config(
     """
     path = Path(path)
     times = STORED if stored else 1
-    config = parse(read_text(path, "a YAML file", times * MOST_CHARACTERS), str(path), times)
-    if not isinstance(config, dict):
-        came = "empty" if config is None else f"a {type(config).__name__}"
-        raise WideberthError(f"{path} is {came}; a config is a mapping of keys to values")
+    text = read_text(path, "a YAML file", times * MOST_CHARACTERS)
+    config = _mapping(parse(text, str(path), times), path)
     for override in overrides or []:
         apply(config, override)
     return config
+
+
+def read_merged(path: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Read a mapping in which keys may stand twice, as ROS reads its parameter files.
+
+    The last value holds; mappings are merged. rcl_yaml_param_parser, the parser of ROS, keeps
+    one value for each dotted name.
+
+    Returns
+    -------
+    tuple : the mapping, and the keys that stand twice with their lines.
+
+    Raises
+    ------
+    WideberthError : as `read_config`.
+    """
+    text = read_text(Path(path), "a YAML file", MOST_CHARACTERS)
+    value, twice = _loaded(text, str(path), 1, merging=True)
+    return _mapping(value, path), twice
+
+
+def _mapping(value: Any, path: Path) -> dict[str, Any]:
+    """Return what a file holds, or raise."""
+    if not isinstance(value, dict):
+        came = "empty" if value is None else f"a {type(value).__name__}"
+        raise WideberthError(f"{path} is {came}; a config is a mapping of keys to values")
+    return value
 
 
 def parse(text: str, place: str, times: int = 1) -> Any:
@@ -71,6 +96,13 @@ def parse(text: str, place: str, times: int = 1) -> Any:
     >>> parse("planner: {<<: recommended, margin: 0.3}", "example")["planner"]["margin"]
     0.3
     """
+    return _loaded(text, place, times)[0]
+
+
+def _loaded(
+    text: str, place: str, times: int, merging: bool = False
+) -> tuple[Any, tuple[str, ...]]:
+    """Return the value of a YAML text, and the keys that stand twice where they may."""
     import yaml
 
     from .yaml_loader import Loader
@@ -80,8 +112,8 @@ def parse(text: str, place: str, times: int = 1) -> Any:
             f"{place} has {len(text)} characters; wanted at most {times * MOST_CHARACTERS}"
         )
     try:
-        loader = Loader(text, times * MOST, DEEPEST, shared_text)
-        return loader.get_single_data()
+        loader = Loader(text, times * MOST, DEEPEST, shared_text, merging)
+        return loader.get_single_data(), tuple(loader.twice)
     except yaml.MarkedYAMLError as error:
         where = f", {_line(error.problem_mark)}" if error.problem_mark else ""
         problem = _PROBLEMS.get(str(error.problem), error.problem)

@@ -27,8 +27,13 @@ def short(value: object, most: int = 200) -> str:
     return text if len(text) <= most else f"{text[:most]}..."
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
+def nearest(name: str, known: Iterable[str], likeness: float = 0.6) -> str:
     """Return ": did you mean ...?" with the known name that is nearest; empty if none is near.
+
+    Parameters
+    ----------
+    name, known : names.
+    likeness : least ratio of `difflib` at which a name is near, 1 for equal names.
 
     Examples
     --------
@@ -37,5 +42,5 @@ def nearest(name: str, known: Iterable[str]) -> str:
     """
     from difflib import get_close_matches
 
-    near = get_close_matches(name[:100], sorted(known), n=1)
+    near = get_close_matches(name[:100], sorted(known), n=1, cutoff=likeness)
     return f": did you mean {near[0]!r}?" if near else ""

@@ -1,5 +1,6 @@
 """Nav2's parameter files as configs of ours, and back."""
 
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -7,11 +8,13 @@ import pytest
 import yaml
 
 from wideberth.controllers.nav2.navigator import Nav2
-from wideberth.controllers.nav2.params_file import read_params_file
+from wideberth.controllers.nav2.params_file import read_params, read_params_file
 from wideberth.experiments.cli.app import main
+from wideberth.experiments.cli.nav2_files import config_of
 from wideberth.experiments.engine.shipped import read_experiment
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.robots import Unicycle
+from wideberth.tests.helpers.nav2_params import FILES, text_of
 
 PARAMS = """
 controller_server:
@@ -69,6 +72,54 @@ def test_the_config_becomes_the_parameter_file_again(
     assert read_params_file(back) == read_params_file(params)
     assert run(capsys, back, "--out", again)[0] == 0
     assert yaml.safe_load(again.read_text()) == yaml.safe_load(config.read_text())
+
+
+def recommended(said: str) -> list[str]:
+    """The words of the command that is recommended next."""
+    program, *words = shlex.split(said.split("`")[1])
+    assert program == "wideberth"
+    return words
+
+
+@pytest.mark.parametrize("name", ["nav2_humble", "nav2_jazzy", "turtlebot4"])
+def test_the_recommended_command_runs(
+    name: str, tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    given = tmp_path / "nav2_params.yaml"
+    given.write_text(text_of(name))
+    code, said = run(capsys, given, "--out", "my config.yaml")
+    assert code == 0
+    with pytest.raises(SystemExit) as stop:
+        main([*recommended(said), "--quick"])
+    assert not stop.value.code, capsys.readouterr().err
+    (table,) = tmp_path.rglob("table.csv")
+    assert len(table.read_text().splitlines()) == 3  # a head and a row for each of both
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_every_episode_of_a_config_can_be_drawn(name: str, tmp_path: Path) -> None:
+    """A slow robot has no time to go as far in the recording."""
+    path = tmp_path / "nav2_params.yaml"
+    path.write_text(text_of(name))
+    config = tmp_path / "config.yaml"
+    settings = read_params(path).settings
+    config.write_text(config_of(settings, str(path)))
+    experiment: Any = read_experiment(str(config), [])[0]
+    assert len(experiment.tasks()) == 2 * experiment.seeds
+    shipped: Any = read_experiment("replay", [])[0]
+    longest = shipped.reach / shipped.speed
+    assert experiment.reach / experiment.speed <= longest * (1.0 + 1e-12)
+    assert experiment.reach <= shipped.reach
+
+
+def test_what_is_passed_over_is_said(tmp_path: Path, capsys: Any) -> None:
+    path = tmp_path / "nav2_params.yaml"
+    path.write_text(text_of("linorobot2"))
+    code, said = run(capsys, path, "--out", tmp_path / "config.yaml")
+    assert code == 0
+    assert "stands twice, the last value holds: plugin (line" in said
+    assert "not modelled, passed over: FollowPath.angular_dist_threshold" in said
 
 
 def test_any_planner_gives_its_limits(tmp_path: Path, capsys: Any) -> None:
