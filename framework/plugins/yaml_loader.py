@@ -42,7 +42,7 @@ class Loader(yaml.SafeLoader):
         self.depth: int = 0
         self.known: dict[int, tuple[int, int]] = {}  # what an alias stands for: nodes, depth
         self.merging: bool = merging
-        self.twice: dict[str, None] = {}  # in order
+        self.twice: dict[str, int] = {}  # key with its line -> the line
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         """Compose one node as PyYAML does, and count it."""
@@ -74,36 +74,38 @@ class Loader(yaml.SafeLoader):
 
     def _check_keys(self, node: Any) -> None:
         """Take over what ``<<`` names, and refuse or merge keys that stand twice."""
-        kept: dict[Any, int] = {}
-        entries: list[tuple[Any, Any]] = []
+        entries: list[tuple[Any, list[Any]]] = []
+        kept: dict[Any, list[Any]] = {}
         for key, value in node.value:
             if not isinstance(key, yaml.ScalarNode):
                 self._refuse(key, "a key must be one word, no list or mapping")
             if key.tag == "tag:yaml.org,2002:merge":  # <<: takes over what is not stated here
                 shared = self._shared(value) if isinstance(value, yaml.ScalarNode) else value
-                entries.append((key, shared))
+                entries.append((key, [shared]))
                 continue
             name = self.construct_object(key, deep=True)
             if name not in kept:
-                kept[name] = len(entries)
-                entries.append((key, value))
+                kept[name] = []
+                entries.append((key, kept[name]))
             elif self.merging:
-                entries[kept[name]] = key, self._merged(key, entries[kept[name]][1], value)
+                line = key.start_mark.line + 1
+                self.twice[f"{key.value} (line {line})"] = line
             else:
                 self._refuse(key, f"key {short(name)} stands twice")
-        node.value = entries
+            kept[name].append(value)
+        node.value = [(key, self._merged(values)) for key, values in entries]
 
-    def _merged(self, key: Any, former: Any, later: Any) -> Any:
-        """Return the value of a key that stands twice, and take note of the key."""
-        self.twice[f"{key.value} (line {key.start_mark.line + 1})"] = None
-        if not (isinstance(former, yaml.MappingNode) and isinstance(later, yaml.MappingNode)):
-            return later
-        both = [*former.value, *later.value]
-        node = yaml.MappingNode(later.tag, both, later.start_mark, later.end_mark)
+    def _merged(self, values: list[Any]) -> Any:
+        """Return the value of a key that stands so often: the last one, or all mappings in one."""
+        last = values[-1]
+        if len(values) == 1 or not isinstance(last, yaml.MappingNode):
+            return last
+        mappings = [one for one in values if isinstance(one, yaml.MappingNode)]
+        both = [entry for one in mappings for entry in one.value]
+        node = yaml.MappingNode(last.tag, both, last.start_mark, last.end_mark)
         self._check_keys(node)
-        sizes = zip(self.known[id(former)], self.known[id(later)], strict=True)
-        (nodes, more), depths = sizes
-        self.known[id(node)] = nodes + more, max(depths)
+        nodes, depths = zip(*(self.known[id(one)] for one in mappings), strict=True)
+        self.known[id(node)] = sum(nodes), max(depths)
         return node
 
     def _shared(self, name: Any) -> Any:

@@ -113,7 +113,8 @@ def _loaded(
         )
     try:
         loader = Loader(text, times * MOST, DEEPEST, shared_text, merging)
-        return loader.get_single_data(), tuple(loader.twice)
+        value = loader.get_single_data()
+        return value, tuple(sorted(loader.twice, key=loader.twice.__getitem__))
     except yaml.MarkedYAMLError as error:
         where = f", {_line(error.problem_mark)}" if error.problem_mark else ""
         problem = _PROBLEMS.get(str(error.problem), error.problem)

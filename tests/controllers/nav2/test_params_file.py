@@ -91,7 +91,7 @@ def test_a_key_that_stands_twice_has_its_last_value(tmp_path: Path) -> None:
     read = read_params(file_of(tmp_path, text_of("linorobot2")))
     assert read.settings.local == "dwb"
     assert [key.split()[0] for key in read.twice] == [
-        "plugin", "max_obstacle_height", "resolution"
+        "plugin", "resolution", "max_obstacle_height"
     ]  # fmt: skip
     assert any("plugin (line " in remark for remark in read.remarks)
 

@@ -12,7 +12,7 @@ import pytest
 from wideberth.framework.plugins import registry
 from wideberth.framework.plugins.config import build, describe, import_plugins
 from wideberth.framework.plugins.registry import ROOMS, names, register
-from wideberth.framework.plugins.yamlfile import apply, dump, parse, read_config
+from wideberth.framework.plugins.yamlfile import apply, dump, parse, read_config, read_merged
 from wideberth.framework.predictor import Adaptive, Predictor
 from wideberth.framework.values.arrays import Array, positive
 from wideberth.framework.values.errors import WideberthError
@@ -300,3 +300,42 @@ def test_plugins_are_imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     for wrong in ("x", 3, {"x": 1}, [3]):
         with pytest.raises(WideberthError, match=r"plugins is .*; wanted a list"):
             import_plugins(wrong)  # type: ignore[arg-type]
+
+
+MERGED = """
+first: &shared {rate: 1, name: a}
+node: {rate: 2, deep: {left: 1}}
+node: {name: b, deep: {right: 2}}
+other: *shared
+other: {name: c}
+rate: [1, 2]
+rate: 3
+"""
+
+
+def test_keys_that_stand_twice_are_merged_where_ros_does_so(tmp_path: Path) -> None:
+    """The last value holds, mappings are merged, and what an alias names stays as it is."""
+    file = tmp_path / "params.yaml"
+    file.write_text(MERGED)
+    value, twice = read_merged(file)
+    assert value == {
+        "first": {"rate": 1, "name": "a"},
+        "node": {"rate": 2, "deep": {"left": 1, "right": 2}, "name": "b"},
+        "other": {"rate": 1, "name": "c"},
+        "rate": 3,
+    }
+    assert twice == (
+        "node (line 4)", "deep (line 4)", "other (line 6)", "name (line 6)", "rate (line 8)"
+    )  # fmt: skip
+    with pytest.raises(WideberthError, match="key 'node' stands twice"):
+        read_config(file)
+
+
+def test_many_keys_that_stand_twice_are_merged_soon(tmp_path: Path) -> None:
+    file = tmp_path / "params.yaml"
+    file.write_text("".join(f"node: {{key{i}: 1}}\n" for i in range(2000)))
+    value, _ = read_merged(file)
+    assert len(value["node"]) == 2000
+    file.write_text("".join(f"node: {{key{i}: 1}}\n" for i in range(4000)))
+    with pytest.raises(WideberthError, match="more than 10000 values"):
+        read_merged(file)
