@@ -6,8 +6,8 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.numerics.rvo2 import rvo2
 from ..framework.people.models import Reciprocal
+from ..framework.plugins.rvo2 import rvo2
 from ..framework.values.arrays import Array, whole
 from ..framework.values.motion import Command, Observation
 from .reactive import Reactive

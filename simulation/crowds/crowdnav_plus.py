@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeAlias, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ...framework.numerics.rvo2 import rvo2
+from ...framework.plugins.rvo2 import rvo2
 from ...framework.values.arrays import Array, BoolArray
 from ...framework.values.errors import WideberthError
 from .base import STEP, Crowd

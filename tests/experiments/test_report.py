@@ -209,7 +209,7 @@ def test_many_quantities_of_few_lines_stand_on_their_side() -> None:
     assert heads[:2] == ["Outcome", f"clearance min (m){known['clearance_min_m'].text}"]
     assert found.cells.index("deadlocks" + known["deadlocks"].text) < found.cells.index(heads[1])
     assert heads[-1] == "Other"  # of those that no page defines
-    assert "0.25not optimal" in found.cells and "12346" in found.cells
+    assert "25not optimal" in found.cells and "12346" in found.cells
     assert "The same in every line: errors none." in text
     # Of many lines the columns have groups, and those that never differ are one sentence.
     rows = [
@@ -219,9 +219,9 @@ def test_many_quantities_of_few_lines_stand_on_their_side() -> None:
     text = html_table(rows, "caption", known)
     found = Page(text)
     assert found.cells[:8] == [
-        "", "Outcome", "Forecasts", "Other", "planner", "deadlocks", "coverage", "mine",
+        "", "Outcome", "Forecasts", "Other", "planner", "deadlocks", "coverage (%)", "mine",
     ]  # fmt: skip
-    assert "What the columns mean" in text and "fallback plans 0.25 (not optimal)" in text
+    assert "What the columns mean" in text and "fallback plans (%) 25 (not optimal)" in text
 
 
 @pytest.mark.parametrize("name", names("experiments"))

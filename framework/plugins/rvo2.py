@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from ..plugins.extras import from_extra
+from .extras import from_extra
 
 
 def rvo2(user: str) -> Any:
