@@ -46,7 +46,7 @@ def film_of(
             chosen = writer_for(Path(filename)) if writer is None else writer
             super().save(filename, chosen, *more, **settings)
 
-        def _repr_html_(self) -> str | None:
+        def _repr_html_(self) -> Any:
             if figure.canvas.manager is not None:  # it plays in its window
                 return None
             if matplotlib.rcParams["animation.html"] != "none":
