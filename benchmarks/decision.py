@@ -37,6 +37,8 @@ SEEN, USED = (40, 5), 10
 """Walkers that are seen, and most that have a slot in the problem."""
 REACH, PACE, NOISE = 14.0, 0.6, 0.02
 """m, m/s and m: the square on which walkers are, their speed per axis, the sensor's deviation."""
+FILTER = {"type": "kalman", "acceleration_density": 0.01}
+"""Forecasts by a filter, whose stages have names below and which RESULTS.md was measured with."""
 WARM = 45
 """Observations before the first decision, as many as the filter looks back at, and more."""
 SEED = 1
@@ -94,7 +96,7 @@ class Drive:
     """
 
     def __init__(self, seen: int, seed: int) -> None:
-        chosen = recommended("unicycle", speed=SPEED, quiet=True)
+        chosen = recommended("unicycle", speed=SPEED, quiet=True, predictor=FILTER)
         self.planner: Planner = replace(
             chosen, solver=build("solvers", "riccati"), most_obstacles=USED
         )

@@ -405,7 +405,9 @@ def read_robot_log(
     grid = np.minimum(dt * np.arange(count), clock[-1])
     positions = interpolated([clock], [table[:, 1:3]], grid, bridge, OFF_GRID)[0]
     lost = int(np.isnan(positions[:, 0]).sum())
-    notes = (f"{lost} rows unobserved: in gaps longer than {bridge:g} s",) if lost else ()
+    notes: tuple[str, ...] = ()
+    if lost:
+        notes += (f"{lost} rows unobserved: in gaps longer than {bridge:g} s",)
     if len(rows) > 1 and np.ptp(table[:, 1]) == 0.0 and table[0, 1] == round(table[0, 1]):
         asked = f"are the columns `{' '.join(ROBOT_COLUMNS)}`, in this order?"
         notes += (f"x is {table[0, 1]:g} in every row: {asked}",)
