@@ -3,7 +3,8 @@
 import numpy as np
 
 from ..framework.robot import Robot
-from ..framework.values.motion import Observation, sound
+from ..framework.tracking.stand_ins import sound
+from ..framework.values.motion import Observation
 from ..framework.values.polygon import separation
 
 
@@ -18,7 +19,10 @@ def beside_robot(robot: Robot, observation: Observation) -> str:
     robot : in the plane. observation : of the robot, and of what is around it.
     """
     place = np.array(robot.pose(tuple(observation.state)).position, dtype=np.float64)
-    for one in sound(observation, 2)[0]:
+    sighting = sound(observation, 2)
+    if sighting.placeless:
+        return f"{sighting.placeless[0]!r} is seen without a place"
+    for one in sighting.detections:
         if np.linalg.norm(one.position - place) < robot.radius + one.radius:
             return f"{one.ident!r} is beside the robot"
     for wall in observation.polygons:

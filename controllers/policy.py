@@ -12,6 +12,7 @@ from ..framework.control.policy_observer import ObservationSpec, PolicyObserver,
 from ..framework.control.rate_limited_warnings import WARNINGS
 from ..framework.controller import Controller, checked_path, checked_ready, checked_use
 from ..framework.robot import Robot
+from ..framework.tracking.stand_ins import checked_places
 from ..framework.values.arrays import positive
 from ..framework.values.errors import WideberthError
 from ..framework.values.motion import Command, Observation, checked_numbers
@@ -82,6 +83,7 @@ class Policy(Controller):
         try:
             self.remember(observation)
             checked_numbers(observation)
+            checked_places(self._view.placeless)
             command = self._view.box.command(self._decide(self._view.show(observation)))
             command = within_reach(self.robot, command)
         except Exception as error:  # a policy may fail in any way

@@ -12,6 +12,7 @@ from ..framework.control.rate_limited_warnings import WARNINGS
 from ..framework.controller import Controller, checked_path, checked_ready, checked_use
 from ..framework.robot import Robot
 from ..framework.tracking.history import MOST, admitted, named_apart, viewpoint
+from ..framework.tracking.stand_ins import LastGood, checked_places
 from ..framework.values.arrays import Array, positive
 from ..framework.values.errors import WideberthError
 from ..framework.values.motion import Command, Detection, Observation, checked_numbers
@@ -51,6 +52,7 @@ class Neighbours:
         """Drop all neighbours."""
         self._stamp = -np.inf
         self._sights: dict[str, _Sight] = {}
+        self.placeless: tuple[str, ...] = ()
 
     def take(self, observation: Observation, here: Array | None = None) -> list[str]:
         """Record the detections seen from ``here``, (2,), m; return a reason per refused one.
@@ -63,8 +65,10 @@ class Neighbours:
         if observation.stamp < self._stamp:
             self.reset()
         self._stamp = observation.stamp
-        plane, refused = admitted(observation, 2, self._forget, here)
-        for name, detection in named_apart(plane):
+        known = {name: LastGood(sight.radius) for name, sight in self._sights.items()}
+        sighting = admitted(observation, 2, self._forget, here, known)
+        self.placeless = sighting.placeless
+        for name, detection in named_apart(sighting.detections):
             self._sights[name] = self._updated(self._sights.get(name), detection)
         self._sights = {
             name: sight
@@ -74,7 +78,7 @@ class Neighbours:
         if len(self._sights) > MOST:
             newest = sorted(self._sights, key=lambda name: self._sights[name].reported)[-MOST:]
             self._sights = {name: self._sights[name] for name in self._sights if name in newest}
-        return refused
+        return sighting.notes
 
     def now(self) -> tuple[tuple[str, ...], Array, Array, Array]:
         """Return positions, velocities and radii of all neighbours at the newest stamp.
@@ -203,6 +207,7 @@ class Reactive(Controller):
         try:
             self.remember(observation)
             checked_numbers(observation)
+            checked_places(self._neighbours.placeless)
             place = self.robot.pose(tuple(observation.state)).points()
             command = self.decide(observation, place)
             if not np.isfinite((*command.linear, command.omega, command.ramp)).all():

@@ -10,10 +10,11 @@ import numpy as np
 from ...framework.control.velocity_smoother import VelocitySmoother
 from ...framework.controller import Controller, fresh
 from ...framework.plugins.config import build
+from ...framework.tracking.stand_ins import sound
 from ...framework.values.arrays import Array, positive
 from ...framework.values.costmap import Costmap
 from ...framework.values.errors import WideberthError
-from ...framework.values.motion import Observation, Twist, sound
+from ...framework.values.motion import Observation, Twist
 from ...framework.values.path import Path
 from ...framework.values.polygon import Polygon
 from .local_controller import INVALID_PATH, Answer, LocalController, Tick
@@ -133,7 +134,7 @@ class OwnController(LocalController):
 
     def _limited(self, observation: Observation, costmap: Costmap) -> Observation:
         """Return the observation without what the costmap does not show."""
-        ones = sound(observation, 2)[0]
+        ones = sound(observation, 2).detections
         if costmap is not self._shown:
             self._shown = costmap
             discs, polygons = in_sight(costmap, *discs_of(ones), observation.polygons)

@@ -8,9 +8,10 @@ from typing import final
 
 import numpy as np
 
+from ...framework.tracking.stand_ins import sound
 from ...framework.values.arrays import Array, whole
 from ...framework.values.costmap import LETHAL, Costmap
-from ...framework.values.motion import Twist, sound
+from ...framework.values.motion import Twist
 from ..reactive import Neighbours
 from ._teb_kernel import wrapped
 from .local_controller import INVALID_PATH, Answer, LocalController, Tick
@@ -126,7 +127,7 @@ class TEB(TebParameters, LocalController):
             return NOTHING_MOVES
         self._neighbours.take(tick.observation, tick.pose[:2])
         names, places, velocities, radii = self._neighbours.now()
-        tracked = {one.ident: one.velocity for one in sound(tick.observation, 2)[0]}
+        tracked = {one.ident: one.velocity for one in sound(tick.observation, 2).detections}
         for i, name in enumerate(names):
             velocity = tracked.get(name)
             velocities[i] = velocities[i] if velocity is None else velocity

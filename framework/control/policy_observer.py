@@ -110,6 +110,7 @@ class PolicyObserver:
                 sight.predictor, size, period, sight.history, period, forget
             )
         self._stamp = -np.inf
+        self.placeless: tuple[str, ...] = ()
         self._last = Command((0.0,) * self._robot.dimension)
 
     def follow(self, path: Path) -> None:
@@ -127,13 +128,13 @@ class PolicyObserver:
             self.reset()
         self._stamp = observation.stamp
         here = viewpoint(self._robot, observation)
-        detections, refused = admitted(
-            observation, self._robot.dimension, SEEN * self._period, here
-        )
-        self._sights = self._sights.add(observation.stamp, detections)
+        asked = observation, self._robot.dimension, SEEN * self._period, here
+        sighting = admitted(*asked, self._sights.known)
+        self.placeless = sighting.placeless
+        self._sights = self._sights.add(observation.stamp, sighting.detections)
         if self._perception is not None:
             self._perception = self._perception.take(observation, here).drained()[0]
-        return refused
+        return sighting.notes
 
     def commanded(self, command: Command) -> None:
         """Take note of what the robot was told."""

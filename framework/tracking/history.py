@@ -1,5 +1,6 @@
 """History: gathers detections by identity and lays them onto a uniform time grid."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, final
@@ -8,10 +9,11 @@ import numpy as np
 
 from ..robot import Robot
 from ..values.arrays import FARTHEST, Array, assembled
-from ..values.motion import Detection, Observation, sound
+from ..values.motion import Detection, Observation
 from ..values.tracks import Tracks
 from .noise import LENGTH, MEMORY, STRIDE, NoiseEstimate, NoiseEvidence, window_likelihoods
 from .resampling import ON_GRID, interpolated
+from .stand_ins import OLDEST, LastGood, Sighting, sound
 
 MOST = 200
 """Obstacles that are remembered: twice as many as any plan has room for."""
@@ -133,6 +135,11 @@ class History:
     def noise(self) -> dict[str, NoiseEstimate]:
         """The noise of each sensor that does not state it."""
         return {sensor: evidence.estimate for sensor, evidence in self.evidence.items()}
+
+    @property
+    def known(self) -> dict[str, LastGood]:
+        """What stands in for an obstacle's numbers that are of no use, by name."""
+        return {name: LastGood(log.radius, log.covariance) for name, log in self.logs.items()}
 
     def emptied(self) -> "History":
         """Return one that knows nothing."""
@@ -269,22 +276,28 @@ def named_apart(detections: Sequence[Detection]) -> list[tuple[str, Detection]]:
 
 
 def admitted(
-    observation: Observation, dimension: int, forget: float, here: Array | None
-) -> tuple[tuple[Detection, ...], list[str]]:
-    """Return the detections that a controller can use, and why it cannot use the others.
+    observation: Observation,
+    dimension: int,
+    forget: float,
+    here: Array | None,
+    known: Mapping[str, LastGood] | None = None,
+) -> Sighting:
+    """Return what a controller can use of all that it sees, and what it cannot use, and why.
 
-    Refused are those that are of no use (`sound`), those measured more than ``forget`` s ago, and
-    of more than `MOST` those farthest from ``here`` (D,) m; without a place to measure from the
-    first ones are kept.
+    Stand-ins take the place of numbers that are of no use, see `sound`. Refused are detections
+    that were measured more than ``forget`` s ago, as if they were no longer reported, and of more
+    than `MOST` those farthest from ``here`` (D,) m; without a place to measure from the first ones
+    are kept.
 
-    The first word of a reason says of what kind it is: warnings are limited by kind.
+    The first word of a note says of what kind it is: warnings are limited by kind.
     """
+    oldest = max(forget, OLDEST)
+    detections, reasons, placeless = sound(observation, dimension, known, here, oldest)
     fitting: list[Detection] = []
-    detections, reasons = sound(observation, dimension)
     for one in detections:
         if one.age > forget:
-            age = f"it was measured {one.age:.3g} s ago, at most {forget:g} s"
-            reasons.append(f"detection {one.ident!r} refused: {age}")
+            refused = f"detection {one.ident!r} refused:"
+            reasons.append(f"{refused} it was measured {one.age:.3g} s ago, at most {forget:g} s")
         else:
             fitting.append(one)
     if len(fitting) > MOST:
@@ -297,9 +310,22 @@ def admitted(
             nearest = np.sort(np.argsort(away, kind="stable")[:MOST])
             fitting = [fitting[int(index)] for index in nearest]
         fitting = fitting[:MOST]
+    reasons += _repeated(fitting)
     if len(reasons) > NAMED:
         reasons = [*reasons[:NAMED], f"detections refused: {len(reasons) - NAMED} more"]
-    return tuple(fitting), reasons
+    return Sighting(tuple(fitting), reasons, placeless)
+
+
+def _repeated(detections: Sequence[Detection]) -> list[str]:
+    """Say which identities are seen more than once."""
+    if len({one.ident for one in detections}) == len(detections):
+        return []
+    counts = Counter(one.ident for one in detections)
+    return [
+        f"detection {ident!r} comes {count} times: each is an obstacle of its own"
+        for ident, count in counts.items()
+        if count > 1
+    ]
 
 
 def viewpoint(robot: Robot, observation: Observation) -> Array | None:

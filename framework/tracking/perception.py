@@ -45,6 +45,7 @@ class Perception:
     notes : what was refused since `drained`, and why.
     logged : the noise of each sensor that was logged last, m.
     paused : whether a long pause was noted.
+    placeless : names of those that the last observation saw without a place, see `sound`.
     """
 
     predictor: Predictor
@@ -56,6 +57,7 @@ class Perception:
     notes: tuple[str, ...] = ()
     logged: Mapping[str, float] = field(default_factory=dict)
     paused: bool = False
+    placeless: tuple[str, ...] = ()
 
     @classmethod
     def initial(
@@ -106,15 +108,16 @@ class Perception:
             )
         if (step := float(np.spacing(abs(stamp)))) > FINE * history.dt:
             notes.append(f"clock counts in steps of {step:.3g} s at {stamp:.3g} s")
-        detections, refused = admitted(observation, self.dimension, self.forget, here)
-        history = history.add(stamp, detections)
-        logged = _logged(history.noise, self.logged)
+        asked = observation, self.dimension, self.forget, here
+        sighting = admitted(*asked, history.known)
+        history = history.add(stamp, sighting.detections)
         return replace(
             self,
             history=history,
             stamp=stamp,
-            notes=(*notes, *refused),
-            logged=logged,
+            notes=(*notes, *sighting.notes),
+            logged=_logged(history.noise, self.logged),
+            placeless=sighting.placeless,
             paused=self.paused or bool(paused),
         )
 

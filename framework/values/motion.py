@@ -115,8 +115,9 @@ class Detection:
     """One obstacle as a sensor or tracker reports it.
 
     Values that are no measurement (NaN, a negative radius or age, a covariance that is none) are
-    accepted here, since a sensor may report them at any time; `flaw` names them, and controllers
-    leave such a detection out and say so.
+    accepted here, since a sensor may report them at any time; `flaw` names them. Controllers put
+    something else in their place and say so, see `wideberth.framework.tracking.stand_ins`: who was
+    seen stays an obstacle.
 
     Attributes
     ----------
@@ -129,7 +130,7 @@ class Detection:
     sensor : name of the sensor. Detections of one sensor share their noise.
     velocity : (D,), m/s, at that instant, from a tracker; None from a sensor that has none.
     state_covariance : (2D, 2D), of position and velocity, from the same tracker.
-    flaw : what makes it useless; "" where nothing does.
+    flaw : which of its numbers is of no use; "" where all are.
 
     Raises
     ------
@@ -292,39 +293,6 @@ def checked_numbers(observation: Observation) -> None:
             raise WideberthError(
                 f"the observation's {name} holds {largest:.3g}; wanted at most {limit:g}"
             )
-
-
-def sound(observation: Observation, dimension: int) -> tuple[tuple[Detection, ...], list[str]]:
-    """Return the detections that are of use to a robot in D dimensions, and why others are not.
-
-    Of no use are those with a flaw, of another dimension, or larger than `FARTHEST`.
-    """
-    kept, notes = [], []
-    for one in observation.detections:
-        size = len(one.position)
-        wrong = one.flaw or (f"it has {size} coordinates" if size != dimension else "")
-        wrong = wrong or _too_large(one)
-        if wrong:
-            notes.append(f"detection {one.ident!r} refused: {wrong}")
-        else:
-            kept.append(one)
-    return tuple(kept), notes
-
-
-def _too_large(detection: Detection) -> str:
-    """Say what of a detection is too large to compute with; "" where nothing is."""
-    farthest = max(map(abs, detection.position.tolist()), default=0.0)
-    if farthest > FARTHEST:
-        return f"it is at {farthest:.3g} m, at most {FARTHEST:g} m"
-    if detection.radius > FARTHEST:
-        return f"its radius is {detection.radius:.3g} m, at most {FARTHEST:g} m"
-    for name, value, limit in (
-        ("velocity", detection.velocity, FARTHEST),
-        ("state covariance", detection.state_covariance, FARTHEST**2),
-    ):
-        if value is not None and (largest := np.abs(value).max(initial=0.0)) > limit:
-            return f"its {name} holds {largest:.3g}, at most {limit:g}"
-    return ""
 
 
 def _covariance(name: str, value: Array, size: int) -> tuple[Array, str]:

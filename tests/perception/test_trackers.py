@@ -379,7 +379,7 @@ def test_what_is_handed_on() -> None:
     history = History(0.1, 10, 5.0, 1.0)
     handover, earlier, present = Handover("measured").detections(tracker.at(0.42), 0.42)
     for batch in (*earlier, present):
-        kept, refused = admitted(Observation(0.42, np.zeros(3), batch), 2, 5.0, None)
+        kept, refused, _ = admitted(Observation(0.42, np.zeros(3), batch), 2, 5.0, None)
         assert not refused
         history = history.add(0.42, kept)
     tracks = history.tracks()

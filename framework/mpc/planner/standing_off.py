@@ -6,8 +6,9 @@ from typing import final
 
 import numpy as np
 
+from ...tracking.stand_ins import sound
 from ...values.arrays import Array
-from ...values.motion import Detection, Observation, sound
+from ...values.motion import Detection, Observation
 from ...values.path import Path
 from ...values.polygon import separation
 
@@ -172,7 +173,7 @@ class StandingOff:
         radius : m, of the disc that encloses it.
         left : m, of its path.
         """
-        others, _ = sound(observation, len(place))
+        others = sound(observation, len(place), here=place).detections
         known = self._looked(observation.stamp, place, others)
         if len(known.seen) == 1:  # the first look, or a clock that was set back
             return known

@@ -88,7 +88,7 @@ def test_refused_detections_are_limited_however_many_there_are(
     made = PurePursuit(Unicycle()) if rival else planner()
     made.set_path(STRAIGHT)
     for k in range(6):
-        ghosts = [Detection(f"g{i}", np.zeros(2), np.eye(2), np.nan) for i in range(7 + k)]
+        ghosts = [Detection(f"g{i}", [40.0, 20.0], np.eye(2), np.nan) for i in range(7 + k)]
         made.command(Observation(0.5 * k, at(0.5 * k, 0.25 * k).state, tuple(ghosts)))
     assert len(caplog.messages) == (1 if rival else 2)
 
@@ -123,7 +123,7 @@ def test_rivals_say_so_too(
     made.command(Observation(0.0, REST, (ghost,)))
     made.command(Observation(0.5, REST * np.nan))
     refused, stands = caplog.messages
-    assert refused.startswith("detection 'ghost' refused: ")
+    assert refused.startswith("detection 'ghost' taken in part: ")
     assert stands == f"stands still: {made.reason}"
     assert {one.name for one in caplog.records} == {"wideberth.controllers.PurePursuit"}
 

@@ -147,15 +147,17 @@ def test_a_motion_that_is_none_is_a_flaw() -> None:
     assert spoilt.flaw == "velocity is [nan, 0.0]"
     spoilt = replace(seen("a", 0.0, 0.0), state_covariance=-JOINT)
     assert "state_covariance" in spoilt.flaw and "eigenvalue" in spoilt.flaw
-    kept, reasons = admitted(Observation(0.0, np.zeros(3), (spoilt,)), 2, 5.0, None)
-    assert not kept and "refused: state_covariance" in reasons[0]
+    (kept,), reasons, _ = admitted(Observation(0.0, np.zeros(3), (spoilt,)), 2, 5.0, None)
+    assert kept.velocity is None and kept.state_covariance is None and not kept.flaw
+    assert "its velocity is left out: state_covariance" in reasons[0]
 
 
 def test_a_motion_too_large_to_compute_with_is_refused() -> None:
     fast = replace(seen("a", 0.0, 0.0), velocity=[2 * FARTHEST, 0.0])
     vague = replace(seen("b", 0.0, 0.0), state_covariance=2e18 * np.eye(4))
-    kept, reasons = admitted(Observation(0.0, np.zeros(3), (fast, vague)), 2, 5.0, None)
-    assert not kept and "its velocity holds 2e+09" in reasons[0]
+    kept, reasons, _ = admitted(Observation(0.0, np.zeros(3), (fast, vague)), 2, 5.0, None)
+    assert [one.velocity for one in kept] == [None, None]
+    assert "its velocity holds 2e+09" in reasons[0]
     assert "its state covariance holds 2e+18" in reasons[1]
     velocity = np.array([[1e300, 0.0]])
     tracks = Tracks(np.zeros((1, 3, 2)), DT, ("a",), [0.3], R[None], 0.0, JOINT[None], velocity)
