@@ -58,6 +58,7 @@ class BreachKind(StrEnum):
     REGION = "region"
     POLYGON = "polygon"
     MOTION = "motion limits"
+    CONTACT = "contact"
 
 
 @dataclass(frozen=True)
@@ -67,10 +68,12 @@ class Breach:
     Attributes
     ----------
     kind : region of an obstacle or static polygon at a step, polygon touched on the way to it,
-        or limits of the motion (dynamics, bounds, the robot's own, the stop at the end).
+        limits of the motion (dynamics, bounds, the robot's own, the stop at the end), or the rule
+        of contact, see `wideberth.framework.mpc.fallback.in_contact`.
     name : of the obstacle or polygon; empty for limits of the motion.
     step : 1..N.
-    amount : unit-free in a region, m in a polygon, a limit's own unit.
+    amount : unit-free in a region, m in a polygon, a limit's own unit; in contact m/s too fast, or
+        m too far or too deep.
     """
 
     kind: BreachKind
@@ -85,6 +88,9 @@ class Breach:
         if self.kind is BreachKind.POLYGON:
             where = f"on the way to step {self.step}"
             return f"polygon {self.name!r} touched by {self.amount:.2g} m {where}"
+        if self.kind is BreachKind.CONTACT:
+            what = f"neither stops for {self.name!r} nor leaves it"
+            return f"{what}, by {self.amount:.2g} at step {self.step}"
         return f"motion limits broken by {self.amount:.2g} at step {self.step}"
 
 

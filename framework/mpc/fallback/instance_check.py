@@ -14,6 +14,7 @@ from ..ocp.transcription import Guess
 from ..slots.base import SlotKind, Surroundings, level_at_first, with_auxiliaries_each
 from ..slots.contact import Touch
 from ..solvers.base import Solution
+from .in_contact import InContact
 from .rollout import clip, follow
 from .verify import Violation, price, violations
 
@@ -65,6 +66,7 @@ class InstanceCheck:
     around : all that the bodies could touch.
     level : the policy that the levels come from.
     last_inputs : (N, m), inputs of the last plan from now on; None without one.
+    in_contact : who is in contact as plans begin; None for none.
     """
 
     problem: Problem
@@ -72,6 +74,7 @@ class InstanceCheck:
     around: Surroundings
     level: LevelPolicy
     last_inputs: Array | None = None
+    in_contact: InContact | None = None
 
     @property
     def robot(self) -> Robot:
@@ -118,10 +121,21 @@ class InstanceCheck:
             self.around.touched(point.states) if touch is None else touch
             for point, touch in zip(points, touches or [None] * len(points), strict=True)
         ]
-        return [
-            Violation(found.motion, found.regions, touch)
-            for found, touch in zip(every, looked, strict=True)
+        found = [
+            Violation(one.motion, one.regions, touch)
+            for one, touch in zip(every, looked, strict=True)
         ]
+        if self.in_contact is None:
+            return found
+        return [self._pressing(*pair) for pair in zip(points, found, strict=True)]
+
+    def _pressing(self, point: Guess, found: Violation) -> Violation:
+        """Hold a plan against the rule of contact as well."""
+        rule = self.in_contact
+        if rule is None or not np.isfinite(point.states).all():
+            return found
+        pressed = rule.pressed(self.robot, point.states, point.inputs)
+        return replace(found, pressed=pressed, presses=rule.name)
 
     def assess_each(self, solutions: Sequence[Solution]) -> list[Candidate]:
         """Re-check solutions; those that did not converge are first made drivable."""

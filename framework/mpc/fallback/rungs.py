@@ -12,6 +12,9 @@
 `choose` takes the first rung of a tuple that holds. A planner's setting ``rungs`` names
 that tuple: put a rung of your own where it belongs.
 
+In contact every rung is held to one more rule: the robot stops or leaves, and speeds up for
+neither, see `in_contact`. Braking straight on always keeps it.
+
 The paper has no such ladder: it leaves late and failed solves to Nav2. Every setting has it here,
 those called ``paper`` too.
 """
@@ -112,12 +115,11 @@ class Trial:
         """Return what enters regions least: a way to stop, or one of ``others``.
 
         What touches somebody before a stop ends comes last, whatever else it keeps. Braking
-        straight on wins a tie.
+        straight on wins a tie. In contact only what keeps the rule of `in_contact` takes part.
         """
-        check = self.check
-        ways = stops(
-            check.robot, check.parameters.initial, check.problem.horizon, check.problem.dt
-        )
+        check, rule = self.check, self.check.in_contact
+        given = check.robot, check.parameters.initial, check.problem.horizon, check.problem.dt
+        ways = stops(*given) if rule is None else stops(*given, rule.fastest)
         name, states, inputs = next(ways)
         straight = replace(self.at_lowest_level(states, inputs), way=name)
         window = int((np.abs(states - states[-1]).max(axis=1) > 1e-3).sum()) + 1
@@ -131,7 +133,7 @@ class Trial:
         points = self._points(trajectories)
         checked = zip(names, points, check.check_each(points), strict=True)
         named = [Candidate(point, found, way=name) for name, point, found in checked]
-        every = [straight, *others, *named]
+        every = [straight, *(one for one in (*others, *named) if one.found.leaves)]
         order = np.argsort(totals([one.found for one in every]), kind="stable")
         looked_at: list[tuple[Candidate, float]] = []
         for one in (every[k] for k in order):
@@ -215,7 +217,7 @@ class ShiftedPlan(FallbackRung):
     def attempt(self, trial: Trial) -> Candidate | NotHeld:
         """Drive the last plan's inputs from the present state, and check that."""
         check, inputs = trial.check, trial.check.last_inputs
-        if inputs is None:
+        if inputs is None or check.in_contact is not None:  # it might stay there
             return NotHeld()
         states = follow(check.robot, check.parameters.initial, inputs, check.problem.dt)
         shifted = trial.at_lowest_level(states, inputs)

@@ -13,7 +13,9 @@ _FAST = 10.0
 """m/s and rad/s, asked of `Robot.drive`, which stays within the limits."""
 
 
-def stops(robot: Robot, start: Array, steps: int, dt: float) -> Iterator[tuple[str, Array, Array]]:
+def stops(
+    robot: Robot, start: Array, steps: int, dt: float, fastest: float = _FAST
+) -> Iterator[tuple[str, Array, Array]]:
     """Yield manoeuvres that all end at a stop: name, states (N + 1, n) and inputs (N, m).
 
     First ``straight``: brake as hard as the limits allow. Then ways to get out of the way first,
@@ -25,12 +27,13 @@ def stops(robot: Robot, start: Array, steps: int, dt: float) -> Iterator[tuple[s
     robot : its `drive` keeps every limit.
     start : (n,), the first state.
     steps, dt : N and s per step.
+    fastest : m/s, of those that get out of the way.
     """
     yield ("straight", *brake(robot, start, steps, dt))
     halt = Twist((0.0,) * robot.dimension)
     ways: list[str] = []
     manoeuvres: list[Held] = []
-    for name, twist in _ways_out(robot, start):
+    for name, twist in _ways_out(robot, start, fastest):
         for share in (6, 3, 2):
             away = min(max(round(steps / share), 1), steps)
             ways.append(f"{name} for {away * dt:g} s")
@@ -39,7 +42,7 @@ def stops(robot: Robot, start: Array, steps: int, dt: float) -> Iterator[tuple[s
         yield (name, *found)
 
 
-def _ways_out(robot: Robot, start: Array) -> list[tuple[str, Twist]]:
+def _ways_out(robot: Robot, start: Array, fastest: float) -> list[tuple[str, Twist]]:
     """Twists to hold before the stop."""
     now = robot.twist(tuple(start), tuple(0.0 for _ in robot.inputs)).linear
     sides = (("left", 1.0), ("right", -1.0))
@@ -47,11 +50,11 @@ def _ways_out(robot: Robot, start: Array) -> list[tuple[str, Twist]]:
         speed = float(now[0])
         turning = [(f"turning {side}", Twist((0.0, 0.0), sign * _FAST)) for side, sign in sides]
         swerving = [(f"swerving {side}", Twist((speed, 0.0), sign)) for side, sign in sides]
-        straight = [("ahead", Twist((_FAST, 0.0))), ("back", Twist((-_FAST, 0.0)))]
+        straight = [("ahead", Twist((fastest, 0.0))), ("back", Twist((-fastest, 0.0)))]
         return [*turning, *swerving, *straight]
     names = (("ahead", "back"), ("left", "right"), ("up", "down"))
     return [
-        (name, Twist(tuple(float(sign * _FAST * part) for part in axis)))
+        (name, Twist(tuple(float(sign * fastest * part) for part in axis)))
         for pair, axis in zip(names, _axes(np.array(now, dtype=np.float64)), strict=False)
         for name, sign in zip(pair, (1.0, -1.0), strict=True)
     ]

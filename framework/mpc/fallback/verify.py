@@ -23,21 +23,33 @@ class Violation:
     regions : (N, K), how far the region of each slot, kind by kind, is entered at steps 1..N,
         unit-free.
     touch : what is touched on the way to each step, where that was looked at.
+    pressed : (N,), how far the rule of contact is broken, see `in_contact`; None where none is
+        in contact.
+    presses : the name of one of those who are.
     """
 
     motion: Array
     regions: Array
     touch: Touch | None = None
+    pressed: Array | None = None
+    presses: str = ""
 
     @property
     def touched(self) -> Array:
         """How deep the bodies are in things on the way to each step, (N,), m."""
         return np.zeros(len(self.motion)) if self.touch is None else self.touch.depth
 
+    @property
+    def leaves(self) -> bool:
+        """Whether it keeps the rule of contact."""
+        return self.pressed is None or not self.pressed.any()
+
     @cached_property
     def worst(self) -> float:
         """The largest of all."""
         found = [self.motion, self.regions] + [self.touched] * (self.touch is not None)
+        if self.pressed is not None:
+            found.append(self.pressed)
         return float(max(values.max(initial=0.0) for values in found))
 
     @property
@@ -47,6 +59,9 @@ class Violation:
 
     def breach(self, names: tuple[str, ...]) -> Breach | None:
         """Name what is broken most; ``names`` are those of all slots, (K,)."""
+        if self.pressed is not None and (pressed := self.pressed.max(initial=0.0)) > 0.0:
+            step = int(self.pressed.argmax()) + 1
+            return Breach(BreachKind.CONTACT, self.presses, step, float(pressed))
         deepest = self.regions.max(initial=0.0)
         touched = self.touched.max(initial=0.0)
         if self.touch is not None and touched > 0.0 and deepest == 0.0:

@@ -28,6 +28,7 @@ from ...values.polygon import Polygon
 from ...values.tracks import Tracks
 from ..costs.base import ProgressCost
 from ..fallback.emergency import command_of_plan, emergency
+from ..fallback.in_contact import InContact, expected_now
 from ..fallback.instance_check import InstanceCheck, Outcome, shared_target
 from ..fallback.rollout import Motion, carry, follow
 from ..fallback.rungs import Trial, choose, rungs_of
@@ -238,7 +239,9 @@ def step(
         made = _Made.of(settings, seen, check, outcome, stamp)
         made, missed = _or_sampled(settings, state, services, starts, given, made)
         answered = _stand_in(made.outcome)
-        words = joined(state.standing_off.note, made.outcome.note)
+        rule = made.check.in_contact
+        touching = "" if rule is None else str(rule)
+        words = joined(state.standing_off.note, made.outcome.note, touching)
         plan = _in_situation(settings, made.plan, made.seen, course, start, words)
         other_tail = _other_tail(robot, plan, made.outcome, made.point, both)
         kept = KeptMultipliers.of(made.point, made.check.around.chosen)
@@ -552,9 +555,21 @@ def _fill(
     parameters = Parameters(start, *laid, numbers, reference.curve)
     problem = services.problems.of(tuple(one.room for one in chosen))
     around = Surroundings(robot, settings.kinds, chosen)
-    check = InstanceCheck(problem, parameters, around, settings.level, inputs)
+    rule = _in_contact(settings, state, seen, robot, start)
+    check = InstanceCheck(problem, parameters, around, settings.level, inputs, rule)
     first = check.suited(_warm(settings, state, stamp, parameters, chosen, first))
     return replace(check, parameters=first.pull(parameters)), first
+
+
+def _in_contact(
+    settings: PlannerSettings, state: PlannerState, seen: Seen, robot: Robot, start: Array
+) -> InContact | None:
+    """Return who is in contact as the plan begins at ``start``, and who was seen nowhere."""
+    stamp, tracks = seen.observation.stamp + settings.latency, seen.tracks
+    lag = 0.0 if tracks is None else stamp - tracks.stamp
+    others = expected_now(tracks, seen.forecast, lag, robot.dimension)
+    placeless, steps = state.perception.placeless, settings.horizon
+    return InContact.of(robot, start, others, placeless, steps, settings.dt)
 
 
 def _warm(

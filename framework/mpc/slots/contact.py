@@ -8,7 +8,7 @@ import numpy as np
 from ...robot import Robot
 from ...values.arrays import Array
 from ...values.motion import Pose
-from ...values.polygon import edge_normals
+from ...values.polygon import edge_normals, separation
 from ..ocp.bodies import Body
 
 _MOST = 32
@@ -83,6 +83,18 @@ class Way:
         looks = int(np.clip(np.ceil(float(length.max()) / half), 1, _MOST))
         share = np.arange(1, looks + 1) / looks
         return cls(body.at(_between(pose, place, share)).corner_points(), share, cut)
+
+
+def apart(body: Body, pose: Pose, places: Array) -> Array:
+    """Distance of a body's centre or corners from places at K poses, (K, O), m.
+
+    ``places`` are (K, O, D), m. A body with corners has distance 0 or less from what is inside.
+    """
+    at = body.at(pose)
+    if body.outline:
+        return np.asarray(separation(at.corner_points()[:, None], places[:, :, None])[0])
+    away = [places[..., k] - place[:, None] for k, place in enumerate(at.position)]
+    return np.asarray(np.sqrt(sum(one * one for one in away)))
 
 
 def along(values: Array, share: Array) -> Array:

@@ -14,7 +14,6 @@ from ...values.arrays import Array, BoolArray, assembled
 from ...values.errors import WideberthError
 from ...values.forecast import LIGHT, Forecast, GaussianObstacle
 from ...values.motion import Pose
-from ...values.polygon import separation
 from ..levels.base import LevelPolicy, Promise, tail_of
 from ..ocp.bodies import Body, bodies, body_starts, discs
 from ..ocp.problem import SlotNumbers, Slots
@@ -35,7 +34,7 @@ from .base import (
     reach_of_bodies,
     used,
 )
-from .contact import Touch
+from .contact import Touch, apart
 from .screen import leaves_out, out_of_reach
 
 
@@ -239,13 +238,7 @@ class KnownDiscs(Known):
         depth = np.zeros(len(means))
         for body in self.kind.bodies(robot) if means.shape[1] else ():
             room = body.radius + self.margin + self.obstacles.radius
-            at = body.at(pose)
-            if not body.outline:
-                away = [means[..., k] - place[:, None] for k, place in enumerate(at.position)]
-                apart = np.sqrt(sum(one * one for one in away))
-            else:
-                apart = separation(at.corner_points()[:, None], means[:, :, None])[0]
-            depth = np.maximum(depth, (room - apart).max(axis=1))
+            depth = np.maximum(depth, (room - apart(body, pose, means)).max(axis=1))
         return depth
 
 

@@ -91,9 +91,10 @@ def test_numbers_that_are_none_stop_the_robot_with_a_reason() -> None:
     made.command(replace(seen, covariance=-np.eye(5)))
     assert made.plan.rung is Rung.BRAKE and "eigenvalue -1" in made.plan.reason
     flawed = Detection("ghost", np.array([np.nan, 1.0]), np.eye(2), 0.3)
-    made.command(replace(at(1.0, 0.0, ("other", 9.0, 3.0)), detections=(flawed,)))
-    assert made.plan.rung is Rung.OPTIMAL
+    command = made.command(replace(at(1.0, 0.0, ("other", 9.0, 3.0)), detections=(flawed,)))
+    assert made.plan.rung is Rung.BRAKE and command.linear[0] < 0.5
     assert "detection 'ghost' refused: position is [nan, 1.0]" in made.plan.reason
+    assert "'ghost' seen without a place: the robot stops" in made.plan.reason
 
 
 @pytest.mark.parametrize("speed", [0.75, 5.0, -30.0, 1e200])

@@ -339,7 +339,7 @@ def ways(
     problem = SimpleNamespace(horizon=6, dt=0.5, shared=False, minimum=0.0, slots=[slot])
     made: Any = SimpleNamespace(
         problem=problem, check_each=check_each, suited_each=list,
-        robot=None, parameters=SimpleNamespace(initial=None),
+        robot=None, parameters=SimpleNamespace(initial=None), in_contact=None,
         around=SimpleNamespace(overlap=overlap),
     )  # fmt: skip
     trial = Trial(made, outcome())
