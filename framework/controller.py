@@ -34,6 +34,14 @@ class Controller(ABC):
       `wideberth.framework.control.command_limits.broken_limit`.
       That holds from a state beyond the limits, too: the command is then within them, and the
       low-level controller brakes towards it as hard as the robot can.
+    - What is detected stays an obstacle, however bad its numbers: the last good value, or a
+      cautious one, stands in for what is of no use, and a reason says so
+      (`wideberth.framework.tracking.stand_ins`). An obstacle that is seen and has no place, not
+      even a remembered one, may be anywhere: the robot stops for as long as it is seen.
+    - In contact, where the robot's body touches or overlaps an obstacle, a controller that plans
+      stops, or leaves the one in contact no faster than the robot moves already, or than 0.25 m/s:
+      it never speeds up towards or past it, see `wideberth.framework.mpc.fallback.in_contact`.
+      Reactive controllers keep to the rule of their own method.
     - After `reset` it behaves as new.
     """
 

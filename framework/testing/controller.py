@@ -8,12 +8,17 @@ import numpy as np
 
 from ..control.command_limits import broken_limit
 from ..controller import Controller, DrivesRobot, fresh
-from ..robot import Robot
+from ..mpc.fallback.in_contact import LEAVING
+from ..robot import Robot, start_state
+from ..tracking.stand_ins import sound
 from ..values.arrays import Array
 from ..values.errors import WideberthError
 from ..values.motion import Detection, Observation, Pose, Twist
 from ..values.path import Path
 from .laws import Law, require
+
+STILL = 1e-3
+"""m/s and rad/s, below which a command is none."""
 
 
 def check_controller(
@@ -31,6 +36,10 @@ def check_controller(
     stand in the way or on the robot itself, with far too many of them, after the clock has
     jumped ahead or back, with one identity seen twice, from states beyond every limit, with
     numbers that are none, and when the path is replaced.
+    What is seen and cannot be used is treated as `wideberth.framework.tracking.stand_ins` says:
+    the commands are those for the detections with their stand-ins, and a robot at rest stays there
+    while an obstacle without a place is seen. A controller that plans is no faster in contact
+    than the robot is, or than `wideberth.framework.mpc.fallback.in_contact.LEAVING`.
     `remember` leaves the plan alone. After `reset` the same observations give the same
     commands again.
 
@@ -70,6 +79,8 @@ def laws(
         Law("remember leaves the plan alone", days.check_remembering),
         Law("odd observations", days.check_odd),
         Law("numbers beyond limits and no numbers", days.check_numbers),
+        Law("what is seen and cannot be used is an obstacle", days.check_unusable),
+        Law("no faster in contact", days.check_contact),
         Law("refuses what is no observation", days.check_wrong_use),
         Law("same commands after reset", days.check_repeats),
     )
@@ -155,6 +166,49 @@ class _Days:
         self._asked(replace(_seen(self.robot, 0.0, self.near), stamp=np.nan))
         self._asked(_seen(self.robot, stamp + self.controller.period, self.near))
 
+    def check_unusable(self) -> None:
+        """Feed detections of which a number is of no use, and those with its stand-in."""
+        for bad in _flawed(_ahead(self.robot, 3.0)):
+            seen = _seen(self.robot, 0.0, [bad])
+            instead = replace(seen, detections=sound(seen, self.robot.dimension).detections)
+            first, second = (self._twice(one) for one in (seen, instead))
+            assert np.array_equal(first, second), (
+                f"a detection is not treated as its stand-in ({bad.flaw}): commands differ by up "
+                f"to {np.abs(first - second).max():.3g}; see framework/tracking/stand_ins.py"
+            )
+        nowhere = np.full(self.robot.dimension, np.nan)
+        lost = replace(_ahead(self.robot, 3.0), position=nowhere)
+        found = self._twice(_seen(self.robot, 0.0, [lost]))[:, :-1]
+        assert np.abs(found).max() <= STILL, (
+            f"the robot sets out ({np.abs(found).max():.3g}) while an obstacle is seen without a "
+            "place, which may be anywhere; wanted the command to stay"
+        )
+
+    def check_contact(self) -> None:
+        """Put an obstacle on a robot that drives on, from every side and on its middle."""
+        size, radius = self.robot.dimension, self.robot.radius
+        ahead, aside = np.eye(size)[:2]
+        state, _ = start_state(self.robot, np.zeros(size).tolist(), ahead.tolist(), 0.5)
+        start = np.clip(np.array(state), *_bounds(self.robot))
+        present = float(np.linalg.norm(_twist(self.robot, start)))
+        for place in (0.0 * ahead, ahead, -ahead, aside, -aside):
+            self._begin()
+            on_it = Detection("on it", 0.8 * radius * place, 1e-4 * np.eye(size), 0.3)
+            command = self._asked(Observation(0.0, start, (on_it,)))
+            if self.controller.plan is None:
+                return
+            fast = float(np.linalg.norm(command[:size]))
+            assert fast <= max(present, LEAVING) + STILL, (
+                f"in contact with an obstacle at {on_it.position.round(2).tolist()} m the robot "
+                f"is commanded {fast:.3g} m/s at {present:.3g} m/s; wanted no more than that"
+            )
+
+    def _twice(self, seen: Observation) -> Array:
+        """Commands for an observation that stays, after a reset."""
+        self._begin()
+        stamps = (0.0, self.controller.period)
+        return np.array([self._asked(replace(seen, stamp=stamp)) for stamp in stamps])
+
     def check_wrong_use(self) -> None:
         self._begin()
         wrong = np.zeros(len(self.robot.states) + 1)
@@ -174,6 +228,33 @@ class _Days:
             f"after reset the same observations give other commands (by up to "
             f"{np.abs(first - second).max():.3g}): something is kept, or a clock is read"
         )
+
+
+def _ahead(robot: Robot, away: float) -> Detection:
+    """One obstacle straight ahead."""
+    return _detection("ahead", away * np.eye(robot.dimension)[0], 0.01)
+
+
+def _flawed(one: Detection) -> Iterator[Detection]:
+    """Yield detections of which one number is of no use, at a place that is one."""
+    size = len(one.position)
+    for radius in (-0.3, np.nan, np.inf):
+        yield replace(one, radius=radius)
+    yield replace(one, covariance=-np.eye(size))
+    yield replace(one, covariance=np.full((size, size), np.nan))
+    yield replace(one, age=-1.0)
+
+
+def _bounds(robot: Robot) -> tuple[Array, Array]:
+    """Limits of the state."""
+    limits = robot.state_bounds()
+    return np.array(limits.lower), np.array(limits.upper)
+
+
+def _twist(robot: Robot, state: Array) -> Array:
+    """Linear components of the robot's own twist, without an input."""
+    twist = robot.twist(tuple(state), tuple(0.0 for _ in robot.inputs))
+    return np.array(twist.linear, dtype=np.float64)
 
 
 def _check_refused(controller: Controller, observation: object) -> None:
