@@ -21,7 +21,7 @@ SEEDED = {name for name in names("experiments") if "seeds" in fields(name)}
 
 def configs() -> list[tuple[str, type[Any]]]:
     """Return a shipped config of every study that has seeds."""
-    found = {}
+    found: dict[type[Any], str] = {}
     for name in shipped():
         experiment, _ = read_experiment(name, [])
         if "seeds" in {entry.name for entry in dataclasses.fields(experiment)}:  # type: ignore[arg-type]

@@ -141,7 +141,7 @@ def test_a_slip_is_a_warning_of_the_first_path(
         "controllers", {"type": "mpc", "robot": "unicycle", **parts, **settings, **level}
     )
     for end in (5.0, 6.0):
-        planner.set_path(Path([[0.0, 0.0], [end, 0.0]]))
+        planner.set_path(Path(np.array([[0.0, 0.0], [end, 0.0]])))
     said = [record.message for record in caplog.records]
     assert len(said) == bool(words) and words in "".join(said)
 
