@@ -517,8 +517,7 @@ def _fill(
     reference: Reference,
 ) -> tuple[InstanceCheck, Guess]:
     """Fill the problem with all that is there; return it with the first starting point."""
-    robot, inputs = settings.robot, None
-    stamp = seen.observation.stamp + settings.latency
+    robot, inputs, stamp = settings.robot, None, seen.observation.stamp + settings.latency
     if state.plan is not None:
         standing = settings.stop_at_end
         inputs = remaining_inputs(robot, state.plan, stamp, start, standing=standing)
