@@ -82,14 +82,14 @@ def sound(
         said = ", ".join(filter(None, (moved, *words)))
         notes.append(f"detection {one.ident!r} taken in part: {said}")
     taken, placeless = {one.ident for one in kept}, []
-    for ident, words in lost:
+    for ident, wrong in lost:
         if ident in remembered and ident not in taken:
             taken.add(ident)
             instead = "its last measurement stands in"
         else:
             placeless.append(ident)
             instead = "it may be anywhere"
-        notes.append(f"detection {ident!r} refused: {words}; {instead}")
+        notes.append(f"detection {ident!r} refused: {wrong}; {instead}")
     return Sighting(tuple(kept), notes, tuple(placeless))
 
 

@@ -86,6 +86,11 @@ class InstanceCheck:
         """Names of all slots of the problem, "?" where empty."""
         return self.around.names(self.problem)
 
+    @property
+    def note(self) -> str:
+        """Who is in contact, in words; "" for none."""
+        return "" if self.in_contact is None else str(self.in_contact)
+
     def guess(self, states: Array, inputs: Array) -> Guess:
         """Wrap a trajectory at the level aimed at, with the auxiliaries that suit it best."""
         target = shared_target(self.around.kinds, self.level, self.robot.dimension)

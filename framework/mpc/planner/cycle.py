@@ -239,9 +239,7 @@ def step(
         made = _Made.of(settings, seen, check, outcome, stamp)
         made, missed = _or_sampled(settings, state, services, starts, given, made)
         answered = _stand_in(made.outcome)
-        rule = made.check.in_contact
-        touching = "" if rule is None else str(rule)
-        words = joined(state.standing_off.note, made.outcome.note, touching)
+        words = joined(state.standing_off.note, made.outcome.note, made.check.note)
         plan = _in_situation(settings, made.plan, made.seen, course, start, words)
         other_tail = _other_tail(robot, plan, made.outcome, made.point, both)
         kept = KeptMultipliers.of(made.point, made.check.around.chosen)
@@ -521,9 +519,8 @@ def _fill(
     if state.plan is not None:
         standing = settings.stop_at_end
         inputs = remaining_inputs(robot, state.plan, stamp, start, standing=standing)
-    trajectory = first_trajectory(services.motion, start, inputs)
     target = shared_target(settings.kinds, settings.level, robot.dimension)
-    first = Guess.bare(*trajectory, target)
+    first = Guess.bare(*first_trajectory(services.motion, start, inputs), target)
     here = np.broadcast_to(_place(robot, start), reference.position.shape)
     own, own_on_map = _own(settings, state, services, seen.observation, first)
     view = View(
@@ -549,8 +546,8 @@ def _fill(
         robot, start = services.body, np.append(start, arc)
         first = add_progress(robot, first, reference, arc, settings.dt)
         inputs = None if inputs is None else first.inputs
-    numbers = tuple(one.numbers for one in chosen)
     laid = reference.position, reference.direction, reference.speed
+    numbers = tuple(one.numbers for one in chosen)
     parameters = Parameters(start, *laid, numbers, reference.curve)
     problem = services.problems.of(tuple(one.room for one in chosen))
     around = Surroundings(robot, settings.kinds, chosen)

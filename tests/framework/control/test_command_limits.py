@@ -25,6 +25,7 @@ from wideberth.framework.values.motion import (
     Observation,
     checked_numbers,
 )
+from wideberth.framework.values.path import Path
 from wideberth.robots.bicycle import Bicycle
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.robots.unicycle import Unicycle
@@ -150,6 +151,18 @@ def test_an_observation_of_wrong_types_is_refused(change: dict[str, Any], words:
 def test_a_detection_of_wrong_types_is_refused(change: dict[str, Any], words: str) -> None:
     with pytest.raises(WideberthError, match=words):
         replace(Detection("a", np.zeros(2), np.eye(2), 0.3), **change)
+
+
+@pytest.mark.parametrize("name", ["pure_pursuit", "orca", "nav2", "constant_velocity"])
+def test_rivals_stop_while_an_obstacle_without_a_place_is_seen(name: str) -> None:
+    robot = build("robots", "unicycle")
+    made = build("controllers", {"type": name, "robot": robot})
+    made.set_path(Path(np.array([[0.0, 0.0], [9.0, 0.0]])))
+    lost = Detection("lost", [np.nan, 0.0], np.eye(2), 0.3)
+    for stamp in (0.0, made.period):
+        command = made.command(Observation(stamp, np.zeros(5), (lost,)))
+        assert (*command.linear, command.omega) == (0.0, 0.0, 0.0)
+        assert "seen without a place: 'lost'" in made.reason
 
 
 def test_the_robots_own_numbers_alone_are_refused() -> None:

@@ -13,6 +13,7 @@ from wideberth.framework.mpc.planner import cycle
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.plugins.config import build
 from wideberth.framework.robot import Robot, start_state, step
+from wideberth.framework.testing.controller import laws
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.footprint import Outline
 from wideberth.framework.values.forecast import Forecast
@@ -58,7 +59,7 @@ def met(
 
 def speeds(robot: Robot, plan: Plan) -> Array:
     twist = robot.twist(tuple(plan.states[1:].T), tuple(plan.inputs.T))
-    return np.hypot(*np.broadcast_arrays(*twist.linear))
+    return np.asarray(np.hypot(*np.broadcast_arrays(*twist.linear)), dtype=np.float64)
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.1, 0.5, 1.0])
@@ -220,9 +221,22 @@ def test_slowly_less_than_half_may_lie_ahead(angle: float) -> None:
 
 def test_a_robot_that_stands_in_contact_leaves_and_does_not_stay_on_its_last_plan() -> None:
     one, state = made(), np.array([0.0, 0.0, 0.0, 0.0, 0.0])
-    who = (Detection("a", [0.45, 0.1], 1e-6 * np.eye(2), RADIUS),)
+    who = (Detection("a", np.array([0.45, 0.1]), 1e-6 * np.eye(2), RADIUS),)
     for k in range(8):
         one.command(Observation(DT * k, state, who))
         assert one.plan is not None
-        state = np.array(step(ROBOT, state, one.plan.inputs[0], DT))
+        state = np.array(step(ROBOT, tuple(state), tuple(one.plan.inputs[0]), DT))
     assert np.linalg.norm(state[:2] - who[0].position) > RADIUS + ROBOT.radius
+
+
+def test_the_contract_check_finds_a_planner_without_the_rule(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    wanted = ("what is seen and cannot be used is an obstacle", "no faster in contact")
+    found = [law for law in laws(made()) if law.name in wanted]
+    for law in found:
+        law.check()
+    monkeypatch.setattr(cycle, "_in_contact", lambda *_: None)
+    for law, words in zip(found, ("without a place", "in contact with an obstacle"), strict=True):
+        with pytest.raises(AssertionError, match=words):
+            law.check()
