@@ -25,7 +25,7 @@ def film_of(
 
     A notebook shows a film that has no window of its own as a GIF, which plays wherever pictures
     are shown. Matplotlib's setting ``animation.html`` chooses another form: "jshtml" has buttons
-    to stop and to step, and is ten times as large.
+    to stop and to step, and is more than twice as large.
 
     Parameters
     ----------
@@ -54,7 +54,8 @@ def film_of(
             with TemporaryDirectory() as folder:
                 self.save(Path(folder) / "film.gif")
                 data = b64encode((Path(folder) / "film.gif").read_bytes()).decode("ascii")
-            return f'<img alt="film" src="data:image/gif;base64,{data}">'
+            look = 'alt="film" style="max-width: 100%"'
+            return f'<img {look} src="data:image/gif;base64,{data}">'
 
     return Film(figure, show, frames=times, interval=interval)
 
