@@ -218,8 +218,27 @@ class Problem:
 
         ``motion`` is of (x_i, u_i, x_{i+1}): gaps of the dynamics, then robot limits and room as
         in `residuals`; ``slotK`` of (x, auxiliaries, s) and the numbers of a slot: inequalities,
-        then equalities. None where they cannot be compiled.
+        then equalities. None where they cannot be compiled, or are not yet, see `compile_later`.
         """
+        return self._compiled()
+
+    def compile_later(self) -> None:
+        """Leave `constraint_values` to `compile_now`, unless they are there; until then none are.
+
+        To compile may take seconds, and longer where another thread does so: LLVM has one lock.
+        """
+        known = vars(self)
+        if "constraint_values" not in known:
+            known["constraint_values"], known["_pending"] = None, True
+
+    def compile_now(self) -> None:
+        """Compile the `constraint_values` that were left for later; one thread alone does so."""
+        known = vars(self)
+        if known.pop("_pending", False):
+            known["constraint_values"] = self._compiled()
+
+    def _compiled(self) -> Exact | None:
+        """Compile the constraints; None where they cannot be."""
         x, u, following = (
             ca.SX.sym("x", self.states),
             ca.SX.sym("u", self.inputs),

@@ -187,7 +187,12 @@ class Watch:
                 self._used.add(problem.key)
             return watched(partial(call, None), limit)
         begin, left = budget.spent(), max(budget.left(), 1e-3)
-        found = watched(partial(call, left), max(budget.wait(), left))
+
+        def compiled_first() -> list[Solution]:
+            check.problem.compile_now()
+            return call(left)
+
+        found = watched(compiled_first, max(budget.wait(), left))
         return [on_time(one, budget.spent() - begin, left) for one in found]
 
 
@@ -223,7 +228,13 @@ class MultiStart:
     budget: Budget
 
     def run(self, check: InstanceCheck, first: Guess, obstacle_in_way: bool) -> Outcome:
-        """Solve; ``obstacle_in_way`` is what the last outcome said."""
+        """Solve; ``obstacle_in_way`` is what the last outcome said.
+
+        With a deadline the constraints of the re-check are compiled where the solver is called,
+        and until that is done the plans are re-checked without.
+        """
+        if self.budget.deadline is not None:
+            check.problem.compile_later()
         try:
             return self._run(check, first, obstacle_in_way)
         except (LeftBehind, Refused) as error:
