@@ -39,7 +39,7 @@ MEMORY = 12 * 2**30
 
 Case = tuple[str, int, int]
 """Kind, index of what is under test, seed."""
-QUICK = ("crowd_mppi", "dynamic_window", "nav2", "orca", "social_force")
+QUICK = ("dynamic_window", "nav2", "orca", "social_force")
 """Rivals of the dry run; none of them compiles anything for long."""
 
 

@@ -28,7 +28,6 @@ the one before, and at least in proportion."""
 BRIEF_TRAINING = {
     "mixture_density": {"rounds": 1},
     "single_gaussian": {"base": {"type": "mixture_density", "rounds": 1}},
-    "social_attention": {"rounds": 1},
 }
 """Short training of predictors that learn: the quality of a fit does not change the speed."""
 Call: TypeAlias = Callable[[], float | None]

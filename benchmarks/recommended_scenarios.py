@@ -37,7 +37,7 @@ def places() -> dict[tuple[str, str], tuple[Any, Any, Any]]:
     parts: dict[tuple[str, str], tuple[Any, Any, Any]] = {}
     for name in shipped():
         config = read_config(CONFIGS / f"{name}.yaml")
-        if config["type"] not in STUDIES or name in ("contingency", "fault_sweep"):
+        if config["type"] not in STUDIES or name == "fault_sweep":
             continue
         several = config["type"] == "comparison"
         settings = config.get("settings", {})

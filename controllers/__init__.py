@@ -5,7 +5,6 @@ from ..framework.plugins.lazy import lazy
 BUILT_IN: dict[str, str] = {
     "bilevel_orca": "wideberth.controllers.bilevel_orca:BilevelOrca",
     "constant_velocity": "wideberth.controllers.constant_velocity:ConstantVelocity",
-    "crowd_mppi": "wideberth.controllers.crowd_mppi:CrowdMppi",
     "dynamic_window": "wideberth.controllers.dynamic_window:DynamicWindow",
     "linearized_chance": "wideberth.controllers.presets:LinearizedChance",
     "lmpcc": "wideberth.controllers.presets:Lmpcc",

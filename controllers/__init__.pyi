@@ -4,7 +4,6 @@
 
 from .bilevel_orca import BilevelOrca as BilevelOrca
 from .constant_velocity import ConstantVelocity as ConstantVelocity
-from .crowd_mppi import CrowdMppi as CrowdMppi
 from .dynamic_window import DynamicWindow as DynamicWindow
 from .moussaid_force import MoussaidForce as MoussaidForce
 from .nav2.navigator import Nav2 as Nav2
@@ -16,5 +15,5 @@ from .presets import MpcConstantVelocity as MpcConstantVelocity
 from .pure_pursuit import PurePursuit as PurePursuit
 from .social_force import SocialForce as SocialForce
 from ..framework.mpc.planner.planner import Planner as Planner
-__all__ = ['BilevelOrca', 'ConstantVelocity', 'CrowdMppi', 'DynamicWindow', 'LinearizedChance', 'Lmpcc', 'MoussaidForce', 'MpcConstantVelocity', 'Nav2', 'Orca', 'Planner', 'Policy', 'PurePursuit', 'SocialForce']
+__all__ = ['BilevelOrca', 'ConstantVelocity', 'DynamicWindow', 'LinearizedChance', 'Lmpcc', 'MoussaidForce', 'MpcConstantVelocity', 'Nav2', 'Orca', 'Planner', 'Policy', 'PurePursuit', 'SocialForce']
 BUILT_IN: dict[str, str]

@@ -6,9 +6,7 @@ from dataclasses import replace
 from functools import wraps
 from typing import Any, ClassVar, Self
 
-import numpy as np
-
-from .values.forecast import Forecast, Futures, Scene
+from .values.forecast import Forecast, Scene
 from .values.number_limits import bounded
 from .values.tracks import Tracks
 
@@ -44,19 +42,6 @@ def _update_within(update: Callable[..., Any]) -> Callable[..., Any]:
     return limited
 
 
-def _futures_within(futures: Callable[..., Futures]) -> Callable[..., Futures]:
-    """Let `futures` see numbers within the limits alone; beyond them there is one future."""
-
-    @wraps(futures)
-    def limited(self: Any, tracks: Tracks, steps: int, scene: Scene | None = None) -> Futures:
-        if bounded(tracks, scene) is None:
-            return futures(self, tracks, steps, scene)
-        forecast = self.predict(tracks, steps, scene)
-        return Futures(forecast, forecast, np.zeros(len(tracks)))
-
-    return limited
-
-
 class Predictor(ABC):
     """Says where each obstacle will be.
 
@@ -88,7 +73,6 @@ class Predictor(ABC):
         limits: dict[str, Callable[[Any], Any]] = {
             "predict": _predict_within,
             "update": _update_within,
-            "futures": _futures_within,
         }
         for name, within in limits.items():
             method = cls.__dict__.get(name)
@@ -121,15 +105,3 @@ class Adaptive(Predictor):
 
         ``scene`` is what `predict` will be given next, for the forecasts made to be judged.
         """
-
-
-class Branching(Predictor):
-    """A predictor that tells what people do who make way for the robot from what the others do.
-
-    Law: the futures are forecasts as `predict` gives them, and the same where there is no plan of
-    the robot.
-    """
-
-    @abstractmethod
-    def futures(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Futures:
-        """Forecast all obstacles in both cases, each given that all of them do the same."""

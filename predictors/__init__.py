@@ -24,9 +24,7 @@ BUILT_IN: dict[str, str] = {
     "reacting_people": "wideberth.predictors.reacting_people:ReactingPeople",
     "single_gaussian": "wideberth.predictors.single_gaussian:SingleGaussian",
     "smoothed": "wideberth.predictors.smoothed:Smoothed",
-    "social_attention": "wideberth.predictors.social_attention:SocialAttention",
     "social_force": "wideberth.predictors.social_force:SocialForce",
-    "spread_in_time": "wideberth.predictors.spread_in_time:SpreadInTime",
     "static": "wideberth.predictors.static:Static",
     "var": "wideberth.predictors.var:VectorAutoregression",
 }

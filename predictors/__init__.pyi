@@ -20,10 +20,8 @@ from .pooled_var import PooledVectorAutoregression as PooledVectorAutoregression
 from .reacting_people import ReactingPeople as ReactingPeople
 from .single_gaussian import SingleGaussian as SingleGaussian
 from .smoothed import Smoothed as Smoothed
-from .social_attention import SocialAttention as SocialAttention
 from .social_force import SocialForce as SocialForce
-from .spread_in_time import SpreadInTime as SpreadInTime
 from .static import Static as Static
 from .var import VectorAutoregression as VectorAutoregression
-__all__ = ['AdaptiveConformal', 'BayesianVectorAutoregression', 'Cascade', 'Conformal', 'ConstantAcceleration', 'ConstantVelocity', 'CoordinatedTurn', 'Corrected', 'Empirical', 'Game', 'InteractingModels', 'Kalman', 'MixtureDensity', 'Oracle', 'PooledVectorAutoregression', 'ReactingPeople', 'SingleGaussian', 'Smoothed', 'SocialAttention', 'SocialForce', 'SpreadInTime', 'Static', 'VectorAutoregression']
+__all__ = ['AdaptiveConformal', 'BayesianVectorAutoregression', 'Cascade', 'Conformal', 'ConstantAcceleration', 'ConstantVelocity', 'CoordinatedTurn', 'Corrected', 'Empirical', 'Game', 'InteractingModels', 'Kalman', 'MixtureDensity', 'Oracle', 'PooledVectorAutoregression', 'ReactingPeople', 'SingleGaussian', 'Smoothed', 'SocialForce', 'Static', 'VectorAutoregression']
 BUILT_IN: dict[str, str]

@@ -9,10 +9,10 @@ import numpy as np
 
 from ..framework.people.models import CircularForce, PersonModel, Reciprocal, Straight
 from ..framework.people.walls import WallField
-from ..framework.predictor import Adaptive, Branching, Predictor
+from ..framework.predictor import Adaptive, Predictor
 from ..framework.values.arrays import Array, BoolArray, positive, probability, whole
 from ..framework.values.errors import WideberthError
-from ..framework.values.forecast import Forecast, Futures, Scene
+from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
 from .core.assembly import Gaussians, both_reasons, narrowed, refuse_adaptive, with_fallback
 from .core.crowd_rollout import Movers, on_grid, rolled_out
@@ -33,8 +33,6 @@ MEMORY = 40
 """Samples that beliefs are inferred from where none are carried on."""
 ON_GRID = 1e-6
 """Steps by which a time may miss a sample and still count as its own."""
-LEAST = 1e-9
-"""Probability of a case below which nothing is told of it."""
 LONGEST_ROLL_OUT = 400
 """Steps of the models per forecast; longer ones are left to the fallback."""
 
@@ -64,7 +62,7 @@ class PersonBelief:
 
 @final
 @dataclass(frozen=True)
-class ReactingPeople(Adaptive, Branching):
+class ReactingPeople(Adaptive):
     """All people walk on together with the robot's last plan, as what they are believed to be.
 
     Of each person a bank of hypotheses is kept: a kind of model, making way for the robot or not,
@@ -161,32 +159,6 @@ class ReactingPeople(Adaptive, Branching):
             mean[served], covariance[served] = crowd.moments(tracks, steps, self)
         own = Gaussians(mean, covariance, (None,) * len(tracks))
         return with_fallback(own, missing, self.fallback, tracks, scene)
-
-    def futures(self, tracks: Tracks, steps: int, scene: Scene | None = None) -> Futures:
-        """Forecast all obstacles if all make way for the robot, and if nobody does.
-
-        Both are the roll-out of `predict` with the hypotheses of one case alone, whose weights are
-        scaled to a sum of 1. Who makes way is of a kind that avoids others, and sees the robot:
-        ``share`` is the weight of these hypotheses.
-        """
-        share = np.zeros(len(tracks))
-        known = None if self._unfit(tracks, steps) else self._known(tracks, scene)
-        missing = [] if known is None else self._missing(tracks, known)
-        served = [row for row, why in enumerate(missing) if why is None]
-        if known is None or not served or scene is None or scene.plan is None:
-            forecast = self.predict(tracks, steps, scene)
-            return Futures(forecast, forecast, share)
-        crowd = self._crowd(tracks, steps, scene, known, served)
-        courteous = self._slots.courteous
-        share[served] = np.clip(crowd.beliefs.weight @ courteous, 0.0, 1.0)
-        cases = []
-        for own in (courteous, ~courteous):
-            mean = np.zeros((len(tracks), steps, 2))
-            covariance = np.tile(np.eye(2), (len(tracks), steps, 1, 1))
-            mean[served], covariance[served] = crowd.given(own).moments(tracks, steps, self)
-            alone = Gaussians(mean, covariance, (None,) * len(tracks))
-            cases.append(with_fallback(alone, missing, self.fallback, tracks, scene))
-        return Futures(cases[0], cases[1], share)
 
     def reaction(self, tracks: Tracks, steps: int, scene: Scene) -> Array:
         """Return what the robot's plan changes in the expected places, (O, N, 2), m.
@@ -355,13 +327,6 @@ class _Crowd:
         """Return the same without the robot."""
         movers = Movers(self.movers.courses[:-1], self.movers.radius[:-1], robot=False)
         return replace(self, movers=movers)
-
-    def given(self, own: BoolArray) -> "_Crowd":
-        """Return the same given that some hypotheses (S,) hold; who has none of them stays."""
-        weight = np.where(own, self.beliefs.weight, 0.0)
-        total = weight.sum(axis=1, keepdims=True)
-        weight = np.where(total > LEAST, weight / np.maximum(total, LEAST), self.beliefs.weight)
-        return replace(self, beliefs=replace(self.beliefs, weight=weight))
 
     def moments(self, tracks: Tracks, steps: int, settings: ReactingPeople) -> tuple[Array, Array]:
         """Mean, (N, T, 2), and covariance, (N, T, 2, 2), of the forecast."""

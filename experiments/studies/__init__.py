@@ -27,7 +27,6 @@ BUILT_IN: dict[str, str] = {
     "level_policies": f"{_HERE}.level_policies:LevelPolicies",
     "known_futures": f"{_HERE}.known_futures:KnownFutures",
     "nav2_rivals": f"{_HERE}.nav2_rivals:Nav2Rivals",
-    "wrong_belief": f"{_HERE}.wrong_belief:WrongBelief",
     "wheel_calibration": f"{_HERE}.wheel_calibration:WheelCalibration",
 }
 """Name of a study -> where its class is."""

@@ -7,10 +7,10 @@ from typing import final
 
 import numpy as np
 
-from ..predictor import Adaptive, Branching, Predictor
+from ..predictor import Adaptive, Predictor
 from ..values.arrays import Array
 from ..values.errors import WideberthError
-from ..values.forecast import Forecast, Futures, Scene, resample
+from ..values.forecast import Forecast, Scene, resample
 from ..values.motion import Observation
 from ..values.number_limits import bounded
 from ..values.plan import Plan
@@ -155,30 +155,6 @@ class Perception:
             return None
         times = first - tracks.stamp + grid
         return _on_times(self._ask(tracks, _steps(times, tracks), scene), tracks, times)
-
-    def futures(
-        self, tracks: Tracks | None, first: float, grid: Array, scene: Scene
-    ) -> tuple["Perception", Futures | None]:
-        """Forecast all obstacles in both cases, see `Branching`; the parameters of `forecast`.
-
-        A predictor that raises has one future alone, its forecast, and the `Perception` returned
-        has a note of it. One that is not `Branching` has none.
-        """
-        if tracks is None or not isinstance(self.predictor, Branching):
-            return self, None
-        times = first - tracks.stamp + grid
-        steps, known = _steps(times, tracks), self
-        try:
-            found = self.predictor.futures(tracks, steps, scene)
-        except Exception as error:
-            note = f"futures not forecast: {type(error).__name__}: {error}"
-            known = replace(self, notes=(*self.notes, note))
-            forecast = self._ask(tracks, steps, scene)
-            found = Futures(forecast, forecast, np.zeros(len(tracks)))
-        for one in (found.makes_way, found.keeps_on):
-            self._check(one, tracks, steps)
-        way, on = (_on_times(one, tracks, times) for one in (found.makes_way, found.keeps_on))
-        return known, Futures(way, on, found.share)
 
     def _ask(self, tracks: Tracks, steps: int, scene: Scene) -> Forecast:
         """Ask the predictor for all obstacles, or, if it raises, for those it does not raise for.

@@ -1,7 +1,7 @@
 """Forecasts of obstacles as Gaussians, and the obstacle of a region."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -274,81 +274,6 @@ class Forecast:
         return np.asarray(np.einsum("nij,cnj->cni", root, noise.reshape(-1, steps, size)))
 
 
-@dataclass(frozen=True, eq=False)
-class Futures:
-    """Forecasts of the same obstacles in two cases: they make way for the robot, or keep on.
-
-    Attributes
-    ----------
-    makes_way, keeps_on : of all obstacles, each in its own case.
-    share : (O,), probability that each makes way; 0 for those of whom nothing is known.
-
-    Raises
-    ------
-    WideberthError : forecasts of different shapes, or shares outside [0, 1].
-    """
-
-    makes_way: Forecast
-    keeps_on: Forecast
-    share: Array
-
-    def __post_init__(self) -> None:
-        one, other = self.makes_way.mean.shape, self.keeps_on.mean.shape
-        if (one[0], one[2:]) != (other[0], other[2:]) or self.makes_way.dt != self.keeps_on.dt:
-            raise WideberthError(
-                f"futures.makes_way has means of shape {one}, keeps_on {other}; wanted the same "
-                "obstacles at the same steps"
-            )
-        share = checked("futures.share", self.share, (one[0],))
-        if ((share < 0.0) | (share > 1.0)).any():
-            raise WideberthError(f"futures.share is {share}; wanted probabilities in [0, 1]")
-        object.__setattr__(self, "share", share)
-
-    @property
-    def difference(self) -> Array:
-        """How far the expected places of each obstacle differ at most, (O,), m."""
-        one, other = (
-            np.einsum("om,omnd->ond", case.weight, case.mean)
-            for case in (self.makes_way, self.keeps_on)
-        )
-        return np.asarray(np.linalg.norm(one - other, axis=2).max(axis=1, initial=0.0))
-
-    def if_all_make_way(self, rows: Sequence[int]) -> Forecast:
-        """Return the forecast in which these obstacles make way and all others keep on.
-
-        How the steps of an obstacle belong together is left out.
-        """
-        chosen = np.isin(np.arange(len(self.share)), rows)
-        modes = max(self.makes_way.mean.shape[1], self.keeps_on.mean.shape[1])
-        way, on = _with_modes(self.makes_way, modes), _with_modes(self.keeps_on, modes)
-
-        def taken(one: Array, other: Array) -> Array:
-            picked = chosen.reshape(-1, *[1] * (one.ndim - 1))
-            return np.where(picked, one, other)
-
-        reasons = zip(chosen, way.fallback, on.fallback, strict=True)
-        return Forecast(
-            taken(way.mean, on.mean),
-            taken(way.covariance, on.covariance),
-            taken(way.weight, on.weight),
-            on.dt,
-            tuple(one if own else other for own, one, other in reasons),
-        )
-
-
-def _with_modes(forecast: Forecast, modes: int) -> Forecast:
-    """Return a forecast filled up to so many modes; those added repeat the first at weight 0."""
-    more = modes - forecast.mean.shape[1]
-    if not more:
-        return forecast
-    mean, covariance = (
-        np.concatenate([values, np.repeat(values[:, :1], more, axis=1)], axis=1)
-        for values in (forecast.mean, forecast.covariance)
-    )
-    weight = np.pad(forecast.weight, ((0, 0), (0, more)))
-    return replace(forecast, mean=mean, covariance=covariance, weight=weight, joint_source=None)
-
-
 def draw_spread(
     panel: Any, mean: Array, covariance: Array, tail: float, look: tuple[str, float]
 ) -> Array:
@@ -425,11 +350,3 @@ def resample(forecast: Forecast, origin: Array, spread: Array, times: Array) -> 
         dt,
         forecast.fallback,
     )
-
-
-def same(first: Forecast | None, second: Forecast | None) -> bool:
-    """Whether two forecasts of the same obstacles have the same modes, means and covariances."""
-    if first is None or second is None:
-        return first is second
-    names = ("mean", "covariance", "weight")
-    return all(np.array_equal(getattr(first, name), getattr(second, name)) for name in names)

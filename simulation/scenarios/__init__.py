@@ -20,7 +20,6 @@ BUILT_IN: dict[str, str] = {
     "hallway": "wideberth.simulation.scenarios.hallway:Hallway",
     "model_crowd": "wideberth.simulation.scenarios.model_crowd:ModelCrowd",
     "overtaking": "wideberth.simulation.scenarios.overtaking:Overtaking",
-    "partly_courteous": "wideberth.simulation.scenarios.partly_courteous:PartlyCourteous",
     "pedestrian_corridor": "wideberth.simulation.scenarios.pedestrian_corridor:PedestrianCorridor",
     "random_crowd": "wideberth.simulation.scenarios.random_crowd:RandomCrowd",
     "recorded_scene": "wideberth.simulation.scenarios.recorded_scene:RecordedScene",

@@ -19,10 +19,9 @@ from .furnished import Furnished as Furnished
 from .hallway import Hallway as Hallway
 from .model_crowd import ModelCrowd as ModelCrowd
 from .overtaking import Overtaking as Overtaking
-from .partly_courteous import PartlyCourteous as PartlyCourteous
 from .pedestrian_corridor import PedestrianCorridor as PedestrianCorridor
 from .random_crowd import RandomCrowd as RandomCrowd
 from .recorded_scene import RecordedScene as RecordedScene
 from .sudden_change import SuddenChange as SuddenChange
-__all__ = ['AntipodalSwap', 'BlindCorner', 'ChickenGame', 'Corridor', 'Crossing', 'Crossing3D', 'CrossingField', 'CrowdNav', 'CrowdNavPlus', 'CrowdSimPlus', 'CylinderField', 'Doorway', 'DynaBarn', 'Furnished', 'Hallway', 'ModelCrowd', 'Overtaking', 'PartlyCourteous', 'PedestrianCorridor', 'RandomCrowd', 'RecordedScene', 'SuddenChange']
+__all__ = ['AntipodalSwap', 'BlindCorner', 'ChickenGame', 'Corridor', 'Crossing', 'Crossing3D', 'CrossingField', 'CrowdNav', 'CrowdNavPlus', 'CrowdSimPlus', 'CylinderField', 'Doorway', 'DynaBarn', 'Furnished', 'Hallway', 'ModelCrowd', 'Overtaking', 'PedestrianCorridor', 'RandomCrowd', 'RecordedScene', 'SuddenChange']
 BUILT_IN: dict[str, str]

@@ -90,8 +90,7 @@ class Furnished(Scenario):
         if kind.cast is not Scenario.cast:
             raise WideberthError(
                 f"furnished.scenario is a {kind.__name__}, which draws its situation as a whole, "
-                "and walls and walkers need its parts; furnish another scenario, or put "
-                "furnished inside where that is possible, as in partly_courteous"
+                "and walls and walkers need its parts; furnish another scenario"
             )
 
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:

@@ -33,7 +33,6 @@ REACTIVE = [name for name, kind in KINDS.items() if issubclass(kind, Reactive)]
 REACTIVE = [name for name in REACTIVE if name not in MISSING]
 QUICK: dict[str, dict[str, int]] = {
     "bilevel_orca": {"horizon": 2, "most_people": 2},
-    "crowd_mppi": {"samples": 32},
 }
 """Settings with which a controller keeps the same laws in less time."""
 

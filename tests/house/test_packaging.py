@@ -62,7 +62,6 @@ def test_wheel_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
     wanted |= {f"wideberth/framework/{name}" for name in ("references.bib", "recommended.yaml")}
     shipped = (ROOT / "framework/mpc/solvers/riccati/objects").iterdir()
     wanted |= {f"wideberth/{path.relative_to(ROOT).as_posix()}" for path in shipped}
-    wanted.add("wideberth/predictors/social_attention.json")
     programs = (ROOT / "framework/mpc/export/solver/c").iterdir()
     wanted |= {f"wideberth/{path.relative_to(ROOT).as_posix()}" for path in programs}
     assert wanted <= names

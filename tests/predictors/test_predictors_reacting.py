@@ -189,37 +189,6 @@ def test_who_is_taken_for_blind_is_forecast_as_if_there_were_no_robot():
     assert not people.reaction(tracks, 20, scene).any()
 
 
-def test_two_futures_together_are_the_forecast():
-    seen, robots = passing(True, seconds=2.2)
-    people, tracks, scene = followed(ReactingPeople(courtesy=0.4), seen, robots)
-    found, plain = people.futures(tracks, 20, scene), people.predict(tracks, 20, scene)
-    share = found.share[:, None, None, None]
-    assert 0.05 < found.share[0] < 0.95
-    way, on = found.makes_way, found.keeps_on
-    # not to the digit: hypotheses below 2 % are left out, of either case and of both together
-    assert plain.mean == pytest.approx(share * way.mean + (1.0 - share) * on.mean, abs=0.06)
-    assert found.difference[0] > 0.2
-
-
-def test_without_a_plan_both_futures_are_the_forecast():
-    seen, robots = passing(True, seconds=2.2)
-    people, tracks, _ = followed(ReactingPeople(), seen, robots)
-    found = people.futures(tracks, 9)
-    assert np.array_equal(found.makes_way.mean, people.predict(tracks, 9).mean)
-    assert not found.difference.any() and not found.share.any()
-
-
-@pytest.mark.parametrize("assumed", [0.0, 1.0])
-def test_a_case_that_is_ruled_out_has_no_share(assumed):
-    seen, robots = passing(True, seconds=2.2)
-    people = ReactingPeople(models=(CircularForce(),), courtesy=assumed)
-    people, tracks, scene = followed(people, seen, robots)
-    found = people.futures(tracks, 9, scene)
-    assert found.share == pytest.approx([assumed], abs=1e-9)
-    own = found.makes_way if assumed else found.keeps_on
-    assert own.mean == pytest.approx(people.predict(tracks, 9, scene).mean, abs=1e-9)
-
-
 def test_without_an_encounter_courtesy_stays_at_its_prior():
     seen, robots = passing(True)
     people, tracks, scene = followed(ReactingPeople(courtesy=0.3), seen, robots + 50.0)

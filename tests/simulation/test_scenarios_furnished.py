@@ -70,7 +70,7 @@ def test_walkers_are_drawn_from_their_ranges() -> None:
     [
         ({"room": 0.0}, "furnished.room"),
         ({"resolution": -1.0}, "furnished.resolution"),
-        ({"scenario": {"type": "partly_courteous"}}, "draws its situation as a whole"),
+        ({"scenario": {"type": "crowdnav"}}, "draws its situation as a whole"),
         ({"walkers": [{"way": [[0, 0]]}]}, "path"),
         ({"walkers": [{"way": [[0, 0], [1, 0]], "speed": [2.0, 1.0]}]}, "walker.speed"),
         ({"walkers": [{"way": [[0, 0], [1, 0]], "radius": 0.0}]}, "walker.radius"),

@@ -8,7 +8,6 @@ change; what it may share between calls (compiled problems, the solver's watchdo
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import final
 
 import numpy as np
@@ -20,7 +19,7 @@ from ...robot import Robot, start_state
 from ...tracking.history import viewpoint
 from ...tracking.perception import Perception, scene_of
 from ...values.arrays import Array
-from ...values.forecast import Forecast, same
+from ...values.forecast import Forecast
 from ...values.motion import Command, Detection, Observation, checked_numbers
 from ...values.path import Path
 from ...values.plan import Plan, Situation
@@ -40,9 +39,7 @@ from ..ocp.reference import Progress, Reference
 from ..ocp.transcription import Guess
 from ..slots.base import CAPACITIES, Chosen, Surroundings, View, reach_of_bodies
 from ..slots.screen import Travel
-from ..solvers.base import SizelessSolver, Solution
-from ..solvers.watchdog import LeftBehind, Refused, watched
-from .contingency import Contingency, TwoTailed
+from ..solvers.base import SizelessSolver
 from .multistart import (
     COMPILING,
     OTHERS,
@@ -55,7 +52,6 @@ from .multistart import (
     strip_progress,
 )
 from .problem_cache import ProblemCache
-from .sampling import SampledWay, better, summary, worth_sampling
 from .settings import PlannerSettings, changed
 from .standing_off import StandingOff
 from .warm_start import KeptMultipliers
@@ -71,7 +67,6 @@ class PlannerState:
     perception : remembered detections, and the predictor with what it has learnt.
     progress : the path and how far along it the robot has come; None before a path is set.
     plan : the last one.
-    other_tail : what it would be if those who matter made way; None where it has one tail.
     multipliers : of the last plan; None where it was not the solver's.
     smoother : of the last command; None after an emergency.
     obstacle_in_way : whether something was in the way of the reference, see `MultiStart`.
@@ -81,7 +76,6 @@ class PlannerState:
     perception: Perception
     progress: Progress | None = None
     plan: Plan | None = None
-    other_tail: Plan | None = None
     multipliers: KeptMultipliers | None = None
     smoother: VelocitySmoother | None = None
     obstacle_in_way: bool = False
@@ -175,14 +169,12 @@ class Decision:
     notes : what was refused of the observation, and of the command, and which other solver
         answered than the planner's own.
     solved : the problem that was solved; None where the cycle did not get that far.
-    other_tail : the plan if those who matter make way, see `Contingency`; None for one tail.
     """
 
     command: Command
     plan: Plan
     notes: tuple[str, ...]
     solved: Solved | None
-    other_tail: Plan | None = None
 
 
 @final
@@ -226,22 +218,16 @@ def step(
         start = _delayed(settings, state, observation.stamp, observation.state)
         start = within_bounds(robot, start)
         state, course, arc = _course(settings, state, observation, progress, start)
-        given = start, arc, _laid(settings, course, arc)
-        state, seen, branch = _foreseen(settings, state, observation, stamp)
-        check, first = _fill(settings, state, services, seen, *given)
-        watch, both = services.watch, None
-        if branch is not None:
-            both = _two_tailed(settings, state, services, branch, given, (check, first))
-            watch = watch.calling(both, both.problem)
-        starts = MultiStart(watch, settings.starts, budget)
+        reference = _laid(settings, course, arc)
+        state, seen = _foreseen(settings, state, observation, stamp)
+        check, first = _fill(settings, state, services, seen, start, arc, reference)
+        starts = MultiStart(services.watch, settings.starts, budget)
         outcome = starts.run(check, first, state.obstacle_in_way)
         state = replace(state, obstacle_in_way=outcome.obstacle_in_way)
         made = _Made.of(settings, seen, check, outcome, stamp)
-        made, missed = _or_sampled(settings, state, services, starts, given, made)
         answered = _stand_in(made.outcome)
         words = joined(state.standing_off.note, made.outcome.note, made.check.note)
         plan = _in_situation(settings, made.plan, made.seen, course, start, words)
-        other_tail = _other_tail(robot, plan, made.outcome, made.point, both)
         kept = KeptMultipliers.of(made.point, made.check.around.chosen)
         solved = made.solved(plan, budget.spent())
         command, note = _limited(robot, command_of_plan(robot, plan))
@@ -249,12 +235,12 @@ def step(
     except Exception as error:
         words = f"{type(error).__name__}: {error}"
         plan, command = emergency(robot, observation, words, settings.horizon, settings.dt)
-        note, missed, answered, smoother, kept, other_tail = "", "", "", None, None, None
+        note, answered, smoother, kept = "", "", None, None
     perception, notes = state.perception.drained()
-    state = replace(state, perception=perception, plan=plan, other_tail=other_tail)
+    state = replace(state, perception=perception, plan=plan)
     state = replace(state, multipliers=kept, smoother=smoother)
-    said = (*filter(None, (note, missed, answered)), *notes)
-    return state, Decision(command, plan, said, solved, other_tail)
+    said = (*filter(None, (note, answered)), *notes)
+    return state, Decision(command, plan, said, solved)
 
 
 @final
@@ -287,82 +273,10 @@ class _Made:
         plan, point = choose(rungs_of(settings.rungs), Trial(check, outcome), stamp)
         return cls(seen, check, outcome, strip_progress(settings.robot, plan), point)
 
-    def or_better(self, other: "_Made | None", runs: tuple[Solution, ...]) -> "_Made":
-        """Return another one where its plan is better; the effort is that of both.
-
-        Parameters
-        ----------
-        other : None where no plan came of it. runs : its solves.
-        """
-        own, chosen = self.plan, self
-        if other is not None and better(other.plan, own):
-            words = joined(f"sampled way instead of {summary(own)}", other.plan.reason)
-            chosen = replace(other, plan=replace(other.plan, reason=words))
-        iterations = own.iterations + sum(one.iterations for one in runs)
-        seconds = own.seconds + sum(one.seconds for one in runs)
-        plan = replace(chosen.plan, iterations=iterations, seconds=seconds)
-        return replace(chosen, plan=plan)
-
     def solved(self, plan: Plan, seconds: float) -> Solved:
         """Return the record of it, with the plan as it is handed out."""
         ends = tuple(one.message for one in self.outcome.solutions)
         return Solved(self.check, self.outcome.guesses, self.point, plan, seconds, ends)
-
-
-def _or_sampled(
-    settings: PlannerSettings,
-    state: PlannerState,
-    services: Services,
-    starts: MultiStart,
-    given: tuple[Array, float, Reference],
-    made: _Made,
-) -> tuple[_Made, str]:
-    """Return what came of a sampled way where that is better, and why nothing was sampled.
-
-    Nothing is sampled where it is not worth it, see `worth_sampling`. With a deadline nothing is
-    sampled, and nothing is forecast for a way, where less time is left than the cycle took so far
-    with its longest solve alone.
-    """
-    if settings.sampling is None or not worth_sampling(made.outcome):
-        return made, ""
-    seen, own, budget = made.seen, made.plan, starts.budget
-    solves = [one.seconds for one in made.outcome.solutions]
-    again, left = budget.spent() - sum(solves) + max(solves), budget.left()
-    if left <= again:
-        return made, ""
-    asked = settings.robot, own, seen.tracks, seen.observation, settings.reference_speed
-    try:
-        limit = settings.patience if budget.deadline is None else left
-        way = watched(partial(settings.sampling.best, *asked), limit)
-        if way is None or budget.left() <= again:
-            return made, ""
-        there = replace(own, states=way.states, inputs=way.inputs, positions=way.positions)
-        scene = scene_of(seen.observation, there, settings.robot.radius)
-        forecast = state.perception.forecast(seen.tracks, own.stamp, settings.grid, scene)
-        known = made.outcome.converged if same(forecast, seen.forecast) else None
-        check = made.check
-        if known is None:
-            seen = replace(seen, forecast=forecast)
-            check, _ = _fill(settings, state, services, seen, *given)
-        guess = _start_along(check, way, given)
-        outcome = starts.further(check, guess, made.outcome, known)
-        other = _Made.of(settings, seen, check, outcome, own.stamp) if outcome.candidates else None
-    except (LeftBehind, Refused) as error:
-        return made, f"sampling: {error}"
-    except Exception as error:  # a model, or a predictor asked anew, may fail in any way
-        return made, f"sampling: {type(error).__name__}: {error}"
-    return made.or_better(other, outcome.solutions), outcome.note
-
-
-def _start_along(
-    check: InstanceCheck, way: SampledWay, given: tuple[Array, float, Reference]
-) -> Guess:
-    """Return the starting point of an instance that a way is."""
-    guess = Guess.bare(way.states, way.inputs, float("nan"))
-    if isinstance(check.robot, ProgressRobot):
-        _, arc, reference = given
-        guess = add_progress(check.robot, guess, reference, arc, check.problem.dt)
-    return check.guess(guess.states, guess.inputs)
 
 
 def _laid(settings: PlannerSettings, course: Path, arc: float) -> Reference:
@@ -373,76 +287,13 @@ def _laid(settings: PlannerSettings, course: Path, arc: float) -> Reference:
 
 def _foreseen(
     settings: PlannerSettings, state: PlannerState, observation: Observation, stamp: float
-) -> tuple[PlannerState, "Seen", "_OtherCase | None"]:
-    """Forecast what the plan is held against, and the case in which those who matter make way.
-
-    With a contingency the plan is held against people who keep on.
-    """
+) -> tuple[PlannerState, Seen]:
+    """Forecast what the plan is held against."""
     scene = scene_of(observation, state.plan, settings.robot.radius)
     tracks = state.perception.history.tracks()
     state = replace(state, perception=state.perception.learnt(tracks, scene))
-    asked = tracks, stamp, settings.grid, scene
-    futures = None
-    if settings.contingency is not None:
-        perception, futures = state.perception.futures(*asked)
-        state = replace(state, perception=perception)
-    if settings.contingency is None or futures is None:
-        forecast = state.perception.forecast(*asked)
-        return state, Seen(observation, tracks, forecast), None
-    branch = settings.contingency.branch(futures)
-    seen = Seen(observation, tracks, futures.keeps_on)
-    if branch is None:
-        return state, seen, None
-    other = _OtherCase(replace(seen, forecast=branch.forecast), branch.share, settings.contingency)
-    return state, seen, other
-
-
-@dataclass(frozen=True, eq=False)
-class _OtherCase:
-    """What is seen if those who matter make way, the probability of it, and the setting."""
-
-    seen: Seen
-    share: float
-    contingency: Contingency
-
-
-def _two_tailed(
-    settings: PlannerSettings,
-    state: PlannerState,
-    services: Services,
-    case: _OtherCase,
-    given: tuple[Array, float, Reference],
-    own: tuple[InstanceCheck, Guess],
-) -> TwoTailed:
-    """Return the solver of a cycle's instance together with that in which people make way.
-
-    Parameters
-    ----------
-    case : the other one.
-    given : start, arc length and reference of both.
-    own : the cycle's instance, and its first starting point.
-    """
-    check, first = own
-    before = state if state.other_tail is None else replace(state, plan=state.other_tail)
-    before = replace(before, multipliers=None)
-    other, begin = _fill(settings, before, services, case.seen, *given)
-    problem = services.problems.of_two(other.problem, check.problem)
-    head = case.contingency.stages(settings.dt, settings.horizon)
-    return TwoTailed(settings.solver, problem, other, (first, begin), case.share, head)
-
-
-def _other_tail(
-    robot: Robot, plan: Plan, outcome: Outcome, point: Guess, both: TwoTailed | None
-) -> Plan | None:
-    """Return the other tail of the plan that was chosen; None where it is not the solver's."""
-    found = next((one.solution for one in outcome.candidates if one.point is point), None)
-    tail = None if both is None else both.tail(found)
-    if tail is None:
-        return None
-    states, inputs = tail.states, tail.inputs
-    places = np.stack(robot.pose(tuple(states.T)).position, axis=-1)
-    other = replace(plan, states=states, inputs=inputs, positions=places)
-    return strip_progress(robot, other)
+    forecast = state.perception.forecast(tracks, stamp, settings.grid, scene)
+    return state, Seen(observation, tracks, forecast)
 
 
 def _course(
@@ -663,10 +514,6 @@ def warm_up(settings: PlannerSettings, services: Services, path: Path) -> None:
                 state = remember(settings, state, seen)
             else:
                 state, _ = step(settings, state, seen, services)
-        if settings.sampling is not None and state.plan is not None:
-            tracks, speed = state.perception.history.tracks(), settings.reference_speed
-            asked = settings.robot, state.plan, tracks, seen, speed
-            watched(partial(settings.sampling.best, *asked), COMPILING * settings.patience)
 
 
 def _far_behind(

@@ -11,7 +11,6 @@ head-on, perfectly symmetric encounters these are 9, 11 and 15; with all of `OTH
 """
 
 from collections.abc import Callable, Sequence
-from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter
@@ -123,24 +122,11 @@ class Watch:
         self._solver, self._patience = solver, patience
         self._name = type(solver).__name__
         self._used: set[str] = set()
-        self._problem: Problem | None = None
 
     @property
     def name(self) -> str:
         """What reasons call the solver."""
         return self._name
-
-    def calling(self, solver: Solver, problem: Problem) -> "Watch":
-        """Return a watch of a wrapper: it bears the solver's name, and both know what was used.
-
-        Parameters
-        ----------
-        solver : the wrapper.
-        problem : that the wrapper has the solver solve, whatever instance it is given.
-        """
-        other = copy(self)
-        other._solver, other._problem = solver, problem
-        return other
 
     def solve(
         self, check: InstanceCheck, guesses: Sequence[Guess], budget: Budget
@@ -181,10 +167,9 @@ class Watch:
         """Call with what is left of the time for each of ``count`` solves."""
         if budget.deadline is None:
             limit = self._patience * count
-            problem = check.problem if self._problem is None else self._problem
-            if problem.key not in self._used:
+            if check.problem.key not in self._used:
                 limit *= COMPILING
-                self._used.add(problem.key)
+                self._used.add(check.problem.key)
             return watched(partial(call, None), limit)
         begin, left = budget.spent(), max(budget.left(), 1e-3)
 
@@ -279,31 +264,6 @@ class MultiStart:
         status, message = solutions[0].status, solutions[0].message
         return Outcome(
             (*candidates, *assessed), guesses, there, before, status, message, note,
-            tuple(solutions),
-        )  # fmt: skip
-
-    def further(
-        self,
-        check: InstanceCheck,
-        guess: Guess,
-        before: Outcome,
-        known: Sequence[Solution] | None,
-    ) -> Outcome:
-        """Solve from one more start, if there is time; candidates are feasible plans alone.
-
-        Parameters
-        ----------
-        check, guess : the instance, and where to start.
-        before : of the cycle's other solves.
-        known : plans of the same instance; a start that leads to no cheaper one is given up. None
-            to solve to the end.
-        """
-        longest = max(one.seconds for one in before.solutions)
-        solutions, note = self._others(check, [guess], known, longest)
-        feasible = tuple(one for one in self._assessed(check, solutions) if one.feasible)
-        last = solutions[0] if solutions else before
-        return Outcome(
-            feasible, (guess,), before.obstacle_in_way, False, last.status, last.message, note,
             tuple(solutions),
         )  # fmt: skip
 

@@ -2,7 +2,6 @@
 
 from ..assembly import assemble
 from ..ocp.problem import Problem
-from ..ocp.two_tails import two_tails
 from ..slots.base import Room
 from .settings import PlannerSettings
 
@@ -18,7 +17,6 @@ class ProblemCache:
     def __init__(self, settings: PlannerSettings) -> None:
         self._settings = settings
         self._made: dict[tuple[Room, ...], Problem] = {}
-        self._joined: dict[tuple[int, int], Problem] = {}
 
     def __bool__(self) -> bool:
         """Whether any has been made."""
@@ -40,10 +38,3 @@ class ProblemCache:
                 stop_at_end=own.stop_at_end,
             )
         return self._made[rooms]
-
-    def of_two(self, first: Problem, second: Problem) -> Problem:
-        """Return the problem of two of these with a common beginning."""
-        both = id(first), id(second)  # they are kept here
-        if both not in self._joined:
-            self._joined[both] = two_tails(first, second)
-        return self._joined[both]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...plugins.config import ADVICE, describe
-from ...predictor import Branching, Predictor
+from ...predictor import Predictor
 from ...region import Region
 from ...robot import Robot, SpeedLimited
 from ...static_region import StaticRegion
@@ -22,9 +22,7 @@ from ..slots.base import CAPACITIES, SlotKind
 from ..slots.built_in import built_in
 from ..slots.ways import Ways
 from ..solvers.base import Solver
-from .contingency import Contingency
 from .multistart import PATIENCE, Starts, checked_starts
-from .sampling import Sampling
 
 MOST_STEPS, MOST_SAMPLES = 1000, 10_000
 """Of a plan, and of a track or a forecast: more means that a unit is wrong."""
@@ -79,12 +77,6 @@ class PlannerSettings:
         is there to fall back on for as long as the forecast it was made for comes true.
     withdraw : whether a robot that stands before somebody who stands as well makes room after a
         while, see `wideberth.framework.mpc.planner.standing_off`.
-    contingency : two tails of every plan, if people make way and if they do not, with one
-        beginning, see `wideberth.framework.mpc.planner.contingency`; needs a predictor that is
-        `Branching`, such as `reacting_people`. None for one plan.
-    sampling : a further start of the solver: the best of some ways that are sampled among people
-        who react to each, see `wideberth.framework.mpc.planner.sampling`. None for none; not
-        together with a contingency, and in the plane alone.
     ways : of the obstacles, which plans keep free as well, and give up before they enter a body,
         see `wideberth.framework.mpc.slots.ways`; needs a ``penalty``. None for bodies alone.
     rungs : of the fallback ladder, best first: names of built-in ones, or "module:Class" of a
@@ -121,8 +113,6 @@ class PlannerSettings:
     own_uncertainty: Growth = "open-loop"
     stop_at_end: bool = False
     withdraw: bool = False
-    contingency: Contingency | None = None
-    sampling: Sampling | None = None
     ways: Ways | None = None
     rungs: tuple[str, ...] = tuple(RUNGS)
 
@@ -176,12 +166,6 @@ def check_settings(planner: PlannerSettings) -> None:
             f"the robot moves in {planner.robot.dimension} dimensions; the region "
             f"{type(planner.region).__name__} is made for {planner.region.dimensions}"
         )
-    if planner.contingency is not None and not isinstance(planner.predictor, Branching):
-        raise WideberthError(
-            f"planner.contingency needs a predictor with two futures, and "
-            f"{type(planner.predictor).__name__} has one; take reacting_people, or leave it out"
-        )
-    _check_sampling(planner)
     _check_ways(planner)
     planner.level.levels(planner.region, 1, 1, planner.robot.dimension)
     if planner.static_region is not None and planner.robot.dimension != 2:
@@ -239,32 +223,6 @@ def _check_ways(planner: PlannerSettings) -> None:
         raise WideberthError(
             f"planner.most_obstacles is {planner.most_obstacles}; wanted at most "
             f"{CAPACITIES[-1] // 2} with planner.ways, which takes a slot for each way"
-        )
-
-
-def _check_sampling(planner: PlannerSettings) -> None:
-    """Refuse sampled ways where they cannot be had.
-
-    Raises
-    ------
-    WideberthError : a robot in space, a single step, or a contingency besides.
-    """
-    if planner.sampling is None:
-        return
-    if planner.horizon < 2:
-        raise WideberthError(
-            f"planner.horizon is {planner.horizon}; wanted at least 2 with planner.sampling, "
-            "whose ways hold one twist and then another: plan more steps, or leave it out"
-        )
-    if planner.robot.dimension != 2:
-        raise WideberthError(
-            f"planner.sampling draws ways in the plane, and {type(planner.robot).__name__} moves "
-            f"in {planner.robot.dimension} dimensions; leave it out"
-        )
-    if planner.contingency is not None:
-        raise WideberthError(
-            "planner.sampling and planner.contingency come together; a sampled way has one "
-            "forecast and one tail: leave one of them out"
         )
 
 

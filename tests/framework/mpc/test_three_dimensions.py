@@ -45,7 +45,7 @@ PREDICTORS = {
 }
 PLANE = {
     "coordinated_turn", "game", "mixture_density", "reacting_people", "single_gaussian",
-    "social_attention", "social_force",
+    "social_force",
 }  # fmt: skip
 """Predictors that leave space to their fallback, and say so."""
 

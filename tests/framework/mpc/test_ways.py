@@ -23,7 +23,6 @@ from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.constant_velocity import ConstantVelocity
-from wideberth.predictors.spread_in_time import SpreadInTime
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.robots.unicycle import Unicycle
@@ -32,7 +31,7 @@ WAYS = Ways(span=1.25, share=0.1, margin=0.05)
 
 
 def test_a_way_is_where_somebody_is_within_the_span() -> None:
-    """As `spread_in_time` says, from a forecast that does not end."""
+    """The moments of draws of the place at a time that is drawn within the span."""
     time = 0.25 * np.arange(-9.0, 1.0)[:, None]
     walk: Array = np.array(
         [[2.5, 0.2] + time * [-1.2, 0.3], [0.0, 3.0] + time * [0.1, -0.9]], dtype=np.float64
@@ -41,11 +40,18 @@ def test_a_way_is_where_somebody_is_within_the_span() -> None:
     tracks = Tracks(walk, 0.25, ("anna", "ben"), np.array([0.25, 0.3]), noise)
     straight = ConstantVelocity(acceleration_density=0.05)
     near = Obstacles.of(straight.predict(tracks, 20), tracks.ids, tracks.radius)
-    wanted = SpreadInTime(straight, 1.25).predict(tracks, 20)
-    found = WAYS.of(near, 0.25)
-    mean, covariance = wanted.mean[:, 0].swapaxes(0, 1), wanted.covariance[:, 0].swapaxes(0, 1)
-    np.testing.assert_allclose(found.mean[:15], mean[:15], rtol=0.0, atol=1e-12)
-    np.testing.assert_allclose(found.covariance[:15], covariance[:15], rtol=0.0, atol=1e-12)
+    found, rng, count = WAYS.of(near, 0.25), np.random.default_rng(0), 200_000
+    for step, row in ((0, 0), (7, 1), (14, 0)):
+        later = rng.integers(0, 6, count)  # 1.25 s are five steps of 0.25 s
+        roots = np.linalg.cholesky(near.covariance[step : step + 6, row])
+        drawn = roots[later] @ rng.standard_normal((count, 2, 1))
+        places = near.mean[step + later, row] + drawn[..., 0]
+        mean, covariance = places.mean(axis=0), np.cov(places.T)
+        error = np.sqrt(np.diag(covariance) / count)
+        assert (np.abs(found.mean[step, row] - mean) < 3.5 * error).all()
+        scale = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)) / count)
+        gap = np.abs(found.covariance[step, row] - covariance)
+        assert (gap < 3.5 * np.sqrt(2.0) * scale).all()
     # behind the forecast's end nothing is known
     np.testing.assert_array_equal(found.mean[-1], near.mean[-1])
     np.testing.assert_array_equal(found.covariance[-1], near.covariance[-1])

@@ -13,14 +13,12 @@ from wideberth.framework.predictor import Adaptive, Fittable, Predictor
 from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.mixture_density import MixtureDensity
 from wideberth.predictors.single_gaussian import SingleGaussian
-from wideberth.predictors.social_attention import SocialAttention
 
 LEARNERS = [name for name in names("predictors") if issubclass(load("predictors", name), Fittable)]
 ADAPTING = [name for name in names("predictors") if issubclass(load("predictors", name), Adaptive)]
 SHORT: dict[str, Fittable] = {
     "mixture_density": MixtureDensity(rounds=1),
     "single_gaussian": SingleGaussian(MixtureDensity(rounds=1)),
-    "social_attention": SocialAttention(rounds=1, observed=4, predicted=6),
 }
 """A network trained for a moment has as many numbers as any other."""
 FEW = {"coordinated_turn": 3, "imm": 3}

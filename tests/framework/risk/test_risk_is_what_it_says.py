@@ -174,12 +174,10 @@ WITHOUT = {
     "imm": "mixtures are merged at every sample, which is an approximation",
     "mixture_density": "a learnt network",
     "oracle": "the future itself",
-    "social_attention": "a learnt network",
     "reacting_people": "rolled out, a mixture of models that are not linear",
     "single_gaussian": "merges what another one says",
     "smoothed": "hands on what another one says of smoothed tracks",
     "social_force": "rolled out, not linear",
-    "spread_in_time": "states where somebody is within seconds, not at one instant",
 }
 """Registered predictors that state no linear Gaussian process, and why."""
 REGIONS = {
