@@ -194,8 +194,6 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "warm_within": {"warm_within": 0.0},
     "contouring": {"cost": "contouring"},
     "no deadline": {"deadline": None},
-    "contingency": {"contingency": {}, "predictor": "reacting_people"},
-    "sampling": {"sampling": {}},
     "all": {"ways": {}, "withdraw": True, "stop_at_end": True, "latency": 0.3,
             "own_uncertainty": "feedback", "static_region": "separating_line"},
 }  # fmt: skip

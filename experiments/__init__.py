@@ -1,5 +1,1 @@
 """Studies of what each choice costs, the engine that runs them, and the command line."""
-
-from ..framework.plugins import moved
-
-moved.install()

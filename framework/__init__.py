@@ -1,6 +1,5 @@
 """What everything plugs into: values, interfaces, registry, config; imports no other room."""
 
-from .plugins import moved
 from .plugins.lazy import lazy
 
 _NAMES = {
@@ -28,8 +27,6 @@ _NAMES = {
     "tracking.windows": "Windows cut_windows",
 }
 """Module -> its public names, which are imported on first use."""
-
-moved.install()
 
 __getattr__, __dir__, __all__ = lazy(
     __name__,

@@ -1,5 +1,1 @@
 """Simulation: scenarios, the engine that runs them, what agents sense, logs and measures."""
-
-from ..framework.plugins import moved
-
-moved.install()

@@ -12,6 +12,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ...framework.plugins.io import read_cells, read_json, read_text
+from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError
 from .base import Outcome, Row, Task
 from .progress import say
@@ -28,7 +29,6 @@ from .result_folder import (
     write_manifest,
 )
 from .shards import pack, write_shard
-from .stored import read_stored
 
 TASKS = "tasks.json"
 
@@ -44,7 +44,7 @@ def grown(out: Path, config: Mapping[str, Any], fields: Collection[str], source:
     """
     if not (out / MANIFEST).is_file() or not (out / "config.yaml").is_file():
         return False
-    found = read_stored(out / "config.yaml")
+    found = read_config(out / "config.yaml", stored=True)
     names = differing_keys(found, config)
     if not names or not set(names) <= set(fields):
         return False

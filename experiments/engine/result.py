@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from ...framework.plugins.extras import from_extra
 from ...framework.plugins.io import expanded, read_bytes, read_table
 from ...framework.plugins.registry import unknown
+from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError, nearest
 from ...simulation.log.episode_log import Episode
-from .stored import read_stored
 
 if TYPE_CHECKING:
     import pandas
@@ -73,7 +73,7 @@ class Result:
     @property
     def config(self) -> dict[str, Any]:
         """The resolved config of the run."""
-        return read_stored(self.folder / "config.yaml")
+        return read_config(self.folder / "config.yaml", stored=True)
 
     @property
     def tables(self) -> "FilesByName[pandas.DataFrame]":

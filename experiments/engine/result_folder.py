@@ -21,10 +21,9 @@ from typing import Any
 
 from ...framework.plugins.config import build, describe
 from ...framework.plugins.io import read_json, write_json, write_text
-from ...framework.plugins.yamlfile import dump
+from ...framework.plugins.yamlfile import dump, read_config
 from ...framework.values.errors import WideberthError
 from .progress import say
-from .stored import read_stored
 
 _FIRST_FILES = ("config.yaml", "provenance.json")
 _LONGEST = 200
@@ -161,7 +160,7 @@ def write_config(out: Path, config: Mapping[str, Any]) -> None:
     path, text = out / "config.yaml", dump(dict(config))
     write_text(path, text)
     try:
-        found = read_stored(path)
+        found = read_config(path, stored=True)
         named = {key: value for key, value in found.items() if key != "plugins"}
         again = {**describe(build("experiments", named)), "plugins": found["plugins"]}
     except (WideberthError, KeyError) as error:
@@ -181,7 +180,7 @@ def _check_same(out: Path, config: Mapping[str, Any], source: str) -> None:
         if not (out / name).is_file():
             raise WideberthError(f"{out} holds a result without its {name}; {cure}")
     try:
-        found = read_stored(out / "config.yaml")
+        found = read_config(out / "config.yaml", stored=True)
     except WideberthError as error:
         raise WideberthError(f"{error}; {cure}") from None
     differing = differing_keys(found, config)

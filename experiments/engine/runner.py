@@ -29,6 +29,7 @@ from ...framework.plugins.io import (
     write_table,
     write_text,
 )
+from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError, short
 from .base import Experiment, Outcome, Result, Row, Task
 from .errors import as_user_error, describe_error
@@ -49,7 +50,6 @@ from .result_folder import (
 )
 from .shards import Packed, checked_tasks, finished, read_shard, shard_keys, write_shard
 from .showing import markdown_table
-from .stored import read_stored
 from .worker import Chunk, Pool, Returned, do_task, pack_job
 
 if TYPE_CHECKING:
@@ -375,7 +375,7 @@ def reopen(folder: Path) -> tuple[Experiment, Result]:
     WideberthError : no result there, or one that is not finished.
     """
     check_finished(folder)
-    config = read_stored(folder / "config.yaml")
+    config = read_config(folder / "config.yaml", stored=True)
     try:
         import_plugins(config.pop("plugins", []))
         experiment: Experiment = build("experiments", config)

@@ -25,7 +25,7 @@ from ...framework.plugins.io import (
 from ...framework.values.errors import WideberthError, short
 from .base import Outcome, Row, Task
 
-VERSION = 2
+VERSION = 1
 """Of the format. 1 did not name the source."""
 
 

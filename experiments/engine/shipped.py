@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_origin, get_type_hints
 
 from ...framework.plugins.config import build, import_plugins
-from ...framework.plugins.former_keys import override_with_new_key, with_new_keys
 from ...framework.plugins.registry import load, unknown
 from ...framework.plugins.yamlfile import apply, read_config
 from ...framework.values.errors import WideberthError, nearest
@@ -66,8 +65,7 @@ def config_path(text: str) -> Path:
 def read_experiment(text: str, overrides: list[str]) -> "tuple[Experiment, list[str]]":
     """Return the experiment that a config describes, and the plug-in modules it lists."""
     path = config_path(text)
-    given = with_new_keys("experiments", read_config(path))
-    overrides = [override_with_new_key("experiments", given, one) for one in overrides]
+    given = read_config(path)
     config = deepcopy(given)
     for override in overrides:
         apply(config, override)

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from ...framework.plugins.io import check_target, read_json, read_table, table_text, write_text
+from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError
 from ..engine.base import Row
 from ..engine.meanings import Meaning, meanings
 from ..engine.runner import draw, reopen
 from ..engine.showing import columns_of, format_cell, markdown_table, plain
-from ..engine.stored import read_stored
 from ..engine.timing import condense_times
 from .page import MARK, PLAYER, data_uri, page, template
 from .player import ROOM, Recorded, kept_episodes, player, recordings, result_tail
@@ -85,7 +85,7 @@ def gather(folder: Path) -> Report:
         tail=result_tail(folder),
         config=(folder / "config.yaml").read_text(encoding="utf-8"),
         provenance=read_json(folder / "provenance.json", "provenance", 1),
-        study=str(read_stored(folder / "config.yaml").get("type")),
+        study=str(read_config(folder / "config.yaml", stored=True).get("type")),
         captions=experiment.captions,
         headline=experiment.headline,
     )

@@ -16,6 +16,7 @@ from ...framework.drawing.style import number
 from ...framework.metrics.episode import content_bound
 from ...framework.mpc.planner.planner import Planner
 from ...framework.plugins.io import check_target, write_text
+from ...framework.plugins.yamlfile import read_config
 from ...framework.values.arrays import Array, probability
 from ...framework.values.errors import WideberthError, nearest
 from ...framework.values.footprint import Discs, Outline
@@ -29,7 +30,6 @@ from ..engine.closed_loop import KEPT_BY, log_name
 from ..engine.errors import as_user_error
 from ..engine.result import read_episode as read_episode
 from ..engine.runner import reopen
-from ..engine.stored import read_stored
 from .page import MARK, PLAYER, page, template
 
 TAIL = 0.05
@@ -149,7 +149,7 @@ def _labels(path: Path, task: Task | None) -> dict[str, str]:
     """Return the scenario of an episode and what else its result compares."""
     if task is None:
         return {"scenario": path.stem}
-    stated = read_stored(path.resolve().parents[1] / "config.yaml").get("scenario")
+    stated = read_config(path.resolve().parents[1] / "config.yaml", stored=True).get("scenario")
     known = {name: str(task.settings[name]) for name in KEPT_BY if name in task.settings}
     alone = stated.get("type") if isinstance(stated, dict) else None  # of one, tasks name none
     scenario = str(alone or known.get("scenario") or path.resolve().parents[1].name)
@@ -229,7 +229,7 @@ def kept_episodes(folder: Path) -> list[Path]:
 def result_tail(folder: Path) -> float:
     """Return the tail that a result's own figures are drawn with, else 0.05."""
     file = folder / "config.yaml"
-    stated = read_stored(file).get("tail") if file.is_file() else None
+    stated = read_config(file, stored=True).get("tail") if file.is_file() else None
     return float(stated) if isinstance(stated, int | float) and 0 < stated < 1 else TAIL
 
 

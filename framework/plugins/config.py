@@ -16,7 +16,6 @@ from pathlib import Path, PurePath
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 from ..values.errors import WideberthError, short
-from .former_keys import with_new_keys
 from .io import check_target, expanded, read_json, write_json
 from .registry import (
     choices,
@@ -90,10 +89,6 @@ def build(room: str, value: Any, path: str = "", default: Any = None) -> Any:
         raise WideberthError(
             f"{_at(path)}key 'type' is missing{hint}; wanted one of: {known}; or {{saved: FILE}}"
         )
-    try:
-        value = with_new_keys(room, value)
-    except WideberthError as error:
-        raise WideberthError(f"{_at(path)}{error}") from None
     settings = {key: entry for key, entry in value.items() if key != "type"}
     complete = recipe(room, value["type"])
     if complete is not None:

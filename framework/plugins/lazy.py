@@ -5,12 +5,9 @@ beside it, which ``make types`` writes from the table.
 """
 
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from importlib import import_module
-from importlib.abc import MetaPathFinder
-from importlib.machinery import ModuleSpec
 from pkgutil import iter_modules
-from types import ModuleType
 from typing import Any
 
 from ..values.errors import nearest
@@ -33,8 +30,6 @@ def lazy(
     table = {target.replace(":", ".").rpartition(".")[2]: target for target in targets}
     PACKAGES[package] = table
     public = sorted(name for name, target in table.items() if ":" in target)
-    if not any(isinstance(finder, _Nearest) for finder in sys.meta_path):
-        sys.meta_path.append(_Nearest())
 
     def find(name: str) -> Any:
         if name in table:
@@ -54,15 +49,3 @@ def _hint(package: str, name: str) -> str:
     """Return ": did you mean ...?" with the nearest name of a package, or nothing."""
     inside = iter_modules(sys.modules[package].__path__)
     return nearest(name, {*PACKAGES[package], *(info.name for info in inside)})
-
-
-class _Nearest(MetaPathFinder):
-    """Is asked last for a module of these packages, and names the one that was meant."""
-
-    def find_spec(
-        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
-    ) -> ModuleSpec | None:
-        package, _, name = fullname.rpartition(".")
-        if package in PACKAGES and (hint := _hint(package, name)):
-            raise ModuleNotFoundError(f"no module or name {fullname!r}{hint}")
-        return None

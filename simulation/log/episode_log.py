@@ -1,12 +1,10 @@
 """Episode logs, from which every metric is computed, and their files.
 
-File format "wideberth/episode", version 7: a NumPy archive (npz, deflated) with two members.
+File format "wideberth/episode", version 1: a NumPy archive (npz, deflated) with two members.
 ``numbers`` is a float64 vector with all arrays one after the other; ``meta`` is JSON in UTF-8, in
 which an array is written as {"at": offset, "shape": [...]}. One vector, since an archive member
 for each of thousands of small arrays is slow and large. Neither holds a clock reading, so that the
-same episode gives the same bytes. Older versions are still read: 6 (no `verdict`),
-5 (no perception), 4 (no `Plan.situation`), 3 (no `Plan.given_way`), 2 (no `Plan.breach`), 1 (no
-footprints, no polygons).
+same episode gives the same bytes.
 """
 
 import io
@@ -251,7 +249,7 @@ class Episode:
         return read_episode(data)
 
 
-VERSION = 7
+VERSION = 1
 _COMMANDS = ("stamp", "effect", "linear", "omega", "ramp")
 _SERIES = ("positions", "headings", "speeds", "yaw_rates")
 _PLAN_ARRAYS = (
@@ -338,9 +336,7 @@ def read_episode(data: bytes) -> Episode:
 
 
 def _unpack_episode(unpack: _Unpacker, content: dict[str, Any]) -> Episode:
-    polygons = tuple(
-        Polygon(_places(unpack, place), name) for name, place in content.get("polygons", [])
-    )
+    polygons = tuple(Polygon(_places(unpack, place), name) for name, place in content["polygons"])
     return Episode(
         times=unpack.get(content["times"]),
         agents=tuple(_unpack_agent(unpack, agent, polygons) for agent in content["agents"]),
@@ -349,9 +345,9 @@ def _unpack_episode(unpack: _Unpacker, content: dict[str, Any]) -> Episode:
         seed=content["seed"],
         polygons=polygons,
         perception={
-            name: unpacked(unpack.get, log) for name, log in content.get("perception", {}).items()
+            name: unpacked(unpack.get, log) for name, log in content["perception"].items()
         },
-        verdict=content.get("verdict", {}),
+        verdict=content["verdict"],
     )
 
 
@@ -391,10 +387,10 @@ def _unpack_agent(
     unpack: _Unpacker, stored: dict[str, Any], polygons: tuple[Polygon, ...]
 ) -> AgentLog:
     agent = _unpack_bare(unpack, stored)
-    region = _built_region(stored.get("region"))
+    region = _built_region(stored["region"])
     plans = []
     for plan, one in zip(agent.plans, stored["plans"], strict=True):
-        if (known := one.get("situation")) is not None:
+        if (known := one["situation"]) is not None:
             room, heading, *radii = (float(v) for v in unpack.get(known))
             paths = [path for begin, path in agent.paths if begin <= plan.stamp + 1e-9]
             path = paths[-1] if paths else None
@@ -423,7 +419,7 @@ def _unpack_bare(unpack: _Unpacker, stored: dict[str, Any]) -> AgentLog:
         skipped=stored["skipped"],
         commands=CommandLog(**{n: unpack.get(p) for n, p in stored["commands"].items()}),
         plans=tuple(_unpack_plan(unpack, plan) for plan in stored["plans"]),
-        footprint=_unpack_footprint(unpack, stored.get("footprint")),
+        footprint=_unpack_footprint(unpack, stored["footprint"]),
     )
 
 
@@ -504,8 +500,8 @@ def _unpack_plan(unpack: _Unpacker, stored: dict[str, Any]) -> Plan:
         reason=stored["reason"],
         iterations=stored["iterations"],
         forecast=forecast,
-        breach=_unpack_breach(unpack, stored.get("breach")),
-        given_way=_unpack_given_way(unpack, stored.get("given_way")),
+        breach=_unpack_breach(unpack, stored["breach"]),
+        given_way=_unpack_given_way(unpack, stored["given_way"]),
     )
 
 

@@ -131,7 +131,7 @@ def _glance(rows: dict[str, Array], words: Sequence[str]) -> Glance:
             words[int(scan[1])],
             seen[:, 0].copy(),
             None if np.isnan(scan[2:]).any() else scan[2:].copy(),
-            segments=_segments(rows.get("segments", np.zeros((0, 8)))),
+            segments=_segments(rows["segments"]),
         ),
         tuple(obstacles),
         names,

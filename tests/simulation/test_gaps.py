@@ -1,7 +1,5 @@
 """Clearances of footprints and polygons against Shapely, and episodes that keep both."""
 
-import io
-import json
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -227,41 +225,7 @@ def test_bytes_keep_footprints_and_polygons(footprint: Footprint | None) -> None
     assert clearances(again) == clearances(episode)
 
 
-def older(data: bytes, version: int) -> bytes:
-    """The same episode as an older version wrote it, without what that did not know."""
-    with np.load(io.BytesIO(data)) as archive:
-        numbers, meta = archive["numbers"], json.loads(archive["meta"].tobytes())
-    assert meta["version"] == 7
-    meta["version"] = version
-    del meta["verdict"]
-    del meta["perception"]
-    for agent in meta["agents"]:
-        for plan in agent["plans"]:
-            del plan["situation"]
-            if version < 4:
-                del plan["given_way"]
-            if version < 3:
-                del plan["breach"]
-    if version == 1:
-        del meta["polygons"]
-        for agent in meta["agents"]:
-            del agent["footprint"]
-    buffer = io.BytesIO()
-    packed = np.frombuffer(json.dumps(meta, sort_keys=True).encode(), np.uint8)
-    np.savez_compressed(buffer, meta=packed, numbers=numbers)
-    return buffer.getvalue()
-
-
-def test_version_1_is_still_read() -> None:
-    episode = drive(None)
-    read = Episode.from_bytes(older(episode.to_bytes(), 1))
-    assert read.polygons == ()
-    assert [agent.footprint for agent in read.agents] == [None, None]
-    assert clearances(read) == clearances(episode)
-    assert read.to_bytes() == episode.to_bytes()
-
-
-def test_what_a_plan_breaks_and_gives_up_is_kept_and_older_versions_did_not_know_it() -> None:
+def test_what_a_plan_breaks_and_gives_up_is_kept() -> None:
     seen = Observation(0.0, np.array([0.0, 0.0, 0.0, 0.5, 0.0]))
     plan, _ = emergency(Unicycle(), seen, "", 3, 0.5)
     breaches = (
@@ -280,10 +244,3 @@ def test_what_a_plan_breaks_and_gives_up_is_kept_and_older_versions_did_not_know
     assert tuple(one.breach for one in again.agent("robot").plans) == breaches
     assert tuple(one.given_way for one in again.agent("robot").plans) == ways
     assert again.to_bytes() == episode.to_bytes()
-    read = Episode.from_bytes(older(episode.to_bytes(), 3))
-    assert tuple(one.breach for one in read.agent("robot").plans) == breaches
-    assert [one.given_way for one in read.agent("robot").plans] == [None, None, None]
-    read = Episode.from_bytes(older(episode.to_bytes(), 2))
-    assert [one.breach for one in read.agent("robot").plans] == [None, None, None]
-    assert read.polygons == episode.polygons
-    assert read.agent("robot").footprint == DISCS

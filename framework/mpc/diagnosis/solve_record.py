@@ -4,7 +4,7 @@
 the names of its slots, and what the planner said; ``NAME.npz`` the numbers: ``parameters.*``,
 ``guess0.*``, ``guess1.*``, ... and ``point.*`` (the plan taken), as the fields of `Parameters` and
 `Guess`, those of the k-th kind of slots as ``parameters.slots.k.*`` and ``guess0.auxiliaries.k``.
-Format "wideberth/solve", version 2; version 1 knew two kinds, see `_RENAMED`.
+Format "wideberth/solve", version 1.
 """
 
 import io
@@ -27,15 +27,7 @@ from ..planner.settings import PlannerSettings
 from .explain import PlanSummary, SolveRecord
 
 KIND = "solve"
-VERSION = 2
-
-_RENAMED = {
-    "regions": "slots.0.parameters", "level": "slots.0.level", "active": "slots.0.active",
-    "auxiliaries": "slots.0.auxiliaries", "statics": "slots.1.parameters",
-    "static_active": "slots.1.active", "static_auxiliaries": "slots.1.auxiliaries",
-}  # fmt: skip
-"""Fields of parameters in version 1, and what they are now."""
-_RENAMED_OF_GUESSES = {"auxiliaries": "auxiliaries.0", "static_auxiliaries": "auxiliaries.1"}
+VERSION = 1
 
 
 @dataclass(frozen=True)
@@ -125,9 +117,6 @@ def read_solve(path: str | Path) -> SolveRecord:
             f"{error}; a recorded solve is a pair of files, .json and .npz"
         ) from None
     try:
-        if "size" in content:  # version 1
-            size, arrays = content["size"], _renamed(arrays)
-            content["rooms"] = [[size["capacity"]], [size["statics"], size["corners"]]]
         return SolveRecord(
             planner=dict(content["planner"]),
             rooms=tuple(tuple(map(int, room)) for room in content["rooms"]),
@@ -196,13 +185,3 @@ def _guess(arrays: dict[str, Array]) -> Guess:
     slots = tuple(below[f"slots.{k}"] for k in range(len(below) - 1))
     known = Multipliers(below["steps"], slots) if below else None
     return Guess(auxiliaries=own, level=float(arrays["level"]), multipliers=known, **plain)
-
-
-def _renamed(arrays: Mapping[str, Array]) -> dict[str, Array]:
-    """Arrays of version 1 under the names of today."""
-    found = {}
-    for key, value in arrays.items():
-        name, _, field = key.partition(".")
-        known = _RENAMED if name == "parameters" else _RENAMED_OF_GUESSES
-        found[f"{name}.{known.get(field, field)}"] = value
-    return found

@@ -88,36 +88,6 @@ def test_a_reopened_problem_gives_the_same_solution_to_the_byte(kind: str, tmp_p
     assert best.cost == plan.cost == again.verdict.cost
 
 
-def test_a_solve_of_version_1_still_opens(tmp_path: File) -> None:
-    """It knew discs and polygons alone, and had the numbers of either under names of their own."""
-    made = planner(**KINDS["walls"])
-    decided(made, ahead(made, ("a", 4.0, 0.2)))
-    kept = made.explain()
-    file = write_solve(tmp_path / "one", kept)
-    content = json.loads(file.read_text())
-    (capacity,), (statics, corners) = content.pop("rooms")
-    size = {"capacity": capacity, "statics": statics, "corners": corners}
-    file.write_text(json.dumps({**content, "version": 1, "size": size}))
-    old = {
-        "slots.0.parameters": "regions", "slots.0.level": "level", "slots.0.active": "active",
-        "slots.0.auxiliaries": "auxiliaries", "slots.1.parameters": "statics",
-        "slots.1.active": "static_active", "slots.1.auxiliaries": "static_auxiliaries",
-        "auxiliaries.0": "auxiliaries", "auxiliaries.1": "static_auxiliaries",
-    }  # fmt: skip
-    with np.load(file.with_suffix(".npz")) as arrays:
-        given = {
-            f"{name}.{old.get(field, field)}": arrays[f"{name}.{field}"]
-            for name, _, field in (key.partition(".") for key in arrays)
-        }
-    assert {"parameters.statics", "point.static_auxiliaries"} < set(given)
-    np.savez(file.with_suffix(".npz"), **given)
-    again = read_solve(file)
-    assert again.rooms == kept.rooms and again.problem().key == kept.key
-    np.testing.assert_array_equal(again.parameters.stages(), kept.parameters.stages())
-    for one, other in zip(again.point.auxiliaries, kept.point.auxiliaries, strict=True):
-        np.testing.assert_array_equal(one, other)
-
-
 def test_another_process_opens_the_same_problem(tmp_path: File) -> None:
     made = planner()
     plan = decided(made, ahead(made, ("a", 4.0, 0.2)))
