@@ -16,6 +16,7 @@ BUILT_IN: dict[str, str] = {
     "policy": "wideberth.controllers.policy:Policy",
     "pure_pursuit": "wideberth.controllers.pure_pursuit:PurePursuit",
     "social_force": "wideberth.controllers.social_force:SocialForce",
+    "withdrawing": "wideberth.controllers.withdrawing:Withdrawing",
 }
 """Name -> where the class is."""
 

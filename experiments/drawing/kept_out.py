@@ -3,7 +3,7 @@
 import numpy as np
 
 from ...controllers.presets import Preset
-from ...framework.controller import Controller
+from ...framework.controller import Controller, WrapsController
 from ...framework.mpc.planner.planner import Planner
 from ...framework.plugins.config import describe
 from ...framework.region import Polygonal, Region
@@ -18,6 +18,8 @@ def planner_behind(controller: Controller | None) -> Planner | None:
     """Return the planner that a controller is or wraps; None for one that plans otherwise."""
     if isinstance(controller, Preset):
         return controller.planner
+    if isinstance(controller, WrapsController):
+        return planner_behind(controller.controller)
     return controller if isinstance(controller, Planner) else None
 
 

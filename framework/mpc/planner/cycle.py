@@ -7,7 +7,7 @@ change; what it may share between calls (compiled problems, the solver's watchdo
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -53,7 +53,6 @@ from .multistart import (
 )
 from .problem_cache import ProblemCache
 from .settings import PlannerSettings, changed
-from .standing_off import StandingOff
 from .warm_start import KeptMultipliers
 
 
@@ -70,7 +69,6 @@ class PlannerState:
     multipliers : of the last plan; None where it was not the solver's.
     smoother : of the last command; None after an emergency.
     obstacle_in_way : whether something was in the way of the reference, see `MultiStart`.
-    standing_off : what it knows of standing before others; nothing unless it may ``withdraw``.
     """
 
     perception: Perception
@@ -79,7 +77,6 @@ class PlannerState:
     multipliers: KeptMultipliers | None = None
     smoother: VelocitySmoother | None = None
     obstacle_in_way: bool = False
-    standing_off: StandingOff = field(default_factory=StandingOff)
 
     @classmethod
     def initial(cls, settings: PlannerSettings, path: Path | None = None) -> "PlannerState":
@@ -217,8 +214,9 @@ def step(
         stamp = observation.stamp + settings.latency
         start = _delayed(settings, state, observation.stamp, observation.state)
         start = within_bounds(robot, start)
-        state, course, arc = _course(settings, state, observation, progress, start)
-        reference = _laid(settings, course, arc)
+        progress, arc = progress.advanced(_place(robot, start))
+        state = replace(state, progress=progress)
+        reference = _laid(settings, progress.path, arc)
         state, seen = _foreseen(settings, state, observation, stamp)
         check, first = _fill(settings, state, services, seen, start, arc, reference)
         starts = MultiStart(services.watch, settings.starts, budget)
@@ -226,8 +224,8 @@ def step(
         state = replace(state, obstacle_in_way=outcome.obstacle_in_way)
         made = _Made.of(settings, seen, check, outcome, stamp)
         answered = _stand_in(made.outcome)
-        words = joined(state.standing_off.note, made.outcome.note, made.check.note)
-        plan = _in_situation(settings, made.plan, made.seen, course, start, words)
+        words = joined(made.outcome.note, made.check.note)
+        plan = _in_situation(settings, made.plan, made.seen, progress.path, start, words)
         kept = KeptMultipliers.of(made.point, made.check.around.chosen)
         solved = made.solved(plan, budget.spent())
         command, note = _limited(robot, command_of_plan(robot, plan))
@@ -294,26 +292,6 @@ def _foreseen(
     state = replace(state, perception=state.perception.learnt(tracks, scene))
     forecast = state.perception.forecast(tracks, stamp, settings.grid, scene)
     return state, Seen(observation, tracks, forecast)
-
-
-def _course(
-    settings: PlannerSettings,
-    state: PlannerState,
-    observation: Observation,
-    progress: Progress,
-    start: Array,
-) -> tuple[PlannerState, Path, float]:
-    """Return what is followed now, and the arc length there, m: the path, or a way to withdraw."""
-    place = _place(settings.robot, start)
-    progress, arc = progress.advanced(place)
-    state = replace(state, progress=progress)
-    if not settings.withdraw:
-        return state, progress.path, arc
-    here = _place(settings.robot, within_bounds(settings.robot, observation.state))
-    left = progress.path.length - arc
-    known = state.standing_off.after(observation, here, settings.robot.radius, left)
-    state, way = replace(state, standing_off=known), known.way
-    return (state, progress.path, arc) if way is None else (state, way, way.project(place))
 
 
 def _stand_in(outcome: Outcome) -> str:

@@ -89,9 +89,7 @@ class Planner(PlannerSettings, Controller):
     def set_path(self, path: Path) -> None:
         """Follow this path from now on; the first one warns of settings that look like a slip."""
         path, memory = checked_path(self.robot, path), self._memory
-        before = memory.state.progress
-        known = memory.state.standing_off.on(path, None if before is None else before.path)
-        memory.state = replace(memory.state, progress=Progress(path), standing_off=known)
+        memory.state = replace(memory.state, progress=Progress(path))
         if not self._services.problems:
             warm_up(self, self._services, path)
         for words in doubts(self) if before is None else ():

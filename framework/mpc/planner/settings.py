@@ -75,8 +75,6 @@ class PlannerSettings:
         `OwnUncertainty`; without one in the observation the state is taken as exact.
     stop_at_end : whether every plan ends at rest. Then the last one, continued by standing,
         is there to fall back on for as long as the forecast it was made for comes true.
-    withdraw : whether a robot that stands before somebody who stands as well makes room after a
-        while, see `wideberth.framework.mpc.planner.standing_off`.
     ways : of the obstacles, which plans keep free as well, and give up before they enter a body,
         see `wideberth.framework.mpc.slots.ways`; needs a ``penalty``. None for bodies alone.
     rungs : of the fallback ladder, best first: names of built-in ones, or "module:Class" of a
@@ -112,7 +110,6 @@ class PlannerSettings:
     further_kinds: tuple[SlotKind, ...] = ()
     own_uncertainty: Growth = "open-loop"
     stop_at_end: bool = False
-    withdraw: bool = False
     ways: Ways | None = None
     rungs: tuple[str, ...] = tuple(RUNGS)
 

@@ -1,16 +1,29 @@
-"""Two who stand before each other: one of them makes room, without a word."""
+"""A wrapper: a robot that stands before another one that stands too makes room after a while."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import final
 
 import numpy as np
 
-from ...tracking.stand_ins import sound
-from ...values.arrays import Array
-from ...values.motion import Detection, Observation
-from ...values.path import Path
-from ...values.polygon import separation
+from ..framework.control.command_limits import within_bounds
+from ..framework.controller import (
+    Controller,
+    DrivesRobot,
+    checked_path,
+    checked_ready,
+    checked_use,
+    fresh,
+)
+from ..framework.mpc.ocp.reference import Progress
+from ..framework.robot import Robot
+from ..framework.tracking.stand_ins import sound
+from ..framework.values.arrays import Array
+from ..framework.values.errors import WideberthError
+from ..framework.values.motion import Command, Detection, Observation
+from ..framework.values.path import Path
+from ..framework.values.plan import Plan
+from ..framework.values.polygon import separation
 
 STILL = 2.0
 """s over which the robot and the other one are looked at."""
@@ -38,9 +51,118 @@ SAME_GOAL = 0.3
 """m between the goals of two paths up to which the second is the first one planned anew."""
 
 
+@dataclass(eq=False)
+class _Memory:
+    """What the wrapper holds between two calls."""
+
+    path: Path | None = None
+    progress: Progress | None = None
+    followed: Path | None = None
+    known: "DeadlockResolver" = field(default_factory=lambda: DeadlockResolver())
+
+
 @final
 @dataclass(frozen=True, eq=False)
-class Glimpse:
+class Withdrawing(Controller):
+    """Lets another controller drive, and leads it out of deadlocks.
+
+    While the robot withdraws or waits, see `DeadlockResolver`, the other controller follows a
+    short way instead of its path. The reason of the plan then names whom the robot withdraws from,
+    and where to, or for whom it waits.
+
+    Parameters
+    ----------
+    controller : of any kind that knows its robot; the wrapper drives a copy of its own.
+
+    Raises
+    ------
+    WideberthError : a controller that does not know its robot.
+    """
+
+    controller: Controller
+    _memory: _Memory = field(init=False, repr=False, default_factory=_Memory)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.controller, DrivesRobot):
+            raise WideberthError(
+                f"withdrawing.controller is {type(self.controller).__name__}, which does not know "
+                "its robot; wanted one with a robot, such as mpc or orca"
+            )
+        object.__setattr__(self, "controller", fresh(self.controller))
+
+    @property
+    def robot(self) -> Robot:
+        """The robot of the other controller."""
+        assert isinstance(self.controller, DrivesRobot)
+        return self.controller.robot
+
+    @property
+    def period(self) -> float:  # type: ignore[override]
+        """S between two calls, as of the other controller."""
+        return self.controller.period
+
+    def reset(self) -> None:
+        """Forget everything but settings and path."""
+        memory = self._memory
+        memory.known = DeadlockResolver()
+        self.controller.reset()
+        if memory.path is not None:
+            self._follow(memory.path)
+            memory.progress = Progress(memory.path)
+
+    def set_path(self, path: Path) -> None:
+        """Follow this path from now on; to the same goal, a withdrawal goes on."""
+        path, memory = checked_path(self.robot, path), self._memory
+        memory.known = memory.known.on(path, memory.path)
+        memory.path, memory.progress = path, Progress(path)
+        self._follow(memory.known.way or path)
+
+    def remember(self, observation: Observation) -> None:
+        """Take note of what is seen without deciding."""
+        self.controller.remember(observation)
+
+    def command(self, observation: Observation) -> Command:
+        """Decide as the other controller does, on the path or on the way out of a deadlock.
+
+        Raises
+        ------
+        WideberthError : wrong use, see `Controller`.
+        """
+        memory = self._memory
+        progress = checked_ready(memory.progress)
+        checked_use(self.robot, observation)
+        if _finite(observation):
+            state = within_bounds(self.robot, observation.state)
+            place = np.array(self.robot.pose(tuple(state)).position, dtype=np.float64)
+            memory.progress, arc = progress.advanced(place)
+            left = progress.path.length - arc
+            memory.known = memory.known.after(observation, place, self.robot.radius, left)
+            self._follow(memory.known.way or progress.path)
+        return self.controller.command(observation)
+
+    @property
+    def plan(self) -> Plan | None:
+        """The other controller's plan; its reason says where the robot withdraws to."""
+        plan, note = self.controller.plan, self._memory.known.note
+        if plan is None or not note:
+            return plan
+        return replace(plan, reason="; ".join(filter(None, (plan.reason, note))))
+
+    def _follow(self, way: Path) -> None:
+        """Hand a way to the other controller, if it is another one than before."""
+        if way is not self._memory.followed:
+            self._memory.followed = way
+            self.controller.set_path(way)
+
+
+def _finite(observation: Observation) -> bool:
+    """Whether clock and state are finite; else the other controller says what is wrong."""
+    return bool(np.isfinite(observation.stamp) and np.isfinite(observation.state).all())
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Snapshot:
     """Where the robot and the others were at one instant.
 
     Attributes
@@ -97,7 +219,7 @@ class Withdrawal:
 
 @final
 @dataclass(frozen=True, eq=False)
-class StandingOff:
+class DeadlockResolver:
     """Recognises that the robot and somebody near stand still, and withdraws from there.
 
     Each of two planners forecasts that the other stays where it is, for a while, and plans to
@@ -131,7 +253,7 @@ class StandingOff:
     wait : under way, or over at the place where the robot still is; None while there is none.
     """
 
-    seen: tuple[Glimpse, ...] = ()
+    seen: tuple[Snapshot, ...] = ()
     withdrawal: Withdrawal | None = None
     wait: Wait | None = None
 
@@ -151,7 +273,7 @@ class StandingOff:
         where = ", ".join(f"{value:.2f}" for value in self.withdrawal.way.goal)
         return f"withdraws from {self.withdrawal.other!r} to ({where}) m"
 
-    def on(self, path: Path, before: Path | None) -> "StandingOff":
+    def on(self, path: Path, before: Path | None) -> "DeadlockResolver":
         """Return what is still known on another path: all, or nothing where it has a new goal.
 
         Parameters
@@ -159,12 +281,12 @@ class StandingOff:
         path : from now on. before : until now; None where there was none.
         """
         if before is None or np.linalg.norm(path.goal - before.goal) > SAME_GOAL:
-            return StandingOff()
+            return DeadlockResolver()
         return self
 
     def after(
         self, observation: Observation, place: Array, radius: float, left: float
-    ) -> "StandingOff":
+    ) -> "DeadlockResolver":
         """Return what is known after an observation.
 
         Parameters
@@ -181,7 +303,7 @@ class StandingOff:
         under_way = known.withdrawal
         if under_way is not None and under_way.way is not None:
             over = observation.stamp >= under_way.end or known._passed(gaps)
-            return StandingOff(known.seen[-1:]) if over else known
+            return DeadlockResolver(known.seen[-1:]) if over else known
         known = replace(known, wait=known._waiting(observation, gaps, left))
         other = known._opposite(gaps) if left > LEFT else ""
         if not other or (under_way is not None and under_way.other != other):
@@ -192,17 +314,17 @@ class StandingOff:
             return known
         goal = retreat(observation, others, place, radius, other)
         if goal is None:  # no room: look again after some time
-            return StandingOff(known.seen[-1:])
+            return DeadlockResolver(known.seen[-1:])
         way, there = Path(np.stack([place, goal])), known.seen[-1].others[other]
         return replace(known, withdrawal=replace(under_way, way=way, there=there), wait=None)
 
-    def _looked(self, now: float, place: Array, others: Sequence[Detection]) -> "StandingOff":
+    def _looked(self, now: float, place: Array, others: Sequence[Detection]) -> "DeadlockResolver":
         """Take note of where everybody is; what is older than needed is dropped."""
-        glimpse = Glimpse(now, place, {one.ident: one.position for one in others})
+        snapshot = Snapshot(now, place, {one.ident: one.position for one in others})
         if not self.seen or self.seen[-1].stamp >= now:
-            return StandingOff((glimpse,))
+            return DeadlockResolver((snapshot,))
         old = [k for k, one in enumerate(self.seen) if one.stamp <= now - STILL + 1e-6]
-        return replace(self, seen=(*self.seen[max(old, default=0) :], glimpse))
+        return replace(self, seen=(*self.seen[max(old, default=0) :], snapshot))
 
     def _waiting(
         self, observation: Observation, gaps: Mapping[str, float], left: float
@@ -213,7 +335,7 @@ class StandingOff:
             name = self._met(gaps) if left > LEFT else ""
             if not name:
                 return None
-            end = now.stamp + generator_of(observation).uniform(*PRECEDENCE)
+            end = now.stamp + _generator_of(observation).uniform(*PRECEDENCE)
             step = np.eye(len(now.place))[0] * 0.01
             return Wait(name, now.place, end, Path(np.stack([now.place, now.place + step])))
         if one.way is None:
@@ -336,21 +458,14 @@ def _gap(one: Detection, place: Array, radius: float) -> float:
     return float(np.linalg.norm(one.position - place)) - radius - one.radius
 
 
-def generator_of(observation: Observation, *seed: int) -> np.random.Generator:
-    """Return the robot's own generator for a decision: that of its state and clock.
-
-    Parameters
-    ----------
-    observation : whose state and stamp count.
-    seed : whole numbers, for other draws from the same state.
-    """
+def _generator_of(observation: Observation) -> np.random.Generator:
+    """Return the robot's own generator for a decision: that of its state and clock."""
     numbers = np.append(observation.state, observation.stamp)
-    own = np.frombuffer(numbers.tobytes(), dtype=np.uint32).tolist()
-    return np.random.default_rng([*seed, *own])
+    return np.random.default_rng(np.frombuffer(numbers.tobytes(), dtype=np.uint32).tolist())
 
 
 def _drawn(observation: Observation, other: str) -> Withdrawal:
     """Draw when to withdraw and when to come back, by the robot's own state and clock."""
-    rng = generator_of(observation)
+    rng = _generator_of(observation)
     begin = observation.stamp + rng.uniform(*HESITATION)
     return Withdrawal(other, begin, begin + rng.uniform(*ABSENCE))

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from wideberth.controllers.withdrawing import AWAY, DeadlockResolver, Withdrawing, retreat
 from wideberth.experiments.engine.closed_loop import play
 from wideberth.experiments.engine.shipped import read_experiment
 from wideberth.experiments.studies.comparison import Comparison
-from wideberth.framework.mpc.planner.standing_off import AWAY, StandingOff, retreat
 from wideberth.framework.mpc.solvers.riccati.solver import Riccati
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
@@ -34,15 +34,15 @@ def seen(
     return Observation(stamp, np.array([*place, 0.0, 0.0, 0.0]), tuple(found), polygons=polygons)
 
 
-def watched(known: StandingOff, one: Observation, left: float = 5.0) -> StandingOff:
+def watched(known: DeadlockResolver, one: Observation, left: float = 5.0) -> DeadlockResolver:
     return known.after(one, one.state[:2], RADIUS, left)
 
 
 def after(
     seconds: float, other: tuple[float, float] = (1.0, 0.0), left: float = 5.0
-) -> StandingOff:
+) -> DeadlockResolver:
     """What is known after standing before somebody who stands."""
-    known = StandingOff()
+    known = DeadlockResolver()
     for tick in range(round(seconds / TICK) + 1):
         known = watched(known, seen(TICK * tick, {"b": other}), left)
     return known
@@ -62,7 +62,7 @@ def test_what_is_no_stand_off() -> None:
     assert after(2.0, other=(2.0 * RADIUS + 1.49, 0.0)).withdrawal is not None
     moving = [((0.08, 0.0), (0.0, 0.0)), ((0.0, 0.0), (0.0, 0.16))]  # m/s: itself, the other
     for own, other in moving:
-        known = StandingOff()
+        known = DeadlockResolver()
         for tick in range(30):
             time = TICK * tick
             there = 1.0 + time * other[0], time * other[1]
@@ -80,7 +80,7 @@ def test_who_hesitates_stays_if_the_other_moves() -> None:
     assert closer.withdrawal is None  # another one, who has just come
 
 
-def withdrawing() -> StandingOff:
+def withdrawing() -> DeadlockResolver:
     known = after(2.0)
     assert known.withdrawal is not None
     time = 2.0
@@ -111,7 +111,7 @@ def test_times_are_uniform_and_the_robots_own() -> None:
     """Of equal robots at other places; the same observation gives the same times."""
     drawn = []
     for k in range(300):
-        known, place = StandingOff(), (1e-3 * k, 0.5)
+        known, place = DeadlockResolver(), (1e-3 * k, 0.5)
         for tick in range(11):
             known = watched(known, seen(TICK * tick, {"b": (1.0, 0.5)}, place))
         assert known.withdrawal is not None
@@ -127,9 +127,9 @@ def test_times_are_uniform_and_the_robots_own() -> None:
 
 def meeting(
     own: float = 1.0, other: float = 1.0, halt: float = 0.6, y: float = 0.0
-) -> StandingOff:
+) -> DeadlockResolver:
     """What is known when two who came at these speeds, m/s, have stood for a while, s."""
-    known, came = StandingOff(), 2.0
+    known, came = DeadlockResolver(), 2.0
     for tick in range(round((came + halt) / TICK) + 1):
         before = min(TICK * tick - came, 0.0)
         there = {"b": (1.0 - other * before, y)}
@@ -150,7 +150,7 @@ def test_two_who_come_to_a_halt_let_each_other_go() -> None:
 
 @pytest.mark.parametrize("period", [0.7, 1.0])
 def test_who_walks_on_has_not_come_to_a_halt_however_seldom_it_is_looked_at(period: float) -> None:
-    known = StandingOff()
+    known = DeadlockResolver()
     for tick in range(12):
         way = 0.4 * period * tick
         known = watched(known, seen(period * tick, {"b": (1.0 + way, 0.0)}, (way, 0.0)))
@@ -208,7 +208,7 @@ def test_a_retreat_in_space_is_at_the_same_height() -> None:
 @pytest.mark.parametrize(("drift", "withdraws"), [(0.0, True), (0.29, True), (0.31, False)])
 def test_a_path_that_is_planned_anew_keeps_what_is_known(drift: float, withdraws: bool) -> None:
     """Another goal begins anew; here it moves on by so much each second, m."""
-    made = planner(withdraw=True, solver=Riccati())
+    made = Withdrawing(planner(solver=Riccati()))
     reasons = []
     for tick in range(26):  # 2 s of standing, at most 2 s of hesitating, and one second
         if tick % 5 == 0:  # each second
@@ -225,7 +225,9 @@ def test_two_robots_in_a_door_do_not_stand_for_ever(withdraw: bool) -> None:
     experiment, _ = read_experiment("doorway", [])
     assert isinstance(experiment, Comparison)
     robot, settings = experiment.robots["unicycle"], experiment.settings["noise_1_cm"]
-    ours = replace(experiment.controllers["ours"], withdraw=withdraw)  # type: ignore[type-var]
+    ours = experiment.controllers["ours"]
+    assert isinstance(ours, Withdrawing)
+    ours = ours if withdraw else ours.controller  # type: ignore[assignment]
     short = replace(settings, time_limit=45.0)
     episode = play(Doorway(oncoming="robot", lag=(-0.2, 0.2)), robot, ours, short, 100)
     notes = [plan.reason for log in episode.robots for plan in log.plans]
