@@ -9,11 +9,9 @@ from .moussaid_force import MoussaidForce as MoussaidForce
 from .nav2.navigator import Nav2 as Nav2
 from .orca import Orca as Orca
 from .policy import Policy as Policy
-from .presets import LinearizedChance as LinearizedChance
-from .presets import Lmpcc as Lmpcc
-from .presets import MpcConstantVelocity as MpcConstantVelocity
 from .pure_pursuit import PurePursuit as PurePursuit
 from .social_force import SocialForce as SocialForce
+from .withdrawing import Withdrawing as Withdrawing
 from ..framework.mpc.planner.planner import Planner as Planner
-__all__ = ['BilevelOrca', 'ConstantVelocity', 'DynamicWindow', 'LinearizedChance', 'Lmpcc', 'MoussaidForce', 'MpcConstantVelocity', 'Nav2', 'Orca', 'Planner', 'Policy', 'PurePursuit', 'SocialForce']
+__all__ = ['BilevelOrca', 'ConstantVelocity', 'DynamicWindow', 'MoussaidForce', 'Nav2', 'Orca', 'Planner', 'Policy', 'PurePursuit', 'SocialForce', 'Withdrawing']
 BUILT_IN: dict[str, str]

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from ...controllers.presets import Preset
 from ...framework.controller import Controller, WrapsController
 from ...framework.mpc.planner.planner import Planner
 from ...framework.plugins.config import describe
@@ -16,8 +15,6 @@ from ...simulation.log.episode_log import Episode
 
 def planner_behind(controller: Controller | None) -> Planner | None:
     """Return the planner that a controller is or wraps; None for one that plans otherwise."""
-    if isinstance(controller, Preset):
-        return controller.planner
     if isinstance(controller, WrapsController):
         return planner_behind(controller.controller)
     return controller if isinstance(controller, Planner) else None

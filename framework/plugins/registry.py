@@ -50,7 +50,12 @@ ROOMS = {
     "controllers": Room(
         "wideberth.controllers",
         f"{_FRAMEWORK}.controller:Controller",
-        {"recommended": f"{_FRAMEWORK}.mpc.planner.recommended:completed"},
+        {
+            "linearized_chance": "wideberth.controllers.presets:linearized_chance",
+            "lmpcc": "wideberth.controllers.presets:lmpcc",
+            "mpc_constant_velocity": "wideberth.controllers.presets:mpc_constant_velocity",
+            "recommended": f"{_FRAMEWORK}.mpc.planner.recommended:completed",
+        },
     ),
     "state_estimators": Room(
         "wideberth.perception.state", f"{_FRAMEWORK}.state_estimator:StateEstimator"

@@ -5,14 +5,11 @@ from functools import partial
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.testing.controller import laws
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import GaussianObstacle
-from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
-from wideberth.framework.values.plan import Rung
 from wideberth.framework.values.polygon import Polygon
 from wideberth.robots.unicycle import Unicycle
 from wideberth.simulation.engine.agents import RobotAgent
@@ -33,7 +30,7 @@ SHORT = {"horizon": 6, "dt": 0.8, "margin": 0.1}
 def test_parts_are_the_stated_ones(name):
     predictor, region, tail, cost = PARTS[name]
     made = build("controllers", {"type": name, "robot": "unicycle", **SHORT})
-    config = describe(made.planner)
+    config = describe(made)
     kinds = tuple(config[part]["type"] for part in ("predictor", "region", "cost"))
     assert kinds == (predictor, region, cost)
     assert config["level"]["type"] == "fixed" and config["level"]["tail"] == tail
@@ -43,7 +40,7 @@ def test_parts_are_the_stated_ones(name):
 
 def test_without_covariance_the_region_is_the_disc():
     """Whatever the covariance: in at 1.5 m less a little, out at 1.5 m and a little."""
-    made = build("controllers", {"type": "mpc_constant_velocity", "robot": "unicycle"}).planner
+    made = build("controllers", {"type": "mpc_constant_velocity", "robot": "unicycle"})
     level = made.level.levels(made.region, 1, 1, 2)[0, 0]
     angle = np.linspace(0.0, 6.0, 25)
     around = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -68,26 +65,14 @@ def test_contract(name, law):
     CONTRACT.check(name, law)
 
 
-def test_everything_is_delegated():
-    """The same commands and plans as the planner it is made of, polygons and all."""
-    preset = build("controllers", {"type": "linearized_chance", "robot": "unicycle", **SHORT})
-    planner = build("controllers", describe(preset.planner))
-    assert isinstance(planner, Planner)
-    wall = Polygon(((2.0, 2.0), (3.0, 2.0), (3.0, 3.0)), "wall")
-    for one in (preset, planner):
-        one.set_path(Path(np.array([[0.0, 0.0], [8.0, 0.0]])))
-    for k in range(4):
-        other = Detection("other", np.array([6.0 - 0.2 * k, 0.3]), 1e-4 * np.eye(2), 0.5)
-        note = Observation(0.5 * k, np.array([0.1 * k, 0, 0, 0.2, 0]), (other,), polygons=(wall,))
-        if k < 2:
-            preset.remember(note)
-            planner.remember(note)
-        else:
-            assert preset.command(note) == planner.command(note)
-            np.testing.assert_array_equal(preset.plan.states, planner.plan.states)
-            assert preset.plan.rung is Rung.OPTIMAL
-    preset.reset()
-    assert preset.plan is None
+@pytest.mark.parametrize("name", PARTS)
+def test_what_is_stated_wins(name):
+    level = {"type": "fixed", "tail": 0.2}
+    stated = {"predictor": "imm", "level": level, "starts": ["along"], "static_region": None}
+    made = build("controllers", {"type": name, "robot": "unicycle", **stated})
+    found = describe(made)
+    assert (found["type"], found["predictor"]["type"]) == ("mpc", "imm")
+    assert found["level"]["tail"] == 0.2 and found["static_region"] is None
 
 
 @pytest.mark.parametrize("name", PARTS)
@@ -107,7 +92,8 @@ def test_two_who_meet_do_not_touch(name):
 
 def test_settings_out_of_range_are_refused():
     with pytest.raises(WideberthError, match=r"tail is 2; a probability must lie strictly"):
-        build("controllers", {"type": "lmpcc", "robot": "unicycle", "tail": 2.0})
+        level = {"type": "fixed", "tail": 2.0}
+        build("controllers", {"type": "lmpcc", "robot": "unicycle", "level": level})
     with pytest.raises(WideberthError, match=r"horizon is 0; wanted a whole number"):
         build("controllers", {"type": "mpc_constant_velocity", "robot": "unicycle", "horizon": 0})
 

@@ -39,8 +39,6 @@ def test_packages_import_nothing_heavy_before_a_name_is_used() -> None:
         ("import wideberth; wideberth.bulid", "build"),
         ("import wideberth; wideberth.predictors.Kalmann", "Kalman"),
         ("import wideberth; wideberth.framework.testing.check_regoin", "check_region"),
-        ("from wideberth.predictors import Kalmann", "Kalman"),
-        ("from wideberth import Traks", "Tracks"),
     ],
 )
 def test_a_misspelt_name_gets_the_nearest(code: str, meant: str) -> None:

@@ -155,7 +155,7 @@ def test_a_shard_of_nested_brackets(text: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("rows", [3, [3], [{"a": []}], [[1]], {"a": 1}, None, "text"])
 def test_a_shard_whose_rows_are_none(rows: object, tmp_path: Path) -> None:
-    content = {"format": "wideberth/shard", "version": 2, "source": "s", "task": "t"}
+    content = {"format": "wideberth/shard", "version": 1, "source": "s", "task": "t"}
     more = {"timed": False, "files": {}, "rows": rows}
     (tmp_path / "k.json").write_text(json.dumps({**content, **more}))
     with pytest.raises(UnusableShard, match="damaged"):
@@ -169,7 +169,7 @@ def archive(**arrays: object) -> bytes:
 
 
 def described(**content: object) -> bytes:
-    meta = json.dumps({"format": "wideberth/episode", "version": 3, **content}).encode()
+    meta = json.dumps({"format": "wideberth/episode", "version": 1, **content}).encode()
     return archive(meta=np.frombuffer(meta, np.uint8), numbers=np.zeros(3))
 
 
