@@ -18,7 +18,7 @@ from ..framework.controller import (
 from ..framework.mpc.ocp.reference import Progress
 from ..framework.robot import Robot
 from ..framework.tracking.stand_ins import sound
-from ..framework.values.arrays import Array
+from ..framework.values.arrays import FARTHEST, Array
 from ..framework.values.errors import WideberthError
 from ..framework.values.motion import Command, Detection, Observation
 from ..framework.values.path import Path
@@ -131,14 +131,27 @@ class Withdrawing(Controller):
         memory = self._memory
         progress = checked_ready(memory.progress)
         checked_use(self.robot, observation)
-        if _finite(observation):
-            state = within_bounds(self.robot, observation.state)
-            place = np.array(self.robot.pose(tuple(state)).position, dtype=np.float64)
-            memory.progress, arc = progress.advanced(place)
-            left = progress.path.length - arc
-            memory.known = memory.known.after(observation, place, self.robot.radius, left)
+        if _usable(observation):
+            memory.progress, memory.known = self._looked(progress, observation)
             self._follow(memory.known.way or progress.path)
         return self.controller.command(observation)
+
+    def _looked(
+        self, progress: Progress, observation: Observation
+    ) -> tuple[Progress, "DeadlockResolver"]:
+        """Return the progress along the path, and what is known after an observation.
+
+        Whatever the observation holds, nothing is raised: then nothing is known of a deadlock.
+        """
+        robot = self.robot
+        try:
+            state = within_bounds(robot, observation.state)
+            place = np.array(robot.pose(tuple(state)).position, dtype=np.float64)
+            progress, arc = progress.advanced(place)
+            left = progress.path.length - arc
+            return progress, self._memory.known.after(observation, place, robot.radius, left)
+        except Exception:
+            return progress, DeadlockResolver()
 
     @property
     def plan(self) -> Plan | None:
@@ -155,9 +168,10 @@ class Withdrawing(Controller):
             self.controller.set_path(way)
 
 
-def _finite(observation: Observation) -> bool:
-    """Whether clock and state are finite; else the other controller says what is wrong."""
-    return bool(np.isfinite(observation.stamp) and np.isfinite(observation.state).all())
+def _usable(observation: Observation) -> bool:
+    """Whether clock and state can be reckoned with; else the controller says what is wrong."""
+    numbers = np.append(observation.state, observation.stamp)
+    return bool((np.abs(numbers) <= FARTHEST).all())
 
 
 @final

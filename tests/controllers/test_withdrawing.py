@@ -13,6 +13,9 @@ from wideberth.experiments.engine.closed_loop import play
 from wideberth.experiments.engine.shipped import read_experiment
 from wideberth.experiments.studies.comparison import Comparison
 from wideberth.framework.mpc.solvers.riccati.solver import Riccati
+from wideberth.framework.plugins.config import build
+from wideberth.framework.testing.controller import check_controller
+from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.polygon import Polygon
@@ -237,10 +240,36 @@ def test_two_robots_in_a_door_do_not_stand_for_ever(withdraw: bool) -> None:
 
 def test_somebody_at_the_end_of_the_world_is_not_looked_at() -> None:
     """Squares of such a distance are no numbers, which the whole decision then fell with."""
-    known = StandingOff()
+    known = DeadlockResolver()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for tick in range(15):
             one = seen(TICK * tick, {"b": (1e200, 0.0), "c": (1.0, 0.0)})
             known = watched(known, one)
     assert known.withdrawal is not None and known.withdrawal.other == "c"
+
+
+@pytest.mark.parametrize("name", ["pure_pursuit", "mpc"])
+def test_contract(name: str) -> None:
+    rival = {"type": "pure_pursuit", "robot": "unicycle"}
+    made = planner(solver=Riccati()) if name == "mpc" else build("controllers", rival)
+    check_controller(Withdrawing(made), cycles=3)
+
+
+def test_who_does_not_know_its_robot_is_refused() -> None:
+    with pytest.raises(WideberthError, match=r"withdrawing.controller is .*, which does not know"):
+        Withdrawing(object())  # type: ignore[arg-type]
+
+
+def test_any_controller_is_led_out_of_a_stand_off() -> None:
+    """A rival that stands before a person who stands follows the short way aside."""
+    made = build(
+        "controllers",
+        {"type": "withdrawing", "controller": {"type": "pure_pursuit", "robot": "unicycle"}},
+    )
+    made.set_path(Path(np.array([[0.0, 0.0], [8.0, 0.0]])))
+    turns = []
+    for tick in range(30):
+        command = made.command(seen(TICK * tick, {"b": (1.0, 0.0)}))
+        turns.append(abs(command.omega))
+    assert turns[0] == 0.0 and max(turns) > 0.0  # the way aside begins with a turn

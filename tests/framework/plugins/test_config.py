@@ -207,6 +207,8 @@ def test_every_built_in_survives_describe(room: str, name: str) -> None:
         }  # fmt: skip
     elif (room, name) == ("controllers", "policy"):
         value = {"type": name, "robot": "unicycle", "policy": "math:sqrt"}
+    elif (room, name) == ("controllers", "withdrawing"):
+        value = {"type": name, "controller": {"type": "pure_pursuit", "robot": "unicycle"}}
     elif room == "controllers":
         value = {"type": name, "robot": "unicycle"}
     elif name == "recorded_scene":

@@ -189,7 +189,7 @@ def bomb() -> bytes:
         (archive(meta=np.zeros(3)), r"not a saved episode"),
         (archive(numbers=np.zeros(3), meta=np.array([{"a": 1}])), r"damaged npz archive"),
         (archive(meta=np.frombuffer(b"[" * 9999, np.uint8), numbers=np.zeros(1)), r"nested more"),
-        (described(), r"episode is damaged \(KeyError: 'times'\)"),
+        (described(), r"episode is damaged \(KeyError: 'polygons'\)"),
         (described(times=3, agents=[]), r"episode is damaged"),
         (described(times={"at": 0, "shape": [10**9, 10**9]}, agents=[]), r"episode is damaged"),
         (described(times={"at": "x", "shape": "y"}, agents=[]), r"episode is damaged"),
