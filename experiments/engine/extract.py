@@ -8,6 +8,7 @@ from typing import Any
 
 from ...framework.plugins.io import read_table
 from ...framework.plugins.registry import load, unknown
+from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError
 from .meanings import shares
 from .result import Row, need_frames
@@ -19,7 +20,6 @@ from .showing import (
     main_columns,
     markdown_table,
 )
-from .stored import read_stored
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def extract(folder: Path, columns: Sequence[str] = (), pivot: Sequence[str] = ()
         )
     wanted = list(columns or pivot)
     name, rows = _table_with(folder, wanted)
-    study = str(read_stored(folder / "config.yaml").get("type", ""))
+    study = str(read_config(folder / "config.yaml", stored=True).get("type", ""))
     known = shares(study, wanted or columns_of(rows))
     if pivot:
         return _pivoted(name, rows, wanted, wanted[2] in known)
@@ -79,7 +79,7 @@ def answering(folder: Path, rows: Sequence[Row]) -> list[str]:
 
     All of them where the study names none, or is not known here.
     """
-    study = str(read_stored(folder / "config.yaml").get("type", ""))
+    study = str(read_config(folder / "config.yaml", stored=True).get("type", ""))
     try:
         printed = load("experiments", study).printed
     except WideberthError:

@@ -13,8 +13,8 @@ from wideberth.experiments.engine import result_folder, runner
 from wideberth.experiments.engine.base import Experiment
 from wideberth.experiments.engine.result_folder import listed_files
 from wideberth.experiments.engine.runner import draw, run
-from wideberth.experiments.engine.stored import read_stored
 from wideberth.framework.plugins.io import read_json
+from wideberth.framework.plugins.yamlfile import read_config
 from wideberth.framework.values.errors import WideberthError
 from wideberth.tests.helpers.sweeps import coins
 
@@ -247,7 +247,7 @@ def test_a_config_that_cannot_be_opened_again_is_refused_before_the_work(
 def begun_run(kept: Path) -> Callable[[Path], None]:
     """Return what begins a run of another config in a folder, as another process does."""
     run(coins(throws=7), kept)
-    settings = read_stored(kept / "config.yaml")
+    settings = read_config(kept / "config.yaml", stored=True)
     origin = read_json(kept / "provenance.json", "provenance", 1)
     return lambda out: result_folder.prepare(out, settings, origin)
 

@@ -89,10 +89,11 @@ class Planner(PlannerSettings, Controller):
     def set_path(self, path: Path) -> None:
         """Follow this path from now on; the first one warns of settings that look like a slip."""
         path, memory = checked_path(self.robot, path), self._memory
+        first = memory.state.progress is None
         memory.state = replace(memory.state, progress=Progress(path))
         if not self._services.problems:
             warm_up(self, self._services, path)
-        for words in doubts(self) if before is None else ():
+        for words in doubts(self) if first else ():
             WARNINGS.warn(type(self).__name__, words.split()[0], words)
 
     @property
