@@ -68,7 +68,9 @@ def sound(
     oldest : s.
     """
     remembered = {} if known is None else known
-    kept, notes, lost = [], [], []
+    kept: list[Detection] = []
+    notes: list[str] = []
+    lost: list[tuple[str, str]] = []
     for one in observation.detections:
         if _good(one, dimension, oldest):
             kept.append(one)
@@ -81,15 +83,16 @@ def sound(
         kept.append(found)
         said = ", ".join(filter(None, (moved, *words)))
         notes.append(f"detection {one.ident!r} taken in part: {said}")
-    taken, placeless = {one.ident for one in kept}, []
-    for ident, wrong in lost:
+    taken = {one.ident for one in kept}
+    placeless: list[str] = []
+    for ident, why in lost:
         if ident in remembered and ident not in taken:
             taken.add(ident)
             instead = "its last measurement stands in"
         else:
             placeless.append(ident)
             instead = "it may be anywhere"
-        notes.append(f"detection {ident!r} refused: {wrong}; {instead}")
+        notes.append(f"detection {ident!r} refused: {why}; {instead}")
     return Sighting(tuple(kept), notes, tuple(placeless))
 
 

@@ -166,12 +166,14 @@ class Decision:
     notes : what was refused of the observation, and of the command, and which other solver
         answered than the planner's own.
     solved : the problem that was solved; None where the cycle did not get that far.
+    frame : what the robot perceived; None where the cycle did not get that far.
     """
 
     command: Command
     plan: Plan
     notes: tuple[str, ...]
     solved: Solved | None
+    frame: "Seen | None" = None
 
 
 @final
@@ -205,93 +207,127 @@ def step(
     ------
     WideberthError : no path is set, or something else than an observation of this robot.
     """
-    progress = checked_ready(state.progress)
+    checked_ready(state.progress)
     checked_use(settings.robot, observation)
-    budget, solved, robot = Budget.start(settings.deadline), None, settings.robot
+    budget = Budget.start(settings.deadline)
     try:
         state = remember(settings, state, observation)
         checked_numbers(observation)
-        stamp = observation.stamp + settings.latency
-        start = _delayed(settings, state, observation.stamp, observation.state)
-        start = within_bounds(robot, start)
-        progress, arc = progress.advanced(_place(robot, start))
-        state = replace(state, progress=progress)
-        reference = _laid(settings, progress.path, arc)
-        state, seen = _foreseen(settings, state, observation, stamp)
-        check, first = _fill(settings, state, services, seen, start, arc, reference)
-        starts = MultiStart(services.watch, settings.starts, budget)
-        outcome = starts.run(check, first, state.obstacle_in_way)
-        state = replace(state, obstacle_in_way=outcome.obstacle_in_way)
-        made = _Made.of(settings, seen, check, outcome, stamp)
-        answered = _stand_in(made.outcome)
-        words = joined(made.outcome.note, made.check.note)
-        plan = _in_situation(settings, made.plan, made.seen, progress.path, start, words)
-        kept = KeptMultipliers.of(made.point, made.check.around.chosen)
-        solved = made.solved(plan, budget.spent())
-        command, note = _limited(robot, command_of_plan(robot, plan))
-        smoother = _smoothed(state.smoother, command, stamp)
+        state, course = _on_course(settings, state, observation)
+        state, frame = _perceived(settings, state, observation, course)
+        state, decision = _planned(settings, state, services, course, frame, budget)
     except Exception as error:
-        words = f"{type(error).__name__}: {error}"
-        plan, command = emergency(robot, observation, words, settings.horizon, settings.dt)
-        note, answered, smoother, kept = "", "", None, None
+        state, decision = _braked(settings, state, observation, error)
     perception, notes = state.perception.drained()
-    state = replace(state, perception=perception, plan=plan)
-    state = replace(state, multipliers=kept, smoother=smoother)
-    said = (*filter(None, (note, answered)), *notes)
-    return state, Decision(command, plan, said, solved)
+    state = replace(state, perception=perception, plan=decision.plan)
+    return state, replace(decision, notes=(*decision.notes, *notes))
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class _Made:
-    """What came of an instance.
+class Course:
+    """Where the robot is when the command takes effect, and what it follows from there.
 
     Attributes
     ----------
-    seen : what it was filled from. check : the instance. outcome : of its solves.
-    plan : of the rung that was chosen. point : the same as the problem states it.
+    stamp : s, when the command takes effect.
+    start : (n,), state at that time. arc : m, arc length along the path there.
+    reference : laid along the path from there.
     """
 
-    seen: Seen
-    check: InstanceCheck
-    outcome: Outcome
-    plan: Plan
-    point: Guess
-
-    @classmethod
-    def of(
-        cls,
-        settings: PlannerSettings,
-        seen: Seen,
-        check: InstanceCheck,
-        outcome: Outcome,
-        stamp: float,
-    ) -> "_Made":
-        """Choose the plan of the best rung."""
-        plan, point = choose(rungs_of(settings.rungs), Trial(check, outcome), stamp)
-        return cls(seen, check, outcome, strip_progress(settings.robot, plan), point)
-
-    def solved(self, plan: Plan, seconds: float) -> Solved:
-        """Return the record of it, with the plan as it is handed out."""
-        ends = tuple(one.message for one in self.outcome.solutions)
-        return Solved(self.check, self.outcome.guesses, self.point, plan, seconds, ends)
+    stamp: float
+    start: Array
+    arc: float
+    reference: Reference
 
 
-def _laid(settings: PlannerSettings, course: Path, arc: float) -> Reference:
-    """Lay what the plan is held against along a path, from an arc length on, m."""
-    speed, steps = settings.reference_speed, settings.horizon
-    return settings.cost.lay(course, arc, speed, steps, settings.dt)
+def _on_course(
+    settings: PlannerSettings, state: PlannerState, observation: Observation
+) -> tuple[PlannerState, Course]:
+    """Find the robot on its path, and lay the reference."""
+    robot, stamp = settings.robot, observation.stamp + settings.latency
+    start = _delayed(settings, state, observation.stamp, observation.state)
+    start = within_bounds(robot, start)
+    progress, arc = checked_ready(state.progress).advanced(_place(robot, start))
+    reference = settings.cost.lay(
+        progress.path, arc, settings.reference_speed, settings.horizon, settings.dt
+    )
+    return replace(state, progress=progress), Course(stamp, start, arc, reference)
 
 
-def _foreseen(
-    settings: PlannerSettings, state: PlannerState, observation: Observation, stamp: float
+def _perceived(
+    settings: PlannerSettings, state: PlannerState, observation: Observation, course: Course
 ) -> tuple[PlannerState, Seen]:
-    """Forecast what the plan is held against."""
+    """Let the predictor learn, and forecast what the plan is held against."""
     scene = scene_of(observation, state.plan, settings.robot.radius)
     tracks = state.perception.history.tracks()
     state = replace(state, perception=state.perception.learnt(tracks, scene))
-    forecast = state.perception.forecast(tracks, stamp, settings.grid, scene)
+    forecast = state.perception.forecast(tracks, course.stamp, settings.grid, scene)
     return state, Seen(observation, tracks, forecast)
+
+
+def _planned(
+    settings: PlannerSettings,
+    state: PlannerState,
+    services: Services,
+    course: Course,
+    frame: Seen,
+    budget: Budget,
+) -> tuple[PlannerState, Decision]:
+    """Fill the problem, solve it from several starts, take the best rung, and command."""
+    robot = settings.robot
+    check, first = _fill(settings, state, services, course, frame)
+    starts = MultiStart(services.watch, settings.starts, budget)
+    outcome = starts.run(check, first, state.obstacle_in_way)
+    plan, point = choose(rungs_of(settings.rungs), Trial(check, outcome), course.stamp)
+    plan = _explained(strip_progress(robot, plan), frame, check, outcome)
+    ends = tuple(one.message for one in outcome.solutions)
+    solved = Solved(check, outcome.guesses, point, plan, budget.spent(), ends)
+    command, note = _limited(robot, command_of_plan(robot, plan))
+    state = replace(
+        state,
+        multipliers=KeptMultipliers.of(point, check.around.chosen),
+        smoother=_smoothed(state.smoother, command, course.stamp),
+        obstacle_in_way=outcome.obstacle_in_way,
+    )
+    notes = tuple(filter(None, (note, _stand_in(outcome))))
+    return state, Decision(command, plan, notes, solved, frame)
+
+
+def _braked(
+    settings: PlannerSettings, state: PlannerState, observation: Observation, error: Exception
+) -> tuple[PlannerState, Decision]:
+    """Brake, since something raised; the next cycle begins without the last one's numbers."""
+    words = f"{type(error).__name__}: {error}"
+    plan, command = emergency(settings.robot, observation, words, settings.horizon, settings.dt)
+    return replace(state, multipliers=None, smoother=None), Decision(command, plan, (), None)
+
+
+def _explained(plan: Plan, frame: Seen, check: InstanceCheck, outcome: Outcome) -> Plan:
+    """Add to a plan what it was held against, and what there is to say of it."""
+    reason = joined(plan.reason, outcome.note, check.note)
+    tracked = () if frame.tracks is None else frame.tracks.ids
+    return replace(plan, reason=reason, forecast=frame.forecast, tracked=tracked)
+
+
+def situation_of(settings: PlannerSettings, path: Path, decision: Decision) -> Situation | None:
+    """Return what a picture of a decision shows beside its plan; None after an emergency."""
+    frame = decision.frame
+    if frame is None or decision.solved is None:
+        return None
+    robot = settings.robot
+    start = decision.solved.check.parameters.initial[: len(robot.states)]
+    heading = robot.pose(tuple(start)).heading
+    return Situation(
+        region=settings.region,
+        room=settings.kinds[0].bodies(robot)[0].radius + settings.margin,
+        radii=np.zeros(0) if frame.tracks is None else frame.tracks.radius,
+        radius=robot.radius,
+        heading=float("nan") if heading is None else float(heading),
+        footprint=robot.footprint,
+        path=path,
+        polygons=frame.observation.polygons,
+    )
 
 
 def _stand_in(outcome: Outcome) -> str:
@@ -299,32 +335,6 @@ def _stand_in(outcome: Outcome) -> str:
     solved = (one.solution for one in outcome.candidates if one.solution is not None)
     found = next((one.stand_in for one in solved if one.stand_in), "")
     return f"solved by {found}" if found else ""
-
-
-def _in_situation(
-    settings: PlannerSettings, plan: Plan, seen: Seen, path: Path, start: Array, note: str
-) -> Plan:
-    """Add a note, what the plan was held against, and, for pictures, what it looks like."""
-    robot, tracks = settings.robot, seen.tracks
-    heading = robot.pose(tuple(start)).heading
-    situation = Situation(
-        region=settings.region,
-        room=settings.kinds[0].bodies(robot)[0].radius + settings.margin,
-        radii=np.zeros(0) if tracks is None else tracks.radius,
-        radius=robot.radius,
-        heading=float("nan") if heading is None else float(heading),
-        footprint=robot.footprint,
-        path=path,
-        polygons=seen.observation.polygons,
-    )
-    tracked = () if tracks is None else tracks.ids
-    return replace(
-        plan,
-        reason=joined(plan.reason, note),
-        forecast=seen.forecast,
-        tracked=tracked,
-        situation=situation,
-    )
 
 
 def _delayed(settings: PlannerSettings, state: PlannerState, stamp: float, now: Array) -> Array:
@@ -338,25 +348,24 @@ def _fill(
     settings: PlannerSettings,
     state: PlannerState,
     services: Services,
-    seen: Seen,
-    start: Array,
-    arc: float,
-    reference: Reference,
+    course: Course,
+    frame: Seen,
 ) -> tuple[InstanceCheck, Guess]:
     """Fill the problem with all that is there; return it with the first starting point."""
-    robot, inputs, stamp = settings.robot, None, seen.observation.stamp + settings.latency
+    robot, inputs = settings.robot, None
+    start, reference = course.start, course.reference
     if state.plan is not None:
         standing = settings.stop_at_end
-        inputs = remaining_inputs(robot, state.plan, stamp, start, standing=standing)
+        inputs = remaining_inputs(robot, state.plan, course.stamp, start, standing=standing)
     target = shared_target(settings.kinds, settings.level, robot.dimension)
     first = Guess.bare(*first_trajectory(services.motion, start, inputs), target)
     here = np.broadcast_to(_place(robot, start), reference.position.shape)
-    own, own_on_map = _own(settings, state, services, seen.observation, first)
+    own, own_on_map = _own(settings, state, services, frame.observation, first)
     view = View(
-        observation=seen.observation,
-        tracks=seen.tracks,
-        forecast=seen.forecast,
-        times=stamp + settings.grid,
+        observation=frame.observation,
+        tracks=frame.tracks,
+        forecast=frame.forecast,
+        times=course.stamp + settings.grid,
         dt=settings.dt,
         reference=reference,
         route=np.stack([reference.position, here]),
@@ -372,27 +381,27 @@ def _fill(
     )
     chosen = tuple(kind.choose(robot, view) for kind in settings.kinds)
     if isinstance(services.body, ProgressRobot):
-        robot, start = services.body, np.append(start, arc)
-        first = add_progress(robot, first, reference, arc, settings.dt)
+        robot, start = services.body, np.append(start, course.arc)
+        first = add_progress(robot, first, reference, course.arc, settings.dt)
         inputs = None if inputs is None else first.inputs
     laid = reference.position, reference.direction, reference.speed
     numbers = tuple(one.numbers for one in chosen)
     parameters = Parameters(start, *laid, numbers, reference.curve)
     problem = services.problems.of(tuple(one.room for one in chosen))
     around = Surroundings(robot, settings.kinds, chosen)
-    rule = _in_contact(settings, state, seen, robot, start)
+    rule = _in_contact(settings, state, frame, robot, start)
     check = InstanceCheck(problem, parameters, around, settings.level, inputs, rule)
-    first = check.suited(_warm(settings, state, stamp, parameters, chosen, first))
+    first = check.suited(_warm(settings, state, course.stamp, parameters, chosen, first))
     return replace(check, parameters=first.pull(parameters)), first
 
 
 def _in_contact(
-    settings: PlannerSettings, state: PlannerState, seen: Seen, robot: Robot, start: Array
+    settings: PlannerSettings, state: PlannerState, frame: Seen, robot: Robot, start: Array
 ) -> InContact | None:
     """Return who is in contact as the plan begins at ``start``, and who was seen nowhere."""
-    stamp, tracks = seen.observation.stamp + settings.latency, seen.tracks
+    stamp, tracks = frame.observation.stamp + settings.latency, frame.tracks
     lag = 0.0 if tracks is None else stamp - tracks.stamp
-    others = expected_now(tracks, seen.forecast, lag, robot.dimension)
+    others = expected_now(tracks, frame.forecast, lag, robot.dimension)
     placeless, steps = state.perception.placeless, settings.horizon
     return InContact.of(robot, start, others, placeless, steps, settings.dt)
 

@@ -14,7 +14,16 @@ from ...values.plan import Plan, Rung
 from ..diagnosis.explain import SolveRecord
 from ..diagnosis.solve_record import Record
 from ..ocp.reference import Progress
-from .cycle import Decision, PlannerState, Services, joined, remember, step, warm_up
+from .cycle import (
+    Decision,
+    PlannerState,
+    Services,
+    joined,
+    remember,
+    situation_of,
+    step,
+    warm_up,
+)
 from .settings import PlannerSettings, check_settings, doubts
 
 SOON = 2.0
@@ -98,8 +107,14 @@ class Planner(PlannerSettings, Controller):
 
     @property
     def plan(self) -> Plan | None:
-        """The plan behind the last command."""
-        return self._memory.plan
+        """The plan behind the last command, with all that a picture of it shows."""
+        memory, progress = self._memory, self._memory.state.progress
+        if memory.plan is None or memory.decision is None or progress is None:
+            return memory.plan
+        if memory.plan.situation is None:
+            situation = situation_of(self, progress.path, memory.decision)
+            memory.plan = replace(memory.plan, situation=situation)
+        return memory.plan
 
     def remember(self, observation: Observation) -> None:
         """Take note of what is seen without planning."""
