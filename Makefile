@@ -1,6 +1,6 @@
 PY  ?= python3
 BIN := .venv/bin
-ROOMS := framework predictors regions robots controllers perception routes bridges simulation experiments
+ROOMS := framework predictors regions robots controllers perception routes ros simulation experiments
 WORKERS ?= 2
 FIGURES ?= ellipse_construction approximation_error forecast_regions chicken_game crossing
 
@@ -48,7 +48,7 @@ acados: .venv/ready     ## fetch acados, a peer of the benchmarks, into .venv/ac
 	  ln -s ../../wheel/acados/acados_template .
 
 core: .venv/ready       ## compile the solver riccati to the object code that is shipped
-	$(BIN)/python -m wideberth.framework.mpc.solvers.riccati.emit
+	$(BIN)/python -m wideberth.solvers.riccati.emit
 
 fuzz: .venv/ready       ## absurd input for planners, predictors and configs (half an hour or more)
 	$(BIN)/python benchmarks/fuzz.py --workers $(WORKERS)

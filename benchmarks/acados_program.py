@@ -39,7 +39,7 @@ from paper_program import (
 
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.solvers.base import Solution, Solver
+from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.values.plan import Status
 
 BESIDE = Path(__file__).resolve().parents[1] / ".venv" / "acados"

@@ -37,7 +37,7 @@ from paper_program import (
 
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.solvers.base import Solution, Solver
+from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.values.plan import Status
 
 LIMITS = np.array([TOP_ACCELERATION, TOP_YAW_ACCELERATION])

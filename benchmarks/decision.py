@@ -69,11 +69,11 @@ STAGES: dict[str, tuple[str, ...]] = {
     ),
     "auxiliaries": ("framework.mpc.fallback.instance_check:InstanceCheck.suited",),
     "solver, in Python": (
-        "framework.mpc.solvers.watchdog:watched",
-        "framework.mpc.solvers.riccati.solver:Riccati.solve",
+        "framework.mpc.planner.watchdog:watched",
+        "solvers.riccati.solver:Riccati.solve",
     ),
-    "parameters filled in": ("framework.mpc.solvers.riccati.workspace:Workspace.fill",),
-    "solver, compiled": ("framework.mpc.solvers.riccati.workspace:Workspace.run",),
+    "parameters filled in": ("solvers.riccati.workspace:Workspace.fill",),
+    "solver, compiled": ("solvers.riccati.workspace:Workspace.run",),
     "re-check": (
         "framework.mpc.fallback.verify:violations",
         "framework.mpc.fallback.instance_check:InstanceCheck.assess_each",

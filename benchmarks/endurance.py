@@ -24,7 +24,7 @@ from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.multistart import OTHERS
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.solvers.base import (
+from wideberth.framework.mpc.solver import (
     CheapestSolver,
     SizelessSolver,
     Solution,

@@ -25,12 +25,6 @@ from fuzz_cases import (
     timed,
 )
 
-from wideberth.bridges.messages import messages
-from wideberth.bridges.node import PlannerNode
-from wideberth.bridges.node_settings import NodeSettings
-from wideberth.bridges.readings import OBSTACLES
-from wideberth.bridges.sight import ObstacleTopic, ScanTopic
-from wideberth.bridges.ways import GoalTopic, MapTopic, Over
 from wideberth.framework.control.command_limits import broken_limit
 from wideberth.framework.controller import Controller
 from wideberth.framework.plugins.config import build
@@ -40,6 +34,12 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Command
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.sensing import Scan
+from wideberth.ros.messages import messages
+from wideberth.ros.node import PlannerNode
+from wideberth.ros.node_settings import NodeSettings
+from wideberth.ros.readings import OBSTACLES
+from wideberth.ros.sight import ObstacleTopic, ScanTopic
+from wideberth.ros.ways import GoalTopic, MapTopic, Over
 from wideberth.routes import NavFn
 from wideberth.routes.replanning import Replanning
 from wideberth.tests.helpers.bags import odometry, quaternion, transform, vector

@@ -13,7 +13,7 @@ from measuring import Row, Tick, bare_loop, rotated, timed
 from set_ups import ELLIPSE, MANY, OWN, TOLERANCE, paper_problem, registered
 
 from wideberth.framework.mpc.ocp.problem import Problem
-from wideberth.framework.mpc.solvers.base import Solution, Solver, solve_many
+from wideberth.framework.mpc.solver import Solution, Solver, solve_many
 from wideberth.framework.plugins.config import build
 from wideberth.tests.oracles.recorded_instances import Instance
 

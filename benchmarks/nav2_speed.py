@@ -7,17 +7,17 @@ from time import process_time
 import numpy as np
 from measuring import Row, Tick, rotated, spread
 
-from wideberth.controllers.nav2.local_controller import Answer, LocalController
-from wideberth.controllers.nav2.local_controller import Tick as Asked
-from wideberth.controllers.nav2.local_controllers import LOCAL, shipped_parameters
-from wideberth.controllers.nav2.local_costmap import View
-from wideberth.controllers.nav2.navigator import Nav2, Navigation
-from wideberth.controllers.nav2.settings import Settings
 from wideberth.framework.plugins.yamlfile import shared_settings
 from wideberth.framework.robot import step
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.motion import Detection, Observation, Twist
 from wideberth.framework.values.path import Path
+from wideberth.nav2.controllers.local_controller import Answer, LocalController
+from wideberth.nav2.controllers.local_controller import Tick as Asked
+from wideberth.nav2.controllers.local_controllers import LOCAL, shipped_parameters
+from wideberth.nav2.costmap.local_costmap import View
+from wideberth.nav2.server.navigator import Nav2, Navigation
+from wideberth.nav2.server.settings import Settings
 from wideberth.robots import Unicycle
 
 ROBOT = Unicycle(0.3, 0.7, 1.5, 2.0, 3.0)

@@ -16,7 +16,7 @@ import numpy as np
 
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.solvers.base import Solution, Solver
+from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.values.plan import Status
 
 SLOT = 9

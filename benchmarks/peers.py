@@ -6,7 +6,7 @@ import acados_program
 import alpaqa_program
 from sqp_program import SETTINGS, Sqp
 
-from wideberth.framework.mpc.solvers.base import Solver
+from wideberth.framework.mpc.solver import Solver
 
 STOPPABLE = "do-mpc"
 """The peer that takes a time limit."""

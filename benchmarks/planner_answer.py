@@ -16,7 +16,7 @@ from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.multistart import Budget, MultiStart, Watch
 from wideberth.framework.mpc.slots.base import Chosen, Surroundings
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs, Obstacles
-from wideberth.framework.mpc.solvers.base import Solution, Solver
+from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.plan import Rung, Status
 

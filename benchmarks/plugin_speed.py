@@ -12,7 +12,7 @@ from set_ups import registered
 
 from wideberth.framework import names
 from wideberth.framework.mpc.levels.fixed import Fixed
-from wideberth.framework.mpc.solvers.base import Solver
+from wideberth.framework.mpc.solver import Solver
 from wideberth.framework.plugins.config import build
 
 OBSTACLES, STEPS = 2, 15

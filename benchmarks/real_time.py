@@ -25,10 +25,10 @@ from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.solvers.base import Solution, Solver
-from wideberth.framework.mpc.solvers.riccati.solver import Riccati
+from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.plan import Rung, Status
+from wideberth.solvers.riccati.solver import Riccati
 
 CONVERGED = "riccati, converged"
 ALLOWED = 1e-4

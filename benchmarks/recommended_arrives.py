@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from wideberth import Path, names, recommended
-from wideberth.framework.metrics.gaps import gaps
 from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.metrics.gaps import gaps
 from wideberth.simulation.engine.agents import ReplayAgent, RobotAgent
 from wideberth.simulation.engine.episode import run_episode
 from wideberth.simulation.engine.settings import Settings

@@ -18,7 +18,7 @@ from wideberth.framework.mpc.planner.cycle import PlannerState, Services, rememb
 from wideberth.framework.mpc.planner.settings import changed
 from wideberth.framework.mpc.slots.base import Chosen, View
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
-from wideberth.framework.mpc.solvers.base import Solution, Solver
+from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.plugins.config import build
 from wideberth.framework.robot import Robot
 from wideberth.framework.values.plan import Status

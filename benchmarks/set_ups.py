@@ -17,7 +17,7 @@ from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.multistart import SAME, other_starts
 from wideberth.framework.mpc.slots.base import with_auxiliaries
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
-from wideberth.framework.mpc.solvers.base import Solution, Solver, pressed, solve_cheapest
+from wideberth.framework.mpc.solver import Solution, Solver, pressed, solve_cheapest
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.plan import Status
 from wideberth.tests.oracles.recorded_instances import LEVEL, Instance

@@ -8,7 +8,7 @@ from judging import judged
 from measuring import Row, Tick, rotated, timed
 from set_ups import ELLIPSE, SetUp, paper_problem, suited
 
-from wideberth.framework.mpc.solvers.base import Solution
+from wideberth.framework.mpc.solver import Solution
 from wideberth.framework.plugins.config import build
 from wideberth.tests.oracles.recorded_instances import Instance, read_instances
 

@@ -10,14 +10,7 @@ from typing import Any, final
 
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.solvers.base import (
-    Solution,
-    Solver,
-    compiled,
-    on_time,
-    refuse_misfits,
-    run,
-)
+from wideberth.framework.mpc.solver import Solution, Solver, compiled, on_time, refuse_misfits, run
 from wideberth.framework.values.plan import Status
 
 _OSQP = {"verbose": False, "eps_abs": 1e-8, "eps_rel": 1e-8, "max_iter": 4000, "polish": True}

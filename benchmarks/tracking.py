@@ -11,12 +11,12 @@ from scipy.interpolate import CubicSpline
 
 from wideberth.experiments.studies.prediction_data import PredictionData
 from wideberth.framework.detector import Detector
-from wideberth.framework.metrics.tracking import track_scores
 from wideberth.framework.plugins.config import build
 from wideberth.framework.tracker import Tracker
 from wideberth.framework.tracking.recordings import Recording
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.sensing import Scan, TrackedObstacle
+from wideberth.metrics.tracking import track_scores
 from wideberth.tests.oracles.joint_probabilistic import JointProbabilistic
 from wideberth.tests.oracles.ray_casting import disc_range
 

@@ -29,11 +29,11 @@ from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.planner.warm_start import KeptMultipliers
 from wideberth.framework.mpc.slots.base import Chosen
-from wideberth.framework.mpc.solvers.base import Solution, Solver
-from wideberth.framework.mpc.solvers.riccati.solver import Riccati
+from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.plugins.config import build
 from wideberth.framework.robot import step
 from wideberth.framework.values.plan import Status
+from wideberth.solvers.riccati.solver import Riccati
 from wideberth.tests.oracles.recorded_instances import Instance, read_instances
 
 REPEATS = 3

@@ -8,7 +8,7 @@ BUILT_IN: dict[str, str] = {
     "dynamic_window": "wideberth.controllers.dynamic_window:DynamicWindow",
     "moussaid_force": "wideberth.controllers.moussaid_force:MoussaidForce",
     "mpc": "wideberth.framework.mpc.planner.planner:Planner",
-    "nav2": "wideberth.controllers.nav2.navigator:Nav2",
+    "nav2": "wideberth.nav2.server.navigator:Nav2",
     "orca": "wideberth.controllers.orca:Orca",
     "policy": "wideberth.controllers.policy:Policy",
     "pure_pursuit": "wideberth.controllers.pure_pursuit:PurePursuit",

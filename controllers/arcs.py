@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..framework.people.walls import away_from_walls
 from ..framework.values.arrays import Array
 from ..framework.values.polygon import Polygon, edge_normals
+from ..people.walls import away_from_walls
 
 STRAIGHT = 1e-6
 """1/m; an arc of less curvature is taken as a line, 0.05 mm off after 10 m."""

@@ -8,10 +8,10 @@ import numpy as np
 
 from ..framework.mpc.fallback.rollout import follow
 from ..framework.numerics.symbolic import ca
-from ..framework.people.walls import WallField
 from ..framework.robot import Robot, step
 from ..framework.values.arrays import Array, Scalar
 from ..framework.values.polygon import Polygon
+from ..people.walls import WallField
 from .orca_conditions import (
     TINY,
     TOUCHING,

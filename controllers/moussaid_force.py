@@ -6,10 +6,10 @@ from typing import ClassVar, final
 import numpy as np
 
 from ..framework.numerics.social_force import interaction_force
-from ..framework.people.models import exponential
-from ..framework.people.walls import away_from_walls
 from ..framework.values.arrays import Array
 from ..framework.values.motion import Command, Observation
+from ..people.models import exponential
+from ..people.walls import away_from_walls
 from .forces import pushed
 from .reactive import Reactive
 from .steering import steer

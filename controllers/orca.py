@@ -6,10 +6,10 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.people.models import Reciprocal
 from ..framework.plugins.rvo2 import rvo2
 from ..framework.values.arrays import Array, whole
 from ..framework.values.motion import Command, Observation
+from ..people.models import Reciprocal
 from .reactive import Reactive
 from .steering import steer, top_speed, velocity_of
 
@@ -37,7 +37,7 @@ class Orca(Reactive):
     ``reference_speed``. The library counts in single precision. A robot with heading follows
     the velocity by `steering.steer`, which ORCA does not know of: what it promises holds for
     robots that take any velocity at once. Forecasts of people have the same rule in double
-    precision, `wideberth.framework.people.models.Reciprocal`. Walls are obstacles on their
+    precision, `wideberth.people.models.Reciprocal`. Walls are obstacles on their
     outline, counter-clockwise, of which nobody gives way.
 
     Parameters

@@ -29,7 +29,7 @@ def half_plane(
 ) -> tuple[Any, Any]:
     """Return n, (2,), and b of the half-plane n . v >= b that one neighbour leaves, ORCA's.
 
-    As `wideberth.framework.people.models.Reciprocal` has it, written as expressions without
+    As `wideberth.people.models.Reciprocal` has it, written as expressions without
     branches. Of two in one place that move alike n is zero.
 
     Parameters

@@ -8,7 +8,6 @@ from typing import Any, final
 from numpy.typing import ArrayLike
 
 from ..framework.control.command_limits import within_reach
-from ..framework.control.policy_observer import ObservationSpec, PolicyObserver, Shown
 from ..framework.control.rate_limited_warnings import WARNINGS
 from ..framework.controller import Controller, checked_path, checked_ready, checked_use
 from ..framework.robot import Robot
@@ -18,6 +17,7 @@ from ..framework.values.errors import WideberthError
 from ..framework.values.motion import Command, Observation, checked_numbers
 from ..framework.values.path import Path
 from ..framework.values.plan import Plan
+from .policy_observer import ObservationSpec, PolicyObserver, Shown
 
 
 @final

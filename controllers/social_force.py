@@ -5,10 +5,10 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.people.models import CircularForce, circular_force, exponential
-from ..framework.people.walls import away_from_walls
 from ..framework.values.arrays import Array
 from ..framework.values.motion import Command, Observation
+from ..people.models import CircularForce, circular_force, exponential
+from ..people.walls import away_from_walls
 from .forces import pushed
 from .reactive import Reactive
 from .steering import steer

@@ -13,7 +13,7 @@ import numpy as np
 from wideberth import Detection, Observation, Path, Twist, build
 from wideberth.framework.mpc.fallback.rollout import steer
 from wideberth.framework.mpc.fallback.rungs import FallbackRung, NotHeld
-from wideberth.framework.mpc.solvers.base import Solver
+from wideberth.framework.mpc.solver import Solver
 
 START = (0.0, 0.0, 0.0, 0.6, 0.0)  # x, y in m, heading in rad, speed in m/s, yaw rate in rad/s
 PERSON = (6.5, 0.3)  # m

@@ -7,14 +7,14 @@ from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from ..framework.metrics.episode import content_bound
-from ..framework.metrics.scoring import reached_tail
 from ..framework.predictor import Adaptive, Fittable, Predictor
 from ..framework.tracking.windows import windows_of
 from ..framework.values.arrays import Array, checked, positive, probability, whole
 from ..framework.values.errors import WideberthError
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
+from ..metrics.episode import content_bound
+from ..metrics.scoring import reached_tail
 from .core.calibration import replayed, same_step, scaled, squared_distances
 from .core.history import IntArray, gather
 from .corrected import Corrected, thinned

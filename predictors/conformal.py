@@ -7,13 +7,13 @@ from typing import ClassVar, Self, final
 
 import numpy as np
 
-from ..framework.metrics.episode import SMALLEST, content_bound
 from ..framework.predictor import Fittable, Predictor
 from ..framework.tracking.windows import windows_of
 from ..framework.values.arrays import Array, checked, positive, probability, whole
 from ..framework.values.errors import WideberthError
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
+from ..metrics.episode import SMALLEST, content_bound
 from .core.assembly import refuse_adaptive
 from .core.calibration import replayed, same_step, scaled, squared_distances
 from .empirical import Empirical

@@ -7,13 +7,13 @@ from typing import ClassVar, Self, final
 
 import numpy as np
 
-from ..framework.people.models import CircularForce, PersonModel, Reciprocal, Straight
-from ..framework.people.walls import WallField
 from ..framework.predictor import Adaptive, Predictor
 from ..framework.values.arrays import Array, BoolArray, positive, probability, whole
 from ..framework.values.errors import WideberthError
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
+from ..people.models import CircularForce, PersonModel, Reciprocal, Straight
+from ..people.walls import WallField
 from .core.assembly import Gaussians, both_reasons, narrowed, refuse_adaptive, with_fallback
 from .core.crowd_rollout import Movers, on_grid, rolled_out
 from .core.history import measurement_noise

@@ -23,14 +23,14 @@ LONG = (
     "experiments/test_closed_loop_experiments.py",
     "regions/test_regions_laws.py",
     "framework/risk/test_risk_meter_3d.py",
-    "framework/mpc/solvers/test_batch.py",
+    "solvers/test_batch.py",
     "predictors/test_predictors.py",
     "regions/test_regions_contract.py",
     "house/test_readme.py",
     "house/test_examples.py",
-    "framework/mpc/solvers/test_solver_contract.py",
+    "solvers/test_solver_contract.py",
     "framework/mpc/test_slot_kinds.py",
-    "framework/mpc/solvers/test_riccati_property.py",
+    "solvers/test_riccati_property.py",
     "benchmarks/test_benchmark_endurance.py",
     "regions/test_static_regions.py",
     "framework/mpc/test_contouring.py",
@@ -123,7 +123,7 @@ def _memory_given_back() -> Iterator[None]:
     pages = Path("/proc/self/statm")
     if not pages.exists() or int(pages.read_text().split()[1]) * PAGE < LARGE:
         return
-    solvers = sys.modules.get("wideberth.framework.mpc.solvers.base")
+    solvers = sys.modules.get("wideberth.framework.mpc.solver")
     if solvers is not None:
         solvers._CACHE.clear()
     pyplot = sys.modules.get("matplotlib.pyplot")
@@ -139,7 +139,7 @@ def _memory_given_back() -> Iterator[None]:
 @pytest.fixture
 def plain_code(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let XLA optimise nothing in programs of the solver ``batch``: half the time to compile."""
-    from wideberth.framework.mpc.solvers.batch import solver
+    from wideberth.solvers.batch import solver
 
     shipped = solver._options
 

@@ -28,9 +28,7 @@ INTERFACES = {
     "wideberth.framework.route_planner": ("RoutePlanner", "Route"),
     "wideberth.framework.mpc.levels.base": ("LevelPolicy", "SharedLevel"),
     "wideberth.framework.mpc.costs.base": ("Cost", "ProgressCost", "Weights", "Moment"),
-    "wideberth.framework.mpc.solvers.base": (
-        *("Solver", "ManySolver", "CheapestSolver", "Solution"),
-    ),
+    "wideberth.framework.mpc.solver": (*("Solver", "ManySolver", "CheapestSolver", "Solution"),),
     "wideberth.framework.mpc.slots.base": ("SlotKind", "LevelledKind", "Known", "Chosen", "View"),
     "wideberth.framework.mpc.fallback.rungs": ("FallbackRung", "NotHeld", "Trial"),
     "wideberth.simulation.scenarios.base": ("Scenario", "Placement", "Cast"),

@@ -61,7 +61,7 @@ ax.set_title("dots: observed; ellipses: each holds its person with 95 %")
 
 import numpy as np
 
-from wideberth.framework.metrics.scoring import covered, reached_tail
+from wideberth.metrics.scoring import covered, reached_tail
 
 mine = [recording.ids.index(name) for name in tracks.ids]
 truth = recording.positions[mine, row + 1 : row + 13]

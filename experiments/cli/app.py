@@ -568,8 +568,8 @@ def warmup() -> None:
     import numpy as np
 
     from ...framework.mpc.planner.recommended import recommended
-    from ...framework.mpc.solvers.riccati.compiled import LEAST_KINDS, core
     from ...framework.values.path import Path as Route
+    from ...solvers.riccati.compiled import LEAST_KINDS, core
     from ..engine.progress import span
 
     begin = time.monotonic()
@@ -605,7 +605,7 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="Replace an older export.")] = False,
 ) -> None:
     """Write the planner's problem as C, or its solver as object code, each with an example."""
-    from ...framework.mpc.export.solver.native import NATIVE
+    from ...solvers.export.solver.native import NATIVE
     from ..engine.progress import working
     from .export import export as write
 
@@ -721,8 +721,8 @@ def nav2(
     ] = None,
 ) -> None:
     """Turn nav2_params.yaml into a config of ours, or a config into nav2_params.yaml."""
-    from ...controllers.nav2.params_file import is_params_file, read_params
     from ...framework.plugins.io import write_text
+    from ...nav2.server.params_file import is_params_file, read_params
     from .nav2_files import config_of, params_of
 
     out = expanded(out)

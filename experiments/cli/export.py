@@ -7,12 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from ...framework.mpc.costs.base import ProgressCost
-from ...framework.mpc.export.bundle import bundle, check_target, write_folder
-from ...framework.mpc.export.solver.files import bundle as solver_bundle
-from ...framework.mpc.export.solver.measured import needs
-from ...framework.mpc.export.solver.native import Machine, Native, machine
-from ...framework.mpc.export.solver.needs import Solver as ExportedSolver
-from ...framework.mpc.export.subject import Subject
 from ...framework.mpc.ocp.problem import Parameters, Problem, Slots
 from ...framework.mpc.ocp.progress_robot import progress_robot_of
 from ...framework.mpc.ocp.transcription import Guess
@@ -21,8 +15,7 @@ from ...framework.mpc.planner.planner import Planner
 from ...framework.mpc.planner.settings import changed
 from ...framework.mpc.slots.base import CAPACITIES, LevelledKind, SlotKind
 from ...framework.mpc.slots.static_polygons import CORNERS
-from ...framework.mpc.solvers.base import Solution, Solver
-from ...framework.mpc.solvers.riccati.solver import Riccati
+from ...framework.mpc.solver import Solution, Solver
 from ...framework.plugins.config import describe
 from ...framework.plugins.registry import unknown
 from ...framework.robot import start_state
@@ -31,6 +24,13 @@ from ...framework.values.errors import WideberthError
 from ...framework.values.motion import Detection, Observation
 from ...framework.values.path import Path as Way
 from ...framework.values.polygon import Polygon
+from ...solvers.export.bundle import bundle, check_target, write_folder
+from ...solvers.export.solver.files import bundle as solver_bundle
+from ...solvers.export.solver.measured import needs
+from ...solvers.export.solver.native import Machine, Native, machine
+from ...solvers.export.solver.needs import Solver as ExportedSolver
+from ...solvers.export.subject import Subject
+from ...solvers.riccati.solver import Riccati
 from ..engine.base import Experiment
 from ..engine.shipped import config_path, read_experiment
 

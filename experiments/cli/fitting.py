@@ -6,7 +6,6 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-from ...bridges.bag_file import is_bag
 from ...framework.plugins.config import build, describe, import_plugins, load_plugin
 from ...framework.plugins.io import expanded
 from ...framework.plugins.registry import class_path, load, name_of, names, unknown
@@ -16,6 +15,7 @@ from ...framework.tracking.recordings import Recording
 from ...framework.values.arrays import positive
 from ...framework.values.errors import WideberthError
 from ...framework.values.tracks import Tracks
+from ...ros.bag_file import is_bag
 from ..engine.errors import describe_error
 from ..engine.provenance import plugin_modules
 from ..studies.crowd import TrackFile

@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from ...controllers.nav2.navigator import Nav2, limits_of
-from ...controllers.nav2.params_text import params_text
-from ...controllers.nav2.settings import Settings
 from ...framework.controller import Controller, DrivesRobot
 from ...framework.mpc.planner.recommended import HEADROOM, recommended
 from ...framework.plugins.config import describe
 from ...framework.plugins.yamlfile import dump, read_config
 from ...framework.robot import Robot
 from ...framework.values.errors import WideberthError, nearest
+from ...nav2.server.navigator import Nav2, limits_of
+from ...nav2.server.params_text import params_text
+from ...nav2.server.settings import Settings
 from ...robots import Unicycle
 from ..engine.base import Experiment
 from ..engine.shipped import config_path, read_experiment

@@ -11,14 +11,6 @@ from typing import Any, final
 
 from numpy import quantile
 
-from ...bridges.dds import LOOPBACK, Link
-from ...bridges.messages import messages
-from ...bridges.node import PlannerNode
-from ...bridges.node_settings import Dds, NodeSettings, Zenoh
-from ...bridges.rclpy_server import serve
-from ...bridges.sight import ObstacleTopic, ScanTopic
-from ...bridges.ways import GoalTopic, KnownMap, MapTopic, Over, PathTopic
-from ...bridges.zenoh_link import ZenohLink
 from ...framework.controller import Controller, DrivesRobot
 from ...framework.plugins.config import build, construct, import_plugins
 from ...framework.plugins.io import expanded
@@ -29,6 +21,14 @@ from ...framework.values.arrays import positive
 from ...framework.values.errors import WideberthError, short
 from ...framework.values.occupancy_grid import OccupancyGrid
 from ...framework.values.polygon import Polygon
+from ...ros.dds import LOOPBACK, Link
+from ...ros.messages import messages
+from ...ros.node import PlannerNode
+from ...ros.node_settings import Dds, NodeSettings, Zenoh
+from ...ros.rclpy_server import serve
+from ...ros.sight import ObstacleTopic, ScanTopic
+from ...ros.ways import GoalTopic, KnownMap, MapTopic, Over, PathTopic
+from ...ros.zenoh_link import ZenohLink
 from ...routes.map_file import read_map
 from ...routes.polygons import convex_polygons
 from ...routes.replanning import Replanning
@@ -78,7 +78,7 @@ class MapFile:
 @final
 @dataclass(frozen=True)
 class Goals:
-    """Goals, as of `wideberth.bridges.ways.GoalTopic`, and the map that leads to them.
+    """Goals, as of `wideberth.ros.ways.GoalTopic`, and the map that leads to them.
 
     Parameters
     ----------

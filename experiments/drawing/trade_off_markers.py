@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ...framework.numerics.statistics import quartiles
+from ...metrics.statistics import quartiles
 from ..engine.base import Row
 from ..engine.closed_loop import column
 from .plotting import COLOURS, ENOUGH, few

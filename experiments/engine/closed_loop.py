@@ -12,10 +12,10 @@ from ...controllers.reactive import Reactive
 from ...framework.controller import Controller, fresh
 from ...framework.mpc.planner.planner import Planner
 from ...framework.mpc.planner.recommended import slow_aside
-from ...framework.numerics.statistics import known_mean
 from ...framework.robot import Robot
 from ...framework.values.arrays import Array, probability, whole
 from ...framework.values.errors import WideberthError
+from ...metrics.statistics import known_mean
 from ...simulation.engine.episode import Run
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
@@ -233,7 +233,7 @@ def column(rows: Sequence[Row], name: str) -> Array:
 
 
 def condense(rows: Sequence[Row]) -> Row:
-    """Condense episodes into one line; definitions in `wideberth.framework.metrics.episode`.
+    """Condense episodes into one line; definitions in `wideberth.metrics.episode`.
 
     ``goals_in_time`` is the share of episodes in which every robot reached its goal within
     twice its free time; ``time_ratio`` the median over episodes of the slowest robot's time

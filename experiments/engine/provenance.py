@@ -15,7 +15,7 @@ from .citing import parts
 PACKAGE = Path(__file__).resolve().parents[2]
 ROOMS = (
     "framework", "predictors", "regions", "robots", "controllers", "perception", "routes",
-    "bridges", "simulation", "experiments",
+    "ros", "simulation", "experiments",
 )  # fmt: skip
 LIBRARIES = (
     "casadi", "cvxpy", "filterpy", "jax", "joblib", "matplotlib", "numba", "numpy", "pydantic",

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from ...bridges.bag_writer import BagWriter
-from ...bridges.messages import messages
-from ...bridges.wording import Wording
 from ...framework.values.arrays import Array
 from ...framework.values.motion import Command
+from ...ros.bag_writer import BagWriter
+from ...ros.messages import messages
+from ...ros.wording import Wording
 from ...simulation.log.episode_log import AgentLog, Episode
 from ..engine.result import read_episode
 

@@ -13,7 +13,6 @@ from typing import Any, final
 import numpy as np
 
 from ...framework.drawing.style import number
-from ...framework.metrics.episode import content_bound
 from ...framework.mpc.planner.planner import Planner
 from ...framework.plugins.io import check_target, write_text
 from ...framework.plugins.yamlfile import read_config
@@ -21,6 +20,7 @@ from ...framework.values.arrays import Array, probability
 from ...framework.values.errors import WideberthError, nearest
 from ...framework.values.footprint import Discs, Outline
 from ...framework.values.plan import Plan, Rung
+from ...metrics.episode import content_bound
 from ...simulation.drawing import artists
 from ...simulation.log.episode_log import AgentLog, Episode
 from ..drawing.kept_out import kept_out_of, planner_behind, region_name

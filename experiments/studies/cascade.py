@@ -12,13 +12,13 @@ import numpy as np
 
 from ...controllers.reactive import Reactive
 from ...framework.controller import Controller, fresh
-from ...framework.metrics.episode import free_time
-from ...framework.numerics.statistics import bootstrap_interval, known_mean
 from ...framework.plugins.io import write_bytes, write_table
 from ...framework.plugins.registry import unknown
 from ...framework.robot import Robot
 from ...framework.values.arrays import positive
 from ...framework.values.errors import WideberthError
+from ...metrics.episode import free_time
+from ...metrics.statistics import bootstrap_interval, known_mean
 from ...simulation.cascade.cascade import Cascade
 from ...simulation.cascade.world import WheeledWorld
 from ...simulation.engine.agents import RobotAgent

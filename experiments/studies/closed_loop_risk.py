@@ -11,7 +11,6 @@ from ...framework.controller import Controller
 from ...framework.mpc.levels.base import LevelPolicy
 from ...framework.mpc.levels.fixed import Fixed
 from ...framework.mpc.planner.planner import Planner
-from ...framework.numerics.statistics import bootstrap_interval, clopper_pearson
 from ...framework.predictor import Predictor
 from ...framework.region import RiskLevel
 from ...framework.risk.collision_probability import collision_probability
@@ -19,6 +18,7 @@ from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
 from ...framework.values.forecast import GaussianObstacle
 from ...framework.values.plan import Plan
+from ...metrics.statistics import bootstrap_interval, clopper_pearson
 from ...simulation.engine.agents import ReplayAgent
 from ...simulation.engine.episode import run_episode
 from ...simulation.engine.settings import Settings

@@ -9,16 +9,11 @@ from typing import Any, ClassVar, Self, final
 import numpy as np
 
 from ...framework.controller import Controller
-from ...framework.numerics.statistics import (
-    bootstrap_interval,
-    clopper_pearson,
-    known_mean,
-    mcnemar,
-)
 from ...framework.plugins.io import write_bytes, write_table
 from ...framework.robot import Robot
 from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
+from ...metrics.statistics import bootstrap_interval, clopper_pearson, known_mean, mcnemar
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
 from ...simulation.measures.episode_measures import measures

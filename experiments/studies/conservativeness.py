@@ -8,12 +8,12 @@ from typing import ClassVar, Self, final
 import numpy as np
 
 from ...framework.controller import Controller
-from ...framework.numerics.statistics import known_mean
 from ...framework.predictor import Predictor
 from ...framework.region import Region
 from ...framework.robot import Robot
 from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
+from ...metrics.statistics import known_mean
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import AgentLog, Episode
 from ...simulation.scenarios.base import Scenario

@@ -6,8 +6,6 @@ from typing import Any, Literal, TypeAlias, final
 
 import numpy as np
 
-from ...bridges.bag_file import is_bag, storage_files
-from ...bridges.bag_tracks import read_bag_tracks
 from ...framework.plugins.registry import unknown
 from ...framework.tracking.recordings import (
     ROBOT_COLUMNS,
@@ -21,6 +19,8 @@ from ...framework.tracking.recordings import (
 from ...framework.values.arrays import Array, positive, whole
 from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path
+from ...ros.bag_file import is_bag, storage_files
+from ...ros.bag_tracks import read_bag_tracks
 from ...simulation.engine.agents import ReplayAgent
 
 IntArray: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
@@ -59,7 +59,7 @@ class TrackFile:
         stays at whole metres is mistaken: state its kind.
     radius : m, of a recorded body (0.3 m: a person).
     minimum_samples : samples that a usable track has in a row.
-    topic : of a recording of ROS 2; see `wideberth.bridges.bag_tracks.read_bag_tracks`.
+    topic : of a recording of ROS 2; see `wideberth.ros.bag_tracks.read_bag_tracks`.
 
     Raises
     ------

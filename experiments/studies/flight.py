@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, final
 import numpy as np
 
 from ...framework.controller import Controller
-from ...framework.numerics.statistics import known_mean
 from ...framework.predictor import Predictor
 from ...framework.region import Region
 from ...framework.robot import Robot
 from ...framework.values.arrays import positive
 from ...framework.values.errors import WideberthError
 from ...framework.values.forecast import GaussianObstacle
+from ...metrics.statistics import known_mean
 from ...regions.minkowski_sum import MinkowskiSum
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode

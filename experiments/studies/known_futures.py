@@ -16,8 +16,7 @@ from ...framework.mpc.ocp.transcription import Guess
 from ...framework.mpc.planner.cycle import Decision, PlannerState, Services, remember, step
 from ...framework.mpc.planner.multistart import checked_starts, other_starts
 from ...framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs, Obstacles, fill
-from ...framework.mpc.solvers.base import Solution, Solver, solve_many
-from ...framework.numerics.statistics import clopper_pearson
+from ...framework.mpc.solver import Solution, Solver, solve_many
 from ...framework.plugins.io import read_arrays
 from ...framework.robot import Robot
 from ...framework.values.arrays import Array, BoolArray, positive, whole
@@ -25,6 +24,7 @@ from ...framework.values.errors import WideberthError
 from ...framework.values.motion import Observation
 from ...framework.values.path import Path as Way
 from ...framework.values.plan import Status
+from ...metrics.statistics import clopper_pearson
 from ...simulation.engine.settings import Settings
 from ...simulation.scenarios.base import Scenario
 from ..drawing.plotting import COLOURS, LINES, PAGE, paper_style, save, subplots

@@ -8,12 +8,12 @@ from typing import Any, ClassVar, Self, final
 import numpy as np
 
 from ...framework.controller import Controller
-from ...framework.metrics.gaps import gaps
 from ...framework.mpc.levels.base import LevelPolicy, level_of
 from ...framework.mpc.planner.planner import Planner
 from ...framework.predictor import Predictor
 from ...framework.robot import Robot
 from ...framework.values.plan import Plan, Rung
+from ...metrics.gaps import gaps
 from ...simulation.drawing.artists import pairs
 from ...simulation.drawing.logged import Agent
 from ...simulation.engine.settings import Settings

@@ -7,17 +7,17 @@ from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from ...controllers.nav2.local_controllers import shipped_parameters
-from ...controllers.nav2.local_costmap import View
-from ...controllers.nav2.navigator import Nav2
 from ...controllers.steering import top_speed
 from ...framework.controller import Controller, fresh
 from ...framework.mpc.planner.planner import Planner
-from ...framework.numerics.statistics import known_mean
 from ...framework.predictor import Predictor
 from ...framework.robot import Robot
 from ...framework.values.arrays import positive
 from ...framework.values.errors import WideberthError
+from ...metrics.statistics import known_mean
+from ...nav2.controllers.local_controllers import shipped_parameters
+from ...nav2.costmap.local_costmap import View
+from ...nav2.server.navigator import Nav2
 from ...simulation.engine.episode import Run
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode

@@ -13,7 +13,16 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, final
 
 import numpy as np
 
-from ...framework.metrics.scoring import (
+from ...framework.plugins.config import build
+from ...framework.plugins.registry import names, unknown
+from ...framework.predictor import Adaptive, Fittable, Predictor
+from ...framework.tracking.recordings import Recording
+from ...framework.tracking.windows import IntArray, cut_windows
+from ...framework.values.arrays import Array, BoolArray, positive, whole
+from ...framework.values.errors import WideberthError
+from ...framework.values.forecast import Forecast
+from ...framework.values.tracks import Tracks
+from ...metrics.scoring import (
     covered,
     displacement,
     energy_score,
@@ -26,16 +35,7 @@ from ...framework.metrics.scoring import (
     region_area,
     trajectory_energy_score,
 )
-from ...framework.numerics.statistics import known_mean
-from ...framework.plugins.config import build
-from ...framework.plugins.registry import names, unknown
-from ...framework.predictor import Adaptive, Fittable, Predictor
-from ...framework.tracking.recordings import Recording
-from ...framework.tracking.windows import IntArray, cut_windows
-from ...framework.values.arrays import Array, BoolArray, positive, whole
-from ...framework.values.errors import WideberthError
-from ...framework.values.forecast import Forecast
-from ...framework.values.tracks import Tracks
+from ...metrics.statistics import known_mean
 from ...simulation.drawing.artists import outlines
 from ..drawing.plotting import COLOURS, LINES, PAGE, save, subplots
 from ..engine.base import Experiment, Outcome, Result, Row, Task
@@ -222,7 +222,7 @@ between."""
 @final
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """Scores of W windows; definitions in `wideberth.framework.metrics.scoring`.
+    """Scores of W windows; definitions in `wideberth.metrics.scoring`.
 
     Attributes
     ----------
@@ -504,7 +504,7 @@ class PredictionBenchmark(Experiment):
 
     At each row of a recording a predictor is given everybody who is seen, as far back as
     ``protocol.observed`` rows, and the windows that are complete there are scored (see
-    `Protocol`, and `wideberth.framework.metrics.scoring` for the definitions). What can be fitted
+    `Protocol`, and `wideberth.metrics.scoring` for the definitions). What can be fitted
     is
     fitted to the recordings of all other scenes (leave one scene out); if these are too few,
     or there are none, the predictor is scored with its defaults and ``fitted`` says why. A

@@ -10,7 +10,6 @@ import numpy as np
 from ...framework.controller import Controller
 from ...framework.mpc.levels.base import LevelPolicy
 from ...framework.mpc.planner.planner import Planner
-from ...framework.numerics.statistics import known_mean, quartiles
 from ...framework.plugins.io import write_table
 from ...framework.predictor import Predictor
 from ...framework.region import Region
@@ -18,6 +17,7 @@ from ...framework.robot import Robot
 from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
 from ...framework.values.forecast import GaussianObstacle
+from ...metrics.statistics import known_mean, quartiles
 from ...regions.minkowski_sum import MinkowskiSum
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode

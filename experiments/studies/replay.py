@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, ClassVar, Self, final
 import numpy as np
 
 from ...framework.controller import Controller, fresh
-from ...framework.metrics.episode import approach
 from ...framework.plugins.io import write_bytes
 from ...framework.robot import Robot
 from ...framework.tracking.recordings import Recording
 from ...framework.values.arrays import positive
 from ...framework.values.errors import WideberthError
+from ...metrics.episode import approach
 from ...simulation.engine.agents import RobotAgent
 from ...simulation.engine.episode import run_episode
 from ...simulation.engine.settings import Settings

@@ -7,9 +7,6 @@ from typing import final
 
 import numpy as np
 
-from ...controllers.nav2.local_costmap import View, discs_of
-from ...controllers.nav2.navigator import Nav2
-from ...controllers.nav2.rays import Rays
 from ...framework.controller import Controller
 from ...framework.predictor import Predictor
 from ...framework.tracking.perception import Perception, scene_of
@@ -18,6 +15,9 @@ from ...framework.values.motion import Command, Detection, Observation
 from ...framework.values.path import Path
 from ...framework.values.plan import Plan
 from ...framework.values.polygon import Polygon
+from ...nav2.costmap.local_costmap import View, discs_of
+from ...nav2.costmap.rays import Rays
+from ...nav2.server.navigator import Nav2
 from ...simulation.engine.agents import Bystander, RobotAgent
 from ...simulation.engine.driver import Driver
 from ...simulation.engine.exchange import ExchangedPositions

@@ -10,7 +10,7 @@ from ...framework.controller import Controller, fresh
 from ...framework.mpc.ocp.problem import Parameters, Problem
 from ...framework.mpc.ocp.transcription import Guess
 from ...framework.mpc.planner.planner import Planner
-from ...framework.mpc.solvers.base import CheapestSolver, Solution, Solver, solve_cheapest
+from ...framework.mpc.solver import CheapestSolver, Solution, Solver, solve_cheapest
 from ...framework.values.motion import Command, Observation
 from ...framework.values.path import Path
 from ...framework.values.plan import Plan

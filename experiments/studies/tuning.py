@@ -9,11 +9,11 @@ from typing import Any, ClassVar, Self, final
 import numpy as np
 
 from ...framework.controller import Controller
-from ...framework.numerics.statistics import pareto
 from ...framework.plugins.config import build, describe
 from ...framework.plugins.yamlfile import assign
 from ...framework.robot import Robot
 from ...framework.values.errors import WideberthError
+from ...metrics.statistics import pareto
 from ...simulation.engine.settings import Settings
 from ...simulation.scenarios.base import Scenario
 from ..drawing.plotting import COLOURS, PAGE, subplots

@@ -17,7 +17,7 @@ from ..mpc.ocp.reference import lay_reference
 from ..mpc.ocp.transcription import Guess
 from ..mpc.slots.base import with_auxiliaries
 from ..mpc.slots.gaussian_discs import GaussianDiscs, Obstacles, fill
-from ..mpc.solvers.base import Solution, Solver
+from ..mpc.solver import Solution, Solver
 from ..plugins.registry import load
 from ..region import Region
 from ..robot import Robot, start_state

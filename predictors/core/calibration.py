@@ -5,13 +5,13 @@ from functools import partial
 
 import numpy as np
 
-from ...framework.metrics.episode import squared_mahalanobis
 from ...framework.predictor import Predictor
 from ...framework.tracking.windows import IntArray, Windows
 from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
 from ...framework.values.forecast import LIGHT, Forecast
 from ...framework.values.tracks import Tracks
+from ...metrics.episode import squared_mahalanobis
 from .assembly import more_modes
 from .history import gather
 

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...framework.people.models import Company, Walkers
-from ...framework.people.walls import WallField
 from ...framework.values.arrays import Array
+from ...people.models import Company, Walkers
+from ...people.walls import WallField
 from .person_belief import Beliefs, Slots, company_of, sight
 
 LIGHTEST = 0.02

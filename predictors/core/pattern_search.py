@@ -6,12 +6,12 @@ from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
-from ...framework.metrics.scoring import negative_log_likelihood
 from ...framework.plugins.registry import name_of
 from ...framework.predictor import Predictor
 from ...framework.tracking.windows import Windows, windows_of
 from ...framework.values.arrays import Array
 from ...framework.values.tracks import Tracks
+from ...metrics.scoring import negative_log_likelihood
 
 OBSERVED, PREDICTED = 8, 12
 """Samples of the windows that are fitted to."""

@@ -7,8 +7,8 @@ from typing import Any, final
 
 import numpy as np
 
-from ...framework.people.models import Company, PersonModel, Walkers
 from ...framework.values.arrays import Array, BoolArray
+from ...people.models import Company, PersonModel, Walkers
 from .history import IntArray
 
 SMALL = 0.2

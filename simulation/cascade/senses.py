@@ -7,11 +7,8 @@ from typing import final
 
 import numpy as np
 
-from ...framework.control.own_state import own_state
-from ...framework.numerics.walls import walls_behind
 from ...framework.robot import Robot
 from ...framework.state_estimator import StateEstimator, poses_at
-from ...framework.tracking.handover import Batch, Handover
 from ...framework.values.arrays import Array
 from ...framework.values.motion import Observation
 from ...framework.values.polygon import Polygon
@@ -25,6 +22,9 @@ from ...framework.values.sensing import (
     WheelSample,
     beams_of,
 )
+from ...perception.handover import Batch, Handover
+from ...perception.own_state import own_state
+from ...perception.walls import walls_behind
 from ..log.frames import RigidMotion
 from ..log.perception_log import Body, Glance, PerceptionLog, Truth, named
 from .cascade import Cascade

@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...framework.drawing.style import COLOURS, LINES, WALL, number, polygons
-from ...framework.metrics.gaps import gaps, wall_gaps
 from ...framework.values.arrays import Array
 from ...framework.values.footprint import body_outlines
 from ...framework.values.forecast import Forecast
 from ...framework.values.plan import Plan
+from ...metrics.gaps import gaps, wall_gaps
 from .logged import Agent, Logged
 
 _MARKERS = ("o", "s", "^", "D", "v")

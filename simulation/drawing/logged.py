@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from typing import Protocol
 
-from ...framework.metrics.gaps import Moving
 from ...framework.values.arrays import Array
 from ...framework.values.path import Path
 from ...framework.values.plan import Plan
 from ...framework.values.polygon import Polygon
+from ...metrics.gaps import Moving
 
 
 class Agent(Moving, Protocol):

@@ -8,7 +8,6 @@ from math import isfinite, nan
 import numpy as np
 
 from ...framework.controller import Controller
-from ...framework.metrics.gaps import BodyMotion
 from ...framework.mpc.fallback.emergency import command_of_plan
 from ...framework.robot import start_state
 from ...framework.values.arrays import Array
@@ -16,6 +15,7 @@ from ...framework.values.errors import WideberthError
 from ...framework.values.motion import Command, Observation
 from ...framework.values.path import Path
 from ...framework.values.plan import Plan
+from ...metrics.gaps import BodyMotion
 from ..log.episode_log import AgentLog, CommandLog
 from .agents import RobotAgent, along
 from .plant import Plant

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from ...framework.controller import Controller, avoids_polygons
-from ...framework.metrics.gaps import BodyMotion, gaps, wall_gaps
 from ...framework.values.arrays import Array, whole
 from ...framework.values.errors import WideberthError
 from ...framework.values.motion import Command, Observation, Truth
 from ...framework.values.polygon import Polygon
+from ...metrics.gaps import BodyMotion, gaps, wall_gaps
 from ..log.episode_log import AgentLog, CommandLog, Episode
 from .agents import Bystander, CrowdMember, PathChange, ReplayAgent, RobotAgent, ScriptedAgent
 from .driver import Driver

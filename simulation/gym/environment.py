@@ -12,9 +12,8 @@ from typing import Any, TypeAlias, final
 
 import numpy as np
 
-from ...framework.control.policy_observer import ObservationSpec, PolicyObserver
+from ...controllers.policy_observer import ObservationSpec, PolicyObserver
 from ...framework.controller import Controller, fresh
-from ...framework.metrics.gaps import BodyMotion, gaps, wall_gaps
 from ...framework.plugins.config import build
 from ...framework.plugins.extras import missing
 from ...framework.robot import Robot
@@ -23,6 +22,7 @@ from ...framework.values.errors import WideberthError
 from ...framework.values.motion import Command, Observation
 from ...framework.values.path import Path
 from ...framework.values.plan import Plan
+from ...metrics.gaps import BodyMotion, gaps, wall_gaps
 from ..engine.agents import RobotAgent
 from ..engine.driver import Driver
 from ..engine.episode import Run

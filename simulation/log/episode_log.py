@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...framework.drawing.style import picture, png
-from ...framework.metrics.gaps import Moving
 from ...framework.plugins.config import build, describe
 from ...framework.plugins.io import parse_json, read_arrays, stamped, unstamped
 from ...framework.values.arrays import Array
@@ -26,6 +25,7 @@ from ...framework.values.forecast import Forecast
 from ...framework.values.path import Path
 from ...framework.values.plan import Breach, BreachKind, GivenWay, Plan, Rung, Situation, Status
 from ...framework.values.polygon import Polygon
+from ...metrics.gaps import Moving
 from ..drawing.film import animation
 from ..drawing.pictures import draw_episode
 from .perception_file import packed, unpacked

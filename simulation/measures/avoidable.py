@@ -10,7 +10,6 @@ import numpy as np
 
 from ...framework.control.command_limits import attained, within_reach
 from ...framework.controller import Controller
-from ...framework.metrics.gaps import BodyMotion, gaps, wall_gaps
 from ...framework.robot import Robot
 from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
@@ -18,6 +17,7 @@ from ...framework.values.motion import Command, Observation, Twist
 from ...framework.values.path import Path
 from ...framework.values.plan import Plan
 from ...framework.values.polygon import Polygon
+from ...metrics.gaps import BodyMotion, gaps, wall_gaps
 from ..engine.agents import Bystander, PathChange, RobotAgent
 from ..engine.episode import Run
 from ..engine.plant import Plant

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from ...framework.metrics.episode import approach
 from ...framework.values.arrays import Array, BoolArray
+from ...metrics.episode import approach
 from ..log.episode_log import Episode
 
 CROWDNAV_STEP = 0.25

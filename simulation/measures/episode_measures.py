@@ -6,12 +6,12 @@ from typing import Any, final
 
 import numpy as np
 
-from ...framework.metrics import comfort as comfort
-from ...framework.metrics import motion as motion
-from ...framework.metrics.episode import along_and_aside
-from ...framework.metrics.gaps import gaps
-from ...framework.numerics.statistics import known_mean
 from ...framework.values.arrays import Array
+from ...metrics import comfort as comfort
+from ...metrics import motion as motion
+from ...metrics.episode import along_and_aside
+from ...metrics.gaps import gaps
+from ...metrics.statistics import known_mean
 from ..log.episode_log import AgentLog, Episode
 from .plan_calibration import promises
 from .summary import clearances

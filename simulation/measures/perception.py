@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from ...framework.numerics.statistics import known_mean
 from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
+from ...metrics.statistics import known_mean
 from ..log.episode_log import Episode
 from ..log.frames import RigidMotion
 from ..log.perception_log import Glance, named

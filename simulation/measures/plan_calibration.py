@@ -7,10 +7,10 @@ from typing import Any, final
 
 import numpy as np
 
-from ...framework.metrics import plan as metrics
-from ...framework.numerics.statistics import known_mean
 from ...framework.values.arrays import Array, BoolArray
 from ...framework.values.plan import Plan
+from ...metrics import plan as metrics
+from ...metrics.statistics import known_mean
 from ..log.episode_log import AgentLog, Episode
 
 

@@ -6,17 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from ...framework.metrics import episode as metrics
-from ...framework.metrics.gaps import gaps, wall_gaps
 from ...framework.values.arrays import Array
 from ...framework.values.plan import Rung
+from ...metrics import episode as metrics
+from ...metrics.gaps import gaps, wall_gaps
 from ..log.episode_log import AgentLog, Episode
 
 
 def summarise(episode: Episode, tail: float = 0.05) -> dict[str, Any]:
     """One row for the whole episode.
 
-    Each column is defined in `wideberth.framework.metrics.episode`. Pairs count when at least one
+    Each column is defined in `wideberth.metrics.episode`. Pairs count when at least one
     of the two is a robot. ``below_reference`` is the share of plans that hold a constraint
     below the level they aimed at, or enter a region (`Plan.below_reference`);
     ``least_content`` is the least that any plan holds of any region, and ``gave_way`` says it of

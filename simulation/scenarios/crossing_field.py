@@ -5,10 +5,10 @@ from typing import final
 
 import numpy as np
 
-from ...framework.metrics.episode import approach
 from ...framework.values.arrays import Array, positive, whole
 from ...framework.values.errors import WideberthError
 from ...framework.values.path import Path
+from ...metrics.episode import approach
 from ..engine.agents import ReplayAgent
 from .base import Placement, Range, Scenario, checked_range, draw
 

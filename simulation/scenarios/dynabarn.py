@@ -8,10 +8,10 @@ from typing import Any, ClassVar, Literal, TypeAlias, final
 
 import numpy as np
 
-from ...framework.metrics.gaps import gaps, wall_gaps
 from ...framework.values.arrays import Array, whole
 from ...framework.values.path import Path
 from ...framework.values.polygon import Polygon
+from ...metrics.gaps import gaps, wall_gaps
 from ..engine.agents import ReplayAgent
 from ..log.episode_log import Episode
 from .base import Cast, Placement, Scenario

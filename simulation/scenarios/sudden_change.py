@@ -5,9 +5,9 @@ from typing import Literal, TypeAlias, final
 
 import numpy as np
 
-from ...framework.metrics.episode import approach
 from ...framework.values.arrays import Array, positive
 from ...framework.values.path import Path
+from ...metrics.episode import approach
 from ..engine.agents import Bystander, ReplayAgent
 from .base import Placement, Range, Scenario, checked_range, draw
 from .placing import checked_choice, draw_place

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.solvers.ipopt import Ipopt
 from wideberth.framework.values.plan import Status
 from wideberth.regions.minkowski_sum import MinkowskiSum
+from wideberth.solvers.ipopt import Ipopt
 from wideberth.tests.oracles.recorded_instances import Instance
 
 ROOT = Path(__file__).resolve().parents[2]

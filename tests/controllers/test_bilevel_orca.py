@@ -26,12 +26,12 @@ from wideberth.controllers.orca_conditions import (
 )
 from wideberth.framework.mpc.fallback.rollout import follow
 from wideberth.framework.numerics.symbolic import ca
-from wideberth.framework.people.models import Company, Reciprocal, Walkers
-from wideberth.framework.people.walls import WallField
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.polygon import Polygon
+from wideberth.people.models import Company, Reciprocal, Walkers
+from wideberth.people.walls import WallField
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.robots.unicycle import Unicycle
 from wideberth.simulation.engine.agents import RobotAgent, ScriptedAgent

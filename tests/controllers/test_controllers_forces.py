@@ -8,10 +8,10 @@ import pytest
 from wideberth.controllers.constant_velocity import ConstantVelocity
 from wideberth.controllers.moussaid_force import MoussaidForce
 from wideberth.controllers.social_force import SocialForce
-from wideberth.framework.people.walls import away_from_walls
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.polygon import Polygon
+from wideberth.people.walls import away_from_walls
 from wideberth.robots.holonomic import Holonomic
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.robots.unicycle import Unicycle

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from wideberth.controllers.policy import Policy
+from wideberth.controllers.policy_observer import ObservationSpec, PolicyObserver
+from wideberth.controllers.velocity_box import VelocityBox
 from wideberth.framework import names
-from wideberth.framework.control.policy_observer import ObservationSpec, PolicyObserver
-from wideberth.framework.control.velocity_box import VelocityBox
 from wideberth.framework.controller import fresh
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.plugins.registry import load

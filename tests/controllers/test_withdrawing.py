@@ -12,7 +12,6 @@ from wideberth.controllers.withdrawing import AWAY, DeadlockResolver, Withdrawin
 from wideberth.experiments.engine.closed_loop import play
 from wideberth.experiments.engine.shipped import read_experiment
 from wideberth.experiments.studies.comparison import Comparison
-from wideberth.framework.mpc.solvers.riccati.solver import Riccati
 from wideberth.framework.plugins.config import build
 from wideberth.framework.testing.controller import check_controller
 from wideberth.framework.values.errors import WideberthError
@@ -21,6 +20,7 @@ from wideberth.framework.values.path import Path
 from wideberth.framework.values.polygon import Polygon
 from wideberth.simulation.measures.episode_measures import verdict
 from wideberth.simulation.scenarios.doorway import Doorway
+from wideberth.solvers.riccati.solver import Riccati
 from wideberth.tests.helpers.planning import planner
 
 RADIUS = 0.3

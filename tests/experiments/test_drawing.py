@@ -12,11 +12,11 @@ from scipy.stats import chi2
 from wideberth.experiments.drawing.animation import animate
 from wideberth.experiments.drawing.episodes import draw_run, draw_views
 from wideberth.experiments.drawing.plotting import paper_style, save
-from wideberth.framework.metrics.episode import clearance
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Plan, Rung, Status
+from wideberth.metrics.episode import clearance
 from wideberth.simulation.drawing.artists import closest, nose, outlines, plan_at
 from wideberth.simulation.log.episode_log import AgentLog, CommandLog, Episode
 

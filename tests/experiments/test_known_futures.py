@@ -13,9 +13,6 @@ from wideberth.experiments.studies.known_futures import Futures, KnownFutures, m
 from wideberth.experiments.studies.variants import planner_of
 from wideberth.framework.controller import Controller
 from wideberth.framework.mpc.levels.fixed import Fixed
-from wideberth.framework.mpc.solvers.batch import Batch
-from wideberth.framework.mpc.solvers.riccati.solver import Riccati
-from wideberth.framework.numerics.statistics import clopper_pearson
 from wideberth.framework.predictor import Predictor
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast, Scene
@@ -23,7 +20,10 @@ from wideberth.framework.values.motion import Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Status
 from wideberth.framework.values.tracks import Tracks
+from wideberth.metrics.statistics import clopper_pearson
 from wideberth.predictors.kalman import Kalman
+from wideberth.solvers.batch import Batch
+from wideberth.solvers.riccati.solver import Riccati
 
 INSTANT, TAIL = 8.0, 0.2
 

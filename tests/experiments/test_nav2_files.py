@@ -7,12 +7,12 @@ from typing import Any
 import pytest
 import yaml
 
-from wideberth.controllers.nav2.navigator import Nav2
-from wideberth.controllers.nav2.params_file import read_params, read_params_file
 from wideberth.experiments.cli.app import main
 from wideberth.experiments.cli.nav2_files import config_of
 from wideberth.experiments.engine.shipped import read_experiment
 from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.nav2.server.navigator import Nav2
+from wideberth.nav2.server.params_file import read_params, read_params_file
 from wideberth.robots import Unicycle
 from wideberth.tests.helpers.nav2_params import FILES, text_of
 

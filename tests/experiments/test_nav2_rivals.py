@@ -6,8 +6,6 @@ from pathlib import Path as File
 import numpy as np
 import pytest
 
-from wideberth.controllers.nav2.local_costmap import View
-from wideberth.controllers.nav2.navigator import Nav2
 from wideberth.experiments.drawing.looks import Look, looks_from_bytes, looks_to_bytes
 from wideberth.experiments.engine.base import Task
 from wideberth.experiments.engine.runner import draw, run
@@ -29,6 +27,8 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Command, Detection, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.polygon import Polygon
+from wideberth.nav2.costmap.local_costmap import View
+from wideberth.nav2.server.navigator import Nav2
 from wideberth.predictors import Kalman
 from wideberth.robots import Unicycle
 from wideberth.simulation.engine.agents import RobotAgent, ScriptedAgent

@@ -10,11 +10,11 @@ import pytest
 from wideberth.experiments.engine.base import Row
 from wideberth.experiments.studies.prediction_benchmark import PredictionBenchmark, Protocol
 from wideberth.experiments.studies.prediction_data import PredictionData
-from wideberth.framework.metrics.episode import content_bound
 from wideberth.framework.predictor import Predictor
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast, Scene
 from wideberth.framework.values.tracks import Tracks
+from wideberth.metrics.episode import content_bound
 
 HOW = Protocol(observed=4, predicted=3, draws=9)
 ROWS, DT = 7, 0.4

@@ -9,9 +9,9 @@ from wideberth.experiments.cli import app as cli
 from wideberth.experiments.engine import progress
 from wideberth.experiments.engine.progress import Progress, time_left, working
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.solvers.riccati import compiled
-from wideberth.framework.mpc.solvers.riccati.solver import Riccati
 from wideberth.framework.values.errors import WideberthError
+from wideberth.solvers.riccati import compiled
+from wideberth.solvers.riccati.solver import Riccati
 
 
 def test_the_range_holds_what_then_comes() -> None:

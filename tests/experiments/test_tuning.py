@@ -11,8 +11,8 @@ from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped import read_experiment
 from wideberth.experiments.studies.tuning import Tuning, worded
 from wideberth.experiments.studies.variants import planner_of
-from wideberth.framework.numerics.statistics import pareto
 from wideberth.framework.values.errors import WideberthError
+from wideberth.metrics.statistics import pareto
 from wideberth.simulation.scenarios.recorded_scene import RecordedScene
 
 

@@ -11,24 +11,24 @@ import numpy as np
 
 from wideberth.experiments.cli.export import solver, subject
 from wideberth.framework.mpc.costs.tracking import Tracking
-from wideberth.framework.mpc.export.bundle import write_folder
-from wideberth.framework.mpc.export.solver.files import bundle
-from wideberth.framework.mpc.export.solver.measured import needs
-from wideberth.framework.mpc.export.solver.native import Native, machine
-from wideberth.framework.mpc.export.solver.needs import Solver
-from wideberth.framework.mpc.export.subject import Subject
 from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem, SlotNumbers
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.solvers.base import Solution
-from wideberth.framework.mpc.solvers.riccati import objects
-from wideberth.framework.mpc.solvers.riccati.solver import Riccati
+from wideberth.framework.mpc.solver import Solution
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.plan import Status
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.unicycle import Unicycle
+from wideberth.solvers.export.bundle import write_folder
+from wideberth.solvers.export.solver.files import bundle
+from wideberth.solvers.export.solver.measured import needs
+from wideberth.solvers.export.solver.native import Native, machine
+from wideberth.solvers.export.solver.needs import Solver
+from wideberth.solvers.export.subject import Subject
+from wideberth.solvers.riccati import objects
+from wideberth.solvers.riccati.solver import Riccati
 from wideberth.tests.helpers.problems import assemble, kinds
 from wideberth.tests.oracles.recorded_instances import read_instances
 

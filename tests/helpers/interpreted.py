@@ -9,10 +9,10 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.solvers.riccati import _core as core
-from wideberth.framework.mpc.solvers.riccati import compiled, solver
-from wideberth.framework.mpc.solvers.riccati.workspace import Workspace
 from wideberth.framework.values.arrays import Array
+from wideberth.solvers.riccati import _core as core
+from wideberth.solvers.riccati import compiled, solver
+from wideberth.solvers.riccati.workspace import Workspace
 
 Kernel = Callable[[int, int, Array, Array, Array], None]
 """What a CasADi function is compiled to: offset, count, variables, parameters, results."""

@@ -10,14 +10,14 @@ from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.solvers.base import Solution, Solver
-from wideberth.framework.mpc.solvers.fatrop import Fatrop
+from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Plan, Status
 from wideberth.predictors.kalman import Kalman
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.unicycle import Unicycle
+from wideberth.solvers.fatrop import Fatrop
 
 STRAIGHT = Path(np.array([[0.0, 0.0], [20.0, 0.0]]))
 

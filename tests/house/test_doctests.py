@@ -15,7 +15,7 @@ import wideberth
 MODULES = sorted(
     info.name
     for room in ("framework", "predictors", "regions", "robots", "controllers", "perception",
-                 "routes", "bridges", "simulation", "experiments")
+                 "routes", "ros", "simulation", "experiments")
     for info in pkgutil.walk_packages([f"{wideberth.__path__[0]}/{room}"], f"wideberth.{room}.")
 )  # fmt: skip
 

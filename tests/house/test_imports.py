@@ -15,12 +15,12 @@ ROOMS = {
     "robots": {"framework"},
     "controllers": {"framework"},
     "routes": {"framework"},
-    "bridges": {"framework"},
+    "ros": {"framework"},
     "simulation": {"framework"},
     "perception": {"framework"},
     "experiments": {
         "framework", "predictors", "regions", "robots", "controllers", "perception", "routes",
-        "bridges", "simulation",
+        "ros", "simulation",
     },
 }  # fmt: skip
 HEAVY = {
@@ -67,20 +67,20 @@ ARROWS: dict[str, set[str]] = {
     "framework/plugins": {"framework/values"},
     INTERFACES: {"framework/drawing", "framework/numerics", "framework/values"},
     "framework/risk": {INTERFACES, "framework/numerics", "framework/plugins", "framework/values"},
-    "framework/metrics": {"framework/numerics", "framework/risk", "framework/values"},
+    "metrics": {"framework/numerics", "framework/risk", "framework/values"},
     "framework/tracking": {INTERFACES, "framework/plugins", "framework/values"},
     "framework/control": {
         INTERFACES, "framework/numerics", "framework/tracking", "framework/values",
     },
     "framework/jit": {"framework/numerics", "framework/values"},
-    "framework/people": {
-        INTERFACES, "framework/control", "framework/jit", "framework/metrics", "framework/values",
+    "people": {
+        INTERFACES, "framework/control", "framework/jit", "metrics", "framework/values",
     },
     FACE: {
         INTERFACES, "framework/mpc/planner", "framework/plugins", "framework/tracking",
         "framework/values",
     },
-    "controllers/nav2": {"controllers"},
+    "nav2": {"controllers"},
     "perception": set(),
     "perception/detection": set(),
     "perception/state": set(),
@@ -90,7 +90,7 @@ ARROWS: dict[str, set[str]] = {
     "regions": set(),
     "regions/static": {"regions"},
     "routes": set(),
-    "bridges": set(),
+    "ros": set(),
     "simulation/drawing": set(),
     "simulation/physics": {"simulation/drawing"},
     "simulation/log": {"simulation/drawing"},

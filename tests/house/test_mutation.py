@@ -5,8 +5,8 @@ import ast
 import numpy as np
 import pytest
 
-from wideberth.framework.metrics import motion
 from wideberth.framework.numerics import geometry
+from wideberth.metrics import motion
 from wideberth.tests.mutation import areas, forked
 from wideberth.tests.mutation.sites import changed, sites
 from wideberth.tests.mutation.study import stale
@@ -87,7 +87,7 @@ def test_a_function_gets_its_new_code_wherever_it_is_known() -> None:
 
 def test_a_changed_default_is_left_to_a_new_import() -> None:
     """The code is the same with it and without."""
-    path = "framework/metrics/motion.py"
+    path = "metrics/motion.py"
     source = (areas.ROOT / path).read_text()
     mine = [one for one in sites(path, source) if one.owner == "course_change"]
     default = next(one for one in mine if "0.001 ->" in one.text)

@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 TOP = (
     "framework", "predictors", "regions", "robots", "controllers", "perception", "routes",
-    "bridges", "simulation", "experiments",
+    "ros", "simulation", "experiments",
 )  # fmt: skip
 FACE = ("__init__.py", "__init__.pyi", "py.typed")
 
@@ -60,9 +60,9 @@ def test_wheel_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
     wanted = modules | configs | {f"wideberth/{name}" for name in FACE}
     wanted |= {f"wideberth/docs/{name}.md" for name in ("results", "metrics")}  # for reports
     wanted |= {f"wideberth/framework/{name}" for name in ("references.bib", "recommended.yaml")}
-    shipped = (ROOT / "framework/mpc/solvers/riccati/objects").iterdir()
+    shipped = (ROOT / "solvers/riccati/objects").iterdir()
     wanted |= {f"wideberth/{path.relative_to(ROOT).as_posix()}" for path in shipped}
-    programs = (ROOT / "framework/mpc/export/solver/c").iterdir()
+    programs = (ROOT / "solvers/export/solver/c").iterdir()
     wanted |= {f"wideberth/{path.relative_to(ROOT).as_posix()}" for path in programs}
     assert wanted <= names
     assert f"wideberth-{wideberth.__version__}.dist-info/METADATA" in names

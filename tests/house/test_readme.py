@@ -64,7 +64,7 @@ def test_a_rung_is_written_as_the_page_says(tmp_path: Path) -> None:
     """The block that defines `SlowDown`; it holds where the solver fails and the road is free."""
     check = """
 from wideberth import Observation, Path, build
-from wideberth.framework.mpc.solvers.base import Solver
+from wideberth.framework.mpc.solver import Solver
 
 
 class Unavailable(Solver):

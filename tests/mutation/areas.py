@@ -57,8 +57,8 @@ AREAS: dict[str, list[str]] = {
     ],
     "judging": ["simulation/measures/*.py", "simulation/log/episode_log.py"],
     "metrics": [
-        *(f"framework/metrics/{name}.py" for name in ("comfort", "episode", "motion", "plan")),
-        "framework/metrics/scoring.py", "framework/numerics/statistics.py",
+        *(f"metrics/{name}.py" for name in ("comfort", "episode", "motion", "plan")),
+        "metrics/scoring.py", "metrics/statistics.py",
         "framework/numerics/eigenframe.py", "framework/risk/collision_probability.py",
     ],
 }  # fmt: skip

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wideberth.framework.metrics.tracking import TrackScores, track_scores
 from wideberth.framework.tracker import Tracker
 from wideberth.framework.values.sensing import Sightings
+from wideberth.metrics.tracking import TrackScores, track_scores
 from wideberth.perception.tracking.nearest import Nearest
 from wideberth.tests.oracles.joint_probabilistic import JointProbabilistic
 

@@ -8,15 +8,15 @@ import pytest
 
 from wideberth import Observation, WideberthError
 from wideberth.framework.detector import Detector
-from wideberth.framework.metrics.tracking import nees, track_scores
 from wideberth.framework.plugins.registry import load, names
 from wideberth.framework.testing.tracker import check_tracker, laws
 from wideberth.framework.tracker import Tracker
-from wideberth.framework.tracking.handover import Handover
 from wideberth.framework.tracking.history import History, admitted
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.sensing import Scan, Sightings, TrackedObstacle
+from wideberth.metrics.tracking import nees, track_scores
 from wideberth.perception.detection.discs import Discs
+from wideberth.perception.handover import Handover
 from wideberth.perception.tracking.kf_hungarian import KfHungarian
 from wideberth.perception.tracking.motion import carried, corrected
 from wideberth.perception.tracking.nearest import Nearest

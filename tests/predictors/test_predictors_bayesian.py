@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, invwishart
 
-from wideberth.framework.metrics.scoring import negative_log_likelihood
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.tracks import Tracks
+from wideberth.metrics.scoring import negative_log_likelihood
 from wideberth.predictors.bayesian_var import BayesianVectorAutoregression, Prior, posterior
 from wideberth.predictors.core.history import gather
 from wideberth.predictors.core.least_squares import fit_velocities

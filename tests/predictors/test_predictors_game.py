@@ -8,7 +8,7 @@ import pytest
 
 from wideberth.framework.mpc.planner.best_response import Agent, BestResponsePlanner, state_of
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.solvers.base import Solver
+from wideberth.framework.mpc.solver import Solver
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast, Scene

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from wideberth.framework.metrics.scoring import negative_log_likelihood
 from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.tracks import Tracks
+from wideberth.metrics.scoring import negative_log_likelihood
 from wideberth.predictors.constant_acceleration import ConstantAcceleration
 from wideberth.predictors.core.history import gather, measurement_noise
 from wideberth.predictors.core.kalman_filter import (

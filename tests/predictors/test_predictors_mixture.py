@@ -13,7 +13,6 @@ from scipy.stats import chi2
 
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.plugins.config import build, describe, load_plugin, save_plugin
 from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.values.errors import WideberthError
@@ -27,6 +26,7 @@ from wideberth.predictors.kalman import Kalman
 from wideberth.predictors.mixture_density import MixtureDensity
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.unicycle import Unicycle
+from wideberth.solvers.fatrop import Fatrop
 
 DT = 0.4
 NAN = np.nan

@@ -9,14 +9,14 @@ import pytest
 from wideberth.controllers.constant_velocity import ConstantVelocity
 from wideberth.controllers.orca import Orca
 from wideberth.controllers.social_force import SocialForce
-from wideberth.framework.people.models import CircularForce, Reciprocal, Straight
-from wideberth.framework.people.walls import WallField
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Scene
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.polygon import Polygon
 from wideberth.framework.values.tracks import Tracks
+from wideberth.people.models import CircularForce, Reciprocal, Straight
+from wideberth.people.walls import WallField
 from wideberth.predictors.core.crowd_rollout import Movers, on_grid, rolled_out
 from wideberth.predictors.core.person_belief import Beliefs, Slots
 from wideberth.predictors.kalman import Kalman
@@ -129,7 +129,7 @@ def passing(courteous, seconds=7.0, seed=0):
     place, velocity = np.array([[4.0, 0.25]]), np.array([[-1.2, 0.0]])
     robot = np.array([-4.0, 0.0])
     places, robots = [], []
-    from wideberth.framework.people.models import Company, Walkers
+    from wideberth.people.models import Company, Walkers
 
     for _ in range(steps):
         places.append(place[0].copy())

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from wideberth.framework.metrics.episode import approach
 from wideberth.framework.values.errors import WideberthError
+from wideberth.metrics.episode import approach
 from wideberth.simulation.engine.agents import ReplayAgent
 from wideberth.simulation.scenarios.base import Placement
 from wideberth.simulation.scenarios.crossing_field import CALM, ROOM, CrossingField

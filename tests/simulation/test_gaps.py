@@ -9,7 +9,6 @@ import pytest
 import shapely
 
 from wideberth.framework.controller import Controller
-from wideberth.framework.metrics.gaps import BodyMotion, gaps, wall_gaps
 from wideberth.framework.mpc.fallback.emergency import emergency
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.footprint import Discs, Footprint, Outline
@@ -17,6 +16,7 @@ from wideberth.framework.values.motion import Command, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Breach, BreachKind, GivenWay, Plan
 from wideberth.framework.values.polygon import Polygon
+from wideberth.metrics.gaps import BodyMotion, gaps, wall_gaps
 from wideberth.robots.holonomic_3d import Holonomic3D
 from wideberth.robots.unicycle import Unicycle
 from wideberth.simulation.engine.agents import ReplayAgent, RobotAgent

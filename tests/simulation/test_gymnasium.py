@@ -10,7 +10,7 @@ from pathlib import Path as File
 import numpy as np
 import pytest
 
-from wideberth.framework.control.policy_observer import ObservationSpec
+from wideberth.controllers.policy_observer import ObservationSpec
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Command

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.framework.metrics import comfort
 from wideberth.framework.risk.collision_probability import collision_probability
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Plan, Rung, Status
+from wideberth.metrics import comfort
 from wideberth.simulation.log.episode_log import AgentLog, CommandLog, Episode
 from wideberth.simulation.measures.episode_measures import Sampled, measures
 from wideberth.simulation.measures.plan_calibration import Judged, promises

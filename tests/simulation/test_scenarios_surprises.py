@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.studies.comparison import Comparison
-from wideberth.framework.metrics.episode import approach
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.errors import WideberthError
+from wideberth.metrics.episode import approach
 from wideberth.simulation.engine.agents import ReplayAgent
 from wideberth.simulation.scenarios.recorded_scene import FILES, SCENES, RecordedScene
 from wideberth.simulation.scenarios.sudden_change import SuddenChange

@@ -5,8 +5,8 @@ import pickle
 import numpy as np
 import pytest
 
-from wideberth.framework.metrics import episode as metrics
 from wideberth.framework.values.errors import WideberthError
+from wideberth.metrics import episode as metrics
 from wideberth.simulation.scenarios.chicken_game import ChickenGame
 from wideberth.simulation.scenarios.crossing import Crossing
 

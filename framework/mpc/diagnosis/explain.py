@@ -19,7 +19,7 @@ from ..planner.multistart import SAME
 from ..planner.problem_cache import ProblemCache
 from ..planner.settings import PlannerSettings
 from ..slots.base import Room
-from ..solvers.base import Solution, Solver, solve_cheapest
+from ..solver import Solution, Solver, solve_cheapest
 
 _ROWS = 8
 """Violations that are listed."""

@@ -13,7 +13,7 @@ from ..ocp.problem import Parameters, Problem
 from ..ocp.transcription import Guess
 from ..slots.base import SlotKind, Surroundings, level_at_first, with_auxiliaries_each
 from ..slots.contact import Touch
-from ..solvers.base import Solution
+from ..solver import Solution
 from .in_contact import InContact
 from .rollout import clip, follow
 from .verify import Violation, price, violations

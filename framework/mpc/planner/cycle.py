@@ -39,7 +39,7 @@ from ..ocp.reference import Progress, Reference
 from ..ocp.transcription import Guess
 from ..slots.base import CAPACITIES, Chosen, Surroundings, View, reach_of_bodies
 from ..slots.screen import Travel
-from ..solvers.base import SizelessSolver
+from ..solver import SizelessSolver
 from .multistart import (
     COMPILING,
     OTHERS,

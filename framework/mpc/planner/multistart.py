@@ -40,8 +40,8 @@ from ..ocp.problem import Parameters, Problem
 from ..ocp.progress_robot import ProgressRobot
 from ..ocp.reference import Reference
 from ..ocp.transcription import Guess
-from ..solvers.base import Solution, Solver, enters, on_time, pressed, solve_cheapest
-from ..solvers.watchdog import LeftBehind, Refused, watched
+from ..solver import Solution, Solver, enters, on_time, pressed, solve_cheapest
+from .watchdog import LeftBehind, Refused, watched
 
 Starts: TypeAlias = tuple[str, ...] | Literal["auto"]
 """Names of starting points, or ``auto``: `OTHERS`, where something is in the way."""

@@ -21,7 +21,7 @@ from ..levels.base import LevelPolicy, SharedLevel, mixed_up
 from ..slots.base import CAPACITIES, SlotKind
 from ..slots.built_in import built_in
 from ..slots.ways import Ways
-from ..solvers.base import Solver
+from ..solver import Solver
 from .multistart import PATIENCE, Starts, checked_starts
 
 MOST_STEPS, MOST_SAMPLES = 1000, 10_000

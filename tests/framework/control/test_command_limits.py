@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wideberth.controllers.velocity_box import VelocityBox
 from wideberth.framework.control.command_limits import (
     ALLOWANCE,
     broken_limit,
     turns_on_the_spot,
     within_reach,
 )
-from wideberth.framework.control.velocity_box import VelocityBox
 from wideberth.framework.controller import checked_ready, checked_use
 from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.registry import names

@@ -16,7 +16,7 @@ from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess, Transcription
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.slots.gaussian_discs import Obstacles
-from wideberth.framework.mpc.solvers.base import Solution, Solver
+from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.region import Region
 from wideberth.framework.values.motion import Detection, Observation, Twist

@@ -17,8 +17,6 @@ from wideberth.framework.mpc.planner.cycle import PlannerState, Services
 from wideberth.framework.mpc.planner.cycle import step as decide
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.planner.settings import PlannerSettings
-from wideberth.framework.mpc.solvers.fatrop import Fatrop
-from wideberth.framework.mpc.solvers.ipopt import Ipopt
 from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.plugins.registry import load
 from wideberth.framework.robot import Robot, start_state, step
@@ -31,6 +29,8 @@ from wideberth.predictors.static import Static
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.robots.holonomic import Holonomic
 from wideberth.robots.unicycle import Unicycle
+from wideberth.solvers.fatrop import Fatrop
+from wideberth.solvers.ipopt import Ipopt
 from wideberth.tests.helpers.problems import assemble
 
 KNOTS, REACH = 12, 3.75

@@ -14,7 +14,6 @@ from wideberth.framework.mpc.planner.best_response import Agent, BestResponsePla
 from wideberth.framework.mpc.planner.cycle import PlannerState, Services, remember, step
 from wideberth.framework.mpc.planner.multistart import OTHERS
 from wideberth.framework.mpc.planner.settings import PlannerSettings, changed
-from wideberth.framework.mpc.solvers.riccati.solver import Riccati
 from wideberth.framework.plugins.config import describe
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast
@@ -25,6 +24,7 @@ from wideberth.predictors.adaptive_conformal import AdaptiveConformal
 from wideberth.predictors.kalman import Kalman
 from wideberth.robots.holonomic import Holonomic
 from wideberth.robots.unicycle import Unicycle
+from wideberth.solvers.riccati.solver import Riccati
 from wideberth.tests.helpers.planning import STRAIGHT, at, planner
 
 

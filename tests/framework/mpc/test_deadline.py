@@ -16,9 +16,8 @@ from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner import multistart
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.solvers.base import Solution, Solver
-from wideberth.framework.mpc.solvers.fatrop import Fatrop
-from wideberth.framework.mpc.solvers.watchdog import left_behind
+from wideberth.framework.mpc.planner.watchdog import left_behind
+from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.plugins.config import build
 from wideberth.framework.predictor import Predictor
 from wideberth.framework.values.forecast import Forecast, Scene
@@ -30,6 +29,7 @@ from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.static import Static
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.unicycle import Unicycle
+from wideberth.solvers.fatrop import Fatrop
 
 
 class Clock:

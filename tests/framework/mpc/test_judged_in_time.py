@@ -13,8 +13,6 @@ from wideberth.experiments.studies.closed_loop_risk import _pairs
 from wideberth.experiments.studies.conservativeness import kept, promised
 from wideberth.experiments.studies.prediction_benchmark import Protocol, calibration, run_along
 from wideberth.experiments.studies.prediction_data import PredictionData
-from wideberth.framework.metrics import comfort as metrics_comfort
-from wideberth.framework.metrics.episode import content_bound
 from wideberth.framework.mpc.fallback.verify import Violation
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.slots.contact import Touch
@@ -26,6 +24,8 @@ from wideberth.framework.values.forecast import Forecast, Scene
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Plan, Rung, Status
 from wideberth.framework.values.tracks import Tracks
+from wideberth.metrics import comfort as metrics_comfort
+from wideberth.metrics.episode import content_bound
 from wideberth.predictors.adaptive_conformal import AdaptiveConformal, _position
 from wideberth.predictors.conformal import Conformal
 from wideberth.predictors.core.calibration import replayed, squared_distances

@@ -6,7 +6,6 @@ import pytest
 from wideberth.framework.mpc.fallback.emergency import command_of_plan
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.values.path import Path
 from wideberth.predictors.kalman import Kalman
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
@@ -15,6 +14,7 @@ from wideberth.simulation.engine.agents import RobotAgent
 from wideberth.simulation.engine.episode import run_episode
 from wideberth.simulation.engine.settings import Settings
 from wideberth.simulation.log.episode_log import Episode
+from wideberth.solvers.fatrop import Fatrop
 
 
 def drive(solve_time: float, latency: float) -> Episode:

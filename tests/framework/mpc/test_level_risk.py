@@ -15,9 +15,7 @@ from wideberth.framework.mpc.levels.risk_allocation import RiskAllocation
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.slots.gaussian_discs import Obstacles
-from wideberth.framework.mpc.solvers.base import Solution, Solver
-from wideberth.framework.mpc.solvers.fatrop import Fatrop
-from wideberth.framework.mpc.solvers.ipopt import Ipopt
+from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.region import Region
 from wideberth.framework.values.motion import Pose, Twist
 from wideberth.framework.values.path import Path
@@ -28,6 +26,8 @@ from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minimum_area import MinimumArea
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.robots.holonomic import Holonomic
+from wideberth.solvers.fatrop import Fatrop
+from wideberth.solvers.ipopt import Ipopt
 from wideberth.tests.helpers.problems import assemble, fill, with_auxiliaries
 
 STEPS, DT, DRAWS = 12, 0.5, 40_000

@@ -12,7 +12,6 @@ from wideberth.framework.mpc.instance.own_uncertainty import Growth, OwnUncertai
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.ocp.progress_robot import ProgressRobot, progress_robot_of
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.robot import Robot, SymbolicDrive, step
 from wideberth.framework.values.errors import WideberthError
@@ -28,6 +27,7 @@ from wideberth.regions.static.dual import Dual
 from wideberth.regions.static.separating_line import SeparatingLine
 from wideberth.robots.holonomic import Holonomic
 from wideberth.robots.unicycle import Unicycle
+from wideberth.solvers.fatrop import Fatrop
 
 CAR = Outline(((0.55, 0.25), (-0.25, 0.25), (-0.25, -0.25), (0.55, -0.25)))
 DISCS = Discs(((0.35, 0.0), (-0.05, 0.0)), 0.25)

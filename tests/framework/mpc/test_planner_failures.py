@@ -7,7 +7,6 @@ import pytest
 
 from wideberth.framework.control.command_limits import broken_limit
 from wideberth.framework.mpc.levels.relaxed import Relaxed
-from wideberth.framework.mpc.solvers.ipopt import Ipopt
 from wideberth.framework.predictor import Predictor
 from wideberth.framework.robot import step
 from wideberth.framework.values.errors import WideberthError
@@ -16,6 +15,7 @@ from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.plan import Rung, Status
 from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.kalman import Kalman
+from wideberth.solvers.ipopt import Ipopt
 from wideberth.tests.helpers.planning import Failing, approach, at, planner
 
 

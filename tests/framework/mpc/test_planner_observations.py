@@ -10,7 +10,6 @@ import pytest
 
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.tracking import perception
 from wideberth.framework.values.motion import Detection, Observation, Truth
 from wideberth.framework.values.plan import Rung
@@ -19,6 +18,7 @@ from wideberth.predictors.kalman import Kalman
 from wideberth.predictors.oracle import Oracle
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.unicycle import Unicycle
+from wideberth.solvers.fatrop import Fatrop
 from wideberth.tests.helpers.planning import STRAIGHT, approach, at, planner
 
 

@@ -5,7 +5,6 @@ import pytest
 
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.robot import step
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Observation
@@ -13,6 +12,7 @@ from wideberth.framework.values.path import Path
 from wideberth.predictors.kalman import Kalman
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.unicycle import Unicycle
+from wideberth.solvers.fatrop import Fatrop
 from wideberth.tests.helpers.planning import approach, at, planner
 
 

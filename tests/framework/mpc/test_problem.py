@@ -30,8 +30,6 @@ from wideberth.framework.mpc.slots.static_polygons import (
     choose_walls,
     fill_walls,
 )
-from wideberth.framework.mpc.solvers.fatrop import Fatrop
-from wideberth.framework.mpc.solvers.ipopt import Ipopt
 from wideberth.framework.numerics.symbolic import ca, evaluated
 from wideberth.framework.region import Region
 from wideberth.framework.robot import Robot
@@ -51,6 +49,8 @@ from wideberth.robots.differential_drive import DifferentialDrive
 from wideberth.robots.holonomic import Holonomic
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.robots.unicycle import Unicycle
+from wideberth.solvers.fatrop import Fatrop
+from wideberth.solvers.ipopt import Ipopt
 from wideberth.tests.helpers.problems import DT, STEPS, assemble, fill, set_up, with_auxiliaries
 from wideberth.tests.helpers.region_samples import PAPER
 

@@ -7,13 +7,13 @@ from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.base import LevelPolicy
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
-from wideberth.framework.mpc.solvers.fatrop import Fatrop
-from wideberth.framework.mpc.solvers.ipopt import Ipopt
 from wideberth.framework.region import Guarantee, Region
 from wideberth.framework.risk.collision_probability import collision_probability
 from wideberth.framework.values.plan import Status
 from wideberth.regions.separating_line import SeparatingLine
 from wideberth.robots.unicycle import Unicycle
+from wideberth.solvers.fatrop import Fatrop
+from wideberth.solvers.ipopt import Ipopt
 from wideberth.tests.helpers.problems import set_up
 from wideberth.tests.helpers.region_samples import BY_RISK, OUTER, RECTANGLES
 

@@ -43,7 +43,7 @@ from wideberth.framework.mpc.slots.base import Chosen, Surroundings
 from wideberth.framework.mpc.slots.contact import Touch
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs, Obstacles
 from wideberth.framework.mpc.slots.static_polygons import StaticPolygons, choose_walls
-from wideberth.framework.mpc.solvers.base import Solution
+from wideberth.framework.mpc.solver import Solution
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.region import Region
 from wideberth.framework.values.errors import WideberthError

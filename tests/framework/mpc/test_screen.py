@@ -14,7 +14,6 @@ from wideberth.framework.mpc.planner.cycle import Decision, PlannerState, Servic
 from wideberth.framework.mpc.planner.settings import PlannerSettings
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, Obstacles
 from wideberth.framework.mpc.slots.screen import Travel, leaves_out, out_of_reach
-from wideberth.framework.mpc.solvers.riccati.solver import Riccati
 from wideberth.framework.plugins import registry
 from wideberth.framework.region import Bounded, Polygonal, Region
 from wideberth.framework.robot import step as moved
@@ -30,6 +29,7 @@ from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.regions.separating_line import SeparatingLine
 from wideberth.robots.unicycle import Unicycle
+from wideberth.solvers.riccati.solver import Riccati
 
 REGIONS = [
     one for name in registry.names("regions") for one in variants(registry.load("regions", name))

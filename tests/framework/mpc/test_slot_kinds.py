@@ -15,8 +15,6 @@ import pytest
 
 from wideberth.framework.mpc.diagnosis.explain import SolveRecord
 from wideberth.framework.mpc.diagnosis.solve_record import read_solve, write_solve
-from wideberth.framework.mpc.export.bundle import bundle, write_folder
-from wideberth.framework.mpc.export.subject import Subject
 from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.ocp.problem import SlotNumbers, Slots
 from wideberth.framework.mpc.ocp.stage import Frame
@@ -32,11 +30,7 @@ from wideberth.framework.mpc.slots.contact import Touch
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
 from wideberth.framework.mpc.slots.static_polygons import StaticPolygons
 from wideberth.framework.mpc.slots.ways import DiscsAndWays, Ways
-from wideberth.framework.mpc.solvers.base import Solver
-from wideberth.framework.mpc.solvers.batch import solve_batch
-from wideberth.framework.mpc.solvers.fatrop import Fatrop
-from wideberth.framework.mpc.solvers.ipopt import Ipopt
-from wideberth.framework.mpc.solvers.riccati.solver import Riccati
+from wideberth.framework.mpc.solver import Solver
 from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.robot import Robot
 from wideberth.framework.testing.slot_kind import LAWS, check_slot_kind, sample_view
@@ -48,6 +42,12 @@ from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.regions.static.dual import Dual
 from wideberth.regions.static.separating_line import SeparatingLine
 from wideberth.robots.unicycle import Unicycle
+from wideberth.solvers.batch import solve_batch
+from wideberth.solvers.export.bundle import bundle, write_folder
+from wideberth.solvers.export.subject import Subject
+from wideberth.solvers.fatrop import Fatrop
+from wideberth.solvers.ipopt import Ipopt
+from wideberth.solvers.riccati.solver import Riccati
 from wideberth.tests.helpers.interpreted import interpret_solver
 
 EXAMPLES = File(__file__).resolve().parents[3] / "examples"

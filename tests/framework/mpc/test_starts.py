@@ -20,9 +20,7 @@ from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.multistart import NAMES, OTHERS, SAME, other_starts
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.slots.gaussian_discs import Obstacles
-from wideberth.framework.mpc.solvers.base import CheapestSolver, Solution, Solver, unwrapped
-from wideberth.framework.mpc.solvers.fatrop import Fatrop
-from wideberth.framework.mpc.solvers.ipopt import Ipopt
+from wideberth.framework.mpc.solver import CheapestSolver, Solution, Solver, unwrapped
 from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.registry import names
 from wideberth.framework.robot import Robot, step
@@ -34,6 +32,8 @@ from wideberth.predictors.static import Static
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.robots.unicycle import Unicycle
+from wideberth.solvers.fatrop import Fatrop
+from wideberth.solvers.ipopt import Ipopt
 from wideberth.tests.helpers.problems import assemble, fill, with_auxiliaries
 from wideberth.tests.oracles.recorded_instances import read_instances, worst_violation
 

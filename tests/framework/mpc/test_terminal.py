@@ -13,8 +13,7 @@ from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.solvers.base import Solution, Solver
-from wideberth.framework.mpc.solvers.fatrop import Fatrop
+from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.registry import names
 from wideberth.framework.robot import Robot, start_state, step
@@ -25,6 +24,7 @@ from wideberth.predictors.oracle import Oracle
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
 from wideberth.robots.unicycle import Unicycle
+from wideberth.solvers.fatrop import Fatrop
 from wideberth.tests.helpers.problems import assemble
 
 ROBOTS = [build("robots", name) for name in names("robots")]

@@ -16,7 +16,6 @@ from wideberth.experiments.studies.flight import Flight, volume_ratio
 from wideberth.framework.mpc.fallback.rollout import sweep
 from wideberth.framework.mpc.ocp.reference import Progress, lay_reference
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.solvers.riccati.solver import Riccati
 from wideberth.framework.numerics.integration import runge_kutta
 from wideberth.framework.plugins.registry import load, names
 from wideberth.framework.values.errors import WideberthError
@@ -30,6 +29,7 @@ from wideberth.robots.holonomic_3d import Holonomic3D
 from wideberth.simulation.log.episode_log import Episode
 from wideberth.simulation.measures.summary import robot_rows, summarise
 from wideberth.simulation.scenarios.crossing_3d import Crossing3D
+from wideberth.solvers.riccati.solver import Riccati
 
 SLOW = {"risk_contour"}  # half a minute: its constraint integrates the collision probability
 REGIONS = [

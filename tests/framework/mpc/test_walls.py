@@ -28,9 +28,7 @@ from wideberth.framework.mpc.slots.static_polygons import (
     fill_walls,
     padded,
 )
-from wideberth.framework.mpc.solvers.base import Solver
-from wideberth.framework.mpc.solvers.fatrop import Fatrop
-from wideberth.framework.mpc.solvers.ipopt import Ipopt
+from wideberth.framework.mpc.solver import Solver
 from wideberth.framework.static_region import StaticRegion
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.footprint import Discs, Footprint, Outline
@@ -43,6 +41,8 @@ from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.regions.static.dual import Dual
 from wideberth.regions.static.separating_line import SeparatingLine
 from wideberth.robots.unicycle import Unicycle
+from wideberth.solvers.fatrop import Fatrop
+from wideberth.solvers.ipopt import Ipopt
 from wideberth.tests.helpers.problems import (
     among,
     assemble,

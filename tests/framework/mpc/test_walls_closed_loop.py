@@ -10,9 +10,7 @@ import shapely
 
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.solvers.base import Solver
-from wideberth.framework.mpc.solvers.fatrop import Fatrop
-from wideberth.framework.mpc.solvers.ipopt import Ipopt
+from wideberth.framework.mpc.solver import Solver
 from wideberth.framework.static_region import StaticRegion
 from wideberth.framework.values.footprint import Discs, Footprint, Outline
 from wideberth.framework.values.motion import Detection, Observation
@@ -31,6 +29,8 @@ from wideberth.simulation.engine.episode import run_episode
 from wideberth.simulation.engine.settings import Settings
 from wideberth.simulation.log.episode_log import AgentLog, Episode
 from wideberth.simulation.sensing.localisation import Localisation
+from wideberth.solvers.fatrop import Fatrop
+from wideberth.solvers.ipopt import Ipopt
 
 DISCS = Discs(((0.35, 0.0), (-0.05, 0.0)), 0.25)
 CAR = Outline(((0.55, 0.25), (-0.25, 0.25), (-0.25, -0.25), (0.55, -0.25)))

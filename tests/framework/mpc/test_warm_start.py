@@ -11,11 +11,11 @@ from wideberth.framework.mpc.ocp.problem import Parameters, Problem, SlotNumbers
 from wideberth.framework.mpc.ocp.transcription import Guess, Multipliers
 from wideberth.framework.mpc.planner.warm_start import KeptMultipliers
 from wideberth.framework.mpc.slots.base import Chosen
-from wideberth.framework.mpc.solvers.base import Solution, Solver
-from wideberth.framework.mpc.solvers.riccati.solver import Riccati
+from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Observation
 from wideberth.framework.values.plan import Rung
+from wideberth.solvers.riccati.solver import Riccati
 from wideberth.tests.helpers.planning import STRAIGHT, at, planner
 
 NOTHING: Any = None

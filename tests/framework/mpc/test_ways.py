@@ -12,7 +12,6 @@ from wideberth.framework.mpc.ocp.stage import Frame
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, Obstacles
 from wideberth.framework.mpc.slots.ways import DiscsAndWays, Ways
-from wideberth.framework.mpc.solvers.riccati.solver import Riccati
 from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.region import Region
@@ -26,6 +25,7 @@ from wideberth.predictors.constant_velocity import ConstantVelocity
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.robots.unicycle import Unicycle
+from wideberth.solvers.riccati.solver import Riccati
 
 WAYS = Ways(span=1.25, share=0.1, margin=0.05)
 

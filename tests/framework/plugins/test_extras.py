@@ -44,7 +44,7 @@ def test_an_error_says_who_needs_it_and_what_else_can_be_done() -> None:
 
 
 def test_nothing_names_an_index_that_lacks_the_package() -> None:
-    rooms = ("bridges", "controllers", "experiments", "framework", "perception", "predictors",
+    rooms = ("ros", "controllers", "experiments", "framework", "perception", "predictors",
              "regions", "robots", "routes", "simulation", "examples")  # fmt: skip
     files = [file for room in rooms for file in (ROOT / room).rglob("*.py")]
     files += [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]

@@ -5,14 +5,14 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from wideberth.framework.metrics import episode as metrics
-from wideberth.framework.metrics import plan as metrics_plan
-from wideberth.framework.metrics import scoring
 from wideberth.framework.risk import collision_probability as risk
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast, GaussianObstacle
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.tracks import Tracks
+from wideberth.metrics import episode as metrics
+from wideberth.metrics import plan as metrics_plan
+from wideberth.metrics import scoring
 from wideberth.regions.box import box_content
 from wideberth.regions.static.packing import pack
 from wideberth.tests.oracles import risk_batch, risk_bounds

@@ -10,7 +10,6 @@ from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.slots.base import View
 from wideberth.framework.mpc.slots.static_polygons import StaticPolygons
-from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.robot import step
 from wideberth.framework.state_estimator import StateEstimator
 from wideberth.framework.values.motion import Detection, Observation
@@ -22,6 +21,7 @@ from wideberth.predictors.static import Static
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.static.separating_line import SeparatingLine
 from wideberth.robots.unicycle import Unicycle
+from wideberth.solvers.fatrop import Fatrop
 
 pytest.importorskip("mujoco", reason="pip install 'wideberth[physics]'")
 from wideberth.simulation.cascade.cascade import Cascade

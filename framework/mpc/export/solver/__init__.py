@@ -1,4 +1,0 @@
-"""The solver as object code, for a controller in C that has neither Python nor a compiler of ours.
-
-`wideberth.framework.mpc.export.solver.files` makes the files of one problem.
-"""

@@ -1,0 +1,340 @@
+"""DWB of Nav2: sampled twists, rolled out and judged by critics."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from math import hypot
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...framework.values.arrays import Array
+from ...framework.values.errors import WideberthError
+from ...framework.values.motion import Twist
+from ..parameters.critic_parameters import split_critics
+from ..parameters.parameters import (
+    at_default,
+    check_parameters,
+    check_work,
+    names_of,
+    refuse_unknown,
+)
+from .dwb_critics import (
+    CRITICS,
+    BaseObstacle,
+    Critic,
+    GoalAlign,
+    GoalDist,
+    Oscillation,
+    PathAlign,
+    PathDist,
+    RotateToGoal,
+)
+from .dwb_trajectories import Sampling, Trajectories
+from .local_controller import Answer, LocalController, Tick
+
+GENERATORS = ("dwb_plugins::StandardTrajectoryGenerator", "dwb_plugins::LimitedAccelGenerator")
+"""Generators of trajectories: one that accelerates along them, one for what a period allows."""
+
+PATH_LENGTH_TOLERANCE = "FollowPathpath_length_tolerance"
+"""Nav2's name of RotateToGoal's tolerance, which lacks a dot; the controller's name begins it."""
+_SHARED = {
+    "xy_goal_tolerance": "xy_goal_tolerance", "trans_stopped_velocity": "trans_stopped_velocity",
+    PATH_LENGTH_TOLERANCE: "path_length_tolerance",
+}  # fmt: skip
+"""Parameters of the controller -> those of the critic RotateToGoal."""
+_ONLY = {"prune_plan": True, "shorten_transformed_plan": True}
+"""Parameters that older versions had, which can have this value alone, their default."""
+_MOST = 2e7
+"""Poses that a tick may roll out; Nav2's own robot had 2e5."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """What the critics said of K trajectories.
+
+    Attributes
+    ----------
+    trajectories : those judged.
+    names : (C,), of the critics, in their order.
+    weights : (C,), float32, what scores are multiplied by.
+    raw : (C, K), scores; NaN where a critic did not allow the trajectory or was not asked.
+    asked : (K,), number of critics that were asked about a trajectory; the last of them may have
+        forbidden it.
+    totals : (K,), float32; -1 for a trajectory that is not allowed.
+    best : index of the first trajectory of the lowest total; None where none is allowed.
+    """
+
+    trajectories: Trajectories
+    names: tuple[str, ...]
+    weights: NDArray[np.float32]
+    raw: Array
+    asked: NDArray[np.int64]
+    totals: NDArray[np.float32]
+    best: int | None
+
+
+@final
+@dataclass(eq=False)
+class DWB(LocalController):
+    """DWB: the twist whose trajectory has the lowest total of weighted scores.
+
+    Twists on a grid within reach of the present speed are rolled out for ``sim_time``; each
+    critic gives every trajectory a score or forbids it, see
+    `wideberth.nav2.controllers.dwb_critics`. Twists, scores and choice equal those of the
+    original, with its peculiarities: a standstill is no sample, and totals are float32.
+
+    Parameters have the names, units and defaults of Nav2; the limits of speed and acceleration
+    have to be set.
+
+    Attributes
+    ----------
+    critics : in the order in which they are asked.
+    trajectory_generator_name : one of `GENERATORS`.
+    min_vel_x, min_vel_y, max_vel_x, max_vel_y, max_vel_theta : m/s and rad/s.
+    min_speed_xy, max_speed_xy, min_speed_theta : m/s, m/s, rad/s; a negative one sets no limit.
+    acc_lim_x, acc_lim_y, acc_lim_theta : m/s^2 and rad/s^2.
+    decel_lim_x, decel_lim_y, decel_lim_theta : m/s^2 and rad/s^2, at most 0.
+    vx_samples, vy_samples, vtheta_samples : of twists per axis, less than 2 count as 2; that
+        of y may be 0, as robots have it that cannot drive sideways.
+    sim_time : s, of a trajectory.
+    linear_granularity, angular_granularity : m and rad, longest step of a trajectory.
+    time_granularity : s, its longest step where ``discretize_by_time``.
+    include_last_point : let the last pose of a trajectory stand in it twice.
+    limit_vel_cmd_in_traj : send the velocity that can be had after the first step.
+    short_circuit_trajectory_evaluation : ask no more critics about what is worse than the best.
+    sim_period, controller_frequency : s and 1/s; a period, for the second generator.
+    evaluation : of the last tick; None before.
+
+    Raises
+    ------
+    WideberthError : a number of samples, a time or a granularity out of range, more poses in a
+        tick than are of any use, no critics, an unknown generator.
+
+    References
+    ----------
+    Nav2, nav2_dwb_controller (ros-navigation/navigation2, BSD-3-Clause), of which this is an own
+    implementation; D. Fox, W. Burgard and S. Thrun, The dynamic window approach to collision
+    avoidance, IEEE Robotics and Automation Magazine 4 (1997), for the method.
+    """
+
+    critics: tuple[Critic, ...] = field(
+        default_factory=lambda: (
+            RotateToGoal(), Oscillation(), BaseObstacle(), GoalAlign(), PathAlign(), PathDist(),
+            GoalDist(),
+        )
+    )  # fmt: skip
+    trajectory_generator_name: str = GENERATORS[0]
+    min_vel_x: float = 0.0
+    min_vel_y: float = 0.0
+    max_vel_x: float = 0.0
+    max_vel_y: float = 0.0
+    max_vel_theta: float = 0.0
+    min_speed_xy: float = 0.0
+    max_speed_xy: float = 0.0
+    min_speed_theta: float = 0.0
+    acc_lim_x: float = 0.0
+    acc_lim_y: float = 0.0
+    acc_lim_theta: float = 0.0
+    decel_lim_x: float = 0.0
+    decel_lim_y: float = 0.0
+    decel_lim_theta: float = 0.0
+    vx_samples: int = 20
+    vy_samples: int = 5
+    vtheta_samples: int = 20
+    sim_time: float = 1.7
+    linear_granularity: float = 0.5
+    angular_granularity: float = 0.025
+    time_granularity: float = 0.5
+    discretize_by_time: bool = False
+    include_last_point: bool = True
+    limit_vel_cmd_in_traj: bool = False
+    short_circuit_trajectory_evaluation: bool = True
+    sim_period: float | None = None
+    controller_frequency: float = 20.0
+
+    evaluation: Evaluation | None = field(default=None, init=False, repr=False)
+    _share: float = field(default=1.0, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        above = (
+            "vx_samples", "vtheta_samples", "sim_time", "linear_granularity",
+            "angular_granularity", "time_granularity", "controller_frequency",
+        )  # fmt: skip
+        check_parameters(self, "dwb", above, ("vy_samples",))
+        names = "the numbers of samples, sim_time and the granularities"
+        check_work("dwb", names, self._points(), _MOST)
+        if self.trajectory_generator_name not in GENERATORS:
+            raise WideberthError(
+                f"dwb.trajectory_generator_name is {self.trajectory_generator_name!r}; wanted "
+                f"{' or '.join(GENERATORS)}"
+            )
+        if not self.critics:
+            raise WideberthError("dwb.critics is empty; wanted at least one critic")
+
+    def _points(self) -> float:
+        """Return how many poses a tick rolls out at most."""
+        samples = 1.0
+        for count in (self.vx_samples, self.vy_samples, self.vtheta_samples):
+            samples *= max(count, 2) + 1
+        if self.discretize_by_time:
+            return samples * self.sim_time / self.time_granularity
+        fastest = max(abs(self.min_vel_x), abs(self.max_vel_x))
+        fastest = hypot(fastest, max(abs(self.min_vel_y), abs(self.max_vel_y)))
+        steps = fastest / self.linear_granularity, self.max_vel_theta / self.angular_granularity
+        return samples * max(1.0, self.sim_time * max(map(abs, steps)))
+
+    @classmethod
+    def from_parameters(cls, parameters: Mapping[str, Any]) -> "DWB":
+        """Build it from parameters as they stand in Nav2's files.
+
+        Parameters
+        ----------
+        parameters : name -> value; those of a critic as ``Critic.name``, and ``critics``, a list
+            of names. `RotateToGoal` has ``xy_goal_tolerance`` and ``trans_stopped_velocity``
+            from the controller's parameters, without a dot; its ``path_length_tolerance`` has in
+            Nav2 the name `PATH_LENGTH_TOLERANCE` alone, for a controller ``FollowPath``: any
+            other one is passed over, as there.
+
+        Raises
+        ------
+        WideberthError : an unknown name.
+
+        Examples
+        --------
+        >>> DWB.from_parameters({"critics": ["PathDist"], "PathDist.scale": 32.0}).critics
+        (PathDist(scale=32.0, aggregation_type='last'),)
+        """
+        rest = at_default("DWB", parameters, _ONLY)
+        names = tuple(rest.pop("critics", [type(critic).__name__ for critic in cls().critics]))
+        for name in ("path_length_tolerance", "RotateToGoal.path_length_tolerance"):
+            rest.pop(name, None)
+        for name, ours in _SHARED.items():
+            if name in rest:
+                rest[f"RotateToGoal.{ours}"] = rest.pop(name)
+        critics, rest = split_critics(CRITICS, names, rest)
+        refuse_unknown("dwb", rest, names_of(cls))
+        return cls(critics=critics, **rest)
+
+    def reset(self) -> None:
+        """Forget what was chosen before."""
+        self.evaluation = None
+        for critic in self.critics:
+            critic.reset()
+
+    def new_path(self, path: Array) -> None:
+        """Let the critics forget what was chosen before."""
+        self.reset()
+
+    def limit_speed(self, value: float, percentage: bool) -> None:
+        """Scale the largest velocities down; 0 sets no limit.
+
+        Parameters
+        ----------
+        value : share of ``max_speed_xy`` in percent, or m/s.
+        percentage : which of the two.
+        """
+        if value == 0.0:
+            self._share = 1.0
+        elif percentage:
+            self._share = value / 100.0
+        elif value < self.max_speed_xy:
+            self._share = value / self.max_speed_xy
+
+    def velocity(self, tick: Tick) -> Answer:
+        """Return the best twist, or the exception NoValidControl."""
+        found = self.evaluation = self.judged(tick)
+        twists = found.trajectories.twists
+        chosen = np.zeros(3) if found.best is None else twists[found.best]
+        for critic in self.critics:
+            critic.debrief(chosen)
+        if found.best is None:
+            reason = f"no trajectory of {len(twists)} is allowed{self._forbidden(found)}"
+            none = (
+                "no velocity can be reached: max_vel_x, max_vel_theta, acc_lim_x, acc_lim_theta?"
+            )
+            return Answer.refusal(reason if len(twists) else none)
+        twist = Twist((float(chosen[0]), float(chosen[1])), float(chosen[2]))
+        allowed = np.flatnonzero(found.totals >= 0.0)
+        poses, counts = found.trajectories.poses, found.trajectories.counts
+        sampled = tuple(poses[k, : counts[k]] for k in allowed)
+        return Answer(twist, expected=poses[found.best, : counts[found.best]], sampled=sampled)
+
+    def judged(self, tick: Tick) -> Evaluation:
+        """Roll the samples of a tick out and let the critics judge them."""
+        for critic in self.critics:
+            critic.prepare(tick)
+        sampling = self.sampling
+        twists = sampling.twists(tick.speed)
+        trajectories = sampling.trajectories(tick.pose, tick.speed, twists, tick.costmap)
+        weights = [critic.weight(tick.costmap.resolution) for critic in self.critics]
+        raw = np.full((len(self.critics), len(twists)), np.nan)
+        allowed = np.ones(len(twists), dtype=np.bool_)
+        for row, critic, weight in zip(raw, self.critics, weights, strict=True):
+            some = weight != 0.0
+            row[allowed] = critic.scores(trajectories.only(allowed)) if some else 0.0
+            allowed &= ~np.isnan(row)
+        names = tuple(type(critic).__name__ for critic in self.critics)
+        scales = np.array(weights, np.float32)
+        return self._totalled(Evaluation(
+            trajectories, names, scales, raw, np.zeros(len(twists), np.int64),
+            np.full(len(twists), -1.0, np.float32), None,
+        ))  # fmt: skip
+
+    @property
+    def sampling(self) -> Sampling:
+        """How twists are sampled now, within the limit of speed."""
+        instant = self.trajectory_generator_name == GENERATORS[1]
+        period = 1.0 / self.controller_frequency if self.sim_period is None else self.sim_period
+        turn = self.max_vel_theta * self._share
+        return Sampling(
+            low=np.array([self.min_vel_x, self.min_vel_y, -turn]),
+            high=np.array([self.max_vel_x * self._share, self.max_vel_y * self._share, turn]),
+            gain=np.array([self.acc_lim_x, self.acc_lim_y, self.acc_lim_theta]),
+            loss=np.array([self.decel_lim_x, self.decel_lim_y, self.decel_lim_theta]),
+            samples=(self.vx_samples, self.vy_samples, self.vtheta_samples),
+            slowest=self.min_speed_xy,
+            fastest=self.max_speed_xy * self._share,
+            slowest_turn=self.min_speed_theta,
+            sim_time=self.sim_time,
+            window=period if instant else self.sim_time,
+            instant=instant,
+            linear_granularity=self.linear_granularity,
+            angular_granularity=self.angular_granularity,
+            time_granularity=self.time_granularity,
+            discretize_by_time=self.discretize_by_time,
+            include_last_point=self.include_last_point,
+            limit_vel_cmd_in_traj=self.limit_vel_cmd_in_traj,
+        )
+
+    def _totalled(self, found: Evaluation) -> Evaluation:
+        """Add the scores up as the original does, in float32 after each critic, and choose."""
+        sums = np.zeros(found.raw.shape, np.float32)
+        before = np.zeros(found.raw.shape[1], np.float32)
+        for row, raw, weight in zip(sums, found.raw, found.weights, strict=True):
+            before = row[:] = (before + raw * np.float64(weight)).astype(np.float32)
+        totals, asked = found.totals.copy(), found.asked.copy()
+        best, least = None, np.inf
+        weighed = [bool(weight) for weight in found.weights]
+        columns: Any = sums.T.tolist()
+        for k, column in enumerate(columns):
+            total = 0.0
+            for c, total in enumerate(column):
+                asked[k] = c + 1
+                if total != total:  # forbidden
+                    break
+                worse = best is not None and 0.0 < least < total
+                if self.short_circuit_trajectory_evaluation and weighed[c] and worse:
+                    break
+            totals[k] = -1.0 if total != total else total
+            if total < least:
+                best, least = k, total
+        return replace(found, totals=totals, asked=asked, best=best)
+
+    def _forbidden(self, found: Evaluation) -> str:
+        """Say how many each critic forbade."""
+        counts = np.bincount(found.asked, minlength=len(found.names) + 1)[1:]
+        named = [f"{name} forbids {count}" for name, count in zip(found.names, counts, strict=True)
+                 if count]  # fmt: skip
+        return f": {', '.join(named)}" if named else ""

@@ -1,0 +1,124 @@
+"""Forecasts of the people that a robot sees, for a local controller that makes use of them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, final
+
+import numpy as np
+
+from ...framework.plugins.config import build
+from ...framework.plugins.yamlfile import shared_settings
+from ...framework.predictor import Predictor
+from ...framework.tracking.perception import Perception, scene_of
+from ...framework.values.arrays import Array, positive, whole
+from ...framework.values.motion import Observation
+from ..people import ExpectedPeople
+from .local_controller import Answer, LocalController, Tick
+from .mppi import MPPI
+
+CRITIC = "ExpectedPeopleCritic"
+"""Name of the critic that makes use of forecasts."""
+
+
+@final
+@dataclass(eq=False)
+class Foresight(LocalController):
+    """Forecasts the people of each observation and passes them on to a local controller.
+
+    The detections of each tick are remembered as tracks, which a predictor forecasts. A tick
+    without an observation, or with nobody known, is passed on as it is. Where the predictor
+    raises for everybody the answer is a refusal.
+
+    Parameters
+    ----------
+    controller : decides; it is given the forecasts as `Tick.people`.
+    predictor : of the people.
+    horizon : s, of the forecasts.
+    dt : s, step of the tracks and of the forecasts.
+    history : how many samples of the tracks are kept.
+    forget : s after which somebody who is no longer reported is dropped.
+    period : s between ticks.
+
+    Raises
+    ------
+    WideberthError : a time or number out of range.
+    """
+
+    controller: LocalController
+    predictor: Predictor
+    horizon: float = 2.8
+    dt: float = 0.1
+    history: int = 40
+    forget: float = 3.0
+    period: float = 0.05
+
+    _perception: Perception = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        for name in ("horizon", "dt", "forget", "period"):
+            positive(f"foresight.{name}", getattr(self, name))
+        whole("foresight.history", self.history, least=2)
+        self._perception = self._blank()
+
+    @classmethod
+    def from_parameters(cls, parameters: Mapping[str, Any]) -> "Foresight":
+        """Return MPPI with forecasts: with all its parameters, and a ``predictor`` by its config.
+
+        Without one it is the recommended one. The critic that makes use of the forecasts is added
+        at the end if it is not named.
+
+        Raises
+        ------
+        WideberthError : an unknown name.
+        """
+        rest = {**parameters}
+        wanted = rest.pop("predictor", None) or shared_settings("recommended")["predictor"]
+        predictor = build("predictors", wanted, "predictor")
+        usual = [type(critic).__name__ for critic in MPPI.critics]
+        critics = [*rest.pop("critics", usual)]
+        rest["critics"] = critics if CRITIC in critics else [*critics, CRITIC]
+        controller = MPPI.from_parameters(rest)
+        horizon = controller.time_steps * controller.model_dt
+        period = 1.0 / controller.controller_frequency
+        return cls(controller, predictor, horizon=horizon, period=period)
+
+    def _blank(self) -> Perception:
+        """Return the memory of a controller that has seen nobody."""
+        return Perception.initial(
+            self.predictor, 2, self.dt, self.history, self.period, self.forget
+        )
+
+    def reset(self) -> None:
+        """Let the controller forget; people are remembered."""
+        self.controller.reset()
+
+    def new_path(self, path: Array) -> None:
+        """Pass a path on."""
+        self.controller.new_path(path)
+
+    def limit_speed(self, value: float, percentage: bool) -> None:
+        """Pass a limit on."""
+        self.controller.limit_speed(value, percentage)
+
+    def velocity(self, tick: Tick) -> Answer:
+        """Ask the controller, with the forecasts of the people."""
+        if tick.observation is None:
+            return self.controller.velocity(tick)
+        try:
+            people = self.expected(tick.observation, tick)
+        except Exception as error:  # whatever a plug-in throws
+            return Answer.refusal(f"no forecast: {type(error).__name__}: {error}")
+        return self.controller.velocity(replace(tick, people=people))
+
+    def expected(self, observation: Observation, tick: Tick) -> ExpectedPeople | None:
+        """Take note of what is seen, and forecast it; None where nobody is known."""
+        perception, _ = self._perception.take(observation, tick.pose[:2]).drained()
+        tracks = perception.history.tracks()
+        scene = scene_of(observation, None, tick.footprint.circumscribed)
+        self._perception = perception = perception.learnt(tracks, scene)
+        steps = int(np.ceil(self.horizon / self.dt - 1e-9))
+        grid = self.dt * np.arange(1.0, steps + 1.0)
+        forecast = perception.forecast(tracks, observation.stamp, grid, scene)
+        if tracks is None or forecast is None:
+            return None
+        return ExpectedPeople(forecast, observation.stamp, tracks.radius)

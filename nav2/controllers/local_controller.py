@@ -1,0 +1,104 @@
+"""What Nav2's controller server asks of a local controller."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+from ...framework.values.arrays import Array
+from ...framework.values.costmap import Costmap
+from ...framework.values.motion import Observation, Twist
+from ..costmap.footprint import RobotFootprint
+from ..goal_checker import GoalChecker
+from ..people import ExpectedPeople
+
+NO_VALID_CONTROL, INVALID_PATH, CONTROLLER_EXCEPTION = (
+    "NoValidControl",
+    "InvalidPath",
+    "ControllerException",
+)
+"""Names of Nav2's exceptions: the first alone is forgiven for a while, see `server`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tick:
+    """All that a local controller sees at one instant. Poses are x, y (m) and yaw (rad).
+
+    Attributes
+    ----------
+    time : s.
+    pose : (3,), of the robot, in the frame of the costmap.
+    speed : (3,), measured vx, vy (m/s) and yaw rate (rad/s), in the robot's frame.
+    plan : (N, 3), the pruned plan in the frame of the costmap, N >= 1.
+    goal : (3,), of the whole path, in the frame of the costmap.
+    costmap : with the inflation.
+    footprint : of the robot, with its padding.
+    track_unknown : whether a cell of unknown cost is free to go.
+    checker : of the goal; asking it changes its memory, as in Nav2.
+    observation : what the robot sees beside the costmap, for controllers that know of people;
+        None for those of Nav2's own that do not.
+    people : forecasts, for controllers that make use of them; None where there are none.
+    """
+
+    time: float
+    pose: Array
+    speed: Array
+    plan: Array
+    goal: Array
+    costmap: Costmap
+    footprint: RobotFootprint
+    track_unknown: bool
+    checker: GoalChecker
+    observation: Observation | None = None
+    people: ExpectedPeople | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What a local controller commands, or why it commands nothing.
+
+    Attributes
+    ----------
+    twist : linear is (vx, vy); None where it refuses.
+    error : name of Nav2's exception where it refuses, such as `NO_VALID_CONTROL`; else "".
+    reason : why it refuses, in words; else "".
+    expected : (T, 3), poses that it expects to pass, in the frame of the costmap; None where it
+        computes none.
+    sampled : trajectories that it compared, each (T, 3), for a picture.
+    """
+
+    twist: Twist | None
+    error: str = ""
+    reason: str = ""
+    expected: Array | None = None
+    sampled: tuple[Array, ...] = ()
+
+    @classmethod
+    def refusal(cls, reason: str, error: str = NO_VALID_CONTROL) -> "Answer":
+        """Return the answer of a controller that commands nothing."""
+        return cls(None, error, reason)
+
+
+class LocalController(ABC):
+    """Follows a plan on a costmap, one tick at a time, as a controller plug-in of Nav2 does.
+
+    Laws:
+
+    - `reset` forgets what the original forgets; a new one is made for a new robot.
+    - `velocity` raises nothing: where Nav2 throws, the answer names the exception.
+    - Equal ticks after equal calls have equal answers, bit by bit.
+    """
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Forget what earlier ticks left; the server calls it after a success and an abort."""
+
+    @abstractmethod
+    def new_path(self, path: Array) -> None:
+        """Take note of a new or replanned path, whole, (N, 3) in the frame of the costmap."""
+
+    @abstractmethod
+    def limit_speed(self, value: float, percentage: bool) -> None:
+        """Limit the speed: m/s, or percent of the configured one; 0 lifts the limit."""
+
+    @abstractmethod
+    def velocity(self, tick: Tick) -> Answer:
+        """Return the velocity for now, or the reason why there is none."""

@@ -1,0 +1,318 @@
+"""What pulls at a timed elastic band: its edges, in the order in which they are created."""
+
+from dataclasses import dataclass, field, replace
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...framework.values.arrays import Array
+from ..parameters.teb_parameters import TebParameters
+from . import _teb_kernel as kernel
+from .teb_band import Band
+
+NAMES = (
+    "obstacle", "inflated_obstacle", "dynamic_obstacle", "velocity", "acceleration_start",
+    "acceleration", "acceleration_goal", "time_optimal", "shortest_path",
+    "kinematics_diff_drive", "prefer_rotdir",
+)  # fmt: skip
+"""Of the kinds of edges, as in the original."""
+STANDING = 1e-3
+"""m/s, a slower obstacle counts as standing."""
+_ROUNDING = 1e-6
+"""m, so that a rounding error leaves no obstacle out."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Obstacles:
+    """Discs that a band keeps clear of.
+
+    Attributes
+    ----------
+    places : (M, 2), of their centres now, m.
+    radii : (M,), m; 0 for a point.
+    velocities : (M, 2), m/s; slower than 1 mm/s is standing.
+    """
+
+    places: Array
+    radii: Array
+    velocities: Array
+
+    @property
+    def moving(self) -> NDArray[np.bool_]:
+        """Which of them move, (M,)."""
+        return np.asarray(np.hypot(self.velocities[:, 0], self.velocities[:, 1]) >= STANDING)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Pull:
+    """What pulls at a band apart from its settings.
+
+    Attributes
+    ----------
+    obstacles : around the robot.
+    start : speed (m/s) and yaw rate (rad/s) at the start; None where they are free.
+    turn : 1 to prefer turning left, -1 to the right, 0 for neither.
+    multiplier : of the standing obstacles' weight.
+    """
+
+    obstacles: Obstacles
+    start: tuple[float, float] | None = None
+    turn: int = 0
+    multiplier: float = 1.0
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Edges:
+    """Edges of one band, ready for the solver.
+
+    Attributes
+    ----------
+    kind : (E,), index into `NAMES`.
+    begin : (E,), first entry of the band's vector that an edge reads.
+    data : (E, 5), see `_teb_kernel.errors_of`.
+    weight : (E, 2), of the squared errors.
+    """
+
+    kind: NDArray[np.int64]
+    begin: NDArray[np.int64]
+    data: Array
+    weight: Array
+
+    @classmethod
+    def of(cls, band: Band, pull: Pull, settings: TebParameters) -> "Edges":
+        """Return the edges of a band."""
+        made = _Made(len(band.poses), settings)
+        made.add_standing(band, pull)
+        made.add_moving(band, pull)
+        made.add_motion(pull)
+        kinds, begins, data, weights = made.columns
+        return cls(
+            np.concatenate(kinds), np.concatenate(begins), np.concatenate(data),
+            np.concatenate(weights),
+        )  # fmt: skip
+
+    def errors(self, band: Band, settings: TebParameters) -> tuple[Array, float]:
+        """Return the errors (E, 2), 0 where an edge has one alone, and the sum of w e^2."""
+        found = np.zeros((len(self.kind), 2))
+        total = kernel.compiled()[0](
+            self.kind,
+            self.begin,
+            self.data,
+            self.weight,
+            band.packed(),
+            limits_of(settings),
+            found,
+        )
+        return found, float(total)
+
+    def minimised(self, band: Band, settings: TebParameters) -> tuple[Band, float, int]:
+        """Return the band after `no_inner_iterations`, its sum of w e^2, and the iterations."""
+        z = band.packed()
+        total, done = kernel.compiled()[1](
+            self.kind, self.begin, self.data, self.weight, limits_of(settings), z,
+            settings.no_inner_iterations,
+        )  # fmt: skip
+        return Band.unpacked(z), float(total), int(done)
+
+
+def limits_of(settings: TebParameters) -> Array:
+    """Return speed backwards and forwards, yaw rate, both accelerations, and the margin."""
+    return np.array([
+        settings.max_vel_x_backwards, settings.max_vel_x, settings.max_vel_theta,
+        settings.acc_lim_x, settings.acc_lim_theta, settings.penalty_epsilon,
+    ])  # fmt: skip
+
+
+@dataclass(eq=False)
+class _Made:
+    """Edges while they are created for a band of so many poses."""
+
+    count: int
+    settings: TebParameters
+    columns: tuple[list[NDArray[np.int64]], list[NDArray[np.int64]], list[Array], list[Array]] = (
+        field(default_factory=lambda: ([], [], [], []))
+    )
+
+    def add(
+        self, kind: int, begin: NDArray[np.int64], weight: tuple[float, float],
+        data: Array | None = None,
+    ) -> None:  # fmt: skip
+        """Add edges of one kind that begin at these entries of the band's vector."""
+        kinds, begins, values, weights = self.columns
+        kinds.append(np.full(len(begin), kind, dtype=np.int64))
+        begins.append(np.asarray(begin, dtype=np.int64))
+        values.append(np.zeros((len(begin), 5)) if data is None else data)
+        weights.append(np.tile(np.array(weight), (len(begin), 1)))
+
+    def add_standing(self, band: Band, pull: Pull) -> None:
+        """Add an edge for each pose and each obstacle that it takes, pose by pose."""
+        settings, obstacles = self.settings, pull.obstacles
+        taken = np.arange(len(obstacles.places))
+        if settings.include_dynamic_obstacles:
+            taken = taken[~obstacles.moving]
+        if not len(taken) or settings.weight_obstacle == 0.0:
+            return
+        pose, which = associated(
+            band.poses[1:-1], obstacles.places[taken],
+            obstacles.radii[taken] + settings.robot_radius, settings,
+        )  # fmt: skip
+        which = taken[which]
+        data = self.apart(len(which), settings.inflation_dist)
+        data[:, :2] = obstacles.places[which]
+        data[:, 2] = obstacles.radii[which] + settings.robot_radius
+        weight = settings.weight_obstacle * pull.multiplier
+        if settings.inflation_dist > settings.min_obstacle_dist:
+            kind, both = kernel.INFLATED, (weight, settings.weight_inflation)
+        else:
+            kind, both = kernel.OBSTACLE, (weight, 0.0)
+        self.add(kind, 4 * (pose + 1), both, data)
+
+    def add_moving(self, band: Band, pull: Pull) -> None:
+        """Add an edge for each moving obstacle and each pose, at that pose's time."""
+        settings, obstacles = self.settings, pull.obstacles
+        if not settings.include_dynamic_obstacles or settings.weight_dynamic_obstacle == 0.0:
+            return
+        times = np.cumsum(band.intervals)[:-1]
+        inner = np.arange(1, self.count - 1)
+        for i in np.flatnonzero(obstacles.moving):
+            data = self.apart(len(inner), settings.dynamic_obstacle_inflation_dist)
+            data[:, :2] = obstacles.places[i] + times[:, None] * obstacles.velocities[i]
+            data[:, 2] = obstacles.radii[i] + settings.robot_radius
+            weights = settings.weight_dynamic_obstacle, settings.weight_dynamic_obstacle_inflation
+            self.add(kernel.DYNAMIC, 4 * inner, weights, data)
+
+    def apart(self, count: int, inflation: float) -> Array:
+        """Return data of obstacles' edges with their distances alone."""
+        data = np.zeros((count, 5))
+        data[:, 3], data[:, 4] = self.settings.min_obstacle_dist, inflation
+        return data
+
+    def add_motion(self, pull: Pull) -> None:
+        """Add the edges of limits, time, length, kinematics and sense of rotation."""
+        settings, steps = self.settings, 4 * np.arange(self.count - 1)
+        self.add(
+            kernel.VELOCITY, steps, (settings.weight_max_vel_x, settings.weight_max_vel_theta)
+        )
+        acceleration = settings.weight_acc_lim_x, settings.weight_acc_lim_theta
+        if pull.start is not None:
+            data = np.array([[*pull.start, 0.0, 0.0, 0.0]])
+            self.add(kernel.ACCELERATION_START, steps[:1], acceleration, data)
+        self.add(kernel.ACCELERATION, steps[:-1], acceleration)
+        if not settings.free_goal_vel:
+            self.add(kernel.ACCELERATION_GOAL, steps[-1:], acceleration)
+        self.add(kernel.TIME, steps + 3, (settings.weight_optimaltime, 0.0))
+        if settings.weight_shortest_path > 0.0:
+            self.add(kernel.SHORTEST, steps, (settings.weight_shortest_path, 0.0))
+        kinematics = settings.weight_kinematics_nh, settings.weight_kinematics_forward_drive
+        self.add(kernel.KINEMATICS, steps, kinematics)
+        if pull.turn:
+            data = np.zeros((len(steps[:3]), 5))
+            data[:, 0] = pull.turn
+            self.add(kernel.TURN, steps[:3], (settings.weight_prefer_rotdir, 0.0), data)
+
+
+def associated(
+    poses: Array, places: Array, reach: Array, settings: TebParameters
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return which pose takes which standing obstacle, in the order of the edges.
+
+    A pose takes all that are nearer than the force_inclusion_factor times the least distance, and
+    of those up to the cutoff_factor the nearest on the left and the nearest on the right. Left
+    is where cross(heading, centre) > 0 with the centre in the coordinates of the map, as in the
+    original, whose later branch corrects it to the place as seen from the pose.
+
+    Parameters
+    ----------
+    poses : (K, 3).
+    places, reach : (M, 2), and (M,) radii of obstacle and robot together, m.
+    """
+    least = settings.min_obstacle_dist
+    there = _beside(poses, places, reach, settings)
+    if not len(there):
+        return there, there
+    places, reach = places[there], reach[there]
+    apart = np.hypot(
+        poses[:, None, 0] - places[None, :, 0], poses[:, None, 1] - places[None, :, 1]
+    )
+    apart = apart - reach
+    near = apart < least * settings.obstacle_association_force_inclusion_factor
+    between = ~near & (apart <= least * settings.obstacle_association_cutoff_factor)
+    cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    left = cosine[:, None] * places[:, 1] - sine[:, None] * places[:, 0] > 0.0
+    rows = np.arange(len(poses))
+    pose, which = np.nonzero(near)
+    order = np.zeros(len(pose))
+    for rank, side in enumerate((left, ~left)):
+        rest = np.where(between & side, apart, np.inf)
+        nearest = np.argmin(rest, axis=1)
+        found = np.isfinite(rest[rows, nearest])
+        pose = np.append(pose, rows[found])
+        which = np.append(which, nearest[found])
+        order = np.append(order, np.full(int(found.sum()), rank + 1))
+    sorting = np.lexsort((np.arange(len(pose)), order, pose))
+    return pose[sorting], there[which[sorting]]
+
+
+def _beside(
+    poses: Array, places: Array, reach: Array, settings: TebParameters
+) -> NDArray[np.int64]:
+    """Return the indices of the obstacles that are not too far from a band for all its poses.
+
+    They are within the box about the poses, grown by the distance beyond which no pose takes one.
+    """
+    if not len(poses):
+        return np.zeros(0, np.int64)
+    factors = (
+        settings.obstacle_association_force_inclusion_factor,
+        settings.obstacle_association_cutoff_factor,
+    )
+    margin = settings.min_obstacle_dist * max(factors) + reach[:, None] + _ROUNDING
+    low, high = poses[:, :2].min(axis=0), poses[:, :2].max(axis=0)
+    inside = (places >= low - margin) & (places <= high + margin)
+    return np.flatnonzero(inside.all(axis=1))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """A band after it has been resized and solved several times.
+
+    Attributes
+    ----------
+    band : the result.
+    cost : sum of w e^2 of the last edges.
+    obstacle_cost : the obstacles' part of it.
+    """
+
+    band: Band
+    cost: float
+    obstacle_cost: float
+
+
+def optimised(band: Band, pull: Pull, settings: TebParameters) -> Optimum | None:
+    """Resize a band and lower its cost, `no_outer_iterations` times.
+
+    Each time the weight of the standing obstacles grows by `weight_adapt_factor`.
+
+    Returns
+    -------
+    optimum : None where the band is shorter than `min_samples` or is no number any more.
+    """
+    multiplier, edges = pull.multiplier, None
+    for _ in range(settings.no_outer_iterations):
+        band = band.resized(settings)
+        if len(band.poses) < settings.min_samples:
+            return None
+        edges = Edges.of(band, replace(pull, multiplier=multiplier), settings)
+        band, _, _ = edges.minimised(band, settings)
+        multiplier *= settings.weight_adapt_factor
+    assert edges is not None  # there is one iteration at least
+    errors, cost = edges.errors(band, settings)
+    if not np.isfinite(cost):
+        return None
+    near = edges.kind <= kernel.DYNAMIC
+    return Optimum(band, cost, float((edges.weight * errors**2)[near].sum()))

@@ -1,0 +1,451 @@
+"""Nav2's own parameter files, `nav2_params.yaml`, as settings of the loop."""
+
+import warnings
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, final
+
+from ...framework.plugins.yamlfile import parse, read_merged
+from ...framework.values.arrays import number
+from ...framework.values.errors import WideberthError, nearest
+from ..controllers.dwb import PATH_LENGTH_TOLERANCE
+from ..controllers.mppi import MODELS, PLUGIN_OF
+from ..costmap.local_costmap import View
+from ..goal_checker import GoalChecker
+from ..parameters.parameters import (
+    UnknownParameters,
+    at_default,
+    effective,
+    names_of,
+    refuse_unknown,
+)
+from ..path_handler import PathHandler
+from .progress_checker import ProgressChecker
+from .recoveries import Recoveries
+from .settings import Settings
+from .velocity_smoother import VelocitySmoother
+
+PLUGINS = {
+    "nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController": (
+        "regulated_pure_pursuit"
+    ),
+    "nav2_graceful_controller::GracefulController": "graceful",
+    "vector_pursuit_controller::VectorPursuitController": "vector_pursuit",
+    "dwb_core::DWBLocalPlanner": "dwb",
+    "nav2_mppi_controller::MPPIController": "mppi",
+    "teb_local_planner::TebLocalPlannerROS": "teb",
+    "nav2_rotation_shim_controller::RotationShimController": "rotation_shim",
+}
+"""Names of controllers in Nav2's files -> ours."""
+PARTS = {
+    "nav2_controller::SimpleGoalChecker": "goal_checker",
+    "nav2_controller::SimpleProgressChecker": "progress_checker",
+    "nav2_controller::FeasiblePathHandler": "path_handler",
+}
+"""Names of other plug-ins of the controller server -> the settings that they go to."""
+KINDS: dict[str, type] = {
+    "goal_checker": GoalChecker, "progress_checker": ProgressChecker, "path_handler": PathHandler,
+}  # fmt: skip
+"""Settings that plug-ins of the controller server go to -> their classes."""
+STAND_INS = {
+    "nav2_controller::StoppedGoalChecker": "nav2_controller::SimpleGoalChecker",
+    "nav2_controller::PoseProgressChecker": "nav2_controller::SimpleProgressChecker",
+}
+"""Plug-ins that add a condition to another one -> that one, which stands in for them here."""
+LAYERS = (
+    "nav2_costmap_2d::ObstacleLayer", "nav2_costmap_2d::VoxelLayer",
+    "nav2_costmap_2d::InflationLayer", "nav2_costmap_2d::StaticLayer",
+)  # fmt: skip
+"""Layers of the local costmap that a view has."""
+SERVER, NODE = "controller_server", "ros__parameters"
+_MISSPELT = 0.95
+"""Ratio of `difflib` from which on an unknown plug-in is taken for a known one that is misspelt;
+names of plug-ins are long, and many are alike."""
+_OF_SERVER = (
+    "failure_tolerance", "min_x_velocity_threshold", "min_y_velocity_threshold",
+    "min_theta_velocity_threshold", "costmap_update_timeout", "controller_frequency",
+)  # fmt: skip
+_WITHOUT_ROS = frozenset(
+    """
+    action_server_result_timeout allow_parameter_qos_overrides always_send_full_costmap
+    behavior_plugins bond_heartbeat_period bond_timeout controller_plugins costmap_topic
+    enable_stamped_cmd_vel filters footprint_topic global_costmap_topic global_footprint_topic
+    global_frame goal_checker_plugin goal_checker_plugins initial_transform_timeout
+    introspection_mode local_costmap_topic local_footprint_topic local_frame map_topic
+    odom_topic path_handler_plugins progress_checker_plugin progress_checker_plugins
+    publish_frequency publish_zero_velocity robot_base_frame service_introspection_mode
+    speed_limit_topic stamp_smoothed_velocity_with_smoothing_time subscribe_to_stamped_footprint
+    transform_tolerance use_realtime_priority use_sim_time
+    """.split()
+)
+"""Parameters of nodes that have no meaning without ROS."""
+_OF_PATHS = (
+    "prune_distance", "max_robot_pose_search_dist", "enforce_path_inversion",
+    "inversion_xy_tolerance", "inversion_yaw_tolerance",
+)  # fmt: skip
+"""Parameters of the path handler that were the controllers' own before there was one."""
+_OF_TEB = {
+    "teb_autosize": True, "exact_arc_length": False, "feasibility_check_lookahead_distance": -1.0,
+    "max_vel_y": 0.0, "min_turning_radius": 0.0, "cmd_angle_instead_rotvel": False,
+    "legacy_obstacle_association": False, "costmap_converter_plugin": "",
+    "optimization_activate": True, "obstacle_cost_exponent": 1.0,
+    "weight_velocity_obstacle_ratio": 0.0, "simple_exploration": False,
+    "selection_alternative_time_cost": False, "switching_blocking_period": 0.0,
+    "roadmap_graph_area_length_scale": 1.0, "delete_detours_backwards": True,
+    "selection_dropping_probability": 0.0, "divergence_detection_enable": False,
+}  # fmt: skip
+"""Parameters of TEB that ours has at this value alone, the original's default."""
+_OF_TEB_WITHOUT_EFFECT = frozenset(
+    """
+    acc_lim_y costmap_converter_rate costmap_converter_spin_thread
+    divergence_detection_max_chi_squared enable_multithreading footprint_model.line_end
+    footprint_model.line_start footprint_model.vertices global_plan_prune_distance
+    h_signature_prescaler is_footprint_dynamic
+    obstacle_keypoint_offset obstacle_poses_affected obstacle_proximity_lower_bound
+    obstacle_proximity_ratio_max_vel obstacle_proximity_upper_bound optimization_verbose
+    publish_feedback selection_viapoint_cost_scale shrink_horizon_backup
+    shrink_horizon_min_duration via_points_ordered viapoints_all_candidates visualize_hc_graph
+    visualize_with_time_as_z_axis_scale weight_acc_lim_y weight_kinematics_turning_radius
+    weight_max_vel_y weight_viapoint wheelbase xy_goal_tolerance yaw_goal_tolerance
+    """.split()
+)
+"""Parameters of TEB for other robots, for what the table above switches off, or for pictures."""
+_LAYER = frozenset(
+    """
+    clearing combination_method data_type enabled expected_update_rate footprint_clearing_enabled
+    map_subscribe_transient_local mark_threshold marking max_obstacle_height min_obstacle_height
+    observation_persistence observation_sources obstacle_min_range origin_z plugin
+    publish_voxel_map raytrace_min_range sensor_frame subscribe_to_updates tf_filter_tolerance
+    topic transport_type unknown_threshold z_resolution z_voxels
+    """.split()
+)
+"""Parameters of layers that have no effect in the plane."""
+_SEEN = frozenset(
+    """
+    cost_scaling_factor inf_is_valid inflate_around_unknown inflate_unknown inflation_radius
+    obstacle_max_range raytrace_max_range
+    """.split()
+)
+"""Parameters of layers that a view has."""
+
+
+@final
+@dataclass(frozen=True)
+class ParamsFile:
+    """What one of Nav2's parameter files sets.
+
+    Attributes
+    ----------
+    settings : of the loop.
+    passed_over : names, by dots, of parameters that nothing here has.
+    twice : keys that stand twice, with their lines; the last value holds, as in ROS.
+    """
+
+    settings: Settings
+    passed_over: tuple[str, ...] = ()
+    twice: tuple[str, ...] = ()
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences about what a reader of the file might not expect."""
+        found = []
+        if self.twice:
+            found.append(f"stands twice, the last value holds: {', '.join(self.twice)}")
+        if self.passed_over:
+            found.append(f"not modelled, passed over: {', '.join(self.passed_over)}")
+        return tuple(found)
+
+
+def read_params_file(path: Path | str, controller: str = "FollowPath") -> Settings:
+    """Read the settings of the loop from one of Nav2's parameter files, see `read_params`.
+
+    What is passed over is a warning.
+    """
+    found = read_params(path, controller)
+    if found.remarks:
+        warnings.warn(f"{path}: {'; '.join(found.remarks)}", stacklevel=2)
+    return found.settings
+
+
+def read_params(path: Path | str, controller: str = "FollowPath") -> ParamsFile:
+    """Read one of Nav2's parameter files.
+
+    Of its sections the controller server, the local costmap, the velocity smoother and the
+    behaviour server are read; what they lack has the default of Nav2's code. As in ROS a block is
+    the same as dotted names, and a key may stand twice. Names that have no meaning without ROS
+    (topics, frames, drawing) are passed over in silence, others that nothing here has are
+    listed. A name that is nearly a known one is refused.
+
+    Parameters
+    ----------
+    path : of the file.
+    controller : name of the controller in the file.
+
+    Raises
+    ------
+    WideberthError : no such file or controller, a plug-in that is not known, a misspelt name.
+    """
+    config, twice = read_merged(Path(path))
+    nodes, passed = _nodes(config), list[str]()
+    if SERVER not in nodes:
+        raise WideberthError(f"{path} has no section {SERVER}; is it one of Nav2's?")
+    settings = _server(nodes[SERVER], controller, passed)
+    settings |= _costmap(nodes.get("local_costmap", {}), passed)
+    for node, kind, name in (
+        ("velocity_smoother", VelocitySmoother, "velocity_smoother"),
+        ("behavior_server", Recoveries, "recoveries"),
+    ):
+        settings[name] = _known(node, nodes.get(node, {}), names_of(kind), passed)
+    return ParamsFile(_made(settings, controller, passed), tuple(passed), twice)
+
+
+def is_params_file(path: Path) -> bool:
+    """Whether a file is one of Nav2's."""
+    return path.is_file() and SERVER in _nodes(read_merged(path)[0])
+
+
+def _nodes(config: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return the parameters of each node by dotted names; namespaces are left out."""
+    found: dict[str, dict[str, Any]] = {}
+    for name, value in config.items():
+        if not isinstance(value, Mapping):
+            continue
+        inner = dict(value)
+        given = inner.pop(NODE, None)
+        some = _nodes(inner)
+        if isinstance(given, Mapping):
+            some[str(name).rpartition("/")[2]] = dict(_flat(given))
+        for node, parameters in some.items():
+            found[node] = found.get(node, {}) | parameters
+    return found
+
+
+def _flat(given: Mapping[str, Any]) -> Iterable[tuple[str, Any]]:
+    """Yield dotted names and values."""
+    for key, value in given.items():
+        if isinstance(value, Mapping):
+            yield from ((f"{key}.{inner}", entry) for inner, entry in _flat(value))
+        else:
+            yield str(key), value
+
+
+def _block(given: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Return the parameters whose dotted names begin with a name, without it."""
+    begin = f"{name}."
+    return {key[len(begin) :]: one for key, one in given.items() if key.startswith(begin)}
+
+
+def _known(
+    place: str, given: Mapping[str, Any], known: Iterable[str], passed: list[str]
+) -> dict[str, Any]:
+    """Return the parameters that are known, and note the others that have a meaning.
+
+    Raises
+    ------
+    WideberthError : a misspelt name.
+    """
+    names = set(known)
+    kept = {key: one for key, one in given.items() if key in names or not _without_ros(key)}
+    try:
+        refuse_unknown(place, kept, names)
+    except UnknownParameters as unknown:
+        passed += [f"{place}.{name}" for name in unknown.names]
+    return {key: one for key, one in kept.items() if key in names}
+
+
+def _without_ros(name: str) -> bool:
+    """Whether a parameter says which plug-in a block is for, or has no meaning without ROS."""
+    return name.rpartition(".")[2] in _WITHOUT_ROS | {"plugin"}
+
+
+def _made(settings: dict[str, Any], controller: str, passed: list[str]) -> Settings:
+    """Return settings without the controller's parameters that nothing here has; note those."""
+    while True:
+        try:
+            return Settings(**settings)
+        except UnknownParameters as unknown:
+            given = settings["parameters"]
+            kept = {key: one for key, one in given.items() if key not in unknown.names}
+            if len(kept) == len(given):
+                raise
+            passed += [f"{controller}.{name}" for name in unknown.names]
+            settings = {**settings, "parameters": kept}
+
+
+def _server(given: Mapping[str, Any], controller: str, passed: list[str]) -> dict[str, Any]:
+    """Return the settings of the controller server and its plug-ins."""
+    plugins = {
+        name.removesuffix(".plugin"): str(value)
+        for name, value in given.items()
+        if name.endswith(".plugin") and name.count(".") == 1
+    }
+    if controller not in plugins:
+        raise WideberthError(
+            f"{SERVER} has no controller {controller!r}{nearest(controller, plugins)} "
+            f"Plug-ins there: {', '.join(sorted(plugins)) or 'none'}"
+        )
+    settings: dict[str, Any] = {}
+    tolerance = f"{controller}path_length_tolerance"
+    more = {PATH_LENGTH_TOLERANCE: given[tolerance]} if tolerance in given else {}
+    chosen, paths = _controller({**_block(given, controller), **more})
+    for part, name in _parts(given, plugins, passed).items():
+        settings[part] = _known(name, _block(given, name), names_of(KINDS[part]), passed)
+    settings.setdefault("path_handler", paths)  # a handler of the file's own has all of them
+    plain = {
+        key: value for key, value in given.items()
+        if key != tolerance and key.partition(".")[0] not in plugins
+    }  # fmt: skip
+    server = _known(SERVER, plain, _OF_SERVER, passed)
+    rate = server.pop("controller_frequency", 20.0)
+    settings["controller_frequency"] = number(f"{SERVER}.controller_frequency", rate)
+    return settings | chosen | {"server": server}
+
+
+def _parts(
+    given: Mapping[str, Any], plugins: Mapping[str, str], passed: list[str]
+) -> dict[str, str]:
+    """Return which of the server's plug-ins checks the goal, the progress, and handles paths.
+
+    It is the first one of the server's list of such plug-ins, where there is such a list. A
+    plug-in that is not known is noted, and leaves its part to the default one.
+
+    Raises
+    ------
+    WideberthError : a plug-in that is misspelt.
+    """
+    found: dict[str, str] = {}
+    others, known = _names(given, "controller_plugins", []), [*PLUGINS, *PARTS]
+    for name, plugin in plugins.items():
+        part = PARTS.get(STAND_INS.get(plugin, plugin))
+        if part is not None:
+            first = _names(given, f"{part}_plugins", [name])[:1]
+            if [name] == first or part not in found:
+                found[part] = name
+        elif plugin not in known and nearest(plugin, known, _MISSPELT):
+            near = nearest(plugin, known)
+            raise WideberthError(f"{name}.plugin is {plugin!r}, which is not known{near}")
+        if plugin not in known and name not in others:
+            passed.append(f"{SERVER}.{name}.plugin: {plugin}")
+    return found
+
+
+def _names(given: Mapping[str, Any], key: str, default: list[str]) -> list[str]:
+    """Return the names that a list of plug-ins holds.
+
+    Raises
+    ------
+    WideberthError : no list.
+    """
+    names = given.get(key, default)
+    if not isinstance(names, list):
+        raise WideberthError(f"{key} is {names!r}; wanted a list of names")
+    return [str(name) for name in names]
+
+
+def _controller(given: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the name and the parameters of a controller, and those of the path handler."""
+    plugin = str(given["plugin"])
+    if plugin not in PLUGINS:
+        hint = f"{nearest(plugin, PLUGINS)} Known: {', '.join(sorted(PLUGINS))}"
+        raise WideberthError(f"the controller's plugin is {plugin!r}; there is none such{hint}")
+    local = PLUGINS[plugin]
+    flat = effective(given)
+    primary = flat.pop("primary_controller", None)
+    if primary is not None:
+        if primary not in PLUGINS:
+            raise WideberthError(f"primary_controller is {primary!r}{nearest(primary, PLUGINS)}")
+        flat["primary_controller"] = PLUGINS[primary]
+    inner = flat.get("primary_controller", local)
+    paths = _of_paths(flat, inner)
+    if inner == "mppi":
+        model = str(flat.get("motion_model"))
+        if flat.get(f"{model}.plugin", "") == PLUGIN_OF.get(MODELS.get(model, model)):
+            flat.pop(f"{model}.plugin")  # it says what the name says
+    if inner == "teb":
+        flat = _of_teb(flat)
+    return {"local": local, "parameters": flat}, paths
+
+
+def _of_paths(flat: dict[str, Any], controller: str) -> dict[str, Any]:
+    """Take what belongs to the path handler out of a controller's parameters.
+
+    DWB once kept ``prune_distance`` behind the robot, where the handler keeps nothing, and
+    ``forward_prune_distance`` ahead of it. Vector pursuit prunes by itself, up to a distance of
+    its own.
+    """
+    if controller == "dwb":
+        flat.pop("prune_distance", None)
+        if "forward_prune_distance" in flat:
+            flat["prune_distance"] = flat.pop("forward_prune_distance")
+    own = ("max_robot_pose_search_dist",) if controller == "vector_pursuit" else ()
+    return {name: flat.pop(name) for name in _OF_PATHS if name in flat and name not in own}
+
+
+def _of_teb(flat: Mapping[str, Any]) -> dict[str, Any]:
+    """Return TEB's parameters by the names that its class has.
+
+    Raises
+    ------
+    WideberthError : a part of the original is switched on that is not offered here.
+    """
+    found = {key: value for key, value in flat.items() if key not in _OF_TEB_WITHOUT_EFFECT}
+    found = at_default("TEB", found, _OF_TEB)
+    apart = found.pop("global_plan_viapoint_sep", -1.0)
+    if apart > 0.0:
+        raise WideberthError(
+            f"TEB's global_plan_viapoint_sep is {apart!r}; here it can be at most 0, which is off"
+        )
+    model = found.pop("footprint_model.type", "point")
+    radius = found.pop("footprint_model.radius", 0.0)
+    if model not in ("point", "circular"):
+        raise WideberthError(
+            f"TEB's footprint_model.type is {model!r}; wanted 'point', or 'circular' with a "
+            "footprint_model.radius that encloses the robot"
+        )
+    if model == "circular":
+        found["robot_radius"] = float(radius)
+    return found
+
+
+def _costmap(given: Mapping[str, Any], passed: list[str]) -> dict[str, Any]:
+    """Return the view and the robot's outline of the local costmap."""
+    place = "local_costmap"
+    view: dict[str, Any] = {"inflation_radius": 0.55, "cost_scaling_factor": 10.0}
+    usual = ["static_layer", "obstacle_layer", "inflation_layer"]
+    layers = [*_names(given, "plugins", usual), *_names(given, "filters", [])]
+    view["static_layer"] = any("static" in name for name in layers)
+    for name in layers:
+        block = _block(given, name)
+        if str(block.get("plugin", LAYERS[0])) in LAYERS:
+            view |= _layer(f"{place}.{name}", block, passed)
+        else:
+            passed += [f"{place}.{name}.{one}" for one in block if not _without_ros(one)]
+    plain = {key: one for key, one in given.items() if "." not in key and key != "plugins"}
+    outline = ("footprint", "robot_radius")
+    found = _known(place, plain, [*names_of(View), *outline], passed)
+    settings: dict[str, Any] = {}
+    if "footprint" in found:
+        settings["footprint"] = _outline(found.pop("footprint"))
+    if "robot_radius" in found:
+        settings["robot_radius"] = number("robot_radius", found.pop("robot_radius"))
+    return settings | {"view": View(**{**view, **found})}
+
+
+def _layer(place: str, given: Mapping[str, Any], passed: list[str]) -> dict[str, Any]:
+    """Return what a layer of a costmap, its sources included, sets of the view."""
+    found: dict[str, Any] = {}
+    for name, value in given.items():
+        where, _, last = f"{place}.{name}".rpartition(".")
+        if _known(where, {last: value}, _SEEN | _LAYER, passed) and last in _SEEN:
+            found[last] = value
+    return found
+
+
+def _outline(value: Any) -> tuple[tuple[float, float], ...]:
+    """Return the corners that Nav2 writes as text, [[x, y], ...]."""
+    corners = parse(value, "footprint") if isinstance(value, str) else value
+    try:
+        return tuple((float(x), float(y)) for x, y in corners)
+    except (TypeError, ValueError):
+        raise WideberthError(f"footprint is {value!r}; wanted [[x, y], ...] in m") from None

@@ -1,0 +1,158 @@
+"""Everything that sets the loop around a local controller."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, final
+
+from ...framework.robot import Robot
+from ...framework.values.arrays import checked, positive
+from ..controllers.local_controller import LocalController
+from ..controllers.local_controllers import Limits, built, shipped_parameters, timed, together
+from ..costmap.footprint import RobotFootprint
+from ..costmap.local_costmap import View
+from ..goal_checker import GoalChecker
+from ..parameters.parameters import names_of, refuse_unknown
+from ..path_handler import PathHandler
+from .progress_checker import ProgressChecker
+from .recoveries import Recoveries
+from .server import ControllerServer
+from .velocity_smoother import VelocitySmoother
+
+
+@final
+@dataclass(frozen=True)
+class Settings:
+    """A local controller by name, and the parameters of all that stands around it.
+
+    The defaults are those that Nav2 ships for its own robot where they differ from the code's.
+    Each mapping holds parameters by Nav2's names; what it lacks has the code's default.
+
+    Attributes
+    ----------
+    local : the local controller, see `wideberth.nav2.controllers.local_controllers.LOCAL`.
+    parameters : of that controller.
+    server : of `wideberth.nav2.server.server.ControllerServer`.
+    path_handler, goal_checker, progress_checker : of the classes of these names.
+    velocity_smoother, recoveries : likewise.
+    view : local costmap.
+    controller_frequency : Hz.
+    footprint : (V, 2), m, corners of the robot; () for the robot's own outline or disc.
+    robot_radius : m, for a round robot; None for the robot's own.
+    """
+
+    local: str = "regulated_pure_pursuit"
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    server: Mapping[str, Any] = field(
+        default_factory=lambda: {
+            "failure_tolerance": 0.3, "min_x_velocity_threshold": 0.001,
+            "min_y_velocity_threshold": 0.5, "min_theta_velocity_threshold": 0.001,
+        }
+    )  # fmt: skip
+    path_handler: Mapping[str, Any] = field(default_factory=dict)
+    goal_checker: Mapping[str, Any] = field(default_factory=dict)
+    progress_checker: Mapping[str, Any] = field(default_factory=dict)
+    velocity_smoother: Mapping[str, Any] = field(
+        default_factory=lambda: {
+            "max_velocity": [0.5, 0.0, 2.0], "min_velocity": [-0.5, 0.0, -2.0],
+            "max_accel": [3.0, 0.0, 3.5], "max_decel": [-3.0, 0.0, -3.5],
+        }
+    )  # fmt: skip
+    recoveries: Mapping[str, Any] = field(default_factory=dict)
+    view: View = field(default_factory=View)
+    controller_frequency: float = 20.0
+    footprint: tuple[tuple[float, float], ...] = ()
+    robot_radius: float | None = None
+
+    def __post_init__(self) -> None:
+        positive("settings.controller_frequency", self.controller_frequency)
+        self.make_server()
+        self.make_smoother()
+        self.make_recoveries()
+        if self.footprint:
+            RobotFootprint.of(checked("settings.footprint", self.footprint, (None, 2)))
+        if self.robot_radius is not None:
+            positive("settings.robot_radius", self.robot_radius)
+
+    @classmethod
+    def shipped(cls, local: str) -> "Settings":
+        """Return the settings that Nav2 has shipped for its own robot with this controller."""
+        return cls(local, shipped_parameters(local))
+
+    def driving(self, robot: Robot) -> "Settings":
+        """Return the same settings for a robot: TEB keeps its disc clear, and ours drive it.
+
+        A radius that the parameters name stays.
+        """
+        more: dict[str, Any] = {}
+        kinds = together(self.local, self.parameters)
+        if "own" in kinds:
+            more = {"robot": robot}
+        elif "teb" in kinds and "footprint_model.radius" not in self.parameters:
+            more = {"robot_radius": robot.radius}
+        return replace(self, parameters={**more, **self.parameters})
+
+    def make_controller(self) -> LocalController:
+        """Return a new local controller, which knows its frequency where it asks for it.
+
+        Critics of MPPI that infer distances from costs know the costmap's inflation, as in Nav2.
+        """
+        told: dict[str, Any] = {}
+        kinds = together(self.local, self.parameters)
+        if timed(self.local):
+            told["controller_frequency"] = self.controller_frequency
+        if {"mppi", "mppi_foresight"} & set(kinds):
+            told["ObstaclesCritic.inflation_radius"] = self.view.inflation_radius
+            for critic in ("CostCritic", "ObstaclesCritic"):
+                told[f"{critic}.cost_scaling_factor"] = self.view.cost_scaling_factor
+        return built(self.local, {**told, **self.parameters})
+
+    def make_server(self) -> ControllerServer:
+        """Return a new controller server around a new local controller."""
+        return ControllerServer(
+            self.make_controller(),
+            PathHandler(**_known(PathHandler, "path_handler", self.path_handler)),
+            GoalChecker(**_known(GoalChecker, "goal_checker", self.goal_checker)),
+            ProgressChecker(**_known(ProgressChecker, "progress_checker", self.progress_checker)),
+            **_known(ControllerServer, "server", self.server),
+        )
+
+    def make_smoother(self) -> VelocitySmoother:
+        """Return a new velocity smoother."""
+        given = _known(VelocitySmoother, "velocity_smoother", self.velocity_smoother)
+        return VelocitySmoother(**given)
+
+    def make_recoveries(self) -> Recoveries:
+        """Return new recoveries."""
+        return Recoveries(**_known(Recoveries, "recoveries", self.recoveries))
+
+    def within(self, limits: Limits) -> "Settings":
+        """Return the same settings with limits for the controller and the smoother."""
+        v, w, a, alpha = (
+            limits.speed,
+            limits.yaw_rate,
+            limits.acceleration,
+            limits.yaw_acceleration,
+        )
+        smoother = {
+            "max_velocity": [v, 0.0, w], "min_velocity": [-v, 0.0, -w],
+            "max_accel": [a, 0.0, alpha], "max_decel": [-a, 0.0, -alpha],
+        }  # fmt: skip
+        return replace(
+            self,
+            parameters={
+                **self.parameters,
+                **limits.parameters(self.local, self.parameters),
+            },
+            velocity_smoother={**self.velocity_smoother, **smoother},
+        )
+
+
+def _known(kind: type, name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Return parameters, all of which a class has.
+
+    Raises
+    ------
+    WideberthError : one that it has not.
+    """
+    refuse_unknown(f"settings.{name}", parameters, names_of(kind))
+    return dict(parameters)

@@ -1,0 +1,158 @@
+"""Following one path to its end, with the results that Nav2's controller server has."""
+
+from dataclasses import dataclass, fields
+from enum import IntEnum
+from typing import final
+
+import numpy as np
+
+from ..framework.values.arrays import Array, positive
+from .frames import within_pi
+from .node import PlannerNode
+from .ways import Arrival
+
+
+class Code(IntEnum):
+    """Results of Nav2's action FollowPath, by its numbers."""
+
+    NONE = 0
+    UNKNOWN = 100
+    TF_ERROR = 102
+    INVALID_PATH = 103
+    FAILED_TO_MAKE_PROGRESS = 105
+    NO_VALID_CONTROL = 106
+    CONTROLLER_TIMED_OUT = 107
+
+
+@final
+@dataclass(frozen=True)
+class End:
+    """How following a path has ended: by success where the code is `Code.NONE`."""
+
+    code: Code
+    reason: str = ""
+
+
+@final
+@dataclass(frozen=True)
+class Following:
+    """When a path counts as followed, and when it is given up; the defaults are Nav2's.
+
+    Parameters
+    ----------
+    tolerance : m from the last point, within which the robot is there and brakes, see
+        `wideberth.ros.ways.Arrival`.
+    yaw_tolerance : rad, by which its heading may be off that of the last pose; it turns on the
+        spot. From pi on any heading will do.
+    slow : m/s, below which it stands.
+    progress : m, by which it has to move in ``allowance`` s.
+    progress_angle : rad, by which it has to turn in that time where it is there already.
+    allowance : s.
+    patience : s, for which the controller may fail, or messages be missing.
+
+    Raises
+    ------
+    WideberthError : a number that is not above zero.
+    """
+
+    tolerance: float = 0.25
+    yaw_tolerance: float = 0.25
+    slow: float = 0.1
+    progress: float = 0.5
+    progress_angle: float = 0.5
+    allowance: float = 10.0
+    patience: float = 2.0
+
+    def __post_init__(self) -> None:
+        for one in fields(self):
+            positive(f"following.{one.name}", getattr(self, one.name))
+
+
+@final
+class Follower:
+    """Follows one path with a node; `step` says when that has ended.
+
+    Parameters
+    ----------
+    node : that drives. settings : when it ends. now : s, on the clock of all steps.
+    """
+
+    def __init__(self, node: PlannerNode, settings: Following, now: float) -> None:
+        self.node: PlannerNode = node
+        self.settings: Following = settings
+        self.distance: float = float("inf")
+        """m from the robot to the end of the path, straight."""
+        self.speed: float = 0.0
+        """m/s, of the robot."""
+        self._place: Array | None = None
+        self._frame, self._heading = "", float("nan")
+        self._arrival = Arrival(settings.tolerance)
+        self._moved = self._well = now
+        self._failures, self._plans = node.counts.failures, node.counts.plans
+
+    def begin(self, frame: str, points: Array, heading: float = float("nan")) -> End | None:
+        """Take the path; return why it cannot be followed.
+
+        Parameters
+        ----------
+        frame : of the path. points : (P, 2), m.
+        heading : rad, wanted at its end; NaN for any. It is passed over where the robot cannot
+            turn on the spot.
+        """
+        if len(points) < 2:
+            return End(Code.INVALID_PATH, f"the path has {len(points)} poses; wanted two at least")
+        if self.node.motion is None:
+            return End(Code.TF_ERROR, "where the robot is is not known: there is no odometry")
+        if not self.node.follow(frame, points):
+            return End(Code.INVALID_PATH, f"the path in {frame!r} cannot be followed")
+        if self.node.turns_on_the_spot:
+            self._frame, self._heading = frame, heading
+        return None
+
+    def step(self, now: float) -> End | None:
+        """Look how it goes; return how it has ended, or None while it goes on."""
+        path, motion, wanted = self.node.path, self.node.motion, self.settings
+        if path is None or motion is None:
+            return End(Code.UNKNOWN, "the path was taken away")
+        self.distance = float(np.linalg.norm(path.goal - motion[0][:2]))
+        self.speed = float(np.hypot(*motion[1][:2]))
+        was = self._arrival.there
+        there = self._arrival.look(path, motion[0][:2])
+        if was and not there:
+            self.node.drive_on()
+        turned = self._turned()
+        if there and turned and self.speed <= wanted.slow:
+            return End(Code.NONE)
+        self._note_progress(motion[0], now)
+        waits, counts = self.node.waits_for(), self.node.counts
+        planned = counts.plans > self._plans or there
+        if planned and counts.failures == self._failures and not waits:
+            self._well = now
+        failed = counts.failures > self._failures
+        self._failures, self._plans = counts.failures, counts.plans
+        if now - self._well > wanted.patience:
+            if waits:
+                return End(Code.CONTROLLER_TIMED_OUT, waits)
+            if failed or "failed" in self.node.status:
+                return End(Code.NO_VALID_CONTROL, self.node.status)
+            return End(Code.CONTROLLER_TIMED_OUT, "the planner does not answer")
+        if now - self._moved > wanted.allowance:
+            reason = f"it moved less than {wanted.progress:g} m in {wanted.allowance:g} s"
+            return End(Code.FAILED_TO_MAKE_PROGRESS, reason)
+        return None
+
+    def _turned(self) -> bool:
+        """Whether nothing is left to turn; a robot at the end of its path stands, and turns."""
+        if not self._arrival.there:
+            return True
+        left = self.node.turn(self._frame, self._heading)
+        return not np.isfinite(self._heading) or abs(left) <= self.settings.yaw_tolerance
+
+    def _note_progress(self, pose: Array, now: float) -> None:
+        """Note when the robot has moved, or turned at the end of its path, far enough."""
+        old, wanted = self._place, self.settings
+        moved = old is None or bool(np.linalg.norm(pose[:2] - old[:2]) >= wanted.progress)
+        if self._arrival.there and old is not None:
+            moved = moved or abs(within_pi(float(pose[2] - old[2]))) >= wanted.progress_angle
+        if moved:
+            self._place, self._moved = pose, now

@@ -1,0 +1,13 @@
+"""Solvers, one file each, behind one interface."""
+
+from ..framework.plugins.lazy import lazy
+
+BUILT_IN = {
+    "ipopt": "wideberth.solvers.ipopt:Ipopt",
+    "fatrop": "wideberth.solvers.fatrop:Fatrop",
+    "batch": "wideberth.solvers.batch.solver:Batch",
+    "riccati": "wideberth.solvers.riccati.solver:Riccati",
+    "riccati_live": "wideberth.solvers.riccati.live:RiccatiLive",
+}
+
+__getattr__, __dir__, __all__ = lazy(__name__, BUILT_IN.values())

@@ -1,0 +1,254 @@
+"""The tables of an exported solver, which tell `wideberth_solver.c` of one problem."""
+
+from collections.abc import Sequence
+from itertools import chain
+from typing import Any
+
+import numpy as np
+
+from ....framework.mpc.ocp.problem import Slots
+from ....framework.values.arrays import Array
+from ...riccati import _protocol as protocol
+from ...riccati.compiled import CompiledSlots
+from ..layout import number
+from .native import PREFIX
+from .needs import Solver, table_words
+
+_NOTHING = "work->nothing"
+
+
+def tables(solver: Solver) -> str:
+    """Return the text of wideberth_tables.h."""
+    native = solver.native
+    names = [PREFIX + name for name in (*native.kernels.functions, *native.around)]
+    lines = [
+        "/* Made by wideberth; wideberth_solver.c alone includes it. */",
+        f"wideberth_kernel {_joined(names)};",
+        "",
+        *(f"#define WIDEBERTH_{name} {value}" for name, value in _constants(solver).items()),
+        "",
+        *_fixed(solver),
+        *_kinds(solver),
+        *_structure(solver),
+        "",
+        "#define WIDEBERTH_ROWS \\",
+        " \\\n".join(f"    ROW({_joined(row)});" for row in rows(solver)),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _constants(solver: Solver) -> dict[str, Any]:
+    needs = " && ".join(f'has("{one}")' for one in solver.native.machine.needs) or "1"
+    return {
+        "NEEDS(has)": f"({needs})",
+        "SETTING_GUESS": protocol.SETTING.guess,
+        **{f"NUMBER_{name.upper()}": k for name, k in protocol.NUMBER._asdict().items()},
+        "PLAIN_KERNELS": len(protocol.Kernels._fields),
+        "SLOT_KERNELS": sum(map(len, solver.native.kernels.kinds)),
+        "MOTION_ROWS": _results(solver, "motion"),
+        "FINAL_ROWS": _results(solver, "final"),
+        "ANY_SLOTS": int(any(one.count for one in solver.native.subject.problem.slots)),
+        "MOST_GIVEN": _most(solver, 0),
+        "MOST_NUMBERS": _most(solver, 1),
+        "MOST_ROWS": _most(solver, 2),
+    }
+
+
+def _fixed(solver: Solver) -> list[str]:
+    """Arrays that do not change, but for those of the slots."""
+    made, subject = solver.native.kernels, solver.native.subject
+    settings = solver.settings.settings_for(subject.problem, subject.guess)
+    slots = list(chain.from_iterable(made.kinds))
+    limits = made.limits()
+    return [
+        _array("wideberth_kernel *const PLAIN_KERNELS", _kernels(protocol.Kernels._fields)),
+        _array("wideberth_kernel *const SLOT_KERNELS", _kernels(slots)),
+        _array("const int64_t SIZES", list(map(int, made.sizes()))),
+        _array("const double SETTINGS", list(map(number, settings))),
+        f"static const double LIMITS[2][{limits.shape[1]}] = {{",
+        *(f"    {{{_joined(map(number, row))}}}," for row in limits),
+        "};",
+    ]
+
+
+def _kinds(solver: Solver) -> list[str]:
+    """Arrays of the slots that do not change, and what each kind is."""
+    slots = solver.native.subject.problem.slots
+    return [
+        *(line for k in range(len(solver.native.kernels.kinds)) for line in _core_kind(solver, k)),
+        *(line for k, one in enumerate(slots) for line in _own(solver, k, one)),
+        "static const struct kind KINDS[WIDEBERTH_KINDS] = {",
+        *(f"    {{{_kind(solver, k, one)}}}," for k, one in enumerate(slots)),
+        "};",
+        "",
+    ]
+
+
+def _structure(solver: Solver) -> list[str]:
+    """Declare what `wideberth_solver.c` writes into the caller's memory."""
+    settings, numbers = len(protocol.Settings._fields), len(protocol.Numbers._fields)
+    return [
+        "struct work {",
+        f"    int64_t table[{table_words(solver)}];",
+        "    int64_t kernels[WIDEBERTH_PLAIN_KERNELS], slot_kernels[WIDEBERTH_SLOT_KERNELS];",
+        f"    double settings[{settings}], numbers[{numbers}];",
+        "    double nothing[2];",
+        "    double states[WIDEBERTH_HORIZON + 1][WIDEBERTH_STATES];",
+        "};",
+        "",
+        "typedef char wideberth_work_fits[sizeof(struct work) <= WIDEBERTH_WORK ? 1 : -1];",
+    ]
+
+
+def rows(solver: Solver) -> list[tuple[Any, ...]]:
+    """Arrays that the core takes: where each begins in C, and its lengths.
+
+    In the order of `protocol.layout`; a field that is not known here is an error, so that a core
+    with another table is noticed.
+    """
+    kinds = len(solver.native.kernels.kinds)
+    known = _plain(solver)
+    begin, found = _trajectories(solver)
+    slots = [_of_slots(solver, k) for k in range(kinds)]
+    arrays = [known, known, {**known, **begin}, *slots, found, known]
+    groups = protocol.layout(kinds)
+    named = [
+        some[field] for group, some in zip(groups, arrays, strict=True) for field in group._fields
+    ]
+    return [(*one, *[0] * (4 - len(one))) for one in named]
+
+
+def _plain(solver: Solver) -> dict[str, tuple[Any, ...]]:
+    """Arrays of the problem, and of its path."""
+    problem = solver.native.subject.problem
+    steps, size = problem.horizon, problem.dimension
+    return {
+        "kernels": ("work->kernels", len(protocol.Kernels._fields)),
+        "sizes": ("SIZES", len(protocol.Sizes._fields)),
+        "limits": ("LIMITS", 2, problem.states + problem.inputs),
+        "settings": ("work->settings", len(protocol.Settings._fields)),
+        "reference": ("problem->reference", steps, size),
+        "direction": ("problem->direction", steps, size),
+        "speed": ("problem->speed", steps),
+        "curve": ("problem->curve" if problem.curve else _NOTHING, steps, problem.curve),
+        "initial": ("problem->initial", problem.states),
+        "flag": ("(problem->stop ? problem->stop : work->nothing)", 1),
+    }
+
+
+def _trajectories(solver: Solver) -> tuple[dict[str, tuple[Any, ...]], ...]:
+    """Arrays of the guess, and of the result; no multipliers are given or wanted."""
+    problem = solver.native.subject.problem
+    states = problem.horizon + 1, problem.states
+    inputs = problem.horizon, problem.inputs
+    begin: dict[str, tuple[Any, ...]] = {
+        "states": ("work->states", *states),
+        "inputs": ("problem->start_inputs", *inputs),
+        "multipliers": (_NOTHING, 0, 0),
+        "plans": (_NOTHING, 0, 0, 0),
+    }
+    return begin, {
+        "states": ("result->states", *states),
+        "inputs": ("result->inputs", *inputs),
+        "slack": ("result->slack", problem.horizon),
+        "numbers": ("work->numbers", len(protocol.Numbers._fields)),
+        "multipliers": (_NOTHING, 0, 0),
+    }
+
+
+def _of_slots(solver: Solver, k: int) -> dict[str, tuple[Any, ...]]:
+    """Arrays of one kind of slots."""
+    made = solver.native.kernels
+    one, steps = made.problem.slots[k], made.problem.horizon
+    own, first = len(one.auxiliary), sum(map(len, made.kinds[:k]))
+    some = f"problem->{one.name}s" if one.count else ""
+
+    def at(name: str, *shape: int) -> tuple[Any, ...]:
+        return (f"{some}.{name}" if np.prod(shape) else _NOTHING, *shape)
+
+    where = f"result->{one.name}_auxiliaries" if one.count * own else _NOTHING
+    levels = (steps, one.count) if one.levelled else (0, 0)
+    return {
+        "kernels": (f"work->slot_kernels + {first}", len(made.kinds[k])),
+        "depends": (f"DEPENDS_{k}", len(made.made.slots[k].depends)),
+        "rows": (f"ROWS_{k}", 3),
+        "limits": (f"OWN_LIMITS_{k}", 2, own),
+        "regularisation": (f"REGULARISATION_{k}", 1),
+        "numbers": at("parameters", steps, one.count, one.width),
+        "levels": at("level", *levels),
+        "active": at("active", one.count),
+        "drawn": at("auxiliaries", steps, one.count, own),
+        "begun": at("auxiliaries", steps, one.count, own),
+        "found": (where, steps, one.count, own),
+        "before": (_NOTHING, 0, 0, 0),
+        "after": (_NOTHING, 0, 0, 0),
+    }
+
+
+def _core_kind(solver: Solver, k: int) -> list[str]:
+    """Arrays of a kind of slots that do not change."""
+    made = solver.native.kernels
+    none = np.zeros(0, dtype=np.int64)
+    fixed = CompiledSlots.of(none, made.made.slots[k], made.problem.slots[k])
+    limits = list(map(number, fixed.limits.ravel()))
+    return [
+        _array(f"const int64_t DEPENDS_{k}", fixed.depends.tolist()),
+        _array(f"const int64_t ROWS_{k}", fixed.rows.tolist()),
+        _array(f"const double OWN_LIMITS_{k}", limits),
+        _array(f"const double REGULARISATION_{k}", list(map(number, fixed.regularisation))),
+    ]
+
+
+def _own(solver: Solver, k: int, one: Slots) -> list[str]:
+    """Levels that are aimed at, and where own variables start."""
+    aim = solver.aims[k]
+    return [
+        _array(f"const double AIM_{k}", _numbers(aim)),
+        _array(f"const double BEGIN_{k}", _numbers(np.array(one.auxiliary.start))),
+    ]
+
+
+def _numbers(values: Array | None) -> list[str]:
+    return [] if values is None else [number(value) for value in values.tolist()]
+
+
+def _kind(solver: Solver, k: int, one: Slots) -> str:
+    """Return the initialiser of a `struct kind`."""
+    own, around = len(one.auxiliary), solver.native.around
+    places = {
+        "parameters": True, "level": one.levelled, "active": True, "auxiliaries": own > 0,
+    }  # fmt: skip
+    offsets = [
+        f"offsetof(wideberth_problem, {one.name}s.{name})" if one.count and there else "NOWHERE"
+        for name, there in places.items()
+    ]
+    found = f"offsetof(wideberth_result, {one.name}_auxiliaries)" if one.count * own else "NOWHERE"
+    kernels = [PREFIX + name if name in around else "NULL" for name in (f"rows{k}", f"set{k}")]
+    shape = solver.native.kernels.made.slots[k]
+    numbers = [one.count, one.width, own, shape.inequalities, shape.equalities]
+    return _joined([*numbers, *offsets, found, f"AIM_{k}", f"BEGIN_{k}", *kernels])
+
+
+def _results(solver: Solver, name: str) -> int:
+    around = solver.native.around
+    return int(around[name].numel_out(0)) if name in around else 0
+
+
+def _most(solver: Solver, place: int) -> int:
+    """Most variables, numbers or rows that the constraint of a slot has."""
+    some = [one for name, one in solver.native.around.items() if name.startswith("rows")]
+    counts = [one.numel_out(0) if place == 2 else one.numel_in(place) for one in some]
+    return max([1, *map(int, counts)])
+
+
+def _kernels(names: Sequence[str]) -> list[str]:
+    return [PREFIX + name for name in names]
+
+
+def _array(name: str, values: Sequence[Any]) -> str:
+    """Definition of an array; C has none without an element, so it gets a 0."""
+    return f"static {name}[] = {{{_joined(values) or '0'}}};"
+
+
+def _joined(values: Any) -> str:
+    return ", ".join(map(str, values))

@@ -1,0 +1,323 @@
+"""Compile the core by Numba to object code: what the package ships, and what it falls back on.
+
+``python -m wideberth.solvers.riccati.emit`` makes the shipped objects anew, which
+takes some minutes. The object has one function, `objects.ENTRY`, and needs nothing of Numba or
+Python when it runs: memory is that of the C library, see `_SUPPORT`.
+"""
+
+import json
+import lzma
+import os
+import platform
+import re
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from hashlib import sha256
+from importlib.metadata import version
+from typing import Any
+
+from ...framework.jit.machine import Target, llvm, object_code
+from ...framework.values.errors import WideberthError
+from . import _protocol as protocol
+from . import objects
+
+_SUPPORT = """
+declare ptr @malloc(i64)
+declare void @free(ptr)
+
+define ptr @NRT_MemInfo_alloc(i64 %size) {
+  %found = call ptr @NRT_MemInfo_alloc_aligned(i64 %size, i32 16)
+  ret ptr %found
+}
+
+define ptr @NRT_MemInfo_alloc_aligned(i64 %size, i32 %align) {
+  %step = zext i32 %align to i64
+  %room = add i64 %step, 64
+  %all = add i64 %size, %room
+  %block = call ptr @malloc(i64 %all)
+  %none = icmp eq ptr %block, null
+  br i1 %none, label %failed, label %made
+made:
+  %start = ptrtoint ptr %block to i64
+  %behind = add i64 %start, 63
+  %above = add i64 %behind, %step
+  %mask = sub i64 0, %step
+  %place = and i64 %above, %mask
+  %data = inttoptr i64 %place to ptr
+  %data.at = getelementptr i8, ptr %block, i64 24
+  %size.at = getelementptr i8, ptr %block, i64 32
+  store i64 1, ptr %block
+  store ptr %data, ptr %data.at
+  store i64 %size, ptr %size.at
+  ret ptr %block
+failed:
+  ret ptr null
+}
+
+define void @NRT_MemInfo_call_dtor(ptr %block) {
+  call void @free(ptr %block)
+  ret void
+}
+
+define void @NRT_incref(ptr %block) noinline {
+  %none = icmp eq ptr %block, null
+  br i1 %none, label %done, label %some
+some:
+  %held = load i64, ptr %block
+  %more = add i64 %held, 1
+  store i64 %more, ptr %block
+  br label %done
+done:
+  ret void
+}
+
+define void @NRT_decref(ptr %block) noinline {
+  %none = icmp eq ptr %block, null
+  br i1 %none, label %done, label %some
+some:
+  %held = load i64, ptr %block
+  %less = sub i64 %held, 1
+  store i64 %less, ptr %block
+  %last = icmp eq i64 %less, 0
+  br i1 %last, label %drop, label %done
+drop:
+  call void @free(ptr %block)
+  br label %done
+done:
+  ret void
+}
+
+define ptr @NRT_Allocate(i64 %size) {
+  %block = call ptr @malloc(i64 %size)
+  ret ptr %block
+}
+
+define void @NRT_Free(ptr %block) {
+  call void @free(ptr %block)
+  ret void
+}
+
+define i32 @numba_attempt_nocopy_reshape(
+    i64 %nd, ptr %dims, ptr %strides, i64 %count, ptr %lengths, ptr %found, i64 %item, i32 %order
+) {
+entry:
+  %last = sub i64 %count, 1
+  br label %next
+next:
+  %k = phi i64 [ %last, %entry ], [ %less, %write ]
+  %stride = phi i64 [ %item, %entry ], [ %wider, %write ]
+  %some = icmp sge i64 %k, 0
+  br i1 %some, label %write, label %done
+write:
+  %found.at = getelementptr i64, ptr %found, i64 %k
+  store i64 %stride, ptr %found.at
+  %length.at = getelementptr i64, ptr %lengths, i64 %k
+  %length = load i64, ptr %length.at
+  %wider = mul i64 %stride, %length
+  %less = sub i64 %k, 1
+  br label %next
+done:
+  ret i32 1
+}
+
+@PyExc_RuntimeError = global ptr null
+
+define void @PyErr_SetString(ptr %kind, ptr %text) {
+  ret void
+}
+
+define ptr @PyUnicode_FromKindAndData(i32 %kind, ptr %data, i64 %size) {
+  ret ptr null
+}
+
+define i64 @PyObject_Hash(ptr %one) {
+  ret i64 0
+}
+
+define ptr @PyTuple_Pack(i64 %count, ...) {
+  ret ptr null
+}
+"""
+"""What compiled code asks of Numba's runtime, on memory of the C library. References are counted
+by one thread, since arrays of a solve are its own; arrays that are reshaped are contiguous. The
+texts of exceptions, which only Python could read, are left out."""
+
+_OPTIONS: dict[str, Any] = {
+    "error_model": "numpy",
+    "fastmath": {"contract", "reassoc", "nsz", "arcp"},
+    "nogil": True,
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+}
+
+
+def source(kinds: int) -> str:
+    """Write the function that takes the core's arrays from their table."""
+    place, groups = 0, []
+    for fields in protocol.layout(kinds):
+        arrays = []
+        for kind, dimensions in fields:
+            pointer = f"{'reals' if kind == 'f8' else 'integers'}(table[{place}])"
+            shape = "".join(f"table[{place + 1 + k}], " for k in range(dimensions))
+            arrays.append(f"carray({pointer}, ({shape}))")
+            place += protocol.WORDS
+        groups.append((type(fields).__name__, arrays))
+    (_, plain), head, start, *slots, found, (_, stop) = groups
+    whole = [f"{name}({', '.join(arrays)})" for name, arrays in (head, start, *slots, found)]
+    kinds_of = "".join(f"{one}, " for one in whole[2:-1])
+    arguments = [*plain, *whole[:2], f"({kinds_of})", whole[-1], *stop]
+    return "def solve(table):\n    iterate(" + ",\n        ".join(arguments) + ")\n"
+
+
+def compiled(kinds: int, target: Target) -> bytes:
+    """Compile the core by Numba, for the processor that Numba is set to, which is the target.
+
+    Raises
+    ------
+    WideberthError : Numba is missing or switched off, or does not compile it.
+    """
+    compiler()
+    try:
+        return object_code(_alone(*_by_numba(kinds)), target, optimise=False)
+    except WideberthError:
+        raise
+    except Exception as error:
+        raise WideberthError(
+            f"Numba does not compile the solver ({type(error).__name__}: {error}); take a solver "
+            "that needs no compilation, such as 'fatrop', and report this"
+        ) from error
+
+
+def compiler() -> str:
+    """Names and versions of what compiles.
+
+    Raises
+    ------
+    WideberthError : Numba is missing or switched off.
+    """
+    try:
+        import numba
+        from numba.core import config
+    except ImportError as error:
+        raise WideberthError(
+            f"Numba cannot be imported ({error}); install it again, or take a solver that needs "
+            "no compilation, such as 'fatrop'"
+        ) from error
+    if getattr(config, "DISABLE_JIT", 0):
+        raise WideberthError(
+            "NUMBA_DISABLE_JIT is set, so nothing is compiled; unset it, or take a solver that "
+            "needs no compilation, such as 'fatrop'"
+        )
+    return f"Numba {numba.__version__}, llvmlite {version('llvmlite')}"
+
+
+def _by_numba(kinds: int) -> tuple[str, str]:
+    """LLVM module of the core and all that it calls, optimised; name of the core in it."""
+    import numba
+
+    from . import _core
+
+    tool: Any = numba
+    integers, reals = _pointers()
+    names = {
+        **vars(protocol), "carray": tool.carray, "iterate": _core.solve, "integers": integers,
+        "reals": reals,
+    }  # fmt: skip
+    exec(source(kinds), names)
+    made: Any = tool.njit("void(CPointer(int64))", **_OPTIONS)(names["solve"])
+    (found,) = made.overloads.values()
+    return found.library.get_llvm_str(), found.fndesc.llvm_func_name
+
+
+def _pointers() -> tuple[Any, Any]:
+    """Numba functions that make a pointer of an address, to integers and to numbers."""
+    from numba.core import types as numba_types
+    from numba.extending import intrinsic
+
+    types: Any = numba_types
+
+    def to(kind: Any) -> Any:
+        @intrinsic
+        def pointer(typing: Any, address: Any) -> Any:
+            def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+                return builder.inttoptr(given[0], context.get_value_type(signature.return_type))
+
+            return types.CPointer(kind)(types.int64), generate
+
+        return pointer
+
+    return to(types.int64), to(types.float64)
+
+
+def _alone(text: str, name: str) -> str:
+    """Cut a module down to one function, `objects.ENTRY`, that needs no other part of Numba."""
+    tool = llvm()
+    text = re.sub(rf"@{name}\b", f"@{objects.ENTRY}", text)
+    text = re.sub(r"(\[\d+ x i8\]) c\"[^\"]*\"", r"\1 zeroinitializer", text)
+    text = re.sub(r"(define [^@]*)@(NRT_incref|NRT_decref)\(", r"\1@\2.unused(", text)
+    text += "\ndeclare void @NRT_incref(ptr)\ndeclare void @NRT_decref(ptr)\n"
+    module = tool.parse_assembly(text)
+    module.link_in(tool.parse_assembly(_SUPPORT))
+    defined = [*module.functions, *module.global_variables]
+    for one in defined:
+        if not one.is_declaration and one.name != objects.ENTRY:
+            one.linkage = "internal"
+    manager = tool.create_new_module_pass_manager()
+    manager.add_global_dead_code_eliminate_pass()
+    machine = tool.Target.from_triple(module.triple).create_target_machine()
+    options = tool.create_pipeline_tuning_options()
+    manager.run(module, tool.create_pass_builder(machine, options))
+    kept = [*module.functions, *module.global_variables]
+    for place, one in enumerate(kept):  # Numba's names change from process to process
+        if not one.is_declaration and one.name != objects.ENTRY:
+            one.name = f"part{place}"
+    module.name = "core"
+    # pickled texts are as long as the paths of the files on this machine
+    text = re.sub(r"constant \[\d+ x i8\] zero", "constant [1 x i8] zero", str(module))
+    return re.sub(r"({ ptr @part\d+, i32) \d+,", r"\1 0,", text)
+
+
+def emitted(name: str) -> bytes:
+    """Compile a shipped object, in a process of its own: Numba compiles for one processor.
+
+    For processors of another family, Numba compiles for the oldest of this one, whose vectors are
+    as long as theirs, and LLVM translates that.
+
+    Raises
+    ------
+    WideberthError : this is no x86-64 Linux, or the other process fails.
+    """
+    if not (sys.platform.startswith("linux") and platform.machine() == "x86_64"):
+        raise WideberthError("the shipped objects are made on x86-64 Linux")
+    one = objects.PROCESSORS[name]
+    model = one.target.cpu if one.machine == "x86_64" else "x86-64"
+    settings = {"NUMBA_CPU_NAME": model, "NUMBA_CPU_FEATURES": "", "PYTHONHASHSEED": "0"}
+    ran = subprocess.run(
+        [sys.executable, "-m", f"{__package__}.emit", name],
+        env={**os.environ, **settings}, capture_output=True, check=False,
+    )  # fmt: skip
+    if ran.returncode:
+        raise WideberthError(f"{name} is not compiled: {ran.stderr.decode()}")
+    return ran.stdout
+
+
+def _main() -> None:
+    """Make every shipped object, and say what they were made from."""
+    objects.FOLDER.mkdir(exist_ok=True)
+    made: dict[str, str] = {}
+    with ThreadPoolExecutor() as pool:
+        codes = list(pool.map(emitted, objects.PROCESSORS))
+    for name, code in zip(objects.PROCESSORS, codes, strict=True):
+        made[name] = sha256(code).hexdigest()
+        (objects.FOLDER / f"{name}.o.xz").write_bytes(lzma.compress(code, preset=9))
+    said = {"sources": objects.sources(), "compiler": compiler(), "objects": made}
+    text = json.dumps(said, indent=2) + "\n"
+    (objects.FOLDER / objects.MANIFEST).write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    if len(sys.argv) > 1:
+        sys.stdout.buffer.write(compiled(objects.KINDS, objects.PROCESSORS[sys.argv[1]].target))
+    else:
+        _main()

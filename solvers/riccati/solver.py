@@ -1,0 +1,483 @@
+"""The solver ``riccati``: an interior point along the horizon, as compiled code."""
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from os import cpu_count
+from threading import Timer
+from time import perf_counter
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+
+from ...framework.mpc.ocp.problem import Parameters, Problem
+from ...framework.mpc.ocp.transcription import Guess, Multipliers
+from ...framework.mpc.solver import (
+    CheapestSolver,
+    ManySolver,
+    SizelessSolver,
+    Solution,
+    enters,
+    on_time,
+    refuse_misfits,
+    refuse_unequal,
+    unwrapped,
+)
+from ...framework.values.arrays import Array, positive, whole
+from ...framework.values.errors import WideberthError
+from ...framework.values.plan import Status
+from ..fatrop import Fatrop
+from ..interior_point import (
+    BARRIER_TEST,
+    ITERATIONS,
+    LARGEST_GRADIENT,
+    LONG,
+    LONG_BARRIER,
+    LONG_PENALTY,
+    LONG_TEST,
+    MOST_PENALTY,
+    START_BARRIER,
+    START_DISTANCE,
+    START_PENALTY,
+    TOLERANCE,
+    WARM_DISTANCE,
+)
+from ._protocol import OUTCOME, SETTING, Numbers, Outcomes, Settings
+
+if TYPE_CHECKING:
+    from .compiled import CompiledProblem
+    from .workspace import Entry, Workspace
+
+_STATUS = Outcomes(
+    solved=Status.SOLVED,
+    limit=Status.LIMIT,
+    infeasible=Status.INFEASIBLE,
+    failed=Status.FAILED,
+    stopped=Status.DEADLINE,
+    same=Status.GIVEN_UP,
+    dearer=Status.GIVEN_UP,
+)
+"""What each outcome of the core is called outside."""
+_NAMES = {status: str(status) for status in _STATUS}
+_WHY = {
+    OUTCOME.same: "it leads to the same plan as another",
+    OUTCOME.dearer: "it leads to a dearer plan than another",
+}
+"""Why the core gave a start up."""
+PATIENT_ITERATIONS, PATIENT_PER_STEP, PATIENT_SHARE = 40.0, 1.5, 2.0
+"""Where a plan is known, a further start is given up after the largest of so many iterations, so
+many per step, and so many times those of the quickest solve. In a crowd where no plan keeps all
+regions ``along`` wanders about for 100 iterations in the mean: of 360 such decisions two chose
+another command by more than 0.001 m/s, none by 0.05, in 168 iterations instead of 288."""
+_AT_ONCE = 32
+"""Instances of `Riccati.solve_many` that a thread solves in one call out of Python, at most."""
+
+
+@final
+@dataclass(frozen=True)
+class Riccati(ManySolver, SizelessSolver, CheapestSolver):
+    """Primal-dual interior point whose Newton steps are a Riccati recursion over the horizon.
+
+    Exact Hessians, regularised where the reduced one is not positive definite; a filter line
+    search; regions soft by an exact penalty and, with all that belongs to one obstacle and step,
+    eliminated by hand. It knows a problem by its stage functions alone: derivatives come from
+    CasADi, and all of it is compiled, so an iteration never enters Python.
+
+    Hard regions are held by a penalty as well, which is raised until they are kept: where
+    nothing keeps them, the plan with the smallest violation comes back as ``infeasible``.
+
+    The first solve of a problem compiles for less than a second, later processes load the result.
+    The solver itself is shipped as object code; where that does not fit the processor, Numba
+    compiles it for a minute or two. Where neither is possible (no Numba, or a region with too
+    large an expression), `Fatrop` solves, and `Solution.stand_in` says so. A loop that must not
+    wait for Numba takes `RiccatiLive`.
+
+    Parameters
+    ----------
+    iterations : limit.
+    tolerance : of the optimality conditions, scaled as by IPOPT.
+    start_barrier : first barrier parameter mu; at least 1 over 60 steps or more.
+    start_distance : of the start from its bounds, relative.
+    start_penalty, most_penalty : price of one unit of slack on hard regions, first and highest;
+        over 60 steps or more the first is at least 1e6, or the highest where that is lower.
+    gradient : largest entry of the cost's gradient after scaling.
+    """
+
+    iterations: int = ITERATIONS
+    tolerance: float = TOLERANCE
+    start_barrier: float = START_BARRIER
+    start_distance: float = START_DISTANCE
+    start_penalty: float = START_PENALTY
+    most_penalty: float = MOST_PENALTY
+    gradient: float = LARGEST_GRADIENT
+
+    def __post_init__(self) -> None:
+        whole("riccati.iterations", self.iterations)
+        for name in ("tolerance", "start_barrier", "start_distance", "start_penalty", "gradient"):
+            positive(f"riccati.{name}", getattr(self, name))
+        if not self.most_penalty >= self.start_penalty:
+            raise WideberthError(
+                f"riccati.most_penalty is {self.most_penalty}; wanted at least start_penalty, "
+                f"{self.start_penalty}"
+            )
+
+    def solve(
+        self,
+        problem: Problem,
+        parameters: Parameters,
+        guesses: Sequence[Guess],
+        deadline: float | None = None,
+    ) -> list[Solution]:
+        """Solve from each guess."""
+        return self._each(problem, parameters, guesses, deadline, None, 0.0)
+
+    def solve_cheapest(
+        self,
+        problem: Problem,
+        parameters: Parameters,
+        guesses: Sequence[Guess],
+        known: Sequence[Solution],
+        within: float,
+        deadline: float | None = None,
+    ) -> list[Solution]:
+        """Solve from each guess, but for those that lead to no cheaper plan.
+
+        See `_core.hopeless` and `_Rivals.most` for when a solve is given up.
+        """
+        return self._each(problem, parameters, guesses, deadline, known, within)
+
+    def _each(
+        self,
+        problem: Problem,
+        parameters: Parameters,
+        guesses: Sequence[Guess],
+        deadline: float | None,
+        known: Sequence[Solution] | None,
+        within: float,
+    ) -> list[Solution]:
+        """Solve from each guess; give some up unless ``known`` is None."""
+        begin = perf_counter()
+        refuse_misfits(problem, parameters, [*guesses, *(one.point for one in known or ())])
+        try:
+            made, run = _compiled(problem)
+        except WideberthError as error:
+            return by_fatrop(problem, parameters, guesses, deadline, str(error))
+        solutions: list[Solution] = []
+        with made.workspace(parameters) as space:
+            space.fill(parameters)
+            rivals = None if known is None else _Rivals(space, within)
+            for one in known or ():
+                if rivals is not None and one.status is Status.SOLVED:
+                    rivals.add(one)
+            for guess in guesses:
+                found = self._one(problem, parameters, guess, deadline, space, run, begin, rivals)
+                found = on_time(found, perf_counter() - begin, deadline)
+                solutions.append(found)
+                if rivals is not None and found.status is Status.SOLVED:
+                    rivals.add(found)
+                begin = perf_counter()
+        return solutions
+
+    def solve_many(
+        self,
+        problem: Problem,
+        parameters: Sequence[Parameters],
+        guesses: Sequence[Guess],
+        workers: int | None = None,
+    ) -> list[Solution]:
+        """Solve many instances of one problem, each from its guess, on several cores.
+
+        The compiled solver holds no lock of Python's while it works, so threads suffice; each
+        solves several instances in one call out of Python. Results do not depend on the number of
+        threads, which is that of the cores by default. ``seconds`` of a solution is its share of
+        the time of such a call.
+        """
+        from concurrent.futures import ThreadPoolExecutor
+
+        refuse_unequal(parameters, guesses)
+        try:
+            made, run = _compiled(problem)
+        except WideberthError as error:
+            why = str(error)
+            pairs = zip(parameters, guesses, strict=True)
+            return [by_fatrop(problem, one, [guess], None, why)[0] for one, guess in pairs]
+
+        def part(some: slice) -> list[Solution]:
+            return self._row(problem, parameters[some], guesses[some], made, run)
+
+        count = len(guesses)
+        threads = min(workers or cpu_count() or 1, max(count, 1))
+        share = min(max(1, -(-count // (8 * threads))), _AT_ONCE)
+        pieces = [slice(i, i + share) for i in range(0, count, share)]
+        if threads == 1:
+            return [solution for some in map(part, pieces) for solution in some]
+        with ThreadPoolExecutor(threads) as pool:
+            return [solution for some in pool.map(part, pieces) for solution in some]
+
+    def _row(
+        self,
+        problem: Problem,
+        parameters: Sequence[Parameters],
+        guesses: Sequence[Guess],
+        made: "CompiledProblem",
+        run: "Entry",
+    ) -> list[Solution]:
+        """Solve instances one after the other, in one call of the compiled core."""
+        from .workspace import run_all
+
+        begin, full = perf_counter(), []
+        for one, guess in zip(parameters, guesses, strict=True):
+            refuse_misfits(problem, one, [guess])
+            full.append(with_auxiliaries(one, _with_wrapped_heading(problem, one, guess)))
+        found = []
+        with ExitStack() as lent:
+            spaces = [lent.enter_context(made.workspace(one)) for one in parameters]
+            warm = []
+            for space, one, guess in zip(spaces, parameters, full, strict=True):
+                space.fill(one)
+                warm.append(self._begin(problem, space, guess))
+            run_all(run, spaces)
+            spent = (perf_counter() - begin) / len(spaces)
+            for begun, space, one, guess in zip(warm, spaces, parameters, full, strict=True):
+                since = perf_counter() - spent
+                if begun and _failed(problem, space.ended):
+                    found.append(self._one(problem, one, guess, None, space, run, since, None))
+                else:
+                    found.append(self._result(problem, space, guess, 0, since))
+        return found
+
+    def _one(
+        self,
+        problem: Problem,
+        parameters: Parameters,
+        guess: Guess,
+        deadline: float | None,
+        space: "Workspace",
+        run: "Entry",
+        begin: float,
+        rivals: "_Rivals | None",
+    ) -> Solution:
+        """Call the compiled core and read its result.
+
+        From multipliers that lead nowhere the guess alone is taken.
+        """
+        guess = with_auxiliaries(parameters, _with_wrapped_heading(problem, parameters, guess))
+        before = 0
+        warm = self._begin(problem, space, guess, rivals)
+        self._run(run, space, begin, deadline)
+        if warm and _failed(problem, space.ended):
+            before = int(space.ended.iterations)
+            self._begin(problem, space, replace(guess, multipliers=None), rivals)
+            self._run(run, space, begin, deadline)
+        cut = None if rivals is None else rivals.most
+        return self._result(problem, space, guess, before, begin, cut)
+
+    def _begin(
+        self,
+        problem: Problem,
+        space: "Workspace",
+        guess: Guess,
+        rivals: "_Rivals | None" = None,
+    ) -> bool:
+        """Fill in a guess; return whether the core starts from multipliers."""
+        multipliers = guess.multipliers
+        warm = multipliers is not None and space.take(multipliers)
+        settings = self.settings_for(problem, guess, warm=warm)
+        if rivals is not None:
+            rivals.write(settings)
+        space.begin(settings, guess)
+        return warm
+
+    def _result(
+        self,
+        problem: Problem,
+        space: "Workspace",
+        guess: Guess,
+        before: int,
+        begin: float,
+        cut: float | None = None,
+    ) -> Solution:
+        """Read what the core found, after so many iterations of an earlier try.
+
+        Where ``cut`` is below the limit of iterations, a solve that reached it is given up. What
+        is given up keeps its guess.
+        """
+        ended, found = space.ended, space.found
+        status, cost, known = _status_of(problem, ended), ended.cost, None
+        if status is Status.LIMIT and cut is not None and cut < self.iterations:
+            status = Status.GIVEN_UP
+        if status is Status.GIVEN_UP:
+            words, spent = _words(status, ended), perf_counter() - begin
+            return Solution(guess, status, words, cost, before + int(ended.iterations), spent)
+        states, inputs, slack = found.states.copy(), found.inputs.copy(), found.slack.copy()
+        own = tuple(array.copy() for array in space.own)
+        if problem.penalty is not None:
+            cost += problem.penalty * float(slack.sum())
+        if _STATUS[int(ended.status)] is Status.SOLVED:
+            known = Multipliers(
+                found.multipliers.copy(), tuple(array.copy() for array in space.after)
+            )
+        level = ended.level if problem.shared else float("nan")
+        words, spent = _words(status, ended), perf_counter() - begin
+        point = Guess(states, inputs, own, level, slack, known)
+        return Solution(point, status, words, cost, before + int(ended.iterations), spent)
+
+    def _run(self, run: "Entry", space: "Workspace", begin: float, deadline: float | None) -> None:
+        """Call the compiled core on what the arrays hold."""
+        if deadline is None:
+            space.run(run)
+        else:
+            _until(begin + deadline, run, space)
+
+    def settings_for(self, problem: Problem, guess: Guess, *, warm: bool = False) -> Array:
+        """Collect the settings of the compiled core, by the names of `_protocol.Settings`.
+
+        ``warm`` says whether multipliers are given.
+        """
+        settings = _settings_of(self, problem).copy()
+        if problem.shared:
+            settings[SETTING.guess] = guess.level
+        if warm:
+            settings[SETTING.warm], settings[SETTING.push] = 1.0, WARM_DISTANCE
+            settings[SETTING.test] = BARRIER_TEST  # the start is near, whatever the horizon
+        return settings
+
+
+class _Rivals:
+    """Plans from other starts, of which a solve in a workspace is told.
+
+    Parameters
+    ----------
+    space : the arrays of these solves.
+    within : how near to a plan another start leads to the same one.
+    """
+
+    def __init__(self, space: "Workspace", within: float) -> None:
+        self._space, self._within = space, within
+        self._count, self._best, self._fewest = 0, np.inf, np.inf
+
+    def add(self, solution: Solution) -> None:
+        """Take note of a plan; those beyond the first `MOST_PLANS` are no longer compared with.
+
+        Who enters regions makes no other start too dear.
+        """
+        self._count = self._space.note(solution.point, self._count)
+        self._fewest = min(self._fewest, float(solution.iterations))
+        if not enters(solution):
+            self._best = min(self._best, solution.cost)
+
+    @property
+    def most(self) -> float:
+        """Iterations after which a start is given up; infinite where no plan is known."""
+        steps = len(self._space.found.inputs)
+        patient = max(PATIENT_ITERATIONS, PATIENT_PER_STEP * steps)
+        return max(patient, PATIENT_SHARE * self._fewest)
+
+    def write(self, settings: Array) -> None:
+        """Tell the next solve of all plans."""
+        settings[SETTING.plans], settings[SETTING.best] = self._count, self._best
+        settings[SETTING.within] = self._within
+        settings[SETTING.iterations] = min(settings[SETTING.iterations], np.floor(self.most))
+
+
+def by_fatrop(
+    problem: Problem,
+    parameters: Parameters,
+    guesses: Sequence[Guess],
+    deadline: float | None,
+    why: str,
+) -> list[Solution]:
+    """Solve by `Fatrop`; every solution says so, and why."""
+    found = Fatrop().solve(problem, parameters, guesses, deadline)
+    return [replace(one, stand_in=f"fatrop, since {why}") for one in found]
+
+
+@lru_cache(maxsize=8)
+def _settings_of(solver: Riccati, problem: Problem) -> Array:
+    """Return the settings of the core for a problem, whatever the guess."""
+    price = highest = problem.penalty
+    long = problem.horizon >= LONG
+    if price is None or highest is None:
+        price, highest = solver.start_penalty, solver.most_penalty
+        price = min(max(price, LONG_PENALTY), highest) if long else price
+    settings = Settings(
+        iterations=solver.iterations,
+        tolerance=solver.tolerance,
+        barrier=max(solver.start_barrier, LONG_BARRIER) if long else solver.start_barrier,
+        test=LONG_TEST if long else BARRIER_TEST,
+        push=solver.start_distance,
+        penalty=price,
+        most_penalty=highest,
+        gradient=solver.gradient,
+        minimum=problem.minimum if problem.shared else -np.inf,
+        guess=0.0,
+        warm=0.0,
+        plans=0.0,
+        best=np.inf,
+        within=0.0,
+    )
+    return np.array(settings)
+
+
+@lru_cache(maxsize=8)
+def _compiled(problem: Problem) -> "tuple[CompiledProblem, Entry]":
+    """Kernels of a problem and the core; the latest problems are looked up by identity."""
+    from .compiled import compiled_problem, core
+
+    made = compiled_problem(problem)
+    return made, core(len(made.kinds))
+
+
+def _failed(problem: Problem, ended: Numbers) -> bool:
+    """Whether a solve from multipliers led nowhere, so that the guess alone is tried."""
+    fine = Status.SOLVED, Status.DEADLINE, Status.GIVEN_UP
+    return _status_of(problem, ended) not in fine
+
+
+def _status_of(problem: Problem, ended: Numbers) -> Status:
+    """How the core ended; where regions are soft, slack that is left is paid for."""
+    status = _STATUS[int(ended.status)]
+    paid = problem.penalty is not None and status is Status.INFEASIBLE
+    return Status.SOLVED if paid else status
+
+
+def _with_wrapped_heading(problem: Problem, parameters: Parameters, guess: Guess) -> Guess:
+    """Wrap the initial heading unless it is within pi of that of x_0."""
+    where = problem.heading
+    if where is None or abs(guess.states[0, where] - parameters.initial[where]) <= np.pi:
+        return guess
+    return unwrapped(problem, parameters, guess)
+
+
+def with_auxiliaries(parameters: Parameters, guess: Guess) -> Guess:
+    """Add the auxiliaries that the regularisation draws to where the guess has none."""
+    drawn = [one.auxiliaries for one in parameters.slots]
+    if [one.shape for one in guess.auxiliaries] == [one.shape for one in drawn]:
+        return guess
+    pairs = zip(guess.auxiliaries or drawn, drawn, strict=True)
+    found = [one if one.shape == other.shape else other for one, other in pairs]
+    own = tuple(found)
+    return Guess(guess.states, guess.inputs, own, guess.level, guess.slack, guess.multipliers)
+
+
+def _until(end: float, run: "Entry", space: "Workspace") -> None:
+    """Run, and ask the core to stop at a time; another thread sets the flag that it looks at."""
+    stop = np.zeros(1)  # of this call alone: the other thread may be late
+    timer = Timer(max(end - perf_counter(), 0.0), stop.fill, (1.0,))
+    timer.daemon = True
+    timer.start()
+    try:
+        space.run(run, stop)
+    finally:
+        timer.cancel()
+
+
+def _words(status: Status, ended: Numbers) -> str:
+    """How the solve ended, in words."""
+    if status is Status.INFEASIBLE:
+        return "no plan keeps every region; this one enters them least, as far as was found"
+    words = f"{_NAMES[status]} after {ended.iterations:.0f} iterations"
+    if status is Status.GIVEN_UP:
+        return f"{words}: {_WHY.get(int(ended.status), 'it takes far longer than another')}"
+    return f"{words}, error {ended.error:.1e}"

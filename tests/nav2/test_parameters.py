@@ -1,0 +1,141 @@
+"""Parameters are checked where they come in: kind, range, and the work that they ask for."""
+
+from dataclasses import fields
+from math import inf, nan
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wideberth.framework.values.errors import WideberthError
+from wideberth.nav2.controllers import dwb_critics
+from wideberth.nav2.controllers.collision_arc import collision_arc
+from wideberth.nav2.controllers.dwb import DWB
+from wideberth.nav2.controllers.graceful import Graceful
+from wideberth.nav2.controllers.mppi import CRITICS, MPPI
+from wideberth.nav2.controllers.regulated_pure_pursuit import RegulatedPurePursuit
+from wideberth.nav2.controllers.rotation_shim import RotationShim
+from wideberth.nav2.controllers.teb import TEB
+from wideberth.nav2.controllers.vector_pursuit import VectorPursuit
+from wideberth.nav2.goal_checker import GoalChecker
+from wideberth.nav2.path_handler import PathHandler
+from wideberth.nav2.server.progress_checker import ProgressChecker
+from wideberth.nav2.server.recoveries import Recoveries
+from wideberth.nav2.server.settings import Settings
+from wideberth.nav2.server.velocity_smoother import VelocitySmoother
+from wideberth.tests.nav2 import (
+    golden_graceful,
+    golden_regulated_pure_pursuit,
+    golden_vector_pursuit,
+)
+from wideberth.tests.nav2.ticks import Scripted, straight, tick
+
+KINDS: list[type] = [
+    RegulatedPurePursuit, VectorPursuit, Graceful, DWB, MPPI, TEB, RotationShim, GoalChecker,
+    ProgressChecker, PathHandler, Recoveries, VelocitySmoother, *CRITICS.values(),
+    *dwb_critics.CRITICS.values(),
+]  # fmt: skip
+
+
+def others(kind: type) -> dict[str, Any]:
+    """What a class needs beside its parameters."""
+    return {"primary": Scripted()} if kind is RotationShim else {}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_parameter_is_of_its_kind(kind: type) -> None:
+    tried = 0
+    for one in fields(kind):
+        wrong: list[Any] = []
+        if one.type in (int, float):
+            wrong = ["a", nan, inf, True]
+        elif one.type is bool:
+            wrong = ["true", 2]
+        elif one.type is str:
+            wrong = [1]
+        if one.type is int:
+            wrong.append(1.5)
+        for value in wrong if one.init else []:
+            with pytest.raises(WideberthError, match=rf"{one.name} is .*wanted"):
+                kind(**others(kind), **{one.name: value})
+            tried += 1
+    assert tried
+
+
+def test_a_number_becomes_what_its_annotation_says() -> None:
+    made = MPPI(batch_size=20.0, vx_max=1)  # type: ignore[arg-type]
+    assert type(made.batch_size) is int and type(made.vx_max) is float
+    smoother = VelocitySmoother(max_velocity=[1, 0, 2])  # type: ignore[arg-type]
+    assert smoother.max_velocity == (1.0, 0.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "given", "message"),
+    [
+        (dwb_critics.PathDist, {"aggregation_type": "Last"}, "'last', 'sum' or 'product'"),
+        (VelocitySmoother, {"feedback": "open"}, "'OPEN_LOOP' or 'CLOSED_LOOP'"),
+        (VelocitySmoother, {"max_accel": [1.0, 2.0]}, "wanted 3 numbers"),
+        (VelocitySmoother, {"max_accel": ["a", 0.0, 0.0]}, r"max_accel\[0\] is 'a'"),
+        (CRITICS["CostCritic"], {"trajectory_point_step": 0}, "at least 1"),
+        (CRITICS["PathAlignCritic"], {"trajectory_point_step": 0}, "at least 1"),
+        (CRITICS["PathFollowCritic"], {"offset_from_furthest": -1}, "at least 0"),
+        (PathHandler, {"max_robot_pose_search_dist": "far"}, "wanted a number"),
+    ],
+)
+def test_values_out_of_range_are_refused(kind: type, given: dict[str, Any], message: str) -> None:
+    with pytest.raises(WideberthError, match=message):
+        kind(**given)
+
+
+@pytest.mark.parametrize(
+    ("kind", "given"),
+    [
+        (Graceful, {"footprint_scaling_step": 1e-6, "v_linear_max": 0.7}),
+        (Graceful, {"final_rotation_search_step": 1e-5}),
+        (Graceful, {"in_place_collision_resolution": 1e-6}),
+        (RotationShim, {"simulate_ahead_time": 1e7}),
+        (Recoveries, {"simulate_ahead_time": 1e7}),
+        (MPPI, {"batch_size": 10**9}),
+        (DWB, {"angular_granularity": 1e-9, "max_vel_theta": 1.0}),
+        (DWB, {"discretize_by_time": True, "time_granularity": 1e-9}),
+        (DWB, {"vx_samples": 10**9}),
+        (TEB, {"no_inner_iterations": 10**9}),
+    ],
+)
+def test_work_without_bound_is_refused(kind: type, given: dict[str, Any]) -> None:
+    with pytest.raises(WideberthError, match=r"steps per tick; wanted at most"):
+        kind(**others(kind), **given)
+
+
+def test_names_without_effect_and_old_ones_are_known_to_every_adapter() -> None:
+    stopping = {"use_cancel_deceleration": True, "cancel_deceleration": 3.2}
+    found = golden_regulated_pure_pursuit.controller_of(
+        {"params": {**stopping, "desired_linear_vel": 0.3}}
+    )
+    assert found.max_linear_vel == 0.3
+    turned = golden_graceful.controller_of({"params": {"min_lookahead": 0.25, "lambda": 1.5}})
+    assert turned.lambda_ == 1.5
+    screw = {"transform_tolerance": 0.1, "desired_linear_vel": 0.2}
+    assert golden_vector_pursuit.controller_of({"params": screw}).desired_linear_vel == 0.2
+
+
+def test_an_arc_ends_after_a_whole_turn() -> None:
+    for speed, turning in ((0.0, 1.8), (1e-9, -0.5), (0.3, 2.0)):
+        poses, hit = collision_arc(tick(straight(1.0)), speed, turning, 2e4, 9.0)
+        assert not hit
+        turned = abs(poses[-1, 2] - poses[0, 2])
+        step = abs(poses[1, 2] - poses[0, 2])
+        assert 2.0 * np.pi < turned + step and turned <= 2.0 * np.pi + step
+    ahead, _ = collision_arc(tick(straight(1.0)), 0.5, 0.0, 2e4, 1.0)
+    assert ahead[-1, 0] == pytest.approx(1.0, abs=0.051)
+
+
+def test_wrong_numbers_of_a_file_are_refused_before_the_first_tick() -> None:
+    for local, name in (
+        ("regulated_pure_pursuit", "rotate_to_heading_min_angle"), ("graceful", "k_phi"),
+        ("vector_pursuit", "max_linear_accel"), ("dwb", "PathDist.scale"),
+    ):  # fmt: skip
+        with pytest.raises(WideberthError, match=f"{name} is 'a'; wanted a number"):
+            Settings(local, {name: "a"})
+    with pytest.raises(WideberthError, match="wanted a number"):
+        Settings(velocity_smoother={"max_velocity": ["a", 0.0, 1.0]})

@@ -1,0 +1,105 @@
+"""A node with paths of a topic, and `follow_path`: at the end of the path the robot stands."""
+
+import pathlib
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wideberth.controllers import Planner
+from wideberth.experiments.cli.ros_node import read_node
+from wideberth.framework.values.footprint import Outline
+from wideberth.framework.values.path import Path
+from wideberth.robots import Bicycle, Unicycle
+from wideberth.ros.following import Code, Follower, Following
+from wideberth.ros.node import ARRIVED
+from wideberth.ros.ways import Arrival, PathTopic
+from wideberth.tests.ros import test_node
+from wideberth.tests.ros.test_goal_heading import Drive
+from wideberth.tests.ros.test_node import Scripted
+
+EXAMPLE = pathlib.Path(__file__).parents[2] / "examples" / "node.yaml"
+NEAR = 0.25
+WAY = ((0.0, 0.0), (3.0, 0.0))
+CORNERS = ((0.4, 0.2), (-0.4, 0.2), (-0.4, -0.2), (0.4, -0.2))
+
+
+def test_a_controller_that_never_brakes_stands_at_the_end() -> None:
+    loop = Drive(Scripted(), follows=PathTopic())
+    loop.path(points=WAY)
+    sent = loop.until("waiting for a path")
+    assert sent[:, 0].max() == pytest.approx(0.5) and (sent[-1] == 0.0).all()
+    assert np.linalg.norm(loop.pose[:2] - WAY[-1]) <= NEAR
+    loop.path(points=((3.0, 0.0), (9.0, 0.0)))
+    for _ in range(30):
+        loop.move()
+    assert loop.node.status == "driving" and loop.pose[0] > 3.3
+
+
+def test_the_same_path_once_more_does_not_wake_a_robot_that_is_there() -> None:
+    loop = Drive(Scripted(), follows=PathTopic())
+    for k in range(200):
+        if k % 20 == 0:
+            loop.path(points=WAY)
+        loop.move()
+    assert np.linalg.norm(loop.pose[:2] - WAY[-1]) <= NEAR and not loop.motion.any()
+
+
+def test_a_path_that_passes_its_own_end_is_followed_to_the_end() -> None:
+    """Round a square, and over its first side once more."""
+    way = Path(np.array([(0, 0), (2, 0), (2, 2), (0, 2), (0, 0), (1, 0)], float))
+    arrival = Arrival(NEAR)
+    for arc in np.arange(0.0, way.length - NEAR - 0.01, 0.05):
+        assert not arrival.look(way, way.at(np.array([arc]))[0])
+    assert arrival.look(way, way.goal)
+    beside = np.array([0.0, NEAR])
+    assert arrival.look(way, way.goal + 1.9 * beside)
+    assert not arrival.look(way, way.goal + 2.1 * beside)
+    assert not arrival.look(way, np.array([1e300, np.nan]))
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [test_node.ROBOT, Bicycle(radius=0.3), Unicycle(radius=0.5, footprint=Outline(CORNERS))],
+    ids=["disc", "car", "box"],
+)  # fmt: skip
+def test_a_path_without_a_heading_ends_with_a_robot_that_stands(
+    robot: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The controller never brakes; at the end the node does."""
+    monkeypatch.setattr(test_node, "ROBOT", robot)
+    loop = Drive(Scripted(), follows=None)
+    loop.move()
+    follower = Follower(loop.node, Following(), loop.now)
+    assert follower.begin("odom", np.array(WAY)) is None
+    end, said = None, set()
+    for _ in range(400):
+        loop.move()
+        end = follower.step(loop.now)
+        said.add(loop.node.status)
+        if end is not None:
+            break
+    assert end is not None and end.code is Code.NONE, end
+    assert np.linalg.norm(loop.pose[:2] - WAY[-1]) <= 2.0 * NEAR and ARRIVED in said
+
+
+def test_the_shipped_example_stands_at_the_end_of_its_path(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """At once, and close to it; it used to run 0.6 m past the end and to circle it."""
+    planner, settings = read_node(EXAMPLE, ["node.sees=null"])
+    assert isinstance(planner, Planner)
+    monkeypatch.setattr(test_node, "ROBOT", planner.robot)
+    loop = Drive(planner, follows=settings.follows, sees=None)  # type: ignore[arg-type]
+    loop.move(people=False)
+    end = np.array([6.0, 0.0])
+    loop.path(points=((0.0, 0.0), tuple(end)))
+    near, past = np.inf, 0.0
+    for k in range(500):
+        sent = loop.move(people=False)
+        past = max(past, float(loop.pose[0] - end[0]))
+        near = min(near, k) if np.linalg.norm(loop.pose[:2] - end) <= NEAR else near
+        if loop.node.status == "waiting for a path" and not sent.any():
+            break
+    assert near < k <= near + 3.0 / 0.05
+    assert np.linalg.norm(loop.pose[:2] - end) <= NEAR and past <= 0.2

@@ -1,0 +1,492 @@
+"""A planner on the network: what it does when others fall silent, lie, or come again."""
+
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from threading import Thread
+from time import sleep
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wideberth import Command, Observation, Path, WideberthError
+from wideberth.framework.controller import Controller
+from wideberth.framework.values.errors import WideberthError as Refused
+from wideberth.robots import Unicycle
+from wideberth.ros.messages import messages
+from wideberth.ros.node import PlannerNode
+from wideberth.ros.node_settings import NodeSettings
+from wideberth.ros.priority import urgent
+from wideberth.ros.sight import ObstacleTopic, ScanTopic
+from wideberth.ros.ways import GoalTopic, MapTopic, PathTopic
+from wideberth.tests.helpers.bags import header, obstacles, odometry, transform, vector
+
+pytest.importorskip("rosbags", reason="pip install 'wideberth[ros]'")
+
+ROBOT = Unicycle(radius=0.3, max_yaw_rate=1.0, max_yaw_acceleration=1.0)
+STEP = 0.05
+"""s between two commands."""
+EPOCH = 1000.0
+
+
+@dataclass
+class Wire:
+    """A topic of a network that is not there."""
+
+    kind: str
+    refused: int = 0
+    heard: bool = True
+    come: list[Any] = field(default_factory=list)
+    gone: list[Any] = field(default_factory=list)
+
+    def take(self) -> Iterable[Any]:
+        found, self.come = self.come, []
+        return found
+
+    def send(self, message: Any) -> None:
+        messages().to_bytes(message)
+        self.gone.append(message)
+
+
+@dataclass
+class Network:
+    """All topics by name."""
+
+    known: Any = field(default_factory=messages)
+    wires: dict[str, Wire] = field(default_factory=dict)
+
+    def publisher(self, topic: str, kind: str, **_: Any) -> Wire:
+        return self.wires.setdefault(topic, Wire(kind))
+
+    subscriber = publisher
+
+
+@dataclass
+class Scripted(Controller):
+    """A controller that wants one speed and notes what it sees."""
+
+    speed: float = 0.5
+    rate: float = 0.0
+    period: float = 0.2
+    raises: bool = False
+    seen: list[Observation] = field(default_factory=list)
+    paths: list[Path] = field(default_factory=list)
+    told: list[Observation] = field(default_factory=list)
+    """What it was to remember."""
+    plan = None
+
+    def reset(self) -> None: ...
+
+    def set_path(self, path: Path) -> None:
+        self.paths.append(path)
+
+    def remember(self, observation: Observation) -> None:
+        self.told.append(observation)
+
+    def command(self, observation: Observation) -> Command:
+        self.seen.append(observation)
+        if self.raises:
+            raise RuntimeError("no")
+        return Command((self.speed, 0.0), self.rate)
+
+
+class Loop:
+    """A node with a clock of its own, and a robot that does as it is told."""
+
+    def __init__(self, controller: Scripted | None = None, **settings: Any) -> None:
+        self.now = 5.0
+        self.network = Network()
+        self.controller = controller or Scripted()
+        self.node = self.make(settings)
+        self.settings = settings
+        self.shift = 0.0
+        """s, by which the robot's clock is wrong."""
+        self.motion = np.zeros(3)
+
+    def make(self, settings: Any) -> PlannerNode:
+        return PlannerNode(
+            self.controller, ROBOT, NodeSettings(**settings), self.network, lambda: self.now
+        )
+
+    def come(self, topic: str, message: Any) -> None:
+        self.network.wires[topic].come.append(message)
+
+    def stamp(self) -> float:
+        return EPOCH + self.now + self.shift
+
+    def path(self, frame: str = "odom", points: Any = ((0, 0), (9, 0))) -> None:
+        known = messages()
+        poses = [
+            known.make(
+                "geometry_msgs/msg/PoseStamped",
+                pose=known.make("geometry_msgs/msg/Pose", position=vector("Point", *place)),
+            )
+            for place in points
+        ]
+        stamp = header(self.stamp(), frame)
+        self.come("/plan", known.make("nav_msgs/msg/Path", header=stamp, poses=poses))
+
+    def turn(self, *, odom: bool = True, people: bool = True, decide: bool = True) -> Any:
+        """One period; return what was sent, (m/s, rad/s), or None."""
+        if odom:
+            self.come("/odom", odometry(self.stamp(), (0, 0, 0), self.motion))
+        if people:
+            self.come("/obstacles", obstacles(self.stamp(), [(5.0, 1.0)], "odom"))
+        self.node.listen()
+        if decide:
+            self.node.decide()
+        gone = self.network.wires["/cmd_vel"].gone
+        before = len(gone)
+        self.node.speak()
+        self.now += STEP
+        if len(gone) == before:
+            return None
+        twist = gone[-1].twist if hasattr(gone[-1], "twist") else gone[-1]
+        self.motion = np.array([twist.linear.x, twist.linear.y, twist.angular.z])
+        return twist.linear.x, twist.angular.z
+
+    def drive(self, count: int, **how: bool) -> np.ndarray:
+        return np.array([self.turn(**how) for _ in range(count)], dtype=float)
+
+
+def within_limits(sent: np.ndarray, first: tuple[float, float] = (0.0, 0.0)) -> None:
+    """Check speeds, and the steps between them."""
+    assert (np.abs(sent) <= [ROBOT.max_speed + 1e-9, ROBOT.max_yaw_rate + 1e-9]).all()
+    step = np.abs(np.diff(np.vstack([first, sent]), axis=0)) / STEP
+    assert (step <= [ROBOT.max_acceleration + 1e-6, ROBOT.max_yaw_acceleration + 1e-6]).all()
+
+
+def test_it_waits_until_it_knows_enough() -> None:
+    loop = Loop()
+    assert loop.turn(odom=False, people=False) is None
+    assert loop.node.status == "waiting for odometry"
+    assert loop.turn(people=False) is None and loop.node.status == "waiting for obstacles"
+    assert loop.turn() is None and loop.node.status == "waiting for a path"
+    loop.path()
+    sent = loop.drive(30)
+    assert loop.node.status == "driving" and sent[-1, 0] == pytest.approx(0.5)
+    within_limits(sent)
+
+
+def test_commands_never_pass_the_limits_whatever_is_wanted() -> None:
+    rng = np.random.default_rng(1)
+    loop = Loop()
+    loop.path()
+    sent = []
+    for _ in range(400):
+        loop.controller.speed, loop.controller.rate = rng.normal(0.0, 100.0, 2)
+        if rng.random() < 0.05:
+            loop.controller.speed = np.nan
+        sent.append(loop.turn(decide=rng.random() < 0.5))
+    found = np.array(sent, dtype=float)
+    assert np.isfinite(found).all()
+    within_limits(found)
+
+
+@pytest.mark.parametrize("silent", ["odom", "people", "decide"])
+def test_it_brakes_when_somebody_falls_silent_and_goes_on_after(silent: str) -> None:
+    loop = Loop()
+    loop.path()
+    before = loop.drive(40)
+    quiet = loop.drive(50, **{silent: False})
+    after = loop.drive(40)
+    assert before[-1, 0] == pytest.approx(0.5) == after[-1, 0]
+    assert quiet[5, 0] == pytest.approx(0.5) and quiet[-1, 0] == 0.0
+    within_limits(np.vstack([before, quiet, after]))
+
+
+def test_an_empty_path_stops_and_a_new_one_starts() -> None:
+    loop = Loop()
+    loop.path()
+    loop.drive(40)
+    loop.path(points=())
+    assert loop.drive(40)[-1, 0] == 0.0 and loop.node.status == "waiting for a path"
+    loop.path(points=((0, 0), (0, 5)))
+    assert loop.drive(40)[-1, 0] == pytest.approx(0.5)
+    assert [one.points.tolist() for one in loop.controller.paths] == [
+        [[0, 0], [9, 0]], [[0, 0], [0, 5]]
+    ]  # fmt: skip
+
+
+def test_the_same_path_again_changes_nothing() -> None:
+    loop = Loop()
+    for _ in range(5):
+        loop.path()
+        loop.drive(3)
+    assert len(loop.controller.paths) == 1
+
+
+def test_a_controller_that_raises_brakes_the_robot() -> None:
+    loop = Loop()
+    loop.path()
+    loop.drive(40)
+    loop.controller.raises = True
+    sent = loop.drive(40)
+    assert sent[-1, 0] == 0.0 and "the controller failed: 'no'" in loop.node.status
+    assert loop.node.counts.failures == 40
+
+
+def test_a_path_that_the_controller_did_not_take_is_handed_to_it_again() -> None:
+    class Refusing(Scripted):
+        def set_path(self, path: Path) -> None:
+            super().set_path(path)
+            if len(self.paths) in (2, 3):
+                raise RuntimeError("not now")
+
+    loop = Loop(Refusing())
+    loop.path()
+    loop.drive(3)
+    loop.path(points=((0, 0), (0, 5)))
+    for _ in range(2):
+        loop.turn()
+        assert loop.node.status == "the controller failed: 'not now'"
+    loop.drive(3)
+    assert loop.node.status == "driving"
+    ends = [one.points[-1].tolist() for one in loop.controller.paths]
+    assert ends == [[9, 0], [0, 5], [0, 5], [0, 5]]
+
+
+def test_a_node_that_starts_again_goes_on_at_the_speed_of_the_robot() -> None:
+    loop = Loop()
+    loop.path()
+    before = loop.drive(40)
+    loop.network.wires["/cmd_vel"].gone.clear()
+    loop.node = loop.make(loop.settings)
+    loop.path()
+    after = loop.drive(40)
+    within_limits(np.vstack([before, after]))
+    assert after[-1, 0] == pytest.approx(0.5)
+
+
+def test_after_a_pause_it_goes_on_at_the_speed_of_the_robot() -> None:
+    loop = Loop()
+    loop.path()
+    loop.drive(40)
+    loop.now += 1.0  # the computer was busy, and the robot braked by itself
+    loop.motion = np.array([0.1, 0.0, 0.0])
+    within_limits(loop.drive(40), (0.1, 0.0))
+
+
+def test_a_clock_that_jumps_changes_nothing() -> None:
+    loop = Loop()
+    loop.path()
+    loop.drive(20)
+    for shift in (1e6, -1e3, 0.0):
+        loop.shift = shift
+        sent = loop.drive(20)
+        assert sent[-1, 0] == pytest.approx(0.5)
+    stamps = [one.stamp for one in loop.controller.seen]
+    np.testing.assert_allclose(np.diff(stamps), STEP, atol=1e-9)
+    assert max(one.age for seen in loop.controller.seen for one in seen.detections) < 0.01
+
+
+def test_only_one_clock_of_two_jumps() -> None:
+    loop = Loop()
+    loop.path()
+    loop.drive(3)
+    loop.come("/odom", odometry(EPOCH - 500.0, (0, 0, 0), (0, 0, 0)))
+    loop.come("/obstacles", obstacles(EPOCH + loop.now, [(5.0, 1.0)], "odom"))
+    loop.node.listen()
+    loop.node.decide()
+    assert loop.controller.seen[-1].detections[0].age == 0.0
+
+
+def test_obstacles_come_into_the_frame_of_odometry() -> None:
+    loop = Loop()
+    loop.path()
+    loop.turn()
+    loop.come("/tf", transform(EPOCH, "odom", "base_link", (2.0, 1.0, np.pi / 2)))
+    loop.come("/tf_static", transform(EPOCH, "base_link", "lidar", (0.5, 0.0, 0.0)))
+    loop.come("/obstacles", obstacles(loop.stamp(), [(1.0, 0.0), (0.0, 1.0)], "lidar"))
+    loop.turn(people=False)
+    places = [one.position for one in loop.controller.seen[-1].detections]
+    np.testing.assert_allclose(sorted(map(tuple, places)), [(1.0, 1.5), (2.0, 2.5)], atol=1e-9)
+
+
+def test_without_tf_the_odometry_itself_places_what_the_robot_sees() -> None:
+    loop = Loop()
+    loop.path()
+    loop.come("/tf_static", transform(EPOCH, "base_link", "lidar", (0.5, 0.0, 0.0)))
+    loop.come("/odom", odometry(loop.stamp(), (2.0, 1.0, np.pi / 2), (0, 0, 0)))
+    loop.come("/obstacles", obstacles(loop.stamp(), [(1.0, 0.0)], "lidar"))
+    loop.node.listen()
+    loop.node.decide()
+    np.testing.assert_allclose(
+        loop.controller.seen[-1].detections[0].position, (2.0, 2.5), atol=1e-9
+    )
+
+
+@pytest.mark.parametrize("driven", [0, 20])
+def test_it_brakes_where_obstacles_cannot_be_placed(driven: int) -> None:
+    loop = Loop()
+    loop.path()
+    loop.drive(driven)
+    for _ in range(40):
+        loop.come("/obstacles", obstacles(loop.stamp(), [(5.0, 1.0)], "moon"))
+        sent = loop.turn(people=False)
+    assert sent is None or sent[0] == 0.0
+    reason = "no motion connects 'moon' with odometry"
+    assert loop.node.status == f"obstacles cannot be placed: {reason}"
+    assert loop.node.counts.refused == 40
+    assert all(len(one.detections) == 1 for one in loop.controller.seen)
+    assert loop.drive(20)[-1, 0] == pytest.approx(0.5) and loop.node.status == "driving"
+
+
+def test_a_path_comes_into_the_frame_of_odometry() -> None:
+    loop = Loop()
+    loop.come("/tf", transform(EPOCH, "map", "odom", (1.0, 0.0, np.pi / 2)))
+    loop.turn()
+    loop.path("map", ((1.0, 0.0), (1.0, 4.0)))
+    loop.drive(3)
+    np.testing.assert_allclose(loop.controller.paths[0].points, [(0, 0), (4, 0)], atol=1e-9)
+    loop.path("moon")
+    loop.drive(3)
+    assert loop.node.counts.refused == 1 and len(loop.controller.paths) == 1
+
+
+def test_messages_full_of_nonsense_do_not_stop_it() -> None:
+    rng = np.random.default_rng(2)
+    known = messages()
+    loop = Loop()
+    loop.path()
+    loop.turn()
+    nasty = [np.nan, np.inf, -np.inf, 1e300, -1e-300, 0.0]
+    wires = {"/odom": odometry(0.0, (0, 0, 0), (0, 0, 0)), "/obstacles": obstacles(0.0, [(1, 1)]),
+             "/tf": transform(0.0, "odom", "base_link", (0, 0, 0))}  # fmt: skip
+    for k in range(600):
+        topic = list(wires)[k % 3]
+        data = bytearray(known.to_bytes(wires[topic]))
+        for _ in range(int(rng.integers(1, 6))):
+            place = int(rng.integers(4, len(data) - 8))
+            data[place : place + 8] = np.float64(rng.choice(nasty)).tobytes()
+        try:
+            loop.come(topic, known.read(wires[topic].__msgtype__, bytes(data)))
+        except WideberthError:
+            continue
+        loop.node.listen()
+        loop.node.decide()
+        loop.node.speak()
+    for _ in range(60):  # whatever was said, the right thing is done again
+        loop.turn()
+    within_limits(loop.drive(20), tuple(loop.motion[[0, 2]]))
+
+
+def test_it_shows_plans_and_says_how_it_is() -> None:
+    from wideberth import build
+    from wideberth.framework.plugins.yamlfile import shared_settings
+
+    planner = build("controllers", shared_settings("recommended") | {"robot": ROBOT})
+    loop = Loop(planner, stamped=False)  # type: ignore[arg-type]
+    loop.path()
+    loop.drive(2)
+    loop.node.show()
+    loop.node.report()
+    (plan,) = loop.network.wires["/wideberth/plan"].gone
+    assert len(plan.poses) == 16 and plan.header.frame_id == "odom"
+    assert len(loop.network.wires["/wideberth/regions"].gone[0].markers) > 1
+    assert len(loop.network.wires["/wideberth/forecast"].gone[0].markers) > 1
+    (found,) = loop.network.wires["/diagnostics"].gone[0].status
+    assert (found.level, found.message) == (0, "driving")
+    assert loop.network.wires["/cmd_vel"].kind == "geometry_msgs/msg/Twist"
+
+
+@pytest.mark.parametrize(
+    ("given", "cause"),
+    [
+        ({"domain": -1}, "node.domain"),
+        ({"rate": 0.0}, "node.rate"),
+        ({"rate": 1e4}, "at most 200"),
+        ({"distribution": "jazy"}, "did you mean 'jazzy'"),
+        ({"odometry": "odom"}, "wanted a topic"),
+        ({"priority": -1}, "node.priority"),
+        ({"priority": 100}, "at most 99"),
+    ],
+)
+def test_bad_settings_are_named(given: Any, cause: str) -> None:
+    with pytest.raises(Refused, match=cause):
+        NodeSettings(**given)
+
+
+@pytest.mark.parametrize(
+    ("kind", "given", "cause"),
+    [
+        (ObstacleTopic, {"kind": "vision_msgs/msg/Detection3D"}, "vision_msgs/msg/Detection3DArr"),
+        (ObstacleTopic, {"topic": ""}, "wanted a topic"),
+        (ObstacleTopic, {"radius": 0.0}, "node.sees.radius"),
+        (ScanTopic, {"topic": "scan"}, "wanted a topic"),
+        (ScanTopic, {"handover": "both"}, "wanted measured or filtered"),
+        (ScanTopic, {"deviation": -1.0}, "node.sees.deviation"),
+        (PathTopic, {"topic": "plan"}, "wanted a topic"),
+        (GoalTopic, {"topic": "goal"}, "wanted a topic"),
+        (MapTopic, {"topic": "map"}, "wanted a topic"),
+    ],
+)
+def test_bad_topics_are_named(kind: Any, given: Any, cause: str) -> None:
+    with pytest.raises(Refused, match=cause):
+        kind(**given)
+
+
+class Noting(Scripted):
+    """A controller that notes what happens to it, and how urgent its thread is."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.calls: list[str] = []
+        self.policies: list[int] = []
+
+    def reset(self) -> None:
+        self.calls.append("reset")
+
+    def set_path(self, path: Path) -> None:
+        self.calls.append(f"path {path.length:g}")
+
+    def command(self, observation: Observation) -> Command:
+        self.calls.append("command")
+        self.policies.append(os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK)
+        return super().command(observation)
+
+
+def running(controller: Noting, **settings: Any) -> PlannerNode:
+    """Run a node in real time until it has decided; its robot stands still."""
+    loop = Loop(controller, patience=1000.0, **settings)
+    loop.path()
+    loop.come("/odom", odometry(loop.stamp(), (0, 0, 0), (0, 0, 0)))
+    loop.come("/obstacles", obstacles(loop.stamp(), [(5.0, 1.0)], "odom"))
+    runner = Thread(target=loop.node.run, args=(60.0,))
+    runner.start()
+    while runner.is_alive() and "command" not in controller.calls:
+        sleep(0.01)
+    loop.node.stop()
+    runner.join(60.0)
+    assert not runner.is_alive()
+    return loop.node
+
+
+def test_the_controller_compiles_before_the_first_period() -> None:
+    controller = Noting()
+    running(controller)
+    assert controller.calls[:4] == ["path 1", "reset", "path 9", "command"]
+
+
+@pytest.mark.skipif(not hasattr(os, "SCHED_RR"), reason="of Linux alone")
+def test_a_priority_is_asked_for_and_its_refusal_is_said(caplog: Any) -> None:
+    reason = urgent(1)
+    assert (os.sched_getscheduler(0) != os.SCHED_OTHER) == (reason == "")
+    assert urgent(0) == ""
+    assert os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_OTHER
+    controller = Noting()
+    running(controller, priority=1)
+    if reason:
+        assert "no real-time priority" in caplog.text and "ulimit -r" in reason
+    assert set(controller.policies) == {os.SCHED_OTHER if reason else os.SCHED_RR}
+
+
+def test_a_refused_priority_is_named(monkeypatch: Any) -> None:
+    def refuse(*_: Any) -> None:
+        raise PermissionError(1, "not permitted")
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    assert "not permitted" in urgent(5) and "limits.conf" in urgent(5)
+    monkeypatch.delattr(os, "sched_setscheduler")
+    assert "this system" in urgent(5)

@@ -1,0 +1,359 @@
+"""A call that does not return is left behind, and what comes after it is not harmed."""
+
+import ctypes
+import os
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from threading import Event, get_ident, get_native_id
+from time import sleep
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wideberth.framework.mpc import solver as base
+from wideberth.framework.mpc.ocp.problem import Parameters, Problem
+from wideberth.framework.mpc.ocp.transcription import Guess
+from wideberth.framework.mpc.planner import watchdog as watch
+from wideberth.framework.mpc.planner.cycle import PlannerState, Services, step
+from wideberth.framework.mpc.planner.settings import changed
+from wideberth.framework.mpc.planner.watchdog import LeftBehind, Refused, left_behind, watched
+from wideberth.framework.mpc.solver import Solution, Solver
+from wideberth.framework.values.motion import Observation
+from wideberth.framework.values.plan import Plan, Rung, Status
+from wideberth.ros.priority import urgent
+from wideberth.solvers.fatrop import Fatrop
+from wideberth.tests.helpers.planning import STRAIGHT, at, planner
+
+
+@pytest.fixture
+def end() -> Iterator[Event]:
+    """Let those who wait for it go on at the end of a test."""
+    made = Event()
+    yield made
+    made.set()
+    while left_behind():
+        sleep(0.001)
+
+
+def leave(end: Event) -> None:
+    with pytest.raises(LeftBehind, match="did not return"):
+        watched(end.wait, 0.01)
+
+
+def raising() -> None:
+    raise KeyError("own")
+
+
+def test_a_call_returns_what_it_returns_and_raises_what_it_raises() -> None:
+    assert watched(lambda: 7, 60.0) == 7
+    with pytest.raises(KeyError, match="own"):
+        watched(raising, 60.0)
+    assert left_behind() == 0
+
+
+@pytest.mark.parametrize("limit", [1e11, 1e300, np.inf])
+def test_a_limit_of_any_length_is_waited_for(limit: float) -> None:
+    assert watched(lambda: 7, limit) == 7
+    assert left_behind() == 0
+
+
+def test_one_thread_serves_all_calls() -> None:
+    idents = {watched(get_ident, 60.0) for _ in range(50)}
+    assert len(idents) == 1 and get_ident() not in idents
+
+
+def test_calls_see_the_callers_context() -> None:
+    own: ContextVar[int] = ContextVar("own", default=0)
+    own.set(3)
+    assert watched(own.get, 60.0) == 3
+    with np.errstate(divide="raise"):
+        assert watched(np.geterr, 60.0)["divide"] == "raise"
+
+
+@dataclass
+class Rights:
+    """What Linux knows of threads: to each its policy and its priority."""
+
+    own: dict[int, tuple[int, int]] = field(default_factory=dict)
+    refuses: bool = False
+
+    def get(self, thread: int) -> tuple[int, int]:
+        return self.own.get(thread or get_native_id(), (os.SCHED_OTHER, 0))
+
+    def policy(self, thread: int) -> int:
+        return self.get(thread)[0]
+
+    def param(self, thread: int) -> Any:
+        return os.sched_param(self.get(thread)[1])
+
+    def give(self, thread: int, policy: int, param: Any) -> None:
+        flag = os.SCHED_RESET_ON_FORK
+        lost = self.get(thread)[0] & flag and not policy & flag
+        if self.refuses or lost:
+            raise PermissionError(1, "not permitted")
+        self.own[thread or get_native_id()] = policy, param.sched_priority
+
+
+@pytest.fixture
+def rights(monkeypatch: pytest.MonkeyPatch) -> Iterator[Rights]:
+    """Rights of Linux, without those of this computer."""
+    if not hasattr(os, "SCHED_RR"):
+        pytest.skip("of Linux alone")
+    made = Rights()
+    monkeypatch.setattr(os, "sched_getscheduler", made.policy)
+    monkeypatch.setattr(os, "sched_getparam", made.param)
+    monkeypatch.setattr(os, "sched_setscheduler", made.give)
+    watch._IDLE.clear()
+    yield made
+    watch._IDLE.clear()
+
+
+def own_rights() -> tuple[int, int]:
+    policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
+    return policy, os.sched_getparam(0).sched_priority
+
+
+@pytest.mark.parametrize("before", [False, True])
+def test_a_call_has_the_callers_right_to_the_processor(rights: Rights, before: bool) -> None:
+    ordinary = os.SCHED_OTHER, 0
+    if before:  # the thread was made by an ordinary one
+        assert watched(own_rights, 60.0) == ordinary
+    for priority in (5, 7):
+        assert urgent(priority) == ""
+        assert watched(own_rights, 60.0) == (os.SCHED_RR, priority)
+        assert watched(lambda: watched(own_rights, 60.0), 60.0) == (os.SCHED_RR, priority)
+    assert urgent(0) == ""
+    assert watched(own_rights, 60.0) == ordinary
+
+
+def test_who_is_left_behind_is_ordinary_again(rights: Rights, end: Event) -> None:
+    urgent(5)
+    begun: list[tuple[int, int]] = []
+
+    def stays() -> None:
+        begun.append((get_native_id(), own_rights()[1]))
+        end.wait()
+
+    with pytest.raises(LeftBehind):
+        watched(stays, 0.5)
+    ((thread, priority),) = begun
+    assert priority == 5 and rights.get(thread)[1] == 0
+    assert watched(own_rights, 60.0) == (os.SCHED_RR, 5)
+    watch._IDLE.clear()
+    end.set()
+    while left_behind():
+        sleep(0.001)
+    assert watched(get_native_id, 60.0) == thread
+    assert rights.get(thread)[1] == 5
+
+
+def test_a_priority_that_is_not_granted_does_no_harm(rights: Rights) -> None:
+    urgent(5)
+    rights.refuses = True
+    assert watched(own_rights, 60.0) == (os.SCHED_OTHER, 0)
+
+
+@pytest.mark.skipif(not hasattr(os, "SCHED_RR"), reason="of Linux alone")
+def test_this_computer_hands_the_priority_on() -> None:
+    try:
+        urgent(5)
+        assert watched(own_rights, 60.0) == own_rights()
+    finally:
+        urgent(0)
+    assert watched(own_rights, 60.0) == own_rights() == (os.SCHED_OTHER, 0)
+
+
+def test_a_call_within_a_call() -> None:
+    assert watched(lambda: watched(lambda: 5, 60.0), 60.0) == 5
+
+
+def test_who_does_not_return_is_left_behind_and_counted(end: Event) -> None:
+    leave(end)
+    assert left_behind() == 1
+    assert watched(lambda: 1, 60.0) == 1
+    end.set()
+    while left_behind():
+        sleep(0.001)
+    assert watched(lambda: 2, 60.0) == 2
+
+
+def test_no_more_than_a_few_are_left_behind(end: Event) -> None:
+    for _ in range(watch.MOST_LEFT):
+        leave(end)
+    with pytest.raises(Refused, match=f"{watch.MOST_LEFT} calls"):
+        watched(lambda: 1, 60.0)
+
+
+# solvers
+
+
+@dataclass(frozen=True)
+class Asleep(Solver):
+    """Solves until it is put to sleep, and then never returns."""
+
+    end: Event
+    native: bool = False
+    asleep: list[int] = field(default_factory=list)
+
+    def solve(
+        self,
+        problem: Problem,
+        parameters: Parameters,
+        guesses: Sequence[Guess],
+        deadline: float | None = None,
+    ) -> list[Solution]:
+        while self.asleep and not self.end.is_set():
+            if self.native:
+                ctypes.CDLL(None).usleep(50_000)  # without Python's lock
+            else:
+                self.end.wait()
+        return Fatrop().solve(problem, parameters, guesses, deadline)
+
+
+class Cycle:
+    """Planning cycles of one planner whose settings may change from call to call."""
+
+    def __init__(self, **settings: Any) -> None:
+        self.settings = planner(**settings)
+        self.services = Services.of(self.settings)
+        self.state = PlannerState.initial(self.settings, STRAIGHT)
+
+    def plan(self, seen: Observation, **changes: Any) -> Plan:
+        settings = changed(self.settings, **changes)
+        self.state, decision = step(settings, self.state, seen, self.services)
+        return decision.plan
+
+
+@pytest.mark.parametrize("native", [False, True], ids=["python", "native"])
+@pytest.mark.parametrize("limit", ["deadline", "patience"])
+def test_a_solver_that_never_returns_does_not_hold_the_loop(
+    native: bool, limit: str, end: Event
+) -> None:
+    solver = Asleep(end, native)
+    long, short = ({"deadline": 60.0}, {"deadline": 0.3}) if limit == "deadline" else ({}, {})
+    made = Cycle(solver=solver, starts=(), **(long or {"patience": 3.0}))
+    made.plan(at(0.0, 0.0))
+    solver.asleep.append(1)
+    plan = made.plan(at(0.5, 0.25), **short)
+    assert (plan.rung, plan.status) == (Rung.SHIFTED, Status.DEADLINE)
+    assert "Asleep did not return within" in plan.reason
+    assert plan.violation <= 1e-4
+    assert left_behind() == 1
+    solver.asleep.clear()
+    assert made.plan(at(1.0, 0.5), **long).rung is Rung.OPTIMAL
+
+
+def test_with_too_many_left_behind_the_planner_drives_on_lower_rungs(end: Event) -> None:
+    solver = Asleep(end)
+    made = Cycle(solver=solver, starts=(), deadline=60.0)
+    made.plan(at(0.0, 0.0))
+    solver.asleep.append(1)
+    for k in range(1, watch.MOST_LEFT + 2):
+        plan = made.plan(at(0.5 * k, 0.25 * k), deadline=0.3)
+    assert left_behind() == watch.MOST_LEFT
+    assert plan.rung is Rung.SHIFTED
+    assert "no other is begun until one ends" in plan.reason
+    end.set()
+    while left_behind():
+        sleep(0.001)
+    assert made.plan(at(3.0, 1.5)).rung is Rung.OPTIMAL
+
+
+def test_who_is_left_behind_at_another_start_is_named(end: Event) -> None:
+    """The first start is solved; the plan is taken, and says what it was not held against."""
+    solver = Second(end)
+    made = planner(solver=solver, patience=3.0, starts=("wait",))
+    solver.asleep.append(1)
+    made.command(at(0.0, 0.0))
+    assert made.plan is not None
+    assert made.plan.rung is Rung.OPTIMAL
+    assert "from another start Second did not return" in made.plan.reason
+
+
+@dataclass(frozen=True)
+class Second(Solver):
+    """Solves once, and does not return from the second call."""
+
+    end: Event
+    asleep: list[int] = field(default_factory=list)
+
+    def solve(
+        self,
+        problem: Problem,
+        parameters: Parameters,
+        guesses: Sequence[Guess],
+        deadline: float | None = None,
+    ) -> list[Solution]:
+        if self.asleep:
+            self.asleep.append(1)
+            if len(self.asleep) == 3:
+                self.end.wait()
+        return Fatrop().solve(problem, parameters, guesses, deadline)
+
+
+def test_a_program_in_use_is_not_shared(end: Event) -> None:
+    """The thread left behind keeps its own; the next solve gets another."""
+    made = planner()
+    made.command(at(0.0, 0.0))
+    problem = made.explain().problem()
+    taken: list[base.Compiled] = []
+
+    def hold() -> None:
+        with base.compiled("fatrop", problem, {}, staged=True) as program:
+            taken.append(program)
+            end.wait()
+
+    with pytest.raises(LeftBehind):
+        watched(hold, 0.5)
+    with base.compiled("fatrop", problem, {}, staged=True) as second:
+        assert second is not taken[0]
+    with base.compiled("fatrop", problem, {}, staged=True) as third:
+        assert third is second  # the returned one is used again
+
+
+EXIT = """
+import ctypes
+from wideberth.framework.mpc.planner.watchdog import LeftBehind, watched
+for call in (lambda: ctypes.CDLL(None).sleep(1000), __import__("threading").Event().wait):
+    try:
+        watched(call, 0.1)
+    except LeftBehind as error:
+        print(error)
+"""
+
+
+def test_a_process_ends_although_threads_were_left_behind() -> None:
+    found = subprocess.run(
+        [sys.executable, "-c", EXIT], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert found.returncode == 0, found.stderr
+    assert found.stdout.count("did not return") == 2 and not found.stderr
+
+
+FORKED = """
+import os
+from threading import Event
+from wideberth.framework.mpc.planner.watchdog import LeftBehind, left_behind, watched
+
+watched(int, 60.0)
+try:
+    watched(Event().wait, 0.01)
+except LeftBehind:
+    assert left_behind() == 1
+child = os.fork()
+if not child:
+    os._exit(0 if left_behind() == 0 and watched(lambda: 4, 30.0) == 4 else 1)
+assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+os._exit(0)
+"""
+
+
+@pytest.mark.skipif(not hasattr(watch.os, "fork"), reason="no fork here")
+def test_a_forked_process_begins_anew() -> None:
+    """In a process of its own: libraries that other tests load warn of a fork among threads."""
+    done = subprocess.run([sys.executable, "-c", FORKED], capture_output=True, timeout=120)
+    assert done.returncode == 0, done.stderr.decode()
