@@ -1,6 +1,7 @@
 PY  ?= python3
 BIN := .venv/bin
-ROOMS := framework predictors regions robots controllers perception routes ros simulation experiments
+ROOMS := framework people metrics predictors regions robots routes perception solvers controllers \
+  nav2 simulation ros experiments
 WORKERS ?= 2
 FIGURES ?= ellipse_construction approximation_error forecast_regions chicken_game crossing
 

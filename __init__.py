@@ -14,7 +14,10 @@ _NAMES = {
     "wideberth.experiments.engine.result": "open_result",
 }
 """Module -> its names that are public here, which are imported on first use."""
-_ROOMS = "controllers experiments framework perception predictors regions robots routes simulation"
+_ROOMS = """
+    controllers experiments framework metrics nav2 people perception predictors regions robots
+    routes simulation solvers
+"""
 
 # The name is whole: relative imports would make a second copy of the package when pytest imports
 # the checkout folder itself.

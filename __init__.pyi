@@ -40,12 +40,16 @@ from .framework import recommended as recommended
 from .framework import register as register
 from .framework import resampled_tracks as resampled_tracks
 from .framework import save_plugin as save_plugin
+from . import metrics as metrics
+from . import nav2 as nav2
+from . import people as people
 from . import perception as perception
 from . import predictors as predictors
 from . import regions as regions
 from . import robots as robots
 from . import routes as routes
 from . import simulation as simulation
+from . import solvers as solvers
 from pathlib import Path as _Path
 from typing import Any as _Any, Literal as _Literal, overload as _overload
 __version__: str
@@ -76,8 +80,8 @@ _trackers_name = _Literal['trackers', 'tracker']
 from . import routes as _route_planners
 from .framework.route_planner import RoutePlanner as _route_planners_base
 _route_planners_name = _Literal['route_planners', 'route_planner']
-from .framework.mpc import solvers as _solvers
-from .framework.mpc.solvers.base import Solver as _solvers_base
+from . import solvers as _solvers
+from .framework.mpc.solver import Solver as _solvers_base
 _solvers_name = _Literal['solvers', 'solver']
 from .framework.mpc import levels as _levels
 from .framework.mpc.levels.base import LevelPolicy as _levels_base

@@ -14,8 +14,8 @@ from .citing import parts
 
 PACKAGE = Path(__file__).resolve().parents[2]
 ROOMS = (
-    "framework", "predictors", "regions", "robots", "controllers", "perception", "routes",
-    "ros", "simulation", "experiments",
+    "framework", "people", "metrics", "predictors", "regions", "robots", "routes",
+    "perception", "solvers", "controllers", "nav2", "simulation", "ros", "experiments",
 )  # fmt: skip
 LIBRARIES = (
     "casadi", "cvxpy", "filterpy", "jax", "joblib", "matplotlib", "numba", "numpy", "pydantic",

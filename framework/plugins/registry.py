@@ -63,7 +63,7 @@ ROOMS = {
     "detectors": Room("wideberth.perception.detection", f"{_FRAMEWORK}.detector:Detector"),
     "trackers": Room("wideberth.perception.tracking", f"{_FRAMEWORK}.tracker:Tracker"),
     "route_planners": Room("wideberth.routes", f"{_FRAMEWORK}.route_planner:RoutePlanner"),
-    "solvers": Room(f"{_FRAMEWORK}.mpc.solvers", f"{_FRAMEWORK}.mpc.solvers.base:Solver"),
+    "solvers": Room("wideberth.solvers", f"{_FRAMEWORK}.mpc.solver:Solver"),
     "levels": Room(f"{_FRAMEWORK}.mpc.levels", f"{_FRAMEWORK}.mpc.levels.base:LevelPolicy"),
     "slot_kinds": Room(f"{_FRAMEWORK}.mpc.slots", f"{_FRAMEWORK}.mpc.slots.base:SlotKind"),
     "costs": Room(f"{_FRAMEWORK}.mpc.costs", f"{_FRAMEWORK}.mpc.costs.base:Cost"),

@@ -29,7 +29,7 @@ _SOURCES = (
     "_protocol.py",
     "emit.py",
     "../interior_point.py",
-    "../../../jit/columns.py",
+    "../../framework/jit/columns.py",
 )
 """Files that the core consists of: after a change of any of them it has to be compiled anew."""
 

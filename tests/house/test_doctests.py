@@ -14,8 +14,8 @@ import wideberth
 
 MODULES = sorted(
     info.name
-    for room in ("framework", "predictors", "regions", "robots", "controllers", "perception",
-                 "routes", "ros", "simulation", "experiments")
+    for room in ("framework", "people", "metrics", "predictors", "regions", "robots", "routes",
+    "perception", "solvers", "controllers", "nav2", "simulation", "ros", "experiments")
     for info in pkgutil.walk_packages([f"{wideberth.__path__[0]}/{room}"], f"wideberth.{room}.")
 )  # fmt: skip
 

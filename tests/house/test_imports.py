@@ -1,4 +1,4 @@
-"""Arrows point one way: experiments -> the other rooms -> framework, and within a room too."""
+"""Arrows point one way: a room imports rooms of the floors below, and groups have an order too."""
 
 import ast
 from collections.abc import Mapping
@@ -8,26 +8,24 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
+FLOORS = (
+    ("framework",),
+    ("people", "metrics"),
+    ("predictors", "regions", "robots", "routes", "perception", "solvers", "controllers"),
+    ("nav2", "simulation", "ros"),
+    ("experiments",),
+)
+"""Rooms from bottom to top: a room imports rooms of the floors below its own."""
 ROOMS = {
-    "framework": set(),
-    "predictors": {"framework"},
-    "regions": {"framework"},
-    "robots": {"framework"},
-    "controllers": {"framework"},
-    "routes": {"framework"},
-    "ros": {"framework"},
-    "simulation": {"framework"},
-    "perception": {"framework"},
-    "experiments": {
-        "framework", "predictors", "regions", "robots", "controllers", "perception", "routes",
-        "ros", "simulation",
-    },
-}  # fmt: skip
+    room: {name for below in FLOORS[:floor] for name in below}
+    for floor, rooms in enumerate(FLOORS)
+    for room in rooms
+}
 HEAVY = {
     "statsmodels", "filterpy", "jax", "cvxpy", "llvmlite", "matplotlib", "pandas", "pydantic",
     "numba", "mujoco", "sklearn", "rosbags", "cyclonedds", "zenoh",
 }  # fmt: skip
-COMPILED = ROOT / "framework" / "mpc" / "solvers" / "riccati" / "_core.py"
+COMPILED = ROOT / "solvers" / "riccati" / "_core.py"
 """The file for Numba, imported only to be compiled. Its functions are longer: whatever a
 function calls is compiled into it once more, so that a tree of small ones takes minutes."""
 MODULES = [
@@ -67,20 +65,24 @@ ARROWS: dict[str, set[str]] = {
     "framework/plugins": {"framework/values"},
     INTERFACES: {"framework/drawing", "framework/numerics", "framework/values"},
     "framework/risk": {INTERFACES, "framework/numerics", "framework/plugins", "framework/values"},
-    "metrics": {"framework/numerics", "framework/risk", "framework/values"},
     "framework/tracking": {INTERFACES, "framework/plugins", "framework/values"},
     "framework/control": {
         INTERFACES, "framework/numerics", "framework/tracking", "framework/values",
     },
     "framework/jit": {"framework/numerics", "framework/values"},
-    "people": {
-        INTERFACES, "framework/control", "framework/jit", "metrics", "framework/values",
-    },
     FACE: {
         INTERFACES, "framework/mpc/planner", "framework/plugins", "framework/tracking",
         "framework/values",
     },
-    "nav2": {"controllers"},
+    "nav2": {"nav2/parameters"},
+    "nav2/parameters": set(),
+    "nav2/costmap": {"nav2", "nav2/parameters"},
+    "nav2/controllers": {"nav2", "nav2/costmap", "nav2/parameters"},
+    "nav2/server": {"nav2", "nav2/controllers", "nav2/costmap", "nav2/parameters"},
+    "solvers": set(),
+    "solvers/riccati": {"solvers"},
+    "solvers/batch": {"solvers", "solvers/riccati"},
+    "solvers/export": {"solvers", "solvers/riccati"},
     "perception": set(),
     "perception/detection": set(),
     "perception/state": set(),
@@ -121,14 +123,12 @@ LAYERS = [
         "plugins",
         "",
         "risk",
-        "metrics",
         "tracking",
         "control",
         "jit",
-        "people",
     ),
-    *("mpc/ocp", "mpc/costs", "mpc/levels", "mpc/slots", "mpc", "mpc/instance", "mpc/solvers"),
-    *("mpc/fallback", "mpc/planner", "mpc/diagnosis", "mpc/export", "testing", "__init__"),
+    *("mpc/ocp", "mpc/costs", "mpc/levels", "mpc/slots", "mpc", "mpc/instance"),
+    *("mpc/fallback", "mpc/planner", "mpc/diagnosis", "testing", "__init__"),
 ]
 """Groups of the framework from bottom to top; those that `ARROWS` lacks import from below."""
 KNOWN_ARROWS = {("framework/mpc/planner", "framework/mpc/diagnosis")}

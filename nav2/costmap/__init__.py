@@ -1,0 +1,1 @@
+"""Costmaps as Nav2 keeps them, and what a footprint costs there."""

@@ -1,0 +1,1 @@
+"""Parameters by Nav2's names, checked."""

@@ -1,0 +1,1 @@
+"""The loop around a local controller: server, checkers, recoveries, smoother, parameter files."""
