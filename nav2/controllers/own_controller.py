@@ -133,8 +133,12 @@ class OwnController(LocalController):
         return ramp
 
     def _limited(self, observation: Observation, costmap: Costmap) -> Observation:
-        """Return the observation without what the costmap does not show."""
-        ones = sound(observation, 2).detections
+        """Return the observation without what the costmap does not show.
+
+        What has no place stays in it: the controller knows what to do.
+        """
+        ones, _, placeless = sound(observation, 2)
+        lost = tuple(one for one in observation.detections if one.ident in placeless)
         if costmap is not self._shown:
             self._shown = costmap
             discs, polygons = in_sight(costmap, *discs_of(ones), observation.polygons)
@@ -144,6 +148,6 @@ class OwnController(LocalController):
             }
         return replace(
             observation,
-            detections=tuple(one for one in ones if one.ident in self._names),
+            detections=(*(one for one in ones if one.ident in self._names), *lost),
             polygons=tuple(one for one in observation.polygons if one in self._walls),
         )

@@ -13,7 +13,7 @@ from ...framework.control.rate_limited_warnings import WARNINGS
 from ...framework.controller import Controller, checked_path, checked_ready, checked_use
 from ...framework.robot import Robot
 from ...framework.route_planner import RoutePlanner
-from ...framework.tracking.stand_ins import checked_places, sound
+from ...framework.tracking.stand_ins import sound
 from ...framework.values.arrays import Array, positive
 from ...framework.values.costmap import Costmap
 from ...framework.values.errors import WideberthError
@@ -251,11 +251,9 @@ class Nav2(Controller):
 
     def _around(self, observation: Observation) -> Surroundings:
         """Return what is around."""
-        detections, notes, placeless = sound(observation, 2)
+        detections, notes, _ = sound(observation, 2)  # what has no place is in no costmap
         for words in notes:
             WARNINGS.warn(type(self).__name__, "detection", words)
-        if observation.scan is None:
-            checked_places(placeless)
         centres, radii = discs_of(detections)
         view, polygons = self._set.view, observation.polygons
         if view.exact:

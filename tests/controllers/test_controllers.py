@@ -132,7 +132,9 @@ def test_neighbours_are_carried_on():
     known.take(Observation(0.3, state, (detection("a", (0, 0)), detection("a", (2, 2)))))
     assert known.now()[0] == ("a", "a#2") and not known.now()[2].any()  # the clock went back
     known.take(Observation(0.4, state, (Detection("high", np.zeros(3), np.eye(3), 0.1),)))
-    assert "high" not in known.now()[0]
+    assert "high" in known.now()[0] and not known.placeless
+    known.take(Observation(0.5, state, (Detection("low", np.zeros(1), np.eye(1), 0.1),)))
+    assert "low" not in known.now()[0] and known.placeless == ("low",)
     known.reset()
     assert known.now()[1].shape == (0, 2)
 

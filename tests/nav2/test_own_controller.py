@@ -178,3 +178,16 @@ def test_the_recommended_planner_drives_in_the_loop_and_keeps_clear() -> None:
         if nav2.navigation is not Navigation.FOLLOWING:
             break
     assert nav2.navigation is Navigation.SUCCEEDED and min(apart) > 0.0
+
+
+def test_what_is_seen_without_a_place_reaches_the_controller() -> None:
+    own = {"controller": {"type": "pure_pursuit", "robot": "unicycle"}}
+    found = []
+    for places in ([], [(np.nan, 0.0)]):
+        nav2 = Nav2(ROBOT, Settings("own", own))
+        nav2.set_path(Path([(0.0, 0.0), (3.0, 0.0)]))
+        people = tuple(Detection("a", np.array(place), None, 0.3) for place in places)
+        for k in range(4):
+            command = nav2.command(Observation(k * nav2.period, np.zeros(5), people))
+        found.append(float(np.hypot(*command.linear)))
+    assert found[0] > 0.0 and found[1] == 0.0

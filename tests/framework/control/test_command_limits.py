@@ -153,7 +153,7 @@ def test_a_detection_of_wrong_types_is_refused(change: dict[str, Any], words: st
         replace(Detection("a", np.zeros(2), np.eye(2), 0.3), **change)
 
 
-@pytest.mark.parametrize("name", ["pure_pursuit", "orca", "nav2", "constant_velocity"])
+@pytest.mark.parametrize("name", ["pure_pursuit", "orca", "social_force", "constant_velocity"])
 def test_rivals_stop_while_an_obstacle_without_a_place_is_seen(name: str) -> None:
     robot = build("robots", "unicycle")
     made = build("controllers", {"type": name, "robot": robot})
