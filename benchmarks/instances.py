@@ -17,7 +17,7 @@ from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.slots.base import with_auxiliaries
-from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, Obstacles, fill
+from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, ObstacleSet, fill
 from wideberth.framework.region import Region
 from wideberth.framework.robot import Robot, start_state, step
 from wideberth.framework.values.arrays import Array
@@ -86,15 +86,15 @@ class Recipe:
         guess = with_auxiliaries(robot, [GaussianDiscs(region)], parameters, guess)
         return Made(problem, guess.pull(parameters), guess)
 
-    def _crowd(self, states: Array, reference: Array, rng: np.random.Generator) -> Obstacles:
+    def _crowd(self, states: Array, reference: Array, rng: np.random.Generator) -> ObstacleSet:
         """Draw obstacles until K of them leave the trajectory free."""
         pose = self.robot.pose(tuple(states[1:].T))
-        kept = [Obstacles.none(len(reference), self.robot.dimension)]
+        kept = [ObstacleSet.none(len(reference), self.robot.dimension)]
         while sum(len(one) for one in kept) < self.obstacles:
             drawn = drift(4 * self.obstacles, self.obstacles, reference, rng)
             free = self._free(drawn, pose)
             kept.append(_choose(drawn, np.flatnonzero(free)))
-        joined = Obstacles(
+        joined = ObstacleSet(
             np.concatenate([one.mean for one in kept], axis=1),
             np.concatenate([one.covariance for one in kept], axis=1),
             np.concatenate([one.radius for one in kept]),
@@ -102,7 +102,7 @@ class Recipe:
         )
         return _choose(joined, np.arange(self.obstacles))
 
-    def _free(self, drawn: Obstacles, pose: Pose) -> Array:
+    def _free(self, drawn: ObstacleSet, pose: Pose) -> Array:
         """Whether each obstacle's region never holds the trajectory."""
         steps, count = drawn.mean.shape[:2]
         margin = np.broadcast_to(drawn.radius + self.robot.radius + ROOM, (steps, count))
@@ -130,7 +130,7 @@ def winding(
     return np.array(states, dtype=np.float64), np.array(inputs, dtype=np.float64)
 
 
-def drift(count: int, among: int, reference: Array, rng: np.random.Generator) -> Obstacles:
+def drift(count: int, among: int, reference: Array, rng: np.random.Generator) -> ObstacleSet:
     """Draw obstacles that pass near some point of the reference, each at its own time.
 
     Deviations are those of the recorded instances: 2 to 6 cm after one step, the smaller one
@@ -150,10 +150,12 @@ def drift(count: int, among: int, reference: Array, rng: np.random.Generator) ->
     single = np.einsum("kij,kj,klj->kil", frame, deviation**2, frame)
     growth = np.arange(1, steps + 1, dtype=np.float64)[:, None, None, None]
     names = tuple(f"{i}" for i in range(count))
-    return Obstacles(mean, growth * single, rng.uniform(0.3, 0.35, count), names)
+    return ObstacleSet(mean, growth * single, rng.uniform(0.3, 0.35, count), names)
 
 
-def _choose(drawn: Obstacles, which: Array) -> Obstacles:
+def _choose(drawn: ObstacleSet, which: Array) -> ObstacleSet:
     """Take some of the obstacles."""
     names = tuple(drawn.ids[i] for i in which)
-    return Obstacles(drawn.mean[:, which], drawn.covariance[:, which], drawn.radius[which], names)
+    return ObstacleSet(
+        drawn.mean[:, which], drawn.covariance[:, which], drawn.radius[which], names
+    )

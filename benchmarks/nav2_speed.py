@@ -15,9 +15,9 @@ from wideberth.framework.values.path import Path
 from wideberth.nav2.controllers.local_controller import Answer, LocalController
 from wideberth.nav2.controllers.local_controller import Tick as Asked
 from wideberth.nav2.controllers.local_controllers import LOCAL, shipped_parameters
-from wideberth.nav2.costmap.local_costmap import View
+from wideberth.nav2.costmap.local_costmap import CostmapView
 from wideberth.nav2.server.navigator import Nav2, Navigation
-from wideberth.nav2.server.settings import Settings
+from wideberth.nav2.server.settings import LoopSettings
 from wideberth.robots import Unicycle
 
 ROBOT = Unicycle(0.3, 0.7, 1.5, 2.0, 3.0)
@@ -50,14 +50,14 @@ class Straight(LocalController):
         return Answer(Twist((0.2, 0.0), 0.0))
 
 
-def settings(name: str, view: View) -> Settings:
+def settings(name: str, view: CostmapView) -> LoopSettings:
     """Return what Nav2 ships with a controller; our recommended planner as `own`."""
     if name == _ALONE:
-        return Settings("nav2_speed:Straight", view=view)
+        return LoopSettings("nav2_speed:Straight", view=view)
     parameters = shipped_parameters(name)
     if name == "own":
         parameters = {"controller": {**shared_settings("recommended"), "robot": "unicycle"}}
-    return Settings(name, parameters, view=view)
+    return LoopSettings(name, parameters, view=view)
 
 
 def people(seed: int, time: float) -> list[Detection]:
@@ -71,7 +71,7 @@ def people(seed: int, time: float) -> list[Detection]:
     return [Detection(f"p{i}", place, spread_of, RADIUS) for i, place in enumerate(places)]
 
 
-def episode(name: str, view: View, seed: int, ticks: int) -> list[float]:
+def episode(name: str, view: CostmapView, seed: int, ticks: int) -> list[float]:
     """Drive for so many ticks; return the processor time of those that asked a controller, ms."""
     nav2, state, found = Nav2(ROBOT, settings(name, view)), (0.0,) * 5, []
     nav2.set_path(Path([(0.0, 0.0), (12.0, 0.0)]))
@@ -90,7 +90,7 @@ def episode(name: str, view: View, seed: int, ticks: int) -> list[float]:
 
 def measure(seeds: int, ticks: int, tick: Tick) -> list[Row]:
     """Return one row per view and controller; each begins in turn."""
-    views = {"local": View(), "privileged": View.privileged()}
+    views = {"local": CostmapView(), "privileged": CostmapView.privileged()}
     names = [_ALONE, *LOCAL]
     times: dict[tuple[str, str], list[float]] = {pair: [] for pair in product(views, names)}
     for seed in range(seeds):

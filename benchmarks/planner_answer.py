@@ -14,8 +14,8 @@ from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.multistart import Budget, MultiStart, Watch
-from wideberth.framework.mpc.slots.base import Chosen, Surroundings
-from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs, Obstacles
+from wideberth.framework.mpc.slots.base import ActiveObstacles, SlotAssignment
+from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs, ObstacleSet
 from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.plan import Rung, Status
@@ -55,8 +55,8 @@ class PlannerAnswer(Solver):
         level, inputs = Relaxed(weight=1.0, minimum=0.0), guess.inputs
         obstacles, numbers = _obstacles(parameters, robot.radius), parameters.slots[0]
         known = KnownDiscs(discs, obstacles, 0.0)
-        chosen = Chosen((len(obstacles),), obstacles.ids, (), numbers, known)
-        around = Surroundings(robot, (discs,), (chosen,))
+        chosen = SlotAssignment((len(obstacles),), obstacles.ids, (), numbers, known)
+        around = ActiveObstacles(robot, (discs,), (chosen,))
         check = InstanceCheck(problem, parameters, around, level, inputs)
         states = follow(robot, parameters.initial, inputs, problem.dt)
         first = check.guess(states, inputs)
@@ -68,10 +68,10 @@ class PlannerAnswer(Solver):
         return Solution(point, status, plan.reason, plan.cost, plan.iterations, spent)
 
 
-def _obstacles(parameters: Parameters, radius: float) -> Obstacles:
+def _obstacles(parameters: Parameters, radius: float) -> ObstacleSet:
     """Read the discs out of the parameters of their ellipses: mean first, margin last."""
     numbers = parameters.slots[0].parameters
     mean, margin = numbers[..., :2], numbers[0, :, -1]
     names = tuple(f"{i}" for i in range(numbers.shape[1]))
     covariance = np.zeros((*mean.shape, 2))
-    return Obstacles(mean, covariance, np.maximum(margin - radius, 0.0), names)
+    return ObstacleSet(mean, covariance, np.maximum(margin - radius, 0.0), names)

@@ -16,7 +16,7 @@ from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.planner.cycle import PlannerState, Services, remember, step
 from wideberth.framework.mpc.planner.settings import changed
-from wideberth.framework.mpc.slots.base import Chosen, View
+from wideberth.framework.mpc.slots.base import PlanningContext, SlotAssignment
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
 from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.plugins.config import build
@@ -153,7 +153,9 @@ class Crowd:
         """Return ms of a decision and of its choice of obstacles, slots in use, and left out."""
         spent, choose = [0.0], GaussianDiscs.choose
 
-        def timed_choice(kind: GaussianDiscs, robot: Robot, view: View) -> Chosen:
+        def timed_choice(
+            kind: GaussianDiscs, robot: Robot, view: PlanningContext
+        ) -> SlotAssignment:
             begin = thread_time()
             found = choose(kind, robot, view)
             spent[0] += 1e3 * (thread_time() - begin)

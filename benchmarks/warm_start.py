@@ -28,7 +28,7 @@ from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.planner.warm_start import KeptMultipliers
-from wideberth.framework.mpc.slots.base import Chosen
+from wideberth.framework.mpc.slots.base import SlotAssignment
 from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.plugins.config import build
 from wideberth.framework.robot import step
@@ -135,7 +135,7 @@ def _named(names: Sequence[str]) -> Any:
     return replace(_NOTHING, names=tuple(names))
 
 
-_NOTHING = Chosen((), (), (), None, None)  # type: ignore[arg-type]
+_NOTHING = SlotAssignment((), (), (), None, None)  # type: ignore[arg-type]
 
 
 def closed_loop(hertz: float, seed: int, seconds: float, region: str = ELLIPSE) -> list[Row]:

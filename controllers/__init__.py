@@ -4,7 +4,7 @@ from ..framework.plugins.lazy import lazy
 
 BUILT_IN: dict[str, str] = {
     "bilevel_orca": "wideberth.controllers.bilevel_orca:BilevelOrca",
-    "constant_velocity": "wideberth.controllers.constant_velocity:ConstantVelocity",
+    "constant_velocity": "wideberth.controllers.constant_velocity:ConstantVelocityController",
     "dynamic_window": "wideberth.controllers.dynamic_window:DynamicWindow",
     "moussaid_force": "wideberth.controllers.moussaid_force:MoussaidForce",
     "mpc": "wideberth.framework.mpc.planner.planner:Planner",
@@ -12,7 +12,7 @@ BUILT_IN: dict[str, str] = {
     "orca": "wideberth.controllers.orca:Orca",
     "policy": "wideberth.controllers.policy:Policy",
     "pure_pursuit": "wideberth.controllers.pure_pursuit:PurePursuit",
-    "social_force": "wideberth.controllers.social_force:SocialForce",
+    "social_force": "wideberth.controllers.social_force:SocialForceController",
     "withdrawing": "wideberth.controllers.withdrawing:Withdrawing",
 }
 """Name -> where the class is."""

@@ -3,15 +3,15 @@
 # fmt: off
 
 from .bilevel_orca import BilevelOrca as BilevelOrca
-from .constant_velocity import ConstantVelocity as ConstantVelocity
+from .constant_velocity import ConstantVelocityController as ConstantVelocityController
 from .dynamic_window import DynamicWindow as DynamicWindow
 from .moussaid_force import MoussaidForce as MoussaidForce
 from .orca import Orca as Orca
 from .policy import Policy as Policy
 from .pure_pursuit import PurePursuit as PurePursuit
-from .social_force import SocialForce as SocialForce
+from .social_force import SocialForceController as SocialForceController
 from .withdrawing import Withdrawing as Withdrawing
 from ..framework.mpc.planner.planner import Planner as Planner
 from ..nav2.server.navigator import Nav2 as Nav2
-__all__ = ['BilevelOrca', 'ConstantVelocity', 'DynamicWindow', 'MoussaidForce', 'Nav2', 'Orca', 'Planner', 'Policy', 'PurePursuit', 'SocialForce', 'Withdrawing']
+__all__ = ['BilevelOrca', 'ConstantVelocityController', 'DynamicWindow', 'MoussaidForce', 'Nav2', 'Orca', 'Planner', 'Policy', 'PurePursuit', 'SocialForceController', 'Withdrawing']
 BUILT_IN: dict[str, str]

@@ -11,7 +11,7 @@ from ..framework.robot import step
 from ..framework.values.arrays import Array, whole
 from ..framework.values.errors import WideberthError
 from ..framework.values.motion import Command, Observation
-from .bilevel_program import Rules, Scene, program
+from .bilevel_program import CrowdScene, OrcaRules, program
 from .reactive import Preparing, Reactive
 from .steering import limited, steer, velocity_of
 
@@ -125,11 +125,11 @@ class BilevelOrca(Reactive, Preparing):
             return command
         return replace(command, ramp=self.dt)
 
-    def _rules(self) -> Rules:
+    def _rules(self) -> OrcaRules:
         """Return the fixed numbers of the programmes."""
-        return Rules(**{entry.name: getattr(self, entry.name) for entry in fields(Rules)})
+        return OrcaRules(**{entry.name: getattr(self, entry.name) for entry in fields(OrcaRules)})
 
-    def _planned(self, scene: Scene) -> Array:
+    def _planned(self, scene: CrowdScene) -> Array:
         """Return the inputs of a plan, (K, m); from the last plan, then from braking."""
         solver = program(self.robot, self._rules(), len(scene.radii))
         carried = solver.course(scene, self._begun(scene))
@@ -144,7 +144,9 @@ class BilevelOrca(Reactive, Preparing):
             raise WideberthError(f"{why}, and the last plan carried on touches somebody: brake")
         return carried.inputs
 
-    def _scene(self, observation: Observation, place: Array, own: Array, ahead: Array) -> Scene:
+    def _scene(
+        self, observation: Observation, place: Array, own: Array, ahead: Array
+    ) -> CrowdScene:
         """Return what a plan starts from, with the nearest people."""
         _, places, velocities, radii = self._neighbours.now()
         away = np.hypot(*(places - place).T) - radii
@@ -152,9 +154,9 @@ class BilevelOrca(Reactive, Preparing):
         state = within_bounds(self.robot, observation.state)
         fastest = max(self.reference_speed, float(np.hypot(*own)))
         people = places[near], velocities[near], radii[near]
-        return Scene(state, own, ahead, fastest, *people, tuple(observation.polygons))
+        return CrowdScene(state, own, ahead, fastest, *people, tuple(observation.polygons))
 
-    def _begun(self, scene: Scene) -> Array:
+    def _begun(self, scene: CrowdScene) -> Array:
         """Return the inputs to begin with, (K, m): the last plan's, and then towards c."""
         share = self.period / self.dt
         left = max(len(self._last) - int(np.ceil(share - 1e-9)), 0)

@@ -46,7 +46,7 @@ NOWHERE = 1e3
 
 
 @dataclass(frozen=True)
-class Rules:
+class OrcaRules:
     """What a programme has as fixed numbers; see `wideberth.controllers.bilevel_orca`."""
 
     horizon: int
@@ -59,7 +59,7 @@ class Rules:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class CrowdScene:
     """What a plan starts from.
 
     Attributes
@@ -83,7 +83,7 @@ class Scene:
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class PersonCourse:
     """A way of the robot, and how people answer it.
 
     Attributes
@@ -103,7 +103,7 @@ class Course:
     walls: Array
 
 
-class Program:
+class BilevelProgram:
     """The programme for N people, built once, and its solution.
 
     Its variables are the inputs, the states that follow, the answers, and slacks: one of each
@@ -115,7 +115,7 @@ class Program:
     people : N.
     """
 
-    def __init__(self, robot: Robot, rules: Rules, people: int) -> None:
+    def __init__(self, robot: Robot, rules: OrcaRules, people: int) -> None:
         self._robot, self._rules, self._people = robot, rules, people
         self._walls = PERSON_WALLS if people else 0
         self._width = people + self._walls + 5
@@ -125,7 +125,7 @@ class Program:
         self._high: list[float] = []
         self._solver = self._made()
 
-    def course(self, scene: Scene, inputs: Array) -> Course:
+    def course(self, scene: CrowdScene, inputs: Array) -> PersonCourse:
         """Return how people answer a way of the robot, each by the relaxed programme."""
         rules, count = self._rules, self._people
         states = follow(self._robot, scene.state, inputs, rules.dt)
@@ -152,9 +152,9 @@ class Program:
             answers[k] = np.concatenate([pace, slack[:, None], multipliers], axis=1)
             people[k + 1] = people[k] + rules.dt * pace
             moving = np.array(world_velocity(self._robot, states[k + 1], inputs[k]))
-        return Course(inputs, states, people, answers, walls)
+        return PersonCourse(inputs, states, people, answers, walls)
 
-    def solved(self, scene: Scene, guess: Course) -> tuple[Array, str]:
+    def solved(self, scene: CrowdScene, guess: PersonCourse) -> tuple[Array, str]:
         """Return inputs (K, m), and why they cannot be driven; empty if they can.
 
         The words are IPOPT's status and the largest violation.
@@ -179,12 +179,12 @@ class Program:
             return inputs, ""
         return inputs, f"IPOPT says {self._solver.stats()['return_status']}, {off:.2g} off"
 
-    def touches(self, scene: Scene, course: Course) -> bool:
+    def touches(self, scene: CrowdScene, course: PersonCourse) -> bool:
         """Whether a course comes nearer to a person or a wall than the radii."""
         allowed = np.array([*np.full(self._people, ROOM), WALL_ROOM])
         return bool((self._short(scene, course) > allowed).any())
 
-    def _short(self, scene: Scene, course: Course) -> Array:
+    def _short(self, scene: CrowdScene, course: PersonCourse) -> Array:
         """Return by how much the robot comes too near to each person and to walls, (N + 1,), m."""
         ways = np.array([self._robot.pose(tuple(one)).position for one in course.states])
         edges, radius = _edges(scene.polygons, ways[0]), self._robot.radius
@@ -322,9 +322,9 @@ class Program:
 
 
 @lru_cache(maxsize=64)
-def program(robot: Robot, rules: Rules, people: int) -> Program:
+def program(robot: Robot, rules: OrcaRules, people: int) -> BilevelProgram:
     """Return the programme of a robot, a frozen dataclass, among so many people."""
-    return Program(robot, rules, people)
+    return BilevelProgram(robot, rules, people)
 
 
 def world_velocity(robot: Robot, state: Any, control: Any) -> tuple[Scalar, Scalar]:
@@ -342,7 +342,7 @@ def _symbol(name: str, rows: int, columns: int = 1) -> Any:
 
 
 def _beside(field: WallField, places: Array, radii: Array, count: int) -> Array:
-    """Return the nearest walls of each person, (N, count, 3), see `Course`."""
+    """Return the nearest walls of each person, (N, count, 3), see `PersonCourse`."""
     found = np.tile([0.0, 0.0, 1.0], (len(places), count, 1))
     every = field.beside(places)
     near = np.argsort(every[..., 0], axis=1, kind="stable")[:, :count]

@@ -11,7 +11,7 @@ from .steering import steer
 
 @final
 @dataclass(eq=False)
-class ConstantVelocity(Reactive):
+class ConstantVelocityController(Reactive):
     """Drives to the goal at its speed and ignores obstacles and polygons.
 
     v* = min(v_ref, way to the goal / 1 s) towards the goal, straight there by default (with a

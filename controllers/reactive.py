@@ -19,7 +19,7 @@ from ..framework.values.motion import Command, Detection, Observation, checked_n
 from ..framework.values.number_limits import SHORTEST
 from ..framework.values.path import Path
 from ..framework.values.plan import Plan
-from .steering import Guide
+from .steering import PathGuide
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +160,7 @@ class Reactive(Controller):
             endless = field.name == "look_ahead" and value == np.inf
             if isinstance(value, int | float) and not endless:
                 positive(f"{name}.{field.name}", value, zero=field.name in self.zero_allowed)
-        self._guide = Guide()
+        self._guide = PathGuide()
         self._neighbours = Neighbours(self.forget)
         self.reset()
 

@@ -16,7 +16,7 @@ from .steering import steer
 
 @final
 @dataclass(eq=False)
-class SocialForce(Reactive):
+class SocialForceController(Reactive):
     """Helbing's force in its circular form, as CrowdSimPlus has it.
 
     ::

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..framework.control.command_limits import FAST as FAST
 from ..framework.control.command_limits import attained, turns_on_the_spot
-from ..framework.mpc.ocp.reference import Progress
+from ..framework.mpc.ocp.reference import PathProgress
 from ..framework.robot import Robot
 from ..framework.values.arrays import Array
 from ..framework.values.motion import Command, Twist
@@ -112,11 +112,11 @@ def wrapped(angle: float) -> float:
     return float(np.mod(angle + np.pi, 2.0 * np.pi) - np.pi)
 
 
-class Guide:
+class PathGuide:
     """Knows the path and how far along it the robot is, and says where to go."""
 
     def __init__(self) -> None:
-        self._progress: Progress | None = None
+        self._progress: PathProgress | None = None
 
     @property
     def path(self) -> Path | None:
@@ -125,12 +125,12 @@ class Guide:
 
     def follow(self, path: Path) -> None:
         """Take this path from now on."""
-        self._progress = Progress(path)
+        self._progress = PathProgress(path)
 
     def reset(self) -> None:
         """Forget the progress; the path stays."""
         if self._progress is not None:
-            self._progress = Progress(self._progress.path)
+            self._progress = PathProgress(self._progress.path)
 
     def ahead(self, place: Array, look_ahead: float) -> tuple[Array, float] | None:
         """Return the carrot and the way still to go, m; None without a path.

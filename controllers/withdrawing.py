@@ -15,7 +15,7 @@ from ..framework.controller import (
     checked_use,
     fresh,
 )
-from ..framework.mpc.ocp.reference import Progress
+from ..framework.mpc.ocp.reference import PathProgress
 from ..framework.robot import Robot
 from ..framework.tracking.stand_ins import sound
 from ..framework.values.arrays import FARTHEST, Array
@@ -56,7 +56,7 @@ class _Memory:
     """What the wrapper holds between two calls."""
 
     path: Path | None = None
-    progress: Progress | None = None
+    progress: PathProgress | None = None
     followed: Path | None = None
     known: "DeadlockResolver" = field(default_factory=lambda: DeadlockResolver())
 
@@ -108,13 +108,13 @@ class Withdrawing(Controller):
         self.controller.reset()
         if memory.path is not None:
             self._follow(memory.path)
-            memory.progress = Progress(memory.path)
+            memory.progress = PathProgress(memory.path)
 
     def set_path(self, path: Path) -> None:
         """Follow this path from now on; to the same goal, a withdrawal goes on."""
         path, memory = checked_path(self.robot, path), self._memory
         memory.known = memory.known.on(path, memory.path)
-        memory.path, memory.progress = path, Progress(path)
+        memory.path, memory.progress = path, PathProgress(path)
         self._follow(memory.known.way or path)
 
     def remember(self, observation: Observation) -> None:
@@ -137,8 +137,8 @@ class Withdrawing(Controller):
         return self.controller.command(observation)
 
     def _looked(
-        self, progress: Progress, observation: Observation
-    ) -> tuple[Progress, "DeadlockResolver"]:
+        self, progress: PathProgress, observation: Observation
+    ) -> tuple[PathProgress, "DeadlockResolver"]:
         """Return the progress along the path, and what is known after an observation.
 
         Whatever the observation holds, nothing is raised: then nothing is known of a deadlock.

@@ -21,15 +21,15 @@ from wideberth.framework.mpc.ocp.bodies import Body, bodies, body_starts
 from wideberth.framework.mpc.ocp.problem import SlotNumbers, Slots
 from wideberth.framework.mpc.ocp.stage import Frame, slots
 from wideberth.framework.mpc.slots.base import (
-    Chosen,
-    Known,
+    KnownObstacles,
     LevelledKind,
-    Room,
-    View,
+    PlanningContext,
+    SlotAssignment,
+    SlotSizes,
     next_capacity,
     used,
 )
-from wideberth.framework.mpc.slots.contact import Touch, Way
+from wideberth.framework.mpc.slots.contact import BodyPath, Touch
 from wideberth.framework.mpc.slots.static_polygons import deviations
 from wideberth.framework.region import Auxiliary, Constraint
 from wideberth.framework.robot import Robot
@@ -78,7 +78,7 @@ class Carts(LevelledKind):
         """Discs or the outline of the robot: a line may separate either."""
         return bodies(robot)
 
-    def slots(self, room: Room, frame: Frame) -> Slots:
+    def slots(self, room: SlotSizes, frame: Frame) -> Slots:
         """State that the line lies between the body and the cart."""
         count = room[0] if room else 0
         angle = Auxiliary((-np.inf,), (np.inf,), (0.0,), regularisation=1e-5)
@@ -100,7 +100,7 @@ class Carts(LevelledKind):
             )
         )
 
-    def choose(self, robot: Robot, view: View) -> Chosen:
+    def choose(self, robot: Robot, view: PlanningContext) -> SlotAssignment:
         """Keep the carts that come closest to the route; each mode of a forecast has a slot."""
         names, mean, covariance = self._forecast(view)
         apart = np.linalg.norm(mean[None] - view.route[:, :, None], axis=3).min(axis=(0, 1))
@@ -112,7 +112,7 @@ class Carts(LevelledKind):
             polygons, covariance[:, kept] + view.own[:, None], margin, view.level
         )
         known = KnownCarts(self, tuple(names), self._polygons(names, mean), view.margin)
-        return Chosen(
+        return SlotAssignment(
             (len(numbers.active),),
             tuple(names[i] for i in kept),
             tuple(names[i] for i in left_out),
@@ -120,7 +120,7 @@ class Carts(LevelledKind):
             known,
         )
 
-    def _forecast(self, view: View) -> tuple[list[str], Array, Array]:
+    def _forecast(self, view: PlanningContext) -> tuple[list[str], Array, Array]:
         """Names, means (N, O, 2) and covariances (N, O, 2, 2) of all modes of all carts."""
         steps = len(view.reference.position)
         if view.tracks is None or view.forecast is None:
@@ -194,7 +194,7 @@ class Carts(LevelledKind):
 
 @final
 @dataclass(frozen=True, eq=False)
-class KnownCarts(Known):
+class KnownCarts(KnownObstacles):
     """All carts of a forecast, at their means, also those without a slot.
 
     Attributes
@@ -216,7 +216,7 @@ class KnownCarts(Known):
         """
         found = Touch.none(len(states) - 1)
         for body in self.kind.bodies(robot) if self.names else ():
-            way = Way.of(robot, body, states)
+            way = BodyPath.of(robot, body, states)
             before = np.concatenate([self.polygons[:1], self.polygons[:-1]])[:, None]
             share = way.share[:, None, None, None]
             carts = before + share * (self.polygons[:, None] - before)  # (N, L, O, V, 2)

@@ -8,7 +8,7 @@ from ..framework.plugins.lazy import lazy
 BUILT_IN: dict[str, str] = {
     "adaptive_conformal": "wideberth.predictors.adaptive_conformal:AdaptiveConformal",
     "bayesian_var": "wideberth.predictors.bayesian_var:BayesianVectorAutoregression",
-    "cascade": "wideberth.predictors.cascade:Cascade",
+    "cascade": "wideberth.predictors.cascade:FallbackChain",
     "conformal": "wideberth.predictors.conformal:Conformal",
     "constant_acceleration": "wideberth.predictors.constant_acceleration:ConstantAcceleration",
     "constant_velocity": "wideberth.predictors.constant_velocity:ConstantVelocity",

@@ -4,7 +4,7 @@
 
 from .adaptive_conformal import AdaptiveConformal as AdaptiveConformal
 from .bayesian_var import BayesianVectorAutoregression as BayesianVectorAutoregression
-from .cascade import Cascade as Cascade
+from .cascade import FallbackChain as FallbackChain
 from .conformal import Conformal as Conformal
 from .constant_acceleration import ConstantAcceleration as ConstantAcceleration
 from .constant_velocity import ConstantVelocity as ConstantVelocity
@@ -23,5 +23,5 @@ from .smoothed import Smoothed as Smoothed
 from .social_force import SocialForce as SocialForce
 from .static import Static as Static
 from .var import VectorAutoregression as VectorAutoregression
-__all__ = ['AdaptiveConformal', 'BayesianVectorAutoregression', 'Cascade', 'Conformal', 'ConstantAcceleration', 'ConstantVelocity', 'CoordinatedTurn', 'Corrected', 'Empirical', 'Game', 'InteractingModels', 'Kalman', 'MixtureDensity', 'Oracle', 'PooledVectorAutoregression', 'ReactingPeople', 'SingleGaussian', 'Smoothed', 'SocialForce', 'Static', 'VectorAutoregression']
+__all__ = ['AdaptiveConformal', 'BayesianVectorAutoregression', 'Conformal', 'ConstantAcceleration', 'ConstantVelocity', 'CoordinatedTurn', 'Corrected', 'Empirical', 'FallbackChain', 'Game', 'InteractingModels', 'Kalman', 'MixtureDensity', 'Oracle', 'PooledVectorAutoregression', 'ReactingPeople', 'SingleGaussian', 'Smoothed', 'SocialForce', 'Static', 'VectorAutoregression']
 BUILT_IN: dict[str, str]

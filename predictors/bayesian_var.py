@@ -14,7 +14,7 @@ from ..framework.values.tracks import Tracks
 from .core.assembly import refuse_adaptive, with_fallback
 from .core.history import Histories, gather
 from .core.least_squares import complete_rows, lagged, regress
-from .core.own_step import Says, at_own_step
+from .core.own_step import ForecastFn, at_own_step
 from .core.pattern_search import fit_numbers
 from .core.velocity_forecast import past_velocities, process_gaussians, served, start_covariance
 from .core.velocity_process import VelocityProcess, velocity_path
@@ -221,7 +221,7 @@ class BayesianVectorAutoregression(Fittable):
         )  # fmt: skip
         return with_fallback(own, missing, self.fallback, tracks, scene)
 
-    def _says(self, tracks: Tracks, steps: int) -> Says:
+    def _says(self, tracks: Tracks, steps: int) -> ForecastFn:
         """Forecast tracks at the step of the process."""
         past = gather(tracks, length=self.history)
         missing = unable("bayesian_var", past, self.order)

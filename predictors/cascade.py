@@ -22,7 +22,7 @@ from .var import VectorAutoregression
 
 @final
 @dataclass(frozen=True)
-class Stage:
+class FallbackStage:
     """A predictor, and the history and spread that it needs to be taken.
 
     Parameters
@@ -52,18 +52,18 @@ class Stage:
         return name_of("predictors", type(self.predictor))
 
 
-def _stages() -> tuple[Stage, ...]:
+def _stages() -> tuple[FallbackStage, ...]:
     return (
-        Stage(VectorAutoregression(), 60),
-        Stage(BayesianVectorAutoregression(), 8, max_speed=5.0),
-        Stage(Kalman(), 2),
-        Stage(Static()),
+        FallbackStage(VectorAutoregression(), 60),
+        FallbackStage(BayesianVectorAutoregression(), 8, max_speed=5.0),
+        FallbackStage(Kalman(), 2),
+        FallbackStage(Static()),
     )
 
 
 @final
 @dataclass(frozen=True)
-class Cascade(Fittable):
+class FallbackChain(Fittable):
     """Each obstacle is served by the first stage that is healthy for it; the last one always.
 
     A stage is passed over for an obstacle with fewer than ``minimum_samples`` observed samples
@@ -88,7 +88,7 @@ class Cascade(Fittable):
     WideberthError : no stage.
     """
 
-    stages: tuple[Stage, ...] = field(default_factory=_stages)
+    stages: tuple[FallbackStage, ...] = field(default_factory=_stages)
 
     def __post_init__(self) -> None:
         if not self.stages:
@@ -123,7 +123,7 @@ class Cascade(Fittable):
         return replace(self, stages=tuple(fitted))
 
 
-def _short(stage: Stage, past: Histories) -> list[str | None]:
+def _short(stage: FallbackStage, past: Histories) -> list[str | None]:
     """Say per obstacle that its history is too short, or None."""
     name = stage.name  # a look-up in the registry
     return [
@@ -134,7 +134,7 @@ def _short(stage: Stage, past: Histories) -> list[str | None]:
     ]
 
 
-def _ill(stage: Stage, forecast: Forecast, past: Histories, dt: float) -> list[str | None]:
+def _ill(stage: FallbackStage, forecast: Forecast, past: Histories, dt: float) -> list[str | None]:
     """Say per obstacle why a forecast must not be used, or None."""
     reasons = list(forecast.fallback)
     if stage.max_speed is None:

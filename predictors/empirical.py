@@ -30,7 +30,7 @@ FLOOR = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class MotionClass:
     """Features of each obstacle's history that select its class.
 
     Attributes
@@ -46,7 +46,7 @@ class Motion:
     jitter: Array
 
     @classmethod
-    def of(cls, past: Histories, dt: float) -> "Motion":
+    def of(cls, past: Histories, dt: float) -> "MotionClass":
         """Read it from histories; steps across a filled gap count as the line they are."""
         velocity = np.diff(past.positions, axis=1) / dt
         if not velocity.shape[1]:
@@ -61,10 +61,10 @@ class Motion:
         return cls(speed, heading, np.sqrt(change.sum(axis=1) / count))
 
 
-def joined(motions: Sequence[Motion]) -> Motion:
+def joined(motions: Sequence[MotionClass]) -> MotionClass:
     """Put the obstacles of several motions after one another."""
     parts = [(each.speed, each.heading, each.jitter) for each in motions]
-    return Motion(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+    return MotionClass(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
 @dataclass(frozen=True)
@@ -121,15 +121,15 @@ class ErrorTable:
         if not steps or (variances < 0).any():
             raise WideberthError("table.variances must hold one step at least and none below 0")
 
-    def bins(self, motion: Motion) -> IntArray:
+    def bins(self, motion: MotionClass) -> IntArray:
         """Class of each obstacle, (O,)."""
         return classes(motion, np.array(self.speeds), np.array(self.jitters))
 
-    def growth(self, motion: Motion) -> Array:
+    def growth(self, motion: MotionClass) -> Array:
         """Return g, (O,)."""
         return growth(motion.jitter, np.array(self.jitters))
 
-    def spreads(self, motion: Motion, times: Array) -> Array:
+    def spreads(self, motion: MotionClass, times: Array) -> Array:
         """Return standard deviations along and across, (O, N, 2), m, at times ahead (O, N), s."""
         place = times / self.dt
         below = np.clip(np.floor(place + 1e-9), 0, len(self.along) - 1).astype(np.int64)
@@ -163,7 +163,7 @@ def _carried(correlation: Array, weight: Array) -> Array:
     return np.asarray(covariance / (scale[:, :, None] * scale[:, None, :]))
 
 
-def classes(motion: Motion, speeds: Array, jitters: Array) -> IntArray:
+def classes(motion: MotionClass, speeds: Array, jitters: Array) -> IntArray:
     """Class of each obstacle from the edges of the bins, (O,)."""
     slow = np.searchsorted(speeds, motion.speed)
     calm = np.searchsorted(jitters, motion.jitter)
@@ -177,7 +177,7 @@ def growth(jitter: Array, edges: Array) -> Array:
 
 
 def learn_table(
-    motion: Motion, error: Array, dt: float, speed_bins: int, jitter_bins: int
+    motion: MotionClass, error: Array, dt: float, speed_bins: int, jitter_bins: int
 ) -> ErrorTable:
     """Learn a table from past errors.
 
@@ -321,7 +321,7 @@ class Empirical(Fittable):
             (scene, found) for scene, found in zip(dataset, windows, strict=True) if len(found)
         ]
         error = np.concatenate([_nearest_error(base, scene, found) for scene, found in filled])
-        motions = [Motion.of(gather(found.tracks), scene.dt) for scene, found in filled]
+        motions = [MotionClass.of(gather(found.tracks), scene.dt) for scene, found in filled]
         table = learn_table(joined(motions), error, dataset[0].dt, self.speeds, self.jitters)
         return replace(self, base=base, fitted=table)
 
@@ -331,7 +331,7 @@ class Empirical(Fittable):
         if self.fitted is None:
             return forecast
         past = gather(tracks, length=self.observed)
-        motion = Motion.of(past, tracks.dt)
+        motion = MotionClass.of(past, tracks.dt)
         own = np.array([reason is None for reason in forecast.fallback], dtype=np.bool_)
         short = own & (past.length < FEWEST)
         own &= ~short

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, final
 
 import numpy as np
 
-from ..framework.mpc.planner.best_response import Agent, BestResponsePlanner, state_of
+from ..framework.mpc.planner.best_response import BestResponsePlanner, Player, state_of
 from ..framework.mpc.planner.planner import Planner
 from ..framework.plugins.config import build, describe
 from ..framework.predictor import Predictor
@@ -148,7 +148,7 @@ class Game(Predictor):
                 reasons[row] = f"no plan for it: {played.failures[index]}"
         return _bent(straight, steps, reasons, changes)
 
-    def _robot(self, tracks: Tracks, scene: Scene | None) -> Agent | str:
+    def _robot(self, tracks: Tracks, scene: Scene | None) -> Player | str:
         """Return the robot itself as an agent, or why it cannot take part."""
         model = self.planner.robot
         if tracks.dimension != 2:
@@ -169,11 +169,11 @@ class Game(Predictor):
                 return "the robot has no heading, and no plan that leads on"
             way = np.array([np.cos(pose.heading), np.sin(pose.heading)])
         direction = way / np.linalg.norm(way)
-        return Agent(scene.ego, direction, self.planner.reference_speed, model.radius)
+        return Player(scene.ego, direction, self.planner.reference_speed, model.radius)
 
     def _agents(
-        self, tracks: Tracks, straight: Forecast, robot: Agent
-    ) -> tuple[dict[int, Agent], list[str | None]]:
+        self, tracks: Tracks, straight: Forecast, robot: Player
+    ) -> tuple[dict[int, Player], list[str | None]]:
         """Choose the obstacles that take part, by row; and say why each other one does not."""
         model = self.planner.robot
         means = np.einsum("om,omnd->ond", straight.weight, straight.mean)
@@ -184,7 +184,7 @@ class Game(Predictor):
         oldest = past.positions[:, 0]  # of a shorter history its first position
         mean_speed = np.linalg.norm(oldest, axis=1) / gone
         away = np.linalg.norm(place - model.pose(tuple(robot.state)).points(), axis=1)
-        agents: dict[int, Agent] = {}
+        agents: dict[int, Player] = {}
         reasons: list[str | None] = [None] * len(tracks)
         for row in sorted(range(len(tracks)), key=lambda o: (away[o], tracks.ids[o])):
             if past.samples[row] < 2:
@@ -199,7 +199,7 @@ class Game(Predictor):
                 direction = -oldest[row] / np.linalg.norm(oldest[row])
                 state = state_of(model, place[row], velocity[row], direction)
                 speed, radius = float(mean_speed[row]), float(tracks.radius[row])
-                agents[row] = Agent(state, direction, speed, radius)
+                agents[row] = Player(state, direction, speed, radius)
         return agents, reasons
 
 

@@ -62,7 +62,7 @@ class ModeBank:
 
 
 @dataclass(frozen=True, eq=False)
-class Beliefs:
+class ModelBeliefs:
     """State estimate of each obstacle under each model.
 
     Obstacles are the last axis: sums over few models and components then run along memory.
@@ -78,18 +78,18 @@ class Beliefs:
     state: Array
     covariance: Array
 
-    def where(self, chosen: BoolArray, other: "Beliefs") -> "Beliefs":
+    def where(self, chosen: BoolArray, other: "ModelBeliefs") -> "ModelBeliefs":
         """Take these beliefs where ``chosen`` (O,) is True, the other ones elsewhere."""
         if chosen.all():
             return self
-        return Beliefs(
+        return ModelBeliefs(
             np.where(chosen, self.weight, other.weight),
             np.where(chosen, self.state, other.state),
             np.where(chosen, self.covariance, other.covariance),
         )
 
 
-def mixed(beliefs: Beliefs, switching: Array) -> Beliefs:
+def mixed(beliefs: ModelBeliefs, switching: Array) -> ModelBeliefs:
     """Beliefs just before the next step, by the model that will be in force.
 
     c_j = sum_i pi_ij mu_i,   omega_ij = pi_ij mu_i / c_j,
@@ -101,10 +101,10 @@ def mixed(beliefs: Beliefs, switching: Array) -> Beliefs:
     gap = beliefs.state[:, :, None] - state[:, None]
     covariance = np.einsum("ijo,abio->abjo", share, beliefs.covariance)
     covariance += np.einsum("aijo,bijo->abjo", share * gap, gap)
-    return Beliefs(weight, state, covariance)
+    return ModelBeliefs(weight, state, covariance)
 
 
-def stepped(beliefs: Beliefs, bank: ModeBank) -> Beliefs:
+def stepped(beliefs: ModelBeliefs, bank: ModeBank) -> ModelBeliefs:
     """Beliefs one step on: mixed, then predicted by each model."""
     before = mixed(beliefs, bank.switching)
     states, modes, count = before.state.shape
@@ -113,10 +113,10 @@ def stepped(beliefs: Beliefs, bank: ModeBank) -> Beliefs:
     entries = before.covariance.reshape(states**2, modes, count).swapaxes(0, 1)
     spread = (bank.squared @ entries).reshape(modes, states, states, count)
     spread += bank.process[..., None]
-    return Beliefs(before.weight, state.swapaxes(0, 1), np.moveaxis(spread, 0, 2))
+    return ModelBeliefs(before.weight, state.swapaxes(0, 1), np.moveaxis(spread, 0, 2))
 
 
-def updated(beliefs: Beliefs, measured: Array, variance: Array) -> Beliefs:
+def updated(beliefs: ModelBeliefs, measured: Array, variance: Array) -> ModelBeliefs:
     """Beliefs after one measured position, mu_j = c_j Lambda_j / sum of them.
 
     Parameters
@@ -130,10 +130,10 @@ def updated(beliefs: Beliefs, measured: Array, variance: Array) -> Beliefs:
     # No model becomes impossible: one that weighs nothing at all could never come back, and
     # after steps much longer than the dwell time nothing would lead to the others.
     weight = np.exp(np.maximum(logarithm - logarithm.max(axis=0), FAINTEST))
-    return Beliefs(weight / weight.sum(axis=0), state, covariance)
+    return ModelBeliefs(weight / weight.sum(axis=0), state, covariance)
 
 
-def filter_modes(past: Histories, noise: Array, bank: ModeBank, speed: float) -> Beliefs:
+def filter_modes(past: Histories, noise: Array, bank: ModeBank, speed: float) -> ModelBeliefs:
     """Filter all histories from their first sample on; missing ones are predicted over.
 
     All models start equally likely with the first sample as position, covariance R, and the
@@ -150,7 +150,7 @@ def filter_modes(past: Histories, noise: Array, bank: ModeBank, speed: float) ->
     local = (past.positions @ vectors).transpose(1, 2, 0).copy()
     spread = np.concatenate([variance.T, np.full((states - size, count), speed**2)])
     first = np.eye(states)[:, :, None, None] * np.repeat(spread[:, None], modes, axis=1)
-    beliefs = start = Beliefs(
+    beliefs = start = ModelBeliefs(
         np.full((modes, count), 1.0 / modes), np.zeros((states, modes, count)), first
     )
     for column in range(rows):
@@ -160,12 +160,12 @@ def filter_modes(past: Histories, noise: Array, bank: ModeBank, speed: float) ->
         if column <= past.began.max(initial=0):
             place = start.state.copy()
             place[:size] = local[column][:, None]
-            fresh = Beliefs(start.weight, place, start.covariance)
+            fresh = ModelBeliefs(start.weight, place, start.covariance)
             beliefs = fresh.where(np.asarray(column <= past.began), beliefs)
     return _turned(beliefs, vectors)
 
 
-def _begun(beliefs: Beliefs, past: Histories, tracks: Tracks) -> Beliefs:
+def _begun(beliefs: ModelBeliefs, past: Histories, tracks: Tracks) -> ModelBeliefs:
     """Take velocity and covariance of the tracker for obstacles of which it has one sample."""
     new = np.asarray(past.samples == 1)
     if tracks.velocity is None or tracks.state_covariance is None or not new.any():
@@ -174,10 +174,10 @@ def _begun(beliefs: Beliefs, past: Histories, tracks: Tracks) -> Beliefs:
     state, covariance = beliefs.state.copy(), beliefs.covariance.copy()
     state[size:, :, new] = tracks.velocity[new].T[:, None]
     covariance[..., new] = tracks.state_covariance[new].transpose(1, 2, 0)[:, :, None]
-    return Beliefs(beliefs.weight, state, covariance)
+    return ModelBeliefs(beliefs.weight, state, covariance)
 
 
-def _turned(beliefs: Beliefs, vectors: Array) -> Beliefs:
+def _turned(beliefs: ModelBeliefs, vectors: Array) -> ModelBeliefs:
     """Turn states and covariances by the rotations with columns ``vectors``, (O, D, D)."""
     states, modes, count = beliefs.state.shape
     size = vectors.shape[1]
@@ -188,14 +188,14 @@ def _turned(beliefs: Beliefs, vectors: Array) -> Beliefs:
     state = np.einsum("abo,kbmo->kamo", turn, state)
     blocks = np.einsum("abo,kblcmo->kalcmo", turn, blocks)
     blocks = np.einsum("dco,kalcmo->kaldmo", turn, blocks)
-    return Beliefs(
+    return ModelBeliefs(
         beliefs.weight,
         state.reshape(beliefs.state.shape),
         blocks.reshape(beliefs.covariance.shape),
     )
 
 
-def merged(beliefs: Beliefs, size: int) -> tuple[Array, Array]:
+def merged(beliefs: ModelBeliefs, size: int) -> tuple[Array, Array]:
     """Mean (S, O) of the mixture of all models, and covariance (D, D, O) of the position."""
     mean = (beliefs.weight * beliefs.state).sum(axis=1)
     gap = beliefs.state[:size] - mean[:size, None]
@@ -203,7 +203,9 @@ def merged(beliefs: Beliefs, size: int) -> tuple[Array, Array]:
     return mean, np.asarray((beliefs.weight * spread).sum(axis=2))
 
 
-def merged_path(beliefs: Beliefs, bank: ModeBank, size: int, steps: int) -> tuple[Array, Array]:
+def merged_path(
+    beliefs: ModelBeliefs, bank: ModeBank, size: int, steps: int
+) -> tuple[Array, Array]:
     """Mean (O, N, D) and covariance (O, N, D, D) of the position at each step ahead, m, m^2.
 
     Exact moments of the switching system: mixing keeps the first two moments of every model.
@@ -217,7 +219,9 @@ def merged_path(beliefs: Beliefs, bank: ModeBank, size: int, steps: int) -> tupl
     return mean, covariance
 
 
-def merged_joint(beliefs: Beliefs, bank: ModeBank, size: int, steps: int, late: IntArray) -> Array:
+def merged_joint(
+    beliefs: ModelBeliefs, bank: ModeBank, size: int, steps: int, late: IntArray
+) -> Array:
     """Joint covariance of the positions from step late + 1 to late + N, (O, N*D, N*D), m^2.
 
     With d_h = s_h - E[s_h], 1_j(h) that model j is in force at step h and
@@ -249,7 +253,7 @@ def merged_joint(beliefs: Beliefs, bank: ModeBank, size: int, steps: int, late: 
     return cut_steps(flat, steps, size, late)
 
 
-def _own(beliefs: Beliefs, centre: Array, size: int) -> Array:
+def _own(beliefs: ModelBeliefs, centre: Array, size: int) -> Array:
     """E[1_j (d; 1) d_p'] of one step, (S + 1, M, D, O), with d_p the position in d."""
     gap = beliefs.state - centre[:, None]
     square = beliefs.covariance[:, :size].swapaxes(1, 2)
@@ -362,11 +366,11 @@ class InteractingModels(Fittable):
         own = Gaussians(mean, after(spread, steps, past.late), (None,) * len(tracks), joint)
         return finish(own, past, tracks, "imm")
 
-    def filter(self, past: Histories, tracks: Tracks) -> Beliefs:
+    def filter(self, past: Histories, tracks: Tracks) -> ModelBeliefs:
         """Return the beliefs after the newest observed samples, in the order of `MODES`."""
         return self._filtered(past, tracks, self.bank(tracks.dt, tracks.dimension))
 
-    def _filtered(self, past: Histories, tracks: Tracks, bank: ModeBank) -> Beliefs:
+    def _filtered(self, past: Histories, tracks: Tracks, bank: ModeBank) -> ModelBeliefs:
         noise = measurement_noise(tracks, self.noise_floor)
         return _begun(filter_modes(past, noise, bank, self.speed), past, tracks)
 
@@ -388,7 +392,7 @@ class InteractingModels(Fittable):
         )
 
     def _kept(
-        self, beliefs: Beliefs, bank: ModeBank, past: Histories, tracks: Tracks, steps: int
+        self, beliefs: ModelBeliefs, bank: ModeBank, past: Histories, tracks: Tracks, steps: int
     ) -> Forecast:
         """One mode per model, without switches ahead."""
         size = tracks.dimension
@@ -413,7 +417,9 @@ class InteractingModels(Fittable):
         return with_fallback(own, missing, Kalman(), tracks, None)
 
 
-def _kept_joint(beliefs: Beliefs, bank: ModeBank, size: int, steps: int, late: IntArray) -> Array:
+def _kept_joint(
+    beliefs: ModelBeliefs, bank: ModeBank, size: int, steps: int, late: IntArray
+) -> Array:
     """Joint covariance of each mode, (O, M, N*D, N*D), m^2."""
     start = beliefs.covariance.transpose(2, 3, 0, 1)
     each = [

@@ -14,7 +14,7 @@ from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
 from .core.assembly import refuse_adaptive, with_fallback
 from .core.history import LONGEST_GAP, Histories, gather
-from .core.own_step import Says, at_own_step
+from .core.own_step import ForecastFn, at_own_step
 from .core.velocity_forecast import past_velocities, process_gaussians, served, start_covariance
 from .core.velocity_process import VelocityProcess, velocity_path
 from .kalman import Kalman
@@ -167,7 +167,7 @@ class PooledVectorAutoregression(Fittable):
         )  # fmt: skip
         return with_fallback(own, missing, self.fallback, tracks, scene)
 
-    def _says(self, tracks: Tracks, steps: int) -> Says:
+    def _says(self, tracks: Tracks, steps: int) -> ForecastFn:
         """Forecast tracks at the step of the process."""
         past = gather(tracks, length=self.order + 1 + LONGEST_GAP)
         missing = unable("pooled_var", past, self.order)

@@ -17,7 +17,7 @@ from ..people.walls import WallField
 from .core.assembly import Gaussians, both_reasons, narrowed, refuse_adaptive, with_fallback
 from .core.crowd_rollout import Movers, on_grid, rolled_out
 from .core.history import measurement_noise
-from .core.person_belief import Around, Beliefs, Drift, Slots, stepped
+from .core.person_belief import Drift, HypothesisSlots, PeopleAround, PersonBeliefs, stepped
 from .core.social_rollout import RobotCourse, course_of
 from .kalman import Kalman
 
@@ -127,7 +127,7 @@ class ReactingPeople(Adaptive):
     step: float = 0.25
     most: int = 40
     fallback: Predictor = field(default_factory=Kalman)
-    state: Beliefs | None = None
+    state: PersonBeliefs | None = None
 
     reference: ClassVar[str] = "helbing1995social,vandenberg2011reciprocal"
 
@@ -200,8 +200,8 @@ class ReactingPeople(Adaptive):
         return replace(self, state=replace(self._known(tracks, scene), robot=robot))
 
     @cached_property
-    def _slots(self) -> Slots:
-        return Slots(self.models, self.courtesy, self.update_courtesy)
+    def _slots(self) -> HypothesisSlots:
+        return HypothesisSlots(self.models, self.courtesy, self.update_courtesy)
 
     @property
     def _drift(self) -> Drift:
@@ -221,7 +221,7 @@ class ReactingPeople(Adaptive):
             )
         return ""
 
-    def _known(self, tracks: Tracks, scene: Scene | None) -> Beliefs:
+    def _known(self, tracks: Tracks, scene: Scene | None) -> PersonBeliefs:
         """Beliefs of the nearest people at the newest sample."""
         rows = _nearest(tracks, course_of(scene, tracks.dt, tracks.stamp), self.most)
         some = tracks if len(rows) == len(tracks) else tracks.select(rows)
@@ -232,11 +232,11 @@ class ReactingPeople(Adaptive):
         for time in times:
             measured = _places(some, time)
             beside = walls.beside(before.mean[:, :2])
-            around = Around(some.radius, beside)
+            around = PeopleAround(some.radius, beside)
             before = stepped(slots, drift, before, measured, noise, around, time - before.stamp)
         return before
 
-    def _since(self, tracks: Tracks) -> tuple[Beliefs, Array]:
+    def _since(self, tracks: Tracks) -> tuple[PersonBeliefs, Array]:
         """Return beliefs to go on from, and the times of the samples since, s."""
         state, dt, stamp = self.state, tracks.dt, tracks.stamp
         rows = tracks.positions.shape[1]
@@ -249,9 +249,9 @@ class ReactingPeople(Adaptive):
                 return state.of(self._slots, tracks.ids), times
         first = min(rows, MEMORY)
         times = stamp - dt * np.arange(first - 1.0, -1.0, -1.0)
-        return Beliefs.none(self._slots, tracks.ids, stamp - first * dt, dt), times
+        return PersonBeliefs.none(self._slots, tracks.ids, stamp - first * dt, dt), times
 
-    def _missing(self, tracks: Tracks, known: Beliefs) -> list[str | None]:
+    def _missing(self, tracks: Tracks, known: PersonBeliefs) -> list[str | None]:
         """Say of everybody why the models do not forecast him, or None."""
         place = {ident: row for row, ident in enumerate(known.ids)}
         found: list[str | None] = []
@@ -269,7 +269,12 @@ class ReactingPeople(Adaptive):
         return found
 
     def _crowd(
-        self, tracks: Tracks, steps: int, scene: Scene | None, known: Beliefs, served: list[int]
+        self,
+        tracks: Tracks,
+        steps: int,
+        scene: Scene | None,
+        known: PersonBeliefs,
+        served: list[int],
     ) -> "_Crowd":
         """Gather everybody for a roll-out; who is not served follows his own forecast."""
         count = max(ceil(steps * tracks.dt / self.step - 1e-9), 1)
@@ -295,7 +300,7 @@ class ReactingPeople(Adaptive):
             _walls(scene, tracks.select(served)),
         )
 
-    def _told(self, known: Beliefs, row: int) -> PersonBelief:
+    def _told(self, known: PersonBeliefs, row: int) -> PersonBelief:
         slots = self._slots
         groups = slots.in_groups(known.weight[row : row + 1])[0]
         kinds = dict.fromkeys((model.name for model in self.models), 0.0)
@@ -318,7 +323,7 @@ class ReactingPeople(Adaptive):
 class _Crowd:
     """Everybody who takes part in a roll-out."""
 
-    beliefs: Beliefs
+    beliefs: PersonBeliefs
     radius: Array
     movers: Movers
     walls: WallField

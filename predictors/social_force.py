@@ -11,7 +11,7 @@ from ..framework.values.arrays import Array, positive
 from ..framework.values.forecast import Forecast, Scene
 from ..framework.values.tracks import Tracks
 from .core.assembly import both_reasons
-from .core.social_rollout import Force, Walkers, course_of, roll_out
+from .core.social_rollout import Force, SocialWalkers, course_of, roll_out
 from .kalman import Kalman
 
 GRID = np.sqrt(3.0) * np.array([(a, b) for a in (0, 1, -1) for b in (0, 1, -1)], dtype=np.float64)
@@ -91,14 +91,14 @@ class SocialForce(Predictor):
         return Forecast.single(mean, covariance, tracks.dt, ahead.fallback, joint)
 
 
-def _walkers(tracks: Tracks, ahead: Forecast, scene: Scene | None) -> Walkers:
+def _walkers(tracks: Tracks, ahead: Forecast, scene: Scene | None) -> SocialWalkers:
     """Where everybody is now, and where to: an estimate goes straight on."""
     first, second = ahead.mean[:, 0, 0], ahead.mean[:, 0, 1]
     velocity = (second - first) / tracks.dt
     seen = np.asarray(np.isfinite(tracks.positions).all(axis=2), dtype=np.bool_)
     known = np.asarray(seen.any(axis=1), dtype=np.bool_)
     goals = None if scene is None else scene.goals
-    return Walkers(first - tracks.dt * velocity, velocity, tracks.radius, known, goals)
+    return SocialWalkers(first - tracks.dt * velocity, velocity, tracks.radius, known, goals)
 
 
 def _joint(ahead: Forecast, apart: Array) -> Array:

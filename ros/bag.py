@@ -23,11 +23,11 @@ from .readings import (
     Clock,
     Goal,
     Mixture,
-    Motion,
-    Obstacles,
+    ObstaclesReading,
+    OdometryReading,
+    PathReading,
     Reading,
     Transforms,
-    Way,
     reading_of,
     tilted,
 )
@@ -153,10 +153,12 @@ class Bag:
 
     def motions(self, topic: str) -> tuple[Array, Array, Array]:
         """Return the odometry of a topic: times (T,), poses (T, 3) and twists (T, 3)."""
-        rows = [row for row in self.rows(topic) if isinstance(row.reading.content, Motion)]
+        rows = [
+            row for row in self.rows(topic) if isinstance(row.reading.content, OdometryReading)
+        ]
         said = [row.reading.content for row in rows]
-        poses = [one.pose for one in said if isinstance(one, Motion)]
-        twists = [one.twist for one in said if isinstance(one, Motion)]
+        poses = [one.pose for one in said if isinstance(one, OdometryReading)]
+        twists = [one.twist for one in said if isinstance(one, OdometryReading)]
         times = np.array([row.time for row in rows])
         return times, np.reshape(poses, (-1, 3)), np.reshape(twists, (-1, 3))
 
@@ -164,7 +166,7 @@ class Bag:
         """Return when paths of a topic came, and each in its own frame."""
         found = []
         for time, reading, _ in self.rows(topic):
-            if isinstance(reading.content, Way) and len(reading.content.points) >= 2:
+            if isinstance(reading.content, PathReading) and len(reading.content.points) >= 2:
                 found.append((time, Route(reading.content.points)))
         return tuple(found)
 
@@ -188,7 +190,7 @@ class Bag:
         fixed = self.fixed_frame([topic])
         found = []
         for time, reading, _ in self.rows(topic):
-            if not isinstance(reading.content, Obstacles):
+            if not isinstance(reading.content, ObstaclesReading):
                 continue
             pose = self.frames.motion(fixed, reading.frame, [time])[0]
             told = [(one.ident, one.forecast) for one in reading.content.seen if one.forecast]
@@ -298,7 +300,7 @@ def _types(kind: str, definition: str) -> Messages | str:
 
 def _epoch(said: _Said) -> int:
     """Return the earliest stamp of what moves, ns; else the earliest receipt."""
-    lasting = (Transforms, OccupancyGrid, Clock, Way, Goal)
+    lasting = (Transforms, OccupancyGrid, Clock, PathReading, Goal)
     rows = [row for rows in said.values() for row in rows]
     moving = [one.stamp for _, one in rows if one.stamp and not isinstance(one.content, lasting)]
     return min(moving or [received for received, _ in rows], default=0)
@@ -319,7 +321,7 @@ def _timed(raw: RawBag, said: _Said, epoch: int) -> tuple[dict[str, tuple[Timed,
         if clocks and np.isnan(stamped).all():
             ours = [NANO * (at - first) for at, _ in clocks]
             stamped = np.interp(received, ours, [NANO * (one.stamp - epoch) for _, one in clocks])
-        lasting = isinstance(rows[0][1].content, OccupancyGrid | Way | Goal)
+        lasting = isinstance(rows[0][1].content, OccupancyGrid | PathReading | Goal)
         when = stamps(stamped, received)
         notes += [] if lasting else [f"{name}: {text}" for text in when.notes]
         number = len({row.source for row in found.get(name, [])})
@@ -346,6 +348,6 @@ def _frames(timed: Mapping[str, tuple[Timed, ...]]) -> FrameTree:
     for rows in timed.values():
         for time, reading, _ in rows:
             moved = reading.content
-            if isinstance(moved, Motion) and moved.child not in known:
+            if isinstance(moved, OdometryReading) and moved.child not in known:
                 tree.add(reading.frame, moved.child, time, moved.pose)
     return tree

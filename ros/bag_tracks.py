@@ -13,7 +13,7 @@ from ..framework.values.arrays import Array, positive, whole
 from ..framework.values.errors import WideberthError
 from .bag import Bag, Timed, read_bag
 from .frames import composed
-from .readings import OBSTACLES, Motion, Obstacles
+from .readings import OBSTACLES, ObstaclesReading, OdometryReading
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 
@@ -125,9 +125,9 @@ def _who(topic: str, row: Timed) -> list[tuple[str, Array, float]]:
     """Return identity, pose and radius of everybody in a message."""
     mark = f" ({row.source + 1})" if row.source else ""
     content = row.reading.content
-    if isinstance(content, Motion):
+    if isinstance(content, OdometryReading):
         return [(f"{topic}{mark}", content.pose, float("nan"))]
-    if isinstance(content, Obstacles):
+    if isinstance(content, ObstaclesReading):
         return [(one.ident and one.ident + mark, one.pose, one.radius) for one in content.seen]
     return []
 

@@ -12,7 +12,7 @@ from .node import PlannerNode
 from .ways import Arrival
 
 
-class Code(IntEnum):
+class ResultCode(IntEnum):
     """Results of Nav2's action FollowPath, by its numbers."""
 
     NONE = 0
@@ -27,9 +27,9 @@ class Code(IntEnum):
 @final
 @dataclass(frozen=True)
 class End:
-    """How following a path has ended: by success where the code is `Code.NONE`."""
+    """How following a path has ended: by success where the code is `ResultCode.NONE`."""
 
-    code: Code
+    code: ResultCode
     reason: str = ""
 
 
@@ -100,11 +100,15 @@ class Follower:
             turn on the spot.
         """
         if len(points) < 2:
-            return End(Code.INVALID_PATH, f"the path has {len(points)} poses; wanted two at least")
+            return End(
+                ResultCode.INVALID_PATH, f"the path has {len(points)} poses; wanted two at least"
+            )
         if self.node.motion is None:
-            return End(Code.TF_ERROR, "where the robot is is not known: there is no odometry")
+            return End(
+                ResultCode.TF_ERROR, "where the robot is is not known: there is no odometry"
+            )
         if not self.node.follow(frame, points):
-            return End(Code.INVALID_PATH, f"the path in {frame!r} cannot be followed")
+            return End(ResultCode.INVALID_PATH, f"the path in {frame!r} cannot be followed")
         if self.node.turns_on_the_spot:
             self._frame, self._heading = frame, heading
         return None
@@ -113,7 +117,7 @@ class Follower:
         """Look how it goes; return how it has ended, or None while it goes on."""
         path, motion, wanted = self.node.path, self.node.motion, self.settings
         if path is None or motion is None:
-            return End(Code.UNKNOWN, "the path was taken away")
+            return End(ResultCode.UNKNOWN, "the path was taken away")
         self.distance = float(np.linalg.norm(path.goal - motion[0][:2]))
         self.speed = float(np.hypot(*motion[1][:2]))
         was = self._arrival.there
@@ -122,7 +126,7 @@ class Follower:
             self.node.drive_on()
         turned = self._turned()
         if there and turned and self.speed <= wanted.slow:
-            return End(Code.NONE)
+            return End(ResultCode.NONE)
         self._note_progress(motion[0], now)
         waits, counts = self.node.waits_for(), self.node.counts
         planned = counts.plans > self._plans or there
@@ -132,13 +136,13 @@ class Follower:
         self._failures, self._plans = counts.failures, counts.plans
         if now - self._well > wanted.patience:
             if waits:
-                return End(Code.CONTROLLER_TIMED_OUT, waits)
+                return End(ResultCode.CONTROLLER_TIMED_OUT, waits)
             if failed or "failed" in self.node.status:
-                return End(Code.NO_VALID_CONTROL, self.node.status)
-            return End(Code.CONTROLLER_TIMED_OUT, "the planner does not answer")
+                return End(ResultCode.NO_VALID_CONTROL, self.node.status)
+            return End(ResultCode.CONTROLLER_TIMED_OUT, "the planner does not answer")
         if now - self._moved > wanted.allowance:
             reason = f"it moved less than {wanted.progress:g} m in {wanted.allowance:g} s"
-            return End(Code.FAILED_TO_MAKE_PROGRESS, reason)
+            return End(ResultCode.FAILED_TO_MAKE_PROGRESS, reason)
         return None
 
     def _turned(self) -> bool:

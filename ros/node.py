@@ -27,11 +27,11 @@ from .messages import Messages
 from .node_settings import NodeSettings
 from .own_motion import Heard, OwnMotion
 from .priority import urgent
-from .readings import Goal, Motion, Transforms, Way, reading_of
+from .readings import Goal, OdometryReading, PathReading, Transforms, reading_of
 from .room import beside_robot
-from .sight import LASERSCAN, ObstacleSight, ObstacleTopic, ScanSight, Sight, View
-from .ways import Arrival, Found, GoalTopic, Guide, MapTopic, PathTopic, Question, Turn
-from .wording import Wording
+from .sight import LASERSCAN, ObstacleSight, ObstacleSource, ObstacleTopic, ScanSight, ScanView
+from .ways import Arrival, Found, GoalPlanner, GoalTopic, MapTopic, PathTopic, Question, Turn
+from .wording import MessageEncoder
 
 LONGEST_PATH = 10_000
 """Points; a longer path is thinned out."""
@@ -167,8 +167,8 @@ class PlannerNode:
         """rad/s^2, by which the robot can turn faster on the spot; 0 where it cannot."""
         self._lock = threading.RLock()
         self._stop = threading.Event()
-        self._sight: Sight | None = None
-        self._guide: Guide | None = None
+        self._sight: ObstacleSource | None = None
+        self._guide: GoalPlanner | None = None
         self._arrival: Arrival | None = None
         self._no_way = ""
         self._join(link)
@@ -218,7 +218,7 @@ class PlannerNode:
             pose, grid = "geometry_msgs/msg/PoseStamped", "nav_msgs/msg/OccupancyGrid"
             self._from["goal"] = link.subscriber(follows.topic, pose, reliable=True)
             told = avoids_polygons(self.controller) and not isinstance(self._sight, ScanSight)
-            self._guide = Guide(follows, self.robot.radius, self.turns_on_the_spot, told)
+            self._guide = GoalPlanner(follows, self.robot.radius, self.turns_on_the_spot, told)
             if follows.over is not None and isinstance(follows.over.map, MapTopic):
                 topic = follows.over.map.topic
                 self._from["map"] = link.subscriber(topic, grid, reliable=True, kept=True)
@@ -242,12 +242,12 @@ class PlannerNode:
         with self._lock:
             if isinstance(content, Transforms):
                 self._own.take_frames(content)
-            elif isinstance(content, Motion):
+            elif isinstance(content, OdometryReading):
                 try:
                     self._own.take(reading, now)
                 except WideberthError as error:
                     return self._refuse(str(error))
-            elif isinstance(content, Way):
+            elif isinstance(content, PathReading):
                 self._take_path(reading.frame, content.points)
             elif isinstance(content, Scan) and len(content.ranges) > MOST_BEAMS:
                 return self._refuse(f"a scan of {len(content.ranges)} beams is too long")
@@ -294,7 +294,7 @@ class PlannerNode:
     def motion(self) -> tuple[Array, Array] | None:
         """Pose (3,) and twist (3,) of the newest odometry; None before the first."""
         heard = self._own.newest
-        if heard is None or not isinstance(heard.reading.content, Motion):
+        if heard is None or not isinstance(heard.reading.content, OdometryReading):
             return None
         return heard.reading.content.pose, heard.reading.content.twist
 
@@ -447,7 +447,7 @@ class PlannerNode:
         """Put together what the controller sees, and what it should remember first."""
         reading = heard.reading
         motion = reading.content
-        assert isinstance(motion, Motion)
+        assert isinstance(motion, OdometryReading)
         covariance = EXACT * np.eye(6)
         if motion.covariance is not None and np.isfinite(motion.covariance).all():
             covariance[:3, :3] = motion.covariance
@@ -457,7 +457,7 @@ class PlannerNode:
         except WideberthError:  # no covariance at all
             estimate = MotionEstimate(heard.time, mean, EXACT * np.eye(6))
         state, spread = own_state(self.robot, estimate, seen_from_here=True)
-        seen = View() if self._sight is None else self._sight.view(self._own)
+        seen = ScanView() if self._sight is None else self._sight.view(self._own)
         walls = seen.polygons + (() if self._guide is None else self._guide.walls)
         now = Observation(
             heard.time, state, seen.detections, spread, walls, scan=seen.scan
@@ -480,7 +480,7 @@ class PlannerNode:
             self._last = sent
             forward, aside, rate = sent.tolist()
             frame = self.settings.base_frame
-        wording = Wording(0, frame, self._known)
+        wording = MessageEncoder(0, frame, self._known)
         message = wording.command(time.time(), Command((forward, aside), rate), frame)
         self._to["commands"].send(message if self.settings.stamped else message.twist)
         self.counts.sent += 1
@@ -508,7 +508,7 @@ class PlannerNode:
         """Start at the velocity that the robot has."""
         assert self._own.newest is not None
         motion = self._own.newest.reading.content
-        assert isinstance(motion, Motion)
+        assert isinstance(motion, OdometryReading)
         still = np.zeros(len(self.robot.states))
         own = Twist((float(motion.twist[0]), float(motion.twist[1])), float(motion.twist[2]))
         velocity = attained(self.robot, still, [own])[0]
@@ -538,7 +538,9 @@ class PlannerNode:
         plan: Plan | None = self.controller.plan
         if plan is None or self._own.newest is None:
             return
-        wording = Wording(time.time_ns() - round(1e9 * plan.stamp), self._own.frame, self._known)
+        wording = MessageEncoder(
+            time.time_ns() - round(1e9 * plan.stamp), self._own.frame, self._known
+        )
         for name, word in (
             ("plan", wording.plan), ("forecast", wording.forecast), ("regions", wording.regions),
         ):  # fmt: skip
@@ -556,7 +558,7 @@ class PlannerNode:
             numbers["latency median, ms"] = f"{1e3 * float(np.median(counts.latency)):.1f}"
         well = self.status in (DRIVING, TURNING, ARRIVED)
         self._to["diagnostics"].send(
-            Wording(0, "", self._known).diagnostics(
+            MessageEncoder(0, "", self._known).diagnostics(
                 time.time(), "wideberth: planner", 0 if well else 1, self.status, numbers
             )
         )

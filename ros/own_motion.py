@@ -9,7 +9,7 @@ import numpy as np
 from ..framework.values.arrays import FARTHEST, Array
 from ..framework.values.errors import WideberthError
 from .frames import FrameTree, composed, within_pi
-from .readings import Motion, Reading, Transforms
+from .readings import OdometryReading, Reading, Transforms
 
 OLDEST = 1.0
 """s; stamps that lie farther apart are of clocks that do not agree, and are not compared."""
@@ -65,7 +65,7 @@ class OwnMotion:
         WideberthError : numbers that are not finite.
         """
         motion = reading.content
-        assert isinstance(motion, Motion)
+        assert isinstance(motion, OdometryReading)
         numbers = np.concatenate([motion.pose, motion.twist])
         if not np.isfinite(numbers).all():
             raise WideberthError("odometry is not finite")
@@ -162,7 +162,7 @@ class OwnMotion:
         if self.newest is None or motion is None:
             return float("nan")
         content = self.newest.reading.content
-        assert isinstance(content, Motion)
+        assert isinstance(content, OdometryReading)
         return within_pi(float(motion[2]) + heading - float(content.pose[2]))
 
     def placed(self, frame: str) -> Array | None:
@@ -175,5 +175,5 @@ class OwnMotion:
         if found is not None or mount is None or self.newest is None:
             return found
         motion = self.newest.reading.content
-        assert isinstance(motion, Motion)
+        assert isinstance(motion, OdometryReading)
         return composed(motion.pose, mount)

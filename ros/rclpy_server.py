@@ -11,7 +11,7 @@ import numpy as np
 
 from ..framework.robot import SpeedLimited
 from ..framework.values.errors import WideberthError
-from .following import Code, End, Follower, Following
+from .following import End, Follower, Following, ResultCode
 from .messages import Messages
 from .node import PlannerNode
 from .readings import heading_of
@@ -191,10 +191,10 @@ class FollowPathServer:
                     self.planner.halt()
             if replaced:
                 handle.abort()
-                return self._result(End(Code.NONE, "a new goal took its place"))
+                return self._result(End(ResultCode.NONE, "a new goal took its place"))
             if cancelled:
                 handle.canceled()
-                return self._result(End(Code.NONE, "it was cancelled"))
+                return self._result(End(ResultCode.NONE, "it was cancelled"))
             if end is None:
                 self._feed_back(handle, follower)
                 time.sleep(1.0 / RATE)

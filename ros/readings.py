@@ -31,7 +31,7 @@ class Mixture:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Seen:
+class ObstacleReading:
     """An obstacle in a message.
 
     Attributes
@@ -56,15 +56,15 @@ class Seen:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Obstacles:
+class ObstaclesReading:
     """All obstacles of one message."""
 
-    seen: tuple[Seen, ...]
+    seen: tuple[ObstacleReading, ...]
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class Motion:
+class OdometryReading:
     """A pose with its motion, from odometry.
 
     Attributes
@@ -91,7 +91,7 @@ class Transforms:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Way:
+class PathReading:
     """Points of a path, (P, 2), m."""
 
     points: Array
@@ -120,7 +120,16 @@ class Clock:
     now: int
 
 
-Content: TypeAlias = Obstacles | Motion | Transforms | Way | Goal | Clock | Scan | OccupancyGrid
+Content: TypeAlias = (
+    ObstaclesReading
+    | OdometryReading
+    | Transforms
+    | PathReading
+    | Goal
+    | Clock
+    | Scan
+    | OccupancyGrid
+)
 
 
 @final
@@ -182,10 +191,10 @@ def _name(uuid: bytes) -> str:
     return text if text and text.isascii() and text.isprintable() else uuid.hex()
 
 
-def _obstacle_array(message: Any) -> Obstacles:
-    return Obstacles(
+def _obstacle_array(message: Any) -> ObstaclesReading:
+    return ObstaclesReading(
         tuple(
-            Seen(
+            ObstacleReading(
                 _name(bytes(np.asarray(one.uuid.uuid, np.uint8))),
                 np.array([one.position.x, one.position.y, 0.0]),
                 0.5 * max(one.size.x, one.size.y) or float("nan"),
@@ -198,7 +207,7 @@ def _obstacle_array(message: Any) -> Obstacles:
     )
 
 
-def _costmap_obstacles(message: Any) -> Obstacles:
+def _costmap_obstacles(message: Any) -> ObstaclesReading:
     seen = []
     for one in message.obstacles:
         corners = np.array([(point.x, point.y) for point in one.polygon.points], dtype=np.float64)
@@ -209,7 +218,7 @@ def _costmap_obstacles(message: Any) -> Obstacles:
         turn, speed = one.orientation, one.velocities.twist.linear
         heading = float(yaw_of(turn.x, turn.y, turn.z, turn.w))
         seen.append(
-            Seen(
+            ObstacleReading(
                 str(one.id) if one.id >= 0 else "",
                 np.array([*centre, heading]),
                 reach if reach > 0.0 else float("nan"),
@@ -218,7 +227,7 @@ def _costmap_obstacles(message: Any) -> Obstacles:
                 _plane(one.velocities.covariance, 6),
             )
         )
-    return Obstacles(tuple(seen))
+    return ObstaclesReading(tuple(seen))
 
 
 def _mixture(message: Any) -> Mixture | None:
@@ -248,11 +257,11 @@ def _mixture(message: Any) -> Mixture | None:
     return Mixture(weight / weight.sum(), poses[..., :2], spread)
 
 
-def _gaussian_obstacles(message: Any) -> Obstacles:
+def _gaussian_obstacles(message: Any) -> ObstaclesReading:
     none = float("nan")
-    return Obstacles(
+    return ObstaclesReading(
         tuple(
-            Seen(
+            ObstacleReading(
                 *(str(one.id) if one.id >= 0 else "", pose_of(one.pose), none),
                 forecast=_mixture(one),
             )
@@ -261,10 +270,10 @@ def _gaussian_obstacles(message: Any) -> Obstacles:
     )
 
 
-def _boxes(message: Any) -> Obstacles:
-    return Obstacles(
+def _boxes(message: Any) -> ObstaclesReading:
+    return ObstaclesReading(
         tuple(
-            Seen(
+            ObstacleReading(
                 one.id,
                 pose_of(one.bbox.center),
                 _width(one.bbox.size),
@@ -276,13 +285,13 @@ def _boxes(message: Any) -> Obstacles:
     )
 
 
-def _odometry(message: Any) -> Motion:
+def _odometry(message: Any) -> OdometryReading:
     twist = message.twist.twist
     rows = np.asarray(message.pose.covariance, dtype=np.float64).reshape(6, 6)
     plane = rows[np.ix_([0, 1, 5], [0, 1, 5])]
     pose = pose_of(message.pose.pose)
     speeds = np.array([twist.linear.x, twist.linear.y, twist.angular.z])
-    return Motion(message.child_frame_id, pose, speeds, _stated(plane))
+    return OdometryReading(message.child_frame_id, pose, speeds, _stated(plane))
 
 
 def _transforms(message: Any) -> Transforms:
@@ -311,12 +320,12 @@ def scan_of(message: Any) -> Scan:
     )
 
 
-def _way(message: Any) -> Way:
+def _way(message: Any) -> PathReading:
     places = [(one.pose.position.x, one.pose.position.y) for one in message.poses]
     points = np.array(places, dtype=np.float64).reshape(-1, 2)
     new = np.ones(len(points), dtype=bool)
     new[1:] = (np.diff(points, axis=0) != 0.0).any(axis=1)
-    return Way(points[new])
+    return PathReading(points[new])
 
 
 def _goal(message: Any) -> Goal:

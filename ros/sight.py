@@ -22,7 +22,7 @@ from ..perception.handover import Batch, Handover
 from ..perception.walls import walls_behind
 from .frames import composed
 from .own_motion import Heard, OwnMotion
-from .readings import OBSTACLES, Obstacles, Reading, Seen
+from .readings import OBSTACLES, ObstacleReading, ObstaclesReading, Reading
 
 MOST_SEEN = 500
 """Obstacles of one message that are looked at, the nearest first."""
@@ -108,7 +108,7 @@ def check_topic(label: str, topic: str) -> None:
 
 @final
 @dataclass(frozen=True, eq=False)
-class View:
+class ScanView:
     """What a node knows of its surroundings at the instant of its newest odometry.
 
     Attributes
@@ -125,7 +125,7 @@ class View:
     scan: PlacedScan | None = None
 
 
-class Sight(Protocol):
+class ObstacleSource(Protocol):
     """Turns the messages of one topic into a view.
 
     `hear` and `view` are called under the node's lock, `look` is not: it may take long.
@@ -148,7 +148,7 @@ class Sight(Protocol):
         """Conclude what is to be concluded from the messages that have come."""
         ...
 
-    def view(self, own: OwnMotion) -> View:
+    def view(self, own: OwnMotion) -> ScanView:
         """Return what is known, in the frame of the odometry."""
         ...
 
@@ -202,20 +202,20 @@ class ObstacleSight:
             self._refuse(self.unplaced)
         return None
 
-    def view(self, own: OwnMotion) -> View:
+    def view(self, own: OwnMotion) -> ScanView:
         """Return the obstacles of the last message that was placed, in the odometry's frame."""
         heard = self.placed
         if heard is None or (frame := own.placed(heard.reading.frame)) is None:
             self.placed = None  # the odometry has another frame by now
-            return View()
-        assert isinstance(heard.reading.content, Obstacles)
+            return ScanView()
+        assert isinstance(heard.reading.content, ObstaclesReading)
         seen = heard.reading.content.seen[: 10 * MOST_SEEN]
         with np.errstate(over="ignore", invalid="ignore"):  # controllers leave out what is absurd
             found = self._placed_in(frame, seen, own, max(own.now - own.instant(heard), 0.0))
-        return View(tuple({one.ident: one for one in found}.values()))
+        return ScanView(tuple({one.ident: one for one in found}.values()))
 
     def _placed_in(
-        self, frame: Array, seen: Sequence[Seen], own: OwnMotion, age: float
+        self, frame: Array, seen: Sequence[ObstacleReading], own: OwnMotion, age: float
     ) -> list[Detection]:
         """Return the nearest of some obstacles of a frame whose pose is known, (3,)."""
         places = composed(frame, np.array([one.pose for one in seen]).reshape(-1, 3))[:, :2]
@@ -333,11 +333,11 @@ class ScanSight:
                 self._polygons = walls_behind(sightings.segments, sensor, self._gap)
         return None
 
-    def view(self, own: OwnMotion) -> View:
+    def view(self, own: OwnMotion) -> ScanView:
         """Return the tracked obstacles, carried on to the newest odometry."""
         now = own.now
         self._handover, earlier, present = self._handover.detections(self._tracker.at(now), now)
-        return View(present, earlier, self._polygons, self._scan)
+        return ScanView(present, earlier, self._polygons, self._scan)
 
     def warm_up(self) -> None:
         """Detect and track with copies in scans that are made up: a body before a wall."""

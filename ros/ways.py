@@ -7,7 +7,7 @@ from typing import Any, Protocol, final
 
 import numpy as np
 
-from ..framework.mpc.ocp.reference import Progress
+from ..framework.mpc.ocp.reference import PathProgress
 from ..framework.numerics.inflation import Inflation
 from ..framework.route_planner import Route
 from ..framework.values.arrays import FARTHEST, Array, positive
@@ -191,7 +191,7 @@ class Arrival:
         self.there: bool = False
         """Whether it was there at the last look."""
         self._tolerance = tolerance
-        self._progress: Progress | None = None
+        self._progress: PathProgress | None = None
 
     def look(self, path: Path, place: Array) -> bool:
         """Return whether a robot at a place, (2,) in m, is at the end of its path."""
@@ -199,7 +199,7 @@ class Arrival:
             self.there = False
             return False
         if self._progress is None or self._progress.path is not path:
-            self._progress = Progress(path)
+            self._progress = PathProgress(path)
         self._progress, arc = self._progress.advanced(place)
         distance = float(np.linalg.norm(path.goal - place))
         near = distance <= (1.0 + self.there) * self._tolerance
@@ -208,7 +208,7 @@ class Arrival:
 
 
 @final
-class Guide:
+class GoalPlanner:
     """Finds the way to the newest goal.
 
     `hear` and `ask` are called under the node's lock; `answer` and `look`, which may take long,

@@ -44,7 +44,7 @@ def identity(name: str) -> NDArray[np.uint8]:
 
 @final
 @dataclass(frozen=True)
-class Wording:
+class MessageEncoder:
     """Makes messages of one distribution, in one frame that stands still.
 
     Parameters

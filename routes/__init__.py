@@ -4,7 +4,7 @@ from ..framework.plugins.lazy import lazy
 
 BUILT_IN: dict[str, str] = {
     "navfn": "wideberth.routes.navfn:NavFn",
-    "smoothed": "wideberth.routes.smoothed:Smoothed",
+    "smoothed": "wideberth.routes.smoothed:SmoothedRoutes",
 }
 """Name -> where the class is."""
 

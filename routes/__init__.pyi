@@ -3,6 +3,6 @@
 # fmt: off
 
 from .navfn import NavFn as NavFn
-from .smoothed import Smoothed as Smoothed
-__all__ = ['NavFn', 'Smoothed']
+from .smoothed import SmoothedRoutes as SmoothedRoutes
+__all__ = ['NavFn', 'SmoothedRoutes']
 BUILT_IN: dict[str, str]

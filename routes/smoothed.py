@@ -15,7 +15,7 @@ from .navfn import NavFn
 
 @final
 @dataclass(frozen=True)
-class Smoothed(RoutePlanner):
+class SmoothedRoutes(RoutePlanner):
     """Smooth the paths of another planner, as far as the costmap allows it.
 
     With points x_i at distances s_i apart and h_i = (s_i-1 + s_i) / 2 the path y minimises

@@ -139,12 +139,12 @@ def _window(workers: int, scheduler: str | None) -> "AbstractContextManager[None
     ------
     WideberthError : several processes, or no screen.
     """
-    from ...simulation.drawing.watch import Window
+    from ...simulation.drawing.watch import WatchWindow
     from ...simulation.engine.episode import watched
 
     if workers > 1 or scheduler is not None:
         raise WideberthError("--watch shows what one process does: leave --workers and such out")
-    return watched(Window())
+    return watched(WatchWindow())
 
 
 def _run(

@@ -28,7 +28,7 @@ from ...solvers.export.bundle import bundle, check_target, write_folder
 from ...solvers.export.solver.files import bundle as solver_bundle
 from ...solvers.export.solver.measured import needs
 from ...solvers.export.solver.native import Machine, Native, machine
-from ...solvers.export.solver.needs import Solver as ExportedSolver
+from ...solvers.export.solver.needs import ExportedSolver as ExportedSolver
 from ...solvers.export.subject import Subject
 from ...solvers.riccati.solver import Riccati
 from ..engine.base import Experiment

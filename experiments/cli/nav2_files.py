@@ -14,7 +14,7 @@ from ...framework.robot import Robot
 from ...framework.values.errors import WideberthError, nearest
 from ...nav2.server.navigator import Nav2, limits_of
 from ...nav2.server.params_text import params_text
-from ...nav2.server.settings import Settings
+from ...nav2.server.settings import LoopSettings
 from ...robots import Unicycle
 from ..engine.base import Experiment
 from ..engine.shipped import config_path, read_experiment
@@ -23,7 +23,7 @@ AROUND = "replay"
 """The shipped config whose robot and planners are replaced."""
 
 
-def config_of(settings: Settings, place: str) -> str:
+def config_of(settings: LoopSettings, place: str) -> str:
     """Return a config that compares Nav2, as a parameter file sets it, with our planner.
 
     It is the shipped config `replay` with a robot that has the limits of the velocity smoother and
@@ -53,7 +53,7 @@ def config_of(settings: Settings, place: str) -> str:
     return dump(config)
 
 
-def _robot(settings: Settings, place: str) -> Unicycle:
+def _robot(settings: LoopSettings, place: str) -> Unicycle:
     """Return the robot that the settings are for."""
     corners = np.array(settings.footprint).reshape(-1, 2)
     radius = settings.robot_radius
@@ -114,7 +114,7 @@ def params_of(config: str, planner: str | None = None) -> str:
     if not isinstance(chosen, DrivesRobot):
         raise WideberthError(f"{name} does not know its robot; choose another planner")
     robot: Robot = chosen.robot
-    settings = Settings().within(limits_of(robot))
+    settings = LoopSettings().within(limits_of(robot))
     rate = 1.0 / chosen.period
     return params_text(replace(settings, robot_radius=robot.radius, controller_frequency=rate))
 

@@ -13,8 +13,8 @@ from ...framework.mpc.planner.planner import Planner
 from ...framework.values.arrays import Array, positive, probability
 from ...framework.values.plan import Plan
 from ...simulation.drawing import artists
-from ...simulation.drawing.film import Stage, canvas_of
-from ...simulation.drawing.logged import Agent
+from ...simulation.drawing.film import FilmStage, canvas_of
+from ...simulation.drawing.logged import DrawnAgent
 from ...simulation.log.episode_log import Episode
 from .beliefs import Onlooker, beliefs_of, explain, magnified
 from .kept_out import kept_out_of
@@ -85,7 +85,7 @@ def animate(
 
 
 def _kept_out_of(
-    episode: Episode, planner: Planner, log: Agent, plan: Plan, steps: list[int]
+    episode: Episode, planner: Planner, log: DrawnAgent, plan: Plan, steps: list[int]
 ) -> dict[tuple[int, int], Array]:
     return kept_out_of(episode, log, plan, planner, steps)
 
@@ -100,7 +100,7 @@ class _Frames:
 
         self.figure = Figure(dpi=120)
         self.canvas = canvas_of(self.figure)
-        self.stage = Stage(self.figure, episode, tail, regions, note)
+        self.stage = FilmStage(self.figure, episode, tail, regions, note)
         beliefs = beliefs_of(episode)
         looks, scale = artists.looks(episode), magnified(beliefs, tail)
         self.onlookers = [

@@ -27,7 +27,7 @@ MOST = 24
 """Tracks of one robot whose identities the film has room for."""
 
 
-class Belief(NamedTuple):
+class DrawnBelief(NamedTuple):
     """What a robot believed after one scan, in the world's frame.
 
     Attributes
@@ -50,7 +50,7 @@ class Belief(NamedTuple):
     segments: Array
 
     @classmethod
-    def of(cls, glance: Glance) -> "Belief":
+    def of(cls, glance: Glance) -> "DrawnBelief":
         """Return what was believed at a glance."""
         to_world, tracked = glance.to_world, glance.obstacles
         states = np.array([one.state for one in tracked]).reshape(-1, 4)
@@ -66,14 +66,14 @@ class Belief(NamedTuple):
         )
 
 
-Beliefs = Mapping[str, Sequence[Belief]]
+Beliefs = Mapping[str, Sequence[DrawnBelief]]
 """Name of a robot -> what it believed, in order of time."""
 
 
 def beliefs_of(episode: Episode) -> Beliefs:
     """Return what each robot of an episode believed; empty where none has sensors."""
     return {
-        name: [Belief.of(glance) for glance in log.glances if glance.truth.time >= 0.0]
+        name: [DrawnBelief.of(glance) for glance in log.glances if glance.truth.time >= 0.0]
         for name, log in episode.perception.items()
     }
 
@@ -87,7 +87,7 @@ STILL: dict[str, Any] = {"color": BLACK, "linewidth": 1.1, "alpha": 0.7}
 _STILL = "what it takes to stand still"
 
 
-def belief_at(beliefs: Sequence[Belief], time: float) -> Belief | None:
+def belief_at(beliefs: Sequence[DrawnBelief], time: float) -> DrawnBelief | None:
     """Return what was believed last before a time, s; None where that is long ago."""
     index = bisect_right([one.time for one in beliefs], time + 1e-9) - 1
     if index < 0 or time - beliefs[index].time > LATEST:
@@ -105,13 +105,13 @@ def magnified(beliefs: Beliefs, tail: float) -> float:
     return max((scale for scale in SCALES if scale * axis <= LEGIBLE), default=1.0)
 
 
-def discs(belief: Belief, count: int = 60) -> list[Array]:
+def discs(belief: DrawnBelief, count: int = 60) -> list[Array]:
     """Outlines of the bodies that are tracked, (count, 2), m."""
     unit = circle(count).T
     return [p + r * unit for p, r in zip(belief.places, belief.radii, strict=True)]
 
 
-def rims(belief: Belief, tail: float, scale: float) -> list[Array]:
+def rims(belief: DrawnBelief, tail: float, scale: float) -> list[Array]:
     """Outlines of the ellipses of the places, ``scale`` times as large, (C, 2), m."""
     if not len(belief.idents):
         return []
@@ -119,7 +119,7 @@ def rims(belief: Belief, tail: float, scale: float) -> list[Array]:
     return list(ellipses(belief.places, spread, content_bound(2, tail), 48))
 
 
-def draw_belief(panel: Any, belief: Belief, colour: str, tail: float, scale: float) -> Array:
+def draw_belief(panel: Any, belief: DrawnBelief, colour: str, tail: float, scale: float) -> Array:
     """Draw one belief; return the corners of what has to be seen, (K, 2), m.
 
     Parameters
@@ -199,7 +199,7 @@ class Onlooker:
     """
 
     def __init__(
-        self, panel: Any, beliefs: Sequence[Belief], colour: str, tail: float, scale: float
+        self, panel: Any, beliefs: Sequence[DrawnBelief], colour: str, tail: float, scale: float
     ) -> None:
         from matplotlib.collections import LineCollection, PolyCollection
         from matplotlib.patheffects import withStroke

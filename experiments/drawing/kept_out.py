@@ -9,7 +9,7 @@ from ...framework.region import Polygonal, Region
 from ...framework.values.arrays import Array
 from ...framework.values.footprint import Discs, Outline
 from ...framework.values.plan import Plan, Situation, kept_out
-from ...simulation.drawing.logged import Agent
+from ...simulation.drawing.logged import DrawnAgent
 from ...simulation.log.episode_log import Episode
 
 
@@ -26,7 +26,7 @@ def region_name(region: Region) -> str:
 
 
 def kept_out_of(
-    episode: Episode, log: Agent, plan: Plan, planner: Planner, steps: list[int]
+    episode: Episode, log: DrawnAgent, plan: Plan, planner: Planner, steps: list[int]
 ) -> dict[tuple[int, int], Array]:
     """Outlines of the set that a plan kept the robot's centre out of, from above.
 
@@ -54,7 +54,7 @@ def kept_out_of(
     return kept_out(plan, situation, steps)
 
 
-def _body(log: Agent, region: Region) -> float:
+def _body(log: DrawnAgent, region: Region) -> float:
     """Radius of what keeps out of the region, m; 0 where its corners do."""
     if isinstance(log.footprint, Discs):
         return log.footprint.radius

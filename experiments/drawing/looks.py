@@ -25,7 +25,7 @@ _BLACK = 400.0
 """Darkness of a lethal cell, on the scale of costs."""
 
 
-class Look(NamedTuple):
+class CostmapLook(NamedTuple):
     """What a controller of Nav2 saw and thought of at one tick.
 
     Attributes
@@ -42,7 +42,7 @@ class Look(NamedTuple):
     sampled: Array
 
 
-def looks_to_bytes(looks: Sequence[Look]) -> bytes:
+def looks_to_bytes(looks: Sequence[CostmapLook]) -> bytes:
     """Return looks as the bytes of an ``.npz`` file."""
     arrays: dict[str, Any] = {"times": np.array([one.time for one in looks])}
     for i, one in enumerate(looks):
@@ -57,7 +57,7 @@ def looks_to_bytes(looks: Sequence[Look]) -> bytes:
     return buffer.getvalue()
 
 
-def looks_from_bytes(content: bytes) -> list[Look]:
+def looks_from_bytes(content: bytes) -> list[CostmapLook]:
     """Return the looks of `looks_to_bytes`."""
     with np.load(BytesIO(content)) as file:
         found = []
@@ -67,11 +67,11 @@ def looks_from_bytes(content: bytes) -> list[Look]:
             ways = [
                 np.asarray(file[f"{name}_{i}"], np.float64) for name in ("expected", "sampled")
             ]
-            found.append(Look(float(time), costmap, ways[0], ways[1]))
+            found.append(CostmapLook(float(time), costmap, ways[0], ways[1]))
     return found
 
 
-def draw_looks(episode: Episode, looks: Sequence[Look]) -> "Figure":
+def draw_looks(episode: Episode, looks: Sequence[CostmapLook]) -> "Figure":
     """Draw the first robot's local costmap and trajectories at moments about the closest approach.
 
     Grey is what a cell costs, black a lethal one. Thin lines are the trajectories that the
@@ -97,7 +97,7 @@ def draw_looks(episode: Episode, looks: Sequence[Look]) -> "Figure":
     return figure
 
 
-def _draw_look(panel: Any, episode: Episode, look: Look) -> None:
+def _draw_look(panel: Any, episode: Episode, look: CostmapLook) -> None:
     panel.set_title(f"{look.time:.1f} s")
     low, high = corners(look.costmap)
     cells = look.costmap.cells

@@ -31,7 +31,7 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class TaskOutcome:
     """Result of one task.
 
     Attributes
@@ -96,7 +96,7 @@ class Experiment(ABC):
         return
 
     @abstractmethod
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         """Do one task."""
 
     @abstractmethod

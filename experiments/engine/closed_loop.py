@@ -22,7 +22,7 @@ from ...simulation.log.episode_log import Episode
 from ...simulation.measures.avoidable import avoidable
 from ...simulation.measures.summary import summarise, time_rows
 from ...simulation.scenarios.base import Cast, Scenario
-from .base import Outcome, Row, Task
+from .base import Row, Task, TaskOutcome
 from .errors import as_user_error
 
 T = TypeVar("T")
@@ -208,10 +208,10 @@ def log_name(task: Task) -> str:
     return "-".join([*labels, str(task.seed)]) + ".npz"
 
 
-def outcome(episode: Episode, task: Task, tail: float, keep: bool) -> Outcome:
+def outcome(episode: Episode, task: Task, tail: float, keep: bool) -> TaskOutcome:
     """Table row and measured times of an episode; the log itself where asked to keep it."""
     labels = {**task.settings, "seed": task.seed}
-    return Outcome(
+    return TaskOutcome(
         rows=[{**labels, **summarise(episode, tail)}],
         times=[{**labels, **row} for row in time_rows(episode)],
         files={log_name(task): episode.to_bytes()} if keep else {},

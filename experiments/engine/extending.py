@@ -14,7 +14,7 @@ from typing import Any
 from ...framework.plugins.io import read_cells, read_json, read_text
 from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError
-from .base import Outcome, Row, Task
+from .base import Row, Task, TaskOutcome
 from .progress import say
 from .result_folder import (
     CURE,
@@ -92,7 +92,7 @@ def extend(out: Path, config: Mapping[str, Any], tasks: Mapping[str, Task], sour
         write_config(out, config)
 
 
-def task_index(outcomes: Mapping[str, Outcome]) -> dict[str, Any]:
+def task_index(outcomes: Mapping[str, TaskOutcome]) -> dict[str, Any]:
     """Return the content of tasks.json: what each task left, by the names of the shards.
 
     Lines of a table are runs [number of a list of columns, how many lines], in the order of the
@@ -115,7 +115,7 @@ def task_index(outcomes: Mapping[str, Outcome]) -> dict[str, Any]:
     return {"columns": [list(names) for names in columns], "tasks": tasks}
 
 
-def _outcomes(out: Path, tasks: Mapping[str, Task]) -> Iterator[tuple[str, Outcome]]:
+def _outcomes(out: Path, tasks: Mapping[str, Task]) -> Iterator[tuple[str, TaskOutcome]]:
     """Yield what each task left that the larger result has too, its cells as text."""
     if not (out / TASKS).is_file():
         raise WideberthError(
@@ -128,7 +128,7 @@ def _outcomes(out: Path, tasks: Mapping[str, Task]) -> Iterator[tuple[str, Outco
         missing = [name for name, path in files.items() if not path.is_file()]
         if missing:
             raise WideberthError(f"{out} lacks its file files/{missing[0]}; {CURE}")
-        outcome = Outcome(
+        outcome = TaskOutcome(
             rows.next(left["rows"]),
             times.next(left["times"]),
             {name: path.read_bytes() for name, path in files.items()},

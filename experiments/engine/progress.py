@@ -17,7 +17,7 @@ _SOON = 0.8
 """s until work is shown: what is quicker needs no bar."""
 
 
-class Progress:
+class ProgressLines:
     """A bar with an estimate of the time left, on a terminal; elsewhere a line now and then.
 
     Parameters
@@ -28,7 +28,13 @@ class Progress:
 
     def __init__(self, total: int, done: int = 0) -> None:
         from rich.console import Console
-        from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+        from rich.progress import (
+            BarColumn,
+            Progress,
+            SpinnerColumn,
+            TextColumn,
+            TimeElapsedColumn,
+        )
 
         self.console: Console = Console(stderr=True)
         self.bar: Bar = Progress(

@@ -31,10 +31,10 @@ from ...framework.plugins.io import (
 )
 from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError, short
-from .base import Experiment, Outcome, Result, Row, Task
+from .base import Experiment, Result, Row, Task, TaskOutcome
 from .errors import as_user_error, describe_error
 from .extending import TASKS, extend, grown, task_index
-from .progress import Progress, say, working
+from .progress import ProgressLines, say, working
 from .provenance import foreign_sources, plugin_modules, provenance
 from .quick import left_out
 from .result import check_finished
@@ -48,7 +48,7 @@ from .result_folder import (
     remove_empty,
     shard_files,
 )
-from .shards import Packed, checked_tasks, finished, read_shard, shard_keys, write_shard
+from .shards import PackedShard, checked_tasks, finished, read_shard, shard_keys, write_shard
 from .showing import markdown_table
 from .worker import Chunk, Pool, Returned, do_task, pack_job
 
@@ -212,14 +212,14 @@ def _measure(work: _Work, out: Path, pool: Pool | None) -> None:
     if not missing:
         return
 
-    def keep(key: str, packed: Packed) -> None:
+    def keep(key: str, packed: PackedShard) -> None:
         nonlocal done
         write_shard(folder, key, packed)
         done += 1
         advance()
 
     try:
-        with Progress(total, done) as advance:
+        with ProgressLines(total, done) as advance:
             if pool is not None:
                 Sweep(pool, missing).run(keep)
             else:
@@ -267,7 +267,7 @@ class Sweep:
         self._out = 0
         self._pace = 0.0  # s per task, of late
 
-    def run(self, keep: Callable[[str, Packed], None]) -> None:
+    def run(self, keep: Callable[[str, PackedShard], None]) -> None:
         """Do all tasks; ``keep`` is called here with each shard, in the order of their ends.
 
         Raises
@@ -333,7 +333,7 @@ def _collect(work: _Work, out: Path) -> None:
     rows: list[Row] = []
     times: list[Row] = []
     owner: dict[str, str] = {}
-    left: dict[str, Outcome] = {}
+    left: dict[str, TaskOutcome] = {}
     for key in work.tasks:
         outcome = read_shard(out / "shards", key, work.source)
         if outcome is None:

@@ -23,7 +23,7 @@ from ...framework.plugins.io import (
     write_bytes,
 )
 from ...framework.values.errors import WideberthError, short
-from .base import Outcome, Row, Task
+from .base import Row, Task, TaskOutcome
 
 VERSION = 1
 """Of the format. 1 did not name the source."""
@@ -34,7 +34,7 @@ LARGEST_SHARD = 2**31
 
 
 @dataclass(frozen=True)
-class Packed:
+class PackedShard:
     """A finished task as it is stored: what it found, and its times, which differ each time."""
 
     content: bytes
@@ -77,7 +77,7 @@ def shard_keys(config: Mapping[str, Any], tasks: Sequence[Task]) -> dict[str, Ta
     return keys
 
 
-def pack(task: Task, outcome: Outcome, source: str) -> Packed:
+def pack(task: Task, outcome: TaskOutcome, source: str) -> PackedShard:
     """Return a task's shard.
 
     Raises
@@ -85,7 +85,7 @@ def pack(task: Task, outcome: Outcome, source: str) -> Packed:
     WideberthError : no outcome, a file name that leaves the folder, or a cell that no table can
         hold.
     """
-    if not isinstance(outcome, Outcome):  # of somebody else's study
+    if not isinstance(outcome, TaskOutcome):  # of somebody else's study
         raise WideberthError(
             f"task {task.name!r}: measure returned {short(outcome)}; wanted Outcome(rows=[...])"
         )
@@ -102,8 +102,8 @@ def pack(task: Task, outcome: Outcome, source: str) -> Packed:
     content = {**origin, "timed": bool(times), "rows": rows, "files": files}
     packed = _json("shard", content)
     if not times:
-        return Packed(packed, None)
-    return Packed(packed, _json("times", {**origin, "times": times}))
+        return PackedShard(packed, None)
+    return PackedShard(packed, _json("times", {**origin, "times": times}))
 
 
 def _json(kind: str, content: Mapping[str, Any]) -> bytes:
@@ -118,7 +118,7 @@ def _plain(rows: Sequence[Row]) -> list[Row]:
     ]
 
 
-def write_shard(folder: Path, key: str, packed: Packed) -> None:
+def write_shard(folder: Path, key: str, packed: PackedShard) -> None:
     """Write a shard; its times go into a file of their own, first.
 
     The disk is not waited for: what a power cut leaves of a shard is seen to be damaged.
@@ -144,7 +144,7 @@ class UnusableShard(WideberthError):
         self.reason = reason
 
 
-def read_shard(folder: Path, key: str, source: str) -> Outcome | None:
+def read_shard(folder: Path, key: str, source: str) -> TaskOutcome | None:
     """Return what a task found, or None if it is not finished.
 
     Raises
@@ -162,7 +162,7 @@ def read_shard(folder: Path, key: str, source: str) -> Outcome | None:
         files = {
             name: base64.b64decode(text, validate=True) for name, text in content["files"].items()
         }
-        return Outcome(content["rows"], times, files)
+        return TaskOutcome(content["rows"], times, files)
     except UnusableShard:
         raise
     except (KeyError, AttributeError, TypeError, ValueError):

@@ -30,7 +30,7 @@ from . import threads
 from .base import Experiment, Task
 from .errors import describe_error
 from .provenance import LIBRARIES, fingerprint, foreign_sources
-from .shards import Packed, pack
+from .shards import PackedShard, pack
 
 Chunk: TypeAlias = Sequence[tuple[str, Task]]
 """Tasks that go to a worker together, each with the name of its shard."""
@@ -65,7 +65,7 @@ class Done:
     seconds : that the chunk took.
     """
 
-    packed: list[Packed]
+    packed: list[PackedShard]
     failed: str | None
     seconds: float
 
@@ -220,7 +220,7 @@ def do_chunk(packed: bytes, chunk: Chunk) -> Done:
     except WideberthError as error:
         return Done([], f"the worker {_place()} cannot take part: {error}", 0.0)
     started = time.perf_counter()
-    shards: list[Packed] = []
+    shards: list[PackedShard] = []
     failed = None
     try:
         for _, task in chunk:
@@ -240,7 +240,7 @@ def _place() -> str:
     return f"process {os.getpid()}"
 
 
-def do_task(experiment: Experiment, task: Task, source: str) -> Packed:
+def do_task(experiment: Experiment, task: Task, source: str) -> PackedShard:
     """Do one task and return its shard.
 
     Controllers warn of nothing: what they did otherwise than asked stands in the result.

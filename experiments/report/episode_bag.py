@@ -10,7 +10,7 @@ from ...framework.values.arrays import Array
 from ...framework.values.motion import Command
 from ...ros.bag_writer import BagWriter
 from ...ros.messages import messages
-from ...ros.wording import Wording
+from ...ros.wording import MessageEncoder
 from ...simulation.log.episode_log import AgentLog, Episode
 from ..engine.result import read_episode
 
@@ -44,7 +44,7 @@ def write_episode_bag(
     """
     log = read_episode(episode)
     known = messages(distribution)
-    wording = Wording(EPOCH, "map", known)
+    wording = MessageEncoder(EPOCH, "map", known)
     counted: dict[str, int] = {}
     rows = sorted(_rows(log, wording), key=lambda row: row[1])
     with BagWriter(out, known, storage) as bag:
@@ -54,7 +54,7 @@ def write_episode_bag(
     return counted
 
 
-def _rows(log: Episode, wording: Wording) -> Iterator[Row]:
+def _rows(log: Episode, wording: MessageEncoder) -> Iterator[Row]:
     start = float(log.times[0])
     if log.polygons:
         yield "/walls", start, wording.walls(start, log.polygons), True
@@ -74,7 +74,7 @@ def _frame(agent: AgentLog) -> str:
     return topic_of(agent, "base_link")[1:]
 
 
-def _motion(log: Episode, agent: AgentLog, wording: Wording) -> Iterator[Row]:
+def _motion(log: Episode, agent: AgentLog, wording: MessageEncoder) -> Iterator[Row]:
     """Yield where a robot was, and what it was told to do."""
     frame = _frame(agent)
     speeds = _speeds(agent.positions, log.times)
@@ -96,7 +96,7 @@ def _motion(log: Episode, agent: AgentLog, wording: Wording) -> Iterator[Row]:
         yield topic_of(agent, "cmd_vel"), time, wording.command(time, command, frame), False
 
 
-def _plans(agent: AgentLog, wording: Wording) -> Iterator[Row]:
+def _plans(agent: AgentLog, wording: MessageEncoder) -> Iterator[Row]:
     """Yield what a robot planned, when each plan took effect."""
     for time, path in agent.paths:
         points = path.points
@@ -109,7 +109,7 @@ def _plans(agent: AgentLog, wording: Wording) -> Iterator[Row]:
             yield topic_of(agent, "trajectory"), time, wording.trajectory(plan), False
 
 
-def _seen(log: Episode, agent: AgentLog, wording: Wording) -> Iterator[Row]:
+def _seen(log: Episode, agent: AgentLog, wording: MessageEncoder) -> Iterator[Row]:
     """Yield where all others are, and what a robot's LiDAR met."""
     others = [one for one in log.agents if one.name != agent.name]
     shape = len(others), len(log.times), agent.positions.shape[1]

@@ -11,7 +11,7 @@ from ...framework.values.arrays import Array, positive, whole
 from ...framework.values.errors import WideberthError
 from ...regions import inflation
 from ..drawing.plotting import COLOURS, LINES, PAGE, paper_style, save, subplots
-from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
 from .region_family import rounded
 
 MARKERS = ("", "o", "s", "^", "D", "v")
@@ -91,11 +91,11 @@ class ApproximationError(Experiment):
         sizes = grid(SIZES, self.resolution).tolist()
         return [*curves, *(Task(f"size {size:g}", settings={"size": size}) for size in sizes)]
 
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         """Both errors at every angle, over the margin, or one line of the map."""
         if "size" in task.settings:
             rows = map_rows(float(task.settings["size"]), self.margin, self.resolution)
-            return Outcome([{"part": "map", **row} for row in rows])
+            return TaskOutcome([{"part": "map", **row} for row in rows])
         condition = float(task.settings["condition"])
         b = np.asarray(self.short_axis * self.margin)
         a = b * np.sqrt(condition)
@@ -115,7 +115,7 @@ class ApproximationError(Experiment):
             }
             for i in range(self.angles)
         ]
-        return Outcome(rows)
+        return TaskOutcome(rows)
 
     def summary(self, rows: list[Row]) -> list[Row]:
         """Largest errors and where they are, per condition number; then cuts of the map."""

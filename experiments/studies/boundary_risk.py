@@ -14,7 +14,7 @@ from ...framework.values.arrays import positive, probability
 from ...framework.values.errors import WideberthError
 from ...framework.values.forecast import GaussianObstacle
 from ..drawing.plotting import COLOURS, PAGE, number, paper_style, save, subplots
-from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
 from .region_family import FIELDS, exceeds, family, member, reading, rounded, title
 
 SMALLEST = 1e-6
@@ -79,7 +79,7 @@ class BoundaryRisk(Experiment):
             for name in family(self.regions, self.registered)
         ]
 
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         """Read the meter, and keep the risk against the direction."""
         number, name = int(task.settings["case"]), str(task.settings["region"])
         first, second, margin = self.cases[number]
@@ -94,11 +94,11 @@ class BoundaryRisk(Experiment):
             row |= reading(region, obstacle, margin, level)
             edge = along_boundary(region, obstacle, margin, level, 181)
         except WideberthError as error:
-            return Outcome([row | dict.fromkeys(FIELDS) | {"remark": str(error)}])
+            return TaskOutcome([row | dict.fromkeys(FIELDS) | {"remark": str(error)}])
         curve = {"angle_deg": np.degrees(edge.angles).round(6).tolist()}
         curve["risk"] = [rounded(value) for value in edge.risk]
         content = json.dumps(curve).encode()
-        return Outcome([row | {"remark": ""}], files={f"{number}_{name}.json": content})
+        return TaskOutcome([row | {"remark": ""}], files={f"{number}_{name}.json": content})
 
     def summary(self, rows: list[Row]) -> list[Row]:
         """Area, risk and clearance per case and region."""

@@ -19,7 +19,7 @@ from ...framework.values.arrays import positive
 from ...framework.values.errors import WideberthError
 from ...metrics.episode import free_time
 from ...metrics.statistics import bootstrap_interval, known_mean
-from ...simulation.cascade.cascade import Cascade
+from ...simulation.cascade.cascade import SensingPipeline
 from ...simulation.cascade.world import WheeledWorld
 from ...simulation.engine.agents import RobotAgent
 from ...simulation.engine.episode import Run
@@ -28,7 +28,7 @@ from ...simulation.log.episode_log import AgentLog, Episode
 from ...simulation.measures.perception import perception_row
 from ...simulation.scenarios.base import Placement, Scenario
 from ..drawing.plotting import COLOURS, ENOUGH, PAGE, few, number, subplots
-from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
 from ..engine.closed_loop import (
     EPISODE_CAPTIONS,
     check_settings,
@@ -109,7 +109,7 @@ class Case(NamedTuple):
     settings: str
 
 
-class Played(NamedTuple):
+class PlayedEpisode(NamedTuple):
     """A case and the rows of its episodes."""
 
     case: Case
@@ -177,7 +177,7 @@ class CascadeStudy(Experiment):
     scenarios: dict[str, Scenario]
     robot: Robot
     planners: dict[str, Controller]
-    cascades: dict[str, Cascade]
+    cascades: dict[str, SensingPipeline]
     settings: dict[str, Settings] = field(default_factory=lambda: {"nominal": FROM_REST()})
     cases: dict[str, dict[str, str]] = field(default_factory=dict)
     stepwise: bool = False
@@ -235,7 +235,7 @@ class CascadeStudy(Experiment):
             with as_user_error(f"case {case.label!r}, seed {seed}: no episode can begin: "):
                 self._begun(case, seed)
 
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         """Play one episode."""
         case = self._case(task.settings["case"])
         run = self._begun(case, task.seed)
@@ -327,17 +327,17 @@ class CascadeStudy(Experiment):
         world = WheeledWorld(self.cascades[case.cascade], settings)
         return cast.begin(robots, settings, seed, world)
 
-    def _chains(self, rows: list[Row]) -> list[list[Played]]:
+    def _chains(self, rows: list[Row]) -> list[list[PlayedEpisode]]:
         """Return the cases that are compared with one another, with their rows."""
         known = {label: some for (label,), some in group(rows, "case").items()}
-        chains: dict[tuple[str, ...], list[Played]] = {}
+        chains: dict[tuple[str, ...], list[PlayedEpisode]] = {}
         for case in self.played():
             key = () if self.cases else (case.scenario, case.planner, case.settings)
             if case.label in known:
-                chains.setdefault(key, []).append(Played(case, known[case.label]))
+                chains.setdefault(key, []).append(PlayedEpisode(case, known[case.label]))
         return list(chains.values())
 
-    def _lines(self, chain: Sequence[Played]) -> list[Row]:
+    def _lines(self, chain: Sequence[PlayedEpisode]) -> list[Row]:
         """Return the lines of one chain of cases."""
         lines: list[Row] = []
         for i, (case, rows) in enumerate(chain):
@@ -352,7 +352,7 @@ class CascadeStudy(Experiment):
         several = [axis for axis, name in AXES.items() if len(getattr(self, name)) > 1]
         return {axis: getattr(case, axis) for axis in several or ["cascade"]}
 
-    def _place(self, chain: Sequence[Played]) -> str:
+    def _place(self, chain: Sequence[PlayedEpisode]) -> str:
         """Say what the cases of a chain have in common."""
         head = self._head(chain[0].case)
         return ", ".join(

@@ -24,7 +24,7 @@ from ...simulation.engine.episode import run_episode
 from ...simulation.engine.settings import Settings
 from ...simulation.scenarios.model_crowd import ModelCrowd
 from ..drawing.plotting import COLOURS, ENOUGH, LINES, PAGE, few, paper_style, save, subplots
-from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
 from ..engine.closed_loop import check_seeds, column, group, seeds_of
 from .variants import planner_of
 
@@ -51,7 +51,7 @@ RATIOS = {
 
 @final
 @dataclass(frozen=True)
-class Crowd:
+class RiskCrowd:
     """Walkers of one model, who forecasts them, and how they are seen.
 
     Attributes
@@ -113,7 +113,7 @@ class ClosedLoopRisk(Experiment):
     }
     headline: ClassVar[tuple[str, ...]] = ("outside", "ratio", "touched")
 
-    crowds: dict[str, Crowd]
+    crowds: dict[str, RiskCrowd]
     planner: Controller
     levels: dict[str, LevelPolicy]
     seeds: int = 2000
@@ -148,7 +148,7 @@ class ClosedLoopRisk(Experiment):
             for first in seeds[::BLOCK]
         ]
 
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         """Play a block of episodes, one row each."""
         names = {key: task.settings[key] for key in ("crowd", "predictor", "level")}
         crowd, level = self.crowds[names["crowd"]], self.levels[names["level"]]
@@ -156,7 +156,7 @@ class ClosedLoopRisk(Experiment):
         planner = replace(planner_of(self.planner), predictor=predictor, level=level)
         block = range(task.seed, task.seed + task.settings["seeds"])
         rows = [_play(crowd, planner, seed) for seed in block]
-        return Outcome([{**names, **row} for row in rows])
+        return TaskOutcome([{**names, **row} for row in rows])
 
     def summary(self, rows: list[Row]) -> list[Row]:
         """One line per crowd, predictor and level, of step 1 and of all steps.
@@ -246,7 +246,7 @@ def _single(rows: list[Row], name: str) -> Row:
     return {f"{name}_single_low": low, f"{name}_single_high": high}
 
 
-def _play(crowd: Crowd, planner: Planner, seed: int) -> Row:
+def _play(crowd: RiskCrowd, planner: Planner, seed: int) -> Row:
     """Play one episode and count its pairs."""
     cast = crowd.scenario.cast(seed)
     (one,) = cast.placements

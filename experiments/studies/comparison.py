@@ -28,7 +28,7 @@ from ..drawing.trade_off_markers import (
     widen,
     widen_time,
 )
-from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
 from ..engine.closed_loop import (
     EPISODE_CAPTIONS,
     check_settings,
@@ -157,7 +157,7 @@ class Comparison(Experiment):
             driven = {name: driving(one, robot) for name, one in self.controllers.items()}
             check_starts(self.scenarios, robot, driven, self.first_seed)
 
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         """Play one episode."""
         scenario, robot, settings, controller = (
             getattr(self, name)[task.settings[column]] for column, name in AXES.items()
@@ -219,7 +219,7 @@ def measured(
     task: Task,
     tail: float,
     show: Sequence[int] = (),
-) -> Outcome:
+) -> TaskOutcome:
     """Play the episode of a task and measure all there is; keep it where its seed is shown."""
     episode = play(scenario, robot, controller, settings, task.seed)
     made = outcome(episode, task, tail, keep=task.seed in show)

@@ -17,7 +17,7 @@ from ...metrics.statistics import known_mean
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import AgentLog, Episode
 from ...simulation.scenarios.base import Scenario
-from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
 from ..engine.closed_loop import (
     check_settings,
     check_starts,
@@ -129,7 +129,7 @@ class Conservativeness(Experiment):
         planners = {" ".join(key): planner for key, planner in variants.items()}
         check_starts(self.scenarios, self.robot, planners, self.first_seed)
 
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         """Play one episode and count what its plans kept."""
         region, rule = task.settings["region"], task.settings["covariance"]
         variants = by_region_and_predictor(

@@ -13,7 +13,7 @@ from ...framework.values.arrays import Array, positive, probability, whole
 from ...framework.values.errors import WideberthError
 from ...framework.values.forecast import GaussianObstacle
 from ..drawing.plotting import COLOURS, LINES, PAGE, paper_style, save, subplots
-from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
 from ..engine.closed_loop import column, group
 from .region_family import family, member, title
 
@@ -112,7 +112,7 @@ class ConvexCertificates(Experiment):
             if name in self.regions or issubclass(load("regions", name), Convex)
         ]
 
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         """Solve the three programs for one region and covariance."""
         name, condition = str(task.settings["region"]), float(task.settings["condition"])
         region = member(self.regions, name)
@@ -124,14 +124,14 @@ class ConvexCertificates(Experiment):
             level = region.level(self.tail)
             parameters = region.parameters(obstacle, np.asarray(self.margin))
         except WideberthError as error:
-            return Outcome([{**row, **dict.fromkeys(_MEASURED), "remark": str(error)}])
+            return TaskOutcome([{**row, **dict.fromkeys(_MEASURED), "remark": str(error)}])
         axes = level * deviations
         normals = _circle(self.directions)
         height = region.support(normals, parameters, np.asarray(level))
         gaps = (height - sum_support(axes, self.margin, normals)) / self.margin
         smallest = np.pi * smallest_ellipse(axes, self.margin).prod()
         area = float(region.area(parameters, np.asarray(level)))
-        return Outcome([{
+        return TaskOutcome([{
             **row,
             "level": _digits(level),
             "certified": str(_relation(gaps)),

@@ -15,7 +15,7 @@ from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
 from ...simulation.measures.summary import robot_rows, summarise
 from ...simulation.scenarios.base import Scenario
-from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
 from ..engine.closed_loop import (
     check_settings,
     check_starts,
@@ -109,7 +109,7 @@ class CostComparison(Experiment):
         planners = {name: replace(planner, cost=cost) for name, cost in self.costs.items()}
         check_starts(self.scenarios, self.robot, planners, self.first_seed)
 
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         """Play one episode with each cost."""
         rows, times = [], []
         for name, cost in self.costs.items():
@@ -120,7 +120,7 @@ class CostComparison(Experiment):
             rows.append({**label, **summarise(episode, self.tail), **_manner(episode)})
             median, slow = map(float, np.quantile(watch.seconds, (0.5, 0.95)))
             times.append({**label, "median_s": median, "p95_s": slow})
-        return Outcome(rows, times)
+        return TaskOutcome(rows, times)
 
     def summary(self, rows: list[Row]) -> list[Row]:
         """One line per scenario and cost."""

@@ -158,7 +158,7 @@ def counted_reasons(recording: Recording) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Situation:
+class CrowdInstant:
     """One crossing, on a clock on which the robot starts at 0.
 
     Attributes
@@ -185,7 +185,7 @@ def draw_situation(
     speed: float,
     radii: tuple[float, float],
     span: tuple[float, float],
-) -> Situation:
+) -> CrowdInstant:
     """Draw a straight way on which an unhindered robot would meet a recorded person.
 
     One sample of the usable tracks is drawn, so that crowded moments are drawn more often,
@@ -230,7 +230,7 @@ def draw_situation(
             start, aimed = row - lead, recording.ids[who[pick]]
             people = _cut(recording, positions, start, span, radii[1])
             left = recording.dt * (len(recording.times) - 1 - start)
-            return Situation(float(recording.times[start]), left, way, aimed, people)
+            return CrowdInstant(float(recording.times[start]), left, way, aimed, people)
     raise WideberthError(
         f"in {DRAWS} draws no start and goal {reach:g} m from a person had {ROOM:g} m of room; "
         "state another reach"

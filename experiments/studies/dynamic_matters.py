@@ -10,7 +10,7 @@ from ...framework.predictor import Predictor
 from ...framework.robot import Robot
 from ...simulation.engine.settings import Settings
 from ...simulation.scenarios.base import Scenario
-from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
 from ..engine.closed_loop import (
     check_settings,
     check_starts,
@@ -96,7 +96,7 @@ class DynamicMatters(Experiment):
         planners = by_predictor(self.planner, self.predictors)
         check_starts(self.scenarios, self.robot, planners, self.first_seed)
 
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         """Play one episode."""
         name = task.settings["planner"]
         variant = by_predictor(self.planner, {name: self.predictors[name]})[name]

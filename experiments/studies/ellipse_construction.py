@@ -13,7 +13,7 @@ from ...framework.values.forecast import GaussianObstacle
 from ...regions.mahalanobis_ellipse import MahalanobisEllipse
 from ...regions.minkowski_sum import MinkowskiSum
 from ..drawing.plotting import COLOURS, paper_style, save, subplots
-from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
 
 CURVES = ("inner ellipse", "outer ellipse", "exact sum")
 
@@ -70,7 +70,7 @@ class EllipseConstruction(Experiment):
         """One task per set."""
         return [Task(name, settings={"curve": name}) for name in CURVES]
 
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         """Points of one boundary, with the collision risk of a robot centred there."""
         name = str(task.settings["curve"])
         margin = self.radius + self.obstacle_radius
@@ -100,7 +100,7 @@ class EllipseConstruction(Experiment):
             }
             for (x, y), gap, chance in zip(points, distance, risk, strict=True)
         ]
-        return Outcome(rows)
+        return TaskOutcome(rows)
 
     def summary(self, rows: list[Row]) -> list[Row]:
         """Area, smallest clearance to the inner ellipse and largest risk on each boundary."""

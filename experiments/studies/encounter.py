@@ -12,7 +12,7 @@ from ...framework.values.arrays import positive
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
 from ...simulation.scenarios.base import Scenario
-from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
 from ..engine.closed_loop import (
     EPISODE_CAPTIONS,
     check_settings,
@@ -92,7 +92,7 @@ class Encounter(Experiment):
         """Begin an episode with every planner."""
         check_starts({"": self.scenario}, self.robot, self.planners, self.first_seed)
 
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         """Play one episode."""
         controller = self.planners[task.settings["planner"]]
         episode = play(self.scenario, self.robot, controller, self.settings, task.seed)

@@ -19,7 +19,7 @@ from ...regions.minkowski_sum import MinkowskiSum
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
 from ...simulation.scenarios.base import Scenario
-from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
 from ..engine.closed_loop import (
     check_settings,
     check_shown,
@@ -138,7 +138,7 @@ class Flight(Experiment):
         planners = {" ".join(key): planner for key, planner in variants.items()}
         check_starts({"": self.scenario}, self.robot, planners, self.first_seed)
 
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         """Play one episode and measure its regions."""
         region, rule = task.settings["region"], task.settings["predictor"]
         shape = self.regions[region]

@@ -17,7 +17,7 @@ from ...regions.luetkepohl_rectangle import LuetkepohlRectangle
 from ...regions.mahalanobis_ellipse import MahalanobisEllipse
 from ...regions.minkowski_sum import MinkowskiSum
 from ..drawing.plotting import COLOURS, LINES, PAGE, number, paper_style, save, subplots
-from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
 
 REGIONS: Mapping[str, Convex] = {
     "ellipse": MahalanobisEllipse(),
@@ -100,7 +100,7 @@ class ForecastRegions(Experiment):
             for i, rho in enumerate(self.correlations)
         ]
 
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         """Areas, exact contents and their frequencies among random draws, per content."""
         rho = float(task.settings["correlation"])
         covariance = self._covariance(rho)
@@ -114,7 +114,7 @@ class ForecastRegions(Experiment):
             bare = region.parameters(obstacle, np.asarray(0.0))
             edge = region.boundary(bare, region.level(1.0 - self.content), 360)
             curves[name] = edge.round(9).tolist()
-        return Outcome(rows, files={f"correlation_{rho:g}.json": json.dumps(curves).encode()})
+        return TaskOutcome(rows, files={f"correlation_{rho:g}.json": json.dumps(curves).encode()})
 
     def _row(self, rho: float, content: float, covariance: Array, draws: Array) -> Row:
         """Measure all regions at one content."""

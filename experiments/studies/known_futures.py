@@ -15,7 +15,7 @@ from ...framework.mpc.ocp.reference import Reference
 from ...framework.mpc.ocp.transcription import Guess
 from ...framework.mpc.planner.cycle import Decision, PlannerState, Services, remember, step
 from ...framework.mpc.planner.multistart import checked_starts, other_starts
-from ...framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs, Obstacles, fill
+from ...framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs, ObstacleSet, fill
 from ...framework.mpc.solver import Solution, Solver, solve_many
 from ...framework.plugins.io import read_arrays
 from ...framework.robot import Robot
@@ -28,7 +28,7 @@ from ...metrics.statistics import clopper_pearson
 from ...simulation.engine.settings import Settings
 from ...simulation.scenarios.base import Scenario
 from ..drawing.plotting import COLOURS, LINES, PAGE, paper_style, save, subplots
-from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
 from ..engine.closed_loop import check_starts, column, first_of, group, inputs_of, pick
 from .region_family import title
 from .variants import planner_of
@@ -97,10 +97,10 @@ class Futures:
             "the problem holds none of the forecast obstacles: raise most_obstacles"
         )
 
-    def obstacles(self, k: int) -> Obstacles:
+    def obstacles(self, k: int) -> ObstacleSet:
         """Return the obstacles of one future, whose places are known."""
         mean = self.draws[k].swapaxes(0, 1)
-        return Obstacles(mean, np.zeros((*mean.shape, mean.shape[-1])), self.radius, self.names)
+        return ObstacleSet(mean, np.zeros((*mean.shape, mean.shape[-1])), self.radius, self.names)
 
     def known(self, k: int) -> InstanceCheck:
         """Return the same problem with the regions of one known future."""
@@ -270,7 +270,7 @@ class KnownFutures(Experiment):
             state = remember(planner, state, one)
         return step(planner, state, seen[-1], Services.of(planner))[1]
 
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         """Make the one plan, and those of all drawn futures."""
         name, i = str(task.settings["planner"]), int(task.settings["instant"])
         decision = self.decide(name, *self.watched(self.instants[i]))
@@ -285,8 +285,8 @@ class KnownFutures(Experiment):
         best = [_best(some) for some in found]
         row = labels | measured(futures, one, best)
         if name != next(iter(self.planners)) or i != self.shown_instant:
-            return Outcome([row], times)
-        return Outcome([row], times, {"futures.npz": _content(futures, one, best)})
+            return TaskOutcome([row], times)
+        return TaskOutcome([row], times, {"futures.npz": _content(futures, one, best)})
 
     def summary(self, rows: list[Row]) -> list[Row]:
         """One line per planner and instant."""

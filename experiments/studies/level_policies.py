@@ -15,12 +15,12 @@ from ...framework.robot import Robot
 from ...framework.values.plan import Plan, Rung
 from ...metrics.gaps import gaps
 from ...simulation.drawing.artists import pairs
-from ...simulation.drawing.logged import Agent
+from ...simulation.drawing.logged import DrawnAgent
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
 from ...simulation.scenarios.base import Scenario
 from ..drawing.trade_off_markers import front_legend, front_looks, mark, widen
-from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
 from ..engine.closed_loop import (
     check_settings,
     check_starts,
@@ -120,7 +120,7 @@ class LevelPolicies(Experiment):
         """Begin an episode in every scenario."""
         check_starts(self.scenarios, self.robot, {"planner": self.planner}, self.first_seed)
 
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         """Play one episode."""
         scenario, forecast, level = (
             task.settings[key] for key in ("scenario", "forecast", "planner")
@@ -192,7 +192,7 @@ def _below(plan: Plan, full: float) -> bool:
     return bool(plan.level[0].min() < full or plan.violation > 1e-4)
 
 
-def _drove_into(first: Agent, second: Agent) -> bool:
+def _drove_into(first: DrawnAgent, second: DrawnAgent) -> bool:
     """Whether a robot of the two moved when they first touched."""
     touched = np.flatnonzero(gaps(first, second) < 0.0)
     robots = [log for log in (first, second) if log.kind == "robot"]

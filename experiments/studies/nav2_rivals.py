@@ -16,7 +16,7 @@ from ...framework.values.arrays import positive
 from ...framework.values.errors import WideberthError
 from ...metrics.statistics import known_mean
 from ...nav2.controllers.local_controllers import shipped_parameters
-from ...nav2.costmap.local_costmap import View
+from ...nav2.costmap.local_costmap import CostmapView
 from ...nav2.server.navigator import Nav2
 from ...simulation.engine.episode import Run
 from ...simulation.engine.settings import Settings
@@ -25,7 +25,7 @@ from ...simulation.measures.episode_measures import measures
 from ...simulation.scenarios.base import Scenario
 from ..drawing.looks import draw_looks, looks_from_bytes, looks_to_bytes
 from ..drawing.plotting import paper_style, save
-from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
 from ..engine.closed_loop import (
     EPISODE_CAPTIONS,
     check_settings,
@@ -159,7 +159,7 @@ class Nav2Rivals(Experiment):
 
     places: dict[str, Place]
     limits: dict[str, LimitSet]
-    views: dict[str, View]
+    views: dict[str, CostmapView]
     controllers: dict[str, Controller]
     tracker: Predictor
     baseline: str
@@ -197,7 +197,7 @@ class Nav2Rivals(Experiment):
                 ):
                     self._begun(Task("", seed, settings), looks=False)
 
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         """Play one episode."""
         place = self.places[task.settings["scenario"]]
         keep = task.seed in self.show
@@ -301,7 +301,7 @@ def with_radius(robot: Robot, radius: float) -> Robot:
     return changed
 
 
-def sized(view: View, radius: float) -> View:
+def sized(view: CostmapView, radius: float) -> CostmapView:
     """Return a view for a robot of this radius, m, from that of Nav2's own robot."""
     inflation = view.inflation_radius + radius - OWN_RADIUS
     scale = 1.0 if view.exact else radius / OWN_RADIUS
@@ -310,7 +310,7 @@ def sized(view: View, radius: float) -> View:
     return replace(view, **lengths, inflation_radius=inflation)
 
 
-def adapted(controller: Controller, robot: Robot, bounded: bool, view: View) -> Controller:
+def adapted(controller: Controller, robot: Robot, bounded: bool, view: CostmapView) -> Controller:
     """Return a controller for a robot; Nav2 with a view and what it ships, ours at top speed."""
     driven = driving(controller, robot)
     if isinstance(driven, Nav2):

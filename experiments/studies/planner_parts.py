@@ -16,7 +16,7 @@ from ...simulation.engine.settings import Settings
 from ...simulation.scenarios.base import Scenario
 from ..drawing.plotting import PAGE, subplots
 from ..drawing.shaded_tables import shaded
-from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
 from ..engine.closed_loop import (
     check_settings,
     check_starts,
@@ -115,7 +115,7 @@ class PlannerParts(Experiment):
         }
         check_starts({"": self.scenario}, self.robot, begun, self.first_seed)
 
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         """Play one episode."""
         planner = self.pair(task.settings["predictor"], task.settings["region"])
         return measured(self.scenario, self.robot, planner, self.settings, task, self.tail)

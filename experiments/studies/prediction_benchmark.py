@@ -38,7 +38,7 @@ from ...metrics.scoring import (
 from ...metrics.statistics import known_mean
 from ...simulation.drawing.artists import outlines
 from ..drawing.plotting import COLOURS, LINES, PAGE, save, subplots
-from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
 from ..engine.closed_loop import column, group
 from .prediction_data import FAST, STOOD, PredictionData, SceneFiles, longest_stretch, usual_speed
 from .region_family import rounded, title
@@ -143,7 +143,7 @@ class Protocol:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Moment:
+class ForecastInstant:
     """One row of a recording at which forecasts are scored.
 
     Attributes
@@ -169,7 +169,9 @@ def window_places(data: PredictionData, recording: Recording, how: Protocol) -> 
     return np.asarray(kept[np.lexsort((kept[:, 0], kept[:, 1]))])
 
 
-def moments(data: PredictionData, recording: Recording, how: Protocol) -> Iterator[Moment]:
+def moments(
+    data: PredictionData, recording: Recording, how: Protocol
+) -> Iterator[ForecastInstant]:
     """Yield every row of a recording, from the first; ``scored`` is empty where nobody is."""
     places = window_places(data, recording, how)
     length = len(recording.times)
@@ -183,7 +185,7 @@ def moments(data: PredictionData, recording: Recording, how: Protocol) -> Iterat
         seen = np.isfinite(ahead).all(axis=2)
         unbroken = np.logical_and.accumulate(seen, axis=1)
         truth[:, : ahead.shape[1]] = np.where(unbroken[..., None], ahead, np.nan)
-        yield Moment(row, tracks, scored, truth)
+        yield ForecastInstant(row, tracks, scored, truth)
 
 
 def shown_windows(
@@ -312,7 +314,7 @@ def run_along(
     return _together(parts), effort, samples
 
 
-def _of(forecast: Forecast, moment: Moment) -> Forecast:
+def _of(forecast: Forecast, moment: ForecastInstant) -> Forecast:
     """Return the forecast of the scored obstacles alone."""
     index, joint = moment.scored, forecast.joint
     return Forecast(
@@ -325,7 +327,9 @@ def _of(forecast: Forecast, moment: Moment) -> Forecast:
     )
 
 
-def _score(forecast: Forecast, moment: Moment, how: Protocol, rng: np.random.Generator) -> Scores:
+def _score(
+    forecast: Forecast, moment: ForecastInstant, how: Protocol, rng: np.random.Generator
+) -> Scores:
     """Score one row's forecasts."""
     mean, spread, weight = forecast.mean, forecast.covariance, forecast.weight
     truth, floor, joint = moment.truth, how.floor, forecast.joint
@@ -349,7 +353,7 @@ def _score(forecast: Forecast, moment: Moment, how: Protocol, rng: np.random.Gen
     )
 
 
-def _stops(moment: Moment) -> Array:
+def _stops(moment: ForecastInstant) -> Array:
     """Tell who walks at the forecast and stands in the end; 0 where the end is unknown."""
     positions, dt = moment.tracks.positions[moment.scored], moment.tracks.dt
     before = np.linalg.norm(positions[:, -1] - positions[:, -2], axis=1) / dt
@@ -357,7 +361,7 @@ def _stops(moment: Moment) -> Array:
     return np.asarray((before > WALKED) & (after < STOOD), dtype=np.float64)
 
 
-def _window_speeds(moment: Moment) -> Array:
+def _window_speeds(moment: ForecastInstant) -> Array:
     """Speed of each scored obstacle before the forecast, (K,), m/s; see `Protocol`."""
     positions, dt = moment.tracks.positions[moment.scored], moment.tracks.dt
     back = min(max(int(SPAN / dt + 1e-9), 1), positions.shape[1] - 1)
@@ -372,7 +376,7 @@ def _together(parts: Sequence[Scores]) -> Scores:
     return Scores(**arrays, fallback=tuple(one for part in parts for one in part.fallback))
 
 
-def _sample(forecast: Forecast, moment: Moment, ident: str) -> dict[str, Any]:
+def _sample(forecast: Forecast, moment: ForecastInstant, ident: str) -> dict[str, Any]:
     """Keep one forecast for the figure."""
     ids = [moment.tracks.ids[i] for i in moment.scored]
     at = ids.index(ident)
@@ -657,7 +661,7 @@ class PredictionBenchmark(Experiment):
         found = self.data.found(self.only)
         return [path for scene in found.values() for path in self.data.paths(scene)]
 
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         """Fit the predictor to the other scenes, run it along this one, and score it."""
         name, place = str(task.settings["predictor"]), str(task.settings["scene"])
         scene = self.data.found(self.only)[place]
@@ -678,7 +682,7 @@ class PredictionBenchmark(Experiment):
         rows = [head | how | row for row in table_rows(scores, dt, self.protocol.speeds)]
         kept = {"levels": LEVELS, "coverage": calibration(scores), "samples": samples}
         files = {f"{place}/{name}.json": json.dumps(kept).encode()}
-        return Outcome(rows, [{**head, "fit_s": seconds, **_times(effort)}], files)
+        return TaskOutcome(rows, [{**head, "fit_s": seconds, **_times(effort)}], files)
 
     def _fitted(self, name: str, scene: str) -> tuple[Predictor, str]:
         """Return the predictor as it is scored, and what it was fitted to."""

@@ -15,7 +15,7 @@ from ...framework.values.errors import WideberthError
 from ...framework.values.forecast import GaussianObstacle
 from ...regions.minkowski_sum import MinkowskiSum
 from ..drawing.plotting import COLOURS, PAGE, number, paper_style, save, subplots
-from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
 from .region_family import FIELDS, exceeds, family, member, reading, title
 
 ACROSS = 5
@@ -86,7 +86,7 @@ class RegionGallery(Experiment):
         names = family(self.regions, self.registered)
         return [Task(name, settings={"region": name}) for name in names]
 
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         """Read the meter, and keep the outline beside the exact sum's."""
         name = str(task.settings["region"])
         obstacle = GaussianObstacle(np.zeros(2), self._covariance())
@@ -96,14 +96,14 @@ class RegionGallery(Experiment):
             row = {"region": name, **reading(region, obstacle, self.margin, level)}
         except WideberthError as error:
             empty = dict.fromkeys(FIELDS)
-            return Outcome([{"region": name, **empty, "remark": str(error)}])
+            return TaskOutcome([{"region": name, **empty, "remark": str(error)}])
         exact = MinkowskiSum()
         outlines = {
             "region": _outline(region, obstacle, self.margin, level),
             "exact": _outline(exact, obstacle, self.margin, exact.level(self.tail)),
         }
         files = {f"{name}.json": json.dumps(outlines).encode()}
-        return Outcome([row | {"remark": ""}], files=files)
+        return TaskOutcome([row | {"remark": ""}], files=files)
 
     def summary(self, rows: list[Row]) -> list[Row]:
         """Area, risk, clearance and promise per region, from the smallest to the largest."""

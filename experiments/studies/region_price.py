@@ -24,7 +24,7 @@ from ...simulation.log.episode_log import Episode
 from ...simulation.measures.summary import robot_rows, summarise
 from ...simulation.scenarios.base import Scenario
 from ..drawing.plotting import COLOURS, PAGE, few, note, subplots
-from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
 from ..engine.closed_loop import (
     check_settings,
     check_starts,
@@ -137,7 +137,7 @@ class RegionPrice(Experiment):
         """Begin an episode of the first seed."""
         check_starts({"": self.scenario}, self.robot, {"planner": self.planner}, self.first_seed)
 
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         """Play one episode with each region."""
         forecast = str(task.settings["forecast"])
         names = self._names()
@@ -163,7 +163,7 @@ class RegionPrice(Experiment):
             {"forecast": forecast, "region": name, "seed": task.seed} for name in names
         ]
         times = time_rows([(label, seconds.get(label["region"], [])) for label in labels])
-        return Outcome([label | rows[label["region"]] for label in labels], times)
+        return TaskOutcome([label | rows[label["region"]] for label in labels], times)
 
     def summary(self, rows: list[Row]) -> list[Row]:
         """One line per forecast and region, paired with the paper's ellipse."""

@@ -18,7 +18,7 @@ from ...simulation.engine.agents import RobotAgent
 from ...simulation.engine.episode import run_episode
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
-from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
 from ..engine.closed_loop import (
     EPISODE_CAPTIONS,
     check_settings,
@@ -32,7 +32,7 @@ from ..engine.closed_loop import (
     shown_of_fewer,
 )
 from ..engine.progress import say
-from .crowd import Situation, TrackFile, counted_reasons, draw_situation
+from .crowd import CrowdInstant, TrackFile, counted_reasons, draw_situation
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -154,7 +154,7 @@ class Replay(Experiment):
         """Return the files of the recording."""
         return self.tracks.files()
 
-    def situation(self, recording: Recording, seed: int) -> Situation:
+    def situation(self, recording: Recording, seed: int) -> CrowdInstant:
         """Draw one episode; the same for all planners."""
         return draw_situation(
             recording,
@@ -168,7 +168,7 @@ class Replay(Experiment):
             ),
         )
 
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         """Play one episode."""
         recording = self.tracks.read()
         found = self.situation(recording, task.seed)
@@ -181,7 +181,7 @@ class Replay(Experiment):
             made.files["tracks.txt"] = f"{recording.report()}\n{recording.noise.text}\n".encode()
         return made
 
-    def _labels(self, recording: Recording, found: Situation, episode: Episode) -> Row:
+    def _labels(self, recording: Recording, found: CrowdInstant, episode: Episode) -> Row:
         """Columns about the recording and the stretch of it that was played."""
         there = [np.isfinite(log.positions).any() for log in episode.agents[1:]]
         usable = len(recording.usable)
@@ -240,7 +240,7 @@ class Replay(Experiment):
         return replace(self, seeds=1, show=shown_of_fewer(self.show, self.first_seed, 1))
 
 
-def contacts(episode: Episode, found: Situation) -> Row:
+def contacts(episode: Episode, found: CrowdInstant) -> Row:
     """How many people the robot touched, in the three kinds of `Replay`."""
     robot = episode.agents[0]
     number: Row = dict.fromkeys(CONTACTS, 0)

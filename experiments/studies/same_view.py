@@ -15,7 +15,7 @@ from ...framework.values.motion import Command, Detection, Observation
 from ...framework.values.path import Path
 from ...framework.values.plan import Plan
 from ...framework.values.polygon import Polygon
-from ...nav2.costmap.local_costmap import View, discs_of
+from ...nav2.costmap.local_costmap import CostmapView, discs_of
 from ...nav2.costmap.rays import Rays
 from ...nav2.server.navigator import Nav2
 from ...simulation.engine.agents import Bystander, RobotAgent
@@ -24,7 +24,7 @@ from ...simulation.engine.exchange import ExchangedPositions
 from ...simulation.engine.plant import Plant
 from ...simulation.engine.settings import Settings
 from ...simulation.engine.world import Around, World
-from ..drawing.looks import Look
+from ..drawing.looks import CostmapLook
 
 _TRACK_DT, _TRACK_SAMPLES, _FORGET = 0.1, 40, 1.0
 """s between samples of a track; their number; s after which somebody unseen is forgotten."""
@@ -50,7 +50,9 @@ class SameView(World):
         reports them; None for positions alone. People never have one.
     """
 
-    def __init__(self, settings: Settings, view: View, tracker: Predictor | None = None) -> None:
+    def __init__(
+        self, settings: Settings, view: CostmapView, tracker: Predictor | None = None
+    ) -> None:
         self._positions = ExchangedPositions(settings)
         self._view, self._tracker = view, tracker
         self._known: dict[str, Perception] = {}
@@ -111,7 +113,7 @@ def _moving(one: Detection, found: dict[str, tuple[Array, Array]]) -> Detection:
     return replace(one, velocity=velocity, state_covariance=joint)
 
 
-def in_sight(seen: Observation, here: Array, view: View) -> tuple[Detection, ...]:
+def in_sight(seen: Observation, here: Array, view: CostmapView) -> tuple[Detection, ...]:
     """Return the detections of discs that a costmap of this view would show from a place (2,)."""
     ones = seen.detections
     centres, radii = discs_of(ones)
@@ -139,7 +141,7 @@ class Watched(Controller):
     controller: Controller
     every: float = 0.0
     seconds: list[float] = field(default_factory=list, init=False)
-    looks: list[Look] = field(default_factory=list, init=False)
+    looks: list[CostmapLook] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
         self.period: float = self.controller.period
@@ -180,7 +182,7 @@ class Watched(Controller):
             expected = np.asarray(answer.expected, np.float64)
         if answer is not None and answer.sampled:
             sampled = _padded(answer.sampled)
-        self.looks.append(Look(time, self.controller.costmap, expected, sampled))
+        self.looks.append(CostmapLook(time, self.controller.costmap, expected, sampled))
 
 
 def _padded(ways: Sequence[Array]) -> Array:

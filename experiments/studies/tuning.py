@@ -18,7 +18,7 @@ from ...simulation.engine.settings import Settings
 from ...simulation.scenarios.base import Scenario
 from ..drawing.plotting import COLOURS, PAGE, subplots
 from ..drawing.trade_off_markers import bars_note, mark, say_empty, widen
-from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
 from ..engine.closed_loop import check_settings, check_starts, group, inputs_of, seeds_of
 from ..engine.showing import format_cell
 from .comparison import SOURCES, against, check_robots, condensed, driving, measured
@@ -122,7 +122,7 @@ class Tuning(Experiment):
         variants = {" ".join(key).strip(): self.variant(*key) for key in self.variants()}
         check_starts({"": self.scenario}, self.robot, variants, self.first_seed)
 
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         """Play one episode."""
         planner = self.variant(task.settings["factor"], task.settings["value"])
         return measured(self.scenario, self.robot, planner, self.settings, task, self.tail)

@@ -20,7 +20,7 @@ from ...simulation.physics.calibration import (
 )
 from ...simulation.physics.library import mujoco
 from ..drawing.plotting import COLOURS, LINES, PAGE, paper_style, save, subplots
-from ..engine.base import Experiment, Outcome, Result, Row, Task
+from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
 from ..engine.closed_loop import column, group
 
 CONES = ("pyramidal", "elliptic")
@@ -96,7 +96,7 @@ class WheelCalibration(Experiment):
         """Import MuJoCo."""
         mujoco()
 
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         """Drive one body straight, on the spot and on arcs."""
         name, cone = str(task.settings["body"]), task.settings["cone"]
         found = measured(
@@ -119,7 +119,7 @@ class WheelCalibration(Experiment):
             }
             for (speed, rate), one in found.items()
         ]
-        return Outcome(list[Row](rows))
+        return TaskOutcome(list[Row](rows))
 
     def summary(self, rows: list[Row]) -> list[Row]:
         """Gains of each body against the theory, and how it drives straight."""

@@ -33,7 +33,7 @@ from .levels.base import LevelPolicy, SharedLevel
 from .ocp.problem import Problem, Slots
 from .ocp.progress_robot import progress_robot_of
 from .ocp.stage import Frame, ReferenceSymbols
-from .slots.base import Room, SlotKind
+from .slots.base import SlotKind, SlotSizes
 
 REST = 1e-2
 """m/s and rad/s; a plan that ends slower than this is braked to a stop in the step after its end.
@@ -47,7 +47,7 @@ def assemble(
     *,
     horizon: int,
     dt: float,
-    rooms: Sequence[Room],
+    rooms: Sequence[SlotSizes],
     cost: Cost | None = None,
     penalty: float | None = None,
     stop_at_end: bool = False,
@@ -141,9 +141,11 @@ def _level_cost(level: LevelPolicy, s: Any) -> Any:
     return ca.Function("level_cost", [s, target], [price])
 
 
-def _slots(kinds: Sequence[SlotKind], rooms: Sequence[Room], frame: Frame) -> tuple[Slots, ...]:
+def _slots(
+    kinds: Sequence[SlotKind], rooms: Sequence[SlotSizes], frame: Frame
+) -> tuple[Slots, ...]:
     """Make the slots of each kind; none of those that no room is given for."""
-    none: Room = ()
+    none: SlotSizes = ()
     given = [*rooms, *[none] * (len(kinds) - len(rooms))]
     return tuple(kind.slots(room, frame) for kind, room in zip(kinds, given, strict=True))
 
@@ -152,7 +154,7 @@ def _check(
     horizon: int,
     dt: float,
     kinds: Sequence[SlotKind],
-    rooms: Sequence[Room],
+    rooms: Sequence[SlotSizes],
     penalty: float | None,
 ) -> None:
     whole("horizon", horizon)

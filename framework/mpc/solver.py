@@ -334,10 +334,10 @@ class Compiled:
     """
 
     def __init__(
-        self, form: Transcription, make: Callable[[], Any], stop: "Stop | None" = None
+        self, form: Transcription, make: Callable[[], Any], stop: "StopCallback | None" = None
     ) -> None:
         self.form: Transcription = form
-        self.stop: Stop | None = stop
+        self.stop: StopCallback | None = stop
         self._make = make
         self._function, self._buffer = make(), None
         self._spoilt: list[Any] = []
@@ -381,7 +381,7 @@ _MOST_SPOILT = 8
 """Each holds some MiB; making the solver anew takes tenths of a second."""
 
 
-class Stop(ca.Callback):
+class StopCallback(ca.Callback):
     """Stops an iterative solver of CasADi after the iteration in which a time has passed.
 
     CasADi calls it with every iterate; it reads the clock and changes nothing.
@@ -469,7 +469,7 @@ def _made(
     if name == "fatrop":
         settings |= _structure(form)
     program = form.nlp()
-    stop = Stop(program) if stoppable else None
+    stop = StopCallback(program) if stoppable else None
     if stop is not None:
         settings["iteration_callback"] = stop
     return Compiled(form, lambda: ca.nlpsol("solver", name, program, settings), stop)

@@ -13,7 +13,13 @@ from ..mpc.ocp.problem import Parameters, SlotNumbers, Slots
 from ..mpc.ocp.reference import Reference
 from ..mpc.ocp.stage import Frame
 from ..mpc.ocp.transcription import Guess
-from ..mpc.slots.base import Chosen, LevelledKind, SlotKind, View, with_auxiliaries_each
+from ..mpc.slots.base import (
+    LevelledKind,
+    PlanningContext,
+    SlotAssignment,
+    SlotKind,
+    with_auxiliaries_each,
+)
 from ..plugins.registry import load
 from ..robot import Robot
 from ..values.arrays import Array
@@ -30,7 +36,7 @@ NEAR, FAR = 1e-3, 60.0
 """m; contact deeper than the one, and a distance larger than the other, are beyond doubt."""
 
 
-def sample_view() -> View:
+def sample_view() -> PlanningContext:
     """Three obstacles "a", "b", "c" and three polygons of the same names that stand still."""
     names = ("a", "b", "c")
     mean = np.repeat(PLACES[:, None], STEPS, axis=1)
@@ -47,7 +53,7 @@ def sample_view() -> View:
     )
     position = np.zeros((STEPS, 2))
     direction = np.tile([1.0, 0.0], (STEPS, 1))
-    return View(
+    return PlanningContext(
         observation=Observation(0.0, np.zeros(5), seen, polygons=polygons),
         tracks=_tracks(np.repeat(PLACES[:, None], 2, axis=1), names),
         forecast=Forecast.single(mean, covariance, 0.5),
@@ -77,11 +83,11 @@ class Sample:
     """
 
     kind: SlotKind
-    view: View
+    view: PlanningContext
     robot: Robot
 
     @cached_property
-    def chosen(self) -> Chosen:
+    def chosen(self) -> SlotAssignment:
         """The things that the kind chooses."""
         return self.kind.choose(self.robot, self.view)
 
@@ -329,13 +335,18 @@ LAWS: Mapping[str, Callable[[Sample], None]] = {
 """Laws of a kind by name."""
 
 
-def laws(kind: SlotKind, view: View | None = None, robot: Robot | None = None) -> tuple[Law, ...]:
+def laws(
+    kind: SlotKind, view: PlanningContext | None = None, robot: Robot | None = None
+) -> tuple[Law, ...]:
     """Return the laws of a kind; the arguments are those of `check_slot_kind`."""
     return tuple(Law(name, partial(check_slot_kind, kind, view, robot, name)) for name in LAWS)
 
 
 def check_slot_kind(
-    kind: SlotKind, view: View | None = None, robot: Robot | None = None, law: str | None = None
+    kind: SlotKind,
+    view: PlanningContext | None = None,
+    robot: Robot | None = None,
+    law: str | None = None,
 ) -> None:
     """Check the laws of a kind of things to keep clear of.
 
@@ -377,7 +388,7 @@ def _tracks(positions: Array, names: tuple[str, ...]) -> Tracks:
     return Tracks(positions, 0.5, names, np.full(COUNT, 0.3), noise)
 
 
-def _reversed(view: View) -> View:
+def _reversed(view: PlanningContext) -> PlanningContext:
     """Return the same things in the opposite order."""
     seen = view.observation
     observation = replace(seen, detections=seen.detections[::-1], polygons=seen.polygons[::-1])
@@ -389,7 +400,7 @@ def _reversed(view: View) -> View:
     return replace(view, observation=observation, tracks=tracks, forecast=forecast)
 
 
-def _by_name(chosen: Chosen) -> dict[str, Array]:
+def _by_name(chosen: SlotAssignment) -> dict[str, Array]:
     """Numbers of the used slots by name, those of one name in the order of their size."""
     count = len(chosen.numbers.active)
     stages = chosen.numbers.stages().reshape(STEPS, count, -1)

@@ -16,7 +16,7 @@ from ..mpc.ocp.problem import Parameters, Problem, SlotNumbers
 from ..mpc.ocp.reference import lay_reference
 from ..mpc.ocp.transcription import Guess
 from ..mpc.slots.base import with_auxiliaries
-from ..mpc.slots.gaussian_discs import GaussianDiscs, Obstacles, fill
+from ..mpc.slots.gaussian_discs import GaussianDiscs, ObstacleSet, fill
 from ..mpc.solver import Solution, Solver
 from ..plugins.registry import load
 from ..region import Region
@@ -123,7 +123,7 @@ def _instance(slots: int = _SLOTS, penalty: float | None = None) -> _Instance:
     reference = lay_reference(path, 0.0, _SPEED, _STEPS, _DT)
     begin, _ = start_state(robot, [0.0, 0.0], [1.0, 0.0], 0.8 * _SPEED)
     start = np.array(begin, dtype=np.float64)
-    crowd = _crowd() if slots else Obstacles.none(_STEPS, 2)
+    crowd = _crowd() if slots else ObstacleSet.none(_STEPS, 2)
     discs = fill(reference, crowd, region, level, robot.radius, slots)
     along = reference.position, reference.direction, reference.speed
     parameters = Parameters(start, *along, (discs,), reference.curve)
@@ -135,12 +135,12 @@ def _instance(slots: int = _SLOTS, penalty: float | None = None) -> _Instance:
     return _Instance(problem, parameters, tuple(guesses))
 
 
-def _crowd() -> Obstacles:
+def _crowd() -> ObstacleSet:
     count = len(_PLACES)
     mean = np.broadcast_to(np.array(_PLACES), (_STEPS, count, 2)).copy()
     shape = np.array([[0.002, 0.0005], [0.0005, 0.001]])
     covariance = np.broadcast_to(shape, (_STEPS, count, 2, 2))
-    return Obstacles(mean, covariance, np.full(count, 0.1), ("ahead", "beside"))
+    return ObstacleSet(mean, covariance, np.full(count, 0.1), ("ahead", "beside"))
 
 
 def _blocked(parameters: Parameters) -> Parameters:

@@ -21,7 +21,7 @@ SHORTEST, LONGEST = 1e-6, 1e4
 
 
 @dataclass(frozen=True, eq=False)
-class Bounded:
+class LimitedNumbers:
     """Tracks and scene within the limits.
 
     Attributes
@@ -35,7 +35,7 @@ class Bounded:
     reasons: tuple[str | None, ...]
 
 
-def bounded(tracks: Tracks, scene: Scene | None) -> Bounded | None:
+def bounded(tracks: Tracks, scene: Scene | None) -> LimitedNumbers | None:
     """Bring tracks and scene within the limits, or return None where they are.
 
     Within them velocities are about `LEAP` / `SHORTEST` = 1e10 m/s at most, so that no method
@@ -82,7 +82,7 @@ def bounded(tracks: Tracks, scene: Scene | None) -> Bounded | None:
         "; ".join(cause for cause, where in causes.items() if where[index]) or None
         for index in range(len(tracks))
     )
-    return Bounded(replace(tracks, **new), near, reasons)
+    return LimitedNumbers(replace(tracks, **new), near, reasons)
 
 
 def _places(positions: Array) -> tuple[Array, BoolArray]:

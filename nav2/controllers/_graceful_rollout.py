@@ -38,7 +38,7 @@ class Turning(NamedTuple):
     tolerance: float
 
 
-class Growth(NamedTuple):
+class RolloutGrowth(NamedTuple):
     """How the outline grows with the speed: from which one (m/s), how much, at which one (m/s)."""
 
     begin: float
@@ -95,7 +95,7 @@ def turning_rate(turning: Turning, angle: float) -> float:
 
 
 def rolled_out(
-    ground: Ground, law: LawParameters, turning: Turning, growth: Growth, target: Pose,
+    ground: Ground, law: LawParameters, turning: Turning, growth: RolloutGrowth, target: Pose,
     backward: bool, turn_first: bool, tested: bool,
 ) -> tuple[bool, Array, float, float]:  # fmt: skip
     """Follow the law to a target.

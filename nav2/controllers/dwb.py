@@ -22,7 +22,7 @@ from ..parameters.parameters import (
 from .dwb_critics import (
     CRITICS,
     BaseObstacle,
-    Critic,
+    DwbCritic,
     GoalAlign,
     GoalDist,
     Oscillation,
@@ -119,7 +119,7 @@ class DWB(LocalController):
     avoidance, IEEE Robotics and Automation Magazine 4 (1997), for the method.
     """
 
-    critics: tuple[Critic, ...] = field(
+    critics: tuple[DwbCritic, ...] = field(
         default_factory=lambda: (
             RotateToGoal(), Oscillation(), BaseObstacle(), GoalAlign(), PathAlign(), PathDist(),
             GoalDist(),

@@ -21,7 +21,7 @@ Aggregation = Literal["last", "sum", "product"]
 
 
 @dataclass(eq=False)
-class Critic(ABC):
+class DwbCritic(ABC):
     """Judges trajectories; the total of a trajectory is the sum of scale times score.
 
     A critic may remember what was chosen before. Its fields have Nav2's names and defaults.
@@ -63,7 +63,7 @@ class Critic(ABC):
 
 @final
 @dataclass(eq=False)
-class RotateToGoal(Critic):
+class RotateToGoal(DwbCritic):
     """Lets the robot brake at the goal, then turn on the spot towards the goal's heading.
 
     Within the tolerance and slower than ``trans_stopped_velocity`` the robot only turns. Both
@@ -123,7 +123,7 @@ class RotateToGoal(Critic):
 
 @final
 @dataclass(eq=False)
-class Oscillation(Critic):
+class Oscillation(DwbCritic):
     """Forbids to turn back soon after the robot has turned back, on each axis.
 
     Once the chosen twists changed their sign on an axis, only the new sign is allowed there,
@@ -192,7 +192,7 @@ class Oscillation(Critic):
 
 @final
 @dataclass(eq=False)
-class BaseObstacle(Critic):
+class BaseObstacle(DwbCritic):
     """Scores with the costmap's cost under the robot's centre, at the last pose.
 
     A trajectory that touches a cell of cost 253 or more (unknown cells too) or leaves the map is
@@ -223,7 +223,7 @@ class BaseObstacle(Critic):
 
 @final
 @dataclass(eq=False)
-class ObstacleFootprint(Critic):
+class ObstacleFootprint(DwbCritic):
     """Scores with the largest cost under the edges of the robot's footprint, at the last pose.
 
     A trajectory that touches a lethal or unknown cell, or leaves the map, is not allowed.
@@ -242,7 +242,7 @@ class ObstacleFootprint(Critic):
         self._tick = tick
 
     def weight(self, resolution: float) -> float:
-        """As `Critic.weight`, proportional to the cells' side."""
+        """As `DwbCritic.weight`, proportional to the cells' side."""
         return resolution * self.scale
 
     def scores(self, trajectories: Trajectories) -> Array:
@@ -259,7 +259,7 @@ class ObstacleFootprint(Critic):
 
 
 @dataclass(eq=False)
-class MapGrid(Critic):
+class MapGrid(DwbCritic):
     """Scores with the distance, in cells and along the axes, from the last pose to some cells.
 
     The weight is scale * resolution / 2. A trajectory that leaves the map is not allowed.
@@ -283,7 +283,7 @@ class MapGrid(Critic):
     _costmap: Costmap | None = field(default=None, init=False, repr=False)
 
     def weight(self, resolution: float) -> float:
-        """As `Critic.weight`, proportional to half the cells' side."""
+        """As `DwbCritic.weight`, proportional to half the cells' side."""
         return resolution * 0.5 * self.scale
 
     def prepare(self, tick: Tick) -> None:
@@ -460,7 +460,7 @@ def distances(costmap: Costmap, sources: NDArray[np.int64]) -> NDArray[np.int64]
 
 @final
 @dataclass(eq=False)
-class Twirling(Critic):
+class Twirling(DwbCritic):
     """Scores with the yaw rate, |omega|."""
 
     scale: float = 0.0
@@ -472,7 +472,7 @@ class Twirling(Critic):
 
 @final
 @dataclass(eq=False)
-class PreferForward(Critic):
+class PreferForward(DwbCritic):
     """Scores with theta_scale |omega|; ``penalty`` for moving back, or ahead too slowly.
 
     Attributes
@@ -492,7 +492,7 @@ class PreferForward(Critic):
         return np.where(slow, self.penalty, turn * self.theta_scale)
 
 
-CRITICS: dict[str, type[Critic]] = {
+CRITICS: dict[str, type[DwbCritic]] = {
     kind.__name__: kind
     for kind in (
         RotateToGoal, Oscillation, BaseObstacle, ObstacleFootprint, PathDist, GoalDist, PathAlign,

@@ -10,8 +10,8 @@ import numpy as np
 from ...framework.jit.late import late
 from ...framework.values.arrays import Array
 from ...framework.values.forecast import LIGHT
-from .mppi_critics import Critic
-from .mppi_rollouts import Rollouts, Single, Situation
+from .mppi_critics import MppiCritic
+from .mppi_rollouts import MppiTick, Rollouts, Single
 
 NODES, PLACES = 32, 24
 """Nodes of the integrals, and places per axis of a table."""
@@ -21,7 +21,7 @@ REACH = 3.5
 
 @final
 @dataclass(frozen=True)
-class ExpectedPeopleCritic(Critic):
+class ExpectedPeopleCritic(MppiCritic):
     """Adds up how long the robot is expected to overlap with people, as they are forecast.
 
     With the Gaussian forecast N(mu_o, Sigma_o) of each person at the time of a point x_t of the
@@ -64,7 +64,7 @@ class ExpectedPeopleCritic(Critic):
     above: ClassVar[tuple[str, ...]] = ("least_deviation", "trajectory_point_step")
     from_zero: ClassVar[tuple[str, ...]] = ("cost_weight", "margin")
 
-    def weighted(self, rollouts: Rollouts, situation: Situation) -> Single | None:
+    def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
         """See the class."""
         every, people = self.trajectory_point_step, situation.tick.people
         if people is None or not len(people.radii):

@@ -22,7 +22,7 @@ CRITIC = "ExpectedPeopleCritic"
 
 @final
 @dataclass(eq=False)
-class Foresight(LocalController):
+class PeopleForecasts(LocalController):
     """Forecasts the people of each observation and passes them on to a local controller.
 
     The detections of each tick are remembered as tracks, which a predictor forecasts. A tick
@@ -61,7 +61,7 @@ class Foresight(LocalController):
         self._perception = self._blank()
 
     @classmethod
-    def from_parameters(cls, parameters: Mapping[str, Any]) -> "Foresight":
+    def from_parameters(cls, parameters: Mapping[str, Any]) -> "PeopleForecasts":
         """Return MPPI with forecasts: with all its parameters, and a ``predictor`` by its config.
 
         Without one it is the recommended one. The critic that makes use of the forecasts is added

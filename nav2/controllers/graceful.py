@@ -29,7 +29,7 @@ _WAYS = 5000
 """Ways to one target that a tick may try: speeds times headings."""
 
 
-class Way(NamedTuple):
+class TargetPath(NamedTuple):
     """A simulated way to a target that hits nothing."""
 
     target: Pose
@@ -175,7 +175,7 @@ class Graceful(LocalController):
             return Answer.refusal("every way to a pose of the plan hits an obstacle")
         return Answer(Twist((way.v, 0.0), way.w), expected=_placed(way.poses, tick.pose))
 
-    def way(self, ground: rollout.Ground, plan: Array) -> Way | None:
+    def way(self, ground: rollout.Ground, plan: Array) -> TargetPath | None:
         """Return the way to the farthest pose of a plan, in the robot's frame, that is free."""
         near = length(plan) < self.max_lookahead and self.prefer_final_rotation
         for target, apart in self._targets(plan):
@@ -209,14 +209,14 @@ class Graceful(LocalController):
             target = (target[0], target[1], normalized(target[2] + pi))
         return target, backward
 
-    def _validated(self, ground: rollout.Ground, target: Pose) -> Way | None:
+    def _validated(self, ground: rollout.Ground, target: Pose) -> TargetPath | None:
         """Return the way to a target, slower where the grown outline hits something."""
         target, backward = self._faced(target)
         turns = self._turns_first and self.initial_rotation
         if abs(atan2(target[1], target[0])) < self.initial_rotation_tolerance:
             turns = self._turns_first = False
         speed = self._limits[0]
-        growth = rollout.Growth(
+        growth = rollout.RolloutGrowth(
             self.footprint_scaling_linear_vel, self.footprint_scaling_factor, speed
         )
         while True:
@@ -227,12 +227,12 @@ class Graceful(LocalController):
             )  # fmt: skip
             if free:
                 highest = compiled().highest_cost(ground, poses)
-                return Way(target, poses, v, w, backward, law, highest)
+                return TargetPath(target, poses, v, w, backward, law, highest)
             speed -= self.footprint_scaling_step
             if speed < self.footprint_scaling_linear_vel:
                 return None
 
-    def _approached(self, ground: rollout.Ground, way: Way, target: Pose) -> Way:
+    def _approached(self, ground: rollout.Ground, way: TargetPath, target: Pose) -> TargetPath:
         """Return the quickest way to a target at a heading that keeps off obstacles, if any."""
         best, step = np.inf, self.final_rotation_search_step
         for i in range(int(np.ceil(2.0 * pi / step))):

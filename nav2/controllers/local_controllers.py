@@ -14,7 +14,7 @@ LOCAL: dict[str, str] = {
     "dwb": "wideberth.nav2.controllers.dwb:DWB",
     "graceful": "wideberth.nav2.controllers.graceful:Graceful",
     "mppi": "wideberth.nav2.controllers.mppi:MPPI",
-    "mppi_foresight": "wideberth.nav2.controllers.foresight:Foresight",
+    "mppi_foresight": "wideberth.nav2.controllers.foresight:PeopleForecasts",
     "own": "wideberth.nav2.controllers.own_controller:OwnController",
     "regulated_pure_pursuit": (
         "wideberth.nav2.controllers.regulated_pure_pursuit:RegulatedPurePursuit"
@@ -38,7 +38,7 @@ plug-ins."""
 
 @final
 @dataclass(frozen=True)
-class Limits:
+class VelocityLimits:
     """Bounds on velocity and acceleration that a controller is given.
 
     Attributes

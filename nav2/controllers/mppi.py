@@ -25,17 +25,17 @@ from .mppi_critics import (
     NAV2,
     ConstraintCritic,
     CostCritic,
-    Critic,
     GoalAngleCritic,
     GoalCritic,
+    MppiCritic,
     PathAlignCritic,
     PathAngleCritic,
     PathFollowCritic,
     PreferForwardCritic,
 )
-from .mppi_rollouts import Limits, Rollouts, Single, Situation, delayed, driven, followed
+from .mppi_rollouts import ControlLimits, MppiTick, Rollouts, Single, delayed, driven, followed
 
-CRITICS: dict[str, type[Critic]] = {**NAV2, "ExpectedPeopleCritic": ExpectedPeopleCritic}
+CRITICS: dict[str, type[MppiCritic]] = {**NAV2, "ExpectedPeopleCritic": ExpectedPeopleCritic}
 """Name in a parameter file -> class: Nav2's, and one of ours."""
 BRINGUP: dict[str, Any] = {
     "batch_size": 2000,
@@ -158,7 +158,7 @@ class MPPI(LocalController):
     driving with model predictive path integral control, ICRA 2016, for the method.
     """
 
-    critics: tuple[Critic, ...] = (
+    critics: tuple[MppiCritic, ...] = (
         ConstraintCritic(), CostCritic(), GoalCritic(), GoalAngleCritic(), PathAlignCritic(),
         PathFollowCritic(), PathAngleCritic(), PreferForwardCritic(),
     )  # fmt: skip
@@ -309,13 +309,13 @@ class MPPI(LocalController):
             self._share = value / (100.0 if percentage else self.vx_max)
 
     @property
-    def limits(self) -> Limits:
+    def limits(self) -> ControlLimits:
         """Limits of now, with that of the speed."""
         return self.limits_at(self._share)
 
-    def limits_at(self, share: float) -> Limits:
+    def limits_at(self, share: float) -> ControlLimits:
         """Return the limits with velocities scaled by so much."""
-        return Limits(
+        return ControlLimits(
             vx_max=self.vx_max * share,
             vx_min=self.vx_min * share,
             wz_max=self.wz_max * share,
@@ -332,7 +332,7 @@ class MPPI(LocalController):
 
     def velocity(self, tick: Tick) -> Answer:
         """Improve U and return the command of now, or the exception NoValidControl."""
-        situation = Situation(tick, self.limits_at(1.0), self.model_dt)
+        situation = MppiTick(tick, self.limits_at(1.0), self.model_dt)
         speed = self.speed(tick)
         for _ in range(self.retry_attempt_limit + 1):
             self.costs = np.zeros(self.batch_size, np.float32)
@@ -355,7 +355,7 @@ class MPPI(LocalController):
         measured = np.array([tick.speed[0], tick.speed[2]])
         return np.clip(last, measured + loss, measured + gain)
 
-    def sampled(self, situation: Situation, speed: Array) -> tuple[Single, Rollouts]:
+    def sampled(self, situation: MppiTick, speed: Array) -> tuple[Single, Rollouts]:
         """Add the noise to U and roll it out.
 
         Returns
@@ -374,7 +374,7 @@ class MPPI(LocalController):
             velocities.append(delayed(found, memory.sent[axis]))
         return noisy, driven(velocities[0], velocities[1], situation.tick.pose, self.model_dt)
 
-    def improve(self, situation: Situation, speed: Array) -> None:
+    def improve(self, situation: MppiTick, speed: Array) -> None:
         """Replace U by the weighted mean of sampled controls.
 
         Parameters

@@ -14,7 +14,7 @@ from ..costmap.footprint import RobotFootprint
 from ..costmap.outlines import outline_costs
 from ..parameters.parameters import check_parameters
 from .local_controller import Tick
-from .mppi_rollouts import Rollouts, Single, Situation, wrapped
+from .mppi_rollouts import MppiTick, Rollouts, Single, wrapped
 
 _HALF = np.float32(0.5 * np.pi)
 _NO_REVERSE = 1e-6
@@ -22,7 +22,7 @@ _NO_REVERSE = 1e-6
 
 
 @dataclass(frozen=True)
-class Critic(ABC):
+class MppiCritic(ABC):
     """Adds (weight * value)^power to the cost of each trajectory.
 
     The fields of the critics have Nav2's names and defaults.
@@ -49,7 +49,7 @@ class Critic(ABC):
         from_zero = ("cost_power", *self.from_zero)
         check_parameters(self, type(self).__name__, self.above, from_zero)
 
-    def cost(self, rollouts: Rollouts, situation: Situation) -> Single | None:
+    def cost(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
         """Return the cost of each trajectory, (B,); None where the critic does not apply."""
         found = self.weighted(rollouts, situation) if self.enabled else None
         if found is None or self.cost_power <= 1:
@@ -57,13 +57,13 @@ class Critic(ABC):
         return np.asarray(found**self.cost_power, np.float32)
 
     @abstractmethod
-    def weighted(self, rollouts: Rollouts, situation: Situation) -> Single | None:
+    def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
         """Return the cost before the power is taken, (B,), or None."""
 
 
 @final
 @dataclass(frozen=True)
-class ConstraintCritic(Critic):
+class ConstraintCritic(MppiCritic):
     """Keeps the speed within its limits, and a robot with a turning radius above it.
 
     weight sum_t (max(v - v_max, 0) + max(v_min - v, 0) + max(r_min - |v / omega|, 0)) dt
@@ -71,7 +71,7 @@ class ConstraintCritic(Critic):
 
     cost_weight: float = 4.0
 
-    def weighted(self, rollouts: Rollouts, situation: Situation) -> Single | None:
+    def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
         """See the class."""
         limits, vx = situation.limits, rollouts.vx
         out = np.maximum(vx - np.float32(limits.vx_max), 0.0)
@@ -85,7 +85,7 @@ class ConstraintCritic(Critic):
 
 @final
 @dataclass(frozen=True)
-class CostCritic(Critic):
+class CostCritic(MppiCritic):
     """Adds the costmap's costs along the trajectory up; a collision costs far more.
 
     The mean over every ``trajectory_point_step``-th point, times weight / 254. Costs of
@@ -114,7 +114,7 @@ class CostCritic(Critic):
     above: ClassVar[tuple[str, ...]] = ("trajectory_point_step",)
     from_zero: ClassVar[tuple[str, ...]] = ("cost_scaling_factor",)
 
-    def weighted(self, rollouts: Rollouts, situation: Situation) -> Single | None:
+    def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
         """See the class."""
         every = self.trajectory_point_step
         x, y, yaw = rollouts.x[::every], rollouts.y[::every], rollouts.yaw[::every]
@@ -134,7 +134,7 @@ class CostCritic(Critic):
 
 @final
 @dataclass(frozen=True)
-class ObstaclesCritic(Critic):
+class ObstaclesCritic(MppiCritic):
     """Keeps a distance from obstacles, which it infers from the inflated costs.
 
     A cost c means a distance D = (k r - ln c + ln 253) / k - r, with the inscribed radius r and
@@ -171,7 +171,7 @@ class ObstaclesCritic(Critic):
 
     from_zero: ClassVar[tuple[str, ...]] = ("inflation_radius", "cost_scaling_factor")
 
-    def weighted(self, rollouts: Rollouts, situation: Situation) -> Single | None:
+    def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
         """See the class."""
         tick, size = situation.tick, np.float32(situation.tick.footprint.inscribed)
         cells = cells_at(tick.costmap, rollouts.x, rollouts.y, np.float64)
@@ -257,7 +257,7 @@ def outlined(
     return found
 
 
-def collides(situation: Situation, costs: Single, outline: bool) -> BoolArray:
+def collides(situation: MppiTick, costs: Single, outline: bool) -> BoolArray:
     """Tell at which poses, (T, B), the robot collides.
 
     Parameters
@@ -271,7 +271,7 @@ def collides(situation: Situation, costs: Single, outline: bool) -> BoolArray:
 
 @final
 @dataclass(frozen=True)
-class GoalCritic(Critic):
+class GoalCritic(MppiCritic):
     """Draws towards the end of the path once little of it is left.
 
     weight * mean over t of the distance to the last point of the path
@@ -284,7 +284,7 @@ class GoalCritic(Critic):
     cost_weight: float = 5.0
     threshold_to_consider: float = 1.4
 
-    def weighted(self, rollouts: Rollouts, situation: Situation) -> Single | None:
+    def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
         """See the class."""
         if situation.length > self.threshold_to_consider:
             return None
@@ -296,7 +296,7 @@ class GoalCritic(Critic):
 
 @final
 @dataclass(frozen=True)
-class GoalAngleCritic(Critic):
+class GoalAngleCritic(MppiCritic):
     """Turns towards the heading at the end of the path.
 
     weight * mean over t of |yaw - yaw of the last point of the path|
@@ -309,7 +309,7 @@ class GoalAngleCritic(Critic):
     cost_weight: float = 3.0
     threshold_to_consider: float = 0.5
 
-    def weighted(self, rollouts: Rollouts, situation: Situation) -> Single | None:
+    def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
         """See the class."""
         if situation.length > self.threshold_to_consider:
             return None
@@ -320,7 +320,7 @@ class GoalAngleCritic(Critic):
 
 @final
 @dataclass(frozen=True)
-class PathAlignCritic(Critic):
+class PathAlignCritic(MppiCritic):
     """Keeps trajectories on the path, point by point at equal lengths along both.
 
     weight * mean over the points of the distance to the point of the path as far along it
@@ -347,7 +347,7 @@ class PathAlignCritic(Critic):
     above: ClassVar[tuple[str, ...]] = ("trajectory_point_step",)
     from_zero: ClassVar[tuple[str, ...]] = ("offset_from_furthest",)
 
-    def weighted(self, rollouts: Rollouts, situation: Situation) -> Single | None:
+    def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
         """See the class."""
         if situation.length < self.threshold_to_consider:
             return None
@@ -358,7 +358,7 @@ class PathAlignCritic(Critic):
             return None
         return self._mean(rollouts, situation, far) * np.float32(self.cost_weight)
 
-    def _mean(self, rollouts: Rollouts, situation: Situation, far: int) -> Single:
+    def _mean(self, rollouts: Rollouts, situation: MppiTick, far: int) -> Single:
         """Return the mean distance from the first ``far`` points of the path, (B,)."""
         every, arc = self.trajectory_point_step, situation.arc[:far]
         x, y, yaw = rollouts.x[::every], rollouts.y[::every], rollouts.yaw[::every]
@@ -383,7 +383,7 @@ class PathAlignCritic(Critic):
 
 @final
 @dataclass(frozen=True)
-class PathFollowCritic(Critic):
+class PathFollowCritic(MppiCritic):
     """Draws the end of trajectories towards a point of the path ahead of what they reach.
 
     weight * distance of the last point from path[furthest + offset_from_furthest]
@@ -401,7 +401,7 @@ class PathFollowCritic(Critic):
 
     from_zero: ClassVar[tuple[str, ...]] = ("offset_from_furthest",)
 
-    def weighted(self, rollouts: Rollouts, situation: Situation) -> Single | None:
+    def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
         """See the class."""
         last = situation.path.shape[1] - 1
         if last < 1 or situation.length < self.threshold_to_consider:
@@ -416,7 +416,7 @@ class PathFollowCritic(Critic):
 
 @final
 @dataclass(frozen=True)
-class PathAngleCritic(Critic):
+class PathAngleCritic(MppiCritic):
     """Turns the end of trajectories towards a point of the path, where the robot faces elsewhere.
 
     weight * |yaw at the end - direction from the end to path[furthest + offset_from_furthest]|
@@ -440,7 +440,7 @@ class PathAngleCritic(Critic):
 
     from_zero: ClassVar[tuple[str, ...]] = ("offset_from_furthest",)
 
-    def weighted(self, rollouts: Rollouts, situation: Situation) -> Single | None:
+    def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
         """See the class."""
         if situation.length < self.threshold_to_consider:
             return None
@@ -468,7 +468,7 @@ def _off(mode: int, way: Single, yaw: Single, wanted: np.float32) -> Single:
 
 @final
 @dataclass(frozen=True)
-class PreferForwardCritic(Critic):
+class PreferForwardCritic(MppiCritic):
     """Keeps the robot from driving backwards, weight sum_t max(-v, 0) dt.
 
     Attributes
@@ -479,7 +479,7 @@ class PreferForwardCritic(Critic):
     cost_weight: float = 5.0
     threshold_to_consider: float = 0.5
 
-    def weighted(self, rollouts: Rollouts, situation: Situation) -> Single | None:
+    def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
         """See the class."""
         if situation.length < self.threshold_to_consider:
             return None
@@ -489,7 +489,7 @@ class PreferForwardCritic(Critic):
 
 @final
 @dataclass(frozen=True)
-class TwirlingCritic(Critic):
+class TwirlingCritic(MppiCritic):
     """Keeps the robot from turning, weight * mean over t of |omega|.
 
     It does not apply where less path is left than the goal checker's tolerance of the position.
@@ -497,7 +497,7 @@ class TwirlingCritic(Critic):
 
     cost_weight: float = 10.0
 
-    def weighted(self, rollouts: Rollouts, situation: Situation) -> Single | None:
+    def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
         """See the class."""
         if situation.length < situation.tick.checker.xy_goal_tolerance:
             return None
@@ -507,7 +507,7 @@ class TwirlingCritic(Critic):
 
 @final
 @dataclass(frozen=True)
-class VelocityDeadbandCritic(Critic):
+class VelocityDeadbandCritic(MppiCritic):
     """Avoids velocities that are too small for the drive to follow.
 
     weight sum_t (max(d_v - |v|, 0) + max(d_omega - |omega|, 0)) dt
@@ -520,7 +520,7 @@ class VelocityDeadbandCritic(Critic):
     cost_weight: float = 35.0
     deadband_velocities: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
-    def weighted(self, rollouts: Rollouts, situation: Situation) -> Single | None:
+    def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
         """See the class."""
         slow, _, still = (np.float32(abs(value)) for value in self.deadband_velocities)
         lack = np.maximum(slow - np.abs(rollouts.vx), 0.0)
@@ -529,7 +529,7 @@ class VelocityDeadbandCritic(Critic):
         return np.asarray(total * np.float32(self.cost_weight))
 
 
-NAV2: dict[str, type[Critic]] = {
+NAV2: dict[str, type[MppiCritic]] = {
     kind.__name__: kind
     for kind in (
         ConstraintCritic, CostCritic, ObstaclesCritic, GoalCritic, GoalAngleCritic,

@@ -25,7 +25,7 @@ def wrapped(angle: Single) -> Single:
 
 @final
 @dataclass(frozen=True)
-class Limits:
+class ControlLimits:
     """Limits of speed and acceleration; the names are Nav2's, m and s and rad.
 
     Attributes
@@ -150,7 +150,7 @@ def added(start: np.float32, steps: Single) -> Single:
 
 @final
 @dataclass(eq=False)
-class Situation:
+class MppiTick:
     """What the critics of MPPI see of a tick, beside the rollouts.
 
     Attributes
@@ -162,7 +162,7 @@ class Situation:
     """
 
     tick: Tick
-    limits: Limits
+    limits: ControlLimits
     dt: float
     all_collide: bool = False
 

@@ -17,8 +17,8 @@ from ..parameters.teb_parameters import TebParameters
 from ._teb_kernel import wrapped
 from .local_controller import INVALID_PATH, Answer, LocalController, Tick
 from .teb_band import Band
-from .teb_classes import Candidate, Candidates
-from .teb_edges import STANDING, Obstacles, Pull, optimised
+from .teb_classes import BandCandidate, BandCandidates
+from .teb_edges import STANDING, Pull, TebObstacles, optimised
 
 _SHARE, _AVERAGED, _SLOWEST, _FORGET = 0.85, 3, 0.01, 1.0
 """Of half the map that a band may cover; steps of the plan that the heading at the local goal is
@@ -147,7 +147,7 @@ class TEB(TebParameters, LocalController):
             else:
                 band = band.moved(plan[0], plan[-1], settings)
             optimum = optimised(band, pull, settings)
-            kept = [] if optimum is None else [Candidate(optimum.band, np.zeros(0), optimum)]
+            kept = [] if optimum is None else [BandCandidate(optimum.band, np.zeros(0), optimum)]
             all_of_them.bands = kept
             all_of_them.best = kept[0] if kept else None
         if all_of_them.best is None:
@@ -159,7 +159,7 @@ class TEB(TebParameters, LocalController):
         return "the robot cannot stand on the first poses of the band"
 
     def _drop(self) -> None:
-        self._candidates = Candidates()
+        self._candidates = BandCandidates()
 
     def _refused(self, reason: str, error: str = "") -> Answer:
         """Drop the bands and refuse; the command counts as zero."""
@@ -208,7 +208,7 @@ def _heading_at(plan: Array, last: int, goal: Array) -> float:
     return atan2(float(np.sin(angles).sum()), float(np.cos(angles).sum()))
 
 
-def obstacles_of(tick: Tick, discs: Array, settings: TebParameters) -> Obstacles:
+def obstacles_of(tick: Tick, discs: Array, settings: TebParameters) -> TebObstacles:
     """Return lethal cells as points, column by column, and the moving discs (K, 5).
 
     Cells behind the robot are left out beyond `costmap_obstacles_behind_robot_dist`; so are the
@@ -225,7 +225,7 @@ def obstacles_of(tick: Tick, discs: Array, settings: TebParameters) -> Obstacles
             reach = radius + sqrt(2.0) * tick.costmap.resolution
             kept &= np.hypot(points[:, 0] - x, points[:, 1] - y) > reach
         points = points[kept]
-    return Obstacles(
+    return TebObstacles(
         np.concatenate([points, discs[:, :2]]),
         np.concatenate([np.zeros(len(points)), discs[:, 2]]),
         np.concatenate([np.zeros_like(points), discs[:, 3:]]),

@@ -11,12 +11,12 @@ from ..parameters.teb_parameters import TebParameters
 from . import _teb_signature as kernel
 from ._teb_kernel import wrapped
 from .teb_band import Band
-from .teb_edges import Obstacles, Optimum, Pull, optimised
+from .teb_edges import Optimum, Pull, TebObstacles, optimised
 
 
 @final
 @dataclass(eq=False)
-class Candidate:
+class BandCandidate:
     """One band among several; it changes from tick to tick.
 
     Attributes
@@ -39,7 +39,7 @@ class Candidate:
 
 
 @final
-class Candidates:
+class BandCandidates:
     """The bands that compete: of each class one.
 
     Attributes
@@ -49,9 +49,9 @@ class Candidates:
     """
 
     def __init__(self) -> None:
-        self.bands: list[Candidate] = []
-        self.best: Candidate | None = None
-        self._last: Candidate | None = None
+        self.bands: list[BandCandidate] = []
+        self.best: BandCandidate | None = None
+        self._last: BandCandidate | None = None
         self._wanted = np.zeros(0)
 
     def update(
@@ -72,7 +72,7 @@ class Candidates:
         self._drop_detours(settings)
         first = Band.from_plan(plan, settings)
         self._wanted = signature_of(first, pull.obstacles, settings)
-        self._add(Candidate(first, self._wanted), settings)
+        self._add(BandCandidate(first, self._wanted), settings)
         if _apart(start, goal) >= reached and len(pull.obstacles.places):
             self._explore(start, goal, pull.obstacles, settings, rng)
         for one in self.bands:
@@ -115,7 +115,7 @@ class Candidates:
             self.choose(settings)
 
     def _renew(
-        self, start: Array, goal: Array, obstacles: Obstacles, settings: TebParameters
+        self, start: Array, goal: Array, obstacles: TebObstacles, settings: TebParameters
     ) -> None:
         """Move the bands to the new start and goal, and keep one of each class."""
         old = sorted(self.bands, key=lambda one: one is not self.best)
@@ -129,7 +129,7 @@ class Candidates:
         if self.best not in self.bands:
             self.best = None
 
-    def _add(self, candidate: Candidate, settings: TebParameters) -> None:
+    def _add(self, candidate: BandCandidate, settings: TebParameters) -> None:
         """Add a band if its class is new and there is room."""
         same = kernel.compiled()[1]
         full = len(self.bands) >= settings.max_number_classes
@@ -166,7 +166,7 @@ class Candidates:
         self.bands = kept
 
     def _explore(
-        self, start: Array, goal: Array, obstacles: Obstacles, settings: TebParameters,
+        self, start: Array, goal: Array, obstacles: TebObstacles, settings: TebParameters,
         rng: np.random.Generator,
     ) -> None:  # fmt: skip
         """Add a band for each path of a random graph whose class is new.
@@ -201,10 +201,10 @@ class Candidates:
         for k in range(begun, count):
             corners = vertices[paths[k][paths[k] >= 0]]
             band = _band_along(corners, float(start[2]), float(goal[2]), settings)
-            self.bands.append(Candidate(band, known[k]))
+            self.bands.append(BandCandidate(band, known[k]))
 
 
-def signature_of(band: Band, obstacles: Obstacles, settings: TebParameters) -> Array:
+def signature_of(band: Band, obstacles: TebObstacles, settings: TebParameters) -> Array:
     """Return at which side a band passes each obstacle, (M,).
 
     With `include_dynamic_obstacles` it is the magnetic field of the obstacles' lines in x, y, t

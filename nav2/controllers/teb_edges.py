@@ -25,7 +25,7 @@ _ROUNDING = 1e-6
 
 @final
 @dataclass(frozen=True, eq=False)
-class Obstacles:
+class TebObstacles:
     """Discs that a band keeps clear of.
 
     Attributes
@@ -58,7 +58,7 @@ class Pull:
     multiplier : of the standing obstacles' weight.
     """
 
-    obstacles: Obstacles
+    obstacles: TebObstacles
     start: tuple[float, float] | None = None
     turn: int = 0
     multiplier: float = 1.0

@@ -23,7 +23,7 @@ _LATE = 1e-9
 
 @final
 @dataclass(frozen=True)
-class View:
+class CostmapView:
     """How much of its surroundings a costmap shows, by Nav2's names.
 
     The defaults are those of the local costmap that Nav2 ships for its own robot. `privileged`
@@ -86,14 +86,14 @@ class View:
             positive(f"view.{name}", getattr(self, name), zero=True)
 
     @classmethod
-    def privileged(cls) -> "View":
+    def privileged(cls) -> "CostmapView":
         """Return a view of 12 m x 12 m, exact, at the rate of the controller."""
         return cls(width=12.0, height=12.0, update_frequency=20.0, exact=True)
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class Surroundings:
+class CostmapSurroundings:
     """What a costmap is updated with at one instant.
 
     Attributes
@@ -123,7 +123,7 @@ class LayeredCostmap:
     footprint : of the robot, with its padding.
     """
 
-    def __init__(self, view: View, footprint: RobotFootprint) -> None:
+    def __init__(self, view: CostmapView, footprint: RobotFootprint) -> None:
         self._view, self._footprint = view, footprint
         self._shape = (round(view.height / view.resolution), round(view.width / view.resolution))
         self._inflation = Inflation(
@@ -164,7 +164,7 @@ class LayeredCostmap:
         fresh = self._updated <= time < self._updated + period - _LATE
         return self._shown is None or not fresh
 
-    def update(self, time: float, pose: Array, seen: Surroundings) -> Costmap:
+    def update(self, time: float, pose: Array, seen: CostmapSurroundings) -> Costmap:
         """Return the newest costmap; it is made anew where its time has come.
 
         Parameters
@@ -260,7 +260,7 @@ class LayeredCostmap:
         mx, my = begin[0] + along[0][used], begin[1] + along[1][used]
         self._marks[my, mx] = FREE_SPACE
 
-    def _exact(self, grid: Costmap, seen: Surroundings) -> Cells:
+    def _exact(self, grid: Costmap, seen: CostmapSurroundings) -> Cells:
         """Return the cells that discs and polygons touch now."""
         lethal = _covered(grid, seen.polygons)
         half = 0.5 * grid.resolution

@@ -22,23 +22,23 @@ from ...framework.values.motion import Command, Observation, Twist, checked_numb
 from ...framework.values.path import Path
 from ...framework.values.plan import Plan
 from ..controllers.local_controller import Answer
-from ..controllers.local_controllers import Limits
+from ..controllers.local_controllers import VelocityLimits
 from ..costmap.footprint import RobotFootprint
-from ..costmap.local_costmap import LayeredCostmap, Surroundings, discs_of
+from ..costmap.local_costmap import CostmapSurroundings, LayeredCostmap, discs_of
 from ..costmap.rays import Rays
 from .params_file import read_params_file
-from .recoveries import Outcome, Recovery, Situation
+from .recoveries import Recovery, RecoveryOutcome, RecoverySituation
 from .route import GlobalRoute
-from .server import Sight, Status
-from .settings import Settings
+from .server import ServerStatus, ServerView
+from .settings import LoopSettings
 
 SPACING = 0.05
 """m, between the poses that a path is given as: Nav2's planners give one per cell."""
 MOST_POSES = 200_000
 """Of a path: 10 km."""
 _HELPED = {
-    Status.UNKNOWN, Status.CONTROLLER_TIMED_OUT, Status.FAILED_TO_MAKE_PROGRESS,
-    Status.NO_VALID_CONTROL, Status.PATIENCE_EXCEEDED, Status.NO_VALID_PATH,
+    ServerStatus.UNKNOWN, ServerStatus.CONTROLLER_TIMED_OUT, ServerStatus.FAILED_TO_MAKE_PROGRESS,
+    ServerStatus.NO_VALID_CONTROL, ServerStatus.PATIENCE_EXCEEDED, ServerStatus.NO_VALID_PATH,
 }  # fmt: skip
 """Results after which Nav2 tries again; an invalid path is none of them."""
 _STILL = Twist((0.0, 0.0))
@@ -107,7 +107,7 @@ class Nav2(Controller):
     """
 
     robot: Robot
-    settings: Settings = field(default_factory=Settings)
+    settings: LoopSettings = field(default_factory=LoopSettings)
     params_file: File | None = None
     robot_limits: bool = False
     planner: RoutePlanner | None = None
@@ -162,7 +162,7 @@ class Nav2(Controller):
         self._stamp = -np.inf
 
     @property
-    def chosen(self) -> Settings:
+    def chosen(self) -> LoopSettings:
         """The settings that hold: of the file where there is one, within the robot's limits."""
         return self._set
 
@@ -249,7 +249,7 @@ class Nav2(Controller):
             around = self._around(observation)
             self._local.update(observation.stamp, self._pose(observation), around)
 
-    def _around(self, observation: Observation) -> Surroundings:
+    def _around(self, observation: Observation) -> CostmapSurroundings:
         """Return what is around."""
         detections, notes, _ = sound(observation, 2)  # what has no place is in no costmap
         for words in notes:
@@ -257,13 +257,13 @@ class Nav2(Controller):
         centres, radii = discs_of(detections)
         view, polygons = self._set.view, observation.polygons
         if view.exact:
-            return Surroundings(None, centres, radii, polygons)
+            return CostmapSurroundings(None, centres, radii, polygons)
         if observation.scan is not None:
             rays = Rays.of_scan(observation.scan.scan, observation.scan.pose)
-            return Surroundings(rays, centres, radii, polygons)
+            return CostmapSurroundings(rays, centres, radii, polygons)
         origin = self._pose(observation)[:2]
         rays = Rays.cast(origin, centres, radii, polygons, round(view.beams), view.laser_range)
-        return Surroundings(rays, centres, radii, polygons)
+        return CostmapSurroundings(rays, centres, radii, polygons)
 
     def _pose(self, observation: Observation) -> Array:
         pose = self.robot.pose(tuple(float(value) for value in observation.state))
@@ -288,7 +288,7 @@ class Nav2(Controller):
         costmap = self._local.shown
         assert costmap is not None  # it has just been updated
         pose, speed = self._pose(observation), self._speed(observation)
-        sight = Sight(
+        sight = ServerView(
             time, pose, speed, costmap, self._local.updated, self.footprint,
             self._set.view.track_unknown_space, observation,
         )  # fmt: skip
@@ -304,7 +304,7 @@ class Nav2(Controller):
             self._sent = Command((out[0], out[1]), out[2])
         return self._sent
 
-    def _decided(self, sight: Sight, observation: Observation) -> Twist | None:
+    def _decided(self, sight: ServerView, observation: Observation) -> Twist | None:
         """Return the velocity of the behaviour tree's present branch."""
         self._answer = None
         if self._navigation is Navigation.RECOVERING:
@@ -324,14 +324,14 @@ class Nav2(Controller):
             return _STILL
         step = self._server.tick(sight, 1.0 / self._set.view.update_frequency)
         self._answer, self._reason = step.answer, step.reason
-        if step.status is Status.SUCCEEDED:
+        if step.status is ServerStatus.SUCCEEDED:
             self._navigation = Navigation.SUCCEEDED
-        elif step.status is not Status.RUNNING:
+        elif step.status is not ServerStatus.RUNNING:
             self._reason = f"{step.status}: {step.reason}"
             self._failed(sight, step.status)
         return step.twist
 
-    def _routed(self, route: GlobalRoute, sight: Sight, observation: Observation) -> bool:
+    def _routed(self, route: GlobalRoute, sight: ServerView, observation: Observation) -> bool:
         """Plan a new route where the tree wants one; tell whether there is one to follow."""
         if not route.due(sight.time):
             return True
@@ -340,11 +340,11 @@ class Nav2(Controller):
             self._path = poses_along(found)
             self._server.replan(self._path)
         elif reason:
-            self._reason = f"{Status.NO_VALID_PATH}: {reason}"
-            self._failed(sight, Status.NO_VALID_PATH, again=True)
+            self._reason = f"{ServerStatus.NO_VALID_PATH}: {reason}"
+            self._failed(sight, ServerStatus.NO_VALID_PATH, again=True)
         return not reason
 
-    def _failed(self, sight: Sight, status: Status, again: bool = False) -> None:
+    def _failed(self, sight: ServerView, status: ServerStatus, again: bool = False) -> None:
         """Try once more with a cleared costmap, then recover, then give up."""
         if status not in _HELPED:
             self._navigation = Navigation.FAILED
@@ -364,14 +364,14 @@ class Nav2(Controller):
             if self._route is not None:
                 self._route.clear()
 
-    def _recover(self, sight: Sight) -> Twist:
+    def _recover(self, sight: ServerView) -> Twist:
         """Go on with the recovery; after it, follow the path again."""
         self._reason = f"recovering: {self._recoveries.now}"
         twist, outcome = self._recoveries.velocity(_situation(sight))
-        if outcome is Outcome.SUCCEEDED:
+        if outcome is RecoveryOutcome.SUCCEEDED:
             self._navigation = Navigation.FOLLOWING
             self._server.again(sight.time)
-        elif outcome is Outcome.FAILED:
+        elif outcome is RecoveryOutcome.FAILED:
             self._navigation = Navigation.FAILED
         elif self._recoveries.now is Recovery.CLEAR:
             self._start(Recovery.CLEAR)
@@ -390,16 +390,16 @@ def poses_along(path: Path) -> Array:
     return np.column_stack([points, np.arctan2(way[:, 1], way[:, 0])])
 
 
-def _situation(sight: Sight) -> Situation:
-    return Situation(sight.time, sight.pose, sight.speed, sight.costmap, sight.footprint)
+def _situation(sight: ServerView) -> RecoverySituation:
+    return RecoverySituation(sight.time, sight.pose, sight.speed, sight.costmap, sight.footprint)
 
 
-def limits_of(robot: Robot) -> Limits:
+def limits_of(robot: Robot) -> VelocityLimits:
     """Ask a robot how fast it can be, and how fast it can become so."""
     rest, soon = np.zeros(len(robot.states)), 1e-3
     ahead, turn = Twist((FAST, 0.0)), Twist((0.0, 0.0), FAST)
     gained = float(attained(robot, rest, [ahead], soon)[0, 0])
-    return Limits(
+    return VelocityLimits(
         top_speed(robot, rest),
         float(attained(robot, rest, [turn])[0, 2]),
         gained / soon,

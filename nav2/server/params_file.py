@@ -11,7 +11,7 @@ from ...framework.values.arrays import number
 from ...framework.values.errors import WideberthError, nearest
 from ..controllers.dwb import PATH_LENGTH_TOLERANCE
 from ..controllers.mppi import MODELS, PLUGIN_OF
-from ..costmap.local_costmap import View
+from ..costmap.local_costmap import CostmapView
 from ..goal_checker import GoalChecker
 from ..parameters.parameters import (
     UnknownParameters,
@@ -23,8 +23,8 @@ from ..parameters.parameters import (
 from ..path_handler import PathHandler
 from .progress_checker import ProgressChecker
 from .recoveries import Recoveries
-from .settings import Settings
-from .velocity_smoother import VelocitySmoother
+from .settings import LoopSettings
+from .velocity_smoother import Nav2VelocitySmoother
 
 PLUGINS = {
     "nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController": (
@@ -142,7 +142,7 @@ class ParamsFile:
     twice : keys that stand twice, with their lines; the last value holds, as in ROS.
     """
 
-    settings: Settings
+    settings: LoopSettings
     passed_over: tuple[str, ...] = ()
     twice: tuple[str, ...] = ()
 
@@ -157,7 +157,7 @@ class ParamsFile:
         return tuple(found)
 
 
-def read_params_file(path: Path | str, controller: str = "FollowPath") -> Settings:
+def read_params_file(path: Path | str, controller: str = "FollowPath") -> LoopSettings:
     """Read the settings of the loop from one of Nav2's parameter files, see `read_params`.
 
     What is passed over is a warning.
@@ -193,7 +193,7 @@ def read_params(path: Path | str, controller: str = "FollowPath") -> ParamsFile:
     settings = _server(nodes[SERVER], controller, passed)
     settings |= _costmap(nodes.get("local_costmap", {}), passed)
     for node, kind, name in (
-        ("velocity_smoother", VelocitySmoother, "velocity_smoother"),
+        ("velocity_smoother", Nav2VelocitySmoother, "velocity_smoother"),
         ("behavior_server", Recoveries, "recoveries"),
     ):
         settings[name] = _known(node, nodes.get(node, {}), names_of(kind), passed)
@@ -259,11 +259,11 @@ def _without_ros(name: str) -> bool:
     return name.rpartition(".")[2] in _WITHOUT_ROS | {"plugin"}
 
 
-def _made(settings: dict[str, Any], controller: str, passed: list[str]) -> Settings:
+def _made(settings: dict[str, Any], controller: str, passed: list[str]) -> LoopSettings:
     """Return settings without the controller's parameters that nothing here has; note those."""
     while True:
         try:
-            return Settings(**settings)
+            return LoopSettings(**settings)
         except UnknownParameters as unknown:
             given = settings["parameters"]
             kept = {key: one for key, one in given.items() if key not in unknown.names}
@@ -423,13 +423,13 @@ def _costmap(given: Mapping[str, Any], passed: list[str]) -> dict[str, Any]:
             passed += [f"{place}.{name}.{one}" for one in block if not _without_ros(one)]
     plain = {key: one for key, one in given.items() if "." not in key and key != "plugins"}
     outline = ("footprint", "robot_radius")
-    found = _known(place, plain, [*names_of(View), *outline], passed)
+    found = _known(place, plain, [*names_of(CostmapView), *outline], passed)
     settings: dict[str, Any] = {}
     if "footprint" in found:
         settings["footprint"] = _outline(found.pop("footprint"))
     if "robot_radius" in found:
         settings["robot_radius"] = number("robot_radius", found.pop("robot_radius"))
-    return settings | {"view": View(**{**view, **found})}
+    return settings | {"view": CostmapView(**{**view, **found})}
 
 
 def _layer(place: str, given: Mapping[str, Any], passed: list[str]) -> dict[str, Any]:

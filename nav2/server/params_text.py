@@ -8,9 +8,9 @@ from ...framework.plugins.yamlfile import dump
 from ...framework.values.errors import WideberthError
 from ..controllers.dwb import PATH_LENGTH_TOLERANCE
 from ..controllers.mppi import MODELS, PLUGIN_OF
-from ..costmap.local_costmap import View
+from ..costmap.local_costmap import CostmapView
 from .params_file import PARTS, PLUGINS
-from .settings import Settings
+from .settings import LoopSettings
 
 _PLUGIN_OF = {local: plugin for plugin, local in PLUGINS.items()}
 _PART_OF = {part: plugin for plugin, part in PARTS.items()}
@@ -22,7 +22,7 @@ _INFLATION = (
 """Fields of a view that belong to the layer of inflation."""
 
 
-def params_text(settings: Settings, controller: str = "FollowPath") -> str:
+def params_text(settings: LoopSettings, controller: str = "FollowPath") -> str:
     """Return the text of a parameter file from which `read_params_file` reads these settings.
 
     Names that have no meaning here (topics, frames, drawing) are not in it: Nav2 has defaults for
@@ -69,7 +69,7 @@ def _plain(given: Mapping[str, Any]) -> dict[str, Any]:
     return {name: list(v) if isinstance(v, tuple) else v for name, v in given.items()}
 
 
-def _controller(settings: Settings) -> dict[str, Any]:
+def _controller(settings: LoopSettings) -> dict[str, Any]:
     """Return the block of the controller, its dotted names as nested ones."""
     given = _plain(settings.parameters)
     if settings.local not in _PLUGIN_OF:
@@ -103,9 +103,9 @@ def _controller(settings: Settings) -> dict[str, Any]:
     return nested
 
 
-def _costmap(settings: Settings) -> dict[str, Any]:
+def _costmap(settings: LoopSettings) -> dict[str, Any]:
     """Return the block of the local costmap."""
-    view, usual = asdict(settings.view), View()
+    view, usual = asdict(settings.view), CostmapView()
     for name in _OWN:
         if view[name] == getattr(usual, name):
             view.pop(name)

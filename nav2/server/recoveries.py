@@ -27,7 +27,7 @@ class Recovery(StrEnum):
 ORDER = tuple(Recovery)
 
 
-class Outcome(StrEnum):
+class RecoveryOutcome(StrEnum):
     """How a recovery stands."""
 
     RUNNING = "running"
@@ -37,7 +37,7 @@ class Outcome(StrEnum):
 
 @final
 @dataclass(frozen=True, eq=False)
-class Situation:
+class RecoverySituation:
     """What a recovery sees.
 
     Attributes
@@ -123,7 +123,7 @@ class Recoveries:
         """Recoveries of this navigation so far."""
         return self._tried
 
-    def begin(self, seen: Situation) -> Recovery | None:
+    def begin(self, seen: RecoverySituation) -> Recovery | None:
         """Start the next recovery; None where all retries are used up."""
         if self._tried >= self.number_of_retries:
             return None
@@ -131,7 +131,7 @@ class Recoveries:
         self._left = len(ORDER)
         return self._start(seen)
 
-    def _start(self, seen: Situation) -> Recovery:
+    def _start(self, seen: RecoverySituation) -> Recovery:
         self._now = ORDER[self._turn % len(ORDER)]
         self._turn += 1
         self._left -= 1
@@ -139,7 +139,7 @@ class Recoveries:
         self._turned, self._last_yaw = 0.0, float(seen.pose[2])
         return self._now
 
-    def velocity(self, seen: Situation) -> tuple[Twist, Outcome]:
+    def velocity(self, seen: RecoverySituation) -> tuple[Twist, RecoveryOutcome]:
         """Return the velocity for now, and how the recovery stands."""
         still = Twist((0.0, 0.0))
         if self._now is Recovery.SPIN:
@@ -147,43 +147,45 @@ class Recoveries:
         elif self._now is Recovery.BACK_UP:
             twist, outcome = self._back_up(seen)
         elif self._now is Recovery.WAIT and seen.time - self._began < self.wait_duration:
-            twist, outcome = still, Outcome.RUNNING
+            twist, outcome = still, RecoveryOutcome.RUNNING
         else:
-            twist, outcome = still, Outcome.SUCCEEDED
-        if outcome is Outcome.FAILED and self._left:
+            twist, outcome = still, RecoveryOutcome.SUCCEEDED
+        if outcome is RecoveryOutcome.FAILED and self._left:
             self._start(seen)
-            outcome = Outcome.RUNNING
-        if outcome is not Outcome.RUNNING:
+            outcome = RecoveryOutcome.RUNNING
+        if outcome is not RecoveryOutcome.RUNNING:
             self._now = None
         return twist, outcome
 
-    def _spin(self, seen: Situation) -> tuple[Twist, Outcome]:
+    def _spin(self, seen: RecoverySituation) -> tuple[Twist, RecoveryOutcome]:
         """Turn on the spot by `spin_dist`."""
         yaw = float(seen.pose[2])
         self._turned += normalized(yaw - self._last_yaw)
         self._last_yaw = yaw
         rest = self.spin_dist - abs(self._turned)
         if rest < 1e-6:
-            return Twist((0.0, 0.0)), Outcome.SUCCEEDED
+            return Twist((0.0, 0.0)), RecoveryOutcome.SUCCEEDED
         slowing = sqrt(2.0 * self.rotational_acc_lim * rest)
         rate = min(max(slowing, self.min_rotational_vel), self.max_rotational_vel)
         return self._tested(seen, Twist((0.0, 0.0), rate), rest)
 
-    def _back_up(self, seen: Situation) -> tuple[Twist, Outcome]:
+    def _back_up(self, seen: RecoverySituation) -> tuple[Twist, RecoveryOutcome]:
         """Drive back by `backup_dist`."""
         rest = self.backup_dist - distance(seen.pose, self._from)
         if rest <= 0.0:
-            return Twist((0.0, 0.0)), Outcome.SUCCEEDED
+            return Twist((0.0, 0.0)), RecoveryOutcome.SUCCEEDED
         return self._tested(seen, Twist((-self.backup_speed, 0.0)), rest)
 
-    def _tested(self, seen: Situation, twist: Twist, rest: float) -> tuple[Twist, Outcome]:
+    def _tested(
+        self, seen: RecoverySituation, twist: Twist, rest: float
+    ) -> tuple[Twist, RecoveryOutcome]:
         """Return a velocity unless it takes too long or hits something on what is left."""
         late = seen.time - self._began > self.time_allowance
         if late or self._hits(seen, float(twist.linear[0]), float(twist.angular), rest):
-            return Twist((0.0, 0.0)), Outcome.FAILED
-        return twist, Outcome.RUNNING
+            return Twist((0.0, 0.0)), RecoveryOutcome.FAILED
+        return twist, RecoveryOutcome.RUNNING
 
-    def _hits(self, seen: Situation, speed: float, turning: float, rest: float) -> bool:
+    def _hits(self, seen: RecoverySituation, speed: float, turning: float, rest: float) -> bool:
         """Tell whether the outline meets an obstacle or an unknown cell ahead."""
         x, y, yaw = (float(value) for value in seen.pose)
         for count in range(int(self.simulate_ahead_time * self.cycle_frequency)):

@@ -10,7 +10,7 @@ from ...framework.values.arrays import Array
 from ...framework.values.costmap import INSCRIBED, LETHAL, Costmap
 from ...framework.values.path import Path
 from ..costmap.footprint import RobotFootprint
-from ..costmap.local_costmap import LayeredCostmap, Surroundings, View
+from ..costmap.local_costmap import CostmapSurroundings, CostmapView, LayeredCostmap
 from ..poses import length
 
 PERIOD, NEAR_GOAL, SEARCH = 1.0, 4.0, 1.5
@@ -43,7 +43,7 @@ class GlobalRoute:
 
     @classmethod
     def around(
-        cls, planner: RoutePlanner, view: View, footprint: RobotFootprint, path: Array,
+        cls, planner: RoutePlanner, view: CostmapView, footprint: RobotFootprint, path: Array,
         margin: float,
     ) -> "GlobalRoute":  # fmt: skip
         """Return the route to the end of a path (N, 3), over a costmap about it.
@@ -69,7 +69,9 @@ class GlobalRoute:
         """Tell whether it is time, s, to look whether a new route is wanted."""
         return not self._looked <= time < self._looked + PERIOD
 
-    def update(self, time: float, pose: Array, seen: Surroundings) -> tuple[Path | None, str]:
+    def update(
+        self, time: float, pose: Array, seen: CostmapSurroundings
+    ) -> tuple[Path | None, str]:
         """Return a new path, if one is wanted and there is one, or why there is none.
 
         Parameters

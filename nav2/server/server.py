@@ -22,7 +22,7 @@ FOREVER = -1.0
 _STILL = Twist((0.0, 0.0))
 
 
-class Status(StrEnum):
+class ServerStatus(StrEnum):
     """How following a path stands; the names are those of Nav2's results.
 
     `NO_VALID_PATH` is the planner server's, where a route is planned anew.
@@ -39,7 +39,10 @@ class Status(StrEnum):
     UNKNOWN = "UNKNOWN"
 
 
-_STATUS = {NO_VALID_CONTROL: Status.NO_VALID_CONTROL, "InvalidPath": Status.INVALID_PATH}
+_STATUS = {
+    NO_VALID_CONTROL: ServerStatus.NO_VALID_CONTROL,
+    "InvalidPath": ServerStatus.INVALID_PATH,
+}
 
 
 @final
@@ -56,14 +59,14 @@ class Step:
     """
 
     twist: Twist | None
-    status: Status
+    status: ServerStatus
     reason: str = ""
     answer: Answer | None = None
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class Sight:
+class ServerView:
     """What the server is given at one tick.
 
     Attributes
@@ -153,7 +156,7 @@ class ControllerServer:
         """Start a new action along what is left of the path, from a time (s) on."""
         self.begin(self.path_handler.rest, time)
 
-    def tick(self, seen: Sight, late: float) -> Step:
+    def tick(self, seen: ServerView, late: float) -> Step:
         """Return what to command now.
 
         Parameters
@@ -163,17 +166,17 @@ class ControllerServer:
         """
         if seen.time - seen.updated > late + self.costmap_update_timeout:
             age = f"the costmap is {seen.time - seen.updated:.2f} s old"
-            return self._abort(Status.CONTROLLER_TIMED_OUT, age)
+            return self._abort(ServerStatus.CONTROLLER_TIMED_OUT, age)
         plan, reason = self.path_handler.local_plan(seen.costmap, seen.pose)
         if plan is None:
-            return self._abort(Status.INVALID_PATH, reason)
+            return self._abort(ServerStatus.INVALID_PATH, reason)
         if self.goal_checker.reached(seen.pose, self._goal, plan):
             self.controller.reset()
-            return Step(_STILL, Status.SUCCEEDED)
+            return Step(_STILL, ServerStatus.SUCCEEDED)
         if not self.progress_checker.progressing(seen.pose, seen.time):
             allowance = self.progress_checker.movement_time_allowance
             words = f"the robot has not moved on for {allowance:g} s"
-            return self._abort(Status.FAILED_TO_MAKE_PROGRESS, words)
+            return self._abort(ServerStatus.FAILED_TO_MAKE_PROGRESS, words)
         answer = self.controller.velocity(
             Tick(
                 seen.time, seen.pose, self._measured(seen.speed), plan, self._goal, seen.costmap,
@@ -188,17 +191,19 @@ class ControllerServer:
             self._valid = time
             numbers = (*answer.twist.linear, answer.twist.angular)
             if all(isfinite(float(value)) for value in numbers):
-                return Step(answer.twist, Status.RUNNING, "", answer)
-            return Step(None, Status.RUNNING, f"the command {numbers} is not finite", answer)
+                return Step(answer.twist, ServerStatus.RUNNING, "", answer)
+            return Step(None, ServerStatus.RUNNING, f"the command {numbers} is not finite", answer)
         if answer.error != NO_VALID_CONTROL or self.failure_tolerance == 0.0:
-            return self._abort(_STATUS.get(answer.error, Status.UNKNOWN), answer.reason, answer)
+            return self._abort(
+                _STATUS.get(answer.error, ServerStatus.UNKNOWN), answer.reason, answer
+            )
         waited = time - self._valid
         if self.failure_tolerance != FOREVER and waited > self.failure_tolerance:
             words = f"no valid control for {waited:.2f} s: {answer.reason}"
-            return self._abort(Status.PATIENCE_EXCEEDED, words, answer)
-        return Step(_STILL, Status.RUNNING, answer.reason, answer)
+            return self._abort(ServerStatus.PATIENCE_EXCEEDED, words, answer)
+        return Step(_STILL, ServerStatus.RUNNING, answer.reason, answer)
 
-    def _abort(self, status: Status, reason: str, answer: Answer | None = None) -> Step:
+    def _abort(self, status: ServerStatus, reason: str, answer: Answer | None = None) -> Step:
         """Give the path up."""
         self.controller.reset()
         return Step(_STILL, status, reason, answer)

@@ -7,21 +7,27 @@ from typing import Any, final
 from ...framework.robot import Robot
 from ...framework.values.arrays import checked, positive
 from ..controllers.local_controller import LocalController
-from ..controllers.local_controllers import Limits, built, shipped_parameters, timed, together
+from ..controllers.local_controllers import (
+    VelocityLimits,
+    built,
+    shipped_parameters,
+    timed,
+    together,
+)
 from ..costmap.footprint import RobotFootprint
-from ..costmap.local_costmap import View
+from ..costmap.local_costmap import CostmapView
 from ..goal_checker import GoalChecker
 from ..parameters.parameters import names_of, refuse_unknown
 from ..path_handler import PathHandler
 from .progress_checker import ProgressChecker
 from .recoveries import Recoveries
 from .server import ControllerServer
-from .velocity_smoother import VelocitySmoother
+from .velocity_smoother import Nav2VelocitySmoother
 
 
 @final
 @dataclass(frozen=True)
-class Settings:
+class LoopSettings:
     """A local controller by name, and the parameters of all that stands around it.
 
     The defaults are those that Nav2 ships for its own robot where they differ from the code's.
@@ -58,7 +64,7 @@ class Settings:
         }
     )  # fmt: skip
     recoveries: Mapping[str, Any] = field(default_factory=dict)
-    view: View = field(default_factory=View)
+    view: CostmapView = field(default_factory=CostmapView)
     controller_frequency: float = 20.0
     footprint: tuple[tuple[float, float], ...] = ()
     robot_radius: float | None = None
@@ -74,11 +80,11 @@ class Settings:
             positive("settings.robot_radius", self.robot_radius)
 
     @classmethod
-    def shipped(cls, local: str) -> "Settings":
+    def shipped(cls, local: str) -> "LoopSettings":
         """Return the settings that Nav2 has shipped for its own robot with this controller."""
         return cls(local, shipped_parameters(local))
 
-    def driving(self, robot: Robot) -> "Settings":
+    def driving(self, robot: Robot) -> "LoopSettings":
         """Return the same settings for a robot: TEB keeps its disc clear, and ours drive it.
 
         A radius that the parameters name stays.
@@ -116,16 +122,16 @@ class Settings:
             **_known(ControllerServer, "server", self.server),
         )
 
-    def make_smoother(self) -> VelocitySmoother:
+    def make_smoother(self) -> Nav2VelocitySmoother:
         """Return a new velocity smoother."""
-        given = _known(VelocitySmoother, "velocity_smoother", self.velocity_smoother)
-        return VelocitySmoother(**given)
+        given = _known(Nav2VelocitySmoother, "velocity_smoother", self.velocity_smoother)
+        return Nav2VelocitySmoother(**given)
 
     def make_recoveries(self) -> Recoveries:
         """Return new recoveries."""
         return Recoveries(**_known(Recoveries, "recoveries", self.recoveries))
 
-    def within(self, limits: Limits) -> "Settings":
+    def within(self, limits: VelocityLimits) -> "LoopSettings":
         """Return the same settings with limits for the controller and the smoother."""
         v, w, a, alpha = (
             limits.speed,

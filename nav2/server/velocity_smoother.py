@@ -17,7 +17,7 @@ LATEST = 9.0e9
 
 @final
 @dataclass(eq=False)
-class VelocitySmoother:
+class Nav2VelocitySmoother:
     """Nav2's velocity smoother, called at a fixed rate of its own.
 
     Each axis moves from its current velocity c towards the command u by

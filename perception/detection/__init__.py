@@ -7,7 +7,7 @@ from ...framework.plugins.lazy import lazy
 
 BUILT_IN: dict[str, str] = {
     "chords": "wideberth.perception.detection.chords:Chords",
-    "discs": "wideberth.perception.detection.discs:Discs",
+    "discs": "wideberth.perception.detection.discs:DiscDetector",
     "outside_map": "wideberth.perception.detection.outside_map:OutsideMap",
     "over_time": "wideberth.perception.detection.over_time:OverTime",
 }

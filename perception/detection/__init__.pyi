@@ -3,8 +3,8 @@
 # fmt: off
 
 from .chords import Chords as Chords
-from .discs import Discs as Discs
+from .discs import DiscDetector as DiscDetector
 from .outside_map import OutsideMap as OutsideMap
 from .over_time import OverTime as OverTime
-__all__ = ['Chords', 'Discs', 'OutsideMap', 'OverTime']
+__all__ = ['Chords', 'DiscDetector', 'OutsideMap', 'OverTime']
 BUILT_IN: dict[str, str]

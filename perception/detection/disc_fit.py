@@ -103,7 +103,7 @@ def _misfit(residual: Array, noise: Array) -> float:
 
 
 @dataclass(frozen=True)
-class Shape:
+class DiscShape:
     """What a detector takes a body for.
 
     Attributes
@@ -140,13 +140,13 @@ class Shape:
         )
 
 
-def cylinder(radius: float) -> Shape:
+def cylinder(radius: float) -> DiscShape:
     """Return the shape of a cylinder, which looks the same from all sides."""
-    return Shape(radius, radius, 0.0, 0.0, 0.0)
+    return DiscShape(radius, radius, 0.0, 0.0, 0.0)
 
 
 @lru_cache(maxsize=16)
-def box(half_length: float, half_width: float) -> Shape:
+def box(half_length: float, half_width: float) -> DiscShape:
     """Return the shape of a box that may have any heading.
 
     The disc around a box touches it at the corners alone, so that a disc of that radius R
@@ -164,7 +164,7 @@ def box(half_length: float, half_width: float) -> Shape:
         fitted -= float(errors[:, 0].mean())
     along, across, _ = errors.std(axis=0)
     rough = np.sqrt(errors[:, 2].mean())
-    return Shape(radius, fitted, float(rough), float(along), float(across))
+    return DiscShape(radius, fitted, float(rough), float(along), float(across))
 
 
 HEADINGS, AWAY, RAYS = 60, 8.0, 41

@@ -9,7 +9,7 @@ from ...framework.detector import Detector
 from ...framework.values.arrays import Array, positive, whole
 from ...framework.values.errors import WideberthError
 from ...framework.values.sensing import Scan, Sightings
-from .disc_fit import DiscFit, Shape, box, cylinder, fit_disc
+from .disc_fit import DiscFit, DiscShape, box, cylinder, fit_disc
 from .groups import (
     at_notches,
     by_density,
@@ -33,7 +33,7 @@ UNLIKELY = 0.05
 
 @final
 @dataclass(eq=False)
-class Discs(Detector):
+class DiscDetector(Detector):
     """Finds bodies of known shapes: groups of points, and a disc fitted to each.
 
     A group of up to two bodies' width is split where its outline goes back between them
@@ -80,7 +80,7 @@ class Discs(Detector):
     fewest: int = 3
     drift: float = DRIFT
     turn: float = TURN
-    _shapes: tuple[Shape, ...] = field(init=False, repr=False)
+    _shapes: tuple[DiscShape, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         positive("discs.gap", self.gap)
@@ -153,7 +153,7 @@ class Discs(Detector):
         )
         return [(centre, spread, max(likely, 0.5 * extent), float(group.times.mean()))]
 
-    def _fitted(self, group: Hits, deviation: float, shape: Shape) -> DiscFit:
+    def _fitted(self, group: Hits, deviation: float, shape: DiscShape) -> DiscFit:
         """Return the fit of one shape, with all that makes its centre uncertain."""
         fit = fit_disc(group.points, group.origins, shape.fitted, deviation, shape.rough)
         sight = fit.centre - group.origins.mean(axis=0)
@@ -162,7 +162,7 @@ class Discs(Detector):
         return replace(fit, covariance=spread + shape.spread(sight))
 
 
-def _shape(sizes: tuple[float, ...]) -> Shape:
+def _shape(sizes: tuple[float, ...]) -> DiscShape:
     """Return the shape of a cylinder or a box.
 
     Raises

@@ -4,14 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...framework.mpc.planner.best_response import Agent, BestResponsePlanner
+from ...framework.mpc.planner.best_response import BestResponsePlanner, Player
 from ...framework.values.arrays import Array
 from ...framework.values.forecast import Forecast
 from .social_rollout import RobotCourse
 
 
 @dataclass(frozen=True, eq=False)
-class Played:
+class PlayedGame:
     """Result of the game, per agent.
 
     Attributes
@@ -40,12 +40,12 @@ class Table:
     """
 
     responder: BestResponsePlanner
-    agents: tuple[Agent, ...]
+    agents: tuple[Player, ...]
     rows: tuple[int, ...]
     straight: Forecast
     grid: Array
 
-    def play(self, iterations: int) -> Played:
+    def play(self, iterations: int) -> PlayedGame:
         """Compute all best responses to the last round at once, and move half the way to them.
 
         An agent for which no plan is found keeps its way, and is still seen by the others;
@@ -57,7 +57,7 @@ class Table:
         alone = [self._plan(agent, None, ()) for agent in self.agents]
         failures = {i: found for i, found in enumerate(alone) if isinstance(found, str)}
         if 0 in failures:
-            return Played(bent, step, failures)
+            return PlayedGame(bent, step, failures)
         for _ in range(iterations):
             for i, base in enumerate(alone):
                 if isinstance(base, str):
@@ -71,7 +71,7 @@ class Table:
             bent = bent + 0.5 * step
         without = list(range(count)) if 0 in failures else list(failures)
         bent[without], step[without] = 0.0, 0.0
-        return Played(bent, 0.5 * step, failures)
+        return PlayedGame(bent, 0.5 * step, failures)
 
     def _answer(self, index: int, robot: Array, bent: Array) -> Array | str:
         """Best response of one agent to the others, on the time grid.
@@ -94,7 +94,7 @@ class Table:
         return self._plan(self.agents[index], told, radii)
 
     def _plan(
-        self, agent: Agent, others: Forecast | None, radii: tuple[float, ...]
+        self, agent: Player, others: Forecast | None, radii: tuple[float, ...]
     ) -> Array | str:
         found = self.responder.respond(agent, others, radii)
         return found if isinstance(found, str) else RobotCourse(*found, 0.0).at(self.grid)[0]

@@ -7,7 +7,7 @@ import numpy as np
 from ...framework.values.arrays import Array
 from ...people.models import Company, Walkers
 from ...people.walls import WallField
-from .person_belief import Beliefs, Slots, company_of, sight
+from .person_belief import HypothesisSlots, PersonBeliefs, company_of, sight
 
 LIGHTEST = 0.02
 """Hypotheses of less weight are not rolled out, beside the heaviest one of each person."""
@@ -35,8 +35,8 @@ class Movers:
 
 
 def rolled_out(
-    slots: Slots,
-    beliefs: Beliefs,
+    slots: HypothesisSlots,
+    beliefs: PersonBeliefs,
     radius: Array,
     movers: Movers,
     walls: WallField,

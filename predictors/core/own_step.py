@@ -16,12 +16,12 @@ SAME_STEP = 0.01
 """Share by which the step of tracks may differ from that of the recordings."""
 FARTHEST = 10.0
 """Largest factor between the two steps; beyond it forecasts mean little and cost much."""
-Says: TypeAlias = tuple[Gaussians, list[str | None]]
+ForecastFn: TypeAlias = tuple[Gaussians, list[str | None]]
 """Gaussians of all obstacles, and why each of them cannot be used, or None."""
 
 
 def at_own_step(
-    says: Callable[[Tracks, int], Says],
+    says: Callable[[Tracks, int], ForecastFn],
     tracks: Tracks,
     steps: int,
     *,
@@ -29,7 +29,7 @@ def at_own_step(
     rows: int,
     noise_floor: float,
     who: str,
-) -> Says:
+) -> ForecastFn:
     """Forecast at the process's own step, and resample the forecast to the tracks' step.
 
     Histories are read at the process's step back from each obstacle's newest sample, and means

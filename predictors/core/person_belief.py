@@ -32,7 +32,7 @@ HALF_TIME = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class Slots:
+class HypothesisSlots:
     """Hypotheses on one person, in a fixed order: kind, courtesy and direction of the wish.
 
     Attributes
@@ -138,7 +138,7 @@ class Drift:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Beliefs:
+class PersonBeliefs:
     """What is believed of N people at one instant.
 
     Attributes
@@ -172,7 +172,9 @@ class Beliefs:
                 object.__setattr__(self, name, np.asarray(value, dtype=np.float64))
 
     @classmethod
-    def none(cls, slots: Slots, ids: Sequence[str], stamp: float, dt: float) -> "Beliefs":
+    def none(
+        cls, slots: HypothesisSlots, ids: Sequence[str], stamp: float, dt: float
+    ) -> "PersonBeliefs":
         """Return those of people of whom nothing was seen."""
         count, size = len(ids), len(slots.group)
         return cls(
@@ -185,11 +187,11 @@ class Beliefs:
             np.zeros(count),
         )  # fmt: skip
 
-    def of(self, slots: Slots, ids: Sequence[str]) -> "Beliefs":
+    def of(self, slots: HypothesisSlots, ids: Sequence[str]) -> "PersonBeliefs":
         """Return those of these people, in this order; of strangers nothing is believed."""
         if tuple(ids) == self.ids:
             return self
-        fresh = Beliefs.none(slots, ids, self.stamp, self.dt)
+        fresh = PersonBeliefs.none(slots, ids, self.stamp, self.dt)
         place = {ident: row for row, ident in enumerate(self.ids)}
         known = [row for row, ident in enumerate(ids) if ident in place]
         old = [place[ids[row]] for row in known]
@@ -204,7 +206,7 @@ class Beliefs:
 
 
 @dataclass(frozen=True, eq=False)
-class Around:
+class PeopleAround:
     """Bodies of N people and the walls beside them: radius (N,), m, and walls, see `Company`."""
 
     radius: Array
@@ -212,14 +214,14 @@ class Around:
 
 
 def stepped(
-    slots: Slots,
+    slots: HypothesisSlots,
     drift: Drift,
-    before: Beliefs,
+    before: PersonBeliefs,
     measured: Array,
     noise: Array,
-    around: Around,
+    around: PeopleAround,
     duration: float,
-) -> Beliefs:
+) -> PersonBeliefs:
     """Return the beliefs one step later: predicted by each model, then corrected.
 
     Each hypothesis is an extended Kalman filter on (p, v, u), u the wanted velocity:
@@ -241,7 +243,7 @@ def stepped(
         return _begun(slots, now, rows, measured, noise, duration)
     some = _taken(before, rows)
     turn = _Turn.of(slots, drift, some, duration)
-    near = Around(around.radius[rows], around.walls[rows])
+    near = PeopleAround(around.radius[rows], around.walls[rows])
     ahead, slope = _predicted(slots, drift, some, near, before.mean[rows], duration)
     ahead = replace(ahead, weight=turn.weight)
     later = _corrected(slots, drift, ahead, turn, slope, measured[rows], noise[rows], duration)
@@ -257,13 +259,13 @@ def _carried(robot: Any, duration: float) -> Any:
     return np.concatenate([robot[:2] + duration * robot[2:4], robot[2:]])
 
 
-def _taken(beliefs: Beliefs, rows: IntArray) -> Beliefs:
+def _taken(beliefs: PersonBeliefs, rows: IntArray) -> PersonBeliefs:
     ids = tuple(beliefs.ids[row] for row in rows)
     names = ("state", "covariance", "weight", "frame", "samples", "strange")
     return replace(beliefs, ids=ids, **{name: getattr(beliefs, name)[rows] for name in names})
 
 
-def _put(beliefs: Beliefs, rows: IntArray, some: Beliefs) -> Beliefs:
+def _put(beliefs: PersonBeliefs, rows: IntArray, some: PersonBeliefs) -> PersonBeliefs:
     names = ("state", "covariance", "weight", "samples", "strange")
     changed = {name: getattr(beliefs, name).copy() for name in names}
     for name, values in changed.items():
@@ -272,8 +274,13 @@ def _put(beliefs: Beliefs, rows: IntArray, some: Beliefs) -> Beliefs:
 
 
 def _begun(
-    slots: Slots, now: Beliefs, leapt: IntArray, measured: Array, noise: Array, duration: float
-) -> Beliefs:
+    slots: HypothesisSlots,
+    now: PersonBeliefs,
+    leapt: IntArray,
+    measured: Array,
+    noise: Array,
+    duration: float,
+) -> PersonBeliefs:
     """Begin those who are seen for the first time or have leapt, and those seen a second time.
 
     The first sample is a place; the second, somewhere else, a velocity and a frame.
@@ -296,8 +303,13 @@ def _begun(
 
 
 def _moving(
-    slots: Slots, now: Beliefs, rows: IntArray, way: Array, noise: Array, duration: float
-) -> Beliefs:
+    slots: HypothesisSlots,
+    now: PersonBeliefs,
+    rows: IntArray,
+    way: Array,
+    noise: Array,
+    duration: float,
+) -> PersonBeliefs:
     """Give these people the velocity of their way (R, 2), m, since the first sample."""
     state, covariance = now.state.copy(), now.covariance.copy()
     weight, frame = now.weight.copy(), now.frame.copy()
@@ -322,7 +334,7 @@ def _moving(
     return replace(now, state=state, covariance=covariance, weight=weight, frame=frame)
 
 
-def _fresh(slots: Slots, frame: Array, speed: Array) -> tuple[Array, Array]:
+def _fresh(slots: HypothesisSlots, frame: Array, speed: Array) -> tuple[Array, Array]:
     """Mean, (N, S, 2), and standard deviation per axis, (N, S), of new wanted velocities, m/s."""
     cosine, sine = np.cos(slots.angle), np.sin(slots.angle)
     left = np.stack([-frame[:, 1], frame[:, 0]], axis=1)
@@ -350,7 +362,9 @@ class _Turn:
     width: Array
 
     @classmethod
-    def of(cls, slots: Slots, drift: Drift, some: Beliefs, duration: float) -> "_Turn":
+    def of(
+        cls, slots: HypothesisSlots, drift: Drift, some: PersonBeliefs, duration: float
+    ) -> "_Turn":
         """Spread the weight of those who turn over the directions of each group.
 
         Where a group has one direction only, the new velocity is as long as the old one and
@@ -370,13 +384,13 @@ class _Turn:
 
 
 def _predicted(
-    slots: Slots,
+    slots: HypothesisSlots,
     drift: Drift,
-    some: Beliefs,
-    around: Around,
+    some: PersonBeliefs,
+    around: PeopleAround,
     expected: Array,
     duration: float,
-) -> tuple[Beliefs, Array]:
+) -> tuple[PersonBeliefs, Array]:
     """Return the beliefs before the next sample, and their derivative by u, (N, S, 6, 2).
 
     The others are where they are ``expected``, (N, 6).
@@ -405,8 +419,8 @@ def _predicted(
 class _Moving:
     """People about to take one step among each other's expected motions."""
 
-    some: Beliefs
-    around: Around
+    some: PersonBeliefs
+    around: PeopleAround
     expected: Array
     duration: float
 
@@ -473,15 +487,15 @@ def _bounded(slope: Array) -> Array:
 
 
 def _corrected(
-    slots: Slots,
+    slots: HypothesisSlots,
     drift: Drift,
-    ahead: Beliefs,
+    ahead: PersonBeliefs,
     turn: _Turn,
     slope: Array,
     measured: Array,
     noise: Array,
     duration: float,
-) -> Beliefs:
+) -> PersonBeliefs:
     """Return the beliefs after a sample; who was not seen stays as predicted."""
     seen = np.asarray(np.isfinite(measured).all(axis=1), dtype=np.bool_)
     place = np.where(seen[:, None], measured, ahead.mean[:, :2])

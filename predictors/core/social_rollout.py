@@ -127,7 +127,7 @@ def course_of(scene: Scene | None, dt: float, stamp: float) -> RobotCourse | Non
 
 
 @dataclass(frozen=True, eq=False)
-class Walkers:
+class SocialWalkers:
     """Walkers and their desired velocities.
 
     Attributes
@@ -158,7 +158,7 @@ class Walkers:
 
 
 def roll_out(
-    walkers: Walkers,
+    walkers: SocialWalkers,
     robot: RobotCourse | None,
     force: Force,
     relaxation: float,
@@ -254,7 +254,7 @@ class _Pairs:
 
 
 def _meeting(
-    walkers: Walkers,
+    walkers: SocialWalkers,
     robot: RobotCourse | None,
     place: Array,
     velocity: Array,

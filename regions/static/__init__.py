@@ -4,7 +4,7 @@ from ...framework.plugins.lazy import lazy
 
 BUILT_IN: dict[str, str] = {
     "dual": "wideberth.regions.static.dual:Dual",
-    "separating_line": "wideberth.regions.static.separating_line:SeparatingLine",
+    "separating_line": "wideberth.regions.static.separating_line:StaticSeparatingLine",
 }
 """Name -> where the class is."""
 

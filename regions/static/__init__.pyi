@@ -3,6 +3,6 @@
 # fmt: off
 
 from .dual import Dual as Dual
-from .separating_line import SeparatingLine as SeparatingLine
-__all__ = ['Dual', 'SeparatingLine']
+from .separating_line import StaticSeparatingLine as StaticSeparatingLine
+__all__ = ['Dual', 'StaticSeparatingLine']
 BUILT_IN: dict[str, str]

@@ -112,17 +112,17 @@ class Dual(StaticRegion):
         return Constraint((free / packed.scale,), tuple(ties))
 
 
-def _unpack(parameters: Scalar, count: int) -> tuple[packing.Packed, list[Row]]:
+def _unpack(parameters: Scalar, count: int) -> tuple[packing.PackedPolygons, list[Row]]:
     """Numbers as in `packing` and the rows A_j."""
     corners = (count - packing.packed_count(0)) // 4
     numeric = isinstance(parameters, np.ndarray)
     start = packing.packed_count(corners)
     pieces = [parameters[..., i] if numeric else parameters[i] for i in range(start, count)]
     rows = list(zip(pieces[::2], pieces[1::2], strict=True))
-    return packing.Packed(parameters, corners), rows
+    return packing.PackedPolygons(parameters, corners), rows
 
 
-def _gaps(packed: packing.Packed, rows: list[Row], pose: Pose) -> list[Scalar]:
+def _gaps(packed: packing.PackedPolygons, rows: list[Row], pose: Pose) -> list[Scalar]:
     """A_j . p - b_j, signed distances from the lines of the edges, m.
 
     They are measured from the body's frame, or from the one corner of a body that has no other.

@@ -60,7 +60,7 @@ def packed_count(corners: int) -> int:
     return 2 * corners + 5
 
 
-class Packed:
+class PackedPolygons:
     """Unpacked parameters of polygons of V vertices.
 
     They may be an array (..., P) or a CasADi vector, and more numbers may follow them.

@@ -15,7 +15,7 @@ from . import packing
 
 @final
 @dataclass(frozen=True)
-class SeparatingLine(StaticRegion):
+class StaticSeparatingLine(StaticRegion):
     """Constraint that a line with unit normal n(theta) separates body and polygon.
 
         (n . (v_i - w_j) - sqrt(n^T M n) - margin) / scale >= 0
@@ -52,12 +52,14 @@ class SeparatingLine(StaticRegion):
 
     def auxiliary_start(self, pose: Pose, parameters: Array) -> Array:
         """Return the angle of `wideberth.framework.values.polygon.best_direction`, (..., 1)."""
-        normal = packing.Packed(parameters, _corners(parameters.shape[-1])).best_normal(pose)
+        normal = packing.PackedPolygons(parameters, _corners(parameters.shape[-1])).best_normal(
+            pose
+        )
         return np.arctan2(normal[..., 1], normal[..., 0])[..., None]
 
     def constraint(self, pose: Pose, parameters: Scalar, auxiliary: Scalar) -> Constraint:
         """State that the line lies between every corner and every vertex."""
-        packed = packing.Packed(parameters, _corners(parameters.numel()))
+        packed = packing.PackedPolygons(parameters, _corners(parameters.numel()))
         normal = (ca.cos(auxiliary[0]), ca.sin(auxiliary[0]))
         taken = packed.deviation(normal) + packed.margin
         return Constraint(
@@ -70,5 +72,5 @@ class SeparatingLine(StaticRegion):
 
 
 def _corners(count: int) -> int:
-    """V, the inverse of `SeparatingLine.parameter_count`."""
+    """V, the inverse of `StaticSeparatingLine.parameter_count`."""
     return (count - packing.packed_count(0)) // 2

@@ -27,7 +27,7 @@ an upright cylinder around the body, or the body as the box that it is."""
 
 @final
 @dataclass(frozen=True, eq=False)
-class Cascade:
+class SensingPipeline:
     """How robots sense, what they conclude, and what moves them; a stage left out is the truth.
 
     A controller sees what comes out at the end: its own state, in the frame in which the robot

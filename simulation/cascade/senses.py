@@ -26,8 +26,8 @@ from ...perception.handover import Batch, Handover
 from ...perception.own_state import own_state
 from ...perception.walls import walls_behind
 from ..log.frames import RigidMotion
-from ..log.perception_log import Body, Glance, PerceptionLog, Truth, named
-from .cascade import Cascade
+from ..log.perception_log import Glance, PerceptionLog, TrueBody, TrueStage, named
+from .cascade import SensingPipeline
 from .oracles import TrueState
 from .watchdog import Watchdog
 
@@ -70,7 +70,7 @@ class Senses:
     def __init__(
         self,
         robot: Robot,
-        cascade: Cascade,
+        cascade: SensingPipeline,
         name: str,
         start: Array,
         phase: float,
@@ -124,7 +124,7 @@ class Senses:
         """Return what it has perceived."""
         return PerceptionLog(tuple(self.glances), dict(self.notes))
 
-    def sense(self, truth: Truth, samples: Sequence[Sample]) -> bool:
+    def sense(self, truth: TrueStage, samples: Sequence[Sample]) -> bool:
         """Use what came since the last call; return whether obstacles were looked for anew.
 
         Parameters
@@ -260,7 +260,7 @@ class Senses:
         """Return the obstacles as of now."""
         return self._seen if self._tracker is None else self._tracker.at(now)
 
-    def _conclude(self, sightings: Sightings, points: Array, truth: Truth, now: float) -> None:
+    def _conclude(self, sightings: Sightings, points: Array, truth: TrueStage, now: float) -> None:
         """Track what a scan has shown, and note it beside the truth."""
         own = self.estimator.at(now)
         to_world = RigidMotion.between(own.pose, truth.pose)
@@ -282,7 +282,7 @@ class Senses:
         glance = Glance(truth, own, sightings, obstacles, names, points)
         self.glances.append(glance.kept(truth.time - now))
 
-    def _true_sightings(self, truth: Truth, now: float) -> Sightings:
+    def _true_sightings(self, truth: TrueStage, now: float) -> Sightings:
         """Return true positions within the LiDAR's range, with noise, in the robot's frame."""
         reach = self._cascade.lidar.longest
         seen = [
@@ -298,7 +298,7 @@ class Senses:
         return Sightings(now, places, spread, np.array([one.radius for one in seen]))
 
     def _named(
-        self, sightings: Sightings, to_world: RigidMotion, bodies: Sequence[Body]
+        self, sightings: Sightings, to_world: RigidMotion, bodies: Sequence[TrueBody]
     ) -> tuple[TrackedObstacle, ...]:
         """Give sightings the names of who they are; who is nobody is left out."""
         places = list(to_world.points(sightings.positions))

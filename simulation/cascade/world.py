@@ -22,13 +22,13 @@ from ..engine.plant import KinematicPlant, Plant
 from ..engine.settings import Settings
 from ..engine.world import Around, World
 from ..log.frames import RigidMotion
-from ..log.perception_log import Body, PerceptionLog, Stop, Truth
+from ..log.perception_log import PerceptionLog, PipelineStop, TrueBody, TrueStage
 from ..physics.kinematic import KinematicWorld, SlippingWorld
 from ..physics.scene import PhysicalPerson, PhysicalRobot, PhysicalScene
 from ..physics.sensors import Sensor
+from ..physics.world import PhysicsWorld as PhysicalWorld
 from ..physics.world import TrueMotion
-from ..physics.world import World as PhysicalWorld
-from .cascade import Cascade
+from .cascade import SensingPipeline
 from .senses import Senses
 
 _HALT = Command((0.0, 0.0), ramp=0.5)
@@ -60,7 +60,7 @@ class WheeledPlant(Plant):
         self._smoother = VelocitySmoother.at_rest(Twist((0.0, 0.0)))
         self.control: tuple[float, ...] = (0.0,) * len(robot.inputs)
         self._reason = ""
-        self._stops: list[Stop] = []
+        self._stops: list[PipelineStop] = []
         self.follow(truth)
         self.believe(truth.pose[:2])
 
@@ -80,10 +80,10 @@ class WheeledPlant(Plant):
             self._stops[-1] = self._stops[-1]._replace(end=time)
         if reason:
             self._smoother = self._smoother.aim(_HALT, time)
-            self._stops.append(Stop(time, np.inf, reason))
+            self._stops.append(PipelineStop(time, np.inf, reason))
         self._reason = reason
 
-    def stops(self, now: float) -> tuple[Stop, ...]:
+    def stops(self, now: float) -> tuple[PipelineStop, ...]:
         """Return when and why it was stopped up to now, s."""
         return tuple(one._replace(end=min(one.end, now)) for one in self._stops)
 
@@ -131,7 +131,7 @@ class WheeledWorld(World):
     WideberthError : settings with a history or an error of localisation.
     """
 
-    def __init__(self, cascade: Cascade, settings: Settings) -> None:
+    def __init__(self, cascade: SensingPipeline, settings: Settings) -> None:
         if settings.history or not settings.localisation.exact:
             raise WideberthError(
                 "settings.history and settings.localisation stand for what the cascade's sensors "
@@ -290,7 +290,7 @@ class WheeledWorld(World):
                 continue
             senses, found = self._senses[agent.name], physics.truth(agent.name)
             rest = tuple(one for one in bodies if one.name != agent.name)
-            if senses.sense(Truth(end, found.pose, found.twist, rest), due[agent.name]):
+            if senses.sense(TrueStage(end, found.pose, found.twist, rest), due[agent.name]):
                 fresh.add(agent.name)
             plant.guard(physics.status(agent.name) or senses.stop, end)
             plant.believe(senses.estimator.at(senses.clock(end)).pose[:2])
@@ -310,7 +310,7 @@ class WheeledWorld(World):
         agents: Sequence[RobotAgent],
         plants: Sequence[Plant],
         others: Sequence[Bystander],
-    ) -> list[Body]:
+    ) -> list[TrueBody]:
         """Return where everybody is at the end of a step."""
         found = []
         for agent, plant in zip(agents, plants, strict=True):
@@ -318,14 +318,14 @@ class WheeledWorld(World):
             turn = RigidMotion(0.0 if pose.heading is None else float(pose.heading), np.zeros(2))
             linear = agent.robot.twist(plant.state, plant.control).linear
             velocity = turn.points(np.array(linear))
-            found.append(Body(agent.name, np.array(plant.position), velocity, agent.radius))
+            found.append(TrueBody(agent.name, np.array(plant.position), velocity, agent.radius))
         instants = time + np.array([0.0, -_LITTLE])
         for one in others:
             now, before = one.at(instants)
             if np.isnan(now).any():
                 continue
             before = np.where(np.isnan(before), now, before)
-            found.append(Body(one.name, now, (now - before) / _LITTLE, one.radius))
+            found.append(TrueBody(one.name, now, (now - before) / _LITTLE, one.radius))
         return found
 
 

@@ -56,7 +56,7 @@ PADDING = 0.01 + 0.15
 
 @final
 @dataclass
-class Verdict:
+class CrowdNavPlusVerdict:
     """What the original's rules say of a case up to now.
 
     Attributes
@@ -127,7 +127,7 @@ class CrowdNavPlusCrowd(Crowd):
         self._rng: Any = np.random.RandomState(OFFSET[phase] + case + seed)
         self.random: bool = variant == "random"
         self.ticks: int = 0
-        self.verdict: Verdict = Verdict()
+        self.verdict: CrowdNavPlusVerdict = CrowdNavPlusVerdict()
         self._nearest: float = NEIGHBOUR_DISTANCE  # one variable for all, as there
         self.positions: Array = np.zeros((0, 2))
         self.goals: Array = np.zeros((0, 2))
@@ -158,7 +158,7 @@ class CrowdNavPlusCrowd(Crowd):
         return np.asarray(self.futures[0])
 
     def verdict_row(self) -> dict[str, Any]:
-        """Return what the original's rules say up to now, see `Verdict.row`."""
+        """Return what the original's rules say up to now, see `CrowdNavPlusVerdict.row`."""
         return self.verdict.row()
 
     def step(self, robot: Array, *, stopped: bool = False) -> Outcome:
@@ -367,7 +367,7 @@ def simulator(radii: Array, nearest: float) -> Any:
 
 
 @final
-class OrcaRobot:
+class CrowdNavPlusOrca:
     """The original's ORCA robot.
 
     Its simulator is made in the first step of the process, that of case 0, and never again: in
@@ -430,7 +430,9 @@ class SocialForceRobot:
         return np.asarray(found / speed if speed > 1.0 else found)
 
 
-def played(crowd: CrowdNavPlusCrowd, robot: OrcaRobot | SocialForceRobot) -> Verdict:
+def played(
+    crowd: CrowdNavPlusCrowd, robot: CrowdNavPlusOrca | SocialForceRobot
+) -> CrowdNavPlusVerdict:
     """Play a case to its end with one of the original's robots, and return its verdict."""
     velocity = np.zeros(2)
     while not crowd.verdict.outcome:

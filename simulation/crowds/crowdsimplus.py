@@ -52,7 +52,7 @@ def hall_of(layout: Layout) -> Hall:
 
 @final
 @dataclass
-class Verdict:
+class CrowdSimPlusVerdict:
     """What the original's rules say of a case up to now.
 
     Attributes
@@ -135,7 +135,7 @@ class CrowdSimPlusCrowd(Crowd):
         self.radii: Array = np.full(PEOPLE, RADIUS)
         self.arrivals: NDArray[np.int64] = np.zeros(PEOPLE, dtype=np.int64)
         self.seen: BoolArray = np.ones(PEOPLE, dtype=bool)
-        self.verdict: Verdict = Verdict()
+        self.verdict: CrowdSimPlusVerdict = CrowdSimPlusVerdict()
         self._decide()
         for _ in range(HEAD_START):
             self._walk()
@@ -151,7 +151,7 @@ class CrowdSimPlusCrowd(Crowd):
         return np.asarray(self.positions + STEP * self._actions)
 
     def verdict_row(self) -> dict[str, Any]:
-        """Return what the original's rules say up to now, see `Verdict.row`."""
+        """Return what the original's rules say up to now, see `CrowdSimPlusVerdict.row`."""
         return self.verdict.row()
 
     def step(self, robot: Array, *, stopped: bool = False) -> Outcome:
@@ -327,7 +327,7 @@ def _nearest_pair(a: Array, b: Array, p: Array, q: Array) -> tuple[Array, Array]
 
 
 @final
-class OrcaRobot:
+class CrowdSimPlusOrca:
     """The original's ORCA robot: 1 m/s, sees everybody and the walls, heads for its goal."""
 
     def act(self, crowd: CrowdSimPlusCrowd) -> Array:
@@ -337,7 +337,7 @@ class OrcaRobot:
         return _orca(*own, crowd.robot_goal - crowd.robot, others, crowd.lines)
 
 
-def played(crowd: CrowdSimPlusCrowd, robot: OrcaRobot) -> Verdict:
+def played(crowd: CrowdSimPlusCrowd, robot: CrowdSimPlusOrca) -> CrowdSimPlusVerdict:
     """Play a case to its end with the original's robot, and return its verdict.
 
     A step counts as a wall collision where the x component of its velocity was changed.

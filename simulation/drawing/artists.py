@@ -14,7 +14,7 @@ from ...framework.values.footprint import body_outlines
 from ...framework.values.forecast import Forecast
 from ...framework.values.plan import Plan
 from ...metrics.gaps import gaps, wall_gaps
-from .logged import Agent, Logged
+from .logged import DrawnAgent, Logged
 
 _MARKERS = ("o", "s", "^", "D", "v")
 _CYCLE = (1, 2, 3, 5, 0)  # of COLOURS and LINES; pink is kept for forecasts
@@ -39,12 +39,12 @@ def looks(episode: Logged) -> dict[str, Look]:
     return found
 
 
-def pairs(episode: Logged) -> list[tuple[Agent, Agent]]:
+def pairs(episode: Logged) -> list[tuple[DrawnAgent, DrawnAgent]]:
     """All pairs of agents of which at least one is a robot."""
     return [p for p in combinations(episode.agents, 2) if "robot" in (p[0].kind, p[1].kind)]
 
 
-def plan_at(log: Agent, time: float) -> Plan | None:
+def plan_at(log: DrawnAgent, time: float) -> Plan | None:
     """Return the plan that a robot followed at a time, s; its first one before that."""
     stamps = [plan.stamp for plan in log.plans]
     if not stamps:
@@ -52,12 +52,12 @@ def plan_at(log: Agent, time: float) -> Plan | None:
     return log.plans[max(int(np.searchsorted(stamps, time + 1e-9)) - 1, 0)]
 
 
-def shapes(log: Agent, place: Array, heading: float, count: int = 60) -> list[Array]:
+def shapes(log: DrawnAgent, place: Array, heading: float, count: int = 60) -> list[Array]:
     """Outlines (K, 2), m, of what an agent covers when it is at a place."""
     return body_outlines(place, heading, log.radius, log.footprint, count)
 
 
-def heading_at(episode: Logged, log: Agent, time: float) -> float:
+def heading_at(episode: Logged, log: DrawnAgent, time: float) -> float:
     """Heading of an agent at a time, rad; NaN for one without."""
     return float(log.headings[max(int(np.searchsorted(episode.times, time + 1e-9)) - 1, 0)])
 
@@ -78,7 +78,7 @@ def clearance_over_time(episode: Logged) -> Array:
     return np.append(least[:1], least)
 
 
-def nose(episode: Logged, log: Agent, time: float) -> Array:
+def nose(episode: Logged, log: DrawnAgent, time: float) -> Array:
     """Line from the centre to the rim along the heading, (2, 2), m; NaN without a heading."""
     place = episode.at(log, np.array([time]))[0, :2]
     heading = heading_at(episode, log, time)
@@ -142,7 +142,7 @@ class Closest(NamedTuple):
     """The closest approach of an episode: time (s), the pair, and its clearance (m)."""
 
     time: float
-    pair: tuple[Agent, Agent]
+    pair: tuple[DrawnAgent, DrawnAgent]
     clearance: float
 
 

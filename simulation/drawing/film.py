@@ -13,7 +13,7 @@ from ...framework.values.arrays import Array, positive
 from ...framework.values.errors import WideberthError
 from ...framework.values.plan import Plan, kept_out
 from . import artists
-from .logged import Agent, Logged
+from .logged import DrawnAgent, Logged
 from .saving import film_of
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure
 
-Regions: TypeAlias = Callable[[Agent, Plan, list[int]], Mapping[tuple[int, int], Array]]
+Regions: TypeAlias = Callable[[DrawnAgent, Plan, list[int]], Mapping[tuple[int, int], Array]]
 """Agent, plan and steps -> outlines of what the plan keeps out of, see `kept_out`."""
 
 _EVERY = 3  # steps from one drawn forecast region to the next in the film
@@ -43,7 +43,7 @@ def animation(
         else:
             figure = Figure(dpi=120)
             canvas_of(figure)
-        stage = Stage(figure, episode, tail, own_regions, f"{speed:g} times real time")
+        stage = FilmStage(figure, episode, tail, own_regions, f"{speed:g} times real time")
     film = film_of(figure, stage.show, list(times), 1000.0 / rate)
     if live:
         figure.show()
@@ -70,7 +70,9 @@ def window() -> "Figure":
     return figure
 
 
-def own_regions(agent: Agent, plan: Plan, steps: list[int]) -> Mapping[tuple[int, int], Array]:
+def own_regions(
+    agent: DrawnAgent, plan: Plan, steps: list[int]
+) -> Mapping[tuple[int, int], Array]:
     """Outlines of what a plan keeps out of, as far as the plan itself knows; none in space."""
     flat = plan.positions.shape[1] == 2
     return kept_out(plan, plan.situation, steps) if flat else {}
@@ -86,7 +88,7 @@ def canvas_of(figure: "Figure") -> Any:
 class Actor:
     """The moving artists of one agent."""
 
-    log: Agent
+    log: DrawnAgent
     tail: float
     regions: Regions | None
     asked: "PolyCollection"
@@ -98,7 +100,7 @@ class Actor:
     marks: Any
 
     def __init__(
-        self, panel: Any, log: Agent, look: artists.Look, tail: float, regions: Regions | None
+        self, panel: Any, log: DrawnAgent, look: artists.Look, tail: float, regions: Regions | None
     ) -> None:
         from matplotlib.collections import PolyCollection
 
@@ -139,7 +141,7 @@ class Actor:
                 self.kept.set_verts([rim for rims in found.values() for rim in rims])
 
 
-class Stage:
+class FilmStage:
     """A figure of the world at one time, whose moving artists are brought to other times.
 
     Parameters

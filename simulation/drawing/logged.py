@@ -10,7 +10,7 @@ from ...framework.values.polygon import Polygon
 from ...metrics.gaps import Moving
 
 
-class Agent(Moving, Protocol):
+class DrawnAgent(Moving, Protocol):
     """The log of one agent, see `AgentLog`."""
 
     @property
@@ -48,12 +48,12 @@ class Logged(Protocol):
         ...
 
     @property
-    def agents(self) -> Sequence[Agent]:
+    def agents(self) -> Sequence[DrawnAgent]:
         """All who were there."""
         ...
 
     @property
-    def robots(self) -> Sequence[Agent]:
+    def robots(self) -> Sequence[DrawnAgent]:
         """The robots under test."""
         ...
 

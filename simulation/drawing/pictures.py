@@ -11,7 +11,7 @@ from ...framework.drawing.shapes import sphere
 from ...framework.drawing.style import halo, number
 from ...framework.values.arrays import Array
 from . import artists
-from .logged import Agent, Logged
+from .logged import DrawnAgent, Logged
 
 _MARK = 5.0  # s between two time marks
 
@@ -69,7 +69,7 @@ def draw_balls(panel: Any, episode: Logged, time: float, low: Array, high: Array
             draw_ball(panel, place, log.radius, styles[log.name].color)
 
 
-def _course(panel: Any, log: Agent, color: str) -> None:
+def _course(panel: Any, log: DrawnAgent, color: str) -> None:
     """Draw a robot's reference path, its start and its goal."""
     for _, path in log.paths:
         label = once(panel, "reference path")
@@ -117,7 +117,7 @@ def once(panel: Any, label: str) -> str | None:
     return None if label in panel.get_legend_handles_labels()[1] else label
 
 
-def _way(panel: Any, episode: Logged, log: Agent, look: artists.Look) -> None:
+def _way(panel: Any, episode: Logged, log: DrawnAgent, look: artists.Look) -> None:
     """Draw where one agent drove, with a mark every 5 s."""
     if log.kind == "robot":
         label: str | None = f"{log.name}, marks every {_MARK:g} s"

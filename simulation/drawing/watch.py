@@ -18,7 +18,7 @@ class Running(Protocol):
         ...
 
 
-class Window:
+class WatchWindow:
     """Shows the newest instant of the episode that runs, as `Episode.animate` does.
 
     Drawing takes at most half of the time: pictures are left out where it is slow. Closing the
@@ -40,7 +40,7 @@ class Window:
         self.figure: Any = film.window()
         self.figure.show()
         self.run: Running | None = None
-        self.stage: film.Stage | None = None
+        self.stage: film.FilmStage | None = None
         self.shown: float = 0.0
         self.open: bool = True
         self.next: float = 0.0  # s of the clock that runs on: not before this
@@ -59,7 +59,7 @@ class Window:
             self.figure.clear()
             with paper_style():
                 note = "while it is simulated"
-                stage = film.Stage(self.figure, episode, self.tail, film.own_regions, note)
+                stage = film.FilmStage(self.figure, episode, self.tail, film.own_regions, note)
         stage.follow(episode)
         self.stage = stage
         self.run, self.shown = run, run.clock[-1]

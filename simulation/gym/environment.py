@@ -32,7 +32,7 @@ from ..scenarios.base import Cast, Scenario
 from . import ID as ID
 from .picture import picture
 from .reward import CrowdNavReward, Reward, Transition
-from .window import Window
+from .window import GymWindow
 
 try:
     import gymnasium
@@ -45,7 +45,7 @@ Config: TypeAlias = str | Mapping[str, Any]
 
 
 @final
-class Navigation(gymnasium.Env[dict[str, Any], Array]):
+class NavigationEnv(gymnasium.Env[dict[str, Any], Array]):
     """A Gymnasium environment: one robot of a scenario, driven through `step`.
 
     An action is a velocity of the robot, in the units of `VelocityBox`, held until the next
@@ -119,7 +119,7 @@ class Navigation(gymnasium.Env[dict[str, Any], Array]):
                 for key, (low, high) in self._told.view.bounds().items()
             }
         )
-        self._window = Window(ID)
+        self._window = GymWindow(ID)
         self._run: Run | None = None
         self._finished = True
 

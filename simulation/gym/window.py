@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ...framework.drawing.style import is_seen
 
 
-class Window:
+class GymWindow:
     """Shows one picture after the other; without a display it says so and shows nothing.
 
     Parameters

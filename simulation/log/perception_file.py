@@ -8,7 +8,7 @@ import numpy as np
 
 from ...framework.values.arrays import Array
 from ...framework.values.sensing import MotionEstimate, Segments, Sightings, TrackedObstacle
-from .perception_log import GRAIN, Body, Glance, PerceptionLog, Stop, Truth
+from .perception_log import GRAIN, Glance, PerceptionLog, PipelineStop, TrueBody, TrueStage
 
 Put = Callable[[Any], dict[str, Any]]
 """Stores an array and returns its place."""
@@ -99,7 +99,7 @@ def unpacked(get: Get, stored: dict[str, Any]) -> PerceptionLog:
     stops = []
     for place, reason in stored["stops"]:
         begin, end = get(place).tolist()
-        stops.append(Stop(begin, end, reason))
+        stops.append(PipelineStop(begin, end, reason))
     return PerceptionLog(tuple(glances), dict(stored["notes"]), tuple(stops))
 
 
@@ -107,7 +107,7 @@ def _glance(rows: dict[str, Array], words: Sequence[str]) -> Glance:
     """Return one glance from its rows."""
     truth, own, scan, seen = rows["truth"], rows["own"], rows["scans"], rows["sightings"]
     bodies = tuple(
-        Body(words[int(row[0])], row[1:3].copy(), row[3:5].copy(), float(row[5]))
+        TrueBody(words[int(row[0])], row[1:3].copy(), row[3:5].copy(), float(row[5]))
         for row in rows["bodies"]
     )
     obstacles, names = [], {}
@@ -118,7 +118,7 @@ def _glance(rows: dict[str, Array], words: Sequence[str]) -> Glance:
         state, covariance = row[5:9].copy(), row[9:].reshape(4, 4).copy()
         obstacles.append(TrackedObstacle(ident, time, state, covariance, radius, last))
     return Glance(
-        Truth(float(truth[0]), truth[1:4].copy(), truth[4:].copy(), bodies),
+        TrueStage(float(truth[0]), truth[1:4].copy(), truth[4:].copy(), bodies),
         MotionEstimate(
             float(own[0]), own[2:8].copy(), own[8:].reshape(6, 6).copy(), words[int(own[1])]
         ),

@@ -16,7 +16,7 @@ NEAR = 1.0
 """m. What is believed farther from every body than this is nobody."""
 
 
-class Body(NamedTuple):
+class TrueBody(NamedTuple):
     """Somebody who can be seen.
 
     Attributes
@@ -32,7 +32,7 @@ class Body(NamedTuple):
     radius: float
 
 
-class Truth(NamedTuple):
+class TrueStage(NamedTuple):
     """What really is, for one robot.
 
     Attributes
@@ -46,7 +46,7 @@ class Truth(NamedTuple):
     time: float
     pose: Array
     twist: Array
-    bodies: tuple[Body, ...]
+    bodies: tuple[TrueBody, ...]
 
 
 @final
@@ -66,7 +66,7 @@ class Glance:
     points : (P, 2), m, where the scan hit something.
     """
 
-    truth: Truth
+    truth: TrueStage
     own: MotionEstimate
     sightings: Sightings
     obstacles: tuple[TrackedObstacle, ...]
@@ -108,7 +108,7 @@ class Glance:
         )
 
 
-class Stop(NamedTuple):
+class PipelineStop(NamedTuple):
     """A time in which a robot stood, or braked, whatever its controller said.
 
     Attributes
@@ -136,7 +136,7 @@ class PerceptionLog:
 
     glances: tuple[Glance, ...] = ()
     notes: dict[str, int] = field(default_factory=dict)
-    stops: tuple[Stop, ...] = ()
+    stops: tuple[PipelineStop, ...] = ()
 
     def at(self, time: float) -> Glance | None:
         """Return the newest glance at a time, s; None before the first."""
@@ -145,7 +145,7 @@ class PerceptionLog:
 
 
 def named(
-    places: Sequence[Array], idents: Sequence[str], bodies: Sequence[Body]
+    places: Sequence[Array], idents: Sequence[str], bodies: Sequence[TrueBody]
 ) -> dict[str, str]:
     """Say who each believed obstacle is: the nearest body within `NEAR`, each body once.
 

@@ -11,7 +11,7 @@ from ...framework.values.motion import Twist
 from .body import SkidSteerBody
 from .scene import Cone, PhysicalRobot, PhysicalScene
 from .slip import SlipModel
-from .world import World
+from .world import PhysicsWorld
 
 HEADINGS: Array = np.linspace(0.0, 0.5 * np.pi, 4, endpoint=False)
 """rad, in the world, at which a motion is begun: friction repeats itself after a quarter turn."""
@@ -71,7 +71,7 @@ def driven(
         PhysicalRobot(f"{index}", body, np.array([0.0, _APART * index, heading]))
         for index, heading in enumerate(HEADINGS.tolist())
     )
-    world = World(PhysicalScene(robots, cone=cone), np.random.default_rng(0))
+    world = PhysicsWorld(PhysicalScene(robots, cone=cone), np.random.default_rng(0))
     for robot in robots:
         world.command(robot.name, Twist((forward, 0.0), yaw_rate))
     world.advance(_SETTLED)

@@ -15,7 +15,7 @@ from ...framework.values.arrays import Array, positive
 from ...framework.values.errors import WideberthError
 from ..drawing import artists
 from ..drawing.film import canvas_of
-from ..drawing.logged import Agent, Logged
+from ..drawing.logged import DrawnAgent, Logged
 from ..drawing.saving import film_of
 from .body import LARGE, SkidSteerBody
 from .library import mujoco
@@ -126,7 +126,7 @@ def _screen(size: tuple[int, int]) -> Any:
 class _Shown:
     """An agent of an episode, and where it stands in the arrays of MuJoCo."""
 
-    log: Agent
+    log: DrawnAgent
     color: Array  # (3,)
     place: slice  # of qpos, or of mocap_pos
     wheel: float  # m, radius; 0 for a person
@@ -276,7 +276,7 @@ def _scene(episode: Logged) -> PhysicalScene:
     return PhysicalScene(robots, people, walls)
 
 
-def _body(log: Agent) -> SkidSteerBody:
+def _body(log: DrawnAgent) -> SkidSteerBody:
     """Return the large body at the scale of a robot, as a box if it has a footprint."""
     scale = log.radius / LARGE.radius
     lengths = (
@@ -297,7 +297,7 @@ def _distance(model: Any, span: Array, size: tuple[int, int], elevation: float) 
     return float(max(across, upright))
 
 
-def _way(episode: Logged, log: Agent, time: float) -> float:
+def _way(episode: Logged, log: DrawnAgent, time: float) -> float:
     """Return the length of an agent's way until a time, m."""
     way = log.positions[episode.times <= time, :2]
     steps = np.hypot(*np.diff(way, axis=0).T)

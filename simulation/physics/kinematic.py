@@ -2,11 +2,11 @@
 
 from typing import final
 
-from .world import World
+from .world import PhysicsWorld
 
 
 @final
-class KinematicWorld(World):
+class KinematicWorld(PhysicsWorld):
     """The same bodies and sensors, without wheels that slip.
 
     Each robot moves with the forward speed and the yaw rate of its command, at once and
@@ -20,7 +20,7 @@ class KinematicWorld(World):
 
 
 @final
-class SlippingWorld(World):
+class SlippingWorld(PhysicsWorld):
     """The same bodies, sensors and yaw-rate loop, on wheels that slip as `SlipModel` says.
 
     That is the physics without the jitter of the contacts. Nothing stops a robot at a wall, and

@@ -48,7 +48,7 @@ class TrueMotion:
     wheel_speeds: Array
 
 
-class World:
+class PhysicsWorld:
     """Robots, people and walls in MuJoCo, advanced step by step.
 
     In one tick a caller advances the world, hands the samples that became due to the robots'

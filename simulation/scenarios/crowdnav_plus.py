@@ -12,7 +12,7 @@ from ..crowds.base import CrowdWorld
 from ..crowds.crowdnav_plus import (
     RADIUS,
     CrowdNavPlusCrowd,
-    OrcaRobot,
+    CrowdNavPlusOrca,
     Phase,
     SocialForceRobot,
     Variant,
@@ -127,16 +127,16 @@ class CrowdNavPlus(Scenario):
         Parameters
         ----------
         robot : "orca", "social_force", or "orca_informed", who knows all believed radii and is no
-            part of the original; see `OrcaRobot`.
+            part of the original; see `CrowdNavPlusOrca`.
 
         Raises
         ------
         WideberthError : there is no such robot.
         """
-        who: OrcaRobot | SocialForceRobot
+        who: CrowdNavPlusOrca | SocialForceRobot
         if robot in ("orca", "orca_informed"):
             informed = robot == "orca_informed"
-            who = OrcaRobot(self.variant, self.seed, self.phase, informed=informed)
+            who = CrowdNavPlusOrca(self.variant, self.seed, self.phase, informed=informed)
         elif robot == "social_force":
             who = SocialForceRobot()
         else:

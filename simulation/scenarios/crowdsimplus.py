@@ -11,8 +11,8 @@ from ..crowds.base import CrowdWorld
 from ..crowds.crowdsimplus import (
     ROBOT_RADIUS,
     CrowdSimPlusCrowd,
+    CrowdSimPlusOrca,
     Kind,
-    OrcaRobot,
     hall_of,
     played,
 )
@@ -104,7 +104,7 @@ class CrowdSimPlus(Scenario):
 
     def reference_row(self, seed: int) -> dict[str, Any]:
         """Play the case of a seed with the original's ORCA robot, and return its row."""
-        return played(self._rules(seed).crowd(), OrcaRobot()).row()
+        return played(self._rules(seed).crowd(), CrowdSimPlusOrca()).row()
 
     def _rules(self, seed: int) -> CrowdSimPlusRules:
         return CrowdSimPlusRules(seed, self.layout, self.people_kind, self.attributes)

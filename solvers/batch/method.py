@@ -20,12 +20,12 @@ from .program import (
     LEVEL,
     NODE,
     SLACK,
-    Dual,
+    BatchProgram,
+    DualVariables,
     Instances,
     Iterate,
     Kind,
     Primal,
-    Program,
     Slopes,
     Values,
     apart,
@@ -40,7 +40,7 @@ LOWERED = 6
 """Times that the barrier may be lowered in one iteration: from the first value to the last."""
 
 
-class Code(IntEnum):
+class ExitCode(IntEnum):
     """How an instance stands."""
 
     RUNNING = 0
@@ -51,7 +51,7 @@ class Code(IntEnum):
 
 
 @dataclass(frozen=True)
-class Settings:
+class MethodSettings:
     """Limit of iterations, and tolerance of the optimality conditions."""
 
     iterations: int = constants.ITERATIONS
@@ -90,7 +90,9 @@ class Merit(NamedTuple):
     phi: Any
 
 
-def start(program: Program, given: Instances, guess: Primal, done: Any, own: Settings) -> Iterate:
+def start(
+    program: BatchProgram, given: Instances, guess: Primal, done: Any, own: MethodSettings
+) -> Iterate:
     """First iterate; ``guess`` without distances, ``done`` (B,) are left alone."""
     import jax.numpy as jnp
 
@@ -119,12 +121,12 @@ def start(program: Program, given: Instances, guess: Primal, done: Any, own: Set
         lowest=0.0 * one,
         fails=jnp.zeros(len(one), dtype=int),
         count=jnp.zeros(len(one), dtype=int),
-        code=jnp.where(done, int(Code.SOLVED), int(Code.RUNNING)),
+        code=jnp.where(done, int(ExitCode.SOLVED), int(ExitCode.RUNNING)),
     )
 
 
 def _apart(
-    program: Program, given: Instances, guess: Primal, least: Any, push: float
+    program: BatchProgram, given: Instances, guess: Primal, least: Any, push: float
 ) -> tuple[Any, dict[str, Any]]:
     """Slack that suits a guess, ``least`` at least, and distances of all inequalities.
 
@@ -149,7 +151,7 @@ def _apart(
     return slack, distance
 
 
-def _no_forces(program: Program, guess: Primal) -> Dual:
+def _no_forces(program: BatchProgram, guess: Primal) -> DualVariables:
     """Multipliers that are all zero."""
     import jax.numpy as jnp
 
@@ -166,10 +168,12 @@ def _no_forces(program: Program, guess: Primal) -> Dual:
         sizes[kind.name] = (kind.shape.inequalities, steps, slots)
         ties[kind.name] = jnp.zeros((kind.shape.equalities, steps, slots, count))
     force = {name: jnp.zeros((*size, count)) for name, size in sizes.items()}
-    return Dual(jnp.zeros_like(guess.states), ties, force)
+    return DualVariables(jnp.zeros_like(guess.states), ties, force)
 
 
-def advance(program: Program, given: Instances, at: Iterate, most: Any, own: Settings) -> Iterate:
+def advance(
+    program: BatchProgram, given: Instances, at: Iterate, most: Any, own: MethodSettings
+) -> Iterate:
     """Iterate at most ``most`` times, until all instances are done."""
     import jax
     import jax.numpy as jnp
@@ -180,12 +184,14 @@ def advance(program: Program, given: Instances, at: Iterate, most: Any, own: Set
 
     def goes_on(carry: Any) -> Any:
         at, turn = carry
-        return jnp.any(at.code == Code.RUNNING) & (turn < most)
+        return jnp.any(at.code == ExitCode.RUNNING) & (turn < most)
 
     return jax.lax.while_loop(goes_on, body, (at, jnp.asarray(0)))[0]
 
 
-def _iteration(program: Program, given: Instances, old: Iterate, own: Settings) -> Iterate:
+def _iteration(
+    program: BatchProgram, given: Instances, old: Iterate, own: MethodSettings
+) -> Iterate:
     """Judge the iterates, and improve those that are not done."""
     import jax
     import jax.numpy as jnp
@@ -200,7 +206,7 @@ def _iteration(program: Program, given: Instances, old: Iterate, own: Settings) 
     at, system = _settled((at, system))
     factors, shift = newton.regular(program, given, system, at)
     at = at._replace(
-        code=jnp.where(factors.fine | (at.code > 0), at.code, int(Code.FAILED)),
+        code=jnp.where(factors.fine | (at.code > 0), at.code, int(ExitCode.FAILED)),
         shift=jnp.where(shift > 0.0, shift, at.shift),
     )
     steps, turns = newton.step(program, given, at, system, factors, slopes, rest)
@@ -211,10 +217,12 @@ def _iteration(program: Program, given: Instances, old: Iterate, own: Settings) 
     length, at = search(program, given, at, slopes, steps, longest)
     at = _taken(program, given, at, steps, turns, length, dual)
     at = at._replace(
-        code=jnp.where((at.fails > constants.FAILURES) & (at.code == 0), int(Code.FAILED), at.code)
+        code=jnp.where(
+            (at.fails > constants.FAILURES) & (at.code == 0), int(ExitCode.FAILED), at.code
+        )
     )
     # One that is done keeps its point; its code is that of the judgement.
-    running = at.code == Code.RUNNING
+    running = at.code == ExitCode.RUNNING
     kept: Iterate = jax.tree.map(lambda new, was: jnp.where(running, new, was), at, old)
     return kept._replace(code=at.code)
 
@@ -227,23 +235,23 @@ def _settled(values: _Tree) -> _Tree:
     return barrier(values)
 
 
-def _judged(program: Program, at: Iterate, found: Errors, own: Settings) -> Iterate:
+def _judged(program: BatchProgram, at: Iterate, found: Errors, own: MethodSettings) -> Iterate:
     """Set the code; raise the price of slack where it has not vanished."""
     import jax.numpy as jnp
 
     error = found.at(jnp.zeros_like(at.barrier))
     worst = jnp.max(at.primal.slack, axis=0)
-    code = jnp.where(jnp.isfinite(error), int(Code.RUNNING), int(Code.FAILED))
-    code = jnp.where(at.count >= own.iterations, int(Code.LIMIT), code)
+    code = jnp.where(jnp.isfinite(error), int(ExitCode.RUNNING), int(ExitCode.FAILED))
+    code = jnp.where(at.count >= own.iterations, int(ExitCode.LIMIT), code)
     met = error <= own.tolerance
     if program.kinds and program.problem.penalty is None:
         tight = worst <= constants.SLACK_LEFT * own.tolerance
         last = at.penalty >= constants.MOST_PENALTY * at.scale
-        code = jnp.where(met & last, int(Code.INFEASIBLE), code)
+        code = jnp.where(met & last, int(ExitCode.INFEASIBLE), code)
         dearer = met & ~tight & ~last
         met = met & tight
         at = _dearer(at, dearer & (at.code == 0))
-    code = jnp.where(met, int(Code.SOLVED), code)
+    code = jnp.where(met, int(ExitCode.SOLVED), code)
     return at._replace(code=jnp.where(at.code > 0, at.code, code))
 
 
@@ -261,7 +269,7 @@ def _dearer(at: Iterate, where: Any) -> Iterate:
     return forget(at, where)
 
 
-def _lower_barrier(at: Iterate, found: Errors, own: Settings) -> Iterate:
+def _lower_barrier(at: Iterate, found: Errors, own: MethodSettings) -> Iterate:
     """Lower mu as long as its problem is solved well enough."""
     import jax.numpy as jnp
 
@@ -275,11 +283,11 @@ def _lower_barrier(at: Iterate, found: Errors, own: Settings) -> Iterate:
 
 
 def _taken(
-    program: Program,
+    program: BatchProgram,
     given: Instances,
     at: Iterate,
     steps: Primal,
-    turns: Dual,
+    turns: DualVariables,
     length: Any,
     dual: Any,
 ) -> Iterate:
@@ -294,7 +302,7 @@ def _taken(
         force[name] = masks[name] * jnp.clip(
             pressed[name], middle / constants.MULTIPLIER_RANGE, middle * constants.MULTIPLIER_RANGE
         )
-    other = Dual(
+    other = DualVariables(
         moved(at.dual.dynamics, turns.dynamics, length),
         moved(at.dual.ties, turns.ties, length),
         force,
@@ -322,7 +330,7 @@ def moved(point: Any, steps: Any, length: Any) -> Any:
     return jax.tree.map(lambda value, change: value + length * change, point, steps)
 
 
-def merit(program: Program, given: Instances, at: Iterate, primal: Primal) -> Merit:
+def merit(program: BatchProgram, given: Instances, at: Iterate, primal: Primal) -> Merit:
     """Residuals and barrier function at a trial point."""
     import jax.numpy as jnp
 
@@ -342,7 +350,9 @@ def merit(program: Program, given: Instances, at: Iterate, primal: Primal) -> Me
     return Merit(theta, phi)
 
 
-def slope(program: Program, given: Instances, at: Iterate, slopes: Slopes, steps: Primal) -> Any:
+def slope(
+    program: BatchProgram, given: Instances, at: Iterate, slopes: Slopes, steps: Primal
+) -> Any:
     """Return the derivative of the barrier function along the step, (B,)."""
     import jax.numpy as jnp
 
@@ -365,7 +375,12 @@ def slope(program: Program, given: Instances, at: Iterate, slopes: Slopes, steps
 
 
 def search(
-    program: Program, given: Instances, at: Iterate, slopes: Slopes, steps: Primal, longest: Any
+    program: BatchProgram,
+    given: Instances,
+    at: Iterate,
+    slopes: Slopes,
+    steps: Primal,
+    longest: Any,
 ) -> tuple[Any, Iterate]:
     """Length of the step, (B,), and the iterate with its filter brought up to date."""
     import jax
@@ -439,7 +454,7 @@ def _accepted(at: Iterate, now: Merit, trial: Merit, descent: Any, length: Any, 
 
 
 def residuals(
-    program: Program, given: Instances, rows: Any, slack: Any, distance: Any
+    program: BatchProgram, given: Instances, rows: Any, slack: Any, distance: Any
 ) -> dict[str, Any]:
     """Inequalities minus their distances, 0 where they do not count."""
     masks = program.masks(given.active)
@@ -459,7 +474,7 @@ def largest(parts: Any, count: int) -> Any:
 
 
 def errors(
-    program: Program, given: Instances, at: Iterate, values: Values, slopes: Slopes, rest: Any
+    program: BatchProgram, given: Instances, at: Iterate, values: Values, slopes: Slopes, rest: Any
 ) -> Errors:
     """Errors at an iterate."""
     import jax.numpy as jnp
@@ -487,7 +502,7 @@ def errors(
     )
 
 
-def _gradient(program: Program, given: Instances, at: Iterate, slopes: Slopes) -> list[Any]:
+def _gradient(program: BatchProgram, given: Instances, at: Iterate, slopes: Slopes) -> list[Any]:
     """Gradient of the Lagrangian, in pieces."""
     import jax.numpy as jnp
 
@@ -531,7 +546,7 @@ def _pulled(jacobian: Any, force: Any) -> Any:
     return newton.product(jnp.swapaxes(jacobian, 0, 1), force[:, None])[:, 0]
 
 
-def report(program: Program, given: Instances, at: Iterate) -> dict[str, Any]:
+def report(program: BatchProgram, given: Instances, at: Iterate) -> dict[str, Any]:
     """Fields of `BatchSolution`, and ``code``; the first axis is the instance."""
     import jax.numpy as jnp
 

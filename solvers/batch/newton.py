@@ -27,12 +27,12 @@ from .program import (
     LEVEL,
     NODE,
     SLACK,
-    Dual,
+    BatchProgram,
+    DualVariables,
     Instances,
     Iterate,
     Kind,
     Primal,
-    Program,
     Slopes,
     Values,
     apart,
@@ -60,7 +60,7 @@ class System(NamedTuple):
 
 
 def model(
-    program: Program, given: Instances, at: Iterate, values: Values, slopes: Slopes, rest: Any
+    program: BatchProgram, given: Instances, at: Iterate, values: Values, slopes: Slopes, rest: Any
 ) -> System:
     """Quadratic models at an iterate; ``rest`` are the residuals of the inequalities."""
     masks, distance, mu = program.masks(given.active), at.primal.distance, at.barrier
@@ -80,7 +80,11 @@ def model(
 
 
 def _stages(
-    program: Program, at: Iterate, slopes: Slopes, bend: Mapping[str, Any], pull: Mapping[str, Any]
+    program: BatchProgram,
+    at: Iterate,
+    slopes: Slopes,
+    bend: Mapping[str, Any],
+    pull: Mapping[str, Any],
 ) -> Any:
     """Quadratic of every stage over (slack, x, s, 1), but for the slots."""
     soft = int(bool(program.kinds))
@@ -95,7 +99,7 @@ def _stages(
     return stages + spread(price, [0, top], top + 1)
 
 
-def _drives(program: Program, slopes: Slopes, bend: Any, pull: Any) -> Any:
+def _drives(program: BatchProgram, slopes: Slopes, bend: Any, pull: Any) -> Any:
     """Quadratic of every stage's input over (u, x, s, 1)."""
     n, m = program.problem.states, program.problem.inputs
     own = quadratic(
@@ -106,7 +110,7 @@ def _drives(program: Program, slopes: Slopes, bend: Any, pull: Any) -> Any:
 
 
 def _level(
-    program: Program, slopes: Slopes, bend: Mapping[str, Any], pull: Mapping[str, Any]
+    program: BatchProgram, slopes: Slopes, bend: Mapping[str, Any], pull: Mapping[str, Any]
 ) -> Any:
     """Quadratic over (s, 1)."""
     hessian, gradient = slopes.level_hessian, slopes.level_gradient
@@ -177,7 +181,7 @@ class Factors(NamedTuple):
     fine: Any
 
 
-def factor(program: Program, given: Instances, system: System, shift: Any) -> Factors:
+def factor(program: BatchProgram, given: Instances, system: System, shift: Any) -> Factors:
     """Eliminate everything, the Hessian of auxiliaries, x, u and s shifted by ``shift``."""
     import jax
     import jax.numpy as jnp
@@ -210,7 +214,9 @@ def factor(program: Program, given: Instances, system: System, shift: Any) -> Fa
     return Factors(slots, slack, inputs, level, ahead, fine & well)
 
 
-def _condensed(program: Program, kind: Kind, given: Instances, matrix: Any, shift: Any) -> Any:
+def _condensed(
+    program: BatchProgram, kind: Kind, given: Instances, matrix: Any, shift: Any
+) -> Any:
     """Eliminate what belongs to slots, and add the rest to the stages."""
     import jax.numpy as jnp
 
@@ -227,14 +233,14 @@ def _condensed(program: Program, kind: Kind, given: Instances, matrix: Any, shif
 
 
 def step(
-    program: Program,
+    program: BatchProgram,
     given: Instances,
     at: Iterate,
     system: System,
     factors: Factors,
     slopes: Slopes,
     rest: Any,
-) -> tuple[Primal, Dual]:
+) -> tuple[Primal, DualVariables]:
     """Return the steps of all variables and multipliers."""
     import jax.numpy as jnp
 
@@ -263,7 +269,7 @@ def step(
     return _with_distances(
         program, given, at, slopes, rest, moves,
         Primal(states, inputs, level, slack, lifted, {}),
-        Dual(dynamics - at.dual.dynamics, ties, {}),
+        DualVariables(dynamics - at.dual.dynamics, ties, {}),
     )  # fmt: skip
 
 
@@ -290,15 +296,15 @@ def _forward(system: System, factors: Factors, level: Any) -> tuple[Any, Any, An
 
 
 def _with_distances(
-    program: Program,
+    program: BatchProgram,
     given: Instances,
     at: Iterate,
     slopes: Slopes,
     rest: Any,
     moves: Mapping[str, Any],
     primal: Primal,
-    dual: Dual,
-) -> tuple[Primal, Dual]:
+    dual: DualVariables,
+) -> tuple[Primal, DualVariables]:
     """Add the steps of the inequalities' distances and forces."""
     linear = {
         name: product(jacobian, moves[name][: jacobian.shape[1]][:, None])[:, 0]
@@ -314,7 +320,7 @@ def _with_distances(
 
 
 def regular(
-    program: Program, given: Instances, system: System, at: Iterate
+    program: BatchProgram, given: Instances, system: System, at: Iterate
 ) -> tuple[Factors, Any]:
     """Factors with the smallest shift tried that gives the right curvature, and the shift (B,)."""
     import jax

@@ -53,7 +53,7 @@ class Kind:
 
 
 @dataclass(frozen=True, eq=False)
-class Program:
+class BatchProgram:
     """A problem ready for `method`.
 
     Attributes
@@ -93,7 +93,7 @@ class Program:
         return masks | {kind.name: active[kind.name][None, None] for kind in self.kinds}
 
 
-def program(problem: Problem) -> Program:
+def program(problem: Problem) -> BatchProgram:
     """Differentiate a problem and write its kernels for JAX."""
     found = build(_bounded(problem))
     kinds = tuple(
@@ -108,7 +108,7 @@ def program(problem: Problem) -> Program:
     bounds |= {kind.name: range(kind.soft, kind.shape.inequalities) for kind in kinds}
     kernels = {name: _kernel(function, name) for name, function in found.functions.items()}
     sizes = found.input_rows, found.node_rows, found.final_rows
-    return Program(problem, kernels, *sizes, kinds, bounds)
+    return BatchProgram(problem, kernels, *sizes, kinds, bounds)
 
 
 def _kind(place: int, slots: Slots, shape: SlotShape) -> Kind:
@@ -216,7 +216,7 @@ class Primal(NamedTuple):
     distance: Mapping[str, Any]
 
 
-class Dual(NamedTuple):
+class DualVariables(NamedTuple):
     """Multipliers, or a step of them.
 
     Attributes
@@ -249,7 +249,7 @@ class Iterate(NamedTuple):
     """
 
     primal: Primal
-    dual: Dual
+    dual: DualVariables
     scale: Any
     penalty: Any
     barrier: Any
@@ -307,7 +307,7 @@ class Slopes(NamedTuple):
 
 
 def packed(
-    program: Program, parameters: Sequence[Parameters], guesses: Sequence[Guess], push: float
+    program: BatchProgram, parameters: Sequence[Parameters], guesses: Sequence[Guess], push: float
 ) -> tuple[Instances, Primal]:
     """Stack instances and starting points, which are moved inside their bounds."""
     problem = program.problem
@@ -331,7 +331,7 @@ def packed(
     return given, _started(program, starts, push)
 
 
-def _started(program: Program, guesses: Sequence[Guess], push: float) -> Primal:
+def _started(program: BatchProgram, guesses: Sequence[Guess], push: float) -> Primal:
     """Stack starting points; distances and slack come later."""
     problem = program.problem
     state, control = problem.state_bounds, problem.input_bounds
@@ -357,7 +357,7 @@ def _stack(values: Sequence[Any]) -> Array:
     return np.stack(values, axis=-1)
 
 
-def evaluate(program: Program, given: Instances, primal: Primal, scale: Any) -> Values:
+def evaluate(program: BatchProgram, given: Instances, primal: Primal, scale: Any) -> Values:
     """Functions without derivatives."""
     import jax.numpy as jnp
 
@@ -381,7 +381,7 @@ def evaluate(program: Program, given: Instances, primal: Primal, scale: Any) -> 
 
 
 def differentiate(
-    program: Program, given: Instances, primal: Primal, dual: Dual, scale: Any
+    program: BatchProgram, given: Instances, primal: Primal, dual: DualVariables, scale: Any
 ) -> tuple[Values, Slopes]:
     """Functions with derivatives; the cost is left out, 0."""
     import jax.numpy as jnp
@@ -427,7 +427,7 @@ def apart(kind: Kind, given: Instances, primal: Primal) -> Any:
     return primal.lifted[kind.name] - guess
 
 
-def softened(program: Program, rows: Any, slack: Any) -> dict[str, Any]:
+def softened(program: BatchProgram, rows: Any, slack: Any) -> dict[str, Any]:
     """Inequalities with the slack added where it softens them."""
     import jax.numpy as jnp
 
@@ -440,7 +440,7 @@ def softened(program: Program, rows: Any, slack: Any) -> dict[str, Any]:
 
 
 def _slots(
-    program: Program, kind: Kind, given: Instances, primal: Primal, dual: Dual
+    program: BatchProgram, kind: Kind, given: Instances, primal: Primal, dual: DualVariables
 ) -> tuple[Any, ...]:
     """Inequalities, equalities, their Jacobians, and the Hessian of slots of one kind."""
     import jax.numpy as jnp
@@ -466,7 +466,7 @@ def _variables(kind: Kind, primal: Primal) -> list[Any]:
     ] + [lifted]
 
 
-def _own_rows(program: Program, primal: Primal) -> dict[str, Any]:
+def _own_rows(program: BatchProgram, primal: Primal) -> dict[str, Any]:
     """Inequalities that need no kernel."""
     rows = {}
     if program.levelled:
@@ -476,7 +476,7 @@ def _own_rows(program: Program, primal: Primal) -> dict[str, Any]:
     return rows
 
 
-def _level(program: Program, given: Instances, primal: Primal, scale: Any) -> Any:
+def _level(program: BatchProgram, given: Instances, primal: Primal, scale: Any) -> Any:
     """Cost of the level with its two derivatives, (3, B)."""
     import jax.numpy as jnp
 

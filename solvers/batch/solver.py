@@ -17,15 +17,15 @@ from ...framework.values.arrays import Array, BoolArray, positive, whole
 from ...framework.values.errors import WideberthError
 from ...framework.values.plan import Status
 from ..interior_point import ITERATIONS, START_DISTANCE, TOLERANCE
-from .method import Code, Settings, advance, report, start
+from .method import ExitCode, MethodSettings, advance, report, start
 from .program import packed, program
 
 _STATUS = {
-    Code.RUNNING: Status.LIMIT,
-    Code.SOLVED: Status.SOLVED,
-    Code.LIMIT: Status.LIMIT,
-    Code.INFEASIBLE: Status.INFEASIBLE,
-    Code.FAILED: Status.FAILED,
+    ExitCode.RUNNING: Status.LIMIT,
+    ExitCode.SOLVED: Status.SOLVED,
+    ExitCode.LIMIT: Status.LIMIT,
+    ExitCode.INFEASIBLE: Status.INFEASIBLE,
+    ExitCode.FAILED: Status.FAILED,
 }
 
 
@@ -172,9 +172,9 @@ class Batch(ManySolver):
         with jax.enable_x64(True):
             width = self.width or WIDTHS.get(jax.default_backend(), WIDE)
             size = min(_power(len(parameters)), _power(width))
-            own = Settings(self.iterations, self.tolerance)
+            own = MethodSettings(self.iterations, self.tolerance)
             found = _compiled(problem, own)(parameters, guesses, size)
-        status = tuple(_STATUS[Code(code)] for code in found.pop("code"))
+        status = tuple(_STATUS[ExitCode(code)] for code in found.pop("code"))
         lifted = tuple(found.pop(f"auxiliaries{k}") for k in range(len(problem.slots)))
         seconds = perf_counter() - begin
         return BatchSolution(**found, auxiliaries=lifted, status=status, seconds=seconds)
@@ -201,7 +201,7 @@ class _Method:
     problem, settings : what is compiled.
     """
 
-    def __init__(self, problem: Problem, settings: Settings) -> None:
+    def __init__(self, problem: Problem, settings: MethodSettings) -> None:
         import jax
 
         made = program(problem)
@@ -225,7 +225,7 @@ class _Method:
             given, at = lanes
             at = self._advance(given, at, TURNS)
             lanes, busy = (given, at), owner < count
-            ended = busy & (np.asarray(at.code) != Code.RUNNING)
+            ended = busy & (np.asarray(at.code) != ExitCode.RUNNING)
             wanted = SHARE * size if waiting < count else busy.sum()
             if ended.sum() < wanted:
                 continue
@@ -292,11 +292,11 @@ def _options() -> dict[str, bool | int]:
     return options
 
 
-_CACHE: OrderedDict[tuple[str, Settings], _Method] = OrderedDict()
+_CACHE: OrderedDict[tuple[str, MethodSettings], _Method] = OrderedDict()
 _CACHE_SIZE = 16
 
 
-def _compiled(problem: Problem, settings: Settings) -> _Method:
+def _compiled(problem: Problem, settings: MethodSettings) -> _Method:
     """Take a method from this process's cache, or make it."""
     key = problem.key, settings
     if key not in _CACHE:

@@ -13,9 +13,9 @@ from wideberth.controllers.bilevel_program import (
     RELAXATION,
     ROOM,
     WALL_ROOM,
-    Program,
-    Rules,
-    Scene,
+    BilevelProgram,
+    CrowdScene,
+    OrcaRules,
 )
 from wideberth.controllers.orca_conditions import (
     SLACK_WEIGHT,
@@ -40,7 +40,7 @@ from wideberth.simulation.engine.settings import Settings
 from wideberth.simulation.sensing.channel import Channel
 
 HORIZON, DT, SPEED = 2.0, 0.25, 0.5
-RULES = Rules(4, DT, SPEED, HORIZON, 0.5, None, 100)
+RULES = OrcaRules(4, DT, SPEED, HORIZON, 0.5, None, 100)
 BALL = HolonomicVelocity(radius=0.25, max_speed=1.0)
 WHEELS = Unicycle(
     radius=0.25, max_speed=0.95, max_yaw_rate=4.18, max_acceleration=1.5, max_yaw_acceleration=33.5
@@ -177,14 +177,14 @@ def scene_of(people=(), robot=BALL, ahead=(0.0, 1.0), polygons=HALL, speed=0.0):
         for k, shape in enumerate(((-1, 2), (-1, 2), (-1,)))
     )
     own = np.array([0.0, speed])
-    return Scene(state, own, np.array(ahead), 0.95, places, paces, radii, polygons)
+    return CrowdScene(state, own, np.array(ahead), 0.95, places, paces, radii, polygons)
 
 
 def test_the_plan_has_the_very_answers_of_the_lower_level():
     """Rolled out beside the plan, each person by their own programme, they are where it says."""
     people = [((0.3, 1.3), (0.0, -0.4), 0.3), ((-0.5, 1.8), (0.1, -0.3), 0.3)]
     for robot in (BALL, WHEELS):
-        scene, program = scene_of(people, robot), Program(robot, RULES, 2)
+        scene, program = scene_of(people, robot), BilevelProgram(robot, RULES, 2)
         guess = program.course(scene, np.zeros((4, len(robot.inputs))))
         solver, found = program._solver, []
         program._solver = lambda s=solver, f=found, **given: f.append(s(**given)) or f[-1]
@@ -202,7 +202,7 @@ def test_the_plan_has_the_very_answers_of_the_lower_level():
 
 def test_without_people_it_is_a_plain_plan():
     """The same costs over the inputs alone, minimised by SciPy."""
-    scene, program = scene_of((), WHEELS, (0.4, 0.3), (), 0.6), Program(WHEELS, RULES, 0)
+    scene, program = scene_of((), WHEELS, (0.4, 0.3), (), 0.6), BilevelProgram(WHEELS, RULES, 0)
     inputs, why = program.solved(scene, program.course(scene, np.zeros((4, 2))))
 
     def cost(z):
@@ -227,7 +227,7 @@ def test_without_people_it_is_a_plain_plan():
 
 def test_walls_and_speeding_up_are_kept():
     scene = scene_of(robot=WHEELS, ahead=(-0.9, 0.2), speed=0.3)
-    program = Program(WHEELS, replace(RULES, speeding_up=0.5), 0)
+    program = BilevelProgram(WHEELS, replace(RULES, speeding_up=0.5), 0)
     inputs, why = program.solved(scene, program.course(scene, np.zeros((4, 2))))
     states = follow(WHEELS, scene.state, inputs, DT)
     assert not why and states[:, 0].min() > -1.0 + 0.25 + WALL_ROOM - 2e-3
@@ -235,7 +235,7 @@ def test_walls_and_speeding_up_are_kept():
 
 
 def test_the_first_guess_knows_when_it_touches():
-    program = Program(BALL, RULES, 1)
+    program = BilevelProgram(BALL, RULES, 1)
     for x, touched in ((0.5, True), (0.56, False)):
         scene = scene_of([((x, 0.0), (0.0, 0.0), 0.3)], polygons=())
         still = program.course(scene, np.zeros((4, 2)))
@@ -279,7 +279,7 @@ def test_a_robot_without_inertia_stands_after_braking(monkeypatch):
     assert np.hypot(*command.linear) > 0.5
     near = Detection("near", np.array([0.05, -0.9]), np.zeros((2, 2)), 0.3)
     with monkeypatch.context() as patch:
-        patch.setattr(Program, "solved", lambda *_: (np.zeros((4, 2)), "nothing is found"))
+        patch.setattr(BilevelProgram, "solved", lambda *_: (np.zeros((4, 2)), "nothing is found"))
         command = controller.command(Observation(0.25, place, (near,), polygons=HALL))
     assert command.linear == (0.0, 0.0) and controller.reason.endswith("touches somebody: brake")
     controller.speeding_up = 0.5
@@ -308,7 +308,7 @@ def test_the_last_plan_is_carried_on_by_the_period(period):
 def test_nothing_is_built_in_the_loop(monkeypatch):
     controller = BilevelOrca(BALL, most_people=2, people_speed=0.51)
     controller.set_path(NORTH)
-    monkeypatch.setattr(Program, "__init__", None)  # building one more fails
+    monkeypatch.setattr(BilevelProgram, "__init__", None)  # building one more fails
     for count in range(4):
         crowd = tuple(
             Detection(f"p{k}", np.array([k - 1.0, 1.0]), np.zeros((2, 2)), 0.2)

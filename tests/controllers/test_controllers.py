@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from wideberth.controllers.reactive import Neighbours, Reactive
-from wideberth.controllers.steering import Guide, steer, top_speed, velocity_of
+from wideberth.controllers.steering import PathGuide, steer, top_speed, velocity_of
 from wideberth.framework.control.command_limits import attained
 from wideberth.framework.controller import Controller
 from wideberth.framework.plugins.config import build, describe
@@ -176,7 +176,7 @@ def test_robots_without_heading_take_the_velocity_as_it_is():
 
 
 def test_guide_looks_ahead_along_the_path_and_slows_down():
-    guide = Guide()
+    guide = PathGuide()
     assert guide.ahead(np.zeros(2), 1.0) is None
     assert not guide.velocity(np.zeros(2), 1.0, 0.5).any()
     guide.follow(Path(np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0]])))

@@ -5,9 +5,9 @@ from math import exp, pi, sqrt
 import numpy as np
 import pytest
 
-from wideberth.controllers.constant_velocity import ConstantVelocity
+from wideberth.controllers.constant_velocity import ConstantVelocityController
 from wideberth.controllers.moussaid_force import MoussaidForce
-from wideberth.controllers.social_force import SocialForce
+from wideberth.controllers.social_force import SocialForceController
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.polygon import Polygon
@@ -53,14 +53,14 @@ def test_circular_force_by_hand():
     place = [(0.6, 0.8)]
     push = 3.0 * exp((0.3 + 0.2 + 0.01 - 1.0) / 0.18)
     wall = 2.0 * exp((0.3 + 0.01 - 0.5) / 0.025)
-    found = force_of(walker(SocialForce), (0.4, 0.1), place, place, (WALL,))
+    found = force_of(walker(SocialForceController), (0.4, 0.1), place, place, (WALL,))
     np.testing.assert_allclose(found, (0.6 - 0.6 * push, -0.1 - 0.8 * push - wall), rtol=1e-12)
-    moving = force_of(walker(SocialForce), (0.4, 0.1), [(3.0, 3.0)], place, (WALL,))
+    moving = force_of(walker(SocialForceController), (0.4, 0.1), [(3.0, 3.0)], place, (WALL,))
     np.testing.assert_allclose(moving, found)  # how others move plays no part
 
 
 def test_velocity_approaches_the_wanted_one_geometrically():
-    controller = walker(SocialForce, stiffness=2.0, period=0.1)
+    controller = walker(SocialForceController, stiffness=2.0, period=0.1)
     for k in range(1, 8):
         command = controller.command(seen(0.1 * k))
         np.testing.assert_allclose(command.linear, (1.0 - 0.8**k, 0.0), rtol=1e-12)
@@ -70,7 +70,7 @@ def test_velocity_approaches_the_wanted_one_geometrically():
         np.testing.assert_allclose(command.linear, (1.0 - 0.8**k, 0.0), rtol=1e-12)
 
 
-@pytest.mark.parametrize(("kind", "fastest"), [(SocialForce, 1.0), (MoussaidForce, 1.3)])
+@pytest.mark.parametrize(("kind", "fastest"), [(SocialForceController, 1.0), (MoussaidForce, 1.3)])
 def test_speed_is_limited(kind, fastest):
     controller = walker(kind)
     speeds = []
@@ -85,7 +85,7 @@ def test_speed_is_limited(kind, fastest):
 
 def test_robots_start_with_the_velocity_they_have():
     robot = Holonomic(radius=0.3, max_speed=2.0)
-    controller = SocialForce(robot, reference_speed=1.0)
+    controller = SocialForceController(robot, reference_speed=1.0)
     controller.set_path(EAST)
     command = controller.command(Observation(0.0, np.array([0.0, 0.0, 1.0, 0.0])))
     np.testing.assert_allclose(command.linear, (1.0, 0.0), rtol=1e-12)
@@ -170,7 +170,7 @@ def meeting(kind, robot, offset):
     return float(apart.min()) - 2.0 * robot.radius, [log.reached for log in logs]
 
 
-@pytest.mark.parametrize("kind", [SocialForce, MoussaidForce])
+@pytest.mark.parametrize("kind", [SocialForceController, MoussaidForce])
 @pytest.mark.parametrize(
     "robot", [Holonomic(radius=0.3), HolonomicVelocity(radius=0.3), Unicycle(radius=0.3)]
 )
@@ -181,7 +181,7 @@ def test_two_who_meet_get_past_each_other(kind, robot):
 
 
 def test_constant_velocity_walks_straight_through():
-    gap, reached = meeting(ConstantVelocity, Unicycle(radius=0.3), 0.0)
+    gap, reached = meeting(ConstantVelocityController, Unicycle(radius=0.3), 0.0)
     assert gap < -0.5
     # 15 s at 0.5 m/s leave 0.5 m, which then falls as exp(-t): 0.25 m, the tolerance, at ln 2.
     assert reached[0] == pytest.approx(15.0 + np.log(2.0), abs=0.1)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.cli import app as cli
-from wideberth.experiments.engine.base import Experiment, Outcome, Result, Row, Task
+from wideberth.experiments.engine.base import Experiment, Result, Row, Task, TaskOutcome
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped import read_experiment, shipped
 from wideberth.experiments.studies.comparison import Comparison
@@ -133,11 +133,11 @@ class Rude(Experiment):
     def check(self) -> None:
         self._fail("check")
 
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         if task.seed:
             self._fail("measure")
         rows: list[Row] = [{"one": object() if self.where == "cell" else 1}]
-        return rows if self.where == "rows" else Outcome(rows)  # type: ignore[return-value]
+        return rows if self.where == "rows" else TaskOutcome(rows)  # type: ignore[return-value]
 
     def summary(self, rows: list[Row]) -> list[Row]:
         self._fail("summary")

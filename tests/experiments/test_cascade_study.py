@@ -10,7 +10,7 @@ import pytest
 
 from wideberth.experiments.drawing.animation import animate
 from wideberth.experiments.drawing.beliefs import (
-    Belief,
+    DrawnBelief,
     belief_at,
     beliefs_of,
     discs,
@@ -189,7 +189,7 @@ def test_beliefs_lie_where_the_others_are(episode: Episode) -> None:
 def test_ellipses_are_magnified_until_they_are_seen() -> None:
     spread = np.diag([1e-4, 4e-4])
     place, none = np.array([[1.0, 2.0]]), np.zeros((0, 2, 2))
-    one = Belief(0.0, np.zeros((0, 2)), ("7",), place, spread[None], np.ones(1), none)
+    one = DrawnBelief(0.0, np.zeros((0, 2)), ("7",), place, spread[None], np.ones(1), none)
     scale = magnified({"a": [one]}, 0.05)
     assert scale == 2.0  # 2 cm x 2.448 is 4.9 cm; 20 cm at most
     (rim,) = rims(one, 0.05, scale)

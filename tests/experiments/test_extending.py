@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from wideberth.experiments.engine.base import Experiment, Outcome, Task
+from wideberth.experiments.engine.base import Experiment, Task, TaskOutcome
 from wideberth.experiments.engine.result_folder import listed_files
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.framework.values.errors import WideberthError
@@ -18,14 +18,14 @@ from wideberth.tests.helpers.sweeps import coins, contents
 pytestmark = pytest.mark.usefixtures("helpers_on_path")
 
 
-def uneven(measure: Callable[..., Outcome]) -> Callable[..., Outcome]:
+def uneven(measure: Callable[..., TaskOutcome]) -> Callable[..., TaskOutcome]:
     """Return a `measure` whose tasks differ in lines and columns, with awkward text."""
 
-    def changed(self: Experiment, task: Task) -> Outcome:
+    def changed(self: Experiment, task: Task) -> TaskOutcome:
         made = measure(self, task)
         first = {**made.rows[0], f"only {task.seed % 2}": "0012"}
         rows = [first, {"seed": task.seed, "share": 0.5, "words": 'a "b",\nc', "whole": 1e22}]
-        return Outcome(rows[: 1 + task.seed % 2], made.times * (task.seed % 2), made.files)
+        return TaskOutcome(rows[: 1 + task.seed % 2], made.times * (task.seed % 2), made.files)
 
     return changed
 
@@ -37,7 +37,7 @@ def measured(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     kind = type(coins())
     measure = uneven(kind.measure)
 
-    def notes(self: Experiment, task: Task) -> Outcome:
+    def notes(self: Experiment, task: Task) -> TaskOutcome:
         seen.append(task.name)
         return measure(self, task)
 
@@ -70,7 +70,7 @@ def test_an_unfinished_run_is_extended_too(
     kind = type(coins())
     measure = kind.measure
 
-    def stops(self: Experiment, task: Task) -> Outcome:
+    def stops(self: Experiment, task: Task) -> TaskOutcome:
         if task.seed == 2:
             raise KeyboardInterrupt
         return measure(self, task)

@@ -6,7 +6,7 @@ from pathlib import Path as File
 import numpy as np
 import pytest
 
-from wideberth.experiments.drawing.looks import Look, looks_from_bytes, looks_to_bytes
+from wideberth.experiments.drawing.looks import CostmapLook, looks_from_bytes, looks_to_bytes
 from wideberth.experiments.engine.base import Task
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped import read_experiment
@@ -27,7 +27,7 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Command, Detection, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.polygon import Polygon
-from wideberth.nav2.costmap.local_costmap import View
+from wideberth.nav2.costmap.local_costmap import CostmapView
 from wideberth.nav2.server.navigator import Nav2
 from wideberth.predictors import Kalman
 from wideberth.robots import Unicycle
@@ -49,12 +49,12 @@ def seen(places: list[tuple[float, float]], walls: tuple[Polygon, ...] = ()) -> 
     return Observation(0.0, np.zeros(5), ones, polygons=walls)
 
 
-def names(observation: Observation, view: View) -> list[str]:
+def names(observation: Observation, view: CostmapView) -> list[str]:
     return [one.ident for one in in_sight(observation, np.zeros(2), view)]
 
 
 def test_who_is_far_hidden_or_beyond_the_window_is_not_seen() -> None:
-    view = View(width=6.0, height=6.0, obstacle_max_range=4.0)
+    view = CostmapView(width=6.0, height=6.0, obstacle_max_range=4.0)
     assert names(seen([(2.0, 0.0), (-2.5, 1.0)]), view) == ["0", "1"]
     assert names(seen([(3.2, 0.0)]), view) == ["0"]  # its near side is within the window
     assert names(seen([(3.4, 0.0)]), view) == []
@@ -92,7 +92,7 @@ class Keeper(Controller):
         return None
 
 
-def observed(view: View, tracker: Kalman | None, person: bool = False) -> list[Observation]:
+def observed(view: CostmapView, tracker: Kalman | None, person: bool = False) -> list[Observation]:
     """What a robot at the origin observes of somebody who passes at 1 m/s, 2 m aside."""
     way = Path(np.array([[-10.0, 2.0], [10.0, 2.0]]))
     settings = Settings(time_limit=20.0, history=0.0, channel=Channel(noise=0.01))
@@ -112,7 +112,7 @@ def observed(view: View, tracker: Kalman | None, person: bool = False) -> list[O
 
 
 def test_the_world_hides_from_robots_and_not_from_people() -> None:
-    view = View(width=6.0, height=6.0, obstacle_max_range=6.0)
+    view = CostmapView(width=6.0, height=6.0, obstacle_max_range=6.0)
     times = [one.stamp for one in observed(view, None) if one.detections]
     assert times and min(times) > 6.5 and max(times) < 13.5  # |x| up to 3 m, and the disc
     assert all(one.detections for one in observed(view, None, person=True))
@@ -121,7 +121,7 @@ def test_the_world_hides_from_robots_and_not_from_people() -> None:
 
 
 def test_velocities_are_those_of_who_moves() -> None:
-    view = View(exact=True)
+    view = CostmapView(exact=True)
     found = observed(view, Kalman(acceleration_density=0.01))
     speeds = np.array([one.detections[0].velocity for one in found if one.stamp > 1.0])
     np.testing.assert_allclose(speeds.mean(axis=0), [1.0, 0.0], atol=0.02)
@@ -130,18 +130,18 @@ def test_velocities_are_those_of_who_moves() -> None:
 
 
 def test_lengths_of_a_view_grow_with_the_robot() -> None:
-    view = View()
+    view = CostmapView()
     assert sized(view, 0.22) == view
     large = sized(view, 0.44)
     assert (large.width, large.obstacle_max_range) == (6.0, 5.0)
     assert large.inflation_radius == pytest.approx(0.92)
-    assert sized(View.privileged(), 0.44).width == 12.0
+    assert sized(CostmapView.privileged(), 0.44).width == 12.0
 
 
 def test_rivals_get_view_limits_and_what_nav2_ships(study: Nav2Rivals) -> None:
     robot = with_radius(Unicycle(), 0.3)
     assert robot.radius == 0.3
-    view = View(width=5.0)
+    view = CostmapView(width=5.0)
     bound = adapted(study.controllers["dwb"], robot, True, view)
     free = adapted(study.controllers["dwb"], robot, False, view)
     assert isinstance(bound, Nav2) and isinstance(free, Nav2)
@@ -187,8 +187,8 @@ def test_looks_are_read_as_they_were_written() -> None:
     sampled[1, 3:] = np.nan
     cells = rng.integers(0, 255, (4, 6)).astype(np.uint8)
     looks = [
-        Look(1.5, Costmap(cells, 0.05, (-1.0, 2.0)), np.zeros((0, 3)), sampled),
-        Look(2.0, Costmap(cells[:2], 0.1, (0.0, 0.0)), sampled[0], np.zeros((0, 0, 3))),
+        CostmapLook(1.5, Costmap(cells, 0.05, (-1.0, 2.0)), np.zeros((0, 3)), sampled),
+        CostmapLook(2.0, Costmap(cells[:2], 0.1, (0.0, 0.0)), sampled[0], np.zeros((0, 0, 3))),
     ]
     content = looks_to_bytes(looks)
     assert looks_to_bytes(looks) == content
@@ -204,9 +204,9 @@ def test_watching_changes_nothing_and_keeps_looks(study: Nav2Rivals) -> None:
     way = Path(np.array([[0.0, 0.0], [6.0, 0.0]]))
     wall = Polygon(((2.0, -0.5), (2.5, -0.5), (2.5, 0.5), (2.0, 0.5)))
     robot = Unicycle(radius=0.22)
-    plain = adapted(study.controllers["rpp"], robot, True, View())
+    plain = adapted(study.controllers["rpp"], robot, True, CostmapView())
     courses = []
-    watched = Watched(adapted(study.controllers["rpp"], robot, True, View()), every=0.5)
+    watched = Watched(adapted(study.controllers["rpp"], robot, True, CostmapView()), every=0.5)
     for controller in (plain, watched):
         agent = RobotAgent("robot", robot, controller, way, 0.3)
         played = Run([agent], settings, 1, (), (), (wall,))

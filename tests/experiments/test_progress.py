@@ -7,7 +7,7 @@ import pytest
 
 from wideberth.experiments.cli import app as cli
 from wideberth.experiments.engine import progress
-from wideberth.experiments.engine.progress import Progress, time_left, working
+from wideberth.experiments.engine.progress import ProgressLines, time_left, working
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.values.errors import WideberthError
 from wideberth.solvers.riccati import compiled
@@ -35,7 +35,7 @@ def test_a_log_gets_a_line_soon_and_now_and_then(
 ) -> None:
     monkeypatch.setattr(progress, "_SOON", 0.02)
     monkeypatch.setattr(progress, "_EVERY", 0.0)
-    with Progress(4, 1) as advance:
+    with ProgressLines(4, 1) as advance:
         time.sleep(0.2)
         assert capsys.readouterr().err == "1 of 4 tasks\n"
         advance()
@@ -47,7 +47,7 @@ def test_a_log_gets_a_line_soon_and_now_and_then(
 
 
 def test_quick_work_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
-    with Progress(1) as advance, working("drawing"):
+    with ProgressLines(1) as advance, working("drawing"):
         advance()
     assert capsys.readouterr() == ("", "")
 

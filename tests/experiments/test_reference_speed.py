@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from wideberth.controllers.constant_velocity import ConstantVelocity
+from wideberth.controllers.constant_velocity import ConstantVelocityController
 from wideberth.experiments.engine.closed_loop import condense, play
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.path import Path
@@ -38,7 +38,7 @@ class Stands(Scenario):
 
 
 def played(speeds: tuple[float | None, ...], lengths: tuple[float, ...]) -> Episode:
-    controller = ConstantVelocity(BODY, 0.1, reference_speed=1.0)
+    controller = ConstantVelocityController(BODY, 0.1, reference_speed=1.0)
     return play(Stands(speeds, lengths), BODY, controller, SETTINGS, 0)
 
 
@@ -75,9 +75,11 @@ def test_one_unknown_time_hides_the_worst_unless_somebody_never_came(speeds) -> 
 
 def test_the_speed_at_the_start_is_the_reference_where_none_is_stated() -> None:
     (one,) = Stands((None,), (4.0,)).cast(0).placements
-    moving = Placement("robot", one.path, 0.7).agent(BODY, ConstantVelocity(BODY), truth=False)
+    moving = Placement("robot", one.path, 0.7).agent(
+        BODY, ConstantVelocityController(BODY), truth=False
+    )
     assert moving.reference == 0.7
-    assert np.isnan(one.agent(BODY, ConstantVelocity(BODY), truth=False).reference)
+    assert np.isnan(one.agent(BODY, ConstantVelocityController(BODY), truth=False).reference)
 
 
 def test_scenarios_that_begin_from_a_stand_state_it() -> None:

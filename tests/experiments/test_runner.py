@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from wideberth.experiments.engine.base import Experiment, Outcome, Task
+from wideberth.experiments.engine.base import Experiment, Task, TaskOutcome
 from wideberth.experiments.engine.provenance import fingerprint
 from wideberth.experiments.engine.quick import left_out
 from wideberth.experiments.engine.runner import draw, reopen, run
@@ -72,7 +72,7 @@ def test_resumes_to_the_same_table(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     measure = kind.measure
     seen: list[str] = []
 
-    def stops(self: Experiment, task: Task) -> Outcome:
+    def stops(self: Experiment, task: Task) -> TaskOutcome:
         seen.append(task.name)
         if len(seen) == 2:
             raise KeyboardInterrupt
@@ -222,7 +222,7 @@ def test_refusal_names_the_task(tmp_path: Path) -> None:
 def test_a_plug_ins_exception_names_task_and_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def breaks(self: Experiment, task: Task) -> Outcome:
+    def breaks(self: Experiment, task: Task) -> TaskOutcome:
         raise KeyError("boom")
 
     monkeypatch.setattr(type(coins()), "measure", breaks)

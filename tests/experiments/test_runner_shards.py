@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from wideberth.experiments.engine.base import Outcome, Result, Task
+from wideberth.experiments.engine.base import Result, Task, TaskOutcome
 from wideberth.experiments.engine.shards import (
     checked_tasks,
     finished,
@@ -45,11 +45,11 @@ def test_shards(tmp_path: Path) -> None:
     assert key != key_of({"type": "e"}, Task("a", 2, {"x": 0.1}))
     assert key != key_of({"type": "f"}, task)
     assert read_shard(tmp_path, key, SOURCE) is None
-    outcome = Outcome([{"x": 0.1, "nan": float("inf")}], [{"t": 1.0}], {"f": b"\x00\xff"})
+    outcome = TaskOutcome([{"x": 0.1, "nan": float("inf")}], [{"t": 1.0}], {"f": b"\x00\xff"})
     write_shard(tmp_path, key, pack(task, outcome, SOURCE))
     assert read_shard(tmp_path, key, SOURCE) == outcome
     with pytest.raises(WideberthError, match=r"leaves the folder"):
-        pack(task, Outcome(files={"../f": b""}), SOURCE)
+        pack(task, TaskOutcome(files={"../f": b""}), SOURCE)
     with pytest.raises(WideberthError, match=r"not plain"):
         key_of({}, Task("a", 0, {"x": object()}))
     with pytest.raises(WideberthError, match=r"not plain"):
@@ -58,7 +58,7 @@ def test_shards(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["{}.json", "{}.times.json"])
 def test_a_shard_that_cannot_be_used_says_why(tmp_path: Path, name: str) -> None:
-    packed = pack(Task("a"), Outcome([{"x": 1}], [{"t": 1.0}]), SOURCE)
+    packed = pack(Task("a"), TaskOutcome([{"x": 1}], [{"t": 1.0}]), SOURCE)
     path = tmp_path / name.format("k")
 
     def left(data: bytes | None) -> tuple[set[str], dict[str, int]]:

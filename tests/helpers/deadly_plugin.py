@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, Self, final
 
-from wideberth.experiments.engine.base import Experiment, Outcome, Result, Row, Task
+from wideberth.experiments.engine.base import Experiment, Result, Row, Task, TaskOutcome
 
 
 @final
@@ -31,14 +31,14 @@ class Deadly(Experiment):
     def tasks(self) -> Sequence[Task]:
         return [Task(f"seed {seed}", seed) for seed in range(self.seeds)]
 
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         time.sleep(self.pause)
         deaths = len(list(Path(self.folder).glob("death-*")))
         if task.seed == self.deadly and deaths < self.lives:
             (Path(self.folder) / f"death-{deaths}").touch()
             os.kill(os.getpid(), signal.SIGKILL)
         threads = os.environ.get("OMP_NUM_THREADS", "")
-        return Outcome([{"seed": task.seed, "square": task.seed**2, "threads": threads}])
+        return TaskOutcome([{"seed": task.seed, "square": task.seed**2, "threads": threads}])
 
     def summary(self, rows: list[Row]) -> list[Row]:
         return [{"tasks": len(rows)}]

@@ -25,7 +25,7 @@ from wideberth.solvers.export.bundle import write_folder
 from wideberth.solvers.export.solver.files import bundle
 from wideberth.solvers.export.solver.measured import needs
 from wideberth.solvers.export.solver.native import Native, machine
-from wideberth.solvers.export.solver.needs import Solver
+from wideberth.solvers.export.solver.needs import ExportedSolver
 from wideberth.solvers.export.subject import Subject
 from wideberth.solvers.riccati import objects
 from wideberth.solvers.riccati.solver import Riccati
@@ -58,7 +58,7 @@ def planner(**settings: Any) -> Any:
 
 def exported(
     target: str = "native", room: tuple[int, int, int] = (5, 0, 4), **settings: Any
-) -> Solver:
+) -> ExportedSolver:
     one = planner(**settings)
     return solver(one, subject(one, room, "test, planner"), machine(target))
 
@@ -67,7 +67,7 @@ def exported(
 class Folder:
     """An export on disk, and how its structures stand in memory."""
 
-    solver: Solver
+    solver: ExportedSolver
     place: Path
 
     @property
@@ -197,7 +197,7 @@ def run(program: Path, *words: str) -> "subprocess.CompletedProcess[str]":
     )  # fmt: skip
 
 
-def on_disk(one: Solver, place: Path) -> Folder:
+def on_disk(one: ExportedSolver, place: Path) -> Folder:
     write_folder(place, bundle(one), force=False)
     return Folder(one, place)
 
@@ -215,5 +215,5 @@ def of_instances(count: int, place: Path) -> tuple[Folder, list[Any]]:
     native = Native(what, machine("native"), 0.0)
     taken = needs(problem, first.parameters, first.guess, Riccati())
     aims = (policy.levels(region, 15, count, 2)[:, 0],)
-    folder = on_disk(Solver(native, Riccati(), taken, 0.5, aims), place)
+    folder = on_disk(ExportedSolver(native, Riccati(), taken, 0.5, aims), place)
     return folder, [folder.written(one.parameters, one.guess) for one in some]

@@ -13,9 +13,9 @@ from wideberth.framework.mpc.ocp.problem import Parameters, Problem, SlotNumbers
 from wideberth.framework.mpc.ocp.reference import Reference, lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.slots import base, gaussian_discs
-from wideberth.framework.mpc.slots.base import SlotKind, Surroundings
+from wideberth.framework.mpc.slots.base import ActiveObstacles, SlotKind
 from wideberth.framework.mpc.slots.built_in import built_in
-from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs, Obstacles
+from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs, ObstacleSet
 from wideberth.framework.mpc.slots.static_polygons import NONE, StaticPolygons, Walls
 from wideberth.framework.region import Region
 from wideberth.framework.robot import Robot
@@ -57,7 +57,7 @@ def of_slots(initial: Array, reference: Reference, *slots: SlotNumbers) -> Param
 def fill(
     start: Array,
     reference: Reference,
-    obstacles: Obstacles,
+    obstacles: ObstacleSet,
     region: Region,
     level: LevelPolicy,
     radius: float,
@@ -72,7 +72,7 @@ def fill(
 def among(
     start: Array,
     reference: Reference,
-    obstacles: Obstacles,
+    obstacles: ObstacleSet,
     walls: Walls,
     own: Array,
     plugs: tuple[Robot, Region, LevelPolicy, float, StaticRegion | None],
@@ -101,18 +101,20 @@ def surroundings(
     robot: Robot,
     region: Region,
     static_region: StaticRegion | None = None,
-    obstacles: Obstacles | None = None,
+    obstacles: ObstacleSet | None = None,
     walls: Walls = NONE,
     margin: float = 0.0,
-) -> Surroundings:
+) -> ActiveObstacles:
     """What a plan is held against; the numbers of its slots are left out."""
-    obstacles = obstacles or Obstacles.none(1, robot.dimension)
+    obstacles = obstacles or ObstacleSet.none(1, robot.dimension)
     discs, polygons = GaussianDiscs(region), StaticPolygons(static_region)
     none = SlotNumbers.none(1)
-    known = base.Chosen((0,), obstacles.ids, (), none, KnownDiscs(discs, obstacles, margin))
+    known = base.SlotAssignment(
+        (0,), obstacles.ids, (), none, KnownDiscs(discs, obstacles, margin)
+    )
     still = polygons.chosen(robot, replace(walls, parts=walls.parts[:0], names=()),
                             Fixed(), margin, np.zeros((1, 2, 2)))  # fmt: skip
-    return Surroundings(robot, (discs, polygons), (known, still))
+    return ActiveObstacles(robot, (discs, polygons), (known, still))
 
 
 def slots_of(given: Parameters, place: int = 0, /, **changes: Any) -> Parameters:
@@ -136,7 +138,7 @@ def set_up(
     reference = lay_reference(path, 0.0, 0.5, STEPS, DT)
     mean = np.tile([4.0, y], (STEPS, 1, 1))
     covariance = np.tile([[0.04, 0.01], [0.01, 0.02]], (STEPS, 1, 1, 1))
-    obstacles = Obstacles(mean, covariance, np.array([0.4]), ("a",))
+    obstacles = ObstacleSet(mean, covariance, np.array([0.4]), ("a",))
     parameters = fill(start, reference, obstacles, region, level, robot.radius, capacity)
     problem = assemble(
         robot, region, level, horizon=STEPS, dt=DT, capacity=capacity, penalty=penalty

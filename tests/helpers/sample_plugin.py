@@ -9,7 +9,7 @@ from typing import ClassVar, Literal, Self, final
 import numpy as np
 
 from wideberth.experiments.drawing.plotting import paper_style, save
-from wideberth.experiments.engine.base import Experiment, Outcome, Result, Row, Task
+from wideberth.experiments.engine.base import Experiment, Result, Row, Task, TaskOutcome
 from wideberth.framework.predictor import Predictor
 from wideberth.framework.values.arrays import positive
 from wideberth.framework.values.errors import WideberthError
@@ -48,7 +48,7 @@ class Coins(Experiment):
     def tasks(self) -> Sequence[Task]:
         return [Task(f"seed {seed}", seed, {"bias": self.bias}) for seed in range(self.seeds)]
 
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         started = time.perf_counter()
         time.sleep(self.pause)
         if self.fails:
@@ -60,7 +60,7 @@ class Coins(Experiment):
         rows: list[Row] = [{"seed": task.seed, "share": share, "product": product, "none": None}]
         seconds = time.perf_counter() - started
         files = {f"seed/{task.seed}.bin": square[:2].tobytes()}
-        return Outcome(rows, [{"seed": task.seed, "seconds": seconds}], files)
+        return TaskOutcome(rows, [{"seed": task.seed, "seconds": seconds}], files)
 
     def summary(self, rows: list[Row]) -> list[Row]:
         return [{"seeds": len(rows), "share": float(np.mean([row["share"] for row in rows]))}]

@@ -1,12 +1,15 @@
 """Public names: listed in one table each, imported late, known to editors, and spelt right."""
 
+import ast
 import subprocess
 import sys
+from collections import defaultdict
 from importlib import import_module
 
 import pytest
 
 from wideberth.tests.house.stubs import FACES, stubs
+from wideberth.tests.house.test_imports import ROOMS, ROOT, parsed
 
 
 def test_editors_read_what_the_tables_say() -> None:
@@ -52,3 +55,14 @@ def test_a_name_that_is_nowhere_near_gets_none(code: str) -> None:
         exec(code, {})
     assert "did you mean" not in str(refused.value)
     assert not hasattr(import_module("wideberth"), "predictorz")
+
+
+def test_no_public_class_has_the_name_of_another() -> None:
+    homes = defaultdict(list)
+    for room in ROOMS:
+        for path in sorted((ROOT / room).rglob("*.py")):
+            for node in parsed(path).body:
+                if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                    homes[node.name].append(str(path.relative_to(ROOT)))
+    twice = {name: files for name, files in homes.items() if len(files) > 1}
+    assert not twice, f"give each class a name of its own: {twice}"

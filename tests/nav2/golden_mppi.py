@@ -9,7 +9,7 @@ import pytest
 from wideberth.nav2.controllers.local_controller import Tick
 from wideberth.nav2.controllers.local_controllers import built
 from wideberth.nav2.controllers.mppi import MPPI
-from wideberth.nav2.controllers.mppi_rollouts import Situation
+from wideberth.nav2.controllers.mppi_rollouts import MppiTick
 from wideberth.nav2.goal_checker import GoalChecker
 from wideberth.tests.nav2.golden import Case, Checks, assert_equal_answer, costmap_of, footprint_of
 
@@ -65,7 +65,7 @@ def rollouts_are_equal(mppi_critics: Case) -> None:
     tick = tick_of(mppi_critics, mppi_critics)
     speed = controller.speed(tick)
     near(speed, expect["state_speed"], 1e-6)
-    situation = Situation(tick, controller.limits, controller.model_dt)
+    situation = MppiTick(tick, controller.limits, controller.model_dt)
     assert situation.length == pytest.approx(expect["local_path_length_f32"], rel=1e-6)
     controls, rollouts = controller.sampled(situation, speed)
     near(controls[0].T, expect["cvx_f32"], 1e-6)
@@ -80,7 +80,7 @@ def rollouts_are_equal(mppi_critics: Case) -> None:
 def each_critic_is_equal(mppi_critics: Case) -> None:
     controller, expect = prepared(mppi_critics), mppi_critics["expect"]
     tick = tick_of(mppi_critics, mppi_critics)
-    situation = Situation(tick, controller.limits, controller.model_dt)
+    situation = MppiTick(tick, controller.limits, controller.model_dt)
     _, rollouts = controller.sampled(situation, controller.speed(tick))
     if "furthest_reached_path_point" in expect:  # otherwise no critic asked for it
         assert situation.furthest(rollouts) == expect["furthest_reached_path_point"]
@@ -101,7 +101,7 @@ def controls_are_equal(mppi_critics: Case) -> None:
     controller = replace(whole, critics=whole.critics[:8])
     controller.memory = whole.memory
     tick = tick_of(mppi_critics, mppi_critics)
-    situation = Situation(tick, controller.limits, controller.model_dt)
+    situation = MppiTick(tick, controller.limits, controller.model_dt)
     speed = controller.speed(tick)
     noisy, rollouts = controller.sampled(situation, speed)
     for critic in controller.critics:  # recorded without the stop where all collide

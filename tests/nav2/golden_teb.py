@@ -9,7 +9,7 @@ from wideberth.nav2.controllers import _teb_kernel as kernel
 from wideberth.nav2.controllers.local_controllers import built
 from wideberth.nav2.controllers.teb import TEB
 from wideberth.nav2.controllers.teb_band import Band
-from wideberth.nav2.controllers.teb_edges import NAMES, Edges, Obstacles, Pull, optimised
+from wideberth.nav2.controllers.teb_edges import NAMES, Edges, Pull, TebObstacles, optimised
 from wideberth.nav2.parameters.teb_parameters import TebParameters
 from wideberth.tests.nav2.golden import Case, Checks
 
@@ -28,7 +28,7 @@ class Adapter:
         self.start = case["start_v"], case["start_w"]
         discs = case["obstacles"]
         moving = [disc["dynamic"] for disc in discs]
-        self.obstacles = Obstacles(
+        self.obstacles = TebObstacles(
             np.array([[disc["x"], disc["y"]] for disc in discs]).reshape(-1, 2),
             np.array([disc["radius"] for disc in discs]),
             np.array([[disc["vx"], disc["vy"]] for disc in discs]).reshape(-1, 2),

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from wideberth.nav2.server.velocity_smoother import VelocitySmoother
+from wideberth.nav2.server.velocity_smoother import Nav2VelocitySmoother
 from wideberth.tests.nav2.golden import Case, Checks
 
 
-def smoother_of(case: Case) -> VelocitySmoother:
+def smoother_of(case: Case) -> Nav2VelocitySmoother:
     """The one adapter from the parameters of a case; its odometry is averaged already."""
-    return VelocitySmoother(**case["params"], odom_duration=0.0)
+    return Nav2VelocitySmoother(**case["params"], odom_duration=0.0)
 
 
 def outputs_are_equal(velocity_smoother: Case) -> None:

@@ -10,10 +10,10 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
 from wideberth.nav2.controllers.local_controllers import shipped_parameters
-from wideberth.nav2.costmap.local_costmap import View
+from wideberth.nav2.costmap.local_costmap import CostmapView
 from wideberth.nav2.server.navigator import Nav2, Navigation
-from wideberth.nav2.server.server import Status
-from wideberth.nav2.server.settings import Settings
+from wideberth.nav2.server.server import ServerStatus
+from wideberth.nav2.server.settings import LoopSettings
 from wideberth.robots import Unicycle
 
 ROBOT = Unicycle(0.3, 0.7, 1.5, 2.0, 3.0)
@@ -31,7 +31,7 @@ LOCAL = [
 def nav2_of(local: str, **other: Any) -> Nav2:
     """Return a loop that gives up at once, and after 4 s without progress."""
     parameters = {**shipped_parameters(local), **SMALL.get(local, {})}
-    settings = Settings(
+    settings = LoopSettings(
         local, parameters, recoveries={"number_of_retries": 0},
         progress_checker={"movement_time_allowance": 4.0}, **other,
     )  # fmt: skip
@@ -64,7 +64,7 @@ def test_a_path_outside_the_map_is_invalid(local: str) -> None:
     nav2 = nav2_of(local)
     reasons = ended(nav2, [(50.0, 0.0), (52.0, 0.0)], 1.0)
     assert nav2.navigation is Navigation.FAILED
-    assert len(reasons) == 1 and reasons[0].startswith(f"{Status.INVALID_PATH}: no pose")
+    assert len(reasons) == 1 and reasons[0].startswith(f"{ServerStatus.INVALID_PATH}: no pose")
 
 
 @pytest.mark.parametrize("local", LOCAL)
@@ -87,19 +87,23 @@ def test_a_goal_in_an_obstacle_ends_in_a_failure_by_its_name(local: str) -> None
     nav2 = nav2_of(local)
     reasons = ended(nav2, [(0.0, 0.0), (2.0, 0.0)], 40.0, (2.0, 0.0))
     assert nav2.navigation is Navigation.FAILED
-    ends = Status.PATIENCE_EXCEEDED, Status.NO_VALID_CONTROL, Status.FAILED_TO_MAKE_PROGRESS
+    ends = (
+        ServerStatus.PATIENCE_EXCEEDED,
+        ServerStatus.NO_VALID_CONTROL,
+        ServerStatus.FAILED_TO_MAKE_PROGRESS,
+    )
     assert reasons and nav2.reason.startswith(tuple(f"{one}: " for one in ends))
 
 
 @pytest.mark.parametrize("local", LOCAL)
 def test_a_costmap_smaller_than_the_look_ahead(local: str) -> None:
-    nav2 = nav2_of(local, view=View(width=0.8, height=0.8))
+    nav2 = nav2_of(local, view=CostmapView(width=0.8, height=0.8))
     reasons = ended(nav2, [(0.0, 0.0), (3.0, 0.0)], 5.0)
     if nav2.navigation is Navigation.FAILED:  # an outline that leaves the map has collided
-        assert nav2.reason.startswith(f"{Status.PATIENCE_EXCEEDED}: no valid control")
+        assert nav2.reason.startswith(f"{ServerStatus.PATIENCE_EXCEEDED}: no valid control")
     else:  # it looks no farther than the map, and drives, perhaps slowly
         assert local in ("dwb", "graceful", "mppi", "mppi_foresight", "own")
-        assert all(one.startswith(Status.FAILED_TO_MAKE_PROGRESS) for one in reasons)
+        assert all(one.startswith(ServerStatus.FAILED_TO_MAKE_PROGRESS) for one in reasons)
 
 
 @pytest.mark.parametrize("local", LOCAL)

@@ -11,7 +11,7 @@ from wideberth.framework.values.forecast import Forecast
 from wideberth.nav2.controllers.expected_people import ExpectedPeopleCritic, ellipses_of
 from wideberth.nav2.controllers.local_controller import Tick
 from wideberth.nav2.controllers.mppi import BRINGUP, MPPI
-from wideberth.nav2.controllers.mppi_rollouts import Limits, Rollouts, Situation, driven
+from wideberth.nav2.controllers.mppi_rollouts import ControlLimits, MppiTick, Rollouts, driven
 from wideberth.nav2.costmap.footprint import RobotFootprint
 from wideberth.nav2.people import ExpectedPeople
 from wideberth.tests.nav2 import ticks
@@ -27,8 +27,8 @@ def tick_of(people: ExpectedPeople | None, time: float = 0.0, y: float = 0.0) ->
     )
 
 
-def situation_of(tick: Tick) -> Situation:
-    return Situation(tick, Limits(0.5, -0.35, 1.9, 3.0, -3.0, 3.5, 0.0), DT)
+def situation_of(tick: Tick) -> MppiTick:
+    return MppiTick(tick, ControlLimits(0.5, -0.35, 1.9, 3.0, -3.0, 3.5, 0.0), DT)
 
 
 def fan(seed: int = 0) -> Rollouts:

@@ -12,12 +12,12 @@ from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.motion import Detection, Observation, Twist
 from wideberth.framework.values.path import Path
 from wideberth.nav2.controllers.expected_people import ExpectedPeopleCritic
-from wideberth.nav2.controllers.foresight import Foresight
+from wideberth.nav2.controllers.foresight import PeopleForecasts
 from wideberth.nav2.controllers.local_controller import Answer, LocalController, Tick
-from wideberth.nav2.controllers.local_controllers import Limits, built, shipped_parameters
+from wideberth.nav2.controllers.local_controllers import VelocityLimits, built, shipped_parameters
 from wideberth.nav2.controllers.mppi import MPPI
 from wideberth.nav2.server.navigator import Nav2
-from wideberth.nav2.server.settings import Settings
+from wideberth.nav2.server.settings import LoopSettings
 from wideberth.predictors.kalman import Kalman
 from wideberth.robots.unicycle import Unicycle
 from wideberth.tests.nav2 import ticks
@@ -65,7 +65,7 @@ def tick_of(observation: Observation | None, time: float) -> Tick:
 
 def test_somebody_who_walks_straight_is_expected_ahead() -> None:
     told = Told()
-    foresight = Foresight(told, Kalman(acceleration_density=0.01), horizon=2.0)
+    foresight = PeopleForecasts(told, Kalman(acceleration_density=0.01), horizon=2.0)
     for time in np.arange(0.0, 2.0, 0.05).tolist():
         foresight.velocity(tick_of(seen(time), time))
     people = told.ticks[-1].people
@@ -79,7 +79,7 @@ def test_somebody_who_walks_straight_is_expected_ahead() -> None:
 
 def test_without_an_observation_the_tick_is_passed_on() -> None:
     told = Told()
-    foresight = Foresight(told, Kalman())
+    foresight = PeopleForecasts(told, Kalman())
     tick = tick_of(None, 0.0)
     foresight.velocity(tick)
     assert told.ticks[-1] is tick
@@ -93,22 +93,22 @@ def test_without_an_observation_the_tick_is_passed_on() -> None:
 
 
 def test_a_broken_predictor_is_a_refusal() -> None:
-    answer = Foresight(Told(), Broken()).velocity(tick_of(seen(0.0), 0.0))
+    answer = PeopleForecasts(Told(), Broken()).velocity(tick_of(seen(0.0), 0.0))
     assert answer.twist is None and answer.error == "NoValidControl"
     assert answer.reason == "no forecast: ValueError: broken"
 
 
 def test_it_is_named_beside_the_originals() -> None:
     made = built("mppi_foresight", {**shipped_parameters("mppi_foresight"), "vx_max": 0.7})
-    assert isinstance(made, Foresight) and isinstance(made.controller, MPPI)
+    assert isinstance(made, PeopleForecasts) and isinstance(made.controller, MPPI)
     assert made.controller.vx_max == 0.7 and made.controller.batch_size == 2000
     assert isinstance(made.controller.critics[-1], ExpectedPeopleCritic)
     assert made.horizon == pytest.approx(2.8)
     named = {"critics": ["ExpectedPeopleCritic"], "ExpectedPeopleCritic.margin": 0.1}
     other = built("mppi_foresight", {**named, "predictor": "constant_velocity"})
-    assert isinstance(other, Foresight) and isinstance(other.controller, MPPI)
+    assert isinstance(other, PeopleForecasts) and isinstance(other.controller, MPPI)
     assert [critic.margin for critic in other.controller.critics] == [0.1]  # type: ignore[attr-defined]
-    limits = Limits(0.7, 0.3, 0.7, 0.1)
+    limits = VelocityLimits(0.7, 0.3, 0.7, 0.1)
     assert limits.parameters("mppi_foresight") == limits.parameters("mppi")
     with pytest.raises(WideberthError, match="did you mean 'kalman'"):
         built("mppi_foresight", {"predictor": "kalmann"})
@@ -116,7 +116,7 @@ def test_it_is_named_beside_the_originals() -> None:
 
 def test_the_whole_loop_drives_with_it() -> None:
     robot = Unicycle()
-    settings = Settings("mppi_foresight", {"batch_size": 200})
+    settings = LoopSettings("mppi_foresight", {"batch_size": 200})
     controller = Nav2(robot, settings)
     controller.set_path(Path([[0.0, 0.0], [2.5, 0.0]]))
     state = np.zeros(len(robot.states))
@@ -132,4 +132,4 @@ def test_the_whole_loop_drives_with_it() -> None:
 )
 def test_wrong_numbers_are_refused(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(WideberthError, match=message):
-        Foresight(Told(), Kalman(), **changes)
+        PeopleForecasts(Told(), Kalman(), **changes)

@@ -44,7 +44,7 @@ def test_what_numba_compiles_is_what_is_written() -> None:
         dear(252).cells, *FREE.origin, 0.05, (0.1, 0.0, 0.2), np.zeros((3, 2)), True, False
     )
     law = LawParameters(2.0, 1.0, 0.4, 2.0, 1.5, 2.5, 0.1, 0.5, 1.0)
-    turning, growth = rollout.Turning(0.5, 1.0, 0.25, 0.75), rollout.Growth(0.5, 0.25, 0.5)
+    turning, growth = rollout.Turning(0.5, 1.0, 0.25, 0.75), rollout.RolloutGrowth(0.5, 0.25, 0.5)
     for target, first in (((0.8, 0.3, 0.5), False), ((0.1, 0.9, 0.0), True)):
         arguments = ground, law, turning, growth, target, False, first, True
         plain, fast = rollout.rolled_out(*arguments), compiled().rolled_out(*arguments)
@@ -98,7 +98,7 @@ def sought(
 ) -> tuple[float | None, tuple[float, float]]:
     """Seek an approach to (0.7, 0) in a plain loop; return the heading and the first command."""
     law = LawParameters(2.0, 1.0, 0.4, 2.0, 1.5, 2.5, 0.1, 0.5, 1.0)
-    turning, growth = rollout.Turning(0.5, 1.0, 0.25, 0.75), rollout.Growth(0.5, 0.25, 0.5)
+    turning, growth = rollout.Turning(0.5, 1.0, 0.25, 0.75), rollout.RolloutGrowth(0.5, 0.25, 0.5)
     best, command = np.inf, (0.0, 0.0)
     for i in range(63):
         angle = 0.1 * i + (stored or 0.0)

@@ -9,17 +9,24 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.polygon import Polygon
 from wideberth.framework.values.sensing import Scan
 from wideberth.nav2.costmap.footprint import RobotFootprint
-from wideberth.nav2.costmap.local_costmap import LayeredCostmap, Surroundings, View, _shares
+from wideberth.nav2.costmap.local_costmap import (
+    CostmapSurroundings,
+    CostmapView,
+    LayeredCostmap,
+    _shares,
+)
 from wideberth.nav2.costmap.rays import Rays
 
 ROBOT = RobotFootprint.round_of(0.2)
 NOBODY = np.zeros((0, 2))
 
 
-def seen(pose: Array, centres: Array, radius: float = 0.3, *polygons: Polygon) -> Surroundings:
+def seen(
+    pose: Array, centres: Array, radius: float = 0.3, *polygons: Polygon
+) -> CostmapSurroundings:
     radii = np.full(len(centres), radius)
     rays = Rays.cast(pose[:2], centres, radii, polygons, beams=720)
-    return Surroundings(rays, centres, radii, polygons)
+    return CostmapSurroundings(rays, centres, radii, polygons)
 
 
 def lethal(costmap: Costmap) -> Array:
@@ -55,7 +62,7 @@ def test_a_scan_gives_the_same_rays() -> None:
 
 
 def test_the_near_side_of_a_body_is_marked_and_inflated() -> None:
-    layers = LayeredCostmap(View(), ROBOT)
+    layers = LayeredCostmap(CostmapView(), ROBOT)
     costmap = layers.update(0.0, np.zeros(3), seen(np.zeros(3), np.array([[1.0, 0.0]])))
     found = lethal(costmap)
     assert len(found) and (np.abs(np.hypot(*(found - [1.0, 0.0]).T) - 0.3) < 0.04).all()
@@ -65,7 +72,7 @@ def test_the_near_side_of_a_body_is_marked_and_inflated() -> None:
 
 
 def test_bodies_beyond_the_range_of_marking_are_left_out() -> None:
-    wide = View(width=8.0, height=8.0)
+    wide = CostmapView(width=8.0, height=8.0)
     layers = LayeredCostmap(wide, ROBOT)
     shown = layers.update(0.0, np.zeros(3), seen(np.zeros(3), np.array([[2.9, 0.0]]), 0.3))
     assert not len(lethal(shown))
@@ -74,7 +81,7 @@ def test_bodies_beyond_the_range_of_marking_are_left_out() -> None:
 
 
 def test_a_mark_stays_until_a_ray_passes() -> None:
-    layers, here = LayeredCostmap(View(), ROBOT), np.zeros(3)
+    layers, here = LayeredCostmap(CostmapView(), ROBOT), np.zeros(3)
     layers.update(0.0, here, seen(here, np.array([[1.0, 0.0]])))
     # Somebody in front hides the place: the mark stays although the body has gone.
     hidden = layers.update(0.2, here, seen(here, np.array([[0.6, 0.0]]), 0.25))
@@ -84,7 +91,7 @@ def test_a_mark_stays_until_a_ray_passes() -> None:
 
 
 def test_without_infinite_ranges_marks_in_the_open_stay_for_ever() -> None:
-    layers, here = LayeredCostmap(View(inf_is_valid=False), ROBOT), np.zeros(3)
+    layers, here = LayeredCostmap(CostmapView(inf_is_valid=False), ROBOT), np.zeros(3)
     layers.update(0.0, here, seen(here, np.array([[1.0, 0.0]])))
     assert len(lethal(layers.update(0.2, here, seen(here, NOBODY))))
     wall = Polygon(((1.4, -2.0), (2.0, -2.0), (2.0, 2.0), (1.4, 2.0)))
@@ -93,16 +100,16 @@ def test_without_infinite_ranges_marks_in_the_open_stay_for_ever() -> None:
 
 
 def test_a_ray_that_was_lost_does_nothing() -> None:
-    layers, here = LayeredCostmap(View(), ROBOT), np.zeros(3)
+    layers, here = LayeredCostmap(CostmapView(), ROBOT), np.zeros(3)
     before = seen(here, np.array([[1.0, 0.0]]))
     layers.update(0.0, here, before)
     lost = Rays(np.zeros(2), before.rays.directions, np.full(720, np.nan), 12.0)
-    shown = layers.update(0.2, here, Surroundings(lost, NOBODY, np.zeros(0)))
+    shown = layers.update(0.2, here, CostmapSurroundings(lost, NOBODY, np.zeros(0)))
     assert len(lethal(shown))
 
 
 def test_it_is_updated_at_its_own_rate() -> None:
-    layers, here = LayeredCostmap(View(), ROBOT), np.zeros(3)
+    layers, here = LayeredCostmap(CostmapView(), ROBOT), np.zeros(3)
     first = layers.update(0.0, here, seen(here, NOBODY))
     assert layers.update(0.15, here, seen(here, np.array([[1.0, 0.0]]))) is first
     assert layers.update(0.2, here, seen(here, np.array([[1.0, 0.0]]))) is not first
@@ -111,29 +118,31 @@ def test_it_is_updated_at_its_own_rate() -> None:
 
 
 def test_the_window_rolls_by_whole_cells_and_keeps_its_marks() -> None:
-    layers, body = LayeredCostmap(View(), ROBOT), np.array([[1.0, 0.0]])
+    layers, body = LayeredCostmap(CostmapView(), ROBOT), np.array([[1.0, 0.0]])
     first = layers.update(0.0, np.zeros(3), seen(np.zeros(3), body))
     there = np.array([0.33, -0.12, 0.0])
     blind = Rays(there[:2], np.zeros((0, 2)), np.zeros(0), 12.0)
-    moved = layers.update(0.2, there, Surroundings(blind, NOBODY, np.zeros(0)))
+    moved = layers.update(0.2, there, CostmapSurroundings(blind, NOBODY, np.zeros(0)))
     shift = (np.array(moved.origin) - first.origin) / 0.05
     assert shift == pytest.approx(np.round(shift)) and shift.tolist() == pytest.approx([6, -2])
     assert np.array_equal(lethal(moved).round(6), lethal(first).round(6))
-    gone = layers.update(0.4, np.array([9.0, 0.0, 0.0]), Surroundings(blind, NOBODY, np.zeros(0)))
+    gone = layers.update(
+        0.4, np.array([9.0, 0.0, 0.0]), CostmapSurroundings(blind, NOBODY, np.zeros(0))
+    )
     assert not len(lethal(gone))
 
 
 def test_the_robot_frees_its_own_place() -> None:
-    layers = LayeredCostmap(View(), ROBOT)
+    layers = LayeredCostmap(CostmapView(), ROBOT)
     layers.update(0.0, np.zeros(3), seen(np.zeros(3), np.array([[0.5, 0.0]]), 0.1))
     there = np.array([0.4, 0.0, 0.0])
     blind = Rays(there[:2], np.zeros((0, 2)), np.zeros(0), 12.0)
-    shown = layers.update(0.2, there, Surroundings(blind, NOBODY, np.zeros(0)))
+    shown = layers.update(0.2, there, CostmapSurroundings(blind, NOBODY, np.zeros(0)))
     assert not len(lethal(shown))
 
 
 def test_the_exact_view_covers_what_bodies_touch() -> None:
-    view, rng = View.privileged(), np.random.default_rng(3)
+    view, rng = CostmapView.privileged(), np.random.default_rng(3)
     centres, wall = rng.uniform(-5.0, 5.0, (6, 2)), Polygon(((1, 1), (2, 1), (1, 2)))
     shown = LayeredCostmap(view, ROBOT).update(
         0.0, np.zeros(3), seen(np.zeros(3), centres, 0.4, wall)
@@ -150,11 +159,11 @@ def test_the_exact_view_covers_what_bodies_touch() -> None:
 
 def test_a_known_map_is_seen_where_no_ray_goes() -> None:
     wall = Polygon(((0.8, -0.2), (1.2, -0.2), (1.2, 0.2), (0.8, 0.2)))
-    shown = LayeredCostmap(View(static_layer=True), ROBOT).update(
+    shown = LayeredCostmap(CostmapView(static_layer=True), ROBOT).update(
         0.0, np.zeros(3), seen(np.zeros(3), NOBODY, 0.3, wall)
     )
     assert shown.at(np.array([1.1, 0.0]), 0) == LETHAL
-    unknown = LayeredCostmap(View(), ROBOT).update(
+    unknown = LayeredCostmap(CostmapView(), ROBOT).update(
         0.0, np.zeros(3), seen(np.zeros(3), NOBODY, 0.3, wall)
     )
     assert unknown.at(np.array([1.1, 0.0]), 0) < LETHAL
@@ -162,7 +171,7 @@ def test_a_known_map_is_seen_where_no_ray_goes() -> None:
 
 def test_a_view_without_size_is_refused() -> None:
     with pytest.raises(WideberthError, match=r"view\.width"):
-        View(width=0.0)
+        CostmapView(width=0.0)
 
 
 def test_an_edge_is_looked_at_within_the_window_alone() -> None:

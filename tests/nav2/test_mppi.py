@@ -13,8 +13,8 @@ from wideberth.nav2.controllers.mppi import BRINGUP, CRITICS, MPPI
 from wideberth.nav2.controllers.mppi_critics import (
     ConstraintCritic,
     CostCritic,
-    Critic,
     GoalCritic,
+    MppiCritic,
     ObstaclesCritic,
     PathAlignCritic,
     PathAngleCritic,
@@ -22,9 +22,9 @@ from wideberth.nav2.controllers.mppi_critics import (
     TwirlingCritic,
 )
 from wideberth.nav2.controllers.mppi_rollouts import (
-    Limits,
+    ControlLimits,
+    MppiTick,
     Rollouts,
-    Situation,
     delayed,
     driven,
     followed,
@@ -33,7 +33,7 @@ from wideberth.nav2.costmap.footprint import RobotFootprint
 from wideberth.tests.nav2 import ticks
 from wideberth.tests.nav2.ticks import free
 
-LIMITS = Limits(0.5, -0.35, 1.9, 3.0, -3.0, 3.5, 0.0)
+LIMITS = ControlLimits(0.5, -0.35, 1.9, 3.0, -3.0, 3.5, 0.0)
 STEPS, BATCH = 56, 40
 
 
@@ -52,8 +52,8 @@ def rolled(seed: int = 0) -> Rollouts:
     return driven(vx, wz, np.array([0.02, -0.03, 0.1]), 0.05)
 
 
-def situation_of(tick: Tick, limits: Limits = LIMITS) -> Situation:
-    return Situation(tick, limits, 0.05)
+def situation_of(tick: Tick, limits: ControlLimits = LIMITS) -> MppiTick:
+    return MppiTick(tick, limits, 0.05)
 
 
 def wrap(angle: float) -> float:
@@ -61,7 +61,7 @@ def wrap(angle: float) -> float:
     return rest + pi if rest < 0.0 else rest - pi
 
 
-def aligned(rollouts: Rollouts, situation: Situation, far: int, k: int, yaws: bool) -> float:
+def aligned(rollouts: Rollouts, situation: MppiTick, far: int, k: int, yaws: bool) -> float:
     """The mean distance of one trajectory from the path, in a plain loop."""
     path, arc, valid = situation.path, situation.arc, situation.valid
     x, y, yaw = rollouts.x[::4, k], rollouts.y[::4, k], rollouts.yaw[::4, k]
@@ -366,12 +366,12 @@ def test_limits_are_mirrored_while_it_moves_back() -> None:
 
 
 @dataclass(frozen=True)
-class Asked(Critic):
+class Asked(MppiCritic):
     """Takes note of being asked."""
 
     calls: list[int] = field(default_factory=list)
 
-    def weighted(self, rollouts: Rollouts, situation: Situation) -> None:
+    def weighted(self, rollouts: Rollouts, situation: MppiTick) -> None:
         self.calls.append(1)
 
 

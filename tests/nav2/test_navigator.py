@@ -13,9 +13,9 @@ from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.polygon import Polygon
 from wideberth.framework.values.sensing import PlacedScan, Scan
-from wideberth.nav2.costmap.local_costmap import View
+from wideberth.nav2.costmap.local_costmap import CostmapView
 from wideberth.nav2.server.navigator import MOST_POSES, Nav2, Navigation, poses_along
-from wideberth.nav2.server.settings import Settings
+from wideberth.nav2.server.settings import LoopSettings
 from wideberth.robots import DifferentialDrive, HolonomicVelocity, Unicycle
 from wideberth.routes import NavFn
 
@@ -31,8 +31,8 @@ SMALL = {
 People = Callable[[float], list[tuple[float, float]]]
 
 
-def settings(local: str, **other: object) -> Settings:
-    made = Settings.shipped(local)
+def settings(local: str, **other: object) -> LoopSettings:
+    made = LoopSettings.shipped(local)
     return replace(made, parameters={**made.parameters, **SMALL.get(local, {})}, **other)  # type: ignore[arg-type]
 
 
@@ -217,7 +217,7 @@ def test_the_same_episode_gives_the_same_bytes() -> None:
 def test_the_privileged_view_sees_farther() -> None:
     near, far = (
         Nav2(ROBOT, settings("regulated_pure_pursuit", view=view))
-        for view in (View(), View.privileged())
+        for view in (CostmapView(), CostmapView.privileged())
     )
     seen = observed(0.0, (0.0, 0.0, 0.0, 0.0, 0.0), [(4.0, 0.0)])
     for nav2, found in ((near, False), (far, True)):
@@ -248,7 +248,7 @@ def test_a_goal_in_an_obstacle_is_never_reached() -> None:
 
 
 def test_a_costmap_smaller_than_the_look_ahead_leaves_no_valid_control() -> None:
-    nav2 = Nav2(ROBOT, settings("regulated_pure_pursuit", view=View(width=0.8, height=0.8)))
+    nav2 = Nav2(ROBOT, settings("regulated_pure_pursuit", view=CostmapView(width=0.8, height=0.8)))
     nav2.set_path(Path([(0.0, 0.0), (3.0, 0.0)]))
     _, reasons = driven(nav2, 60.0)  # an outline that leaves the map counts as a collision
     assert nav2.navigation is Navigation.FAILED

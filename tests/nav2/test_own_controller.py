@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from wideberth.controllers.constant_velocity import ConstantVelocity
+from wideberth.controllers.constant_velocity import ConstantVelocityController
 from wideberth.framework.controller import Controller
 from wideberth.framework.plugins.yamlfile import shared_settings
 from wideberth.framework.robot import step
@@ -18,9 +18,9 @@ from wideberth.framework.values.polygon import Polygon
 from wideberth.nav2.controllers.local_controller import INVALID_PATH, NO_VALID_CONTROL
 from wideberth.nav2.controllers.local_controllers import built
 from wideberth.nav2.controllers.own_controller import OwnController
-from wideberth.nav2.costmap.local_costmap import View
+from wideberth.nav2.costmap.local_costmap import CostmapView
 from wideberth.nav2.server.navigator import Nav2, Navigation
-from wideberth.nav2.server.settings import Settings
+from wideberth.nav2.server.settings import LoopSettings
 from wideberth.robots import Unicycle
 from wideberth.tests.nav2.ticks import straight, tick
 
@@ -83,10 +83,10 @@ def test_it_decides_at_its_own_period_and_keeps_to_the_ramp_between() -> None:
 def test_it_learns_of_those_alone_whom_the_costmap_shows() -> None:
     noting = Noting(period=0.05)
     for view, wanted in (
-        (View(), {"near", "beside"}),
-        (View.privileged(), {"near", "beside", "hidden", "away"}),
+        (CostmapView(), {"near", "beside"}),
+        (CostmapView.privileged(), {"near", "beside", "hidden", "away"}),
     ):
-        nav2 = Nav2(ROBOT, Settings("own", {"controller": noting}, view=view))
+        nav2 = Nav2(ROBOT, LoopSettings("own", {"controller": noting}, view=view))
         nav2.set_path(AHEAD)
         box = Polygon(((-1.2, -0.3), (-0.9, -0.3), (-0.9, 0.3), (-1.2, 0.3)), "box")
         far = Polygon(((40.0, 0.0), (41.0, 0.0), (41.0, 1.0)), "far")
@@ -103,7 +103,7 @@ def test_it_learns_of_those_alone_whom_the_costmap_shows() -> None:
 
 
 def test_who_comes_is_seen_at_the_next_look() -> None:
-    nav2 = Nav2(ROBOT, Settings("own", {"controller": Noting(period=0.05)}))
+    nav2 = Nav2(ROBOT, LoopSettings("own", {"controller": Noting(period=0.05)}))
     nav2.set_path(AHEAD)
     counts = []
     for i in range(6):
@@ -138,7 +138,7 @@ def test_what_it_cannot_decide_is_refused_with_a_reason() -> None:
     own.new_path(straight(1.0))
     blind = own.velocity(replace(seen, observation=None))
     assert blind.error == NO_VALID_CONTROL and "observation" in blind.reason
-    other = OwnController(ConstantVelocity(ROBOT))
+    other = OwnController(ConstantVelocityController(ROBOT))
     other.new_path(straight(1.0))
     short = replace(seen, observation=Observation(0.0, np.zeros(2)))
     assert "the state has 2 entries" in other.velocity(short).reason
@@ -146,9 +146,11 @@ def test_what_it_cannot_decide_is_refused_with_a_reason() -> None:
 
 def test_it_is_made_of_a_config_for_the_robot_of_the_loop() -> None:
     config = {"type": "constant_velocity", "robot": "unicycle"}
-    nav2 = Nav2(ROBOT, Settings("own", {"controller": config}))
+    nav2 = Nav2(ROBOT, LoopSettings("own", {"controller": config}))
     own = nav2._server.controller
-    assert isinstance(own, OwnController) and isinstance(own.controller, ConstantVelocity)
+    assert isinstance(own, OwnController) and isinstance(
+        own.controller, ConstantVelocityController
+    )
     assert own.controller.robot == ROBOT
     with pytest.raises(WideberthError, match="did you mean 'controller'"):
         built("own", {"controler": config})
@@ -158,13 +160,15 @@ def test_it_is_made_of_a_config_for_the_robot_of_the_loop() -> None:
 
 def test_it_keeps_the_laws_of_controllers() -> None:
     config = {"type": "orca", "robot": "unicycle"}
-    check_controller(Nav2(ROBOT, Settings("own", {"controller": config})), cycles=4)
+    check_controller(Nav2(ROBOT, LoopSettings("own", {"controller": config})), cycles=4)
 
 
 def test_the_recommended_planner_drives_in_the_loop_and_keeps_clear() -> None:
     config = {**shared_settings("recommended"), "robot": "unicycle"}
     nav2 = Nav2(
-        ROBOT, Settings("own", {"controller": config}, view=View.privileged()), robot_limits=True
+        ROBOT,
+        LoopSettings("own", {"controller": config}, view=CostmapView.privileged()),
+        robot_limits=True,
     )  # fmt: skip
     nav2.set_path(AHEAD)
     state, apart = (0.0,) * 5, []
@@ -184,7 +188,7 @@ def test_what_is_seen_without_a_place_reaches_the_controller() -> None:
     own = {"controller": {"type": "pure_pursuit", "robot": "unicycle"}}
     found = []
     for places in ([], [(np.nan, 0.0)]):
-        nav2 = Nav2(ROBOT, Settings("own", own))
+        nav2 = Nav2(ROBOT, LoopSettings("own", own))
         nav2.set_path(Path([(0.0, 0.0), (3.0, 0.0)]))
         people = tuple(Detection("a", np.array(place), None, 0.3) for place in places)
         for k in range(4):

@@ -21,8 +21,8 @@ from wideberth.nav2.goal_checker import GoalChecker
 from wideberth.nav2.path_handler import PathHandler
 from wideberth.nav2.server.progress_checker import ProgressChecker
 from wideberth.nav2.server.recoveries import Recoveries
-from wideberth.nav2.server.settings import Settings
-from wideberth.nav2.server.velocity_smoother import VelocitySmoother
+from wideberth.nav2.server.settings import LoopSettings
+from wideberth.nav2.server.velocity_smoother import Nav2VelocitySmoother
 from wideberth.tests.nav2 import (
     golden_graceful,
     golden_regulated_pure_pursuit,
@@ -32,7 +32,7 @@ from wideberth.tests.nav2.ticks import Scripted, straight, tick
 
 KINDS: list[type] = [
     RegulatedPurePursuit, VectorPursuit, Graceful, DWB, MPPI, TEB, RotationShim, GoalChecker,
-    ProgressChecker, PathHandler, Recoveries, VelocitySmoother, *CRITICS.values(),
+    ProgressChecker, PathHandler, Recoveries, Nav2VelocitySmoother, *CRITICS.values(),
     *dwb_critics.CRITICS.values(),
 ]  # fmt: skip
 
@@ -65,7 +65,7 @@ def test_every_parameter_is_of_its_kind(kind: type) -> None:
 def test_a_number_becomes_what_its_annotation_says() -> None:
     made = MPPI(batch_size=20.0, vx_max=1)  # type: ignore[arg-type]
     assert type(made.batch_size) is int and type(made.vx_max) is float
-    smoother = VelocitySmoother(max_velocity=[1, 0, 2])  # type: ignore[arg-type]
+    smoother = Nav2VelocitySmoother(max_velocity=[1, 0, 2])  # type: ignore[arg-type]
     assert smoother.max_velocity == (1.0, 0.0, 2.0)
 
 
@@ -73,9 +73,9 @@ def test_a_number_becomes_what_its_annotation_says() -> None:
     ("kind", "given", "message"),
     [
         (dwb_critics.PathDist, {"aggregation_type": "Last"}, "'last', 'sum' or 'product'"),
-        (VelocitySmoother, {"feedback": "open"}, "'OPEN_LOOP' or 'CLOSED_LOOP'"),
-        (VelocitySmoother, {"max_accel": [1.0, 2.0]}, "wanted 3 numbers"),
-        (VelocitySmoother, {"max_accel": ["a", 0.0, 0.0]}, r"max_accel\[0\] is 'a'"),
+        (Nav2VelocitySmoother, {"feedback": "open"}, "'OPEN_LOOP' or 'CLOSED_LOOP'"),
+        (Nav2VelocitySmoother, {"max_accel": [1.0, 2.0]}, "wanted 3 numbers"),
+        (Nav2VelocitySmoother, {"max_accel": ["a", 0.0, 0.0]}, r"max_accel\[0\] is 'a'"),
         (CRITICS["CostCritic"], {"trajectory_point_step": 0}, "at least 1"),
         (CRITICS["PathAlignCritic"], {"trajectory_point_step": 0}, "at least 1"),
         (CRITICS["PathFollowCritic"], {"offset_from_furthest": -1}, "at least 0"),
@@ -136,6 +136,6 @@ def test_wrong_numbers_of_a_file_are_refused_before_the_first_tick() -> None:
         ("vector_pursuit", "max_linear_accel"), ("dwb", "PathDist.scale"),
     ):  # fmt: skip
         with pytest.raises(WideberthError, match=f"{name} is 'a'; wanted a number"):
-            Settings(local, {name: "a"})
+            LoopSettings(local, {name: "a"})
     with pytest.raises(WideberthError, match="wanted a number"):
-        Settings(velocity_smoother={"max_velocity": ["a", 0.0, 1.0]})
+        LoopSettings(velocity_smoother={"max_velocity": ["a", 0.0, 1.0]})

@@ -8,15 +8,15 @@ import pytest
 from wideberth.framework.values.errors import WideberthError
 from wideberth.nav2.controllers.dwb import DWB
 from wideberth.nav2.controllers.graceful import Graceful
-from wideberth.nav2.controllers.local_controllers import Limits, built
+from wideberth.nav2.controllers.local_controllers import VelocityLimits, built
 from wideberth.nav2.controllers.mppi import MPPI
 from wideberth.nav2.controllers.regulated_pure_pursuit import RegulatedPurePursuit
 from wideberth.nav2.controllers.rotation_shim import RotationShim
 from wideberth.nav2.controllers.teb import TEB
-from wideberth.nav2.costmap.local_costmap import View
+from wideberth.nav2.costmap.local_costmap import CostmapView
 from wideberth.nav2.server.params_file import PLUGINS, read_params_file
 from wideberth.nav2.server.params_text import params_text
-from wideberth.nav2.server.settings import Settings
+from wideberth.nav2.server.settings import LoopSettings
 from wideberth.robots import Unicycle
 
 FILE = """
@@ -82,7 +82,7 @@ GRACEFUL = """
 """
 
 
-def read(tmp_path: Path, controller: str, old: str = "", new: str = "") -> Settings:
+def read(tmp_path: Path, controller: str, old: str = "", new: str = "") -> LoopSettings:
     file = tmp_path / "nav2_params.yaml"
     file.write_text(
         (FILE % controller.strip("\n")).replace(old, new) if old else FILE % controller
@@ -313,12 +313,12 @@ def test_old_names_are_read() -> None:
 
 def test_unknown_controllers_are_refused() -> None:
     with pytest.raises(WideberthError, match="did you mean 'graceful'"):
-        Settings("gracefull")
+        LoopSettings("gracefull")
     with pytest.raises(WideberthError, match="cannot be imported"):
-        Settings("nowhere:Nothing")
+        LoopSettings("nowhere:Nothing")
     with pytest.raises(WideberthError, match="no LocalController"):
-        Settings("wideberth.nav2.costmap.local_costmap:View")
-    made = Settings("wideberth.tests.nav2.ticks:Scripted").make_controller()
+        LoopSettings("wideberth.nav2.costmap.local_costmap:CostmapView")
+    made = LoopSettings("wideberth.tests.nav2.ticks:Scripted").make_controller()
     assert type(made).__name__ == "Scripted"
 
 
@@ -336,8 +336,8 @@ def test_unknown_controllers_are_refused() -> None:
     ],
 )
 def test_limits_reach_every_controller(local: str) -> None:
-    limits = Limits(0.7, 0.3, 0.8, 0.1)
-    bound = Settings.shipped(local).within(limits)
+    limits = VelocityLimits(0.7, 0.3, 0.8, 0.1)
+    bound = LoopSettings.shipped(local).within(limits)
     values = {value for value in bound.parameters.values() if isinstance(value, float)}
     assert {0.3, 0.7} <= values
     assert bound.make_smoother().max_accel == (0.8, 0.0, 0.1)
@@ -345,16 +345,16 @@ def test_limits_reach_every_controller(local: str) -> None:
 
 
 def test_limits_reach_the_controller_behind_a_shim() -> None:
-    slow = Limits(0.2, 0.3, 0.7, 0.1)
-    made = Settings("rotation_shim").within(slow).make_controller()
+    slow = VelocityLimits(0.2, 0.3, 0.7, 0.1)
+    made = LoopSettings("rotation_shim").within(slow).make_controller()
     assert isinstance(made, RotationShim) and isinstance(made.primary, RegulatedPurePursuit)
     assert (made.rotate_to_heading_angular_vel, made.primary.max_linear_vel) == (0.3, 0.2)
     inner = {"primary_controller": "mppi"}
-    made = Settings("rotation_shim", inner).within(slow).make_controller()
+    made = LoopSettings("rotation_shim", inner).within(slow).make_controller()
     assert isinstance(made, RotationShim) and isinstance(made.primary, MPPI)
     assert (made.primary.vx_max, made.primary.vx_min, made.primary.wz_max) == (0.2, -0.2, 0.3)
     inner = {"primary_controller": "teb"}
-    bound = Settings("rotation_shim", inner).driving(Unicycle(radius=0.5)).within(slow)
+    bound = LoopSettings("rotation_shim", inner).driving(Unicycle(radius=0.5)).within(slow)
     made = bound.make_controller()
     assert made.primary.robot_radius == 0.5  # type: ignore[attr-defined]
     assert made.primary.max_vel_x_backwards == 0.2  # type: ignore[attr-defined]
@@ -373,23 +373,23 @@ def test_nothing_reverses_faster_than_its_limit(
     local: str, name: str, before: float | None, after: float
 ) -> None:
     given = {} if before is None else {name: before}
-    bound = Settings(local, given).within(Limits(0.2, 0.3, 0.7, 0.1))
+    bound = LoopSettings(local, given).within(VelocityLimits(0.2, 0.3, 0.7, 0.1))
     assert bound.parameters[name] == after
     usual = {"mppi": MPPI, "mppi_foresight": MPPI, "dwb": DWB, "teb": TEB}[local]
-    assert Limits(9.0, 9.0, 9.0, 9.0).parameters(local)[name] == getattr(usual, name)
+    assert VelocityLimits(9.0, 9.0, 9.0, 9.0).parameters(local)[name] == getattr(usual, name)
 
 
 def test_critics_know_the_inflation_of_the_view() -> None:
     given = {"critics": ["CostCritic", "ObstaclesCritic"]}
-    view = View(inflation_radius=0.8, cost_scaling_factor=4.0)
-    made = Settings("mppi", given, view=view).make_controller()
+    view = CostmapView(inflation_radius=0.8, cost_scaling_factor=4.0)
+    made = LoopSettings("mppi", given, view=view).make_controller()
     assert isinstance(made, MPPI)
     cost, obstacles = made.critics
     assert cost.cost_scaling_factor == 4.0  # type: ignore[attr-defined]
     assert obstacles.inflation_radius == 0.8  # type: ignore[attr-defined]
     assert obstacles.cost_scaling_factor == 4.0  # type: ignore[attr-defined]
     own = {**given, "ObstaclesCritic.cost_scaling_factor": 5.0}
-    made = Settings("mppi", own, view=view).make_controller()
+    made = LoopSettings("mppi", own, view=view).make_controller()
     assert made.critics[1].cost_scaling_factor == 5.0  # type: ignore[attr-defined]
 
 
@@ -403,18 +403,18 @@ def test_teb_of_a_file_keeps_its_radius(tmp_path: Path) -> None:
     found = read(tmp_path, text)
     robot = Unicycle(radius=0.5)
     assert found.driving(robot).make_controller().robot_radius == 0.17  # type: ignore[attr-defined]
-    made = Settings("teb").driving(robot).make_controller()
+    made = LoopSettings("teb").driving(robot).make_controller()
     assert made.robot_radius == 0.5  # type: ignore[attr-defined]
-    assert Settings("graceful").driving(robot) == Settings("graceful")
+    assert LoopSettings("graceful").driving(robot) == LoopSettings("graceful")
 
 
 def test_controllers_are_told_the_frequency_of_their_ticks() -> None:
     for local in ("regulated_pure_pursuit", "dwb", "teb", "vector_pursuit", "rotation_shim"):
-        made = Settings(local, controller_frequency=10.0).make_controller()
+        made = LoopSettings(local, controller_frequency=10.0).make_controller()
         assert made.controller_frequency == 10.0  # type: ignore[attr-defined]
     with pytest.raises(WideberthError, match="controller's period"):
-        Settings("mppi", controller_frequency=10.0)  # slower than its model
-    Settings("graceful", controller_frequency=10.0)
+        LoopSettings("mppi", controller_frequency=10.0)  # slower than its model
+    LoopSettings("graceful", controller_frequency=10.0)
 
 
 SHIM = """
@@ -465,7 +465,8 @@ def test_a_file_comes_back_from_its_settings(
 def test_shipped_settings_come_back_from_their_file(tmp_path: Path) -> None:
     for plugin in sorted(PLUGINS.values()):
         found = replace(
-            Settings.shipped(plugin).within(Limits(0.7, 0.3, 0.8, 0.1)), view=View.privileged()
+            LoopSettings.shipped(plugin).within(VelocityLimits(0.7, 0.3, 0.8, 0.1)),
+            view=CostmapView.privileged(),
         )
         file = tmp_path / f"{plugin}.yaml"
         file.write_text(params_text(found))
@@ -477,4 +478,4 @@ def test_shipped_settings_come_back_from_their_file(tmp_path: Path) -> None:
 
 def test_a_controller_that_nav2_lacks_has_no_file() -> None:
     with pytest.raises(WideberthError, match="has no controller 'mppi_foresight'; it has"):
-        params_text(Settings("mppi_foresight"))
+        params_text(LoopSettings("mppi_foresight"))

@@ -23,21 +23,21 @@ from wideberth.nav2.controllers.teb import (
     saturated,
 )
 from wideberth.nav2.controllers.teb_band import Band
-from wideberth.nav2.controllers.teb_classes import Candidate, Candidates, signature_of
-from wideberth.nav2.controllers.teb_edges import Edges, Obstacles, Pull, associated, limits_of
+from wideberth.nav2.controllers.teb_classes import BandCandidate, BandCandidates, signature_of
+from wideberth.nav2.controllers.teb_edges import Edges, Pull, TebObstacles, associated, limits_of
 from wideberth.nav2.costmap.footprint import RobotFootprint
 from wideberth.nav2.goal_checker import GoalChecker
 from wideberth.nav2.parameters.teb_parameters import TebParameters
 from wideberth.nav2.server.params_file import read_params_file
 
-NOTHING = Obstacles(np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2)))
+NOTHING = TebObstacles(np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2)))
 CELL = 0.05
 
 
-def discs(*rows: tuple[float, ...]) -> Obstacles:
+def discs(*rows: tuple[float, ...]) -> TebObstacles:
     """Obstacles from rows x, y, radius and perhaps vx, vy."""
     table = np.array([[*row, 0.0, 0.0][:5] for row in rows])
-    return Obstacles(table[:, :2], table[:, 2], table[:, 3:])
+    return TebObstacles(table[:, :2], table[:, 2], table[:, 3:])
 
 
 def straight(length: float, bend: float = 0.0) -> np.ndarray:
@@ -272,7 +272,7 @@ def test_sides_are_told_apart(moving: bool) -> None:
 def test_both_sides_of_an_obstacle_compete_and_the_cheaper_wins(moving: bool) -> None:
     settings = settings_of(include_dynamic_obstacles=moving)
     ahead = discs((1.5, 0.15, 0.2))
-    candidates = Candidates()
+    candidates = BandCandidates()
     rng = np.random.default_rng(3)
     for _ in range(5):
         candidates.update(straight(3.0), Pull(ahead, (0.3, 0.0)), settings, 0.25, rng)
@@ -286,7 +286,7 @@ def test_both_sides_of_an_obstacle_compete_and_the_cheaper_wins(moving: bool) ->
 
 def test_a_rejected_best_gives_way_unless_it_was_driven_before() -> None:
     settings, rng = settings_of(), np.random.default_rng(3)
-    candidates, pull = Candidates(), Pull(discs((1.5, 0.1, 0.2)), (0.3, 0.0))
+    candidates, pull = BandCandidates(), Pull(discs((1.5, 0.1, 0.2)), (0.3, 0.0))
     candidates.update(straight(3.0), pull, settings, 0.25, rng)
     first = candidates.best
     assert len(candidates.bands) == 2
@@ -302,12 +302,12 @@ def test_a_rejected_best_gives_way_unless_it_was_driven_before() -> None:
 def test_detours_are_dropped() -> None:
     settings, x = settings_of(), np.linspace(0.0, 2.0, 11)
     ahead, slow, back = (
-        Candidate(
+        BandCandidate(
             Band(np.column_stack([sign * x, 0.0 * x, 0.0 * x]), np.full(10, step)), np.zeros(0)
         )
         for sign, step in ((1.0, 0.3), (1.0, 1.0), (-1.0, 0.3))
     )
-    candidates = Candidates()
+    candidates = BandCandidates()
     candidates.bands, candidates.best = [ahead, slow, back], ahead
     candidates._drop_detours(settings)
     assert candidates.bands == [ahead]

@@ -3,11 +3,11 @@
 import pytest
 
 from wideberth.framework.values.errors import WideberthError
-from wideberth.nav2.server.velocity_smoother import VelocitySmoother
+from wideberth.nav2.server.velocity_smoother import Nav2VelocitySmoother
 
 
 def test_closed_loop_starts_at_the_mean_of_what_was_measured() -> None:
-    smoother = VelocitySmoother(feedback="CLOSED_LOOP")
+    smoother = Nav2VelocitySmoother(feedback="CLOSED_LOOP")
     smoother.measure((0.5, 0.0, 0.0), 0.0)  # too old
     smoother.measure((0.1, 0.0, 0.0), 1.00)
     smoother.measure((0.3, 0.0, 0.0), 1.05)
@@ -17,14 +17,14 @@ def test_closed_loop_starts_at_the_mean_of_what_was_measured() -> None:
 
 def test_a_limit_of_the_wrong_sign_is_refused() -> None:
     with pytest.raises(WideberthError, match="max_decel 2"):
-        VelocitySmoother(max_decel=(2.0, 0.0, -1.0))
+        Nav2VelocitySmoother(max_decel=(2.0, 0.0, -1.0))
     with pytest.raises(WideberthError, match="wanted 3 numbers"):
-        VelocitySmoother(max_velocity=(2.0, 1.0))  # type: ignore[arg-type]
+        Nav2VelocitySmoother(max_velocity=(2.0, 1.0))  # type: ignore[arg-type]
     with pytest.raises(WideberthError, match="OPEN_LOOP"):
-        VelocitySmoother(feedback="HALF")
+        Nav2VelocitySmoother(feedback="HALF")
 
 
 @pytest.mark.parametrize("time", [1e300, -1e11, float("inf"), float("nan")])
 def test_a_time_that_ros_cannot_hold_is_refused(time: float) -> None:
     with pytest.raises(WideberthError, match="nanoseconds in 64 bits"):
-        VelocitySmoother().measure((0.0, 0.0, 0.0), time)
+        Nav2VelocitySmoother().measure((0.0, 0.0, 0.0), time)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wideberth.controllers.social_force import SocialForce
+from wideberth.controllers.social_force import SocialForceController
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
@@ -71,7 +71,7 @@ def test_the_force_is_that_of_the_people_in_simulations():
         walkers, company = drawn(rng, 6, 1.5)
         speed = float(np.linalg.norm(walkers.wanted[0]))
         body = HolonomicVelocity(radius=float(walkers.radius[0]), max_speed=speed)
-        person = SocialForce(body, DT, speed, look_ahead=np.inf)
+        person = SocialForceController(body, DT, speed, look_ahead=np.inf)
         here = walkers.place[0]
         person.set_path(Path(np.stack([here, here + 100.0 * walkers.wanted[0]])))
         for back in (DT, 0.0):

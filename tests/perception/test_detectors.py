@@ -14,7 +14,7 @@ from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.sensing import Scan, Sightings
 from wideberth.perception.detection.chords import Chords
 from wideberth.perception.detection.disc_fit import box, cylinder, fit_disc
-from wideberth.perception.detection.discs import Discs
+from wideberth.perception.detection.discs import DiscDetector
 from wideberth.perception.detection.groups import at_notches, by_gap
 from wideberth.perception.detection.hits import hits_of
 from wideberth.perception.detection.outside_map import OutsideMap
@@ -34,7 +34,7 @@ def test_contract(detector: str, law: str) -> None:
 
 def test_density_keeps_the_contract() -> None:
     pytest.importorskip("sklearn", reason="groups by density need scikit-learn")
-    check_detector(Discs(groups="density"))
+    check_detector(DiscDetector(groups="density"))
 
 
 def test_the_contract_finds_a_detector_that_does_not_turn() -> None:
@@ -42,7 +42,7 @@ def test_the_contract_finds_a_detector_that_does_not_turn() -> None:
         def reset(self) -> None: ...
 
         def detect(self, scan: Scan, poses: Array) -> Sightings:
-            found = Discs().detect(scan, poses)
+            found = DiscDetector().detect(scan, poses)
             return replace(found, positions=np.round(found.positions, 1))
 
     with pytest.raises(AssertionError, match="turning and shifting: turned and shifted by"):
@@ -89,7 +89,7 @@ def test_cylinders_are_found_without_bias_and_as_sure_as_stated(
     radius: float, distance: float
 ) -> None:
     """Two degrees of freedom: NEES is 2 on average, with variance 4 / n."""
-    found, squares = errors(Discs((radius,), drift=0.0, turn=0.0), distance, 150, 1, radius)
+    found, squares = errors(DiscDetector((radius,), drift=0.0, turn=0.0), distance, 150, 1, radius)
     assert len(found) == 150
     assert np.abs(found.mean(axis=0)).max() < 1e-3
     assert abs(squares.mean() - 2.0) < 3.0 * 2.0 / np.sqrt(len(squares))
@@ -99,8 +99,8 @@ def test_cylinders_are_found_without_bias_and_as_sure_as_stated(
 def test_poses_that_err_within_a_scan_widen_the_covariance() -> None:
     """1 mm in all directions, and 0.5 mrad of the distance across the line of sight."""
     scan = scan_of(STANDING, np.random.default_rng(2), [([0.0, 10.0], 0.75)])
-    exact = Discs((0.75,), drift=0.0, turn=0.0).detect(scan, STANDING).covariance[0]
-    more = Discs((0.75,)).detect(scan, STANDING).covariance[0] - exact
+    exact = DiscDetector((0.75,), drift=0.0, turn=0.0).detect(scan, STANDING).covariance[0]
+    more = DiscDetector((0.75,)).detect(scan, STANDING).covariance[0] - exact
     np.testing.assert_allclose(more, np.diag([1e-6 + 0.005**2, 1e-6]), atol=1e-7)
 
 
@@ -109,7 +109,7 @@ def test_poses_that_err_within_a_scan_widen_the_covariance() -> None:
 def test_detections_are_as_sure_as_they_say(half: tuple[float, float] | float, beams: int) -> None:
     """Mean NEES between 0.7 and 3 (2 is exact), at all distances where bodies are seen."""
     for distance in (1.5, 4.0, 8.0, 12.0):
-        detector = Discs((half,) if isinstance(half, float) else half)
+        detector = DiscDetector((half,) if isinstance(half, float) else half)
         _, squares = errors(detector, distance, 60, 15, half, beams, dropped=0.01)
         if len(squares) < 40:  # too few beams meet it
             assert distance * 2.0 * np.pi / beams > 0.2
@@ -128,7 +128,7 @@ def test_a_box_taken_for_its_disc_is_found_too_far_away(
     """The bias table of the specification at 5 and 8 m."""
     radius = float(np.hypot(*half))
     for distance in (5.0, 8.0):
-        found, squares = errors(Discs((radius,)), distance, 150, 3, half)
+        found, squares = errors(DiscDetector((radius,)), distance, 150, 3, half)
         assert abs(found[:, 0].mean() - bias) < 0.012
         np.testing.assert_allclose(found.std(axis=0), deviation, rtol=0.25)
         assert squares.mean() > 8.0  # what the fit alone states is far too sure
@@ -139,7 +139,7 @@ def test_a_box_taken_for_its_disc_is_found_too_far_away(
 def test_a_box_taken_for_a_box_is_found_where_it_is(
     half: tuple[float, float], distance: float
 ) -> None:
-    found, squares = errors(Discs(half), distance, 150, 4, half)
+    found, squares = errors(DiscDetector(half), distance, 150, 4, half)
     assert np.abs(found.mean(axis=0)).max() < 0.01
     assert 0.7 < squares.mean() < 2.5
 
@@ -179,10 +179,10 @@ def test_the_motion_within_a_scan_is_taken_out() -> None:
     centre = away(12.0, 2.9)  # near the end of the scan, where 0.1 s at 0.3 rad/s are 0.36 m
     scan = scan_of(poses, rng, [(centre, 0.75)], deviation=0.003)
     still = np.broadcast_to(poses[-1], poses.shape)
-    error = Discs((0.75,)).detect(scan, poses).positions[0] - centre
+    error = DiscDetector((0.75,)).detect(scan, poses).positions[0] - centre
     assert np.hypot(*error) < 0.01
     early = scan_of(poses, rng, [(away(12.0, -2.6), 0.75)], deviation=0.003)
-    smeared = Discs((0.75,)).detect(early, still).positions[0] - away(12.0, -2.6)
+    smeared = DiscDetector((0.75,)).detect(early, still).positions[0] - away(12.0, -2.6)
     assert np.hypot(*smeared) > 0.2
 
 
@@ -197,7 +197,7 @@ def test_a_mounted_sensor_sees_the_same() -> None:
     scan = replace(
         scan_of(np.tile(sensor, (360, 1)), rng, [(centre, 0.3)], deviation=0.002), mount=mount
     )
-    seen = Discs().detect(scan, poses)
+    seen = DiscDetector().detect(scan, poses)
     np.testing.assert_allclose(seen.positions, [centre], atol=0.005)
     assert seen.origin is not None
     np.testing.assert_allclose(seen.origin, sensor[:2])
@@ -207,9 +207,9 @@ def test_groups_split_at_gaps_that_grow_with_the_range() -> None:
     """Two cylinders 0.2 m apart are two at 3 m; one body at 13 m stays one."""
     rng = np.random.default_rng(7)
     near = scan_of(STANDING, rng, [([3.0, 0.4], 0.3), ([3.0, -0.4], 0.3)])
-    assert len(Discs().detect(near, STANDING).positions) == 2
+    assert len(DiscDetector().detect(near, STANDING).positions) == 2
     far = scan_of(STANDING, rng, [([13.0, 0.0], 0.75)])
-    assert len(Discs((0.75,)).detect(far, STANDING).positions) == 1
+    assert len(DiscDetector((0.75,)).detect(far, STANDING).positions) == 1
     hits, _ = hits_of(far, STANDING)
     assert len(by_gap(hits, 0.1, 0.00628)) > 1  # the published growth is another scanner's
 
@@ -217,12 +217,12 @@ def test_groups_split_at_gaps_that_grow_with_the_range() -> None:
 def test_a_body_on_the_seam_of_the_scan_is_one() -> None:
     rng = np.random.default_rng(8)
     scan = scan_of(STANDING, rng, [([-4.0, 0.0], 0.3)])
-    seen = Discs().detect(scan, STANDING)
+    seen = DiscDetector().detect(scan, STANDING)
     assert len(seen.positions) == 1
     np.testing.assert_allclose(seen.positions[0], [-4.0, 0.0], atol=0.02)
     half = slice(60, 300)  # a scan that is no full turn has no seam
     part = Scan("lidar", scan.times[half], scan.bearings[half], scan.ranges[half])
-    assert not len(Discs().detect(part, STANDING[half]).positions)
+    assert not len(DiscDetector().detect(part, STANDING[half]).positions)
 
 
 def test_lost_beams_split_no_body_until_three_in_a_row() -> None:
@@ -245,7 +245,7 @@ def test_two_who_touch_are_split_at_the_notch_between_them() -> None:
         assert [len(part) for part in at_notches(hits, group, 0.05)] == pytest.approx(
             [len(group) / 2] * 2, abs=1.5
         )
-        seen = Discs(gap=0.4).detect(scan, STANDING)
+        seen = DiscDetector(gap=0.4).detect(scan, STANDING)
         order = np.argsort((seen.positions - away(4.0, bearing)) @ -aside)
         np.testing.assert_allclose(seen.positions[order], both, atol=0.06)
 
@@ -264,7 +264,7 @@ def test_noise_on_many_points_is_no_notch() -> None:
     rng, poses = np.random.default_rng(23), np.zeros((720, 3))
     for bearing in rng.uniform(-np.pi, np.pi, 60):
         scan = scan_of(poses, rng, [(away(1.5, bearing), 0.75)])
-        assert len(Discs((0.75,)).detect(scan, poses).positions) == 1
+        assert len(DiscDetector((0.75,)).detect(scan, poses).positions) == 1
 
 
 def test_lost_beams_on_a_slanting_side_split_no_box() -> None:
@@ -296,7 +296,7 @@ def test_a_misfit_is_no_small_error() -> None:
     for bearing in rng.uniform(-np.pi, np.pi, 60):
         aside = 0.2 * away(1.0, bearing + np.pi / 2)
         scan = scan_of(STANDING, rng, [(away(4.0, bearing) + k * aside, 0.3) for k in (-1, 1)])
-        seen = Discs().detect(scan, STANDING)
+        seen = DiscDetector().detect(scan, STANDING)
         for place, spread in zip(seen.positions, seen.covariance, strict=True):
             error = min(
                 (place - away(4.0, bearing) - k * aside for k in (-1, 1)), key=np.linalg.norm
@@ -309,7 +309,7 @@ def test_wide_groups_stand_still() -> None:
     rng = np.random.default_rng(10)
     wall = np.array([[4.0, -3.0], [4.2, -3.0], [4.2, 3.0], [4.0, 3.0]])
     scan = scan_of(STANDING, rng, [([2.0, 2.8], 0.3)], [wall])
-    seen = Discs().detect(scan, STANDING)
+    seen = DiscDetector().detect(scan, STANDING)
     assert len(seen.positions) == 1 and len(seen.static) > 30
     assert np.abs(seen.static[:, 0] - 4.0).max() < 0.06
 
@@ -318,7 +318,9 @@ def test_density_finds_the_same_bodies() -> None:
     pytest.importorskip("sklearn", reason="groups by density need scikit-learn")
     rng = np.random.default_rng(11)
     scan = scan_of(STANDING, rng, [([3.0, 0.4], 0.3), ([-2.0, 5.0], 0.3)])
-    gap, density = (Discs(groups=kind).detect(scan, STANDING) for kind in ("gap", "density"))
+    gap, density = (
+        DiscDetector(groups=kind).detect(scan, STANDING) for kind in ("gap", "density")
+    )
     order = [np.argsort(one.positions[:, 0]) for one in (gap, density)]
     np.testing.assert_allclose(density.positions[order[1]], gap.positions[order[0]], atol=1e-9)
 
@@ -326,7 +328,7 @@ def test_density_finds_the_same_bodies() -> None:
 def test_density_without_the_library_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "sklearn.cluster", None)
     with pytest.raises(WideberthError, match=r"wideberth\[perception\].*groups: gap"):
-        Discs(groups="density")
+        DiscDetector(groups="density")
 
 
 def test_the_published_rule() -> None:
@@ -370,18 +372,18 @@ def drive(detector: Detector, seconds: float, walker: bool, seed: int = 14) -> l
 
 
 def test_what_stands_all_the_time_is_no_body() -> None:
-    detector = OverTime(Discs((0.3,)))
+    detector = OverTime(DiscDetector((0.3,)))
     found = drive(detector, 6.0, walker=False)
     assert max(len(one.positions) for one in found[:25]) > 0  # the crate, before 3 s have passed
     late = found[32:]
     assert sum(len(one.positions) for one in late) <= 2
     assert min(len(one.static) for one in late) > 320
-    plain = drive(Discs((0.3,)), 6.0, walker=False)[32:]
+    plain = drive(DiscDetector((0.3,)), 6.0, walker=False)[32:]
     assert sum(len(one.positions) for one in plain) > 20
 
 
 def test_somebody_who_has_come_and_stands_still_stays_a_body() -> None:
-    detector = OverTime(Discs((0.3,)))
+    detector = OverTime(DiscDetector((0.3,)))
     found = drive(detector, 12.0, walker=True)
     for one in found[35:]:
         place = np.array([4.0, -3.0 + min(one.time, 4.0)])
@@ -399,16 +401,16 @@ def test_a_map_tells_from_the_first_scan() -> None:
         )
     ]  # fmt: skip
     crate = Polygon(tuple(map(tuple, CRATE)))
-    found = drive(OutsideMap(Discs((0.3,)), (*walls, crate)), 1.0, walker=True)
+    found = drive(OutsideMap(DiscDetector((0.3,)), (*walls, crate)), 1.0, walker=True)
     for one in found:
         assert len(one.positions) == 1 and len(one.static) > 300
         np.testing.assert_allclose(one.positions[0], [4.0, -3.0 + one.times[0]], atol=0.05)
-    without = drive(OutsideMap(Discs((0.3,)), tuple(walls)), 1.0, walker=False)
+    without = drive(OutsideMap(DiscDetector((0.3,)), tuple(walls)), 1.0, walker=False)
     assert all(len(one.positions) == 1 for one in without)  # the crate
 
 
 def test_a_clock_that_goes_back_forgets_what_stood() -> None:
-    detector = OverTime(Discs((0.3,)))
+    detector = OverTime(DiscDetector((0.3,)))
     drive(detector, 4.0, walker=False)
     again = drive(detector, 0.3, walker=False)
     assert "clock went back by 3.9 s" in again[0].note and not again[1].note
@@ -417,9 +419,9 @@ def test_a_clock_that_goes_back_forgets_what_stood() -> None:
 
 def test_bad_settings_are_refused() -> None:
     with pytest.raises(WideberthError, match=r"discs.shape is \(\); wanted \(radius,\)"):
-        Discs(())
+        DiscDetector(())
     with pytest.raises(WideberthError, match=r"discs\.groups is 'k-means'; wanted gap or density"):
-        Discs(groups="k-means")  # type: ignore[arg-type]
+        DiscDetector(groups="k-means")  # type: ignore[arg-type]
     with pytest.raises(WideberthError, match=r"over_time\.share"):
         OverTime(share=1.5)
     with pytest.raises(WideberthError, match="holds a str; wanted Polygon"):
@@ -438,8 +440,12 @@ def test_the_oracle_of_rays() -> None:
 @pytest.mark.parametrize("radius", [0.3, 0.75])
 def test_bodies_of_several_sizes(radius: float) -> None:
     """Near ones are told apart; a detector of one size finds the other one elsewhere."""
-    both, rng, poses = Discs(shape=(0.75,), others=((0.3,),)), np.random.default_rng(5), STANDING
-    other = Discs(shape=(1.05 - radius,))
+    both, rng, poses = (
+        DiscDetector(shape=(0.75,), others=((0.3,),)),
+        np.random.default_rng(5),
+        STANDING,
+    )
+    other = DiscDetector(shape=(1.05 - radius,))
     for bearing in rng.uniform(-np.pi, np.pi, 20):
         centre = away(rng.uniform(2.0, 6.0), bearing)
         scan = scan_of(poses, rng, [(centre, radius)])
@@ -453,7 +459,7 @@ def test_bodies_of_several_sizes(radius: float) -> None:
 @pytest.mark.parametrize("radius", [0.3, 0.75])
 def test_covariance_of_bodies_of_several_sizes(radius: float, distance: float) -> None:
     """It is honest, and says of far bodies that their size is unknown."""
-    both = Discs(shape=(0.75,), others=((0.3,),))
+    both = DiscDetector(shape=(0.75,), others=((0.3,),))
     _, squares = errors(both, distance, 80, 7, radius)
     assert len(squares) >= 75
     assert squares.mean() < 3.2
@@ -461,7 +467,7 @@ def test_covariance_of_bodies_of_several_sizes(radius: float, distance: float) -
 
 def test_a_second_shape_that_is_none() -> None:
     with pytest.raises(WideberthError, match=r"discs.shape is \(\); wanted"):
-        Discs(others=((),))
+        DiscDetector(others=((),))
 
 
 @pytest.mark.parametrize("late", [2e12, -1e300, 1.7e308])

@@ -11,7 +11,7 @@ from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.polygon import Polygon
 from wideberth.framework.values.sensing import Scan, Segments, Sightings
 from wideberth.perception.detection.chords import Chords
-from wideberth.perception.detection.discs import Discs
+from wideberth.perception.detection.discs import DiscDetector
 from wideberth.perception.detection.hits import DRIFT, TURN, hits_of
 from wideberth.perception.detection.outside_map import OutsideMap
 from wideberth.perception.detection.over_time import OverTime
@@ -127,7 +127,12 @@ MAP = tuple(
 
 @pytest.mark.parametrize(
     "detector",
-    [Discs((0.3,)), Chords(), OverTime(Discs((0.3,))), OutsideMap(Discs((0.3,)), MAP)],
+    [
+        DiscDetector((0.3,)),
+        Chords(),
+        OverTime(DiscDetector((0.3,))),
+        OutsideMap(DiscDetector((0.3,)), MAP),
+    ],
     ids=lambda one: type(one).__name__,
 )
 def test_detectors_hand_on_segments_through_all_that_stands(detector: Detector) -> None:

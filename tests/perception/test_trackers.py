@@ -15,7 +15,7 @@ from wideberth.framework.tracking.history import History, admitted
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.sensing import Scan, Sightings, TrackedObstacle
 from wideberth.metrics.tracking import nees, track_scores
-from wideberth.perception.detection.discs import Discs
+from wideberth.perception.detection.discs import DiscDetector
 from wideberth.perception.handover import Handover
 from wideberth.perception.tracking.kf_hungarian import KfHungarian
 from wideberth.perception.tracking.motion import carried, corrected
@@ -282,7 +282,7 @@ def test_from_ranges_to_tracks() -> None:
     """Open floor, a cylinder of 0.75 m at 4 to 8 m: millimetres, and no more sure than it is."""
     found = np.array(
         [
-            drive(Discs((0.75,)), Nearest(acceleration_density=0.02), None, seed)
+            drive(DiscDetector((0.75,)), Nearest(acceleration_density=0.02), None, seed)
             for seed in range(25)
         ]
     )
@@ -317,7 +317,7 @@ def test_a_bad_scan_neither_raises_nor_ends_what_it_should_not(
     name: str, kind: str, lives: bool
 ) -> None:
     """One bad scan after 2 s; then ten sound ones on the clock that the bad one had."""
-    rng, tracker, detector = np.random.default_rng(8), KINDS[name](), Discs((0.3,))
+    rng, tracker, detector = np.random.default_rng(8), KINDS[name](), DiscDetector((0.3,))
     poses, notes = np.zeros((360, 3)), []
     shift = {"clock back": -500.0, "clock on": 500.0}.get(kind, 0.0)
     idents: list[set[str]] = []
@@ -354,12 +354,14 @@ def test_the_error_of_a_box_lasts() -> None:
         def reset(self) -> None: ...
 
         def detect(self, scan: Scan, poses: Array) -> Sightings:
-            return replace(Discs(half).detect(scan, poses), lasting=0.0)
+            return replace(DiscDetector(half).detect(scan, poses), lasting=0.0)
 
     plain = np.array([drive(Forgetful(), Nearest(0.02), half, seed)[4] for seed in range(20)])
-    aware = np.array([drive(Discs(half), Nearest(0.02), half, seed)[4] for seed in range(20)])
+    aware = np.array(
+        [drive(DiscDetector(half), Nearest(0.02), half, seed)[4] for seed in range(20)]
+    )
     assert aware.mean() < 0.6 * plain.mean() and 1.0 < aware.mean() < 4.0
-    assert Discs((0.3,)).detect(scan_of(np.zeros((4, 3)), np.random.default_rng(0), []),
+    assert DiscDetector((0.3,)).detect(scan_of(np.zeros((4, 3)), np.random.default_rng(0), []),
                                 np.zeros((4, 3))).lasting == 0.0  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast, Scene
 from wideberth.framework.values.tracks import Tracks
-from wideberth.predictors.cascade import Cascade, Stage
+from wideberth.predictors.cascade import FallbackChain, FallbackStage
 from wideberth.predictors.constant_velocity import ConstantVelocity
 from wideberth.predictors.kalman import Kalman
 from wideberth.predictors.static import Static
@@ -89,9 +89,13 @@ class Counted(Predictor):
 
 
 def test_the_length_of_the_history_chooses() -> None:
-    stages = (Stage(VectorAutoregression(), 60), Stage(Kalman(), 3), Stage(Static()))
+    stages = (
+        FallbackStage(VectorAutoregression(), 60),
+        FallbackStage(Kalman(), 3),
+        FallbackStage(Static()),
+    )
     tracks = tracks_of([walk(70), walk(59, 1), walk(3, 2), walk(2, 3), walk(0)])
-    got = Cascade(stages).predict(tracks, STEPS)
+    got = FallbackChain(stages).predict(tracks, STEPS)
     served = [stages[0], stages[1], stages[1], stages[2], stages[2]]
     for index, stage in enumerate(served):
         wanted = stage.predictor.predict(tracks.select([index]), STEPS)
@@ -111,7 +115,9 @@ def test_the_length_of_the_history_chooses() -> None:
 def test_samples_before_a_long_gap_do_not_count() -> None:
     history = walk(70)
     history[40:60] = np.nan
-    got = Cascade((Stage(Kalman(), 11), Stage(Static()))).predict(tracks_of([history]), STEPS)
+    got = FallbackChain((FallbackStage(Kalman(), 11), FallbackStage(Static()))).predict(
+        tracks_of([history]), STEPS
+    )
     assert got.fallback == ("kalman: 10 samples, needs 11",)
 
 
@@ -119,7 +125,9 @@ def test_a_reason_of_its_own_passes_the_stage_over() -> None:
     """The straight line has no VAR; var's own fallback would have been constant velocity."""
     line = np.outer(np.arange(70.0), [0.4, 0.2])
     var = VectorAutoregression(fallback=ConstantVelocity())
-    got = Cascade((Stage(var), Stage(Kalman()))).predict(tracks_of([line, walk(70)]), STEPS)
+    got = FallbackChain((FallbackStage(var), FallbackStage(Kalman()))).predict(
+        tracks_of([line, walk(70)]), STEPS
+    )
     assert got.fallback[0] is not None and "collinear" in got.fallback[0]
     assert got.fallback[1] is None
     wanted = Kalman().predict(tracks_of([line]), STEPS)
@@ -127,37 +135,39 @@ def test_a_reason_of_its_own_passes_the_stage_over() -> None:
 
 
 def test_the_last_stage_serves_whatever_it_says() -> None:
-    got = Cascade((Stage(ConstantVelocity()),)).predict(tracks_of([walk(1)]), STEPS)
+    got = FallbackChain((FallbackStage(ConstantVelocity()),)).predict(tracks_of([walk(1)]), STEPS)
     assert got.fallback == ("constant_velocity: 1 sample, needs 2",)
 
 
 @pytest.mark.parametrize(("limit", "served"), [(1.9, False), (2.1, True)])
 def test_speed_counts_every_possible_mode(limit: float, served: bool) -> None:
     tracks = tracks_of([walk(5)])
-    stages = (Stage(Modes(step=1.0), max_speed=limit), Stage(Static()))
-    got = Cascade(stages).predict(tracks, STEPS)
+    stages = (FallbackStage(Modes(step=1.0), max_speed=limit), FallbackStage(Static()))
+    got = FallbackChain(stages).predict(tracks, STEPS)
     assert (got.fallback[0] is None) == served
     if not served:
         assert "Modes: predicted speed 2 m/s, at most 1.9" in str(got.fallback[0])
     unused = replace(stages[0], predictor=Modes(weight=0.0))
-    assert Cascade((unused, stages[1])).predict(tracks, STEPS).fallback == (None,)
+    assert FallbackChain((unused, stages[1])).predict(tracks, STEPS).fallback == (None,)
 
 
 def test_speed_counts_the_time_since_the_newest_sample() -> None:
     """Three steps unseen at 1 m/s are 2 m at the first step: no 4 m/s."""
     path = np.outer(DT * np.arange(20.0), [1.0, 0.0])
     path[-3:] = np.nan
-    stages = (Stage(ConstantVelocity(), max_speed=1.001), Stage(Static()))
-    got = Cascade(stages).predict(tracks_of([path]), STEPS)
+    stages = (FallbackStage(ConstantVelocity(), max_speed=1.001), FallbackStage(Static()))
+    got = FallbackChain(stages).predict(tracks_of([path]), STEPS)
     assert got.fallback == (None,)
     slower = replace(stages[0], max_speed=0.999)
-    got = Cascade((slower, stages[1])).predict(tracks_of([path]), STEPS)
+    got = FallbackChain((slower, stages[1])).predict(tracks_of([path]), STEPS)
     assert got.fallback == ("constant_velocity: predicted speed 1 m/s, at most 0.999",)
 
 
 def test_modes_and_single_gaussians_stand_side_by_side() -> None:
     tracks = tracks_of([walk(5), walk(5) + 100.0])
-    got = Cascade((Stage(Modes(limit=50.0)), Stage(Kalman()))).predict(tracks, STEPS)
+    got = FallbackChain((FallbackStage(Modes(limit=50.0)), FallbackStage(Kalman()))).predict(
+        tracks, STEPS
+    )
     assert got.fallback == (None, "modes: too far")
     assert got.weight.tolist() == [[0.5, 0.5], [1.0, 0.0]]
     wanted = Kalman().predict(tracks.select([1]), STEPS)
@@ -165,7 +175,7 @@ def test_modes_and_single_gaussians_stand_side_by_side() -> None:
 
 
 def test_a_stage_that_raises_is_passed_over() -> None:
-    got = Cascade((Stage(Broken(), 3), Stage(Kalman()))).predict(
+    got = FallbackChain((FallbackStage(Broken(), 3), FallbackStage(Kalman()))).predict(
         tracks_of([walk(5), walk(2)]), STEPS
     )
     reasons = [str(reason) for reason in got.fallback]
@@ -178,13 +188,13 @@ def test_each_stage_is_asked_once_for_those_still_open() -> None:
     calls: tuple[list[int], ...] = ([], [], [])
     bases = (Modes(limit=50.0), Kalman(), Static())
     stages = tuple(
-        Stage(Counted(asked, base), least)
+        FallbackStage(Counted(asked, base), least)
         for asked, base, least in zip(calls, bases, (1, 3, 1), strict=True)
     )
     tracks = tracks_of([walk(5), walk(2) + 100.0, walk(5) + 100.0, walk(5)])
-    Cascade(stages).predict(tracks, STEPS)
+    FallbackChain(stages).predict(tracks, STEPS)
     assert calls == ([4], [2], [1])
-    Cascade(stages).predict(tracks_of([walk(2) + 100.0]), STEPS)
+    FallbackChain(stages).predict(tracks_of([walk(2) + 100.0]), STEPS)
     assert calls == ([4, 1], [2], [1, 1]), "nobody may use the second stage"
 
 
@@ -199,38 +209,46 @@ def test_goals_follow_the_obstacles() -> None:
 
     goals = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
     tracks = tracks_of([walk(9), walk(2), walk(3)])
-    got = Cascade((Stage(Kalman(), 4), Stage(ToGoal()))).predict(tracks, 1, Scene(goals=goals))
+    got = FallbackChain((FallbackStage(Kalman(), 4), FallbackStage(ToGoal()))).predict(
+        tracks, 1, Scene(goals=goals)
+    )
     assert np.array_equal(got.mean[1:, 0, 0], goals[1:])
 
 
 def test_fit_reaches_the_stages_that_learn_and_leaves_the_original() -> None:
-    cascade = Cascade((Stage(Learner(), 5, 2.0), Stage(Static())))
+    cascade = FallbackChain((FallbackStage(Learner(), 5, 2.0), FallbackStage(Static())))
     fitted = cascade.fit([tracks_of([walk(9)])] * 3)
-    assert fitted.stages == (Stage(Learner(3), 5, 2.0), Stage(Static()))
+    assert fitted.stages == (FallbackStage(Learner(3), 5, 2.0), FallbackStage(Static()))
     assert cascade.stages[0].predictor == Learner()
 
 
 def test_laws_and_config() -> None:
-    check_predictor(Cascade((Stage(VectorAutoregression(), 20, 3.0), Stage(Kalman(), 2, 3.0),
-                             Stage(Static()))), dimensions=(2,))  # fmt: skip
+    stages = (
+        FallbackStage(VectorAutoregression(), 20, 3.0),
+        FallbackStage(Kalman(), 2, 3.0),
+        FallbackStage(Static()),
+    )
+    check_predictor(FallbackChain(stages), dimensions=(2,))
     config = {
-        "type": "wideberth.predictors.cascade:Cascade",
+        "type": "wideberth.predictors.cascade:FallbackChain",
         "stages": [
             {"predictor": "var", "minimum_samples": 30},
             {"predictor": {"type": "kalman", "history": 10}, "max_speed": 3},
         ],
     }
     made = build("predictors", config)
-    assert made == Cascade((Stage(VectorAutoregression(), 30), Stage(Kalman(history=10), 1, 3.0)))
+    assert made == FallbackChain(
+        (FallbackStage(VectorAutoregression(), 30), FallbackStage(Kalman(history=10), 1, 3.0))
+    )
     assert build("predictors", describe(made)) == made
 
 
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: Cascade(()), "wanted one stage at least"),
-        (lambda: Stage(Static(), 0), "stage.minimum_samples is 0"),
-        (lambda: Stage(Static(), 1, -1.0), "stage.max_speed is -1"),
+        (lambda: FallbackChain(()), "wanted one stage at least"),
+        (lambda: FallbackStage(Static(), 0), "stage.minimum_samples is 0"),
+        (lambda: FallbackStage(Static(), 1, -1.0), "stage.max_speed is -1"),
     ],
 )
 def test_bad_settings(make, words: str) -> None:  # type: ignore[no-untyped-def]

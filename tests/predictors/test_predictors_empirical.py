@@ -22,7 +22,7 @@ from wideberth.predictors.empirical import (
     STILL,
     Empirical,
     ErrorTable,
-    Motion,
+    MotionClass,
     _nearest_error,
     learn_table,
 )
@@ -240,7 +240,7 @@ def test_every_window_counts_alike_for_the_correlation():
     rng = np.random.default_rng(14)
     count = 4000
     fast = np.arange(count) % 2
-    motion = Motion(0.5 + fast, np.tile([1.0, 0.0], (count, 1)), np.zeros(count))
+    motion = MotionClass(0.5 + fast, np.tile([1.0, 0.0], (count, 1)), np.zeros(count))
     fixed = np.repeat(rng.standard_normal((count, 1, 2)), 2, axis=1)
     free = rng.standard_normal((count, 2, 2))
     error = np.where(fast[:, None, None] == 1, 3.0 * free, fixed)
@@ -258,7 +258,7 @@ def test_motion_is_read_from_the_samples_that_there_are():
     positions[1, 2:] = [[5.0, 5.0], [5.0, 6.0], [6.0, 6.0]]
     positions[2, 3:] = 7.0
     positions[3, 4:] = 8.0
-    found = Motion.of(gather(tracks_of(positions)), DT)
+    found = MotionClass.of(gather(tracks_of(positions)), DT)
     for o in range(4):
         seen = positions[o][np.isfinite(positions[o, :, 0])]
         steps = np.diff(seen, axis=0) / DT
@@ -269,7 +269,7 @@ def test_motion_is_read_from_the_samples_that_there_are():
         change = np.diff(steps, axis=0)
         jitter = np.sqrt(np.sum(change**2) / len(change)) if len(change) else 0.0
         assert found.jitter[o] == pytest.approx(jitter)
-    alone = Motion.of(gather(tracks_of(positions[:, -1:])), DT)
+    alone = MotionClass.of(gather(tracks_of(positions[:, -1:])), DT)
     assert not alone.speed.any() and not alone.jitter.any() and not alone.heading.any()
 
 
@@ -278,7 +278,7 @@ def motions(rng, count, size):
     heading /= np.linalg.norm(heading, axis=1)[:, None]
     speed = rng.random(count)
     speed[:3], heading[:3] = 0.0, 0.0
-    return Motion(speed, heading, rng.random(count))
+    return MotionClass(speed, heading, rng.random(count))
 
 
 @pytest.mark.parametrize("size", [2, 3])
@@ -378,7 +378,7 @@ def test_the_joint_covariance_turns_with_the_heading():
     own = Empirical(STRAIGHT, observed=4, steps=3, fitted=TABLE)
     scene = tracks_of(paths, dt=0.5)
     forecast, base = own.predict(scene, 5), STRAIGHT.predict(scene, 5)
-    motion = Motion.of(gather(scene, length=4), 0.5)
+    motion = MotionClass.of(gather(scene, length=4), 0.5)
     times = 0.5 * np.arange(1.0, 6.0)
     along, across = TABLE.correlations(np.tile(times, (3, 1)))
     for o in range(2):

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.planner.best_response import Agent, BestResponsePlanner, state_of
+from wideberth.framework.mpc.planner.best_response import BestResponsePlanner, Player, state_of
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.solver import Solver
 from wideberth.framework.plugins.config import build, describe
@@ -66,7 +66,7 @@ class Echo:
 def table_of(echo, agents):
     """A table at which all straight motions are zero."""
     straight = Forecast.single(np.zeros((agents - 1, 3, 2)), np.zeros((agents - 1, 3, 2, 2)), 1.0)
-    players = tuple(Agent(EGO, np.array([1.0, 0.0]), 0.5, float(i)) for i in range(agents))
+    players = tuple(Player(EGO, np.array([1.0, 0.0]), 0.5, float(i)) for i in range(agents))
     return Table(echo, players, tuple(range(agents - 1)), straight, np.arange(1.0, 4.0))
 
 
@@ -140,8 +140,8 @@ def test_the_other_is_expected_to_give_way_as_the_robot_does():
 def test_two_alike_bend_alike():
     responder = BestResponsePlanner(GAME.planner)
     way = np.array([1.0, 0.0])
-    one = Agent(np.array([-3.0, -0.1, 0.0, 0.5, 0.0]), way, 0.5, 0.75)
-    two = Agent(np.array([3.0, 0.1, np.pi, 0.5, 0.0]), -way, 0.5, 0.75)
+    one = Player(np.array([-3.0, -0.1, 0.0, 0.5, 0.0]), way, 0.5, 0.75)
+    two = Player(np.array([3.0, 0.1, np.pi, 0.5, 0.0]), -way, 0.5, 0.75)
     grid = DT * np.arange(1.0, 16.0)
     places = responder.respond(two, None, ())[1][1:]
     spread = 0.01 * grid[:, None, None] ** 2 * np.eye(2)
@@ -236,7 +236,7 @@ def test_bodies_of_another_size_than_the_robot_keep_the_sum_of_radii():
     way, state = np.array([1.0, 0.0]), state_of(GAME.planner.robot, EGO[:2], EGO[3:], EGO[3:])
     np.testing.assert_allclose(state, EGO, atol=1e-12)
     plans = [
-        responder.respond(Agent(state, way, 0.5, own), told, (other,))[1]
+        responder.respond(Player(state, way, 0.5, own), told, (other,))[1]
         for own, other in ((0.75, 0.75), (0.5, 1.0), (0.2, 0.3))
     ]
     np.testing.assert_allclose(plans[0], plans[1], atol=1e-9)

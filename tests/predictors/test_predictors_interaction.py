@@ -17,7 +17,7 @@ from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.core.social_rollout import (
     Force,
     RobotCourse,
-    Walkers,
+    SocialWalkers,
     course_of,
     roll_out,
 )
@@ -229,7 +229,7 @@ def test_the_batched_roll_out_is_that_of_the_formulas_one_by_one():
     rng = np.random.default_rng(3)
     place, velocity = rng.uniform(-3, 3, (6, 2)), rng.normal(0, 1, (6, 2))
     radius, force = rng.uniform(0.1, 0.5, 6), Force()
-    walkers = Walkers(place, velocity, radius, np.ones(6, dtype=bool), None)
+    walkers = SocialWalkers(place, velocity, radius, np.ones(6, dtype=bool), None)
     found = roll_out(walkers, None, force, 0.5, np.zeros((1, 2)), DT, 8)[0]
     wanted = by_hand(place, velocity, radius, force, 0.5, 8)
     # What keeps divisions finite: 1 mm beside the distances.
@@ -242,8 +242,8 @@ def test_the_robot_is_a_walker_that_nobody_pushes():
     place, velocity = np.array([(0.0, 0.0), (3.0, 0.2)]), np.array([(1.0, 0.0), (-1.0, 0.0)])
     times = np.linspace(-1.0, 5.0, 7)
     robot = RobotCourse(times, place[1] + times[:, None] * velocity[1], 0.4)
-    one = Walkers(place[:1], velocity[:1], np.array([0.3]), np.ones(1, dtype=bool), None)
-    two = Walkers(place, velocity, np.array([0.3, 0.4]), np.ones(2, dtype=bool), None)
+    one = SocialWalkers(place[:1], velocity[:1], np.array([0.3]), np.ones(1, dtype=bool), None)
+    two = SocialWalkers(place, velocity, np.array([0.3, 0.4]), np.ones(2, dtype=bool), None)
     # Within one step of the integration nobody has left the straight course yet.
     pushed = roll_out(one, robot, Force(), 0.5, np.zeros((1, 2)), 0.1, 1)
     both = roll_out(two, None, Force(), 0.5, np.zeros((1, 2)), 0.1, 1)

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wideberth.controllers.constant_velocity import ConstantVelocity
+from wideberth.controllers.constant_velocity import ConstantVelocityController
 from wideberth.controllers.orca import Orca
-from wideberth.controllers.social_force import SocialForce
+from wideberth.controllers.social_force import SocialForceController
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Scene
@@ -18,7 +18,7 @@ from wideberth.framework.values.tracks import Tracks
 from wideberth.people.models import CircularForce, Reciprocal, Straight
 from wideberth.people.walls import WallField
 from wideberth.predictors.core.crowd_rollout import Movers, on_grid, rolled_out
-from wideberth.predictors.core.person_belief import Beliefs, Slots
+from wideberth.predictors.core.person_belief import HypothesisSlots, PersonBeliefs
 from wideberth.predictors.kalman import Kalman
 from wideberth.predictors.reacting_people import ReactingPeople
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
@@ -28,7 +28,11 @@ from wideberth.simulation.engine.settings import Settings
 from wideberth.simulation.sensing.channel import Channel
 
 DT, PERIOD, SIGMA = 0.2, 0.25, 0.01
-KINDS = {"straight": ConstantVelocity, "social_force": SocialForce, "orca": Orca}
+KINDS = {
+    "straight": ConstantVelocityController,
+    "social_force": SocialForceController,
+    "orca": Orca,
+}
 MODELS = {"straight": Straight(), "social_force": CircularForce(), "orca": Reciprocal()}
 
 
@@ -82,8 +86,8 @@ def test_a_roll_out_is_the_simulations_own_future(kind):
     steps = now + PERIOD * np.arange(-1, count + 1)
     true = at(times, positions, steps)
     people = true[1:]
-    slots = Slots((MODELS[kind],), 0.5)
-    known = Beliefs.none(slots, [f"p{i}" for i in range(5)], now, PERIOD)
+    slots = HypothesisSlots((MODELS[kind],), 0.5)
+    known = PersonBeliefs.none(slots, [f"p{i}" for i in range(5)], now, PERIOD)
     state = known.state.copy()
     state[..., :2] = people[:, None, 1]
     state[..., 2:4] = (people[:, None, 1] - people[:, None, 0]) / PERIOD

@@ -16,11 +16,11 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Pose
 from wideberth.framework.values.polygon import best_direction
 from wideberth.regions.static.dual import Dual
-from wideberth.regions.static.separating_line import SeparatingLine
+from wideberth.regions.static.separating_line import StaticSeparatingLine
 from wideberth.tests.helpers.contracts import Contract
 
 BUILT_IN = [load("static_regions", name)() for name in names("static_regions")]
-EXACT = [SeparatingLine(), Dual()]
+EXACT = [StaticSeparatingLine(), Dual()]
 WALL = np.array([[0.0, 0.0], [3.0, -0.5], [3.5, 1.5], [1.0, 2.5], [-0.5, 1.2]])
 PADDED = np.concatenate([WALL, WALL[-1:].repeat(3, axis=0)])
 CAR = ((0.6, 0.3), (-0.6, 0.3), (-0.6, -0.3), (0.6, -0.3))
@@ -35,7 +35,7 @@ def test_contract(region: str, law: str) -> None:
     CONTRACT.check(region, law)
 
 
-NUMBERS, SIDES, OTHERS, SLOPE = (one.name for one in laws(SeparatingLine()))
+NUMBERS, SIDES, OTHERS, SLOPE = (one.name for one in laws(StaticSeparatingLine()))
 
 
 @dataclass(frozen=True)
@@ -49,21 +49,21 @@ class Pretender(StaticRegion):
             margin = 0.9 * margin
         if self.broken == "spread":
             spread = 0.8 * spread
-        return SeparatingLine().parameters(parts, margin, spread)
+        return StaticSeparatingLine().parameters(parts, margin, spread)
 
     def parameter_count(self, corners: int) -> int:
-        return SeparatingLine().parameter_count(corners) + (self.broken == "count")
+        return StaticSeparatingLine().parameter_count(corners) + (self.broken == "count")
 
     def auxiliary(self, corners: int, outline: int) -> Auxiliary:
         bound = 1.0 if self.broken == "bounds" else np.inf
         return Auxiliary((-bound,), (bound,), (0.0,))
 
     def auxiliary_start(self, pose: Pose, parameters: Any) -> Any:
-        best = SeparatingLine().auxiliary_start(pose, parameters)
+        best = StaticSeparatingLine().auxiliary_start(pose, parameters)
         return best + (0.3 if self.broken == "start" else 0.0)
 
     def constraint(self, pose: Pose, parameters: Any, auxiliary: Any) -> Constraint:
-        values = SeparatingLine().constraint(pose, parameters, auxiliary).inequalities
+        values = StaticSeparatingLine().constraint(pose, parameters, auxiliary).inequalities
         if self.broken == "slope":
             return Constraint(tuple(value**3 for value in values))
         if self.broken == "finite":  # a distance has no slope where it is zero
@@ -80,20 +80,20 @@ class Boastful(StaticRegion):
     """Right for the best angle; any other angle proves too much."""
 
     def parameters(self, parts: Any, margin: Any, spread: Any) -> Any:
-        return SeparatingLine().parameters(parts, margin, spread)
+        return StaticSeparatingLine().parameters(parts, margin, spread)
 
     def parameter_count(self, corners: int) -> int:
-        return SeparatingLine().parameter_count(corners)
+        return StaticSeparatingLine().parameter_count(corners)
 
     def auxiliary(self, corners: int, outline: int) -> Auxiliary:
         return Auxiliary((-np.inf,) * 3, (np.inf,) * 3, (0.0,) * 3)
 
     def auxiliary_start(self, pose: Pose, parameters: Any) -> Any:
-        best = SeparatingLine().auxiliary_start(pose, parameters)
+        best = StaticSeparatingLine().auxiliary_start(pose, parameters)
         return np.concatenate([best, np.stack(pose.position, axis=-1)], axis=-1)
 
     def constraint(self, pose: Pose, parameters: Any, auxiliary: Any) -> Constraint:
-        values = SeparatingLine().constraint(pose, parameters, auxiliary).inequalities
+        values = StaticSeparatingLine().constraint(pose, parameters, auxiliary).inequalities
         x, y = pose.position
         off = (x - auxiliary[1]) ** 2 + (y - auxiliary[2]) ** 2
         return Constraint(tuple(value + off for value in values))

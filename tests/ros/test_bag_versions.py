@@ -28,7 +28,7 @@ import yaml
 from wideberth.ros.bag import read_bag
 from wideberth.ros.bag_writer import STORAGES, BagWriter
 from wideberth.ros.messages import DISTRIBUTIONS, messages
-from wideberth.ros.wording import Wording
+from wideberth.ros.wording import MessageEncoder
 
 pytest.importorskip("rosbags", reason="pip install 'wideberth[ros]'")
 
@@ -147,7 +147,7 @@ def storage(request: Any) -> str:
 
 def written(folder: Path, distribution: str, storage: str) -> Path:
     """Write a transform that moves and one that lasts."""
-    wording = Wording(EPOCH, "map", messages(distribution))
+    wording = MessageEncoder(EPOCH, "map", messages(distribution))
     out = folder / "out"
     with BagWriter(out, wording.known, storage) as bag:
         for k in range(3):

@@ -11,7 +11,7 @@ from wideberth.experiments.cli.ros_node import read_node
 from wideberth.framework.values.footprint import Outline
 from wideberth.framework.values.path import Path
 from wideberth.robots import Bicycle, Unicycle
-from wideberth.ros.following import Code, Follower, Following
+from wideberth.ros.following import Follower, Following, ResultCode
 from wideberth.ros.node import ARRIVED
 from wideberth.ros.ways import Arrival, PathTopic
 from wideberth.tests.ros import test_node
@@ -79,7 +79,7 @@ def test_a_path_without_a_heading_ends_with_a_robot_that_stands(
         said.add(loop.node.status)
         if end is not None:
             break
-    assert end is not None and end.code is Code.NONE, end
+    assert end is not None and end.code is ResultCode.NONE, end
     assert np.linalg.norm(loop.pose[:2] - WAY[-1]) <= 2.0 * NEAR and ARRIVED in said
 
 

@@ -18,7 +18,7 @@ from wideberth.ros.bag import Bag, read_bag
 from wideberth.ros.bag_tracks import read_bag_tracks
 from wideberth.ros.bag_writer import BagWriter
 from wideberth.ros.messages import messages
-from wideberth.ros.wording import Wording, identity
+from wideberth.ros.wording import MessageEncoder, identity
 from wideberth.simulation.log.episode_log import Episode
 from wideberth.tests.helpers import player_samples
 
@@ -165,12 +165,12 @@ def test_trajectories_come_with_lyrical(file: Path, tmp_path: Path, episode: Epi
     back = read_bag(tmp_path / "out")
     assert back.topics["/walker_0/trajectory"].kind == "nav_msgs/msg/Trajectory"
     plan = episode.robots[0].plans[0]
-    message = Wording(known=messages("lyrical")).trajectory(plan)
+    message = MessageEncoder(known=messages("lyrical")).trajectory(plan)
     places = [(one.pose.position.x, one.pose.position.y) for one in message.points]
     np.testing.assert_array_equal(places, plan.positions)
     np.testing.assert_allclose([one.velocity.linear.x for one in message.points], 0.5)
     with pytest.raises(WideberthError, match="there is no message"):
-        Wording().trajectory(plan)
+        MessageEncoder().trajectory(plan)
 
 
 def test_a_scan_comes_back(tmp_path: Path) -> None:
@@ -179,7 +179,7 @@ def test_a_scan_comes_back(tmp_path: Path) -> None:
         "front", 1.0 + 0.0005 * np.arange(360), np.linspace(-np.pi, np.pi, 360),
         np.where(rng.random(360) < 0.1, np.inf, rng.uniform(0.2, 9.0, 360)), longest=10.0,
     )  # fmt: skip
-    wording = Wording(EPOCH)
+    wording = MessageEncoder(EPOCH)
     with BagWriter(tmp_path / "bag", wording.known) as bag:
         bag.write("/scan", EPOCH, wording.scan(scan, "base_link"))
     (found,) = read_bag(tmp_path / "bag").scans("/scan", "base_link")
@@ -196,7 +196,7 @@ def test_names_become_identities() -> None:
 
 def test_points_of_a_lidar_are_a_cloud(tmp_path: Path) -> None:
     points = np.array([[1.0, 2.0], [-3.0, 0.5]])
-    cloud = Wording().points(0.0, points)
+    cloud = MessageEncoder().points(0.0, points)
     found = np.frombuffer(cloud.data.tobytes(), "<f4").reshape(-1, 3)
     np.testing.assert_array_equal(found[:, :2], points)
     assert (cloud.width, cloud.point_step, len(cloud.data)) == (2, 12, 24)
@@ -277,7 +277,7 @@ def test_forecasts_in_space_are_ellipsoids() -> None:
     roots = rng.normal(size=(*plan.forecast.mean.shape, 3))
     spread = roots @ np.swapaxes(roots, -1, -2)
     plan = replace(plan, forecast=replace(plan.forecast, covariance=spread))
-    markers = Wording().forecast(plan).markers[1:]
+    markers = MessageEncoder().forecast(plan).markers[1:]
     assert markers
     for one in markers:
         step, mode = divmod(one.id, plan.forecast.weight.shape[1])
@@ -299,7 +299,7 @@ def test_a_trajectory_has_the_robots_own_motion() -> None:
     count = len(base.inputs)
     states, inputs = rng.uniform(-0.3, 0.3, (count + 1, 5)), rng.uniform(-0.1, 0.1, (count, 2))
     plan = replace(base, states=states, inputs=inputs, positions=states[:, :2])
-    message = Wording(known=messages("lyrical")).trajectory(plan, robot)
+    message = MessageEncoder(known=messages("lyrical")).trajectory(plan, robot)
     found = [
         (
             *(one.pose.position.x, one.pose.position.y),
@@ -314,6 +314,6 @@ def test_a_trajectory_has_the_robots_own_motion() -> None:
 
 
 def test_a_command_of_two_components() -> None:
-    made = Wording(EPOCH).command(0.5, Command((0.4, 0.1), -0.2), "base")
+    made = MessageEncoder(EPOCH).command(0.5, Command((0.4, 0.1), -0.2), "base")
     assert (made.twist.linear.x, made.twist.linear.y, made.twist.angular.z) == (0.4, 0.1, -0.2)
     assert made.header.stamp.nanosec == 500_000_000

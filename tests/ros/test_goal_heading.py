@@ -11,7 +11,7 @@ from wideberth.framework.values.footprint import Outline
 from wideberth.framework.values.occupancy_grid import OccupancyGrid
 from wideberth.framework.values.polygon import Polygon
 from wideberth.robots import Bicycle, Unicycle
-from wideberth.ros.following import Code, Follower, Following
+from wideberth.ros.following import Follower, Following, ResultCode
 from wideberth.ros.messages import messages
 from wideberth.ros.node import NO_ROOM, TURNING
 from wideberth.ros.readings import heading_of, reading_of
@@ -182,19 +182,19 @@ def followed(heading: float, robot: Any = None, **settings: float) -> tuple[Any,
 @pytest.mark.parametrize("heading", [2.5, -2.5, np.nan])
 def test_a_path_is_followed_to_the_heading_of_its_last_pose(heading: float) -> None:
     end, loop = followed(heading)
-    assert end.code is Code.NONE
+    assert end.code is ResultCode.NONE
     assert np.linalg.norm(loop.pose[:2] - GOAL) <= PLACE
     assert loop.pose[2] == 0.0 if np.isnan(heading) else loop.off(heading) <= YAW
 
 
 def test_any_heading_will_do_where_the_tolerance_is_a_half_turn() -> None:
     end, loop = followed(2.5, yaw_tolerance=np.pi)
-    assert end.code is Code.NONE and loop.pose[2] == 0.0
+    assert end.code is ResultCode.NONE and loop.pose[2] == 0.0
 
 
 def test_a_robot_that_cannot_turn_makes_no_progress() -> None:
     end, _ = followed(2.5, robot=lambda pose: np.array([*pose[:2], 0.0]), allowance=3.0)
-    assert end.code is Code.FAILED_TO_MAKE_PROGRESS
+    assert end.code is ResultCode.FAILED_TO_MAKE_PROGRESS
 
 
 def test_a_slow_turn_is_progress(monkeypatch: Any) -> None:
@@ -202,7 +202,7 @@ def test_a_slow_turn_is_progress(monkeypatch: Any) -> None:
     assert isinstance(slow, Unicycle)
     monkeypatch.setattr(test_node, "ROBOT", slow)
     end, loop = followed(3.1, allowance=6.0)
-    assert end.code is Code.NONE and loop.off(3.1) <= YAW
+    assert end.code is ResultCode.NONE and loop.off(3.1) <= YAW
 
 
 def test_a_quaternion_that_is_none_states_no_heading() -> None:

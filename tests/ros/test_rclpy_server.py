@@ -16,7 +16,7 @@ from wideberth import Path as WorldPath
 from wideberth import WideberthError
 from wideberth.experiments.cli.app import main
 from wideberth.experiments.cli.ros_node import read_node
-from wideberth.ros.following import Code, Follower, Following
+from wideberth.ros.following import Follower, Following, ResultCode
 from wideberth.ros.messages import messages
 from wideberth.ros.node import TURNING, PlannerNode
 from wideberth.ros.node_settings import NodeSettings
@@ -62,22 +62,22 @@ class Arriving(Scripted):
 def test_a_path_is_followed_to_its_end() -> None:
     loop = Loop(Arriving(), follows=None)
     end, x = until_it_ends(loop, follower(loop))
-    assert end.code is Code.NONE and 2.75 <= x <= 3.0
+    assert end.code is ResultCode.NONE and 2.75 <= x <= 3.0
 
 
 @pytest.mark.parametrize(
     ("change", "code"),
     [
-        ({"speed": 0.0}, Code.FAILED_TO_MAKE_PROGRESS),
-        ({"raises": True}, Code.NO_VALID_CONTROL),
+        ({"speed": 0.0}, ResultCode.FAILED_TO_MAKE_PROGRESS),
+        ({"raises": True}, ResultCode.NO_VALID_CONTROL),
     ],
 )
-def test_a_path_is_given_up(change: dict[str, Any], code: Code) -> None:
+def test_a_path_is_given_up(change: dict[str, Any], code: ResultCode) -> None:
     loop = Loop(Scripted(**change), follows=None)
     begin = loop.now
     end, _ = until_it_ends(loop, follower(loop))
     assert end.code is code
-    assert loop.now - begin < 10.6 if code is Code.FAILED_TO_MAKE_PROGRESS else 2.6
+    assert loop.now - begin < 10.6 if code is ResultCode.FAILED_TO_MAKE_PROGRESS else 2.6
 
 
 def test_silence_is_a_time_out() -> None:
@@ -85,16 +85,16 @@ def test_silence_is_a_time_out() -> None:
         loop = Loop(follows=None)
         begin = loop.now
         end, _ = until_it_ends(loop, follower(loop), **how)
-        assert end.code is Code.CONTROLLER_TIMED_OUT and loop.now - begin < 3.2, how
+        assert end.code is ResultCode.CONTROLLER_TIMED_OUT and loop.now - begin < 3.2, how
 
 
 def test_paths_that_cannot_be_followed_are_refused() -> None:
     loop = Loop(follows=None)
     made = Follower(loop.node, Following(), loop.now)
-    assert made.begin("odom", WAY).code is Code.TF_ERROR  # type: ignore[union-attr]
+    assert made.begin("odom", WAY).code is ResultCode.TF_ERROR  # type: ignore[union-attr]
     loop.turn()
     for frame, points in (("moon", WAY), ("odom", WAY[:1]), ("odom", np.full((2, 2), np.nan))):
-        assert made.begin(frame, points).code is Code.INVALID_PATH  # type: ignore[union-attr]
+        assert made.begin(frame, points).code is ResultCode.INVALID_PATH  # type: ignore[union-attr]
     with pytest.raises(WideberthError, match=r"following\.tolerance"):
         Following(tolerance=0.0)
 
@@ -124,7 +124,7 @@ def test_a_path_that_passes_its_own_end_is_followed_to_its_end(heading: float) -
         loop.come("/odom", odometry(loop.stamp(), (2.0, 0.1, 1.0), (0.0, 0.0, 0.0)))
         loop.turn(odom=False)
         end = one.step(loop.now)
-    assert end is not None and end.code is Code.NONE
+    assert end is not None and end.code is ResultCode.NONE
 
 
 def test_a_robot_that_has_passed_the_end_is_not_there() -> None:

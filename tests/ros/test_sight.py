@@ -21,7 +21,7 @@ from wideberth.framework.route_planner import Route
 from wideberth.framework.values.costmap import Costmap
 from wideberth.framework.values.occupancy_grid import OccupancyGrid
 from wideberth.framework.values.sensing import Scan, Sightings
-from wideberth.perception.detection.discs import Discs
+from wideberth.perception.detection.discs import DiscDetector
 from wideberth.perception.detection.over_time import OverTime
 from wideberth.ros import ways
 from wideberth.ros.messages import messages
@@ -770,7 +770,7 @@ class Counting(Detector):
 
     def detect(self, scan: Scan, poses: np.ndarray) -> Sightings:
         self.looks.append(1)
-        return Discs().detect(scan, poses)
+        return DiscDetector().detect(scan, poses)
 
 
 def test_those_who_see_and_find_the_way_warm_up_before_the_first_period() -> None:

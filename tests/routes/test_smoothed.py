@@ -5,7 +5,7 @@ import pytest
 
 from wideberth import Costmap, Inflation, Path, Route, WideberthError
 from wideberth.routes.navfn import NavFn
-from wideberth.routes.smoothed import Smoothed, smoothed
+from wideberth.routes.smoothed import SmoothedRoutes, smoothed
 
 FREE = Costmap(np.zeros((60, 60), dtype=int), 0.1)
 
@@ -47,7 +47,7 @@ def test_ends_stay_and_paths_shorten() -> None:
     costmap = Costmap(np.pad(np.zeros((58, 58), dtype=int), 1, constant_values=254), 0.1)
     plain, smooth = (
         planner.plan(costmap, (0.5, 0.7), (5.1, 3.3)).path
-        for planner in (NavFn(), Smoothed(NavFn(), 0.5))
+        for planner in (NavFn(), SmoothedRoutes(NavFn(), 0.5))
     )
     assert plain is not None and smooth is not None
     assert np.array_equal(smooth.points[[0, -1]], plain.points[[0, -1]])
@@ -68,10 +68,10 @@ def test_no_step_of_a_smoothed_path_is_newly_blocked(seed: int) -> None:
 
 
 def test_without_a_path_the_reason_stays() -> None:
-    route: Route = Smoothed().plan(FREE, (99.0, 0.0), (1.0, 1.0))
+    route: Route = SmoothedRoutes().plan(FREE, (99.0, 0.0), (1.0, 1.0))
     assert route.path is None and "start" in route.reason
 
 
 def test_a_length_of_nothing_is_refused() -> None:
     with pytest.raises(WideberthError, match=r"smoothed\.length is 0"):
-        Smoothed(length=0.0)
+        SmoothedRoutes(length=0.0)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.controllers.constant_velocity import ConstantVelocity
+from wideberth.controllers.constant_velocity import ConstantVelocityController
 from wideberth.framework.controller import Controller
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.motion import Command, Observation
@@ -38,7 +38,7 @@ def driver(speed: float = 1.0, acceleration: float = 0.0) -> RobotAgent:
     robot: HolonomicVelocity | Unicycle = HolonomicVelocity(0.3, speed)
     if acceleration:
         robot = Unicycle(0.3, speed, 0.1, acceleration, 0.1)
-    return RobotAgent("robot", robot, ConstantVelocity(robot, 0.1, speed), EAST, speed)
+    return RobotAgent("robot", robot, ConstantVelocityController(robot, 0.1, speed), EAST, speed)
 
 
 def body(name: str, places: Array, radius: float) -> ReplayAgent:
@@ -207,7 +207,9 @@ def test_a_copied_run_goes_on_as_its_original(solve_time: float) -> None:
     settings = Settings(time_limit=5.0, solve_time=solve_time)
     cast = RandomCrowd().cast(3)
     robot = HolonomicVelocity(0.3, 0.7)
-    agents = [one.agent(robot, ConstantVelocity(robot), False) for one in cast.placements]
+    agents = [
+        one.agent(robot, ConstantVelocityController(robot), False) for one in cast.placements
+    ]
     run = Run([*agents, *cast.people], settings, 3, (), (), ())
     run.advance_to(2.03)
     twin = run.clone()

@@ -16,7 +16,7 @@ from wideberth.framework.values.motion import Command, Observation
 from wideberth.simulation.crowds import crowdnav_plus as rules
 from wideberth.simulation.crowds.crowdnav_plus import (
     CrowdNavPlusCrowd,
-    OrcaRobot,
+    CrowdNavPlusOrca,
     SocialForceRobot,
 )
 from wideberth.simulation.engine.settings import Settings
@@ -36,8 +36,10 @@ def read(folder: Path, name: str) -> Any:
     return json.loads((folder / f"crowdnavpp_{name}.json").read_text(encoding="utf-8"))
 
 
-def driver(name: str, variant: rules.Variant, seed: int = 425) -> OrcaRobot | SocialForceRobot:
-    return OrcaRobot(variant, seed) if name == "orca" else SocialForceRobot()
+def driver(
+    name: str, variant: rules.Variant, seed: int = 425
+) -> CrowdNavPlusOrca | SocialForceRobot:
+    return CrowdNavPlusOrca(variant, seed) if name == "orca" else SocialForceRobot()
 
 
 @pytest.mark.parametrize("variant", ["plain", "random"])

@@ -16,8 +16,8 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Command, Observation
 from wideberth.simulation.crowds.crowdsimplus import (
     CrowdSimPlusCrowd,
+    CrowdSimPlusOrca,
     Kind,
-    OrcaRobot,
     hall_of,
 )
 from wideberth.simulation.crowds.hall import Layout
@@ -136,7 +136,7 @@ def driven(
 def test_an_episode_is_the_case(layout: Layout, kind: Kind, case: int) -> None:
     """The reference robot's own commands, in the engine: the same row, the same places."""
     scenario = CrowdSimPlus(layout=layout, people_kind=kind)
-    crowd, robot, commands = CrowdSimPlusCrowd(case, layout, kind), OrcaRobot(), []
+    crowd, robot, commands = CrowdSimPlusCrowd(case, layout, kind), CrowdSimPlusOrca(), []
     while not crowd.verdict.outcome:
         velocity = robot.act(crowd)
         commands.append(Command((float(velocity[0]), float(velocity[1]))))

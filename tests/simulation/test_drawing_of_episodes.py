@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 from wideberth import Path, WideberthError, recommended
 from wideberth.framework.values.plan import kept_out
 from wideberth.simulation.drawing import artists, film, watch
-from wideberth.simulation.drawing.film import Stage
+from wideberth.simulation.drawing.film import FilmStage
 from wideberth.simulation.drawing.saving import writer_for
-from wideberth.simulation.drawing.watch import Window
+from wideberth.simulation.drawing.watch import WatchWindow
 from wideberth.simulation.engine.agents import ReplayAgent, RobotAgent
 from wideberth.simulation.engine.episode import run_episode, watched
 from wideberth.simulation.engine.settings import Settings
@@ -135,7 +135,7 @@ def test_a_window_follows_a_run_and_changes_nothing(
     monkeypatch.setattr(film, "window", lambda: pyplot.figure(dpi=50))
     monkeypatch.setattr(Figure, "show", lambda self: None)
     monkeypatch.setattr(watch, "monotonic", lambda: 0.0)  # draws in no time
-    window = Window(every=0.5)
+    window = WatchWindow(every=0.5)
     with watched(window):
         same = crossing(2)
     assert same.to_bytes() == episode.to_bytes()
@@ -160,14 +160,14 @@ def test_drawing_takes_no_more_than_half_of_the_time(monkeypatch: pytest.MonkeyP
         now[0] += 1.0
         return now[0]
 
-    def draw(stage: Stage, episode: Episode) -> None:
+    def draw(stage: FilmStage, episode: Episode) -> None:
         now[0] += 5.0
         drawn.append(episode.duration)
 
     drawn: list[float] = []
     monkeypatch.setattr(watch, "monotonic", clock)
-    monkeypatch.setattr(Stage, "follow", draw)
-    with watched(Window(every=0.0)):
+    monkeypatch.setattr(FilmStage, "follow", draw)
+    with watched(WatchWindow(every=0.0)):
         crossing(2)
     assert len(drawn) > 1
     assert 2 * 6.0 * (len(drawn) - 1) <= now[0]

@@ -28,7 +28,7 @@ from wideberth.simulation.sensing.channel import Channel
 gymnasium = pytest.importorskip("gymnasium")
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
-from wideberth.simulation.gym.environment import ID, Navigation  # noqa: E402
+from wideberth.simulation.gym.environment import ID, NavigationEnv  # noqa: E402
 
 ROBOTS = ("unicycle", "bicycle", "differential_drive", "holonomic", "holonomic_velocity")
 PARTICLE = HolonomicVelocity(radius=0.3)
@@ -128,7 +128,7 @@ def test_same_commands_give_the_same_bytes(kind, robot, phase, policies):
     one = cast.placements[0]
     agent = RobotAgent(one.name, robot, controller, one.path, one.speed, phase * 0.3)
     wanted = run_episode([agent], settings, seed=3, others=cast.bystanders)
-    environment = Navigation(scenario, robot, period=0.3, settings=settings)
+    environment = NavigationEnv(scenario, robot, period=0.3, settings=settings)
     got, info = replayed(environment, wanted, 3)
     assert wanted.ended == "goals" and info["outcome"] == "goal"
     assert got.to_bytes() == wanted.to_bytes()
@@ -146,7 +146,7 @@ def test_the_plans_of_a_planner_replayed():
     agent = RobotAgent(one.name, robot, planner, one.path, one.speed)
     wanted = run_episode([agent], SHORT, seed=4, others=cast.bystanders)
     assert (wanted.robots[0].commands.ramp == 0.0).all()
-    got, _ = replayed(Navigation(scenario, robot, period=0.5, settings=SHORT), wanted, 4)
+    got, _ = replayed(NavigationEnv(scenario, robot, period=0.5, settings=SHORT), wanted, 4)
     assert np.array_equal(got.times, wanted.times)
     for first, second in zip(got.agents, wanted.agents, strict=True):
         assert first.positions.tobytes() == second.positions.tobytes()
@@ -160,7 +160,7 @@ def test_policy_sees_in_an_episode_what_the_environment_shows(policies):
     controller = build("controllers", {**settings, "policy": target})
     module = sys.modules[policies]
     scenario, seed = Meeting(place=3.0, aside=1.2), 5
-    environment = Navigation(scenario, PARTICLE, settings=SHORT)
+    environment = NavigationEnv(scenario, PARTICLE, settings=SHORT)
     seen, _ = environment.reset(seed=seed)
     over = False
     while not over:
@@ -216,7 +216,7 @@ ENDS = [
 
 @pytest.mark.parametrize(("scenario", "action", "outcome", "last"), ENDS)
 def test_ends_and_their_rewards(scenario, action, outcome, last):
-    environment = Navigation(scenario, PARTICLE, settings=SHORT)
+    environment = NavigationEnv(scenario, PARTICLE, settings=SHORT)
     rewards, terminated, truncated, info = drive(environment, action)
     assert info["outcome"] == outcome and rewards[-1] == last
     assert all(-0.025 <= reward <= 0.0 for reward in rewards[:-1])  # too near, at most
@@ -227,12 +227,12 @@ def test_ends_and_their_rewards(scenario, action, outcome, last):
 def test_reward_near_somebody_is_crowdnavs():
     """0.1 m beside somebody who stands: 0.5 (0.1 - 0.2) 0.25 in the steps that pass him."""
     rewards, _, _, _ = drive(
-        Navigation(Meeting(place=2.0, aside=0.8), PARTICLE, settings=SHORT), [0.7, 0.0]
+        NavigationEnv(Meeting(place=2.0, aside=0.8), PARTICLE, settings=SHORT), [0.7, 0.0]
     )
     assert min(rewards) == pytest.approx(0.5 * (0.1 - 0.2) * 0.25, abs=1e-9)
     far = Transition(0.25, np.inf, np.inf, 0.1, reached=False, collided=False)
     assert CrowdNavReward()(far) == 0.0
-    environment = Navigation(
+    environment = NavigationEnv(
         Meeting(aside=3.0), PARTICLE, settings=SHORT, reward=lambda t: t.advance
     )
     rewards, _, _, _ = drive(environment, [0.7, 0.0])
@@ -240,7 +240,7 @@ def test_reward_near_somebody_is_crowdnavs():
 
 
 def test_pictures_show_the_robot_moving():
-    environment = Navigation(Meeting(), PARTICLE, settings=SHORT, render_mode="rgb_array")
+    environment = NavigationEnv(Meeting(), PARTICLE, settings=SHORT, render_mode="rgb_array")
     environment.reset(seed=0)
     first = environment.render()
     environment.step(np.array([0.7, 0.0]))
@@ -260,7 +260,7 @@ def test_a_window_is_drawn_by_step_and_says_where_it_cannot_open(capsys):
     shown = environment.unwrapped._window._image
     first = np.array(shown.get_array())
     environment.step(np.array([0.7, 0.0]))
-    same = Navigation(Meeting(), PARTICLE, render_mode="rgb_array")
+    same = NavigationEnv(Meeting(), PARTICLE, render_mode="rgb_array")
     same.reset(seed=0)
     same.step(np.array([0.7, 0.0]))
     assert (first != shown.get_array()).any()
@@ -286,11 +286,11 @@ def test_make_finds_the_environment_by_name_alone(tmp_path: File):
 
 def test_other_robots_need_a_companion_and_get_it():
     with pytest.raises(WideberthError, match="give a companion"):
-        Navigation(Meeting(robots=2), PARTICLE).reset(seed=0)
+        NavigationEnv(Meeting(robots=2), PARTICLE).reset(seed=0)
     with pytest.raises(WideberthError, match="no robot is called 'x'"):
-        Navigation(Meeting(), PARTICLE, name="x").reset(seed=0)
+        NavigationEnv(Meeting(), PARTICLE, name="x").reset(seed=0)
     companion = {"type": "constant_velocity", "robot": PARTICLE}
-    environment = Navigation(
+    environment = NavigationEnv(
         Meeting(aside=9.0, robots=2), PARTICLE, name="robot 1", companion=companion, settings=SHORT
     )
     _, terminated, _, info = drive(environment, [0.7, 0.0])
@@ -299,7 +299,7 @@ def test_other_robots_need_a_companion_and_get_it():
 
 
 def test_misuse_is_named():
-    environment = Navigation(Meeting(), PARTICLE)
+    environment = NavigationEnv(Meeting(), PARTICLE)
     with pytest.raises(WideberthError, match="call reset before step"):
         environment.step(np.zeros(2))
     with pytest.raises(WideberthError, match="call reset first"):
@@ -308,9 +308,9 @@ def test_misuse_is_named():
     with pytest.raises(WideberthError, match="action"):
         environment.step(np.array([np.nan, 0.0]))
     with pytest.raises(WideberthError, match="render_mode"):
-        Navigation(Meeting(), PARTICLE, render_mode="ansi")
+        NavigationEnv(Meeting(), PARTICLE, render_mode="ansi")
     with pytest.raises(WideberthError, match="unknown scenario"):
-        Navigation("nowhere")
+        NavigationEnv("nowhere")
 
 
 def test_without_gymnasium_the_message_says_what_to_install(tmp_path: File):

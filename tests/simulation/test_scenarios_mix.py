@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from wideberth.controllers.constant_velocity import ConstantVelocity
+from wideberth.controllers.constant_velocity import ConstantVelocityController
 from wideberth.controllers.moussaid_force import MoussaidForce
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.values.errors import WideberthError
@@ -22,14 +22,16 @@ DISC = HolonomicVelocity(radius=0.3)
 
 
 def mixed(**shares):
-    return CrowdMix({"blind": ConstantVelocity(DISC), "polite": MoussaidForce(DISC)}, shares)
+    return CrowdMix(
+        {"blind": ConstantVelocityController(DISC), "polite": MoussaidForce(DISC)}, shares
+    )
 
 
 @pytest.mark.parametrize(("shares", "wanted"), [({}, 0.5), ({"blind": 1.0, "polite": 3.0}, 0.25)])
 def test_kinds_are_drawn_by_their_shares(shares, wanted) -> None:
     rng = np.random.default_rng(0)
     people = [mixed(**shares).person(rng, "p", WAY, 1.0, 0.3) for _ in range(800)]
-    blind = sum(isinstance(one.controller, ConstantVelocity) for one in people)
+    blind = sum(isinstance(one.controller, ConstantVelocityController) for one in people)
     assert stats.binomtest(blind, 800, wanted).pvalue > 1e-3
 
 
@@ -40,8 +42,8 @@ def test_a_person_has_radius_and_speed_of_its_own() -> None:
     assert one is not two and one is not kind
     assert one.robot == HolonomicVelocity(radius=0.25, max_speed=1.3 * 1.2)  # Moussaïd's haste
     assert (one.reference_speed, one.relaxation) == (1.2, 0.7)
-    blind = individual(ConstantVelocity(DISC), 1.2, 0.25)
-    assert isinstance(blind, ConstantVelocity)
+    blind = individual(ConstantVelocityController(DISC), 1.2, 0.25)
+    assert isinstance(blind, ConstantVelocityController)
     assert blind.robot == HolonomicVelocity(radius=0.25, max_speed=1.2)
     person = mixed().person(np.random.default_rng(1), "p", WAY, 0.8, 0.2)
     assert person.person and person.radius == 0.2 and person.speed == 0.8
@@ -104,7 +106,9 @@ def straight(place, goal):
 
 
 def walker(start, end, speed=1.0):
-    controller = ConstantVelocity(HolonomicVelocity(radius=0.3, max_speed=speed), 0.25, speed)
+    controller = ConstantVelocityController(
+        HolonomicVelocity(radius=0.3, max_speed=speed), 0.25, speed
+    )
     path = Path(np.array([start, end], dtype=np.float64))
     return RobotAgent("p", controller.robot, controller, path, speed, person=True)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from wideberth.controllers.constant_velocity import ConstantVelocity
+from wideberth.controllers.constant_velocity import ConstantVelocityController
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.path import Path
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
@@ -102,7 +102,7 @@ def test_the_crowd_has_the_stated_density_and_speeds() -> None:
     radii = [one.radius for one in people]
     assert stats.kstest(radii, stats.uniform(0.2, 0.1).cdf).pvalue > 1e-3
     kinds = [type(one.controller).__name__ for one in people]
-    counts = [kinds.count(name) for name in ("Orca", "SocialForce", "ConstantVelocity")]
+    counts = [kinds.count(name) for name in ("Orca", "SocialForce", "ConstantVelocityController")]
     assert sum(counts) == 400 and stats.chisquare(counts).pvalue > 1e-3
 
 
@@ -114,16 +114,16 @@ def test_people_of_a_crowd_go_from_goal_to_goal(seed: int) -> None:
     cast = crowd.cast(seed)
     far = Path(np.array([[-90.0, 0.0], [-80.0, 0.0]]))
     robot = HolonomicVelocity(0.3, 0.7)
-    waits = RobotAgent("robot", robot, ConstantVelocity(robot, 0.25, 0.01), far, 0.0)
+    waits = RobotAgent("robot", robot, ConstantVelocityController(robot, 0.25, 0.01), far, 0.0)
     last = 1.4 * crowd.side / crowd.speed
     settings = Settings(time_limit=last, history=0.0, deadlock_after=2.0 * last)
     episode = run_episode([waits, *cast.people], settings)
     kinds = {one.name: type(one.controller).__name__ for one in cast.people}
-    assert {"Orca", "ConstantVelocity"} <= set(kinds.values())
+    assert {"Orca", "ConstantVelocityController"} <= set(kinds.values())
     for one in cast.people:
         log = episode.agent(one.name)
         assert np.linalg.norm(log.positions[-1] - one.path.goal) > 0.5  # nobody is at the last one
-        if kinds[one.name] in ("Orca", "ConstantVelocity"):
+        if kinds[one.name] in ("Orca", "ConstantVelocityController"):
             away = np.linalg.norm(log.positions - one.path.points[1], axis=1)
             assert away.min() < 0.6  # they cut the corner
             assert np.median(log.speeds) > 0.6 * one.speed

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from wideberth.controllers.constant_velocity import ConstantVelocity
+from wideberth.controllers.constant_velocity import ConstantVelocityController
 from wideberth.framework.plugins.config import build
 from wideberth.framework.testing import check_controller
 from wideberth.framework.values.errors import WideberthError
@@ -27,7 +27,7 @@ FAR = Path(np.array([[0.0, 0.0], [1e6, 0.0]]))
 
 
 def straight(period=0.1):
-    return ConstantVelocity(BODY, period=period, reference_speed=0.7)
+    return ConstantVelocityController(BODY, period=period, reference_speed=0.7)
 
 
 def test_contract():
@@ -97,7 +97,8 @@ def test_people_come_anew_in_every_layout(layout):
     way = Path(np.array([[-30.0, -50.0], [-30.0, 50.0]]))
     robot = RobotAgent("robot", BODY, straight(), way, 0.7)
     blind = [  # without neighbours and noise, so that it is quick
-        replace(one, controller=ConstantVelocity(one.robot, 0.2, one.speed)) for one in cast.people
+        replace(one, controller=ConstantVelocityController(one.robot, 0.2, one.speed))
+        for one in cast.people
     ]
     settings = Settings(time_limit=14.0, plant_step=0.2, history=0.0, deadlock_after=20.0)
     settings = replace(settings, goal_tolerance=0.5)

@@ -14,7 +14,7 @@ from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.slots.gaussian_discs import Obstacles
+from wideberth.framework.mpc.slots.gaussian_discs import ObstacleSet
 from wideberth.framework.mpc.slots.static_polygons import choose_walls, fill_walls
 from wideberth.framework.mpc.solver import solve_many
 from wideberth.framework.values.errors import WideberthError
@@ -26,7 +26,7 @@ from wideberth.framework.values.polygon import Polygon
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.regions.risk_contour import RiskContour
-from wideberth.regions.static.separating_line import SeparatingLine
+from wideberth.regions.static.separating_line import StaticSeparatingLine
 from wideberth.robots.holonomic import Holonomic
 from wideberth.robots.unicycle import Unicycle
 from wideberth.solvers.batch import Batch, BatchSolution, solve_batch
@@ -115,7 +115,7 @@ def test_bad_ones_do_not_spoil_the_others(
 
 
 STEPS, DT = 6, 0.5
-ROBOT, REGION, WALL = Holonomic(radius=0.3), MinkowskiSum(), SeparatingLine()
+ROBOT, REGION, WALL = Holonomic(radius=0.3), MinkowskiSum(), StaticSeparatingLine()
 
 
 def passage(shift: float, edge: float) -> tuple[Parameters, Guess]:
@@ -124,7 +124,7 @@ def passage(shift: float, edge: float) -> tuple[Parameters, Guess]:
     mean = np.array([1.8 + shift, 1.0]) + ahead * [-0.2, -0.3]
     shape = np.array([[0.05, 0.02], [0.02, 0.03]])
     covariance = np.broadcast_to(shape, (STEPS, 1, 2, 2))
-    obstacles = Obstacles(mean[:, None], covariance, np.full(1, 0.3), ("a",))
+    obstacles = ObstacleSet(mean[:, None], covariance, np.full(1, 0.3), ("a",))
     start = np.array(ROBOT.state_at(Pose((0.0, 0.0)), Twist((0.4, 0.0))), dtype=float)
     reference = lay_reference(Path(np.array([[0.0, 0.0], [9.0, 0.0]])), 0.0, 0.5, STEPS, DT)
     moving = fill(start, reference, obstacles, REGION, Fixed(), ROBOT.radius, 2)

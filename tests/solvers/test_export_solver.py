@@ -14,7 +14,7 @@ import pytest
 from wideberth.experiments.cli.export import export
 from wideberth.framework.mpc.fallback.rollout import follow, shift
 from wideberth.framework.mpc.fallback.verify import violation
-from wideberth.framework.mpc.ocp.reference import Progress, lay_reference
+from wideberth.framework.mpc.ocp.reference import PathProgress, lay_reference
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.path import Path as Way
 from wideberth.framework.values.plan import Status
@@ -225,7 +225,7 @@ def test_the_reference_follows_a_bent_path(folder: Folder) -> None:
     """The robot drives beside the path, past corners, across its own way and to the end."""
     path = np.array([(0.0, 0.0), (3.0, 0.0), (5.0, 2.0), (5.0, 5.0), (2.0, 5.0), (2.0, -3.0)])
     way, one = Way(path), folder.solver
-    progress = Progress(way)
+    progress = PathProgress(way)
     arcs = np.linspace(0.0, way.length, 60)
     places = way.at(arcs) + 0.05 * np.sin(np.arange(60))[:, None]
     (folder.place / "places").write_bytes(places.tobytes())

@@ -18,7 +18,7 @@ from ..planner.cycle import Solved
 from ..planner.multistart import SAME
 from ..planner.problem_cache import ProblemCache
 from ..planner.settings import PlannerSettings
-from ..slots.base import Room
+from ..slots.base import SlotSizes
 from ..solver import Solution, Solver, solve_cheapest
 
 _ROWS = 8
@@ -66,7 +66,7 @@ class SolveRecord:
     """
 
     planner: dict[str, Any]
-    rooms: tuple[Room, ...]
+    rooms: tuple[SlotSizes, ...]
     key: str
     names: tuple[str, ...]
     parameters: Parameters

@@ -11,7 +11,7 @@ from ...values.plan import Status
 from ..levels.base import LevelPolicy, SharedLevel
 from ..ocp.problem import Parameters, Problem
 from ..ocp.transcription import Guess
-from ..slots.base import SlotKind, Surroundings, level_at_first, with_auxiliaries_each
+from ..slots.base import ActiveObstacles, SlotKind, level_at_first, with_auxiliaries_each
 from ..slots.contact import Touch
 from ..solver import Solution
 from .in_contact import InContact
@@ -71,7 +71,7 @@ class InstanceCheck:
 
     problem: Problem
     parameters: Parameters
-    around: Surroundings
+    around: ActiveObstacles
     level: LevelPolicy
     last_inputs: Array | None = None
     in_contact: InContact | None = None
@@ -169,7 +169,7 @@ class InstanceCheck:
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class MultiStartResult:
     """What solving from one start or several came to.
 
     Attributes

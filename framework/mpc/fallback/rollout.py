@@ -16,7 +16,7 @@ SWEEPS = ("coast", "left", "right", "wait", "back-left", "back-right")
 """Names of the twists that can be held, see `sweep`."""
 
 
-class Motion:
+class RobotMotion:
     """A robot's trajectories of N steps, compiled: `follow` in one call.
 
     Parameters
@@ -169,9 +169,9 @@ def _driven(robot: SymbolicDrive, dt: float) -> tuple[Any, Any, Any]:
 
 
 @lru_cache(maxsize=16)
-def _motion(robot: SymbolicDrive, steps: int, dt: float) -> Motion:
+def _motion(robot: SymbolicDrive, steps: int, dt: float) -> RobotMotion:
     """Return the compiled motion of a robot, the same for the same numbers."""
-    return Motion(robot, steps, dt)
+    return RobotMotion(robot, steps, dt)
 
 
 @lru_cache(maxsize=64)

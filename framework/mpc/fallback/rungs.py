@@ -34,7 +34,7 @@ from ...values.errors import WideberthError, short
 from ...values.plan import Plan, Rung
 from ..ocp.transcription import Guess
 from .giving_way import aimed, auxiliaries, content, held, out_of_reach
-from .instance_check import TOLERANCE, Candidate, InstanceCheck, Outcome, contact
+from .instance_check import TOLERANCE, Candidate, InstanceCheck, MultiStartResult, contact
 from .rollout import follow
 from .stopping import stops
 from .verify import totals
@@ -70,7 +70,7 @@ class Trial:
     """
 
     check: InstanceCheck
-    outcome: Outcome
+    outcome: MultiStartResult
 
     @cached_property
     def near(self) -> tuple[Candidate, ...]:

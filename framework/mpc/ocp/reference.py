@@ -45,7 +45,7 @@ def lay_reference(path: Path, start: float, speed: float, steps: int, dt: float)
 
 
 @dataclass(frozen=True, eq=False)
-class Progress:
+class PathProgress:
     """How far along its path the robot has come.
 
     Attributes
@@ -57,7 +57,7 @@ class Progress:
     path: Path
     last: tuple[float, Array] | None = None
 
-    def advanced(self, place: Array) -> tuple["Progress", float]:
+    def advanced(self, place: Array) -> tuple["PathProgress", float]:
         """Return the progress at a place, and the arc length of the nearest path point, m.
 
         The search reaches as far as the robot may have come since the last call, so that a
@@ -71,4 +71,4 @@ class Progress:
             reach = EARLY + 2.0 * float(np.linalg.norm(place - where))
             low = max(before - reach, 0.0)
             arc = self.path.project(place, start=low, window=before + reach - low)
-        return Progress(self.path, (arc, place)), arc
+        return PathProgress(self.path, (arc, place)), arc

@@ -20,7 +20,7 @@ from .settings import PlannerSettings, changed
 
 
 @dataclass(frozen=True, eq=False)
-class Agent:
+class Player:
     """Somebody who is taken to run the planner.
 
     Attributes
@@ -87,7 +87,7 @@ class BestResponsePlanner:
         return int(np.ceil(self._settings.horizon * self._settings.dt / dt - 1e-9))
 
     def respond(
-        self, agent: Agent, others: Forecast | None, radii: Sequence[float]
+        self, agent: Player, others: Forecast | None, radii: Sequence[float]
     ) -> tuple[Array, Array] | str:
         """Plan for an agent that keeps clear of the others.
 

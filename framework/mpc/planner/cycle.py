@@ -28,16 +28,22 @@ from ...values.tracks import Tracks
 from ..costs.base import ProgressCost
 from ..fallback.emergency import command_of_plan, emergency
 from ..fallback.in_contact import InContact, expected_now
-from ..fallback.instance_check import InstanceCheck, Outcome, shared_target
-from ..fallback.rollout import Motion, carry, follow
+from ..fallback.instance_check import InstanceCheck, MultiStartResult, shared_target
+from ..fallback.rollout import RobotMotion, carry, follow
 from ..fallback.rungs import Trial, choose, rungs_of
 from ..fallback.stopping import stops
 from ..instance.own_uncertainty import OwnUncertainty, carried
 from ..ocp.problem import Parameters
 from ..ocp.progress_robot import ProgressRobot, progress_robot_of
-from ..ocp.reference import Progress, Reference
+from ..ocp.reference import PathProgress, Reference
 from ..ocp.transcription import Guess
-from ..slots.base import CAPACITIES, Chosen, Surroundings, View, reach_of_bodies
+from ..slots.base import (
+    CAPACITIES,
+    ActiveObstacles,
+    PlanningContext,
+    SlotAssignment,
+    reach_of_bodies,
+)
 from ..slots.screen import Travel
 from ..solver import SizelessSolver
 from .multistart import (
@@ -72,7 +78,7 @@ class PlannerState:
     """
 
     perception: Perception
-    progress: Progress | None = None
+    progress: PathProgress | None = None
     plan: Plan | None = None
     multipliers: KeptMultipliers | None = None
     smoother: VelocitySmoother | None = None
@@ -89,7 +95,7 @@ class PlannerState:
             settings.period,
             settings.forget,
         )
-        return cls(perception, None if path is None else Progress(path))
+        return cls(perception, None if path is None else PathProgress(path))
 
 
 @final
@@ -110,7 +116,7 @@ class Services:
     problems: ProblemCache
     watch: Watch
     own: OwnUncertainty
-    motion: Motion
+    motion: RobotMotion
     body: Robot
     travel: Travel
 
@@ -123,7 +129,7 @@ class Services:
             ProblemCache(settings),
             Watch(settings.solver, settings.patience),
             OwnUncertainty(robot, settings.dt, settings.own_uncertainty, reach),
-            Motion(robot, settings.horizon, settings.dt),
+            RobotMotion(robot, settings.horizon, settings.dt),
             progress_robot_of(robot) if isinstance(settings.cost, ProgressCost) else robot,
             Travel.of(robot, settings.horizon, settings.dt),
         )
@@ -173,12 +179,12 @@ class Decision:
     plan: Plan
     notes: tuple[str, ...]
     solved: Solved | None
-    frame: "Seen | None" = None
+    frame: "PerceptionFrame | None" = None
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class Seen:
+class PerceptionFrame:
     """An observation, with tracks and forecast of its obstacles; None where none is known."""
 
     observation: Observation
@@ -257,13 +263,13 @@ def _on_course(
 
 def _perceived(
     settings: PlannerSettings, state: PlannerState, observation: Observation, course: Course
-) -> tuple[PlannerState, Seen]:
+) -> tuple[PlannerState, PerceptionFrame]:
     """Let the predictor learn, and forecast what the plan is held against."""
     scene = scene_of(observation, state.plan, settings.robot.radius)
     tracks = state.perception.history.tracks()
     state = replace(state, perception=state.perception.learnt(tracks, scene))
     forecast = state.perception.forecast(tracks, course.stamp, settings.grid, scene)
-    return state, Seen(observation, tracks, forecast)
+    return state, PerceptionFrame(observation, tracks, forecast)
 
 
 def _planned(
@@ -271,7 +277,7 @@ def _planned(
     state: PlannerState,
     services: Services,
     course: Course,
-    frame: Seen,
+    frame: PerceptionFrame,
     budget: Budget,
 ) -> tuple[PlannerState, Decision]:
     """Fill the problem, solve it from several starts, take the best rung, and command."""
@@ -303,7 +309,9 @@ def _braked(
     return replace(state, multipliers=None, smoother=None), Decision(command, plan, (), None)
 
 
-def _explained(plan: Plan, frame: Seen, check: InstanceCheck, outcome: Outcome) -> Plan:
+def _explained(
+    plan: Plan, frame: PerceptionFrame, check: InstanceCheck, outcome: MultiStartResult
+) -> Plan:
     """Add to a plan what it was held against, and what there is to say of it."""
     reason = joined(plan.reason, outcome.note, check.note)
     tracked = () if frame.tracks is None else frame.tracks.ids
@@ -330,7 +338,7 @@ def situation_of(settings: PlannerSettings, path: Path, decision: Decision) -> S
     )
 
 
-def _stand_in(outcome: Outcome) -> str:
+def _stand_in(outcome: MultiStartResult) -> str:
     """Say which other solver answered in the planner's own one's place, and why."""
     solved = (one.solution for one in outcome.candidates if one.solution is not None)
     found = next((one.stand_in for one in solved if one.stand_in), "")
@@ -349,7 +357,7 @@ def _fill(
     state: PlannerState,
     services: Services,
     course: Course,
-    frame: Seen,
+    frame: PerceptionFrame,
 ) -> tuple[InstanceCheck, Guess]:
     """Fill the problem with all that is there; return it with the first starting point."""
     robot, inputs = settings.robot, None
@@ -361,7 +369,7 @@ def _fill(
     first = Guess.bare(*first_trajectory(services.motion, start, inputs), target)
     here = np.broadcast_to(_place(robot, start), reference.position.shape)
     own, own_on_map = _own(settings, state, services, frame.observation, first)
-    view = View(
+    view = PlanningContext(
         observation=frame.observation,
         tracks=frame.tracks,
         forecast=frame.forecast,
@@ -388,7 +396,7 @@ def _fill(
     numbers = tuple(one.numbers for one in chosen)
     parameters = Parameters(start, *laid, numbers, reference.curve)
     problem = services.problems.of(tuple(one.room for one in chosen))
-    around = Surroundings(robot, settings.kinds, chosen)
+    around = ActiveObstacles(robot, settings.kinds, chosen)
     rule = _in_contact(settings, state, frame, robot, start)
     check = InstanceCheck(problem, parameters, around, settings.level, inputs, rule)
     first = check.suited(_warm(settings, state, course.stamp, parameters, chosen, first))
@@ -396,7 +404,11 @@ def _fill(
 
 
 def _in_contact(
-    settings: PlannerSettings, state: PlannerState, frame: Seen, robot: Robot, start: Array
+    settings: PlannerSettings,
+    state: PlannerState,
+    frame: PerceptionFrame,
+    robot: Robot,
+    start: Array,
 ) -> InContact | None:
     """Return who is in contact as the plan begins at ``start``, and who was seen nowhere."""
     stamp, tracks = frame.observation.stamp + settings.latency, frame.tracks
@@ -411,7 +423,7 @@ def _warm(
     state: PlannerState,
     stamp: float,
     parameters: Parameters,
-    chosen: tuple[Chosen, ...],
+    chosen: tuple[SlotAssignment, ...],
     first: Guess,
 ) -> Guess:
     """Add level and multipliers of the last plan to a start soon after it."""

@@ -23,10 +23,10 @@ from ...values.arrays import FARTHEST, Array
 from ...values.errors import WideberthError
 from ...values.motion import Pose, Twist
 from ...values.plan import Plan, Status
-from ..fallback.instance_check import Candidate, InstanceCheck, Outcome, shared_target
+from ..fallback.instance_check import Candidate, InstanceCheck, MultiStartResult, shared_target
 from ..fallback.rollout import (
     SWEEPS,
-    Motion,
+    RobotMotion,
     clip,
     drive_each,
     shift,
@@ -212,7 +212,7 @@ class MultiStart:
     starts: Starts
     budget: Budget
 
-    def run(self, check: InstanceCheck, first: Guess, obstacle_in_way: bool) -> Outcome:
+    def run(self, check: InstanceCheck, first: Guess, obstacle_in_way: bool) -> MultiStartResult:
         """Solve; ``obstacle_in_way`` is what the last outcome said.
 
         With a deadline the constraints of the re-check are compiled where the solver is called,
@@ -226,21 +226,21 @@ class MultiStart:
             status, message = Status.DEADLINE, f"{self.watch.name} {error}"
         except Exception as error:  # a plug-in's solver may fail in any way; the ladder goes on
             status, message = Status.FAILED, f"{type(error).__name__}: {error}"
-        return Outcome((), (first,), obstacle_in_way, obstacle_in_way, status, message)
+        return MultiStartResult((), (first,), obstacle_in_way, obstacle_in_way, status, message)
 
-    def _run(self, check: InstanceCheck, first: Guess, before: bool) -> Outcome:
+    def _run(self, check: InstanceCheck, first: Guess, before: bool) -> MultiStartResult:
         parameters = check.parameters
         if self.budget.left() <= 0.0:
             message = "no time was left to solve"
-            return Outcome((), (first,), before, before, Status.DEADLINE, message)
+            return MultiStartResult((), (first,), before, before, Status.DEADLINE, message)
         where = np.concatenate([parameters.initial, parameters.reference.ravel()])
         if not np.abs(where).max() <= FARTHEST:
             message = f"state or reference exceed {FARTHEST:g}: nothing was solved"
-            return Outcome((), (first,), before, before, Status.FAILED, message)
+            return MultiStartResult((), (first,), before, before, Status.FAILED, message)
         solutions = self.watch.solve(check, [first], self.budget)
         candidates = check.assess_each(solutions)
         slots = any(one.active.any() for one in parameters.slots)
-        laid = Laid.along(check.robot, parameters, check.problem.dt) if slots else None
+        laid = ReferenceGuess.along(check.robot, parameters, check.problem.dt) if slots else None
         there = _in_the_way(check, candidates[0], laid)
         names = self._names(check, candidates[0], there, before)
         target = shared_target(check.around.kinds, check.level, check.robot.dimension)
@@ -262,7 +262,7 @@ class MultiStart:
         solutions += more
         guesses = (first, *others[: len(more)])
         status, message = solutions[0].status, solutions[0].message
-        return Outcome(
+        return MultiStartResult(
             (*candidates, *assessed), guesses, there, before, status, message, note,
             tuple(solutions),
         )  # fmt: skip
@@ -354,7 +354,7 @@ def _gives_way_far(check: InstanceCheck, solved: Candidate) -> bool:
     return bool(asked - solved.point.level > DEEP * (asked - lowest) > 0.0)
 
 
-def _in_the_way(check: InstanceCheck, solved: Candidate, laid: "Laid | None") -> bool:
+def _in_the_way(check: InstanceCheck, solved: Candidate, laid: "ReferenceGuess | None") -> bool:
     """Whether something stands on the reference, or makes the level give way.
 
     ``laid`` are states on the reference; None where there is nothing to stand in the way.
@@ -387,7 +387,9 @@ def remaining_inputs(
     return stand(robot, start, inputs, share, plan.dt) if standing else inputs
 
 
-def first_trajectory(motion: Motion, start: Array, inputs: Array | None) -> tuple[Array, Array]:
+def first_trajectory(
+    motion: RobotMotion, start: Array, inputs: Array | None
+) -> tuple[Array, Array]:
     """Return what to solve from first: the last plan's inputs driven from here, or coasting.
 
     Parameters
@@ -425,7 +427,7 @@ def other_starts(
     parameters: Parameters,
     guess: Guess,
     names: Sequence[str] = OTHERS,
-    laid: "Laid | None" = None,
+    laid: "ReferenceGuess | None" = None,
 ) -> list[Guess]:
     """Return further starting points for an instance, in the order of their names.
 
@@ -468,7 +470,7 @@ def _trajectories(
     problem: Problem,
     parameters: Parameters,
     names: Sequence[str],
-    laid: "Laid | None",
+    laid: "ReferenceGuess | None",
 ) -> list[tuple[Array, Array]]:
     """States (N + 1, n) and inputs (N, m) of each start, see `other_starts`."""
     pace = max(float(np.abs(parameters.speed).max()), 1e-3)
@@ -481,7 +483,7 @@ def _trajectories(
     ]
     found = steer_each(robot, start, manoeuvres, problem.dt)
     if "along" in once:
-        laid = laid or Laid.along(robot, parameters, problem.dt)
+        laid = laid or ReferenceGuess.along(robot, parameters, problem.dt)
         found.insert(once.index("along"), (laid.states, laid.inputs(robot, problem.dt)))
     return found
 
@@ -497,7 +499,7 @@ def _under_way(robot: Robot, parameters: Parameters, pace: float) -> Twist:
 
 
 @dataclass(frozen=True, eq=False)
-class Laid:
+class ReferenceGuess:
     """States on the reference, whether or not they can be driven.
 
     Attributes
@@ -509,7 +511,7 @@ class Laid:
     twists: tuple[Twist, ...]
 
     @classmethod
-    def along(cls, robot: Robot, parameters: Parameters, dt: float) -> "Laid":
+    def along(cls, robot: Robot, parameters: Parameters, dt: float) -> "ReferenceGuess":
         """Lay them.
 
         State i is at the reference's place with the velocity that leads there from the one before;

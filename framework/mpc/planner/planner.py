@@ -13,7 +13,7 @@ from ...values.path import Path
 from ...values.plan import Plan, Rung
 from ..diagnosis.explain import SolveRecord
 from ..diagnosis.solve_record import Record
-from ..ocp.reference import Progress
+from ..ocp.reference import PathProgress
 from .cycle import (
     Decision,
     PlannerState,
@@ -99,7 +99,7 @@ class Planner(PlannerSettings, Controller):
         """Follow this path from now on; the first one warns of settings that look like a slip."""
         path, memory = checked_path(self.robot, path), self._memory
         first = memory.state.progress is None
-        memory.state = replace(memory.state, progress=Progress(path))
+        memory.state = replace(memory.state, progress=PathProgress(path))
         if not self._services.problems:
             warm_up(self, self._services, path)
         for words in doubts(self) if first else ():

@@ -2,7 +2,7 @@
 
 from ..assembly import assemble
 from ..ocp.problem import Problem
-from ..slots.base import Room
+from ..slots.base import SlotSizes
 from .settings import PlannerSettings
 
 
@@ -16,13 +16,13 @@ class ProblemCache:
 
     def __init__(self, settings: PlannerSettings) -> None:
         self._settings = settings
-        self._made: dict[tuple[Room, ...], Problem] = {}
+        self._made: dict[tuple[SlotSizes, ...], Problem] = {}
 
     def __bool__(self) -> bool:
         """Whether any has been made."""
         return bool(self._made)
 
-    def of(self, rooms: tuple[Room, ...]) -> Problem:
+    def of(self, rooms: tuple[SlotSizes, ...]) -> Problem:
         """Return the problem with room for so many things of each kind."""
         if rooms not in self._made:
             own = self._settings

@@ -12,7 +12,7 @@ import numpy as np
 from ...values.arrays import Array
 from ..ocp.problem import Parameters
 from ..ocp.transcription import Guess, Multipliers
-from ..slots.base import Chosen
+from ..slots.base import SlotAssignment
 
 
 @final
@@ -32,13 +32,15 @@ class KeptMultipliers:
     names: tuple[tuple[str, ...], ...]
 
     @classmethod
-    def of(cls, point: Guess, chosen: tuple[Chosen, ...]) -> "KeptMultipliers | None":
+    def of(cls, point: Guess, chosen: tuple[SlotAssignment, ...]) -> "KeptMultipliers | None":
         """Keep those of a solution; None where the solver has none."""
         if point.multipliers is None:
             return None
         return cls(point.multipliers, point.level, tuple(one.called for one in chosen))
 
-    def at(self, share: float, parameters: Parameters, chosen: tuple[Chosen, ...]) -> Multipliers:
+    def at(
+        self, share: float, parameters: Parameters, chosen: tuple[SlotAssignment, ...]
+    ) -> Multipliers:
         """Return those of a plan that begins later, for the slots that it has.
 
         Between two steps they are interpolated; behind the last they stay as they are there. A

@@ -37,12 +37,12 @@ FAR, WIDE = 1e6, 1e4
 solver is given. Squares of larger numbers drown all others, and a solver may then never end.
 Nothing is lost: what is farther off is out of reach, and what is wider is everywhere."""
 
-Room: TypeAlias = tuple[int, ...]
+SlotSizes: TypeAlias = tuple[int, ...]
 """Sizes of the slots of one kind in a problem: their number, then what the kind defines."""
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class PlanningContext:
     """Inputs of a planning cycle from which a kind chooses what to keep clear of.
 
     Attributes
@@ -84,7 +84,7 @@ class View:
     most: int
 
 
-class Known(ABC):
+class KnownObstacles(ABC):
     """All things of one kind that are known, whether or not the problem had room for them."""
 
     @abstractmethod
@@ -123,7 +123,7 @@ class OutOfReach:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Chosen:
+class SlotAssignment:
     """Things of one kind in one planning cycle.
 
     Attributes
@@ -137,11 +137,11 @@ class Chosen:
     lesser : names of slots between the things and the empty ones that a plan says no level of.
     """
 
-    room: Room
+    room: SlotSizes
     names: tuple[str, ...]
     left_out: tuple[str, ...]
     numbers: SlotNumbers
-    known: Known
+    known: KnownObstacles
     out_of_reach: OutOfReach | None = None
     lesser: tuple[str, ...] = ()
 
@@ -168,7 +168,7 @@ class SlotKind(ABC):
         """Bodies that stand for the robot before these things."""
 
     @abstractmethod
-    def slots(self, room: Room, frame: Frame) -> Slots:
+    def slots(self, room: SlotSizes, frame: Frame) -> Slots:
         """State the constraint of one slot in CasADi, see `ocp.stage.slots`.
 
         Parameters
@@ -178,7 +178,7 @@ class SlotKind(ABC):
         """
 
     @abstractmethod
-    def choose(self, robot: Robot, view: View) -> Chosen:
+    def choose(self, robot: Robot, view: PlanningContext) -> SlotAssignment:
         """Choose the things that get a slot, and fill the numbers of all slots.
 
         Empty slots hold a finite dummy: their mask multiplies it by zero, and zero times NaN
@@ -236,7 +236,7 @@ class GaussianKind(SlotKind):
 
 @final
 @dataclass(frozen=True, eq=False)
-class Surroundings:
+class ActiveObstacles:
     """Things of every kind that a plan is held against.
 
     Parameters
@@ -247,7 +247,7 @@ class Surroundings:
 
     robot: Robot
     kinds: tuple[SlotKind, ...]
-    chosen: tuple[Chosen, ...]
+    chosen: tuple[SlotAssignment, ...]
 
     @property
     def left_out(self) -> tuple[str, ...]:

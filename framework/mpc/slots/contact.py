@@ -51,7 +51,7 @@ def _nothing(steps: int) -> Touch:
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
+class BodyPath:
     """Corners of a body at several looks between each two steps.
 
     The way between two steps is looked at in pieces of at most half a body's width, in which the
@@ -73,7 +73,7 @@ class Way:
     cut: Array
 
     @classmethod
-    def of(cls, robot: Robot, body: Body, states: Array) -> "Way":
+    def of(cls, robot: Robot, body: Body, states: Array) -> "BodyPath":
         """Look at a body on its way along states (N + 1, n)."""
         pose = robot.pose(tuple(states.T))
         place = pose.points()

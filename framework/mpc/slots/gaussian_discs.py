@@ -22,13 +22,13 @@ from ..ocp.stage import Frame, slots
 from .base import (
     FAR,
     WIDE,
-    Chosen,
     GaussianKind,
-    Known,
+    KnownObstacles,
     LevelledKind,
     OutOfReach,
-    Room,
-    View,
+    PlanningContext,
+    SlotAssignment,
+    SlotSizes,
     next_capacity,
     quoted,
     reach_of_bodies,
@@ -39,7 +39,7 @@ from .screen import leaves_out, out_of_reach
 
 
 @dataclass(frozen=True, eq=False)
-class Obstacles:
+class ObstacleSet:
     """Gaussian discs on the plan's grid, one per obstacle and forecast mode.
 
     Attributes
@@ -58,11 +58,11 @@ class Obstacles:
     radius: Array
     ids: tuple[str, ...]
     left_out: tuple[str, ...] = ()
-    out_of_reach: "Obstacles | None" = None
+    out_of_reach: "ObstacleSet | None" = None
     counted: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, forecast: Forecast, ids: tuple[str, ...], radius: Array) -> "Obstacles":
+    def of(cls, forecast: Forecast, ids: tuple[str, ...], radius: Array) -> "ObstacleSet":
         """Make a disc of every mode that is not too unlikely.
 
         Parameters
@@ -82,7 +82,7 @@ class Obstacles:
         )
 
     @classmethod
-    def none(cls, steps: int, dimension: int) -> "Obstacles":
+    def none(cls, steps: int, dimension: int) -> "ObstacleSet":
         """No disc at all."""
         mean = np.zeros((steps, 0, dimension))
         return cls(mean, np.zeros((steps, 0, dimension, dimension)), np.zeros(0), ())
@@ -91,15 +91,17 @@ class Obstacles:
         """Count the discs."""
         return len(self.ids)
 
-    def some(self, which: NDArray[np.intp]) -> "Obstacles":
+    def some(self, which: NDArray[np.intp]) -> "ObstacleSet":
         """Return some of the discs, by their indices."""
         kept = tuple(self.ids[i] for i in which)
-        return Obstacles(self.mean[:, which], self.covariance[:, which], self.radius[which], kept)
+        return ObstacleSet(
+            self.mean[:, which], self.covariance[:, which], self.radius[which], kept
+        )
 
 
 def choose_obstacles(
-    discs: Obstacles, route: Array, most: int, far: BoolArray | None = None
-) -> Obstacles:
+    discs: ObstacleSet, route: Array, most: int, far: BoolArray | None = None
+) -> ObstacleSet:
     """Keep the discs that come closest to the route, at most ``most`` of them.
 
     Parameters
@@ -130,7 +132,7 @@ def choose_obstacles(
 
 def fill(
     reference: Reference,
-    obstacles: Obstacles,
+    obstacles: ObstacleSet,
     region: Region,
     level: LevelPolicy,
     radius: float,
@@ -166,7 +168,7 @@ def fill(
 
 
 def within_scales(
-    obstacles: Obstacles, reference: Reference, radius: float, own: Array | None
+    obstacles: ObstacleSet, reference: Reference, radius: float, own: Array | None
 ) -> tuple[Array, Array, Array]:
     """Mean, covariance with the robot's own, and margin of each disc, as a solver can take them.
 
@@ -209,7 +211,7 @@ def not_wider(covariance: Array) -> Array:
     return bounded
 
 
-def _levels(policy: LevelPolicy, region: Region, obstacles: Obstacles, capacity: int) -> Array:
+def _levels(policy: LevelPolicy, region: Region, obstacles: ObstacleSet, capacity: int) -> Array:
     """Level of every slot, (N, capacity): one per obstacle, the same for all of its modes."""
     names = list(dict.fromkeys(obstacles.counted or obstacles.ids))
     steps, _, size = obstacles.mean.shape
@@ -220,11 +222,11 @@ def _levels(policy: LevelPolicy, region: Region, obstacles: Obstacles, capacity:
 
 @final
 @dataclass(frozen=True, eq=False)
-class KnownDiscs(Known):
+class KnownDiscs(KnownObstacles):
     """Discs that have a slot, at the forecast's means, which are known at the steps alone."""
 
     kind: "GaussianDiscs"
-    obstacles: Obstacles
+    obstacles: ObstacleSet
     margin: float
 
     def touched(self, robot: Robot, states: Array) -> Touch:
@@ -260,7 +262,7 @@ class GaussianDiscs(LevelledKind, GaussianKind):
         """Bodies with corners where the region knows them, else discs."""
         return bodies(robot) if isinstance(self.region, Polygonal) else discs(robot)
 
-    def slots(self, room: Room, frame: Frame) -> Slots:
+    def slots(self, room: SlotSizes, frame: Frame) -> Slots:
         """State that every body is outside of the region."""
         size, region = frame.robot.dimension, self.region
         own, width = region.auxiliary(size), region.parameter_count(size)
@@ -268,16 +270,18 @@ class GaussianDiscs(LevelledKind, GaussianKind):
         count = room[0] if room else 0
         return slots(self.name, count, width, own, parts, region.constraint, frame, levelled=True)
 
-    def choose(self, robot: Robot, view: View) -> Chosen:
+    def choose(self, robot: Robot, view: PlanningContext) -> SlotAssignment:
         """Choose the discs that come closest to the route, of those that a plan can meet."""
-        obstacles = Obstacles.none(*view.reference.position.shape)
+        obstacles = ObstacleSet.none(*view.reference.position.shape)
         if view.tracks is not None and view.forecast is not None:
-            obstacles = Obstacles.of(view.forecast, view.tracks.ids, view.tracks.radius)
+            obstacles = ObstacleSet.of(view.forecast, view.tracks.ids, view.tracks.radius)
             far = self.out_of_reach(robot, obstacles, view)
             obstacles = choose_obstacles(obstacles, view.route, view.most, far)
         return self.chosen(robot, obstacles, view.reference, view.level, view.margin, view.own)
 
-    def out_of_reach(self, robot: Robot, discs: Obstacles, view: View) -> BoolArray | None:
+    def out_of_reach(
+        self, robot: Robot, discs: ObstacleSet, view: PlanningContext
+    ) -> BoolArray | None:
         """Which discs no plan can meet, (O,), see `slots.screen`; None where none is left out."""
         region = self.region
         if not (isinstance(region, Bounded) and len(discs) and leaves_out(view.level)):
@@ -293,17 +297,17 @@ class GaussianDiscs(LevelledKind, GaussianKind):
     def chosen(
         self,
         robot: Robot,
-        obstacles: Obstacles,
+        obstacles: ObstacleSet,
         reference: Reference,
         level: LevelPolicy,
         margin: float,
         own: Array | None = None,
-    ) -> Chosen:
+    ) -> SlotAssignment:
         """Fill the slots of the smallest problem that has room for some obstacles.
 
         Parameters
         ----------
-        robot, reference, level, margin, own : see `View`.
+        robot, reference, level, margin, own : see `PlanningContext`.
         obstacles : on the plan's grid.
         """
         capacity = next_capacity(len(obstacles))
@@ -312,10 +316,10 @@ class GaussianDiscs(LevelledKind, GaussianKind):
         known = KnownDiscs(self, obstacles, margin)
         names, far = (obstacles.ids, obstacles.left_out), obstacles.out_of_reach
         if far is None:
-            return Chosen((capacity,), *names, numbers, known)
+            return SlotAssignment((capacity,), *names, numbers, known)
         counted = replace(far, counted=obstacles.counted)
         beyond = OutOfReach(far.ids, _levels(level, self.region, counted, len(far)))
-        return Chosen((capacity,), *names, numbers, known, beyond)
+        return SlotAssignment((capacity,), *names, numbers, known, beyond)
 
     def parameters_of_one(self, robot: Robot, margin: float) -> Any:
         """Parameters of the region, the radii of body and obstacle in its margin.

@@ -20,8 +20,17 @@ from ..levels.base import LevelPolicy
 from ..ocp.bodies import Body, bodies, body_starts
 from ..ocp.problem import SlotNumbers, Slots
 from ..ocp.stage import Frame, slots
-from .base import Chosen, Known, Room, SlotKind, View, next_capacity, quoted, used
-from .contact import Touch, Way
+from .base import (
+    KnownObstacles,
+    PlanningContext,
+    SlotAssignment,
+    SlotKind,
+    SlotSizes,
+    next_capacity,
+    quoted,
+    used,
+)
+from .contact import BodyPath, Touch
 
 CORNERS = (4, 6, 8, 12, MOST_CORNERS)
 """Vertices that problems are compiled for; a convex part with fewer repeats its last one."""
@@ -137,7 +146,8 @@ def nearness(around: float, aside: float, own: Array, level: LevelPolicy) -> flo
     Parameters
     ----------
     around : m, radius of the robot and margin.
-    aside, own, level : how far a plan may turn aside, own uncertainty, and level, see `View`.
+    aside, own, level : how far a plan may turn aside, own uncertainty, and level, see
+        `PlanningContext`.
     """
     return around + aside + widest(own, level)
 
@@ -159,7 +169,7 @@ def deviations(level: LevelPolicy) -> float:
 
 @final
 @dataclass(frozen=True, eq=False)
-class KnownPolygons(Known):
+class KnownPolygons(KnownObstacles):
     """Every part of every polygon, within reach or not."""
 
     kind: "StaticPolygons"
@@ -173,7 +183,7 @@ class KnownPolygons(Known):
             return Touch.none(steps)
         depth, names = np.zeros(steps), [""] * steps
         for body in self.kind.bodies(robot) or (Body(robot.radius),):
-            way = Way.of(robot, body, states)
+            way = BodyPath.of(robot, body, states)
             close = near[self._comes_close(way.corners, near, body.radius)]
             if not close.size:
                 continue
@@ -237,7 +247,7 @@ class StaticPolygons(SlotKind):
         """Bodies with their corners; none without a region."""
         return () if self.region is None else bodies(robot)
 
-    def slots(self, room: Room, frame: Frame) -> Slots:
+    def slots(self, room: SlotSizes, frame: Frame) -> Slots:
         """State that every body is clear of the polygon."""
         region, count = self.region, room[0] if room else 0
         if region is None and count:
@@ -254,7 +264,7 @@ class StaticPolygons(SlotKind):
 
         return slots(self.name, count, width, own, parts, state, frame, levelled=False)
 
-    def choose(self, robot: Robot, view: View) -> Chosen:
+    def choose(self, robot: Robot, view: PlanningContext) -> SlotAssignment:
         """Choose the convex parts that come closest to the route and the last plan."""
         walls, polygons = NONE, view.observation.polygons
         if polygons:
@@ -266,14 +276,14 @@ class StaticPolygons(SlotKind):
 
     def chosen(
         self, robot: Robot, walls: Walls, level: LevelPolicy, margin: float, own: Array
-    ) -> Chosen:
+    ) -> SlotAssignment:
         """Fill the slots of the smallest problem that has room for some polygons.
 
         Parameters
         ----------
-        robot, level, margin : see `View`.
+        robot, level, margin : see `PlanningContext`.
         walls : the polygons.
-        own : (N, 2, 2), m^2, `View.own_on_map`.
+        own : (N, 2, 2), m^2, `PlanningContext.own_on_map`.
         """
         numbers = SlotNumbers.none(len(own))
         if self.region is not None and len(walls):
@@ -281,7 +291,9 @@ class StaticPolygons(SlotKind):
             radius = self.bodies(robot)[0].radius + margin
             numbers = fill_walls(walls, self.region, radius, spread)
         room = len(numbers.active), walls.parts.shape[1]
-        return Chosen(room, walls.names, walls.left_out, numbers, KnownPolygons(self, walls))
+        return SlotAssignment(
+            room, walls.names, walls.left_out, numbers, KnownPolygons(self, walls)
+        )
 
     def auxiliary_start(self, robot: Robot, pose: Pose, numbers: SlotNumbers) -> Array:
         """Best auxiliaries of the region, body by body."""

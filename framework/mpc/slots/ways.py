@@ -14,8 +14,8 @@ from ..levels.base import LevelPolicy, Promise
 from ..ocp.bodies import Body
 from ..ocp.problem import SlotNumbers, Slots
 from ..ocp.stage import Frame, slots
-from .base import Chosen, LevelledKind, Room, View, next_capacity
-from .gaussian_discs import GaussianDiscs, KnownDiscs, Obstacles, fill
+from .base import LevelledKind, PlanningContext, SlotAssignment, SlotSizes, next_capacity
+from .gaussian_discs import GaussianDiscs, KnownDiscs, ObstacleSet, fill
 
 
 @final
@@ -56,7 +56,7 @@ class Ways:
                 f"ways.share is {self.share:g}; wanted at most 1: a way costs no more than a body"
             )
 
-    def of(self, discs: Obstacles, dt: float) -> Obstacles:
+    def of(self, discs: ObstacleSet, dt: float) -> ObstacleSet:
         """Return the ways of some discs.
 
         The way at step i has the moments of where the disc is at step i + J, J drawn evenly from
@@ -117,7 +117,7 @@ class DiscsAndWays(LevelledKind):
         """Those before discs."""
         return self.discs.bodies(robot)
 
-    def slots(self, room: Room, frame: Frame) -> Slots:
+    def slots(self, room: SlotSizes, frame: Frame) -> Slots:
         """State that every body is outside of the region, at the price that is the last number."""
         size, region = frame.robot.dimension, self.region
         own, width = region.auxiliary(size), region.parameter_count(size) + 1
@@ -130,7 +130,7 @@ class DiscsAndWays(LevelledKind):
 
         return slots(self.name, count, width, own, parts, state, frame, levelled=True)
 
-    def choose(self, robot: Robot, view: View) -> Chosen:
+    def choose(self, robot: Robot, view: PlanningContext) -> SlotAssignment:
         """Choose discs as without ways, and add the way of each that has a slot."""
         chosen = self.discs.choose(robot, view)
         assert isinstance(chosen.known, KnownDiscs)

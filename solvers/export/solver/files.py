@@ -7,7 +7,7 @@ from .... import __version__
 from ....framework.plugins.io import stamped
 from ..bundle import KIND, MANIFEST, VERSION
 from .header import header
-from .needs import Solver, memory, stack
+from .needs import ExportedSolver, memory, stack
 from .readme import readme
 from .tables import tables
 
@@ -36,7 +36,7 @@ clean:
 """
 
 
-def bundle(solver: Solver) -> dict[str, str | bytes]:
+def bundle(solver: ExportedSolver) -> dict[str, str | bytes]:
     """Return the files of an exported solver by name; the same solver gives the same bytes.
 
     Raises
@@ -57,7 +57,7 @@ def bundle(solver: Solver) -> dict[str, str | bytes]:
     return {**found, MANIFEST: _manifest(solver, [*found])}
 
 
-def has_example(solver: Solver) -> bool:
+def has_example(solver: ExportedSolver) -> bool:
     """Whether the example fits: a robot in the plane, obstacles, all of it filled in C."""
     problem, native = solver.native.subject.problem, solver.native
     first = problem.slots[0]
@@ -71,7 +71,7 @@ def _source(name: str) -> str:
     return resources(__name__.rpartition(".")[0]).joinpath("c", name).read_text(encoding="utf-8")
 
 
-def _manifest(solver: Solver, files: list[str]) -> str:
+def _manifest(solver: ExportedSolver, files: list[str]) -> str:
     native = solver.native
     content = {
         "wideberth": __version__,

@@ -8,7 +8,7 @@ from ....framework.values.arrays import FARTHEST
 from ..header import entries
 from ..layout import Define, number
 from .native import Native
-from .needs import Solver, memory, stack, work
+from .needs import ExportedSolver, memory, stack, work
 
 ERRORS = (
     ("NO_ERROR", "nothing is wrong; how a solve ended, its status says"),
@@ -113,7 +113,7 @@ const char *wideberth_status_text(int status);
 """
 
 
-def header(solver: Solver) -> str:
+def header(solver: ExportedSolver) -> str:
     """Return the text of wideberth_solver.h."""
     native = solver.native
     machine = native.machine
@@ -139,7 +139,7 @@ def header(solver: Solver) -> str:
     return "\n".join(parts) + "\n" + _FUNCTIONS.replace("{margin:g}", f"{native.margin:g}")
 
 
-def _sizes(solver: Solver) -> list[Define]:
+def _sizes(solver: ExportedSolver) -> list[Define]:
     problem = solver.native.subject.problem
     found: list[Define] = [
         ("HORIZON", problem.horizon, "N, steps"),
@@ -168,7 +168,7 @@ def _sizes(solver: Solver) -> list[Define]:
     return found
 
 
-def _needs(solver: Solver) -> list[Define]:
+def _needs(solver: ExportedSolver) -> list[Define]:
     native = solver.native
     return [
         ("MEMORY", memory(solver), "what wideberth_solve is given"),
@@ -179,7 +179,7 @@ def _needs(solver: Solver) -> list[Define]:
     ]
 
 
-def _numbers(solver: Solver) -> list[tuple[str, float, str]]:
+def _numbers(solver: ExportedSolver) -> list[tuple[str, float, str]]:
     problem = solver.native.subject.problem
     found = [
         ("DT", problem.dt, "s per step"),
@@ -194,7 +194,7 @@ def _numbers(solver: Solver) -> list[tuple[str, float, str]]:
     return found
 
 
-def _start_level(solver: Solver) -> float:
+def _start_level(solver: ExportedSolver) -> float:
     level = solver.native.subject.guess.level
     return float(level) if solver.native.subject.problem.shared else 0.0
 

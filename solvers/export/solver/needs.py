@@ -15,7 +15,7 @@ GLUE_STACK = 4096
 
 
 @dataclass(frozen=True, eq=False)
-class Solver:
+class ExportedSolver:
     """What is exported: code, settings, and what a solve takes.
 
     Attributes
@@ -34,12 +34,12 @@ class Solver:
     aims: tuple[Array | None, ...]
 
 
-def memory(solver: Solver) -> int:
+def memory(solver: ExportedSolver) -> int:
     """Bytes that the caller has to give: tables, arrays of the core, and room to align them."""
     return work(solver) + solver.needs.memory + 16
 
 
-def work(solver: Solver) -> int:
+def work(solver: ExportedSolver) -> int:
     """Bytes of the tables that `wideberth_solver.c` hands to the core, a multiple of 16."""
     problem, kinds = solver.native.subject.problem, solver.native.kernels.kinds
     small = len(protocol.Kernels._fields) + sum(map(len, kinds)) + 2
@@ -48,12 +48,12 @@ def work(solver: Solver) -> int:
     return -(-8 * (table_words(solver) + small + numbers + states) // 16) * 16
 
 
-def table_words(solver: Solver) -> int:
+def table_words(solver: ExportedSolver) -> int:
     """Words of the core's table."""
     return protocol.WORDS * sum(map(len, protocol.layout(len(solver.native.kernels.kinds))))
 
 
-def stack(solver: Solver) -> int:
+def stack(solver: ExportedSolver) -> int:
     """Bytes of stack: as measured here, and twice that for another family of processors."""
     try:
         here = objects.PROCESSORS[objects.fitting()].machine

@@ -1,7 +1,7 @@
 """The README of an exported solver."""
 
 from ..readme import filled, regions
-from .needs import Solver, memory, stack
+from .needs import ExportedSolver, memory, stack
 
 _TEXT = """\
 # {source}: the solver for {machine}
@@ -46,7 +46,7 @@ _CURVE = (
 )
 
 
-def readme(solver: Solver) -> str:
+def readme(solver: ExportedSolver) -> str:
     """Return the text of README.md."""
     native = solver.native
     subject, problem = native.subject, native.subject.problem

@@ -12,12 +12,12 @@ from ...riccati import _protocol as protocol
 from ...riccati.compiled import CompiledSlots
 from ..layout import number
 from .native import PREFIX
-from .needs import Solver, table_words
+from .needs import ExportedSolver, table_words
 
 _NOTHING = "work->nothing"
 
 
-def tables(solver: Solver) -> str:
+def tables(solver: ExportedSolver) -> str:
     """Return the text of wideberth_tables.h."""
     native = solver.native
     names = [PREFIX + name for name in (*native.kernels.functions, *native.around)]
@@ -37,7 +37,7 @@ def tables(solver: Solver) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _constants(solver: Solver) -> dict[str, Any]:
+def _constants(solver: ExportedSolver) -> dict[str, Any]:
     needs = " && ".join(f'has("{one}")' for one in solver.native.machine.needs) or "1"
     return {
         "NEEDS(has)": f"({needs})",
@@ -54,7 +54,7 @@ def _constants(solver: Solver) -> dict[str, Any]:
     }
 
 
-def _fixed(solver: Solver) -> list[str]:
+def _fixed(solver: ExportedSolver) -> list[str]:
     """Arrays that do not change, but for those of the slots."""
     made, subject = solver.native.kernels, solver.native.subject
     settings = solver.settings.settings_for(subject.problem, subject.guess)
@@ -71,7 +71,7 @@ def _fixed(solver: Solver) -> list[str]:
     ]
 
 
-def _kinds(solver: Solver) -> list[str]:
+def _kinds(solver: ExportedSolver) -> list[str]:
     """Arrays of the slots that do not change, and what each kind is."""
     slots = solver.native.subject.problem.slots
     return [
@@ -84,7 +84,7 @@ def _kinds(solver: Solver) -> list[str]:
     ]
 
 
-def _structure(solver: Solver) -> list[str]:
+def _structure(solver: ExportedSolver) -> list[str]:
     """Declare what `wideberth_solver.c` writes into the caller's memory."""
     settings, numbers = len(protocol.Settings._fields), len(protocol.Numbers._fields)
     return [
@@ -100,7 +100,7 @@ def _structure(solver: Solver) -> list[str]:
     ]
 
 
-def rows(solver: Solver) -> list[tuple[Any, ...]]:
+def rows(solver: ExportedSolver) -> list[tuple[Any, ...]]:
     """Arrays that the core takes: where each begins in C, and its lengths.
 
     In the order of `protocol.layout`; a field that is not known here is an error, so that a core
@@ -118,7 +118,7 @@ def rows(solver: Solver) -> list[tuple[Any, ...]]:
     return [(*one, *[0] * (4 - len(one))) for one in named]
 
 
-def _plain(solver: Solver) -> dict[str, tuple[Any, ...]]:
+def _plain(solver: ExportedSolver) -> dict[str, tuple[Any, ...]]:
     """Arrays of the problem, and of its path."""
     problem = solver.native.subject.problem
     steps, size = problem.horizon, problem.dimension
@@ -136,7 +136,7 @@ def _plain(solver: Solver) -> dict[str, tuple[Any, ...]]:
     }
 
 
-def _trajectories(solver: Solver) -> tuple[dict[str, tuple[Any, ...]], ...]:
+def _trajectories(solver: ExportedSolver) -> tuple[dict[str, tuple[Any, ...]], ...]:
     """Arrays of the guess, and of the result; no multipliers are given or wanted."""
     problem = solver.native.subject.problem
     states = problem.horizon + 1, problem.states
@@ -156,7 +156,7 @@ def _trajectories(solver: Solver) -> tuple[dict[str, tuple[Any, ...]], ...]:
     }
 
 
-def _of_slots(solver: Solver, k: int) -> dict[str, tuple[Any, ...]]:
+def _of_slots(solver: ExportedSolver, k: int) -> dict[str, tuple[Any, ...]]:
     """Arrays of one kind of slots."""
     made = solver.native.kernels
     one, steps = made.problem.slots[k], made.problem.horizon
@@ -185,7 +185,7 @@ def _of_slots(solver: Solver, k: int) -> dict[str, tuple[Any, ...]]:
     }
 
 
-def _core_kind(solver: Solver, k: int) -> list[str]:
+def _core_kind(solver: ExportedSolver, k: int) -> list[str]:
     """Arrays of a kind of slots that do not change."""
     made = solver.native.kernels
     none = np.zeros(0, dtype=np.int64)
@@ -199,7 +199,7 @@ def _core_kind(solver: Solver, k: int) -> list[str]:
     ]
 
 
-def _own(solver: Solver, k: int, one: Slots) -> list[str]:
+def _own(solver: ExportedSolver, k: int, one: Slots) -> list[str]:
     """Levels that are aimed at, and where own variables start."""
     aim = solver.aims[k]
     return [
@@ -212,7 +212,7 @@ def _numbers(values: Array | None) -> list[str]:
     return [] if values is None else [number(value) for value in values.tolist()]
 
 
-def _kind(solver: Solver, k: int, one: Slots) -> str:
+def _kind(solver: ExportedSolver, k: int, one: Slots) -> str:
     """Return the initialiser of a `struct kind`."""
     own, around = len(one.auxiliary), solver.native.around
     places = {
@@ -229,12 +229,12 @@ def _kind(solver: Solver, k: int, one: Slots) -> str:
     return _joined([*numbers, *offsets, found, f"AIM_{k}", f"BEGIN_{k}", *kernels])
 
 
-def _results(solver: Solver, name: str) -> int:
+def _results(solver: ExportedSolver, name: str) -> int:
     around = solver.native.around
     return int(around[name].numel_out(0)) if name in around else 0
 
 
-def _most(solver: Solver, place: int) -> int:
+def _most(solver: ExportedSolver, place: int) -> int:
     """Most variables, numbers or rows that the constraint of a slot has."""
     some = [one for name, one in solver.native.around.items() if name.startswith("rows")]
     counts = [one.numel_out(0) if place == 2 else one.numel_in(place) for one in some]

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from wideberth.controllers.pure_pursuit import PurePursuit
-from wideberth.experiments.engine.base import Experiment, Outcome, Task
+from wideberth.experiments.engine.base import Experiment, Task, TaskOutcome
 from wideberth.experiments.engine.worker import do_task
 from wideberth.framework.control import rate_limited_warnings as notices
 from wideberth.framework.control.rate_limited_warnings import RateLimitedWarnings, quiet
 from wideberth.framework.mpc.levels.paper import Paper
-from wideberth.framework.mpc.planner.best_response import Agent, BestResponsePlanner
+from wideberth.framework.mpc.planner.best_response import BestResponsePlanner, Player
 from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.motion import Detection, Observation
 from wideberth.robots.unicycle import Unicycle
@@ -106,7 +106,7 @@ def test_a_planner_with_nothing_to_say_is_silent_and_so_is_its_warm_up(
 def test_what_others_might_do_is_nothing_to_warn_of(caplog: pytest.LogCaptureFixture) -> None:
     model = BestResponsePlanner(planner(level=Paper(), horizon=5))
     state = at(0.0, 0.0).state
-    one = Agent(state, np.array([1.0, 0.0]), 0.5, 0.75)
+    one = Player(state, np.array([1.0, 0.0]), 0.5, 0.75)
     ahead = Forecast.single(
         np.full((1, 20, 2), (2.0, 0.1)), np.tile(0.04 * np.eye(2), (1, 20, 1, 1)), 0.5
     )
@@ -143,9 +143,9 @@ def test_a_handler_that_fails_stops_nothing(caplog: pytest.LogCaptureFixture) ->
 class Braking:
     """One task that makes a controller warn."""
 
-    def measure(self, task: Task) -> Outcome:
+    def measure(self, task: Task) -> TaskOutcome:
         notices.WARNINGS.warn("Planner", "brake", "in an experiment")
-        return Outcome(rows=[{"seed": task.seed}])
+        return TaskOutcome(rows=[{"seed": task.seed}])
 
 
 def test_an_experiment_warns_of_nothing_and_then_all_is_as_before(

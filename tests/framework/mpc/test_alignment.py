@@ -16,7 +16,7 @@ from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.ocp.problem import Parameters
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.slots.gaussian_discs import Obstacles, choose_obstacles
+from wideberth.framework.mpc.slots.gaussian_discs import ObstacleSet, choose_obstacles
 from wideberth.framework.mpc.slots.static_polygons import NONE, Walls, fill_walls
 from wideberth.framework.region import Region
 from wideberth.framework.values.footprint import Outline
@@ -27,7 +27,7 @@ from wideberth.framework.values.plan import Rung
 from wideberth.predictors.oracle import Oracle
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
-from wideberth.regions.static.separating_line import SeparatingLine
+from wideberth.regions.static.separating_line import StaticSeparatingLine
 from wideberth.robots.holonomic import Holonomic
 from wideberth.robots.unicycle import Unicycle
 from wideberth.tests.helpers.planning import planner
@@ -49,13 +49,13 @@ def wide(first: float, growth: float) -> np.ndarray:
     return np.asarray(np.einsum("nij,nj,nkj->nik", vectors, values, vectors))
 
 
-def crossing() -> Obstacles:
+def crossing() -> ObstacleSet:
     """Two discs that cross the path ever faster."""
     first = np.stack([2.0 - 0.1 * STEP**2, 1.0 - 0.4 * STEP], axis=-1)
     second = np.stack([1.0 + 0.05 * STEP**2, -2.0 + 0.3 * STEP], axis=-1)
     covariance = np.stack([wide(0.04, 0.02), wide(0.01, 0.05)], axis=1)
     mean = np.stack([first, second], axis=1)
-    return Obstacles(mean, covariance, np.array([0.4, 0.3]), ("a", "b"))
+    return ObstacleSet(mean, covariance, np.array([0.4, 0.3]), ("a", "b"))
 
 
 def filled(region: Region, capacity: int = 2) -> Parameters:
@@ -94,7 +94,7 @@ def test_a_plan_along_the_reference_costs_nothing() -> None:
     robot = Holonomic()
     reference = lay_reference(Path(np.array([[0.0, 0.0], [9.0, 0.0]])), 0.0, 0.5, STEPS, DT)
     start = np.array(robot.state_at(Pose((0.0, 0.0), 0.0), Twist((0.5, 0.0))), dtype=float)
-    none = Obstacles.none(STEPS, 2)
+    none = ObstacleSet.none(STEPS, 2)
     region, level = MahalanobisEllipse(), Fixed(0.05)
     parameters = fill(start, reference, none, region, level, 0.75, 0)
     problem = assemble(robot, region, level, horizon=STEPS, dt=DT, capacity=0)
@@ -115,7 +115,7 @@ def test_the_check_finds_the_step_at_which_they_meet() -> None:
     states, inputs = steer(robot, START, Twist((0.5, 0.0)), STEPS, DT)
     mean = np.stack([np.full(STEPS, states[4, 0]), 2.0 * (STEP - 4.0)], axis=-1)[:, None]
     covariance = np.tile(1e-8 * np.eye(2), (STEPS, 1, 1, 1))
-    obstacles = Obstacles(mean, covariance, np.array([0.4]), ("a",))
+    obstacles = ObstacleSet(mean, covariance, np.array([0.4]), ("a",))
     reference = lay_reference(BENT, 0.0, 0.5, STEPS, DT)
     parameters = fill(START, reference, obstacles, region, level, 0.75, 1)
     problem = assemble(robot, region, level, horizon=STEPS, dt=DT, capacity=1)
@@ -131,7 +131,7 @@ def test_the_check_finds_the_step_at_which_they_meet() -> None:
 def test_the_stop_is_asked_of_the_last_state_alone() -> None:
     """Who brakes moves before; who coasts breaks it at the last step."""
     robot, region, level = Unicycle(), MahalanobisEllipse(), Fixed(0.05)
-    none, reference = Obstacles.none(STEPS, 2), lay_reference(BENT, 0.0, 0.5, STEPS, DT)
+    none, reference = ObstacleSet.none(STEPS, 2), lay_reference(BENT, 0.0, 0.5, STEPS, DT)
     parameters = fill(START, reference, none, region, level, 0.75, 0)
     problem = assemble(robot, region, level, horizon=STEPS, dt=DT, capacity=0, stop_at_end=True)
     for speed, broken in ((0.0, []), (0.5, [STEPS - 1])):
@@ -162,7 +162,7 @@ def test_auxiliaries_suit_the_pose_of_their_own_step() -> None:
 
 
 def test_walls_are_enlarged_by_the_uncertainty_of_their_own_step() -> None:
-    region = SeparatingLine()
+    region = StaticSeparatingLine()
     triangle = np.array([[1.0, 1.0], [2.0, 1.0], [2.0, 2.0], [2.0, 2.0]])
     walls = Walls(triangle[None], ("wall",), triangle[None], ("wall",))
     spread = wide(0.01, 0.02)
@@ -206,7 +206,7 @@ def test_obstacles_are_chosen_by_where_they_are_when_the_robot_is_near() -> None
     meets = np.stack([np.full(STEPS, 1.5), 1.5 * (STEP - 3.0)], axis=-1)
     late = np.stack([np.full(STEPS, 0.5), 1.5 * (6.0 - STEP)], axis=-1)
     forecast = Forecast.single(np.stack([late, meets]), np.tile(np.eye(2), (2, STEPS, 1, 1)), DT)
-    discs = Obstacles.of(forecast, ("late", "meets"), np.zeros(2))
+    discs = ObstacleSet.of(forecast, ("late", "meets"), np.zeros(2))
     found = choose_obstacles(discs, route[None], 1)
     assert found.ids == ("meets",) and found.left_out == ("late",)
     np.testing.assert_array_equal(found.mean[:, 0], meets)

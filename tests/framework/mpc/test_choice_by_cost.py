@@ -15,7 +15,7 @@ from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess, Transcription
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.slots.gaussian_discs import Obstacles
+from wideberth.framework.mpc.slots.gaussian_discs import ObstacleSet
 from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.region import Region
@@ -42,7 +42,7 @@ def test_the_price_is_the_objective_that_solvers_are_given(
     robot = Unicycle()
     mean = np.tile([4.0, 2.0], (STEPS, 1, 1))
     covariance = np.tile(0.04 * np.eye(2), (STEPS, 1, 1, 1))
-    obstacles = Obstacles(mean, covariance, np.array([0.3]), ("a",))
+    obstacles = ObstacleSet(mean, covariance, np.array([0.3]), ("a",))
     reference = lay_reference(WAY, 0.0, 0.5, STEPS, DT)
     parameters = fill(START, reference, obstacles, region, level, robot.radius, 2)
     problem = assemble(robot, region, level, horizon=STEPS, dt=DT, capacity=2, penalty=penalty)

@@ -10,7 +10,7 @@ import pytest
 from wideberth.framework.mpc.fallback import rollout
 from wideberth.framework.mpc.planner import best_response, cycle
 from wideberth.framework.mpc.planner import planner as shell
-from wideberth.framework.mpc.planner.best_response import Agent, BestResponsePlanner, state_of
+from wideberth.framework.mpc.planner.best_response import BestResponsePlanner, Player, state_of
 from wideberth.framework.mpc.planner.cycle import PlannerState, Services, remember, step
 from wideberth.framework.mpc.planner.multistart import OTHERS
 from wideberth.framework.mpc.planner.settings import PlannerSettings, changed
@@ -102,7 +102,7 @@ def test_a_best_response_leaves_its_planner_as_it_is() -> None:
     made = planner(horizon=5)
     before = describe(made)
     model = BestResponsePlanner(made)
-    one = Agent(at(0.0, 0.0).state, np.array([1.0, 0.0]), 0.3, 0.75)
+    one = Player(at(0.0, 0.0).state, np.array([1.0, 0.0]), 0.3, 0.75)
     ahead = Forecast.single(
         np.full((1, 20, 2), (2.6, 0.1)), np.tile(0.04 * np.eye(2), (1, 20, 1, 1)), 0.25
     )
@@ -135,7 +135,7 @@ def test_a_best_response_is_planned_in_the_agent_s_own_frame(
     assert model.steps(0.25) == 8 and model.steps(0.4) == 5 and model.steps(2.0) == 1
     place, north = np.array([1.0, 2.0]), np.array([0.0, 1.0])
     state = state_of(robot, place, 0.3 * north, np.array([1.0, 0.0]))
-    one = Agent(state, north, 0.3, robot.radius + 0.1)
+    one = Player(state, north, 0.3, robot.radius + 0.1)
     spread = np.diag([0.04, 0.09])
     ahead = Forecast.single(
         np.array([[[1.0, 5.0]] * 9, [[0.0, 2.0]] * 9]), np.tile(spread, (2, 9, 1, 1)), 0.25
@@ -161,7 +161,7 @@ def test_a_best_response_is_planned_in_the_agent_s_own_frame(
     np.testing.assert_allclose(forecast.mean[:, 0], [[[3.0, 0.0]] * 3, [[0.0, 1.0]] * 3])
     np.testing.assert_allclose(forecast.covariance[0, 0], [np.diag([0.09, 0.04])] * 3)
 
-    small = Agent(state, north, 0.3, 0.0)
+    small = Player(state, north, 0.3, 0.0)
     model.respond(small, ahead, [0.0, robot.radius + 0.2])
     assert [one.radius for one in asked[-1][2].detections] == pytest.approx([0.0, 0.2])
     model.respond(one, None, ())

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from wideberth.framework.mpc.fallback.emergency import command_of_plan, emergency
-from wideberth.framework.mpc.fallback.rollout import Motion, sweep
+from wideberth.framework.mpc.fallback.rollout import RobotMotion, sweep
 from wideberth.framework.mpc.fallback.stopping import stops
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.ocp.progress_robot import progress_robot_of
@@ -172,7 +172,7 @@ def test_beyond_its_end_a_plan_coasts_or_stands() -> None:
     speeds = []
     for standing in (False, True):
         inputs = remaining_inputs(Holonomic(), plan, 1.0, start, standing=standing)
-        speeds.append(first_trajectory(Motion(Holonomic(), 4, 0.5), start, inputs)[0][:, 2])
+        speeds.append(first_trajectory(RobotMotion(Holonomic(), 4, 0.5), start, inputs)[0][:, 2])
     np.testing.assert_allclose(speeds[0], 0.3)
     np.testing.assert_allclose(speeds[1][:3], 0.3)
     np.testing.assert_allclose(speeds[1][3:], 0.0, atol=1e-9)

@@ -14,7 +14,7 @@ from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.levels.risk_allocation import RiskAllocation
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.slots.gaussian_discs import Obstacles
+from wideberth.framework.mpc.slots.gaussian_discs import ObstacleSet
 from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.region import Region
 from wideberth.framework.values.motion import Pose, Twist
@@ -36,7 +36,7 @@ TAIL = 0.1
 RADIUS = 0.3
 
 
-def crowd() -> Obstacles:
+def crowd() -> ObstacleSet:
     """Two obstacles, one of them with two futures; all deviations grow with the time."""
     ahead = DT * np.arange(1, STEPS + 1, dtype=np.float64)[:, None]
     ways = [
@@ -48,7 +48,7 @@ def crowd() -> Obstacles:
     covariance = (0.02 + 0.004 * ahead[:, :, None] ** 2) * shape
     mean = np.stack(ways, axis=1)
     repeated = np.repeat(covariance[:, None], 3, axis=1)
-    return Obstacles(mean, repeated, np.full(3, RADIUS), ("a", "b", "b"))
+    return ObstacleSet(mean, repeated, np.full(3, RADIUS), ("a", "b", "b"))
 
 
 def solve(region: Region, level: LevelPolicy, solver: Solver | None = None) -> Solution:

@@ -19,7 +19,7 @@ from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.levels.risk_allocation import RiskAllocation
 from wideberth.framework.mpc.ocp.reference import lay_reference
-from wideberth.framework.mpc.slots.gaussian_discs import Obstacles
+from wideberth.framework.mpc.slots.gaussian_discs import ObstacleSet
 from wideberth.framework.plugins.registry import load
 from wideberth.framework.plugins.yamlfile import read_config
 from wideberth.framework.region import Region
@@ -191,7 +191,7 @@ def filled(policy: LevelPolicy, ids: tuple[str, ...], capacity: int) -> Array:
     reference = lay_reference(Path(np.array([[0.0, 0.0], [9.0, 0.0]])), 0.0, 0.5, 6, 0.5)
     mean = np.zeros((6, len(ids), 2))
     covariance = np.broadcast_to(np.eye(2), (6, len(ids), 2, 2))
-    obstacles = Obstacles(mean, covariance, np.full(len(ids), 0.3), ids)
+    obstacles = ObstacleSet(mean, covariance, np.full(len(ids), 0.3), ids)
     start = np.zeros(5)
     parameters = fill(start, reference, obstacles, MinkowskiSum(), policy, 0.75, capacity)
     level = parameters.slots[0].level

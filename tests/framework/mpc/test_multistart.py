@@ -11,7 +11,7 @@ from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.planner import multistart
 from wideberth.framework.mpc.planner.multistart import OTHERS, Budget, MultiStart
-from wideberth.framework.mpc.slots.base import Chosen, Surroundings
+from wideberth.framework.mpc.slots.base import ActiveObstacles, SlotAssignment
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.holonomic_velocity import HolonomicVelocity
@@ -109,11 +109,11 @@ def test_something_is_in_the_way_of_the_reference_or_of_the_level(y, level, poin
     robot, region = Unicycle(), MahalanobisEllipse()
     problem, parameters, guess = set_up(robot, region, level, 1, y=y)
     kinds = (GaussianDiscs(region),)
-    chosen = Chosen((1,), ("a",), (), parameters.slots[0], None)
-    around = Surroundings(robot, kinds, (chosen,))
+    chosen = SlotAssignment((1,), ("a",), (), parameters.slots[0], None)
+    around = ActiveObstacles(robot, kinds, (chosen,))
     check = InstanceCheck(problem, parameters, around, level)
     solved = SimpleNamespace(point=replace(guess, level=point))
-    laid = multistart.Laid.along(robot, parameters, problem.dt)
+    laid = multistart.ReferenceGuess.along(robot, parameters, problem.dt)
     assert multistart._in_the_way(check, solved, laid) is wanted
     empty = slots_of(parameters, active=np.zeros(1))
     for low in (point, -1.0):

@@ -22,9 +22,9 @@ from wideberth.framework.values.plan import Plan, Rung
 from wideberth.framework.values.polygon import Polygon, separation
 from wideberth.predictors.static import Static
 from wideberth.regions.minkowski_sum import MinkowskiSum
-from wideberth.regions.separating_line import SeparatingLine as Line
+from wideberth.regions.separating_line import StaticSeparatingLine as Line
 from wideberth.regions.static.dual import Dual
-from wideberth.regions.static.separating_line import SeparatingLine
+from wideberth.regions.static.separating_line import StaticSeparatingLine
 from wideberth.robots.holonomic import Holonomic
 from wideberth.robots.unicycle import Unicycle
 from wideberth.solvers.fatrop import Fatrop
@@ -212,7 +212,7 @@ def decided(
 ) -> Plan:
     settings: dict[str, Any] = {
         "robot": Unicycle(radius=0.65), "region": Line(), "predictor": Static(),
-        "level": Fixed(), "solver": Fatrop(), "static_region": SeparatingLine(), **changes,
+        "level": Fixed(), "solver": Fatrop(), "static_region": StaticSeparatingLine(), **changes,
     }  # fmt: skip
     planner = Planner(**settings)
     planner.set_path(Path(np.array([[0.0, 0.0], [20.0, 0.0]])))
@@ -245,7 +245,7 @@ def test_uncertainty_keeps_farther_from_obstacles_and_walls(growth: str) -> None
     }
     apart = [np.linalg.norm(plan.positions - place, axis=1).min() for plan in plans.values()]
     assert apart[0] + 0.1 < apart[1] < apart[2] - 0.1
-    for region in (SeparatingLine(), Dual()):
+    for region in (StaticSeparatingLine(), Dual()):
         parts = {"polygons": (WALL,), "ahead": False, "static_region": region}
         beside = [
             decided(known, own_uncertainty=growth, **parts).positions[:, 1].min()

@@ -24,7 +24,7 @@ from wideberth.framework.mpc.ocp.transcription import Guess, Transcription
 from wideberth.framework.mpc.slots.base import level_at_first
 from wideberth.framework.mpc.slots.base import with_auxiliaries as with_auxiliaries_of
 from wideberth.framework.mpc.slots.built_in import built_in
-from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs, Obstacles
+from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs, ObstacleSet
 from wideberth.framework.mpc.slots.static_polygons import (
     StaticPolygons,
     choose_walls,
@@ -95,7 +95,7 @@ def test_no_obstacle_needs_no_slot() -> None:
     robot, region = Unicycle(), MahalanobisEllipse()
     start = np.array([0.0, 0.3, 0.0, 0.5, 0.0])
     path = Path(np.array([[0.0, 0.0], [20.0, 0.0]]))
-    none = Obstacles(np.zeros((STEPS, 0, 2)), np.zeros((STEPS, 0, 2, 2)), np.zeros(0), ())
+    none = ObstacleSet(np.zeros((STEPS, 0, 2)), np.zeros((STEPS, 0, 2, 2)), np.zeros(0), ())
     reference = lay_reference(path, 0.0, 0.5, STEPS, DT)
     parameters = fill(start, reference, none, region, level, 0.75, 0)
     problem = assemble(robot, region, level, horizon=STEPS, dt=DT, capacity=0, penalty=1e4)
@@ -467,7 +467,7 @@ def test_how_deep_a_body_is_where_discs_are_expected(outline: bool) -> None:
     robot = Unicycle(1.2, footprint=Outline(corners)) if outline else Unicycle(0.5)
     kind = GaussianDiscs(SeparatingLine() if outline else MahalanobisEllipse())
     mean = np.array([[[2.0, 0.0], [0.0, 3.0]], [[9.0, 9.0], [3.0, 1.6]]])
-    known = Obstacles(mean, np.zeros((2, 2, 2, 2)), np.array([0.4, 0.7]), ("a", "b"))
+    known = ObstacleSet(mean, np.zeros((2, 2, 2, 2)), np.array([0.4, 0.7]), ("a", "b"))
     states = np.zeros((3, 5))
     states[2, :3] = 3.0, 0.0, 0.5 * np.pi
     found = KnownDiscs(kind, known, 0.2).overlap(robot, states)
@@ -475,5 +475,5 @@ def test_how_deep_a_body_is_where_discs_are_expected(outline: bool) -> None:
     gaps = [min(1.0 - 0.4, 2.5 - 0.7), 0.6 - 0.7] if outline else None
     gaps = gaps or [min(2.0 - 0.5 - 0.4, 3.0 - 0.5 - 0.7), 1.6 - 0.5 - 0.7]
     np.testing.assert_allclose(found, np.maximum(0.2 - np.array(gaps), 0.0), atol=1e-12)
-    none = KnownDiscs(kind, Obstacles.none(2, 2), 0.2).overlap(robot, states)
+    none = KnownDiscs(kind, ObstacleSet.none(2, 2), 0.2).overlap(robot, states)
     assert none.tolist() == [0.0, 0.0]

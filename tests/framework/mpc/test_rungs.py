@@ -16,7 +16,7 @@ from wideberth.framework.mpc.fallback.instance_check import (
     TOLERANCE,
     Candidate,
     InstanceCheck,
-    Outcome,
+    MultiStartResult,
     contact,
     shared_target,
 )
@@ -39,9 +39,9 @@ from wideberth.framework.mpc.levels.base import LevelPolicy
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.slots.base import Chosen, Surroundings
+from wideberth.framework.mpc.slots.base import ActiveObstacles, SlotAssignment
 from wideberth.framework.mpc.slots.contact import Touch
-from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs, Obstacles
+from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs, ObstacleSet
 from wideberth.framework.mpc.slots.static_polygons import StaticPolygons, choose_walls
 from wideberth.framework.mpc.solver import Solution
 from wideberth.framework.plugins.config import build, describe
@@ -52,7 +52,7 @@ from wideberth.framework.values.plan import Rung, Status
 from wideberth.framework.values.polygon import Polygon
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
-from wideberth.regions.static.separating_line import SeparatingLine
+from wideberth.regions.static.separating_line import StaticSeparatingLine
 from wideberth.robots.unicycle import Unicycle
 from wideberth.simulation.log.episode_log import read_episode, write_episode
 from wideberth.simulation.measures.summary import robot_rows
@@ -174,9 +174,9 @@ def instance(
     mean = np.tile([4.0, y], (STEPS, 1, 1))
     spread = np.tile(0.01 * np.eye(2), (STEPS, 1, 1, 1))
     kind = GaussianDiscs(region)
-    known = KnownDiscs(kind, Obstacles(mean, spread, np.array([0.4]), ("a",)), 0.0)
-    chosen = Chosen((2,), ("a",), ("far",), parameters.slots[0], known)
-    around = Surroundings(robot, (kind,), (chosen,))
+    known = KnownDiscs(kind, ObstacleSet(mean, spread, np.array([0.4]), ("a",)), 0.0)
+    chosen = SlotAssignment((2,), ("a",), ("far",), parameters.slots[0], known)
+    around = ActiveObstacles(robot, (kind,), (chosen,))
     return InstanceCheck(problem, parameters, around, level, last), guess
 
 
@@ -189,9 +189,11 @@ def ended(point: Guess, status: Status, cost: float = 5.0, count: int = 3) -> So
     return Solution(point, status, "as told", cost, count, 0.1 * count)
 
 
-def outcome(*candidates: Candidate, before: bool = False) -> Outcome:
+def outcome(*candidates: Candidate, before: bool = False) -> MultiStartResult:
     solutions = tuple(one.solution for one in candidates if one.solution is not None)
-    return Outcome(candidates, (), before, before, Status.FAILED, "as told", solutions=solutions)
+    return MultiStartResult(
+        candidates, (), before, before, Status.FAILED, "as told", solutions=solutions
+    )
 
 
 def judged(
@@ -583,7 +585,7 @@ def beside_a_wall(check: InstanceCheck, guess: Guess) -> InstanceCheck:
     """The same instance with a wall beside the path, whose slots have auxiliaries but no level."""
     robot, (discs,) = check.robot, check.around.kinds
     wall = Polygon(((-2.0, -4.0), (9.0, -4.0), (9.0, -3.0), (-2.0, -3.0)), "wall")
-    kind = StaticPolygons(SeparatingLine())
+    kind = StaticPolygons(StaticSeparatingLine())
     walls = choose_walls([wall], kind.region, np.zeros((1, 2)), 50.0, 3)
     own = np.zeros((STEPS, 2, 2))
     chosen = (*check.around.chosen, kind.chosen(robot, walls, check.level, 0.3, own))
@@ -591,7 +593,7 @@ def beside_a_wall(check: InstanceCheck, guess: Guess) -> InstanceCheck:
     sizes = {"horizon": STEPS, "dt": DT, "rooms": rooms}
     problem = assembly.assemble(robot, (discs, kind), check.level, **sizes)
     slots = (*check.parameters.slots, chosen[1].numbers)
-    around = Surroundings(robot, (discs, kind), chosen)
+    around = ActiveObstacles(robot, (discs, kind), chosen)
     given = replace(check.parameters, slots=slots)
     found = InstanceCheck(problem, given, around, check.level, check.last_inputs)
     return replace(found, parameters=found.suited(guess).pull(given))

@@ -12,7 +12,7 @@ from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.levels.risk_allocation import RiskAllocation
 from wideberth.framework.mpc.planner.cycle import Decision, PlannerState, Services, step
 from wideberth.framework.mpc.planner.settings import PlannerSettings
-from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, Obstacles
+from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, ObstacleSet
 from wideberth.framework.mpc.slots.screen import Travel, leaves_out, out_of_reach
 from wideberth.framework.plugins import registry
 from wideberth.framework.region import Bounded, Polygonal, Region
@@ -267,7 +267,7 @@ def test_who_stands_on_the_reference_is_kept_though_nobody_gets_there() -> None:
 
 def test_a_margin_is_as_a_larger_robot() -> None:
     rng, count = np.random.default_rng(4), 200
-    discs = Obstacles(
+    discs = ObstacleSet(
         np.tile(rng.uniform(-6.0, 6.0, (count, 2)), (STEPS, 1, 1)),
         np.tile(0.02 * np.eye(2), (STEPS, count, 1, 1)), np.full(count, 0.3),
         tuple(map(str, range(count))),

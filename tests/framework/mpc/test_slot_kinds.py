@@ -19,12 +19,12 @@ from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.ocp.problem import SlotNumbers, Slots
 from wideberth.framework.mpc.ocp.stage import Frame
 from wideberth.framework.mpc.slots.base import (
-    Chosen,
+    ActiveObstacles,
     LevelledKind,
-    Room,
+    PlanningContext,
+    SlotAssignment,
     SlotKind,
-    Surroundings,
-    View,
+    SlotSizes,
 )
 from wideberth.framework.mpc.slots.contact import Touch
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
@@ -40,7 +40,7 @@ from wideberth.framework.values.plan import Rung, Status
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.regions.static.dual import Dual
-from wideberth.regions.static.separating_line import SeparatingLine
+from wideberth.regions.static.separating_line import StaticSeparatingLine
 from wideberth.robots.unicycle import Unicycle
 from wideberth.solvers.batch import solve_batch
 from wideberth.solvers.export.bundle import bundle, write_folder
@@ -61,7 +61,7 @@ KINDS: list[SlotKind] = [
     GaussianDiscs(MinkowskiSum()),
     DiscsAndWays(MahalanobisEllipse(), Ways()),
     DiscsAndWays(MinkowskiSum(), Ways()),
-    StaticPolygons(SeparatingLine()),
+    StaticPolygons(StaticSeparatingLine()),
     StaticPolygons(Dual()),
     carts.Carts({"a": CART, "b": CART[:3], "c": CART}),
 ]
@@ -98,12 +98,12 @@ class Spoilt(LevelledKind):
     def bodies(self, robot: Robot) -> Any:
         return self.inner.bodies(robot)
 
-    def slots(self, room: Room, frame: Frame) -> Slots:
+    def slots(self, room: SlotSizes, frame: Frame) -> Slots:
         found: Slots = self._told("slots", self.inner.slots(room, frame), room)
         return found
 
-    def choose(self, robot: Robot, view: View) -> Chosen:
-        found: Chosen = self._told("choose", self.inner.choose(robot, view), view)
+    def choose(self, robot: Robot, view: PlanningContext) -> SlotAssignment:
+        found: SlotAssignment = self._told("choose", self.inner.choose(robot, view), view)
         return found
 
     def auxiliary_start(self, robot: Robot, pose: Pose, numbers: SlotNumbers) -> Array:
@@ -121,7 +121,7 @@ class Spoilt(LevelledKind):
         return str(self._told("explanation", self.inner.explanation(dimension), dimension))
 
 
-def with_numbers(chosen: Chosen, **changes: Any) -> Chosen:
+def with_numbers(chosen: SlotAssignment, **changes: Any) -> SlotAssignment:
     return replace(chosen, numbers=replace(chosen.numbers, **changes))
 
 
@@ -153,7 +153,7 @@ def with_a_kink(x: Any, auxiliaries: Any, numbers: Any, free: Any) -> Any:
     return free + ca.sqrt(ca.fmax(-(x[0] ** 2), 0))
 
 
-def in_their_order(chosen: Chosen, view: View) -> Chosen:
+def in_their_order(chosen: SlotAssignment, view: PlanningContext) -> SlotAssignment:
     """The first thing, of whatever name, gets wider numbers."""
     numbers = chosen.numbers.parameters.copy()
     numbers[:, 0] *= 1.5
@@ -296,7 +296,7 @@ def test_the_cart_matters_and_the_re_check_sees_it(solve: SolveRecord) -> None:
 def test_a_cart_on_the_way_is_touched_between_the_steps() -> None:
     """Two steps of 4 m: at neither the robot is at the cart, which stands in between."""
     kind, view, robot = KINDS[-1], sample_view(), Unicycle(radius=0.2)
-    around = Surroundings(robot, (kind,), (kind.choose(robot, view),))
+    around = ActiveObstacles(robot, (kind,), (kind.choose(robot, view),))
     states = np.zeros((len(view.reference.position) + 1, 5))
     states[:, :2] = (0.0, 0.4)
     states[2:, 0] = 4.0

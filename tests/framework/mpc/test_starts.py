@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from wideberth.framework.mpc.costs.contouring import Contouring
-from wideberth.framework.mpc.fallback.rollout import Motion, carry, follow, steer_each
+from wideberth.framework.mpc.fallback.rollout import RobotMotion, carry, follow, steer_each
 from wideberth.framework.mpc.levels.base import LevelPolicy
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.paper import Paper
@@ -19,7 +19,7 @@ from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.multistart import NAMES, OTHERS, SAME, other_starts
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.slots.gaussian_discs import Obstacles
+from wideberth.framework.mpc.slots.gaussian_discs import ObstacleSet
 from wideberth.framework.mpc.solver import CheapestSolver, Solution, Solver, unwrapped
 from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.registry import names
@@ -53,7 +53,7 @@ def straight(robot: Robot, speed: float, turns: int = 0) -> tuple[Problem, Param
     mean = np.zeros((STEPS, 1, size))
     mean[..., 0] = 3.0
     covariance = np.tile(0.01 * np.eye(size), (STEPS, 1, 1, 1))
-    obstacles = Obstacles(mean, covariance, np.array([0.3]), ("a",))
+    obstacles = ObstacleSet(mean, covariance, np.array([0.3]), ("a",))
     region, level = MahalanobisEllipse(), Fixed()
     parameters = fill(start, reference, obstacles, region, level, robot.radius, 1)
     problem = assemble(robot, region, level, horizon=STEPS, dt=DT, capacity=1)
@@ -89,7 +89,10 @@ def test_compiled_trajectories_are_those_of_the_robot_step_by_step(robot: Robot)
     wanted = [tuple(start)]
     for control in inputs:
         wanted.append(step(robot, wanted[-1], control, DT))
-    for found in (Motion(robot, 9, DT).follow(start, inputs), follow(robot, start, inputs, DT)):
+    for found in (
+        RobotMotion(robot, 9, DT).follow(start, inputs),
+        follow(robot, start, inputs, DT),
+    ):
         np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12)
 
 

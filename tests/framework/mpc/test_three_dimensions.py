@@ -14,7 +14,7 @@ from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped import read_experiment
 from wideberth.experiments.studies.flight import Flight, volume_ratio
 from wideberth.framework.mpc.fallback.rollout import sweep
-from wideberth.framework.mpc.ocp.reference import Progress, lay_reference
+from wideberth.framework.mpc.ocp.reference import PathProgress, lay_reference
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.numerics.integration import runge_kutta
 from wideberth.framework.plugins.registry import load, names
@@ -117,7 +117,7 @@ def test_progress_on_a_helix_needs_the_height() -> None:
     """Seen from above the turns lie on each other."""
     angle = np.linspace(0.0, 6.0 * np.pi, 400)
     helix = Way(np.stack([2.0 * np.cos(angle), 2.0 * np.sin(angle), 0.3 * angle], axis=1))
-    progress = Progress(helix)
+    progress = PathProgress(helix)
     for arc in np.arange(0.0, helix.length, 0.7):
         progress, found = progress.advanced(helix.at(np.array(arc)))
         assert found == pytest.approx(arc, abs=1e-9)

@@ -18,8 +18,8 @@ from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.slots.built_in import built_in
-from wideberth.framework.mpc.slots.contact import Way
-from wideberth.framework.mpc.slots.gaussian_discs import Obstacles
+from wideberth.framework.mpc.slots.contact import BodyPath
+from wideberth.framework.mpc.slots.gaussian_discs import ObstacleSet
 from wideberth.framework.mpc.slots.static_polygons import (
     CORNERS,
     NONE,
@@ -39,7 +39,7 @@ from wideberth.framework.values.polygon import Polygon, separation
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.regions.static.dual import Dual
-from wideberth.regions.static.separating_line import SeparatingLine
+from wideberth.regions.static.separating_line import StaticSeparatingLine
 from wideberth.robots.unicycle import Unicycle
 from wideberth.solvers.fatrop import Fatrop
 from wideberth.solvers.ipopt import Ipopt
@@ -54,7 +54,7 @@ from wideberth.tests.helpers.problems import (
 DISCS = Discs(((0.35, 0.0), (-0.05, 0.0)), 0.25)
 CAR = Outline(((0.55, 0.25), (-0.25, 0.25), (-0.25, -0.25), (0.55, -0.25)))
 FORMS = [None, DISCS, CAR]
-REGIONS = [SeparatingLine(), Dual()]
+REGIONS = [StaticSeparatingLine(), Dual()]
 EL = Polygon(((0.0, 0.0), (3.0, 0.0), (3.0, 1.0), (1.0, 1.0), (1.0, 2.5), (0.0, 2.5)), "el")
 SHED = Polygon(((-3.0, -2.0), (-1.5, -2.5), (-1.0, -1.2), (-2.4, -0.8)), "shed")
 HERE = np.zeros((1, 2))
@@ -71,14 +71,14 @@ def test_the_nearest_parts_are_kept_and_the_others_named() -> None:
     route = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
     far = [block(2.0, 3.0, "third"), block(0.0, 1.0, "first"), block(2.0, -3.0, "second")]
     away = block(30.0, 0.0, "away")
-    kept = choose_walls([*far, away], SeparatingLine(), route, 5.0, 2)
+    kept = choose_walls([*far, away], StaticSeparatingLine(), route, 5.0, 2)
     assert kept.names == ("first", "second") and kept.left_out == ("third",)
     assert len(kept) == 2 and kept.parts.shape == (2, 4, 2)
-    all_of = choose_walls([*far, away], SeparatingLine(), route, 5.0, 9)
+    all_of = choose_walls([*far, away], StaticSeparatingLine(), route, 5.0, 9)
     assert all_of.names == ("third", "first", "second") and all_of.left_out == ()
-    near = choose_walls([*far, away], SeparatingLine(), route, 1.5, 9)
+    near = choose_walls([*far, away], StaticSeparatingLine(), route, 1.5, 9)
     assert near.names == ("first",) and near.left_out == ()
-    assert len(choose_walls([away], SeparatingLine(), route, 5.0, 9)) == 0
+    assert len(choose_walls([away], StaticSeparatingLine(), route, 5.0, 9)) == 0
     assert choose_walls([], None, route, 5.0, 9) is NONE
     assert NONE.parts.shape == NONE.known.shape == (0, 4, 2)
 
@@ -88,17 +88,21 @@ def test_problems_are_compiled_for_few_numbers_of_vertices() -> None:
     for count, room in rooms.items():
         angle = 2.0 * pi * np.arange(count) / count
         gone = Polygon(tuple(zip(np.cos(angle), np.sin(angle), strict=True)), "round")
-        assert choose_walls([gone], SeparatingLine(), HERE, 50.0, 9).parts.shape == (1, room, 2)
+        assert choose_walls([gone], StaticSeparatingLine(), HERE, 50.0, 9).parts.shape == (
+            1,
+            room,
+            2,
+        )
 
 
 def test_polygons_that_are_not_convex_come_in_parts() -> None:
-    kept = choose_walls([EL, SHED], SeparatingLine(), HERE, 50.0, 9)
+    kept = choose_walls([EL, SHED], StaticSeparatingLine(), HERE, 50.0, 9)
     assert sorted(set(kept.names)) == ["el", "shed"] and kept.names.count("el") >= 2
     area = sum(shapely.Polygon(part).area for part in kept.parts[[n == "el" for n in kept.names]])
     assert area == pytest.approx(shapely.Polygon(EL.vertices).area)
     angle = 2.0 * pi * np.arange(40) / 40
     round_one = Polygon(tuple(zip(np.cos(angle) + 5.0, np.sin(angle), strict=True)), "round")
-    parts = choose_walls([round_one], SeparatingLine(), HERE, 50.0, 9).parts
+    parts = choose_walls([round_one], StaticSeparatingLine(), HERE, 50.0, 9).parts
     assert parts.shape[1] in CORNERS
     assert sum(shapely.Polygon(part).area for part in parts) == pytest.approx(
         shapely.Polygon(round_one.vertices).area
@@ -110,7 +114,7 @@ def test_what_walls_need() -> None:
     with pytest.raises(WideberthError, match=r"2 static polygons are observed.*static_region"):
         choose_walls([EL, SHED], None, HERE, 5.0, 9)
     with pytest.raises(WideberthError, match="3 dimensions"):
-        choose_walls([EL], SeparatingLine(), np.zeros((1, 3)), 5.0, 9)
+        choose_walls([EL], StaticSeparatingLine(), np.zeros((1, 3)), 5.0, 9)
     with pytest.raises(WideberthError, match="2 static polygons need a static region"):
         general = built_in(MinkowskiSum())
         make(Unicycle(), general, Fixed(), horizon=3, dt=0.5, rooms=((0,), (2, 4)))
@@ -129,7 +133,7 @@ def instance(
     reference = lay_reference(Path(np.array([[-5.0, 0.2], [9.0, 0.2]])), 0.0, 0.5, steps, 0.5)
     own = np.zeros((steps, 2, 2))
     plugs = robot, MinkowskiSum(), Fixed(), 0.05, region
-    parameters = among(states[0], reference, Obstacles.none(steps, 2), walls, own, plugs)
+    parameters = among(states[0], reference, ObstacleSet.none(steps, 2), walls, own, plugs)
     problem = assemble(
         robot, MinkowskiSum(), Fixed(), horizon=steps, dt=0.5, capacity=0, static_region=region,
         statics=len(parameters.slots[1].active), corners=walls.parts.shape[1],
@@ -219,7 +223,7 @@ def test_a_thin_wall_is_not_passed_between_two_steps(region: StaticRegion) -> No
         states[:, 0] = 0.2 + 0.4 * np.arange(9)
         walls = choose_walls([thin], region, states[:, :2], 50.0, 9)
         problem, parameters, point = instance(robot, region, walls, states)
-        none = Obstacles.none(len(states) - 1, 2)
+        none = ObstacleSet.none(len(states) - 1, 2)
         around = surroundings(robot, MahalanobisEllipse(), region, none, walls, 0.0)
         found = InstanceCheck(problem, parameters, around, Fixed()).check(point)
         assert not found.regions.any()
@@ -233,7 +237,7 @@ def test_parts_that_did_not_fit_are_not_driven_through() -> None:
     states[:, 0] = 0.5 * np.arange(9)
     walls = choose_walls([hut], REGIONS[0], states[:, :2], 50.0, 0)
     assert len(walls) == 0 and walls.left_out == ("hut",)
-    none = Obstacles.none(len(states) - 1, 2)
+    none = ObstacleSet.none(len(states) - 1, 2)
     robot = Unicycle(radius=0.3)
     around = surroundings(robot, MahalanobisEllipse(), REGIONS[0], none, walls, 0.0)
     touch = around.touched(states)
@@ -243,7 +247,7 @@ def test_parts_that_did_not_fit_are_not_driven_through() -> None:
 def test_states_that_are_no_numbers_are_left_to_the_re_check() -> None:
     walls = choose_walls([EL], REGIONS[0], HERE, 50.0, 9)
     around = surroundings(
-        Unicycle(), MahalanobisEllipse(), REGIONS[0], Obstacles.none(2, 2), walls, 0.0
+        Unicycle(), MahalanobisEllipse(), REGIONS[0], ObstacleSet.none(2, 2), walls, 0.0
     )
     assert not around.touched(np.full((3, 5), np.nan)).depth.any()
 
@@ -260,7 +264,7 @@ def test_all_parts_are_looked_at_as_by_their_distances(footprint: Any) -> None:
         states[:, :3] += np.cumsum(rng.uniform(-0.3, 0.3, (6, 3)), axis=0)
         depth, names = np.zeros(5), [""] * 5
         for body in bodies(robot):
-            way = Way.of(robot, body, states)
+            way = BodyPath.of(robot, body, states)
             gaps = separation(way.corners[:, :, None], walls.known)[0].min(axis=1) - body.radius
             for i, k in enumerate(gaps.argmin(axis=1)):
                 if -gaps[i, k] > max(depth[i], way.cut[i]):
@@ -288,7 +292,7 @@ def test_only_the_corner_between_two_steps_may_be_cut(box: bool, stride: float) 
             ((-9.0, -9.0), (9.0, -9.0), (9.0, -half - 0.1), (-9.0, -half - 0.1)), "past"
         )
         walls = choose_walls([past, beam], REGIONS[0], states[:, :2], 50.0, 9)
-        none = Obstacles.none(4, 2)
+        none = ObstacleSet.none(4, 2)
         around = surroundings(robot, MahalanobisEllipse(), REGIONS[0], none, walls, 0.0)
         touch = around.touched(states)
         depth = touch.depth
@@ -325,14 +329,16 @@ def test_what_is_touched_is_seen_wherever_the_plan_is() -> None:
 def test_the_way_is_looked_at_every_half_width(stride: float, looks: int) -> None:
     states = np.zeros((3, 5))
     states[1:, 0], states[2, 2] = stride, 0.5
-    found = Way.of(Unicycle(), Body(0.3), states)
+    found = BodyPath.of(Unicycle(), Body(0.3), states)
     np.testing.assert_allclose(found.share, np.arange(1, looks + 1) / looks)
     assert found.corners.shape == (2, looks, 1, 2)
     np.testing.assert_allclose(found.corners[0, :, 0, 0], stride * found.share)
     np.testing.assert_allclose(found.corners[1, :, 0], [[stride, 0.0]] * looks)
     cut = 0.3 - np.sqrt(max(0.3**2 - 0.25 * stride**2, 0.25 * 0.3**2))
     np.testing.assert_allclose(found.cut, [cut, 0.0], atol=1e-12)
-    turned = Way.of(Unicycle(), Body(0.0, outline=((0.5, 0.2), (-0.5, 0.2), (0.0, -0.4))), states)
+    turned = BodyPath.of(
+        Unicycle(), Body(0.0, outline=((0.5, 0.2), (-0.5, 0.2), (0.0, -0.4))), states
+    )
     last = turned.corners[1, -1]
     np.testing.assert_allclose(
         last[0], [stride + 0.5 * np.cos(0.5) - 0.2 * np.sin(0.5),

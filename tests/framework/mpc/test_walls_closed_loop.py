@@ -20,9 +20,9 @@ from wideberth.framework.values.polygon import Polygon
 from wideberth.predictors.kalman import Kalman
 from wideberth.predictors.static import Static
 from wideberth.regions.minkowski_sum import MinkowskiSum
-from wideberth.regions.separating_line import SeparatingLine as Line
+from wideberth.regions.separating_line import StaticSeparatingLine as Line
 from wideberth.regions.static.dual import Dual
-from wideberth.regions.static.separating_line import SeparatingLine
+from wideberth.regions.static.separating_line import StaticSeparatingLine
 from wideberth.robots.unicycle import Unicycle
 from wideberth.simulation.engine.agents import RobotAgent, ScriptedAgent
 from wideberth.simulation.engine.episode import run_episode
@@ -35,7 +35,7 @@ from wideberth.solvers.ipopt import Ipopt
 DISCS = Discs(((0.35, 0.0), (-0.05, 0.0)), 0.25)
 CAR = Outline(((0.55, 0.25), (-0.25, 0.25), (-0.25, -0.25), (0.55, -0.25)))
 FORMS = [None, DISCS, CAR]
-REGIONS = [SeparatingLine(), Dual()]
+REGIONS = [StaticSeparatingLine(), Dual()]
 EL = Polygon(((0.0, 0.0), (3.0, 0.0), (3.0, 1.0), (1.0, 1.0), (1.0, 2.5), (0.0, 2.5)), "el")
 
 
@@ -103,9 +103,9 @@ alone = cache(drive)
 @pytest.mark.parametrize(
     ("footprint", "region", "solver"),
     [
-        (None, SeparatingLine(), Fatrop()),
-        (DISCS, SeparatingLine(), Fatrop()),
-        (CAR, SeparatingLine(), Fatrop()),
+        (None, StaticSeparatingLine(), Fatrop()),
+        (DISCS, StaticSeparatingLine(), Fatrop()),
+        (CAR, StaticSeparatingLine(), Fatrop()),
         (CAR, Dual(), Fatrop()),
         (CAR, Dual(), Ipopt()),
     ],
@@ -127,8 +127,8 @@ def test_around_a_corner(footprint: Any, region: StaticRegion, solver: Solver) -
 def test_a_wall_and_someone_who_walks(footprint: Footprint) -> None:
     way = Path(np.array([[-2.8, -0.2], [9.0, -0.2]]))  # below the wall, through the robot
     walker = ScriptedAgent("walker", way, 0.5, 0.3)
-    undisturbed = alone(footprint, SeparatingLine(), Fatrop())
-    episode = drive(footprint, SeparatingLine(), Fatrop(), walker)
+    undisturbed = alone(footprint, StaticSeparatingLine(), Fatrop())
+    episode = drive(footprint, StaticSeparatingLine(), Fatrop(), walker)
     log, other = episode.robots[0], episode.agent("walker")
     assert episode.ended == "goals" and apart(log, CORNER) > 0.0
     rows = zip(log.positions[::5], log.headings[::5], other.positions[::5], strict=True)
@@ -163,7 +163,7 @@ def test_around_a_corner_without_knowing_quite_where(region: StaticRegion) -> No
 def decided(*polygons: Polygon, walker: bool = False, **changes: Any) -> Plan:
     settings = {
         "robot": Unicycle(), "region": MinkowskiSum(), "predictor": Static(), "level": Fixed(),
-        "solver": Fatrop(), "penalty": 1e4, "static_region": SeparatingLine(), **changes,
+        "solver": Fatrop(), "penalty": 1e4, "static_region": StaticSeparatingLine(), **changes,
     }  # fmt: skip
     planner = Planner(**settings)
     planner.set_path(Path(np.array([[0.0, 0.0], [20.0, 0.0]])))

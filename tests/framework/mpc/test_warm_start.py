@@ -10,7 +10,7 @@ import pytest
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem, SlotNumbers
 from wideberth.framework.mpc.ocp.transcription import Guess, Multipliers
 from wideberth.framework.mpc.planner.warm_start import KeptMultipliers
-from wideberth.framework.mpc.slots.base import Chosen
+from wideberth.framework.mpc.slots.base import SlotAssignment
 from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Observation
@@ -40,8 +40,8 @@ class Listening(Solver):
         return found
 
 
-def chosen(*names: str) -> Chosen:
-    return Chosen((), names, (), NOTHING, NOTHING)
+def chosen(*names: str) -> SlotAssignment:
+    return SlotAssignment((), names, (), NOTHING, NOTHING)
 
 
 def parameters(slots: int) -> Parameters:

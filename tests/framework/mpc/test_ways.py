@@ -10,7 +10,7 @@ from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.stage import Frame
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, Obstacles
+from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, ObstacleSet
 from wideberth.framework.mpc.slots.ways import DiscsAndWays, Ways
 from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.plugins.config import build, describe
@@ -39,7 +39,7 @@ def test_a_way_is_where_somebody_is_within_the_span() -> None:
     noise = np.tile(1e-4 * np.eye(2), (2, 1, 1))
     tracks = Tracks(walk, 0.25, ("anna", "ben"), np.array([0.25, 0.3]), noise)
     straight = ConstantVelocity(acceleration_density=0.05)
-    near = Obstacles.of(straight.predict(tracks, 20), tracks.ids, tracks.radius)
+    near = ObstacleSet.of(straight.predict(tracks, 20), tracks.ids, tracks.radius)
     found, rng, count = WAYS.of(near, 0.25), np.random.default_rng(0), 200_000
     for step, row in ((0, 0), (7, 1), (14, 0)):
         later = rng.integers(0, 6, count)  # 1.25 s are five steps of 0.25 s

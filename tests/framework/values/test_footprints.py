@@ -17,7 +17,7 @@ from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.slots.base import reach_of_bodies
 from wideberth.framework.mpc.slots.built_in import built_in
-from wideberth.framework.mpc.slots.gaussian_discs import Obstacles
+from wideberth.framework.mpc.slots.gaussian_discs import ObstacleSet
 from wideberth.framework.mpc.slots.static_polygons import NONE
 from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.plugins.config import build, describe
@@ -177,13 +177,13 @@ STEPS, SLOTS, SIZE = 100, 3, 0.3
 
 def scattered(
     robot: Unicycle, region: Region, level: LevelPolicy, s: float = float("nan")
-) -> tuple[Problem, Parameters, Guess, Obstacles]:
+) -> tuple[Problem, Parameters, Guess, ObstacleSet]:
     """One problem whose steps are as many random poses and obstacles; two slots are empty."""
     rng = np.random.default_rng(1)
     mean = rng.uniform(-2.5, 2.5, (STEPS, SLOTS, 2))
     root = rng.uniform(-0.5, 0.5, (STEPS, SLOTS, 2, 2))
     covariance = root @ root.swapaxes(-1, -2) + 0.002 * np.eye(2)
-    found = Obstacles(mean, covariance, np.full(SLOTS, SIZE), ("a", "b", "c"))
+    found = ObstacleSet(mean, covariance, np.full(SLOTS, SIZE), ("a", "b", "c"))
     states = np.zeros((STEPS + 1, 5))
     states[:, :2] = rng.uniform(-1.5, 1.5, (STEPS + 1, 2))
     states[:, 2] = rng.uniform(-pi, pi, STEPS + 1)

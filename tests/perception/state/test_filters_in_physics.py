@@ -19,12 +19,14 @@ def errors(run, seconds, noise):
     from wideberth.simulation.physics.body import LARGE, SkidSteerBody
     from wideberth.simulation.physics.scene import PhysicalRobot, PhysicalScene
     from wideberth.simulation.physics.sensors import InertialUnit, WheelEncoders
-    from wideberth.simulation.physics.world import World
+    from wideberth.simulation.physics.world import PhysicsWorld
 
     rng = np.random.default_rng([21, run])
     body = LARGE if noise == "large" else SkidSteerBody()
     sensors = WheelEncoders(phase=float(rng.uniform(0.0, 0.01))), InertialUnit()
-    world = World(PhysicalScene(robots=(PhysicalRobot("robot", body, sensors=sensors),)), rng)
+    world = PhysicsWorld(
+        PhysicalScene(robots=(PhysicalRobot("robot", body, sensors=sensors),)), rng
+    )
     settings = {"wheel_radius": body.wheel_radius, "noise": noise}
     estimators = [build("state_estimators", {"type": name, **settings}) for name in FILTERS]
     for one in estimators:

@@ -16,12 +16,12 @@ from wideberth.framework.values.motion import Command, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Plan
 from wideberth.framework.values.polygon import Polygon
-from wideberth.perception.detection.discs import Discs
+from wideberth.perception.detection.discs import DiscDetector
 from wideberth.perception.state.ekf import Ekf
 from wideberth.perception.state.scan_matching import ScanMatching
 from wideberth.perception.tracking.nearest import Nearest
 from wideberth.robots.unicycle import Unicycle
-from wideberth.simulation.cascade.cascade import Cascade
+from wideberth.simulation.cascade.cascade import SensingPipeline
 from wideberth.simulation.cascade.faults import Faults
 from wideberth.simulation.cascade.world import WheeledWorld
 from wideberth.simulation.engine.agents import ReplayAgent, RobotAgent
@@ -35,16 +35,16 @@ from wideberth.simulation.physics.sensors import Lidar
 from wideberth.simulation.scenarios.crossing import Crossing
 
 pytest.importorskip("mujoco", reason="pip install 'wideberth[physics]'")
-IDEAL = Cascade(mechanics="kinematic", noise=0.0)
+IDEAL = SensingPipeline(mechanics="kinematic", noise=0.0)
 SHORT = Settings(history=0.0, time_limit=6.0)
 
 
-def whole(**changes: Any) -> Cascade:
+def whole(**changes: Any) -> SensingPipeline:
     """Return a cascade that senses all that it knows."""
     return replace(
-        Cascade(
+        SensingPipeline(
             state=Ekf(wheel_radius=0.165, noise="large"),
-            detector=Discs(shape=(0.75,)),
+            detector=DiscDetector(shape=(0.75,)),
             tracker=Nearest(acceleration_density=0.02),
         ),
         **changes,
@@ -88,7 +88,9 @@ def pair() -> list[RobotAgent]:
     return [bending("one", (0.0, 0.0), (20.0, 0.0)), bending("two", (8.0, 2.0), (-9.0, 3.0))]
 
 
-def run(cascade: Cascade, agents: list[RobotAgent], **more: Any) -> tuple[Episode, WheeledWorld]:
+def run(
+    cascade: SensingPipeline, agents: list[RobotAgent], **more: Any
+) -> tuple[Episode, WheeledWorld]:
     settings = more.pop("settings", SHORT)
     world = WheeledWorld(cascade, settings)
     one = Run(agents, settings, more.get("seed", 0), (), (), more.get("polygons", ()), world)
@@ -146,7 +148,7 @@ def test_ideal_wheels_drive_as_the_planners_own_model() -> None:
         assert np.abs(np.unwrap(log.headings)[-1] - np.unwrap(other.headings)[-1]) < 0.01
 
 
-def crossing(cascade: Cascade | None) -> dict[str, Any]:
+def crossing(cascade: SensingPipeline | None) -> dict[str, Any]:
     """Let the recommended planner cross; without a cascade positions are exchanged."""
     settings, cast = Settings(history=0.0), Crossing().cast(0)
     agents = []
@@ -214,7 +216,7 @@ def test_a_map_bounds_the_drift_of_a_robot_that_is_told_of_the_others() -> None:
     errors = []
     for state in (odometry, ScanMatching((wall, end), odometry)):
         off = Faults(gyro_step=(0.0, 0.03))
-        stages = Cascade(state=state, faults=off)
+        stages = SensingPipeline(state=state, faults=off)
         episode, world = run(stages, pair()[:1], polygons=[wall, end])
         last = episode.perception["one"].glances[-1]
         errors.append(float(np.linalg.norm(last.own.pose[:2] - last.truth.pose[:2])))
@@ -254,7 +256,7 @@ def test_who_comes_and_goes_is_seen_while_there() -> None:
 )
 def test_bad_stages_are_refused(changes: dict[str, Any], words: str) -> None:
     with pytest.raises(WideberthError, match=words):
-        Cascade(**changes)
+        SensingPipeline(**changes)
 
 
 def test_settings_that_stand_for_sensors_are_refused() -> None:

@@ -16,12 +16,12 @@ from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import Plan
 from wideberth.framework.values.sensing import Scan, WheelSample
 from wideberth.framework.values.tracks import Tracks
-from wideberth.perception.detection.discs import Discs
+from wideberth.perception.detection.discs import DiscDetector
 from wideberth.perception.state.ekf import Ekf
 from wideberth.perception.tracking.nearest import Nearest
 from wideberth.predictors.constant_velocity import ConstantVelocity
 from wideberth.robots.unicycle import Unicycle
-from wideberth.simulation.cascade.cascade import Cascade
+from wideberth.simulation.cascade.cascade import SensingPipeline
 from wideberth.simulation.cascade.faults import Faults
 from wideberth.simulation.cascade.watchdog import Watchdog
 from wideberth.simulation.cascade.world import WheeledWorld
@@ -58,9 +58,9 @@ class Ahead(Controller):
 
 def run(faults: Faults, seconds: float, **stages: Any) -> tuple[Episode, list[Observation]]:
     """Two robots drive side by side; the faults are those of the first."""
-    cascade = Cascade(
+    cascade = SensingPipeline(
         state=Ekf(wheel_radius=0.165, noise="large"),
-        detector=Discs(shape=(0.75,)),
+        detector=DiscDetector(shape=(0.75,)),
         tracker=Nearest(acceleration_density=0.02),
         faults=replace(faults, robots=("one",)),
     )
@@ -196,7 +196,7 @@ def test_bad_faults_are_refused(faults: dict[str, Any], words: str) -> None:
 
 def test_wheels_cannot_slip_where_there_are_none() -> None:
     with pytest.raises(WideberthError, match="needs physics"):
-        Cascade(mechanics="kinematic", faults=Faults(push=(1.0, 1.0)))
+        SensingPipeline(mechanics="kinematic", faults=Faults(push=(1.0, 1.0)))
 
 
 def test_a_watchdog_minds_what_is_of_no_use() -> None:
@@ -236,7 +236,7 @@ def test_a_planner_whose_predictor_fails_stops_the_robot_and_says_why() -> None:
     ]
     agents = [replace(agent, reference_speed=0.5) for agent in agents]
     limit = Settings(history=0.0, time_limit=8.0, plant_step=0.04)
-    cascade = Cascade(mechanics="kinematic", noise=0.0)
+    cascade = SensingPipeline(mechanics="kinematic", noise=0.0)
     one = Run(agents, limit, 0, (), (), (), WheeledWorld(cascade, limit))
     one.advance()
     log = one.episode().robots[0]
@@ -278,9 +278,9 @@ def test_the_yaw_rate_loop_follows_the_gyroscope_that_errs() -> None:
 
 def test_names_in_faults_are_of_somebody() -> None:
     with pytest.raises(WideberthError, match=r"cascade.faults.silent: .*lidr.*lidar"):
-        Cascade(faults=Faults(silent=("lidr", 1.0, 2.0)))
+        SensingPipeline(faults=Faults(silent=("lidr", 1.0, 2.0)))
     settings = Settings(history=0.0)
-    world = WheeledWorld(Cascade(faults=Faults(robots=("nobody",))), settings)
+    world = WheeledWorld(SensingPipeline(faults=Faults(robots=("nobody",))), settings)
     path = Path(np.array([[0.0, 0.0], [5.0, 0.0]]))
     agent = RobotAgent("one", Unicycle(), Ahead(), path, 0.0)
     with pytest.raises(WideberthError, match=r"cascade.faults.robots: .*nobody"):

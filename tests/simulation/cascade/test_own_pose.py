@@ -8,7 +8,7 @@ import pytest
 from wideberth.framework.mpc.fallback.rollout import follow
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.slots.base import View
+from wideberth.framework.mpc.slots.base import PlanningContext
 from wideberth.framework.mpc.slots.static_polygons import StaticPolygons
 from wideberth.framework.robot import step
 from wideberth.framework.state_estimator import StateEstimator
@@ -16,15 +16,15 @@ from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.polygon import Polygon
 from wideberth.framework.values.sensing import MotionEstimate, Sample
-from wideberth.perception.detection.discs import Discs
+from wideberth.perception.detection.discs import DiscDetector
 from wideberth.predictors.static import Static
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
-from wideberth.regions.static.separating_line import SeparatingLine
+from wideberth.regions.static.separating_line import StaticSeparatingLine
 from wideberth.robots.unicycle import Unicycle
 from wideberth.solvers.fatrop import Fatrop
 
 pytest.importorskip("mujoco", reason="pip install 'wideberth[physics]'")
-from wideberth.simulation.cascade.cascade import Cascade
+from wideberth.simulation.cascade.cascade import SensingPipeline
 from wideberth.simulation.cascade.senses import Senses
 
 MEAN = np.array([1.0, -2.0, 0.6, 0.4, 0.0, 0.05])
@@ -57,18 +57,20 @@ def turned(angle: float, points: np.ndarray) -> np.ndarray:
 
 def told(walls: Any, polygons: tuple[Polygon, ...] = MAP) -> Observation:
     """Return what a robot tells its controller, with somebody seen at `SEEN`."""
-    cascade = Cascade(mechanics="kinematic", state=Sure(), detector=Discs(), walls=walls)
+    cascade = SensingPipeline(
+        mechanics="kinematic", state=Sure(), detector=DiscDetector(), walls=walls
+    )
     senses = Senses(Unicycle(), cascade, "a", MEAN[:3], 0.0, np.random.default_rng(0))
     place = MEAN[:2] + turned(MEAN[2], SEEN)
     return senses.observation((Detection("b", place, 1e-8 * np.eye(2), 0.3),), polygons)
 
 
-def viewed(seen: Observation, monkeypatch: pytest.MonkeyPatch) -> View:
+def viewed(seen: Observation, monkeypatch: pytest.MonkeyPatch) -> PlanningContext:
     """Return what a planner makes of an observation."""
-    views: list[View] = []
+    views: list[PlanningContext] = []
     choose = StaticPolygons.choose
 
-    def watched(self: StaticPolygons, robot: Any, view: View) -> Any:
+    def watched(self: StaticPolygons, robot: Any, view: PlanningContext) -> Any:
         views.append(view)
         return choose(self, robot, view)
 
@@ -79,7 +81,7 @@ def viewed(seen: Observation, monkeypatch: pytest.MonkeyPatch) -> View:
         Static(),
         Fixed(),
         Fatrop(),
-        static_region=SeparatingLine(),
+        static_region=StaticSeparatingLine(),
     )
     planner.set_path(Path(np.array([[0.0, -2.0], [20.0, 8.0]])))
     planner.command(seen)

@@ -11,11 +11,11 @@ from wideberth.framework.values.sensing import MotionEstimate, Segments, Sightin
 from wideberth.simulation.log.episode_log import AgentLog, CommandLog, Episode
 from wideberth.simulation.log.perception_file import packed, unpacked
 from wideberth.simulation.log.perception_log import (
-    Body,
     Glance,
     PerceptionLog,
-    Stop,
-    Truth,
+    PipelineStop,
+    TrueBody,
+    TrueStage,
     named,
 )
 from wideberth.simulation.measures.perception import perception_row
@@ -31,7 +31,8 @@ def spread(size: int) -> np.ndarray:
 def glance(time: float, seen: int, hits: int, note: str = "") -> Glance:
     """Return one with ``seen`` sightings, tracks and bodies, and half of its hits static."""
     bodies = tuple(
-        Body(f"body {i}", RNG.uniform(-9, 9, 2), RNG.standard_normal(2), 0.5) for i in range(seen)
+        TrueBody(f"body {i}", RNG.uniform(-9, 9, 2), RNG.standard_normal(2), 0.5)
+        for i in range(seen)
     )
     own = MotionEstimate(time + 2.0, RNG.standard_normal(6), spread(6))
     places, walls = RNG.uniform(-9.0, 9.0, (hits, 2)), (hits + 20) // 50
@@ -50,7 +51,7 @@ def glance(time: float, seen: int, hits: int, note: str = "") -> Glance:
         for i in range(seen)
     )
     names = {one.ident: f"body {i}" if i else "" for i, one in enumerate(tracks)}
-    truth = Truth(time, RNG.standard_normal(3), RNG.standard_normal(3), bodies)
+    truth = TrueStage(time, RNG.standard_normal(3), RNG.standard_normal(3), bodies)
     return Glance(truth, own, sightings, tracks, names, places).kept(-2.0)
 
 
@@ -83,7 +84,10 @@ def test_a_log_is_read_again_to_the_same_values() -> None:
         "one": PerceptionLog(
             (glance(0.1, 2, 30), glance(0.2, 0, 0, "the scan is empty"), glance(0.3, 3, 7)),
             {"the scan is empty": 1},
-            (Stop(0.15, 0.25, "lidar: nothing"), Stop(0.4, 1.0, "pushed over: 90 degrees")),
+            (
+                PipelineStop(0.15, 0.25, "lidar: nothing"),
+                PipelineStop(0.4, 1.0, "pushed over: 90 degrees"),
+            ),
         ),
         "two": PerceptionLog((glance(0.15, 0, 4),)),
         "three": PerceptionLog(),
@@ -134,7 +138,9 @@ def test_the_glance_of_an_instant_is_the_newest() -> None:
 
 
 def test_who_is_who_goes_by_the_nearest_pair() -> None:
-    bodies = [Body(name, np.array([x, 0.0]), np.zeros(2), 0.3) for name, x in (("a", 0), ("b", 1))]
+    bodies = [
+        TrueBody(name, np.array([x, 0.0]), np.zeros(2), 0.3) for name, x in (("a", 0), ("b", 1))
+    ]
     places = [np.array([0.6, 0.0]), np.array([0.9, 0.0]), np.array([5.0, 0.0])]
     assert named(places, ["1", "2", "3"], bodies) == {"1": "a", "2": "b", "3": ""}
     assert named([], [], bodies) == {} and named(places[:1], ["1"], []) == {"1": ""}
@@ -145,8 +151,8 @@ def test_measures_of_a_belief_that_is_off_by_known_amounts() -> None:
     glances = []
     for k in range(1, 11):
         time, place = 0.1 * k, np.array([5.0, 0.1 * k])
-        body = Body("b", place, np.array([0.0, 1.0]), 0.4)
-        truth = Truth(time, np.array([0.1 * k, 0.0, 0.0]), np.zeros(3), (body,))
+        body = TrueBody("b", place, np.array([0.0, 1.0]), 0.4)
+        truth = TrueStage(time, np.array([0.1 * k, 0.0, 0.0]), np.zeros(3), (body,))
         own = MotionEstimate(time, np.array([0.1 * k, 0.3, *np.zeros(4)]), 0.01 * np.eye(6))
         shifted = place + np.array([0.3, 0.3]) - 0.02 * body.velocity
         sightings = Sightings(
@@ -158,7 +164,7 @@ def test_measures_of_a_belief_that_is_off_by_known_amounts() -> None:
         ghost = TrackedObstacle("8", time, state + 9.0, 0.01 * np.eye(4), 0.4, time)
         names = {"7": "b", "8": ""}
         glances.append(Glance(truth, own, sightings, (track, ghost), names, np.zeros((0, 2))))
-    stops = (Stop(0.2, 0.7, "later"), Stop(-1.0, 0.1, "first"))
+    stops = (PipelineStop(0.2, 0.7, "later"), PipelineStop(-1.0, 0.1, "first"))
     row = perception_row(episode(one=PerceptionLog(tuple(glances), {}, stops)))
     assert row["own_error"] == pytest.approx(0.3) and row["own_nees"] == pytest.approx(9.0)
     assert row["drift"] == pytest.approx(0.3 / 0.9)

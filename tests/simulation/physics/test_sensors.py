@@ -20,7 +20,7 @@ from wideberth.simulation.physics.sensors import (
     Sensor,
     WheelEncoders,
 )
-from wideberth.simulation.physics.world import World
+from wideberth.simulation.physics.world import PhysicsWorld
 
 EXACT = Lidar(deviation=1e-12, lost=0.0)
 CRATE = Polygon(((-4, 1), (-3, 0.5), (-2.5, 2), (-3.5, 2.5)), "crate")
@@ -41,7 +41,7 @@ def state(time: float, **known: np.ndarray) -> BodyState:
     return BodyState(time, **{**still, **known})
 
 
-def scans(world: World, duration: float) -> list[Scan]:
+def scans(world: PhysicsWorld, duration: float) -> list[Scan]:
     world.advance(duration)
     return [sample for sample in world.samples_due()["a"] if isinstance(sample, Scan)]
 
@@ -58,9 +58,9 @@ def scene(*sensors: Sensor, body: SkidSteerBody = LARGE) -> PhysicalScene:
     )
 
 
-def world(*sensors: Sensor, **kind: object) -> World:
+def world(*sensors: Sensor, **kind: object) -> PhysicsWorld:
     pytest.importorskip("mujoco", reason="pip install 'wideberth[physics]'")
-    return World(scene(*sensors, **kind), np.random.default_rng(1))  # type: ignore[arg-type]
+    return PhysicsWorld(scene(*sensors, **kind), np.random.default_rng(1))  # type: ignore[arg-type]
 
 
 def by_geometry(scan: Scan, pose: np.ndarray, bodies: list[shapely.Geometry]) -> np.ndarray:
@@ -139,7 +139,7 @@ def test_alone_a_robot_sees_nothing() -> None:
     pytest.importorskip("mujoco", reason="pip install 'wideberth[physics]'")
     low = Lidar("low", height=0.05, lost=0.0)
     scene = PhysicalScene((PhysicalRobot("a", sensors=(EXACT, low)),))
-    one = World(scene, np.random.default_rng(0))
+    one = PhysicsWorld(scene, np.random.default_rng(0))
     one.command("a", Twist((0.5, 0.0), 0.3))
     found = scans(one, 1.0)
     assert len(found) == 20 and all(np.isposinf(scan.ranges).all() for scan in found)

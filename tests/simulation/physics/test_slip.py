@@ -18,7 +18,7 @@ from wideberth.simulation.physics.kinematic import SlippingWorld
 from wideberth.simulation.physics.scene import PhysicalRobot, PhysicalScene
 from wideberth.simulation.physics.sensors import InertialUnit, WheelEncoders
 from wideberth.simulation.physics.slip import SlipModel, slip_of
-from wideberth.simulation.physics.world import World
+from wideberth.simulation.physics.world import PhysicsWorld
 
 SMALL = SkidSteerBody()
 NONE = SlipModel(0.44, np.array([0.1]), np.array([1.0]), np.array([0.0]), lag=1e-9)
@@ -107,7 +107,7 @@ def test_unseen_drives_end_where_they_end_in_the_physics(
         rng = np.random.default_rng(seed)
         pose, twist = np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)]), np.zeros(3)
         robot = PhysicalRobot("a", body, pose, (quiet,) if looped else ())
-        world, drive, way = World(PhysicalScene((robot,)), rng), WheelDrive(body), 0.0
+        world, drive, way = PhysicsWorld(PhysicalScene((robot,)), rng), WheelDrive(body), 0.0
         wanted, given = np.zeros(2), np.zeros(2)
         for step in range(1000):
             if step % 200 == 0:

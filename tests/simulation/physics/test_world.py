@@ -15,7 +15,7 @@ from wideberth.simulation.physics.body import LARGE, SkidSteerBody
 from wideberth.simulation.physics.library import mujoco
 from wideberth.simulation.physics.scene import PhysicalPerson, PhysicalRobot, PhysicalScene
 from wideberth.simulation.physics.sensors import InertialUnit, Lidar, WheelEncoders
-from wideberth.simulation.physics.world import World
+from wideberth.simulation.physics.world import PhysicsWorld
 
 pytest.importorskip("mujoco", reason="pip install 'wideberth[physics]'")
 SMALL = SkidSteerBody()
@@ -23,8 +23,8 @@ SOFT = replace(SMALL, servo_gain=10.0, armature=0.0)
 WALL = Polygon(((3, -2), (3.2, -2), (3.2, 2), (3, 2)), "wall")
 
 
-def world(*robots: PhysicalRobot, seed: int = 0, **scene: object) -> World:
-    return World(PhysicalScene(robots, **scene), np.random.default_rng(seed))  # type: ignore[arg-type]
+def world(*robots: PhysicalRobot, seed: int = 0, **scene: object) -> PhysicsWorld:
+    return PhysicsWorld(PhysicalScene(robots, **scene), np.random.default_rng(seed))  # type: ignore[arg-type]
 
 
 def driven(body: SkidSteerBody, forward: float, turn: float, **kind: object) -> np.ndarray:
