@@ -78,6 +78,12 @@ def test_in_space_too() -> None:
     assert motion.course_change(rising) < motion.course_change(flat)
 
 
+def test_a_move_of_a_millimetre_has_a_direction() -> None:
+    for length, turned in ((1.5e-3, np.pi), (0.9e-3, 0.0)):
+        way = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, length], [2.0, length]])
+        assert motion.course_change(way) == pytest.approx(turned)
+
+
 def test_longest_run_against_brute_force() -> None:
     rng = np.random.default_rng(2)
     for share in (0.0, 0.3, 0.8, 1.0):

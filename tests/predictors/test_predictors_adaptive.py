@@ -312,7 +312,13 @@ def test_laws_hold_and_nothing_changes_in_place(tmp_path):
 
 
 def test_bad_input():
-    for settings in ({"tail": 0.0}, {"rate": 0.0}, {"steps": 0}, {"observed": 0}):
+    for settings in (
+        {"speeds": (np.inf,)},
+        {"tail": 0.0},
+        {"rate": 0.0},
+        {"steps": 0},
+        {"observed": 0},
+    ):
         with pytest.raises(WideberthError, match=r"adaptive_conformal\."):
             adaptive(**settings)
     with pytest.raises(WideberthError, match=r"adaptive_conformal\.start"):

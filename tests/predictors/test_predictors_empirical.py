@@ -178,6 +178,12 @@ def test_unfitted_or_too_short_it_is_the_base():
     assert np.array_equal(forecast.joint, base.joint)
 
 
+def test_its_base_is_fitted_as_well():
+    scene = crowd(2000, np.random.default_rng(7))
+    base = Empirical(STRAIGHT, OBSERVED, STEPS, speeds=2, jitters=1)
+    assert fitted(scene, base=base).base == base.fit([scene]) != base
+
+
 def test_laws_hold_once_fitted():
     rng = np.random.default_rng(8)
     check_predictor(

@@ -1,16 +1,19 @@
 """The log of an episode: the same bytes for the same seed, files, and its summary."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from wideberth.framework.plugins.config import describe
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.path import Path
+from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.robots.holonomic import Holonomic
 from wideberth.simulation.engine.agents import ScriptedAgent
 from wideberth.simulation.engine.episode import run_episode
-from wideberth.simulation.log.episode_log import Episode, _Packer, _Unpacker
+from wideberth.simulation.log.episode_log import Episode, _Packer, _region_of, _Unpacker
 from wideberth.simulation.measures.summary import summarise
 from wideberth.tests.helpers.pursuit import QUICK, agent, opposite
 
@@ -94,3 +97,18 @@ def test_arrays_are_put_into_one_vector_and_taken_out_again():
     for place, one in zip(places, arrays, strict=True):
         np.testing.assert_array_equal(_Unpacker(numbers).get(place), one)
     assert _Packer().numbers().shape == (0,)
+
+
+def test_the_region_of_plans_is_kept_if_a_config_can_name_it():
+    def plans(*regions):
+        found = [SimpleNamespace(situation=one and SimpleNamespace(region=one)) for one in regions]
+        return SimpleNamespace(plans=found)
+
+    assert _region_of(plans(None, MinkowskiSum())) == describe(MinkowskiSum())
+    assert _region_of(plans(None)) is None
+
+    @dataclass(frozen=True)
+    class Unnamed:
+        """Of no room."""
+
+    assert _region_of(plans(Unnamed())) is None

@@ -429,6 +429,12 @@ def test_compiled_constraints_are_those_of_the_virtual_machine(
         violation(problem, parameters, point).regions,
         violation(everything[0], parameters, point).regions,
     )
+    for shares in (None, (0.3, 1.0)):
+        points = [point, replace(point, states=point.states + 0.1)]
+        np.testing.assert_array_equal(
+            verify.entered(problem, parameters, points, shares),
+            verify.entered(everything[0], parameters, points, shares),
+        )
 
 
 def test_a_bare_plan_is_checked_as_one_with_no_auxiliaries() -> None:

@@ -13,7 +13,7 @@ from wideberth.experiments.cli.export import planners
 from wideberth.experiments.engine.shipped import read_experiment, shipped
 from wideberth.framework.control.rate_limited_warnings import WARNINGS
 from wideberth.framework.mpc.costs.tracking import Tracking
-from wideberth.framework.mpc.planner.recommended import slow_aside
+from wideberth.framework.mpc.planner.recommended import completed, slow_aside
 from wideberth.framework.mpc.planner.settings import PlannerSettings, doubts
 from wideberth.framework.plugins.config import describe
 from wideberth.framework.plugins.registry import load, names
@@ -87,6 +87,12 @@ def test_it_can_be_varied() -> None:
 def test_what_does_not_fit_is_refused_where_it_stands(settings: str, message: str) -> None:
     with pytest.raises(WideberthError, match=message):
         build("controllers", parse(f"{{<<: recommended, {settings}}}", "here"), "planner")
+
+
+def test_a_setting_without_a_place_is_named_alone() -> None:
+    for path, place in (("", ""), ("planner", r"planner\.")):
+        with pytest.raises(WideberthError, match=rf"^{place}reference_speed is -1"):
+            completed({"robot": "unicycle", "reference_speed": -1.0}, path)
 
 
 def test_a_robot_that_moves_aside_slowly_is_named() -> None:

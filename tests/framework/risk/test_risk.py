@@ -41,6 +41,13 @@ def test_round_covariances_at_the_rim(deviation: float) -> None:
         assert float(got) == pytest.approx(want, rel=1e-9)
 
 
+def test_one_difference_and_many_covariances() -> None:
+    sigma = np.stack([scale * np.eye(2) for scale in (0.1, 0.4, 1.0, 2.0, 5.0)])
+    found = collision_probability([1.0, 0.5], sigma, 0.6)
+    one_by_one = [float(collision_probability([1.0, 0.5], one, 0.6)) for one in sigma]
+    np.testing.assert_allclose(found, one_by_one, rtol=1e-12)
+
+
 def test_thin_covariance_against_adaptive_quadrature() -> None:
     for x, y, first, second in (
         (3.0, 1.0, 1.0, 0.5),

@@ -146,8 +146,8 @@ def test_who_is_who_goes_by_the_nearest_pair() -> None:
     assert named([], [], bodies) == {} and named(places[:1], ["1"], []) == {"1": ""}
 
 
-def test_measures_of_a_belief_that_is_off_by_known_amounts() -> None:
-    """One body 5 m ahead, all beliefs off by 0.3 m with covariances that say 0.1 m."""
+def off(aside: float) -> list[Glance]:
+    """One body 5 m ahead, beliefs off by 0.3 m with covariances that say 0.1 m, its track more."""
     glances = []
     for k in range(1, 11):
         time, place = 0.1 * k, np.array([5.0, 0.1 * k])
@@ -159,11 +159,16 @@ def test_measures_of_a_belief_that_is_off_by_known_amounts() -> None:
             *(time, shifted[None], 0.01 * np.eye(2)[None], np.array([0.4])),
             times=np.array([time - 0.02]),
         )
-        state = np.concatenate([place + np.array([0.0, 0.6]), body.velocity])
+        state = np.concatenate([place + np.array([0.0, aside]), body.velocity])
         track = TrackedObstacle("7", time, state, 0.01 * np.eye(4), 0.4, time)
         ghost = TrackedObstacle("8", time, state + 9.0, 0.01 * np.eye(4), 0.4, time)
         names = {"7": "b", "8": ""}
         glances.append(Glance(truth, own, sightings, (track, ghost), names, np.zeros((0, 2))))
+    return glances
+
+
+def test_measures_of_a_belief_that_is_off_by_known_amounts() -> None:
+    glances = off(0.6)
     stops = (PipelineStop(0.2, 0.7, "later"), PipelineStop(-1.0, 0.1, "first"))
     row = perception_row(episode(one=PerceptionLog(tuple(glances), {}, stops)))
     assert row["own_error"] == pytest.approx(0.3) and row["own_nees"] == pytest.approx(9.0)
@@ -177,6 +182,15 @@ def test_measures_of_a_belief_that_is_off_by_known_amounts() -> None:
     assert coverages == [0.0, 0.0, 1.0]  # 9 against 7.8, 6.0 and 9.5
     assert row["false_tracks"] == pytest.approx(0.5)
     assert row["stopped"] == pytest.approx(0.6) and row["stop_reason"] == "first"
+
+
+def test_a_track_is_judged_by_its_four_numbers_and_a_ghost_alone_is_false() -> None:
+    """0.32 m: 10.2, against 9.5 of four degrees of freedom and 11.1 of five."""
+    glances = off(0.62)
+    row = perception_row(episode(one=PerceptionLog(tuple(glances), {})))
+    assert row["track_nees"] == pytest.approx(10.24) and row["track_coverage"] == 0.0
+    ghost = replace(glances[0], obstacles=glances[0].obstacles[1:], names={"8": ""})
+    assert perception_row(episode(one=PerceptionLog((ghost,), {})))["false_tracks"] == 1.0
 
 
 def test_without_perception_there_is_nothing_to_measure() -> None:
