@@ -73,6 +73,14 @@ def test_progress_and_deviation_along_a_bent_path():
         )
 
 
+@pytest.mark.parametrize("swapped", [False, True])
+@pytest.mark.parametrize(("begin", "end"), [(1.0, 2.0), (-2.0, -1.0)])
+def test_paths_that_end_before_or_begin_behind_the_other_do_not_cross(begin, end, swapped):
+    level, upright = Path([(0.0, 0.0), (4.0, 0.0)]), Path([(2.0, begin), (2.0, end)])
+    pair = (upright, level) if swapped else (level, upright)
+    assert metrics.crossing_point(*pair) is None
+
+
 def test_crossing_point_and_passing_time():
     upright = Path(np.array([[4.0, -3.0], [4.0, -1.0], [4.0, 9.0]]))
     assert metrics.crossing_point(STRAIGHT, upright) == pytest.approx((4.0, 3.0))

@@ -13,6 +13,7 @@ from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.robots.holonomic import Holonomic
 from wideberth.simulation.engine.agents import ScriptedAgent
 from wideberth.simulation.engine.episode import run_episode
+from wideberth.simulation.log import episode_log
 from wideberth.simulation.log.episode_log import Episode, _Packer, _region_of, _Unpacker
 from wideberth.simulation.measures.summary import summarise
 from wideberth.tests.helpers.pursuit import QUICK, agent, opposite
@@ -112,3 +113,12 @@ def test_the_region_of_plans_is_kept_if_a_config_can_name_it():
         """Of no room."""
 
     assert _region_of(plans(Unnamed())) is None
+
+
+def test_an_episode_is_drawn_in_as_many_dimensions_as_it_was_driven(monkeypatch):
+    asked = []
+    monkeypatch.setattr(episode_log, "picture", lambda draw, *given: asked.append(given))
+    for size in (2, 3):
+        robot = SimpleNamespace(positions=np.zeros((4, size)))
+        Episode.plot(SimpleNamespace(_draw=None, agents=(robot,)))
+    assert asked == [(2, None), (3, None)]

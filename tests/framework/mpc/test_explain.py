@@ -13,9 +13,11 @@ import pytest
 from typer.testing import CliRunner
 
 from wideberth.experiments.cli.app import app
+from wideberth.framework.mpc.diagnosis import explain
 from wideberth.framework.mpc.diagnosis.explain import SolveRecord
 from wideberth.framework.mpc.diagnosis.solve_record import Record, read_solve, write_solve
 from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.robot import start_state
 from wideberth.framework.values.errors import WideberthError
@@ -86,6 +88,25 @@ def test_a_reopened_problem_gives_the_same_solution_to_the_byte(kind: str, tmp_p
     np.testing.assert_array_equal(best.point.states, kept.point.states)
     np.testing.assert_array_equal(best.point.inputs[:, : plan.inputs.shape[1]], plan.inputs)
     assert best.cost == plan.cost == again.verdict.cost
+
+
+@pytest.mark.parametrize(("ends", "rounds"), [((), 1), (("given up: dearer",), 2)])
+def test_starts_are_given_up_again_where_some_were(
+    ends: tuple[str, ...], rounds: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = planner(**next(iter(KINDS.values())))
+    decided(made, ahead(made, ("a", 4.0, 0.2)))
+    kept, asked = replace(made.explain(), ends=ends), []
+    assert len(kept.guesses) > 1
+
+    def solve(solver: Any, problem: Any, parameters: Any, guesses: Any, *_: Any) -> list[Any]:
+        asked.append(len(guesses))
+        return [None] * len(guesses)
+
+    monkeypatch.setattr(Fatrop, "solve", solve)
+    monkeypatch.setattr(explain, "solve_cheapest", solve)
+    assert len(kept.again(Fatrop())) == len(kept.guesses)
+    assert asked == ([len(kept.guesses)] if rounds == 1 else [1, len(kept.guesses) - 1])
 
 
 def test_another_process_opens_the_same_problem(tmp_path: File) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
 from wideberth.framework.tracking import perception
 from wideberth.framework.values.motion import Detection, Observation, Truth
 from wideberth.framework.values.plan import Rung
@@ -32,6 +33,33 @@ def test_what_does_not_fit_is_named() -> None:
     assert made.plan.tracked == tuple(name for name, _, _ in crowd)
     assert made.plan.forecast is not None
     assert len(made.plan.forecast.mean) == 8
+
+
+def test_a_kind_sees_where_the_last_plan_goes_at_each_step(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    seen, choose = [], GaussianDiscs.choose
+
+    def watched(self: GaussianDiscs, robot: Any, view: Any) -> Any:
+        seen.append(view)
+        return choose(self, robot, view)
+
+    monkeypatch.setattr(GaussianDiscs, "choose", watched)
+    made = planner()
+    for tick in range(2):
+        made.command(at(0.5 * tick, 0.25 * tick, ("a", 9.0, 6.0)))
+    plan = made.plan
+    assert plan is not None
+    for view in seen:
+        assert view.planned.shape == view.here.shape == view.reference.position.shape
+        steps = np.linalg.norm(np.diff(view.planned, axis=0, prepend=view.here[:1]), axis=1)
+        assert (steps <= 0.75 * 0.5 + 1e-6).all()  # the first is a step from here
+
+
+def test_a_planner_may_have_room_for_nobody() -> None:
+    made = planner(most_obstacles=0)
+    made.command(at(0.0, 0.0, ("a", 3.0, 4.0)))
+    assert made.plan is not None and made.plan.left_out == ("a",)
 
 
 def test_a_noise_is_logged_at_first_and_where_it_has_changed_by_a_fifth(

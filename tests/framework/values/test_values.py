@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import stats
 
 from wideberth.framework.tracking.history import History
 from wideberth.framework.values.arrays import (
@@ -306,3 +307,20 @@ def test_the_only_matrix_has_no_index() -> None:
         checked_covariance("noise", [[-1.0, 0.0], [0.0, 1.0]], 2)
     with pytest.raises(WideberthError, match=r"^noise is not symmetric"):
         checked_covariance("noise", [[1.0, 0.5], [0.0, 1.0]], 2)
+
+
+@pytest.mark.parametrize("size", [2, 3])
+def test_outlines_from_above_keep_to_the_two_dimensional_block(size: int) -> None:
+    """(x - mu)^T S^-1 (x - mu) = q on each, S the block of x and y and q of all coordinates."""
+    rng = np.random.default_rng(3)
+    root = rng.standard_normal((2, 5, size, size))
+    covariance = root @ root.swapaxes(2, 3) + 0.1 * np.eye(size)
+    made = Forecast.single(rng.standard_normal((2, 5, size)), covariance, 0.5)
+    for every, steps in ((1, [0, 1, 2, 3, 4]), (3, [1, 4])):
+        found = made.outlines(0.1, 24, every).reshape(2, len(steps), 24, 2)
+        for o in range(2):
+            for k, step in enumerate(steps):
+                away = found[o, k] - made.mean[o, 0, step, :2]
+                inverse = np.linalg.inv(covariance[o, step, :2, :2])
+                square = np.einsum("ki,ij,kj->k", away, inverse, away)
+                np.testing.assert_allclose(square, stats.chi2.ppf(0.9, size), rtol=1e-9)
