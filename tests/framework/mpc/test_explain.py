@@ -17,7 +17,6 @@ from wideberth.framework.mpc.diagnosis import explain
 from wideberth.framework.mpc.diagnosis.explain import SolveRecord
 from wideberth.framework.mpc.diagnosis.solve_record import Record, read_solve, write_solve
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.solvers.fatrop import Fatrop
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.robot import start_state
 from wideberth.framework.values.errors import WideberthError
@@ -25,6 +24,7 @@ from wideberth.framework.values.motion import Detection, Observation
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import GivenWay, Plan, Rung, Status
 from wideberth.framework.values.polygon import Polygon
+from wideberth.solvers.fatrop import Fatrop
 
 PLAIN: dict[str, Any] = {
     "type": "mpc",
