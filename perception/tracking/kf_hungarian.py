@@ -10,6 +10,10 @@ from ...framework.values.arrays import Array, positive, whole
 from ...framework.values.sensing import Sightings, TrackedObstacle
 from .motion import checked_instant, corrected, in_order, out_of_order
 
+GAP = 1e5
+"""s between two scans, about a day, beyond which all tracks are dropped. The package carries them
+over any gap, and covariances that were carried over 1e9 s are rounding alone."""
+
 
 @dataclass(frozen=True, eq=False)
 class _Track:
@@ -83,9 +87,9 @@ class KfHungarian(Tracker):
         note, anew = out_of_order(sightings.time, self._now, 1.0)
         if note and not anew:
             return note
-        if anew:
-            self._tracks = []
         dt = sightings.time - self._now
+        if anew or dt > GAP:
+            self._tracks = []
         self._now = sightings.time
         tracks = [self._predicted(track, dt) for track in self._tracks]
         seen = in_order(sightings)

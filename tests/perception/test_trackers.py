@@ -427,6 +427,18 @@ def test_kf_hungarian_forgets_whoever_stands() -> None:
     assert len(ours.at(now + 5.9)) == 1
 
 
+@pytest.mark.parametrize("gap", [1e6, 1e9, 1e11])
+def test_kf_hungarian_carries_nobody_over_ages(gap: float) -> None:
+    """Found by `make fuzz`: the covariance had negative eigenvalues, and `at` raised."""
+    tracker = KfHungarian()
+    now = followed(tracker, 3.0)
+    for number in range(4):
+        place = [3.5 + 0.05 * number, 0.01 * number]
+        tracker.update(sightings(now + gap + 0.1 * number, [place]))
+        for one in tracker.at(now + gap + 0.1 * number):
+            assert one.covariance.max() < 100.0
+
+
 def test_kf_hungarian_equals_its_filter() -> None:
     filterpy = pytest.importorskip("filterpy.common", reason="compares with filterpy")
     kalman = pytest.importorskip("filterpy.kalman")
