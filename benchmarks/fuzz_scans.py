@@ -169,7 +169,7 @@ class Wire:
 
     kind: str
     refused: int = 0
-    heard: bool = True
+    has_subscribers: bool = True
     come: list[Any] = field(default_factory=list)
     gone: list[Any] = field(default_factory=list)
 
@@ -252,16 +252,16 @@ class Driven:
         )
         self.node._warm_up()
         self.caught: list[str] = []
-        heard, self.pose = self.node._hear, np.zeros(3)
+        on_message, self.pose = self.node._on_message, np.zeros(3)
 
         def noted(*given: Any) -> None:
             try:
-                heard(*given)
+                on_message(*given)
             except Exception as error:  # the node itself goes on, and counts it as refused
                 self.caught.append(f"{given[0]}: {type(error).__name__}: {error}")
                 raise
 
-        self.node._hear = noted  # type: ignore[method-assign]
+        self.node._on_message = noted  # type: ignore[method-assign]
         self.come("/tf_static", transform(EPOCH, "base_link", "laser", (0.2, 0.0, 0.1)))
         self.come("/tf", transform(EPOCH, "map", "odom", (0.5, 0.2, 0.1)))
 

@@ -45,7 +45,7 @@ class Topic:
     Attributes
     ----------
     name : with its slash. kind : type of its messages.
-    count : of the messages. publishers : number of them, as far as the recording tells.
+    count : of the messages. publishers : number of them, as far as the recording states it.
     """
 
     name: str
@@ -63,7 +63,7 @@ class Timed(NamedTuple):
 
 
 class RecordedForecast(NamedTuple):
-    """A forecast in a recording: when it was told, s, and of whom."""
+    """The forecast in one message of a recording: its time, s, and its obstacles."""
 
     time: float
     names: tuple[str, ...]
@@ -193,10 +193,10 @@ class Bag:
             if not isinstance(reading.content, ObstaclesReading):
                 continue
             pose = self.frames.motion(fixed, reading.frame, [time])[0]
-            told = [(one.ident, one.forecast) for one in reading.content.seen if one.forecast]
-            if told and np.isfinite(pose).all():
-                mixtures = [mixture for _, mixture in told]
-                names = tuple(name for name, _ in told)
+            predicted = [(one.ident, one.forecast) for one in reading.content.seen if one.forecast]
+            if predicted and np.isfinite(pose).all():
+                mixtures = [mixture for _, mixture in predicted]
+                names = tuple(name for name, _ in predicted)
                 found.append(RecordedForecast(time, names, _forecast(mixtures, pose, dt)))
         return tuple(found)
 

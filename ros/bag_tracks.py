@@ -57,7 +57,7 @@ def read_bag_tracks(
 
     Raises
     ------
-    WideberthError : no such recording, topic or frame, or nobody in it.
+    WideberthError : no such recording, topic or frame, or no tracks in it.
     """
     positive("dt", dt)
     positive("bridge", bridge)
@@ -69,7 +69,7 @@ def read_bag_tracks(
     found = _samples(bag, chosen, fixed)
     if not found.times:
         reasons = "; ".join((*found.notes, *bag.notes)) or "their messages are empty"
-        raise WideberthError(f"{path}: nobody is in {', '.join(chosen)}: {reasons}")
+        raise WideberthError(f"{path}: no tracks in {', '.join(chosen)}: {reasons}")
     notes = [f"topics used: {', '.join(chosen)}, in the frame {fixed!r}"]
     notes += [f"topics that could be used instead: {', '.join(others)}"] if others else []
     sizes = sorted(found.radii)

@@ -78,7 +78,7 @@ def _domain(number: int, interface: str) -> Any:
 def udp_sockets(first: int, count: int) -> list[socket.socket]:
     """Return this process' UDP sockets of IPv4 that listen on some ports, for Linux alone.
 
-    They are further handles of the same sockets; whoever asks for them closes them.
+    They are further handles of the same sockets; the caller closes them.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def udp_sockets(first: int, count: int) -> list[socket.socket]:
     return found
 
 
-def _hear_loopback_alone(domain: int) -> None:
+def _bind_to_loopback(domain: int) -> None:
     """Tie the sockets of a domain to the loopback interface; Cyclone DDS opens them to all.
 
     A domain has the ports from 7400 + 250 domain on (DDSI-RTPS 2.5, 9.6.2).
@@ -151,13 +151,13 @@ class Link:
         except Exception as error:
             raise WideberthError(f"DDS cannot join the domain {domain}: {error}") from None
         if interface == LOOPBACK:
-            _hear_loopback_alone(domain)
+            _bind_to_loopback(domain)
         self._writers: list[Any] = []
         self._readers: list[Any] = []
         self._graph: Publisher | None = Publisher(
             known, self._writer(GRAPH, ENTITIES, True), ENTITIES
         )
-        self._tell()
+        self._announce()
 
     def publisher(self, topic: str, kind: str, *, kept: bool = False) -> "Publisher":
         """Return a publisher of a topic.
@@ -169,7 +169,7 @@ class Link:
         """
         writer = self._writer(_wire_topic(topic), kind, kept)
         self._writers.append(writer.guid)
-        self._tell()
+        self._announce()
         return Publisher(self.known, writer, kind)
 
     def subscriber(
@@ -180,10 +180,10 @@ class Link:
         Parameters
         ----------
         topic, kind : as of `publisher`.
-        reliable : whether a lost message is sent again; publishers that do not offer that are then
-            not heard.
-        kept : whether to ask for the last message of before; publishers that do not keep it are
-            then not heard.
+        reliable : whether a lost message is sent again; a publisher that does not offer that is
+            then not matched.
+        kept : whether to ask for the last message of before; a publisher that does not keep it is
+            then not matched.
         """
         made, quality = (
             self._topic(_wire_topic(topic), kind),
@@ -191,7 +191,7 @@ class Link:
         )
         reader = needed("cyclonedds.sub").DataReader(self._participant, made, quality)
         self._readers.append(reader.guid)
-        self._tell()
+        self._announce()
         return Subscriber(self.known, reader, kind)
 
     def close(self) -> None:
@@ -206,8 +206,8 @@ class Link:
         made = _raw_class(self.known, kind)
         return needed("cyclonedds.topic").Topic(self._participant, name, made)
 
-    def _tell(self) -> None:
-        """Tell the graph of ROS 2 which publishers and subscribers are this node's."""
+    def _announce(self) -> None:
+        """Announce this node's publishers and subscribers in the graph of ROS 2."""
         assert self._graph is not None
         known, prefix = self.known, "rmw_dds_common/msg/"
 
@@ -256,8 +256,8 @@ class Publisher(CountingPublisher):
         self._made = writer.topic.data_type
 
     @property
-    def heard(self) -> bool:
-        """Whether anybody listens."""
+    def has_subscribers(self) -> bool:
+        """Whether the topic has a subscriber."""
         try:
             return bool(self._writer.get_matched_subscriptions())
         except Exception:  # of an entity that is being closed

@@ -168,7 +168,7 @@ class Messages:
         self.read(name, self.to_bytes(self.make(name)))
 
     def type_hash(self, name: str) -> str:
-        """Return the hash by which ROS 2 tells definitions of one type apart (RIHS01).
+        """Return the hash by which ROS 2 distinguishes definitions of one type (RIHS01).
 
         It is that of REP 2011: SHA-256 over the names and types of the fields, of the type itself
         and of all that it holds.

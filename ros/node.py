@@ -1,4 +1,4 @@
-"""A planner on a network of ROS 2: it hears where the robot is and sends velocities."""
+"""A planner on a network of ROS 2: it receives odometry and obstacles, and sends velocities."""
 
 import logging
 import threading
@@ -25,7 +25,7 @@ from ..perception.own_state import own_state
 from .frames import composed
 from .messages import Messages
 from .node_settings import NodeSettings
-from .own_motion import Heard, OwnMotion
+from .own_motion import OwnMotion, ReceivedMessage
 from .priority import urgent
 from .readings import Goal, OdometryReading, PathReading, Transforms, reading_of
 from .room import beside_robot
@@ -57,8 +57,8 @@ class Sends(Protocol):
     """Sends messages on a topic."""
 
     @property
-    def heard(self) -> bool:
-        """Whether anybody listens."""
+    def has_subscribers(self) -> bool:
+        """Whether the topic has a subscriber."""
         ...
 
     def send(self, message: Any) -> None:
@@ -217,8 +217,8 @@ class PlannerNode:
         elif isinstance(follows, GoalTopic):
             pose, grid = "geometry_msgs/msg/PoseStamped", "nav_msgs/msg/OccupancyGrid"
             self._from["goal"] = link.subscriber(follows.topic, pose, reliable=True)
-            told = avoids_polygons(self.controller) and not isinstance(self._sight, ScanSight)
-            self._guide = GoalPlanner(follows, self.robot.radius, self.turns_on_the_spot, told)
+            walls = avoids_polygons(self.controller) and not isinstance(self._sight, ScanSight)
+            self._guide = GoalPlanner(follows, self.robot.radius, self.turns_on_the_spot, walls)
             if follows.over is not None and isinstance(follows.over.map, MapTopic):
                 topic = follows.over.map.topic
                 self._from["map"] = link.subscriber(topic, grid, reliable=True, kept=True)
@@ -229,11 +229,11 @@ class PlannerNode:
         for name, source in self._from.items():
             try:
                 for message in source.take():
-                    self._hear(name, source.kind, message, now)
+                    self._on_message(name, source.kind, message, now)
             except Exception as error:  # whatever a message holds, the loop goes on
                 self._refuse(f"{name}: {error}")
 
-    def _hear(self, name: str, kind: str, message: Any, now: float) -> None:
+    def _on_message(self, name: str, kind: str, message: Any, now: float) -> None:
         try:
             reading = reading_of(kind, message)
         except WideberthError as error:
@@ -254,9 +254,9 @@ class PlannerNode:
             elif isinstance(content, OccupancyGrid) and content.cells.size > MOST_CELLS:
                 return self._refuse(f"a map of {content.cells.size} cells is too large")
             elif isinstance(content, Goal | OccupancyGrid) and self._guide is not None:
-                self._guide.hear(reading)
+                self._guide.receive(reading)
             elif self._sight is not None:
-                self._sight.hear(reading, now)
+                self._sight.receive(reading, now)
         return None
 
     def follow(self, frame: str, points: Array) -> bool:
@@ -293,10 +293,10 @@ class PlannerNode:
     @property
     def motion(self) -> tuple[Array, Array] | None:
         """Pose (3,) and twist (3,) of the newest odometry; None before the first."""
-        heard = self._own.newest
-        if heard is None or not isinstance(heard.reading.content, OdometryReading):
+        received = self._own.newest
+        if received is None or not isinstance(received.reading.content, OdometryReading):
             return None
-        return heard.reading.content.pose, heard.reading.content.twist
+        return received.reading.content.pose, received.reading.content.twist
 
     @property
     def path(self) -> Path | None:
@@ -362,12 +362,12 @@ class PlannerNode:
                 self._stand_still(turn, "")
                 return False
             observation, earlier = self._observation(own)
-            begin, path, untold = own.time, self._path, self._fresh_path
-            self._fresh_path = untold and turn is not None
+            begin, path, fresh = own.time, self._path, self._fresh_path
+            self._fresh_path = fresh and turn is not None
         if turn is not None:
             self._look_beside(turn, [*earlier, observation])
             return False
-        self._plan(observation, earlier, path if untold else None)
+        self._plan(observation, earlier, path if fresh else None)
         with self._lock:
             self.counts.latency = [*self.counts.latency[-999:], self._decided - begin]
         return True
@@ -375,18 +375,18 @@ class PlannerNode:
     def _plan(self, seen: Observation, earlier: list[Observation], new: Path | None) -> None:
         """Call the controller, with a path that it has not been given before, if there is one."""
         self.counts.plans += 1
-        untold = new is not None
+        pending = new is not None
         try:
             if new is not None:
                 self.controller.set_path(new)
-            untold = False
+            pending = False
             for one in earlier:
                 self.controller.remember(one)
             command = within_reach(self.robot, self.controller.command(seen))
         except Exception as error:  # the robot brakes, and the node goes on
             self.counts.failures += 1
             self.status = f"the controller failed: {short(str(error))}"
-            if untold:
+            if pending:
                 self._fresh_path = True
             command = Command((0.0, 0.0))
         else:
@@ -443,9 +443,9 @@ class PlannerNode:
             if self._arrival.look(path, motion[0][:2]):
                 self._take_path("", np.zeros((0, 2)))
 
-    def _observation(self, heard: Heard) -> tuple[Observation, list[Observation]]:
+    def _observation(self, received: ReceivedMessage) -> tuple[Observation, list[Observation]]:
         """Put together what the controller sees, and what it should remember first."""
-        reading = heard.reading
+        reading = received.reading
         motion = reading.content
         assert isinstance(motion, OdometryReading)
         covariance = EXACT * np.eye(6)
@@ -453,14 +453,14 @@ class PlannerNode:
             covariance[:3, :3] = motion.covariance
         mean = np.concatenate([motion.pose, motion.twist])
         try:
-            estimate = MotionEstimate(heard.time, mean, covariance)
+            estimate = MotionEstimate(received.time, mean, covariance)
         except WideberthError:  # no covariance at all
-            estimate = MotionEstimate(heard.time, mean, EXACT * np.eye(6))
+            estimate = MotionEstimate(received.time, mean, EXACT * np.eye(6))
         state, spread = own_state(self.robot, estimate, seen_from_here=True)
         seen = ScanView() if self._sight is None else self._sight.view(self._own)
         walls = seen.polygons + (() if self._guide is None else self._guide.walls)
         now = Observation(
-            heard.time, state, seen.detections, spread, walls, scan=seen.scan
+            received.time, state, seen.detections, spread, walls, scan=seen.scan
         )  # fmt: skip
         return now, [replace(now, detections=one) for one in seen.earlier]
 
@@ -544,9 +544,9 @@ class PlannerNode:
         for name, word in (
             ("plan", wording.plan), ("forecast", wording.forecast), ("regions", wording.regions),
         ):  # fmt: skip
-            if self._to[name].heard:
+            if self._to[name].has_subscribers:
                 self._to[name].send(word(plan))
-        if "trajectory" in self._to and self._to["trajectory"].heard:
+        if "trajectory" in self._to and self._to["trajectory"].has_subscribers:
             self._to["trajectory"].send(wording.trajectory(plan, self.robot))
 
     def report(self) -> None:

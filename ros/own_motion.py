@@ -23,8 +23,8 @@ HOLE = 0.5
 
 @final
 @dataclass(frozen=True, eq=False)
-class Heard:
-    """The newest message of a topic, and when it came, s on the node's clock."""
+class ReceivedMessage:
+    """A message of a topic, and when it came, s on the node's clock."""
 
     reading: Reading
     time: float
@@ -43,7 +43,7 @@ class OwnMotion:
     """
 
     def __init__(self, base_frame: str) -> None:
-        self.newest: Heard | None = None
+        self.newest: ReceivedMessage | None = None
         self._base = base_frame
         self._frames = FrameTree()
         self._epoch: int | None = None
@@ -69,7 +69,7 @@ class OwnMotion:
         numbers = np.concatenate([motion.pose, motion.twist])
         if not np.isfinite(numbers).all():
             raise WideberthError("odometry is not finite")
-        self.newest = Heard(reading, came)
+        self.newest = ReceivedMessage(reading, came)
         if self._epoch is None:
             self._epoch = reading.stamp
         if np.abs(numbers).max() > FARTHEST:
@@ -89,21 +89,21 @@ class OwnMotion:
         stamp = self.newest.reading.stamp
         return 1e-9 * (stamp - self._epoch) if stamp else self.newest.time
 
-    def instant(self, heard: Heard, length: float = 0.0) -> float:
-        """Return when what a message says was so, s.
+    def instant(self, received: ReceivedMessage, length: float = 0.0) -> float:
+        """Return the instant to which the content of a message belongs, s.
 
         By its stamp; where that does not agree with the odometry's, by when both came.
 
         Parameters
         ----------
-        heard : the message. length : s, from its stamp until it could be sent.
+        received : the message. length : s, from its stamp until it could be sent.
         """
         if self.newest is None:
             return float("nan")
         own = self.newest.reading.stamp
-        apart = 1e-9 * (heard.reading.stamp - own)
-        if not own or not heard.reading.stamp or abs(apart) > OLDEST:
-            apart = heard.time - length - self.newest.time
+        apart = 1e-9 * (received.reading.stamp - own)
+        if not own or not received.reading.stamp or abs(apart) > OLDEST:
+            apart = received.time - length - self.newest.time
         return self.now + apart
 
     def poses(self, times: Array) -> Array:

@@ -93,7 +93,7 @@ class _Sender:
         self._known = known
 
     @property
-    def heard(self) -> bool:
+    def has_subscribers(self) -> bool:
         return bool(self._publisher.get_subscription_count())
 
     def send(self, message: Any) -> None:

@@ -21,7 +21,7 @@ from ..framework.values.sensing import PlacedScan, Scan, Sightings
 from ..perception.handover import Batch, Handover
 from ..perception.walls import walls_behind
 from .frames import composed
-from .own_motion import Heard, OwnMotion
+from .own_motion import OwnMotion, ReceivedMessage
 from .readings import OBSTACLES, ObstacleReading, ObstaclesReading, Reading
 
 MOST_SEEN = 500
@@ -38,7 +38,7 @@ Refuse = Callable[[str], None]
 @final
 @dataclass(frozen=True)
 class ObstacleTopic:
-    """A topic of obstacles that somebody else has detected and tracked.
+    """A topic of obstacles that other software has detected and tracked.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class ScanTopic:
     topic : of the scans. The frame of a scan has to be connected with the robot's by tf.
     detector : finds bodies in a scan.
     tracker : gives them identities and velocities.
-    handover : what the controller is told of tracked obstacles, see
+    handover : how the controller is given the tracked obstacles, see
         `wideberth.perception.handover.Handover`.
     deviation : m, standard deviation of a range, which the messages do not state.
 
@@ -128,7 +128,7 @@ class ScanView:
 class ObstacleSource(Protocol):
     """Turns the messages of one topic into a view.
 
-    `hear` and `view` are called under the node's lock, `look` is not: it may take long.
+    `receive` and `view` are called under the node's lock, `look` is not: it may take long.
 
     Attributes
     ----------
@@ -136,16 +136,16 @@ class ObstacleSource(Protocol):
     unplaced : why the last message that was looked at could not be placed; "" where it could.
     """
 
-    newest: Heard | None
-    placed: Heard | None
+    newest: ReceivedMessage | None
+    placed: ReceivedMessage | None
     unplaced: str
 
-    def hear(self, reading: Reading, came: float) -> None:
+    def receive(self, reading: Reading, came: float) -> None:
         """Take a message."""
         ...
 
     def look(self) -> None:
-        """Conclude what is to be concluded from the messages that have come."""
+        """Process the messages that have come."""
         ...
 
     def view(self, own: OwnMotion) -> ScanView:
@@ -159,12 +159,13 @@ class ObstacleSource(Protocol):
 
 @final
 class ObstacleSight:
-    """Obstacles as others report them.
+    """Obstacles as other software reports them.
 
     Parameters
     ----------
     settings : the topic. own : poses of the robot, and the motions between frames.
-    lock : held while ``own`` is read. refuse : told of what is of no use.
+    lock : held while ``own`` is read.
+    refuse : called with the reason for each message that is of no use.
     """
 
     def __init__(
@@ -174,44 +175,47 @@ class ObstacleSight:
         lock: AbstractContextManager[Any],
         refuse: Refuse,
     ) -> None:
-        self.newest: Heard | None = None
-        self.placed: Heard | None = None
+        self.newest: ReceivedMessage | None = None
+        self.placed: ReceivedMessage | None = None
         self.unplaced: str = ""
         self._settings, self._own, self._lock, self._refuse = settings, own, lock, refuse
-        self._refused: Heard | None = None
+        self._refused: ReceivedMessage | None = None
 
-    def hear(self, reading: Reading, came: float) -> None:
+    def receive(self, reading: Reading, came: float) -> None:
         """Take a message; the one before is forgotten."""
-        self.newest = Heard(reading, came)
+        self.newest = ReceivedMessage(reading, came)
 
     def look(self) -> None:
-        """Find out whether the newest message can be placed; others have detected and tracked."""
+        """Find out whether the newest message can be placed."""
         with self._lock:
             if self.newest is not None and self._own.newest is not None:
                 self._frame_of(self.newest)
 
-    def _frame_of(self, heard: Heard) -> Array | None:
-        """Return the pose of a message's frame in that of the odometry, and note how it went."""
-        frame = self._own.placed(heard.reading.frame)
+    def _frame_of(self, received: ReceivedMessage) -> Array | None:
+        """Return the pose of a message's frame in that of the odometry; None if it is unknown.
+
+        Either is noted in `placed` and `unplaced`.
+        """
+        frame = self._own.placed(received.reading.frame)
         if frame is not None:
-            self.placed, self.unplaced = heard, ""
+            self.placed, self.unplaced = received, ""
             return frame
-        self.unplaced = f"no motion connects {heard.reading.frame!r} with odometry"
-        if heard is not self._refused:
-            self._refused = heard
+        self.unplaced = f"no motion connects {received.reading.frame!r} with odometry"
+        if received is not self._refused:
+            self._refused = received
             self._refuse(self.unplaced)
         return None
 
     def view(self, own: OwnMotion) -> ScanView:
         """Return the obstacles of the last message that was placed, in the odometry's frame."""
-        heard = self.placed
-        if heard is None or (frame := own.placed(heard.reading.frame)) is None:
+        received = self.placed
+        if received is None or (frame := own.placed(received.reading.frame)) is None:
             self.placed = None  # the odometry has another frame by now
             return ScanView()
-        assert isinstance(heard.reading.content, ObstaclesReading)
-        seen = heard.reading.content.seen[: 10 * MOST_SEEN]
+        assert isinstance(received.reading.content, ObstaclesReading)
+        seen = received.reading.content.seen[: 10 * MOST_SEEN]
         with np.errstate(over="ignore", invalid="ignore"):  # controllers leave out what is absurd
-            found = self._placed_in(frame, seen, own, max(own.now - own.instant(heard), 0.0))
+            found = self._placed_in(frame, seen, own, max(own.now - own.instant(received), 0.0))
         return ScanView(tuple({one.ident: one for one in found}.values()))
 
     def _placed_in(
@@ -234,7 +238,7 @@ class ObstacleSight:
         return found
 
     def warm_up(self) -> None:
-        """Do nothing: others have detected and tracked."""
+        """Do nothing: other software has detected and tracked."""
 
 
 @final
@@ -248,8 +252,9 @@ class ScanSight:
     ----------
     settings : the topic, the detector, the tracker; copies of both are used.
     own : poses of the robot. gap : m, as of `wideberth.perception.walls.walls_behind`.
-    walls : whether the controller is told of what stands still.
-    lock : held while ``own`` is read. refuse : told of what is of no use.
+    walls : whether the controller is given what stands still, as polygons.
+    lock : held while ``own`` is read.
+    refuse : called with the reason for each message that is of no use.
     """
 
     def __init__(
@@ -261,8 +266,8 @@ class ScanSight:
         lock: AbstractContextManager[Any],
         refuse: Refuse,
     ) -> None:
-        self.newest: Heard | None = None
-        self.placed: Heard | None = None
+        self.newest: ReceivedMessage | None = None
+        self.placed: ReceivedMessage | None = None
         self.unplaced: str = ""
         self._settings, self._own, self._gap, self._walls = settings, own, gap, walls
         self._lock, self._refuse = lock, refuse
@@ -270,13 +275,13 @@ class ScanSight:
         self._detector.reset()
         self._tracker.reset()
         self._handover = Handover(settings.handover)
-        self._waiting: list[Heard] = []
+        self._waiting: list[ReceivedMessage] = []
         self._polygons: tuple[Polygon, ...] = ()
         self._scan: PlacedScan | None = None
 
-    def hear(self, reading: Reading, came: float) -> None:
+    def receive(self, reading: Reading, came: float) -> None:
         """Take a scan; it waits until it is looked at."""
-        self.newest = Heard(reading, came)
+        self.newest = ReceivedMessage(reading, came)
         self._waiting.append(self.newest)
         if len(self._waiting) > WAITING:
             self._waiting.pop(0)
@@ -286,21 +291,21 @@ class ScanSight:
         """Detect and track in the scans that have come."""
         with self._lock:
             waiting, self._waiting = self._waiting, []
-        for heard in waiting:
+        for received in waiting:
             with self._lock:
-                found = self._placed_scan(heard)
+                found = self._placed_scan(received)
             if found is not None:
-                self._conclude(heard, *found)
+                self._conclude(received, *found)
 
-    def _placed_scan(self, heard: Heard) -> tuple[Scan, Array] | None:
+    def _placed_scan(self, received: ReceivedMessage) -> tuple[Scan, Array] | None:
         """Return a scan on our clock, with the robot's pose of each beam."""
-        scan, frame = heard.reading.content, heard.reading.frame
+        scan, frame = received.reading.content, received.reading.frame
         assert isinstance(scan, Scan)
         mount = self._own.mount(frame)
         if mount is None:
             self._leave_out(f"no motion connects the scan's frame {frame!r} with the robot")
             return None
-        begin = self._own.instant(heard, float(scan.times[-1]) if len(scan.times) else 0.0)
+        begin = self._own.instant(received, float(scan.times[-1]) if len(scan.times) else 0.0)
         if not np.isfinite(begin):
             return None
         times = begin + scan.times
@@ -316,7 +321,7 @@ class ScanSight:
         self.unplaced = reason
         self._refuse(reason)
 
-    def _conclude(self, heard: Heard, scan: Scan, poses: Array) -> None:
+    def _conclude(self, received: ReceivedMessage, scan: Scan, poses: Array) -> None:
         """Look for obstacles in a scan, and track them."""
         sightings: Sightings = self._detector.detect(scan, poses)
         reason = self._tracker.update(sightings) if np.isfinite(sightings.time) else ""
@@ -326,7 +331,7 @@ class ScanSight:
                     self._refuse(note)
             if not np.isfinite(poses[-1]).all():
                 return self._leave_out(UNKNOWN_POSE)
-            self.placed, self.unplaced = heard, ""
+            self.placed, self.unplaced = received, ""
             self._scan = PlacedScan(scan, poses[-1])
             if self._walls:
                 sensor = poses[-1, :2] if sightings.origin is None else sightings.origin

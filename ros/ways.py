@@ -107,8 +107,8 @@ class Over:
     map : where it comes from.
     replanning : finds the routes.
     clearance : m beyond the robot's radius, to which routes would rather keep from walls.
-    outlines : covers the occupied cells of a map by polygons, which the controller is told of
-        within `NEAR` m; None where the map shapes the routes alone.
+    outlines : covers the occupied cells of a map by polygons, of which the controller is given
+        those within `NEAR` m; None where the map shapes the routes alone.
 
     Raises
     ------
@@ -211,14 +211,14 @@ class Arrival:
 class GoalPlanner:
     """Finds the way to the newest goal.
 
-    `hear` and `ask` are called under the node's lock; `answer` and `look`, which may take long,
+    `receive` and `ask` are called under the node's lock; `answer` and `look`, which may take long,
     without it.
 
     Parameters
     ----------
     settings : the goals' topic and the map. radius : m, of the robot.
     turns : whether the robot can turn on the spot.
-    walls : whether the controller is told of the map's walls.
+    walls : whether the controller is given the map's walls.
     """
 
     def __init__(
@@ -227,7 +227,7 @@ class GoalPlanner:
         self._over, self._radius, self._near = settings.over, radius, settings.tolerance
         self._skew = settings.yaw_tolerance if turns else inf
         self._there = False
-        self._tells = walls
+        self._gives_walls = walls
         self._walls: tuple[KnownMap, Array, tuple[Polygon, ...]] | None = None
         self._placed: Array | None = None
         self._question: Question | None = None
@@ -244,7 +244,7 @@ class GoalPlanner:
         if self._over is not None and isinstance(self._over.map, KnownMap):
             self._map = self._over.map
 
-    def hear(self, reading: Reading) -> None:
+    def receive(self, reading: Reading) -> None:
         """Take a goal or a map."""
         if isinstance(reading.content, Goal):
             goal = reading.content
@@ -291,7 +291,7 @@ class GoalPlanner:
         return Found(own.frame, np.stack([here[:2], target[:2]]))
 
     def _arrived(self, here: Array, goal: Array) -> Found | Turn | None:
-        """Forget a goal that is reached; the robot brakes. Say so of one that nobody reaches.
+        """Forget a goal that is reached, so that the robot brakes; state why one is out of reach.
 
         A robot that has begun to turn at its goal stays there up to twice the tolerance.
         """
@@ -317,7 +317,7 @@ class GoalPlanner:
         cells[:20, 20] = 100
         grid, ends = OccupancyGrid(cells, 0.2), np.array([[1.0, 1.0], [6.0, 1.0]])
         self._over.replanning.update(None, 0.0, self._inflated(grid), *ends)
-        if self._over.outlines is not None and self._tells:
+        if self._over.outlines is not None and self._gives_walls:
             self._over.outlines(grid)
 
     def _inflated(self, grid: OccupancyGrid) -> Costmap:
@@ -358,7 +358,7 @@ class GoalPlanner:
         to cut it into its parts.
         """
         assert self._over is not None
-        if self._over.outlines is None or not self._tells:
+        if self._over.outlines is None or not self._gives_walls:
             return
         old = self._walls
         if (

@@ -15,7 +15,7 @@ NODE = "wideberth"
 class CountingPublisher(ABC):
     """Sends messages of one type.
 
-    A subclass gives `put` and `heard`.
+    A subclass gives `put` and `has_subscribers`.
 
     Parameters
     ----------
@@ -31,8 +31,8 @@ class CountingPublisher(ABC):
 
     @property
     @abstractmethod
-    def heard(self) -> bool:
-        """Whether anybody listens."""
+    def has_subscribers(self) -> bool:
+        """Whether the topic has a subscriber."""
 
     @abstractmethod
     def put(self, data: bytes) -> None:

@@ -154,8 +154,8 @@ class ZenohPublisher(CountingPublisher):
         self._number = 0
 
     @property
-    def heard(self) -> bool:
-        """Whether anybody listens."""
+    def has_subscribers(self) -> bool:
+        """Whether the topic has a subscriber."""
         try:
             return bool(self._plain.matching_status.matching)
         except Exception:  # of a session that is being closed

@@ -156,7 +156,7 @@ def test_a_topic_and_a_frame_can_be_chosen(whole: Bag) -> None:
     assert found.ids == ("/odom",)
     with pytest.raises(WideberthError, match=r"/scan holds sensor_msgs/msg/LaserScan; tracks"):
         read_bag_tracks(whole.path, 0.1, topic="/scan")
-    with pytest.raises(WideberthError, match=r"nobody is in /obstacles.*'moon'"):
+    with pytest.raises(WideberthError, match=r"no tracks in /obstacles.*'moon'"):
         read_bag_tracks(whole.path, 0.1, frame="moon")
 
 

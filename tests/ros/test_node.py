@@ -36,7 +36,7 @@ class Wire:
 
     kind: str
     refused: int = 0
-    heard: bool = True
+    has_subscribers: bool = True
     come: list[Any] = field(default_factory=list)
     gone: list[Any] = field(default_factory=list)
 

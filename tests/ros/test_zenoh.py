@@ -62,7 +62,7 @@ def links(router: Any) -> Any:
 
 def test_messages_come_as_they_were_sent(links: Any) -> None:
     sender, taker = links[0].publisher("/a/b", ODOMETRY), links[1].subscriber("/a/b", ODOMETRY)
-    until(lambda: sender.heard)
+    until(lambda: sender.has_subscribers)
     sent = [odometry(k, (k, -k, 0.1), (0.5, 0.0, 0.1)) for k in range(8)]
     for message in sent:
         sender.send(message)
@@ -79,12 +79,12 @@ def test_messages_come_as_they_were_sent(links: Any) -> None:
 
 def test_who_joins_late_is_given_what_is_kept(links: Any) -> None:
     sender = links[0].publisher("/kept", ODOMETRY, kept=True)
-    assert not sender.heard
+    assert not sender.has_subscribers
     for k in range(3):
         sender.send(odometry(k, (0, 0, 0), (0, 0, 0)))
     taker = links[1].subscriber("/kept", ODOMETRY, reliable=True, kept=True)
     assert first(taker).header.stamp.sec == 2
-    until(lambda: sender.heard)
+    until(lambda: sender.has_subscribers)
 
 
 def test_malformed_bytes_are_counted(links: Any, router: Any) -> None:
