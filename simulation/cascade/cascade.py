@@ -31,7 +31,8 @@ class SensingPipeline:
     """How robots sense, what they conclude, and what moves them; a stage left out is the truth.
 
     A controller sees what comes out at the end: its own state, in the frame in which the robot
-    was switched on, and tracked obstacles in the same frame. Nobody tells anybody where they are.
+    was switched on, and tracked obstacles in the same frame. Robots do not send each other their
+    positions.
 
     Parameters
     ----------
@@ -43,7 +44,7 @@ class SensingPipeline:
     state : estimates the robot's own motion from encoders and IMU; None for the truth.
     detector : finds obstacles in scans; None for the true positions, with noise.
     tracker : gives them identities and velocities; None for the true identities.
-    handover : what a controller is told of tracked obstacles, see `Handover`.
+    handover : how a controller is given the tracked obstacles, see `Handover`.
     walls : where a controller's polygons come from. "known": they are those of the episode, in the
         robot's own frame, as on a map; drift of the own pose shifts the robot among them, which
         `scan_matching` bounds, and the covariance of the own pose counts. "seen": they lie behind

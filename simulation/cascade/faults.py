@@ -84,8 +84,8 @@ class Faults:
         """Return by how much the gyroscope's bias has changed at a time, s, in rad/s."""
         return 0.0 if self.gyro_step is None or time < self.gyro_step[0] else self.gyro_step[1]
 
-    def heard(self, sample: Sample, now: float) -> Sample | None:
-        """Return what a robot gets for a sample; None for nothing.
+    def received(self, sample: Sample, now: float) -> Sample | None:
+        """Return a sample as the robot receives it; None where it receives none.
 
         Parameters
         ----------

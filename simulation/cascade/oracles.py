@@ -1,4 +1,4 @@
-"""Stages of the cascade that are told the truth: a study peels errors off by them."""
+"""Stages of the cascade that are given the truth: with each, a study removes one error."""
 
 from bisect import bisect_right
 from typing import final
@@ -26,7 +26,7 @@ class TrueState(StateEstimator):
         self._times, self._means = [time], [np.concatenate([pose, np.zeros(3)])]
 
     def note(self, time: float, pose: Array, twist: Array) -> None:
-        """Be told where the robot is at a time, s, later than the last one."""
+        """Take the robot's true pose and twist at a time, s, later than the last one."""
         self._times.append(time)
         self._means.append(np.concatenate([pose, twist]))
         if self._times[0] < time - 2.0 * KEPT:

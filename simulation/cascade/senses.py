@@ -145,8 +145,8 @@ class Senses:
                 self._lost = ""
             else:
                 self.estimator.note(now, truth.pose, truth.twist)
-        heard = (self._faults.heard(sample, truth.time) for sample in samples)
-        scans = self._take([one for one in heard if one is not None], now)
+        received = (self._faults.received(sample, truth.time) for sample in samples)
+        scans = self._take([one for one in received if one is not None], now)
         self._regain(now)
         if self._detector is None:
             turns, self._turns = self._turns, self._turn_of(truth.time)
@@ -168,11 +168,11 @@ class Senses:
             if isinstance(sample, Scan):
                 scans.append(sample)
                 if self._detector is None:  # else it has yet to turn out to be of use
-                    self._watchdog.hear(sample)
+                    self._watchdog.note(sample)
                 if self._frame != "map":
                     continue
             else:
-                self._watchdog.hear(sample)
+                self._watchdog.note(sample)
             self._note(self.estimator.take(sample))
             if isinstance(sample, InertialSample) and now <= self._rest_ends:
                 self._calibrate(sample)
@@ -203,11 +203,11 @@ class Senses:
             self._lost = AGAIN
 
     def _detect(self, scan: Scan, due: float) -> None:
-        """Find obstacles in a scan; a tracker is told of them when they are due."""
+        """Find obstacles in a scan; a tracker receives them when they are due."""
         assert self._detector is not None, "scans are of use to a detector alone"
         known = not len(scan.times) or self._known_at(scan.stamp)
         if known or self._lost:  # where its own motion is lost that is reason enough to stand
-            self._watchdog.hear(scan)
+            self._watchdog.note(scan)
         if not known:
             self._note("a scan is of a time at which the robot's own pose is not known")
             return
@@ -235,13 +235,13 @@ class Senses:
         return self._handover.detections(self._tracked(now), now)[2]
 
     def observation(self, detections: Batch, polygons: tuple[Polygon, ...]) -> Observation:
-        """Return what the controller is told now, by the clock of the episode.
+        """Return what the controller observes now, by the clock of the episode.
 
         Detections share the error of the own pose; polygons of a map do not, see `own_state`.
 
         Parameters
         ----------
-        detections : that it is told.
+        detections : of the tracked obstacles.
         polygons : what stands still, where that is known.
         """
         own = self.estimator.at(self.clock(self._time))
@@ -300,7 +300,7 @@ class Senses:
     def _named(
         self, sightings: Sightings, to_world: RigidMotion, bodies: Sequence[TrueBody]
     ) -> tuple[TrackedObstacle, ...]:
-        """Give sightings the names of who they are; who is nobody is left out."""
+        """Give each sighting the name of its body; those that match no body are left out."""
         places = list(to_world.points(sightings.positions))
         found = named(places, [str(i) for i in range(len(places))], bodies)
         known = []

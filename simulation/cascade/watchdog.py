@@ -19,7 +19,7 @@ class Watchdog:
 
     def __init__(self, sensors: Iterable[str], patience: float, now: float) -> None:
         self._patience = patience
-        self._heard = dict.fromkeys(sensors, now)
+        self._useful_at = dict.fromkeys(sensors, now)
         self._now = now
 
     def jumped(self, now: float, passed: float) -> float:
@@ -34,17 +34,17 @@ class Watchdog:
         self._now = now
         if abs(jump) <= self._patience:
             return 0.0
-        self._heard = {name: time + jump for name, time in self._heard.items()}
+        self._useful_at = {name: time + jump for name, time in self._useful_at.items()}
         return jump
 
-    def hear(self, sample: Sample) -> None:
-        """Take note of a sample, if it is of use."""
-        if sample.sensor in self._heard and _useful(sample):
-            self._heard[sample.sensor] = self._now
+    def note(self, sample: Sample) -> None:
+        """Note when a sample came, if it is of use."""
+        if sample.sensor in self._useful_at and _useful(sample):
+            self._useful_at[sample.sensor] = self._now
 
     def reason(self) -> str:
         """Return why the robot must stand still; "" if it need not."""
-        for name, time in self._heard.items():
+        for name, time in self._useful_at.items():
             if self._now - time > self._patience:
                 return f"{name}: nothing of use for more than {self._patience:g} s"
         return ""

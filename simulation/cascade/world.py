@@ -118,7 +118,7 @@ class WheeledWorld(World):
     Robots are bodies of a physical world; people who decide, and everybody else, are cylinders
     in it that go where they go. All happens at the instants of the smoother's step: a decision
     that is due between two of them is taken at the second. At time 0 robots stand, and have stood
-    for the cascade's ``rest``; nobody has seen them come.
+    for the cascade's ``rest``; no one has seen them come.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ class WheeledWorld(World):
         return plants
 
     def newcomer(self, agent: RobotAgent) -> Plant:
-        """Refuse whoever would appear: bodies of the physical world are there from the start."""
+        """Refuse a newcomer: bodies of the physical world are there from the start."""
         raise WideberthError(f"{agent.name} cannot appear in a physical world")
 
     def next_instant(self, now: float, wanted: float) -> float:
@@ -212,7 +212,7 @@ class WheeledWorld(World):
     def observe(
         self, driver: Driver, time: float, tick: int, state: Array, around: Around
     ) -> Observation:
-        """Return what a robot believes; people are told positions by the channel."""
+        """Return what a robot believes; people receive positions by the channel."""
         if driver.agent.person:
             return self._exchange.observe(driver, time, tick, state, around)
         senses = self._senses[driver.name]
@@ -354,7 +354,7 @@ def _check(agent: RobotAgent, radius: float) -> None:
 
 
 def _present(place: Array, row: int) -> Array:
-    """Return a place, (2,), m; far away from everybody for somebody who is absent (NaN)."""
+    """Return a place, (2,), m; that of an absent body (NaN) is far away from all others."""
     return np.array([_ELSEWHERE + 10.0 * row, 0.0]) if np.isnan(place).any() else place
 
 

@@ -70,9 +70,9 @@ class Crowd(ABC):
         """Return what the rules say of the case up to now, column -> value."""
 
     def stop(self, place: Array, wanted: Array, radius: float) -> Array:
-        """Return where somebody comes who wants from ``place`` to ``wanted``, (2,), m.
+        """Return where a body gets to that wants from ``place`` to ``wanted``, (2,), m.
 
-        There itself, where no walls stop anybody.
+        By default ``wanted`` itself: there are no walls.
         """
         return wanted
 
@@ -82,7 +82,7 @@ class CrowdWorld(World):
     """One robot among a `Crowd`; it sees positions and radii by the channel, without delay.
 
     The robot's plant moves between the crowd's steps as it does elsewhere; people go straight.
-    Before time 0 nobody is seen. The crowd's rules alone, and the time limit of the settings,
+    Before time 0 no one is seen. The crowd's rules alone, and the time limit of the settings,
     end the episode: not its deadlocks, contacts or arrivals.
 
     Parameters
@@ -140,7 +140,7 @@ class CrowdWorld(World):
         return [self._plant]
 
     def newcomer(self, agent: RobotAgent) -> Plant:
-        """Refuse whoever would appear: the crowd replaces its people itself."""
+        """Refuse a newcomer: the crowd replaces its people itself."""
         raise WideberthError(f"{agent.name} cannot appear in a crowd with rules of its own")
 
     def observe(

@@ -30,11 +30,11 @@ LEAST_WAY = 8.0
 RADIUS = 0.3
 """m, of the robot, and of people whose attributes are not drawn."""
 ROOM = 0.25
-"""m between surfaces where somebody is placed."""
+"""m, least distance between surfaces at which a person is placed."""
 SENSOR_RANGE = 5.0
-"""m between surfaces up to which the robot sees somebody."""
+"""m between surfaces up to which the robot sees a person."""
 UNSEEN = (15.0, 15.0)
-"""m, where the original believes somebody to be whom it has not seen at time 0."""
+"""m, where the original believes a person to be whom it has not seen at time 0."""
 HORIZON = 5
 """Steps into people's true future that count as an intrusion."""
 INTRUSION = 0.6
@@ -44,7 +44,7 @@ GOAL_PERIOD = 5.0
 OFFSET: dict[Phase, int] = {"validation": 0, "test": 1000}
 """First seed of each phase."""
 DRAWS = 10000
-"""Tries to place somebody; the original has no limit."""
+"""Tries to place a person; the original has no limit."""
 
 NEIGHBOUR_DISTANCE = 10.0
 """m, of ORCA where it is not drawn."""
@@ -64,7 +64,7 @@ class CrowdNavPlusVerdict:
     outcome : "success", "collision" or "timeout"; empty while it goes on.
     time : s, of the newest state that was judged.
     steps : number of states that were judged, the first and the last included.
-    intrusions : m, of each state in which the robot stood where somebody whom it sees will be
+    intrusions : m, of each state in which the robot stood where a person whom it sees will be
         soon: the least distance from its centre to such a future centre.
     way : m, that the robot has gone from state to state.
     """
@@ -100,7 +100,7 @@ class CrowdNavPlusCrowd(Crowd):
     Made at time 0, with the first state judged. `step` moves the people on by 0.25 s, takes the
     robot's next place, and does what the original does then, in its order: look, change goals,
     replace who has arrived, decide for all people, judge. So a state is judged with the people
-    as they are after somebody was replaced, but the robot sees them as they were before.
+    as they are after a person was replaced, but the robot sees them as they were before.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ class CrowdNavPlusCrowd(Crowd):
     believed : (20, 5), x, y, vx, vy and radius as the original's robots believe them to be: of
         those seen the truth, of others the last belief moved on.
     robot, robot_goal : (2,), m.
-    futures : (5, 20, 2), m, people's places at the next steps if nobody changed their goal.
+    futures : (5, 20, 2), m, people's places at the next steps if no one changed their goal.
     """
 
     def __init__(self, case: int, variant: Variant, seed: int, phase: Phase = "test") -> None:
@@ -168,7 +168,7 @@ class CrowdNavPlusCrowd(Crowd):
 
         Raises
         ------
-        WideberthError : in ``DRAWS`` draws nobody could be placed.
+        WideberthError : in ``DRAWS`` draws no place was free for a person.
         """
         robot = np.asarray(robot, dtype=np.float64)
         self.verdict.way += hypot(*(robot - self.robot))
@@ -190,7 +190,7 @@ class CrowdNavPlusCrowd(Crowd):
                 return np.array([px, py]), np.array([gx, gy])
 
     def _draw_person(self) -> tuple[Array, float, float, float]:
-        """Draw the start of somebody, and their radius, speed and neighbour distance."""
+        """Draw a person: start, radius, speed and neighbour distance."""
         rng = self._rng
         speed, radius = 1.0, RADIUS
         if self.random:
@@ -243,9 +243,9 @@ class CrowdNavPlusCrowd(Crowd):
                 self.goals[i] = self._free(draw, float(self.radii[i]), others)
 
     def _replace(self) -> None:
-        """Put somebody else into the slot of each person who has arrived.
+        """Put another person into the slot of each one who has arrived.
 
-        Who arrived still counts as present while the new place is drawn.
+        The one who arrived still counts as present while the new place is drawn.
         """
         self.positions, self.velocities = self.positions.copy(), self.velocities.copy()
         for i in range(PEOPLE):
@@ -315,7 +315,7 @@ class _Minds:
         self._shared: list[tuple[Any, set[int]]] = []
 
     def forget(self, person: int) -> None:
-        """Somebody else has the slot of this person."""
+        """Note that another person has this slot, and needs a simulator of their own."""
         if self._random:
             self._without.add(person)
 

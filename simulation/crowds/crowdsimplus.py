@@ -59,7 +59,7 @@ class CrowdSimPlusVerdict:
     ----------
     outcome : "success" or "timeout"; empty while it goes on. Contacts do not end a case.
     steps : how many there were.
-    collisions : steps at whose end the robot overlapped somebody.
+    collisions : steps at whose end the robot overlapped a person.
     wall_collisions : steps in which a wall shortened the robot's way.
     frozen : steps in which the robot went less than 0.01 m.
     """

@@ -102,8 +102,8 @@ class Hall:
     def through(self, place: Array, goal: Array) -> bool:
         """Whether a person on the way to a goal heads for the middle of the door.
 
-        There, those whose way leads through the door do, up to half its width from its
-        middle; in the open and the squeezing hallway nobody does.
+        A person whose way leads through the door does, until half its width away from its
+        middle; in the open and the squeezing hallway no one does.
         """
         if self.layout in ("open", "squeeze"):
             return False

@@ -35,7 +35,7 @@ class RobotAgent:
     visible : whether people detect it; robots detect everyone. An invisible robot has to make
         all the way itself (the "invisible" setting of CrowdNav).
     courteous : of a person: whether it detects robots, without which it makes way for none.
-    reference_speed : m/s, at which its path takes the free time, whoever drives it; ``speed`` by
+    reference_speed : m/s, at which its path takes the free time, whatever drives it; ``speed`` by
         default, and unknown where that is 0.
     respawn : a person who has arrived appears anew at the start of its path, see `Respawning`.
 
@@ -182,7 +182,7 @@ class ScriptedAgent:
 
 @final
 class CrowdMember:
-    """Somebody of a crowd that moves by rules of its own, see `World.others`; the way grows.
+    """A person of a crowd that moves by rules of its own, see `World.others`; the way grows.
 
     Before the first place and after the last one they are absent.
 

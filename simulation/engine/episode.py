@@ -29,7 +29,7 @@ from .settings import Settings
 from .world import Around, World
 
 ROBOT_ROOM = 5.0
-"""m between the centres of a robot and of somebody who appears; pedestrian_simulator's."""
+"""m between the centres of a robot and of a person who appears; pedestrian_simulator's."""
 
 _SAME = 1e-9
 """s; instants closer together than this are one."""
@@ -38,8 +38,8 @@ _SAME = 1e-9
 class Respawning:
     """Brings people back to where they started, one instant after they arrived.
 
-    Who comes anew is somebody else: another name, a log of its own, nothing remembered. So
-    nobody sees anybody jump: for the others one person is no longer detected and another one
+    The one who appears is another person: another name, a log of its own, nothing remembered. So
+    no one sees a person jump: for the others one person is no longer detected and another one
     comes into sight, and in the log each is absent (NaN) while it is not there. "person 3" is
     followed by "person 3 (2)", on the same path and with the same body, speed and controller; a
     number that makes the name of another one is left out.
@@ -96,7 +96,7 @@ class Respawning:
         return found
 
     def _next(self, name: str, coming: Sequence[str]) -> str:
-        """Name of who comes after this one, such as nobody has or had."""
+        """Return a name for the successor of a person, which no agent has or had."""
         first, last = self._names[name]
         taken = {one.name for one in (*self._drivers, *self._others, *self._polygons)} | {*coming}
         number = next(n for n in count(last + 1) if f"{first} ({n})" not in taken)
@@ -105,11 +105,11 @@ class Respawning:
         return found
 
     def _free(self, one: Driver, now: float, coming: Sequence[Driver]) -> bool:
-        """Whether somebody can appear where this one started."""
+        """Whether a person can appear where this one started."""
         start = one.agent.path.points[0]
         for other in (*self._drivers, *coming):
             room = one.radius + other.radius if other.agent.person else ROBOT_ROOM
-            # Who has left is at NaN, and so in nobody's way.
+            # An agent that has left is at NaN, and so in no one's way.
             if other is not one and _distance(start, other.positions[-1]) < room:
                 return False
         asked = np.array([now])
@@ -387,16 +387,16 @@ class Run:
 
         Parameters
         ----------
-        follows : the robot that is told, as the driver whose plan it is taken to keep to.
+        follows : driver of the robot that receives the truth, which is taken to keep to its plan.
         """
         assert seen.truth is not None
-        times, told = seen.truth.times, dict(seen.truth.positions)
+        times, known = seen.truth.times, dict(seen.truth.positions)
         people = frozenset(one.name for one in self.drivers if one.agent.person and one.present)
-        simulate = partial(self._foreseen, follows, seen.stamp, times, told)
-        return replace(seen, truth=Truth(times, Foresight(told, people, simulate)))
+        simulate = partial(self._foreseen, follows, seen.stamp, times, known)
+        return replace(seen, truth=Truth(times, Foresight(known, people, simulate)))
 
     def _foreseen(
-        self, follows: Driver, now: float, times: Array, told: Mapping[str, Array]
+        self, follows: Driver, now: float, times: Array, known: Mapping[str, Array]
     ) -> dict[str, Array]:
         """Simulate people in a copy of the run, with the same noise, among planned robots.
 
@@ -404,7 +404,8 @@ class Run:
         ----------
         follows : see `_with_foresight`.
         now : s, of the observation.
-        times : (T,), s; told : identity -> (T, D), m, what is known, past included.
+        times : (T,), s.
+        known : identity -> (T, D), m, of all agents without a simulation, past included.
 
         Returns
         -------
@@ -431,8 +432,8 @@ class Run:
             twin._step()
         ahead, found = times >= now, {}
         for one in twin.drivers:
-            if one.agent.person and one.name in told:
-                found[one.name] = np.array(told[one.name])
+            if one.agent.person and one.name in known:
+                found[one.name] = np.array(known[one.name])
                 found[one.name][ahead] = [
                     one.position_at(float(time), twin.clock) for time in times[ahead]
                 ]
@@ -452,7 +453,7 @@ class Run:
         return twin
 
     def _settled(self, driver: Driver, seen: Observation) -> Observation:
-        """Let a robot that asks for the truth plan in vain, and tell it what people do then."""
+        """Return what a robot with the truth observes once people answer its trial plans."""
         for _ in range(self.settings.truth_passes - 1):
             foresight = None if seen.truth is None else seen.truth.positions
             if not isinstance(foresight, Foresight):

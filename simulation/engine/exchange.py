@@ -24,7 +24,7 @@ class ExchangedPositions(World):
 
     Parameters
     ----------
-    settings : channel, localisation, and how much of the future an oracle is told.
+    settings : channel, localisation, and how much of the future an oracle is given.
     """
 
     def __init__(self, settings: Settings) -> None:

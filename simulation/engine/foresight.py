@@ -1,4 +1,4 @@
-"""What people will do if robots keep to their plans: the future that an oracle is told."""
+"""What people will do if robots keep to their plans: the future that an oracle is given."""
 
 from collections.abc import Callable, Iterator, Mapping
 from typing import final
@@ -19,18 +19,18 @@ class Foresight(Mapping[str, Array]):
 
     Parameters
     ----------
-    told : identity -> (T, D), m, of everybody, as far as it is known without a simulation.
+    known : identity -> (T, D), m, of all agents, as far as no simulation is needed.
     people : whose future is simulated.
     simulate : returns it, identity -> (T, D), m; called once at most.
     """
 
     def __init__(
         self,
-        told: Mapping[str, Array],
+        known: Mapping[str, Array],
         people: frozenset[str],
         simulate: Callable[[], Mapping[str, Array]],
     ) -> None:
-        self._told, self._people, self._simulate = told, people, simulate
+        self._known, self._people, self._simulate = known, people, simulate
         self._found: Mapping[str, Array] | None = None
 
     @property
@@ -41,18 +41,18 @@ class Foresight(Mapping[str, Array]):
     def __getitem__(self, name: str) -> Array:
         """Return the positions of one, (T, D), m."""
         if name not in self._people:
-            return self._told[name]
+            return self._known[name]
         if self._found is None:
-            self._found = {**self._told, **self._simulate()}
+            self._found = {**self._known, **self._simulate()}
         return self._found[name]
 
     def __iter__(self) -> Iterator[str]:
         """Name everybody."""
-        return iter(self._told)
+        return iter(self._known)
 
     def __len__(self) -> int:
         """Count them."""
-        return len(self._told)
+        return len(self._known)
 
 
 @final

@@ -31,10 +31,10 @@ class Settings:
     deadlock_after : s; when all robots that are not at their goals have stood this long,
         the episode ends as a deadlock.
     stop_on_collision : end at the first collision of a robot (by default it goes on).
-    truth_span : s into the future that the oracle is told. People are simulated for as long
+    truth_span : s into the future that the oracle is given. People are simulated for as long
         whenever it asks, which takes most of its time.
     truth_passes : how often a robot with an oracle plans per decision; each time but the first it
-        is told what people do in answer to the plan before.
+        is given what people do in answer to the plan before.
 
     Raises
     ------

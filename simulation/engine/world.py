@@ -38,9 +38,9 @@ class Around:
 
 
 class World(ABC):
-    """Gives robots their bodies, moves what they share, and tells them what they observe.
+    """Gives robots their bodies, moves what they share, and returns what each one observes.
 
-    In `ExchangedPositions` robots tell each other where they are, as in the paper's text; in
+    In `ExchangedPositions` robots send each other their positions, as in the paper's text; in
     `wideberth.simulation.cascade` they have wheels and sensors in a physics simulator.
     """
 
@@ -56,12 +56,12 @@ class World(ABC):
 
         Raises
         ------
-        WideberthError : somebody cannot be in this world.
+        WideberthError : an agent cannot be in this world.
         """
 
     @abstractmethod
     def newcomer(self, agent: RobotAgent) -> Plant:
-        """Return the body of somebody who appears later, at the start of its path."""
+        """Return the body of an agent that appears later, at the start of its path."""
 
     @abstractmethod
     def observe(
@@ -93,9 +93,9 @@ class World(ABC):
         )
 
     def others(self) -> tuple[Bystander, ...]:
-        """Return who is there at time 0 by this world's own rules; nobody by default.
+        """Return who is there at time 0 by this world's own rules; no one by default.
 
-        Who comes later is added to ``around.others`` by `settle`.
+        Those who come later are added to ``around.others`` by `settle`.
         """
         return ()
 
@@ -114,7 +114,7 @@ class World(ABC):
         return {}
 
     def perception(self) -> dict[str, PerceptionLog]:
-        """Return what each robot has perceived; empty where robots are told who is where."""
+        """Return what each robot has perceived; empty where they have no sensors."""
         return {}
 
     def in_world(self, driver: Driver, plan: Plan) -> Plan:

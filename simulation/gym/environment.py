@@ -55,7 +55,7 @@ class NavigationEnv(gymnasium.Env[dict[str, Any], Array]):
     with seed n; without a seed the situation is drawn.
 
     The episode is terminated at the goal, or when the robot touches anybody or anything, found
-    between the instants too; it is truncated at the time limit or a deadlock. ``info`` tells
+    between the instants too; it is truncated at the time limit or a deadlock. ``info`` holds
     ``seed``, ``time`` (s), ``clearance`` (m, of the last transition) and ``outcome``: empty,
     "goal", "collision", "time limit" or "deadlock".
 
@@ -110,13 +110,13 @@ class NavigationEnv(gymnasium.Env[dict[str, Any], Array]):
         self._sight = sight or ObservationSpec()
         self._reward: Reward = reward or CrowdNavReward()
         self.render_mode = render_mode
-        self._told = _ExternalCommand(PolicyObserver(self._robot, period, self._sight), period)
-        fastest = self._told.view.box.high
+        self._actor = _ExternalCommand(PolicyObserver(self._robot, period, self._sight), period)
+        fastest = self._actor.view.box.high
         self.action_space: gymnasium.Space[Array] = Box(-fastest, fastest, dtype=np.float64)
         self.observation_space: gymnasium.Space[dict[str, Any]] = Dict(
             {
                 key: Box(low.astype(np.float32), high.astype(np.float32))
-                for key, (low, high) in self._told.view.bounds().items()
+                for key, (low, high) in self._actor.view.bounds().items()
             }
         )
         self._window = GymWindow(ID)
@@ -139,8 +139,8 @@ class NavigationEnv(gymnasium.Env[dict[str, Any], Array]):
     def step(self, action: Array) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """Command the velocity ``action`` until the next decision."""
         run = self._running()
-        command = self._told.view.box.command(action)
-        self._told.aim(command)
+        command = self._actor.view.box.command(action)
+        self._actor.aim(command)
         before, driver = len(run.clock), self._driver
         begin, away = run.clock[-1], self._away()
         seen = run.advance(driver.name)
@@ -191,7 +191,7 @@ class NavigationEnv(gymnasium.Env[dict[str, Any], Array]):
         return self._present().episode()
 
     def _agents(self, cast: Cast) -> list[RobotAgent]:
-        """Return the robots of a cast, the acting one told what to do."""
+        """Return the robots of a cast; the acting one is driven by the actions."""
         names = [one.name for one in cast.placements]
         self._acting = self._name or names[0]
         if self._acting not in names:
@@ -199,7 +199,7 @@ class NavigationEnv(gymnasium.Env[dict[str, Any], Array]):
         agents = []
         for one in cast.placements:
             acts = one.name == self._acting
-            controller = self._told if acts else self._company(names)
+            controller = self._actor if acts else self._company(names)
             truth = not acts or self._sight.predictor is not None
             agents.append(one.agent(self._robot, controller, truth))
         return agents
@@ -229,10 +229,10 @@ class NavigationEnv(gymnasium.Env[dict[str, Any], Array]):
         return next(one for one in self._present().drivers if one.name == self._acting)
 
     def _shown(self, seen: Observation | None) -> dict[str, Any]:
-        """Return what is seen; at the end of an episode nobody has to decide, but can look."""
+        """Return what is seen, also at the end of an episode, where no decision is due."""
         observation = self._present().look(self._acting) if seen is None else seen
-        self._told.remember(observation)
-        shown = self._told.view.show(observation)
+        self._actor.remember(observation)
+        shown = self._actor.view.show(observation)
         return {name: value.astype(np.float32) for name, value in shown.items()}
 
     def _info(self, clearance: float, outcome: str) -> dict[str, Any]:

@@ -13,11 +13,11 @@ from .frames import RigidMotion
 GRAIN = 1e-3
 """m, to which the points of scans are rounded in a log."""
 NEAR = 1.0
-"""m. What is believed farther from every body than this is nobody."""
+"""m; an obstacle that is believed farther from every body than this matches none."""
 
 
 class TrueBody(NamedTuple):
-    """Somebody who can be seen.
+    """A body that can be seen.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class Glance:
     own : what it believed of itself.
     sightings : what was found in the scan.
     obstacles : what was tracked.
-    names : identity of each obstacle -> who it is; "" for nobody.
+    names : identity of each obstacle -> name of its body; "" for none.
     points : (P, 2), m, where the scan hit something.
     """
 

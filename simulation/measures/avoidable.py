@@ -25,7 +25,7 @@ from ..engine.settings import Settings
 from ..log.episode_log import AgentLog, CommandLog, Episode
 
 LEADS = (2.0, 1.0)
-"""s before the contact, at which somebody else takes over."""
+"""s before the contact, at which other commands take over."""
 AFTER = 2.0
 """s after the contact, up to which nothing may touch either."""
 DRAWN = 240
@@ -108,7 +108,7 @@ def avoidable(
 
 
 def first_contact(episode: Episode) -> tuple[float, tuple[str, ...]] | None:
-    """When a robot first touches somebody or a wall, s, and which robots do; None if none does."""
+    """When a robot first touches an agent or a wall, s, and which robots do; None if none does."""
     bodies = {log.name: log for log in episode.robots}
     pairs = [
         (gaps(one, two), {one.name, two.name} & bodies.keys())
@@ -242,7 +242,7 @@ def _same(episode: Episode, again: Episode, until: float) -> bool:
 @final
 @dataclass(frozen=True, eq=False)
 class _Takeover:
-    """An instant at which somebody else can take a robot over.
+    """An instant at which other commands can take over a robot.
 
     Attributes
     ----------

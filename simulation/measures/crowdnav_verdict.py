@@ -38,7 +38,7 @@ def verdict(episode: Episode, danger: float = 0.2) -> dict[str, Any]:
     Returns
     -------
     row : ``outcome`` (success, collision, timeout), ``time_s`` of the end of
-        the step that decided, ``danger_share`` of the steps in which somebody came
+        the step that decided, ``danger_share`` of the steps in which a person came
         nearer than ``danger`` (surfaces, m) without a collision, ``distance_m``, the
         mean distance (surface) in those steps, None without any.
 

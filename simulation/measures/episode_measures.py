@@ -71,7 +71,7 @@ class Sampled:
     step : s.
     positions : (K, D), m; headings and yaw_rates : (K,), rad and rad/s.
     others : (O, K, D), m, NaN where absent; radii : (O,), m, of both together.
-    contacts : how often the robot ran into somebody, and somebody into the robot.
+    contacts : how often the robot ran into another agent, and another agent into the robot.
     goal : (D,), m; tolerance : m.
     """
 

@@ -22,9 +22,9 @@ def perception_row(episode: Episode, since: float = 0.0) -> dict[str, Any]:
     ``track_error`` and ``speed_error`` root mean squares over tracked obstacles, m and m/s, and
     ``track_nees`` (4) that of their states. A ``_coverage`` is the share of these errors that lie
     in their nominal regions of 95 %. ``identities`` counts the identities that one body
-    had, ``false_tracks`` the share of tracked obstacles that are nobody. ``stopped`` is the time
-    in s for which a robot was stopped for its own safety, and ``stop_reason`` the first reason,
-    "" where none was.
+    had, ``false_tracks`` the share of tracked obstacles that match no body. ``stopped`` is the
+    time in s for which a robot was stopped for its own safety, and ``stop_reason`` the first
+    reason, "" where none was.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def _tracked(one: Glance) -> list[tuple[Array, Array]]:
             lag = one.truth.time - obstacle.time
             place = to_world.points(obstacle.state[:2]) - (body.position - lag * body.velocity)
             speed = turn.points(obstacle.state[2:]) - body.velocity
-            if not obstacle.covariance[2:, 2:].any():  # nobody has measured one
+            if not obstacle.covariance[2:, 2:].any():  # no velocity was measured
                 speed = np.full(2, np.nan)
             rotation = np.kron(np.eye(2), turn.points(np.eye(2)).T)
             joint = rotation @ obstacle.covariance @ rotation.T

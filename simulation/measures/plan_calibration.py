@@ -37,7 +37,7 @@ class Judged:
 
     @classmethod
     def of(cls, episode: Episode, log: AgentLog, plan: Plan, tail: float) -> "Judged | None":
-        """Judge a plan by what is somebody; None where its forecast has nobody."""
+        """Judge a plan by the agents in its forecast; None where it has none."""
         names, forecast = {one.name for one in episode.agents}, plan.forecast
         real = [o for o, name in enumerate(plan.tracked) if name in names]
         if forecast is None or not real:

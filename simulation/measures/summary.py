@@ -130,7 +130,7 @@ def forecast_coverage(episode: Episode, tail: float) -> tuple[Array, Array, floa
 
     Step i of a plan's forecast is for stamp + i dt. Of a mixture the heaviest mode counts.
     Forecasts that were fallbacks count as well. Steps after the end of the episode do not, nor
-    what a robot that sees for itself took for somebody.
+    tracks of a robot with sensors that match no agent.
     """
     means, covariances, truths = [], [], []
     bodies = {log.name: log for log in episode.agents}
@@ -162,7 +162,7 @@ def passing(episode: Episode) -> dict[str, Any]:
 
     ``first`` passes the crossing of the two paths first, so in front of the other, which
     ``yields``. Where the paths do not cross (head-on), who deviates from its path more
-    yields; with less than 0.05 m between the deviations nobody does.
+    yields; with less than 0.05 m between the deviations neither does.
     """
     if len(episode.robots) != 2:
         return {"first": "", "yields": ""}
@@ -216,7 +216,7 @@ def _errors(logs: tuple[AgentLog, ...]) -> str:
 
 
 def _latest(values: Iterable[float]) -> float:
-    """Largest value; inf where somebody never arrived, else NaN where one is unknown."""
+    """Largest value; inf where a robot never arrived, else NaN where one is unknown."""
     found = list(values)
     return float("inf") if float("inf") in found else float(np.max(found))
 

@@ -74,7 +74,7 @@ class BlindCorner(Scenario):
     def bystanders(
         self, rng: np.random.Generator, placements: tuple[Placement, ...]
     ) -> tuple[Bystander, ...]:
-        """One pedestrian, who walks on beyond the corridor: nobody stands at a robot's goal."""
+        """One pedestrian, who walks on beyond the corridor: no one stands at a robot's goal."""
         way = self._lane(-0.3 * self.width, self.arm + 60.0, self.arm + 2.0)[::-1]
         speed = draw(rng, self.pedestrian_speed)
         return (ScriptedAgent("pedestrian", Path(way), speed, self.pedestrian_radius),)

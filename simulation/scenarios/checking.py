@@ -29,9 +29,9 @@ def check_scenario(
 
     The same seed gives the same cast, and the same generator state the same parts of it; other
     seeds give other situations. Everything is finite, names are unique, everybody moves in the
-    same number of dimensions, phases lie in [0, 1), reference speeds are known. At time 0 nobody
-    overlaps anybody nor a polygon (only bystanders may overlap each other: recordings and random
-    processes do), and no robot's goal lies in a polygon.
+    same number of dimensions, phases lie in [0, 1), reference speeds are known. At time 0 no
+    agent overlaps another one or a polygon (only bystanders may overlap each other: recordings and
+    random processes do), and no robot's goal lies in a polygon.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def laws(
         Law("parts depend on their generator alone",
             each(lambda seed: _check_parts(scenario, seed), lambda: numbers)),
         law("names, speeds and phases", _check_values),
-        law("nobody overlaps at time 0", lambda cast, seed: _check_room(cast, radius, seed)),
+        law("no overlap at time 0", lambda cast, seed: _check_room(cast, radius, seed)),
         Law("other seeds, other situations", check_varied,
             alike or ("" if len(numbers) > 1 else "one seed alone")),
     )  # fmt: skip
@@ -154,7 +154,7 @@ def _check_values(cast: Cast, seed: int) -> None:
 
 
 def _check_room(cast: Cast, radius: float, seed: int) -> None:
-    """Nobody overlaps at time 0 in the plane; goals can be stood on."""
+    """Check that no agents overlap at time 0 in the plane, and that robots fit at their goals."""
     if _dimension(cast) != 2:
         return
     deciding = [

@@ -118,7 +118,7 @@ class Corridor(Scenario):
     def _free_place(
         self, rng: np.random.Generator, radius: float, taken: list[tuple[Array, float]], k: int
     ) -> Array:
-        """Draw a place in the corridor where nobody stands."""
+        """Draw a place in the corridor that no one occupies."""
         side = 0.5 * self.width - radius - SPACE
 
         def place() -> Array:

@@ -41,7 +41,7 @@ class Crossing3D(Scenario):
 
         q(a) = p + a n + b (sin(2 pi a / L + phi_1) e_1 + sin(2 pi a / L + phi_2) e_2)
 
-    n, e_1, e_2 orthonormal. It keeps its speed and makes way for nobody; its accelerations,
+    n, e_1, e_2 orthonormal. It keeps its speed and makes way for no one; its accelerations,
     about b (2 pi v / L)^2, are what no predictor with straight forecasts can know. One that
     would come too near a start, or too near another passer-by, is drawn again.
 
@@ -150,7 +150,7 @@ class Crossing3D(Scenario):
         frame, triangle = np.linalg.qr(rng.standard_normal((3, 3)))
         along, *aside = (frame * np.sign(np.diag(triangle))).T  # uniform among all frames
         turns = rng.uniform(0.0, 2.0 * np.pi, 2)
-        span = 2.0 * target.path.length  # to where it disturbs nobody when it stops there
+        span = 2.0 * target.path.length  # to where it disturbs no one when it stops there
         arcs = np.arange(-span, span, 0.05 * self.wavelength)
         waves = np.sin(2.0 * np.pi * arcs[:, None] / self.wavelength + turns)
         points = (

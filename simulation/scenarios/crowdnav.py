@@ -39,7 +39,7 @@ def _orca() -> Controller:
 
 @dataclass(frozen=True)
 class _Body:
-    """Where somebody starts and wants to go, m; how large, m, and how fast, m/s."""
+    """A person: start and goal, m, radius, m, and preferred speed, m/s."""
 
     start: Point
     goal: Point
@@ -172,7 +172,7 @@ class _Draws:
             one = self._on_circle if layout == "circle" else self._in_square
             ways: list[Callable[[], _Body]] = [one] * count
         elif self.rng.random_sample() < 0.2:
-            ways = [self._standing] * self._number(STANDING) or [self._nobody]
+            ways = [self._standing] * self._number(STANDING) or [self._absent]
         else:
             count = self._number(WALKING)
             ways = [self._on_circle if i < 2 else self._in_square for i in range(count)]
@@ -222,8 +222,8 @@ class _Draws:
         place = self._free(self._field(4.0, 8.0, side), float(body.radius), starts=True)
         return _Body(place, place, float(body.radius), float(body.max_speed))
 
-    def _nobody(self) -> _Body:
-        """Put one person far away, as the original does where there is nobody."""
+    def _absent(self) -> _Body:
+        """Put one person far away, as the original does where there is no one."""
         body = self.scenario.body
         return _Body((0.0, -10.0), (0.0, -10.0), float(body.radius), float(body.max_speed))
 

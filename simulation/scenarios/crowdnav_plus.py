@@ -52,10 +52,10 @@ class CrowdNavPlus(Scenario):
     """The cases of CrowdNav++, seed for seed, by its own rules.
 
     The robot crosses a square of 12 m x 12 m, at least 8 m far, in 49 s. Twenty people, who do not
-    see it, cross a circle of 8.49 m by ORCA; whoever arrives is replaced by somebody at a drawn
-    place on the circle. In the variant "random" the radius (0.3 to 0.5 m), preferred speed (0.5 to
-    1.5 m/s) and neighbour distance of each are drawn, and every 5 s each changes the goal with a
-    chance of 1/2. The robot sees people up to 5 m away (between surfaces).
+    see it, cross a circle of 8.49 m by ORCA; a person who arrives is replaced by another at a
+    drawn place on the circle. In the variant "random" the radius (0.3 to 0.5 m), preferred speed
+    (0.5 to 1.5 m/s) and neighbour distance of each are drawn, and every 5 s each changes the goal
+    with a chance of 1/2. The robot sees people up to 5 m away (between surfaces).
 
     The rules judge the state every 0.25 s before anybody moves: timeout (49 s), collision (an
     overlap at that instant), success (the robot's centre within 0.3 m of the goal). The row of a

@@ -50,7 +50,7 @@ class CrowdSimPlus(Scenario):
     The robot goes up a hallway from (0, -1.5) to (0, 1.5) in 15 s; three people, who see it,
     walk up and down, through a door where there is one. They begin 2.5 s before time 0. A wall
     shortens whatever step would come nearer to it than the body's radius, people's and the
-    robot's: nobody slides. Contacts are counted and end nothing.
+    robot's: no one slides along it. Contacts are counted and end nothing.
 
     The row of a case, in columns ``judged_...``, is described at
     `wideberth.simulation.crowds.crowdsimplus.Verdict.row`. A success may have collisions: look at

@@ -20,7 +20,7 @@ WALL = 6.0
 THICKNESS = 0.2
 """m, of the wall."""
 GONE = 60.0
-"""m behind the door where a walker stops: nobody stands at the robot's goal."""
+"""m behind the door where a walker stops: no one stands at the robot's goal."""
 
 
 @final
@@ -29,8 +29,8 @@ class Doorway(Scenario):
     """A wall along the y axis with a door in the origin, as wide as 1.2 robots.
 
     ``robot`` drives from (-reach, y1) through the middle of the door to (reach, y2).
-    Somebody drives or walks through it the other way, so far away at time 0 that undisturbed it
-    is in the door l seconds after the robot: only one of them fits in.
+    A walker or a second robot comes through it the other way, so far away at time 0 that
+    undisturbed it is in the door l seconds after the robot: only one of them fits in.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class Doorway(Scenario):
     reach : m, from the door to the robot's start and goal, along x.
     aside : m, range of y1 and y2, and of the same numbers of the other one; each drawn.
     lag : s, range of l; negative where the other one is first.
-    oncoming : "walker", who makes way for nobody, or "robot", which has the same controller.
+    oncoming : "walker", who makes way for no one, or "robot", which has the same controller.
     walker_radius : m.
     walker_speed : m/s, range.
     phase : range of the phase offsets, as shares of the control period, in [0, 1).

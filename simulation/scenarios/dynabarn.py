@@ -42,7 +42,7 @@ BEFORE, AFTER = 5.0, 20.0
 SAMPLE = 0.02
 """s."""
 SAFE = 1.0
-"""s after time 0 in which nobody may touch the robot at its start."""
+"""s after time 0 in which no obstacle may touch the robot at its start."""
 LATER = 200
 """Times that a run is begun a second later for that reason, at most."""
 BEST_TIME = 10.0
@@ -136,13 +136,13 @@ class DynaBarn(Scenario):
     has 100 s to come within 1 m of (-9, 0). Worlds 0 to 19 are easy (5 to 14 obstacles of radius
     0.5 m, polylines at 0.5 to 0.9 m/s), 20 to 39 medium (15 to 19, 1.0 to 1.4 m/s), 40 to 59 hard
     (20 to 24, 1.5 to 1.9 m/s). They move as `place_at` says; at the end of a loop an obstacle
-    jumps, and is somebody else from then on: "obstacle 3" is followed by "obstacle 3 (2)".
+    jumps, and is another one from then on: "obstacle 3" is followed by "obstacle 3 (2)".
     Obstacles pass through each other and through the walls.
 
     The original does not control the phase at which a run meets the obstacles. Here run j of world
     w has the seed s = 10 w + j, and begins at tau = ``default_rng(s).uniform(5, 105)`` s after the
-    load of the world; a second later, and later again, while somebody would touch the robot at its
-    start within 1 s. In one tier the seeds are counted from 0. After the 10 runs of the last
+    load of the world; a second later, and later again, while an obstacle would touch the robot at
+    its start within 1 s. In one tier the seeds are counted from 0. After the 10 runs of the last
     world the worlds begin again, with other phases: to choose settings on.
 
     The settings of an episode: ``goal_tolerance: 1.0``, ``time_limit: 100``, ``stop_on_collision:
@@ -253,7 +253,7 @@ class DynaBarn(Scenario):
         }
 
     def _phase(self, world: int, rng: np.random.Generator) -> float:
-        """Draw tau, and put it off while somebody would touch the robot at its start."""
+        """Draw tau, and put it off while an obstacle would touch the robot at its start."""
         tau = float(rng.uniform(*PHASES))
         clock = np.arange(0.0, SAFE + 0.5 * SAMPLE, SAMPLE)
         for _ in range(LATER):

@@ -26,7 +26,7 @@ SLOPE = 0.5
 @final
 @dataclass(frozen=True)
 class Walker:
-    """Somebody who walks along a way and gives way to nobody.
+    """A person who walks along a way and gives way to no one.
 
     Parameters
     ----------

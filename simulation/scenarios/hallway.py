@@ -24,7 +24,7 @@ from .placing import checked_choice
 
 JAMMED = 0.547
 """Share of a floor that equal discs cover at most when they are placed one after the other at
-random (Feder 1980): whoever comes later would be placed beyond the hallway, ever farther away."""
+random (Feder 1980): later ones would be placed beyond the hallway, ever farther away."""
 
 
 @final
@@ -66,8 +66,8 @@ class Hallway(Scenario):
     `CrowdSimPlus` has the original's rules. Departures here: everybody wants to walk at
     ``person_speed`` (there, by default, at a speed drawn from 0.5 to 1.5 m/s, which changes the
     draws that follow); people go on from the head start with a new controller, at the speed that
-    they had towards their goal, and from an earlier instant where somebody would begin in contact;
-    walls have a thickness, of 0.02 m where they are doors; nobody is stopped by a wall (there an
+    they had towards their goal, and from an earlier instant where a person would begin in contact;
+    walls have a thickness, of 0.02 m where they are doors; no one is stopped by a wall (there an
     action that would enter one is shortened), people keep clear of it by their forces. As there,
     with walls at the back a person for whom there is no room inside is placed, or heads, beyond
     them.
@@ -183,9 +183,9 @@ def head_start(
     """Let people walk for ``duration`` s, from a stand, while the robots stand; and go on there.
 
     Each starts anew where it has come to, along its remaining way and at the speed that it then
-    had in that direction. What its controller remembers is lost. Where somebody touches a robot
-    or somebody else at the end, or has touched a wall, all start at the last instant at which
-    nobody did.
+    had in that direction. What its controller remembers is lost. Where a person touches a robot
+    or another person at the end, or has touched a wall, all start at the last instant at which
+    no one did.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def head_start(
         plant_step=HEAD_START_STEP,
         history=0.0,
         deadlock_after=duration + 1.0,
-        goal_tolerance=1e-9,  # nobody arrives: the time is spent to the end
+        goal_tolerance=1e-9,  # no one arrives: the time is spent to the end
         channel=Channel(noise=0.0),
     )
     log = run_episode(walkers, settings, others=waiting, polygons=polygons)
@@ -223,7 +223,7 @@ def head_start(
 
 
 def _last_free(log: Episode, polygons: Sequence[Polygon]) -> int:
-    """Index of the last instant at which nobody touches anybody, and nobody has touched a wall.
+    """Return the index of the last instant without contacts, and before any touch of a wall.
 
     0 if there is none.
     """

@@ -100,10 +100,10 @@ class ModelCrowd(Scenario):
     """A robot drives from (0, 0) to (reach, 0); walkers about its way follow one model exactly.
 
     A walker's motion and its place at time 0 are drawn independently, the place uniformly over
-    [0, reach] x [-aside, aside] but for ``room`` about the robot's start. So where the robot is
-    tells nothing of how a walker moves, and a predictor that assumes the model knows all that
-    can be known: its forecasts are calibrated, given what was seen. (A walker aimed at the robot
-    would not do: its aim would say more than its past.) Walkers pass through each other, and
+    [0, reach] x [-aside, aside] but for ``room`` about the robot's start. So the robot's
+    place says nothing about how a walker moves, and a predictor that assumes the model knows all
+    that can be known: its forecasts are calibrated, given what was seen. (A walker aimed at the
+    robot would not do: its aim would say more than its past.) Walkers pass through each other, and
     through the robot.
 
     Parameters

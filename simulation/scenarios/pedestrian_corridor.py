@@ -115,7 +115,7 @@ class PedestrianCorridor(Scenario):
     Raises
     ------
     WideberthError : a number out of range; of a fixed layout, a number or speed of people, or
-        people who would touch somebody at their starts; when drawing, too many people.
+        people who would touch another body at their starts; when drawing, too many people.
 
     Notes
     -----
@@ -128,8 +128,8 @@ class PedestrianCorridor(Scenario):
     x = 2.35 m for 2.5 m, where it would touch two others; the social force is the model that it
     names (Moussaïd's) with the numbers of PySocialForce; the walls stand in ``both_ways`` as
     well; blind people stop at their goals, where there they walk on; the length of the robot's
-    way is ours. There who arrives is no longer seen, and a start for somebody new is drawn until
-    it is 5 m from the robot; with ``respawn`` the same start is taken as soon as it is.
+    way is ours. There a person who arrives is no longer seen, and a start for a new one is drawn
+    until it is 5 m from the robot; with ``respawn`` the same start is taken as soon as it is.
 
     The noise is a velocity, not the length as which it is quoted: a position spreads as a random
     walk by process_noise sqrt(0.05 s t), 0.07 m after 1 s of 0.3 m/s. (Its planner counts on
@@ -176,8 +176,8 @@ class PedestrianCorridor(Scenario):
         for k, (start, _) in enumerate(layout.ways, start=1):
             if not apart(np.array(start), self.pedestrian_radius, taken, 0.0):
                 raise WideberthError(
-                    f"pedestrian_corridor: person {k} of {self.layout} would touch somebody at "
-                    "the start; take a smaller pedestrian_radius or robot_radius"
+                    f"pedestrian_corridor: person {k} of {self.layout} would touch another body "
+                    "at the start; take a smaller pedestrian_radius or robot_radius"
                 )
             taken.append((np.array(start), self.pedestrian_radius))
 

@@ -17,7 +17,7 @@ SPACE = 0.1
 ROBOT_SPACE = 0.5
 """m between people and the robot at time 0."""
 LEGS = 8
-"""Goals of each person, one after the other, so that nobody has arrived before the robot: the
+"""Goals of each person, one after the other, so that no one has arrived before the robot: the
 fastest by the shortest legs need 1.3 times the robot's longest free time, at its usual speed."""
 EQUAL_SHARES: dict[str, dict[str, float]] = {
     "orca": {"period": 0.25, "look_ahead": 1.0},
@@ -88,7 +88,7 @@ class RandomCrowd(Scenario):
 
     @property
     def side(self) -> float:
-        """Length of the square's side a, m; that of one person where there is nobody."""
+        """Length of the square's side a, m; that of one person where there is no one."""
         return float(np.sqrt(max(self.persons, 1) / self.density))
 
     def build(self, rng: np.random.Generator) -> tuple[Placement, ...]:
@@ -120,7 +120,7 @@ class RandomCrowd(Scenario):
     def _free_place(
         self, rng: np.random.Generator, radius: float, taken: list[tuple[Array, float]], k: int
     ) -> Array:
-        """Draw a place where nobody stands."""
+        """Draw a place that no one occupies."""
         return draw_place(
             lambda: self._place(rng),
             lambda place: apart(place, radius, taken, SPACE),

@@ -89,7 +89,7 @@ class RecordedScene(Scenario):
 
     People do not know of the robot, and some are nearer to its start than both radii at time 0
     ("zara1" row 100, "zara2" 100 and 200) or enter the recording there: such contacts are
-    nobody's fault. Two who walk side by side overlap, as wide as they are taken here.
+    no one's fault. Two who walk side by side overlap, as wide as they are taken here.
     """
 
     reference: ClassVar[str] = "shin2025egocentric"

@@ -1,4 +1,4 @@
-"""Somebody stops or turns all of a sudden, in the robot's way."""
+"""A walker stops or turns all of a sudden, in the robot's way."""
 
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, final

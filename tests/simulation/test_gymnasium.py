@@ -100,7 +100,7 @@ def test_checker_in_space(space):
 def replayed(environment, episode, seed):
     """Send the commands of an episode's robot through `step`."""
     log = episode.robots[0]
-    box = environment._told.view.box
+    box = environment._actor.view.box
     environment.reset(seed=seed)
     for linear, omega in zip(log.commands.linear, log.commands.omega, strict=True):
         action = box.action(Command(tuple(linear), omega))

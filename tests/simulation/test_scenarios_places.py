@@ -175,7 +175,7 @@ def test_the_people_of_a_fixed_layout_do_not_touch(layout) -> None:
     assert PedestrianCorridor(layout=layout, pedestrian_radius=room - 1e-6).cast(0).people
     bads: list[Any] = [{"pedestrian_radius": room + 1e-6}, {"robot_radius": 5.0}]
     for bad in bads:
-        with pytest.raises(WideberthError, match=f"person . of {layout} would touch somebody at"):
+        with pytest.raises(WideberthError, match=f"person . of {layout} would touch another body"):
             PedestrianCorridor(layout=layout, **bad)
 
 

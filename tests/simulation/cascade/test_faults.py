@@ -205,13 +205,13 @@ def test_a_watchdog_minds_what_is_of_no_use() -> None:
     far = Scan("lidar", np.zeros(1), np.zeros(1), np.array([np.inf]))
     assert dog.jumped(0.4, 0.4) == 0.0
     for sample in (far, WheelSample("encoders", 0.4, np.zeros(4))):
-        dog.hear(sample)
+        dog.note(sample)
     assert dog.jumped(0.8, 0.4) == 0.0 and not dog.reason()
-    dog.hear(empty)
-    dog.hear(WheelSample("encoders", 0.8, np.full(4, np.nan)))
-    dog.hear(WheelSample("others", 0.8, np.zeros(4)))
+    dog.note(empty)
+    dog.note(WheelSample("encoders", 0.8, np.full(4, np.nan)))
+    dog.note(WheelSample("others", 0.8, np.zeros(4)))
     assert dog.jumped(1.0, 0.2) == 0.0 and dog.reason().startswith("lidar: ")
-    dog.hear(far)
+    dog.note(far)
     assert dog.reason().startswith("encoders: ")
     assert dog.jumped(4.2, 0.2) == pytest.approx(3.0)
 
