@@ -1,1 +1,1 @@
-"""People as models: how somebody walks next, for simulations and forecasts alike."""
+"""Models of people: how a person walks next, in simulations and in forecasts."""

@@ -28,7 +28,7 @@ class Walkers:
     Attributes
     ----------
     place, velocity : (..., B, 2), m and m/s.
-    wanted : (..., B, 2), m/s, the velocity of somebody alone; nobody walks faster.
+    wanted : (..., B, 2), m/s, the velocity of a walker who is alone; none walks faster.
     radius : (..., B), m.
     """
 
@@ -65,7 +65,7 @@ class PersonModel(ABC):
     """
 
     name: ClassVar[str]
-    """How the kind is called where beliefs are told."""
+    """Name of the model in a belief about a person."""
     avoids: ClassVar[bool] = True
     """Whether others play a part."""
     inertia: ClassVar[bool] = False
@@ -82,7 +82,7 @@ class PersonModel(ABC):
 @final
 @dataclass(frozen=True)
 class Straight(PersonModel):
-    """Walks as wanted and makes way for nobody: v' = v*."""
+    """Walks as wanted and never makes way: v' = v*."""
 
     name: ClassVar[str] = "straight"
     avoids: ClassVar[bool] = False

@@ -1,4 +1,4 @@
-"""What a controller is told of its own robot, from an estimate of the robot's motion."""
+"""The state that a controller is given of its own robot, from an estimate of the motion."""
 
 import numpy as np
 

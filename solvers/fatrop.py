@@ -66,7 +66,7 @@ class Fatrop(Solver):
 
 
 def _status(stats: dict[str, Any]) -> tuple[Status, str]:
-    # return_status is the integer 0 whatever happened: success tells.
+    # return_status is the integer 0 whatever happened: success decides.
     if stats["success"]:
         return Status.SOLVED, "solved"
     return Status.FAILED, f"no convergence ({stats['return_status']})"

@@ -15,7 +15,7 @@ RIDGE = 1e-6
 SURE = 2.33
 """Standard normal quantile of 0.99: residuals beyond it are no noise of the sensor alone."""
 FAINT = 0.002
-"""m, of a residual that tells no body from another, however exact the sensor."""
+"""m; smaller residuals do not distinguish the shapes of bodies, however exact the sensor."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,8 +49,9 @@ class DiscDetector(Detector):
 
         w_k = L_k / sum L        c = sum w_k c_k        C = sum w_k (C_k + (c_k - c) (c_k - c)^T)
 
-    Near bodies are told apart; of far ones, met by a few beams, C says that they are not. The
-    radius is the largest of those that are not `UNLIKELY`.
+    The shapes of near bodies are distinguished; those of far ones, met by a few beams, are not,
+    and C grows by the spread of the c_k. The radius is the largest of those that are not
+    `UNLIKELY`.
 
     Parameters
     ----------

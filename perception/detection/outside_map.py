@@ -23,7 +23,7 @@ class OutsideMap(Detector):
     """Detects what a map does not show.
 
     Points within ``tolerance`` of a polygon are static: they take no part in the detection of
-    ``detector``. Somebody who leans on a wall is lost to that distance.
+    ``detector``. A person within that distance of a wall is not detected.
 
     Parameters
     ----------

@@ -79,12 +79,12 @@ class OverTime(Detector):
 
     A point is static if more than ``share`` of the last ``scans`` scans, over ``span`` s at least,
     met something there (within ``tolerance``), unless a good part of them saw the place free:
-    then somebody has come and stands still, and stays what may move until they leave. Beside
+    then a body has come and stands still, and counts as one that may move until it leaves. Beside
     static points a place that was never seen free is static too: the rest of a wall that comes
     out of a shadow. Static points take no part in the detection of ``detector``. The poses must
     be in a frame that does not jump (odometry): errors of the pose over ``span`` count.
 
-    Whoever has stood since before the first scan is taken for static until they move.
+    A body that has stood there since before the first scan counts as static until it moves.
 
     Parameters
     ----------

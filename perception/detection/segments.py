@@ -21,7 +21,7 @@ STRAIGHT, SURELY = 0.05, 5.0
 UNEVEN = 1e-3
 """Share of even walls that are taken for uneven ones."""
 _GRAZING = 0.05
-"""Sine of the angle below which a beam tells no more of where the wall is across."""
+"""Sine of the angle between beam and wall; at smaller ones a range says no more of the wall."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -78,8 +78,8 @@ class PlanarFilter(StateEstimator):
     speed of wheels of which nothing came for ``patience`` s (the inertial unit alone then makes
     the updates). A sample that comes late, at most ``memory`` s after newer ones, is used: these
     are filtered again, so that the order in which they arrive makes no difference at all. One
-    that comes later still is left out. So is one whose clock is ahead by
-    more than ``outage`` s, until for that long no other clock has been heard.
+    that comes later still is left out. So is one whose clock is ahead by more than ``outage`` s,
+    until for that long no sample of another clock has come.
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ def in_order(sightings: Sightings) -> Sightings:
 
 
 def checked_instant(time: float) -> None:
-    """Refuse an instant that nobody can be carried to, s.
+    """Refuse an instant, s, to which no track can be carried.
 
     Raises
     ------

@@ -10,8 +10,8 @@ from ...framework.values.arrays import Array, positive
 from ...framework.values.sensing import Sightings, TrackedObstacle
 from .motion import checked_instant, in_order, out_of_order
 
-NOBODY = -1
-"""Index of no correspondence."""
+NO_MATCH = -1
+"""Index where nothing corresponds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +143,7 @@ class ObstacleTracker(Tracker):
         loose = []
         for index in sorted({*range(len(new))} - used_new):
             row = int(mine[index])
-            if row == NOBODY:
+            if row == NO_MATCH:
                 loose.append(new[index])
             elif row >= len(tracks):
                 made.append(self._begun(before[row], np.zeros(2), new[index]))
@@ -192,8 +192,8 @@ class ObstacleTracker(Tracker):
 
 
 def _cheapest(cost: Array, gate: float) -> Array:
-    """Column of the smallest cost in each row; `NOBODY` where none is below the gate."""
+    """Column of the smallest cost in each row; `NO_MATCH` where none is below the gate."""
     if not cost.shape[1]:
-        return np.full(len(cost), NOBODY)
+        return np.full(len(cost), NO_MATCH)
     best = cost.argmin(axis=1)
-    return np.where(cost[np.arange(len(cost)), best] < gate, best, NOBODY)
+    return np.where(cost[np.arange(len(cost)), best] < gate, best, NO_MATCH)

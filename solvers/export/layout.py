@@ -25,7 +25,7 @@ class Layout:
     Attributes
     ----------
     problem : the stage-wise problem.
-    parameters : of any one instance: it tells the sizes.
+    parameters : of any one instance, which has the sizes.
     """
 
     problem: Problem

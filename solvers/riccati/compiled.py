@@ -44,7 +44,7 @@ MOST_OPERATIONS = 10_000
 
 
 USUAL = {"solver": 100.0, "kernels": 1.0}
-"""s that compiling takes on two cores of a laptop; a machine tells its own once it has done it."""
+"""s that compiling takes on two cores of a laptop, until this machine has measured its own."""
 
 
 def announce(line: str) -> None:

@@ -1,4 +1,4 @@
-"""The core as object code that the package ships, so that nobody has to compile it.
+"""The core as object code that the package ships, so that no user has to compile it.
 
 Each file beside this one in ``objects`` is for one kind of processor. `emit` makes them from the
 sources; the hash of these and of every object is kept in ``core.json``. An object is used where

@@ -345,7 +345,7 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver):
 
 
 class _Rivals:
-    """Plans from other starts, of which a solve in a workspace is told.
+    """Plans from other starts, with which solves in a workspace are compared.
 
     Parameters
     ----------

@@ -179,7 +179,8 @@ class Workspace:
 def run_all(entry: Any, spaces: Sequence[Workspace]) -> None:
     """Solve what several workspaces hold, one after the other, in one call out of Python.
 
-    Between the solves nobody waits for Python's lock, so that threads do not hold up each other.
+    Between the solves the thread does not wait for Python's lock, so that threads do not hold up
+    each other.
 
     Raises
     ------

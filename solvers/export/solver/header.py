@@ -38,8 +38,8 @@ _HEAD = """\
  * Each period: wideberth_begin, initial, wideberth_follow, wideberth_set for every obstacle,
  * wideberth_start, wideberth_solve; result.inputs[0] drives the robot. All functions may be called
  * from several threads at once, each with memory, problem and result of its own. None allocates,
- * and none keeps a state between calls (a pointer of the thread's own tells a running solve its
- * memory). SI units and radians.
+ * and none keeps a state between calls (a pointer of the thread's own leads a running solve to
+ * its memory). SI units and radians.
  *
  * Of what the planner does in Python around its solver, this is here: the reference along a path,
  * parameters of slots from mean and covariance, the shifted last plan as the start, and how far a

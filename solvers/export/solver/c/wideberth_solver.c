@@ -29,7 +29,7 @@ int wideberth_core(void *result, void *problem, int64_t *table);
 extern const uint64_t wideberth_archive_build;
 
 /* Memory of the running solve. One pointer per thread, set while wideberth_solve runs and put back
- * when it returns: the solver asks for memory as from malloc, which is told nothing else. */
+ * when it returns: the solver asks for memory as from malloc, which has no argument for it. */
 struct arena {
     unsigned char *next;
     size_t left;
