@@ -87,7 +87,7 @@ class Place:
 @final
 @dataclass(frozen=True)
 class LimitSet:
-    """What the robot can do, and whether the rivals are told.
+    """What the robot can do, and whether the same limits bind the rivals.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ class Nav2Rivals(Experiment):
     Parameters
     ----------
     places, limits, views, controllers : by name.
-    tracker : forecasts that the velocities come from which TEB is told; others take positions.
+    tracker : forecasts whose velocities TEB receives; the other rivals receive positions.
     baseline : controller that the others are compared with.
     seeds : number of episodes of each combination.
     first_seed : the seeds are first_seed to first_seed + seeds - 1.
@@ -279,7 +279,7 @@ class Nav2Rivals(Experiment):
             one.agent(robot, own, truth=False)
             for one, own in zip(cast.placements, watched, strict=True)
         ]
-        tracker = self.tracker if _is_told_of_moving(driven) else None
+        tracker = self.tracker if _uses_dynamic_obstacles(driven) else None
         world = SameView(place.settings, seen, tracker)
         agents = [*robots, *cast.people]
         run = Run(agents, place.settings, task.seed, cast.bystanders, (), cast.polygons, world)
@@ -324,8 +324,8 @@ def adapted(controller: Controller, robot: Robot, bounded: bool, view: CostmapVi
     return driven
 
 
-def _is_told_of_moving(controller: Controller) -> bool:
-    """Tell whether a controller takes the velocities of others from a tracker."""
+def _uses_dynamic_obstacles(controller: Controller) -> bool:
+    """Whether a controller takes the velocities of others from a tracker."""
     return isinstance(controller, Nav2) and controller.settings.local == "teb"
 
 
@@ -368,7 +368,7 @@ def finding(line: Row) -> str:
         return "arrives less often" if fewer else "arrives more often"
     if line["time_p_value"] < CHANCE:
         return "slower" if line["time_difference_s"] > 0.0 else "faster"
-    return "not told apart"
+    return "no difference shown"
 
 
 def _as_compared(row: Row) -> Row:

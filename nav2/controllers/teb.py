@@ -42,13 +42,13 @@ class TEB(TebParameters, LocalController):
     Attributes
     ----------
     seed : of the graph whose paths begin new bands.
-    told_of_moving : what the observation says of moving obstacles is made use of, as the original
-        does with its topic of obstacles; False for costmaps alone.
+    use_dynamic_obstacles : the observation's moving obstacles are used, as the original uses its
+        topic of obstacles; False for costmaps alone.
 
     Notes
     -----
-    Lethal cells within a moving obstacle of which it is told are left out: it is foretold, so
-    that it is no obstacle where it stands now.
+    Lethal cells within a moving obstacle of the observation are left out: its motion is forecast,
+    so that it is no obstacle where it stands now.
 
     The plan is Nav2's pruned one; at its end, unless that is the goal, the band faces the way of
     the last step. Nav2 has no port of TEB to its newest interface; there the exception that it
@@ -63,7 +63,7 @@ class TEB(TebParameters, LocalController):
     """
 
     seed: int = 0
-    told_of_moving: bool = True
+    use_dynamic_obstacles: bool = True
 
     def __post_init__(self) -> None:
         TebParameters.__post_init__(self)
@@ -104,7 +104,7 @@ class TEB(TebParameters, LocalController):
         if tick.footprint.cost(tick.costmap, tick.pose) >= LETHAL:  # every band begins here
             return self._refused("the robot cannot stand where it is")
         start = float(tick.speed[0]), float(tick.speed[2])
-        discs = self._moving(tick) if self.told_of_moving else NOTHING_MOVES
+        discs = self._moving(tick) if self.use_dynamic_obstacles else NOTHING_MOVES
         pull = Pull(obstacles_of(tick, discs, settings), start, turn)
         found = self._planned(plan, pull, tick)
         if isinstance(found, str):

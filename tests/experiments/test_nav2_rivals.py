@@ -148,8 +148,9 @@ def test_rivals_get_view_limits_and_what_nav2_ships(study: Nav2Rivals) -> None:
     assert bound.settings.view == view and bound.robot == robot
     assert (bound.robot_limits, free.robot_limits) == (True, False)
     assert free.settings.parameters["max_vel_x"] == 0.26
-    told = study.controllers["teb_static"]
-    assert isinstance(told, Nav2) and told.settings.parameters == {"told_of_moving": False}
+    costmaps = study.controllers["teb_static"]
+    assert isinstance(costmaps, Nav2)
+    assert costmaps.settings.parameters == {"use_dynamic_obstacles": False}
     ours = adapted(study.controllers["ours"], robot, True, view)
     assert isinstance(ours, Planner)
     assert ours.reference_speed == pytest.approx(Unicycle().max_speed)
@@ -172,13 +173,13 @@ def test_differences_are_named_beyond_chance_alone() -> None:
     assert slower["finding"] == "slower"
     few = compared(rows([11.0 + 0.2 * i for i in range(7)]), base[:7])
     assert few["time_p_value"] == pytest.approx(2.0 / 2**7)
-    assert few["finding"] == "not told apart"
+    assert few["finding"] == "no difference shown"
     lost = compared(rows([np.nan] * 8 + [10.8]), base)
     assert lost["p_value"] == pytest.approx(2.0 / 2**8) and lost["time_p_value"] == 1.0
     assert lost["finding"] == "arrives less often"
     assert compared(base, rows([np.nan] * 8 + [10.8]))["finding"] == "arrives more often"
     assert finding({**slower, "time_difference_s": -1.0}) == "faster"
-    assert compared(base, base)["finding"] == "not told apart"
+    assert compared(base, base)["finding"] == "no difference shown"
 
 
 def test_looks_are_read_as_they_were_written() -> None:

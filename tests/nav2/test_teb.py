@@ -433,7 +433,7 @@ def test_a_moving_disc_is_given_way_only_if_it_is_told() -> None:
     crossing = np.array([[2.0, -1.8, 0.3, 0.0, 0.35]])
     _, told = drive(teb_of(include_costmap_obstacles=False), [], 4.0, crossing)
     _, untold = drive(
-        teb_of(include_costmap_obstacles=False, told_of_moving=False), [], 4.0, crossing
+        teb_of(include_costmap_obstacles=False, use_dynamic_obstacles=False), [], 4.0, crossing
     )
     assert min(told) > 0.3 > min(untold)
 
