@@ -39,8 +39,8 @@ class BilevelOrca(Reactive, Preparing):
     relaxed. IPOPT solves the whole, from the last plan carried on and people who answer it; where
     that fails, once more from braking. The first step is commanded.
 
-    What somebody wants is not told: the goal is where they would be in 2 s at their present
-    velocity, and nobody is believed to walk faster than ``people_speed``. People may do
+    People's goals are unknown: a person's goal is taken to be where they would be in 2 s at their
+    present velocity, and their speed to be at most ``people_speed``. People may do
     otherwise, and a plan may rely on a courtesy that does not come: nothing is promised.
 
     Our own implementation after the paper, with the numbers of its authors' configuration. It
@@ -48,7 +48,7 @@ class BilevelOrca(Reactive, Preparing):
     holds people back by the half-plane of its nearest point, which is looked up beside the first
     guess. That guess heads for c where there is no last plan, and does not avoid people.
     Velocities of people are differences of what is seen. The linear solver is MUMPS. Where both
-    solves fail, the last plan carried on is driven if it touches nobody; otherwise the robot
+    solves fail, the last plan carried on is driven if it is free of contact; otherwise the robot
     brakes, and `reason` says why.
 
     Parameters
@@ -141,7 +141,7 @@ class BilevelOrca(Reactive, Preparing):
             return planned
         if solver.touches(scene, carried):
             self._last, self._velocity = self._last[:0], np.zeros(2)  # it will stand
-            raise WideberthError(f"{why}, and the last plan carried on touches somebody: brake")
+            raise WideberthError(f"{why}, and the last plan carried on leads to a contact: brake")
         return carried.inputs
 
     def _scene(

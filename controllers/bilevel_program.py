@@ -28,7 +28,7 @@ ROOM = 0.03
 WALL_ROOM = 0.05
 """m, that the robot keeps to walls besides its radius."""
 FAR_GOAL = 2.0
-"""s; somebody's goal is where they would be then at their present velocity."""
+"""s; a person's goal is where they would be then at their present velocity."""
 TERMINAL, TURNING = 100.0, 0.1
 """Weights of the last place and of the squared yaw rate, beside 1 of the other places."""
 PRICE = 1e4

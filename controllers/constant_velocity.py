@@ -15,7 +15,7 @@ class ConstantVelocityController(Reactive):
     """Drives to the goal at its speed and ignores obstacles and polygons.
 
     v* = min(v_ref, way to the goal / 1 s) towards the goal, straight there by default (with a
-    finite ``look_ahead``, along the path). The walker of a crowd who gives way to nobody, and the
+    finite ``look_ahead``, along the path). The walker of a crowd who never gives way, and the
     row of a comparison that says how many encounters would have been collisions.
 
     Parameters

@@ -51,8 +51,8 @@ class DynamicWindow(Reactive):
     is commanded; without any, the robot brakes. The error is the angle from the heading to the
     point ahead on the path, where the robot would be after T and then braking as hard as it can.
 
-    Obstacles are discs that stand still, as published: nobody is touched who does, by a robot that
-    can brake along the arc it is on; of those who move nothing is promised.
+    Obstacles are discs that stand still, as published: a robot that can brake along the arc it is
+    on touches none of those that do; of those that move nothing is promised.
 
     Beside the publication: d is less by what is driven until the next decision; the limit on the
     yaw rate is left out (a disc touches nothing by turning), and so is the smoothing of the sum; d

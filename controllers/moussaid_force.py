@@ -33,7 +33,7 @@ class MoussaidForce(Reactive):
     ``reference_speed``.
 
     The distance is that of the centres: radii of others play no part, and people of 0.3 m were
-    measured. Nothing promises that nobody is touched.
+    measured. It does not promise to avoid contacts.
 
     PySocialForce drives towards 1.3 times a walker's first speed, its limit too; here v* has
     ``reference_speed`` and only the limit is 1.3 times that. It does not wrap theta, which

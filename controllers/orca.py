@@ -38,7 +38,7 @@ class Orca(Reactive):
     the velocity by `steering.steer`, which ORCA does not know of: what it promises holds for
     robots that take any velocity at once. Forecasts of people have the same rule in double
     precision, `wideberth.people.models.Reciprocal`. Walls are obstacles on their
-    outline, counter-clockwise, of which nobody gives way.
+    outline, counter-clockwise, which do not give way.
 
     Parameters
     ----------

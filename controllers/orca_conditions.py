@@ -10,7 +10,7 @@ from ..framework.numerics.symbolic import ca
 from ..framework.values.arrays import Array
 
 SLACK_WEIGHT = 100.0
-"""Of half a squared slack; SICNav's. A half-plane that holds somebody back by 1 m/s is entered by
+"""Of half a squared slack; SICNav's. A half-plane that holds a person back by 1 m/s is entered by
 1 cm/s."""
 TOUCHING = 1e-3
 """m, least gap to a wall: standing still then enters no half-plane of a wall."""

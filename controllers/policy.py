@@ -109,7 +109,7 @@ def _function(target: str) -> Callable[[Shown], ArrayLike]:
     module, colon, name = target.partition(":")
     try:
         found: Any = getattr(import_module(module), name) if colon else None
-    except Exception as error:  # somebody else's module may fail in any way
+    except Exception as error:  # a third party's module may fail in any way
         raise WideberthError(
             f"policy is {target!r}, which cannot be imported ({type(error).__name__}: {error}); "
             "wanted 'module:function'"

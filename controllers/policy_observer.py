@@ -137,7 +137,7 @@ class PolicyObserver:
         return sighting.notes
 
     def commanded(self, command: Command) -> None:
-        """Take note of what the robot was told."""
+        """Take note of the command that the robot was given."""
         self._last = command
 
     def show(self, observation: Observation) -> Shown:

@@ -1,6 +1,6 @@
 """Published planners: recipes of our planner with another author's predictor, region, level, cost.
 
-All else is as in our planner, so that a comparison tells the methods apart and not their solvers
+All else is as in our planner, so that a comparison is one of the methods and not of their solvers
 or fallbacks. Each is a name for ``type``; what is stated beside it wins, and any setting of
 `PlannerSettings` may be stated.
 """

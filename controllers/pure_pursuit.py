@@ -28,7 +28,7 @@ class PurePursuit(Reactive):
     next ``stop_horizon`` seconds at that speed touches an obstacle or a polygon, the command is
     to stand; the robot goes on once the arc is free. Nothing is driven round.
 
-    Obstacles are taken as standing where they are seen. Nobody who stands is touched, provided
+    Obstacles are taken as standing where they are seen. No standing obstacle is touched, provided
     that ``stop_horizon`` is longer than v / (2 a) and a period and that the robot stays on its
     arc as it brakes; who moves can run into the robot.
 

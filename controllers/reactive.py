@@ -41,7 +41,7 @@ class Neighbours:
 
     Parameters
     ----------
-    forget : s after which somebody who is no longer reported is dropped.
+    forget : s after which an obstacle that is no longer reported is dropped.
     """
 
     def __init__(self, forget: float) -> None:

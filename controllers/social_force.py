@@ -27,7 +27,7 @@ class SocialForceController(Reactive):
     v* is the wanted velocity, n_j points from neighbour j to the robot, d_j is the distance of the
     centres, d_w that from polygon w and n_w away from its nearest point. The speed is at most
     ``reference_speed``. Velocities of others play no part, so that the force comes late and does
-    not know who is going away; nothing promises that nobody is touched.
+    not know who is going away; contacts are not ruled out.
 
     CrowdSimPlus heads for the goal at full speed until it is there; here the wanted velocity
     falls in the last second, and polygons with their nearest point stand for its wall segments.

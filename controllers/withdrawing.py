@@ -30,7 +30,7 @@ STILL = 2.0
 STUCK, STANDING = 0.15, 0.3
 """m that the robot, and the other one, have moved at most in this time."""
 NEAR, AWAY = 1.5, 2.0
-"""m between the surfaces: somebody is near; the way is free again."""
+"""m between the surfaces: another body is near; the way is free again."""
 HALT, HALTED = 0.6, 0.12
 """s, m: who has moved no more in this time has come to a halt."""
 PRECEDENCE = 0.0, 3.0
@@ -194,7 +194,7 @@ class Snapshot:
 @final
 @dataclass(frozen=True, eq=False)
 class Wait:
-    """A robot lets somebody go first who came to a halt when it did.
+    """A robot lets the other go first that came to a halt when it did.
 
     Attributes
     ----------
@@ -234,7 +234,7 @@ class Withdrawal:
 @final
 @dataclass(frozen=True, eq=False)
 class DeadlockResolver:
-    """Recognises that the robot and somebody near stand still, and withdraws from there.
+    """Recognises that the robot and another body near it stand still, and withdraws.
 
     Each of two planners forecasts that the other stays where it is, for a while, and plans to
     withdraw later; the first step of such a plan is to stand, and the next plan says the same.
@@ -247,7 +247,7 @@ class DeadlockResolver:
        other one is `AWAY` m from it, and not again before it has moved;
 
     1. the robot has moved less than `STUCK` m in `STILL` s, is not at the end of its path, and
-       somebody within `NEAR` m has moved less than `STANDING` m;
+       another body within `NEAR` m has moved less than `STANDING` m;
     2. it hesitates for a time drawn from `HESITATION`; if 1 then still holds of the same other,
     3. it follows a straight way of at most 2 m to the place, free of others and of walls, that
        is farthest from the line through both, instead of its path, as the planner follows any
@@ -369,9 +369,9 @@ class DeadlockResolver:
         return name if halted and came else ""
 
     def _moved(self, name: str, span: float) -> float:
-        """Return how far somebody has been from where he is in the last ``span`` s, m.
+        """Return how far a body was from where it is now in the last ``span`` s, at most, m.
 
-        Infinite where he has not been seen for so long. The name "" is the robot's.
+        Infinite where it has not been seen for so long. The name "" is the robot's.
         """
         now = self.seen[-1]
         before = [k for k, one in enumerate(self.seen) if one.stamp <= now.stamp - span + 1e-6]

@@ -215,7 +215,7 @@ class Signed(Region):
 
 
 class Convex(Region):
-    """A convex region, told by its support function."""
+    """A convex region, described by its support function."""
 
     @abstractmethod
     def support(self, normals: Array, parameters: Array, level: Array) -> Array:

@@ -43,8 +43,8 @@ class StateEstimator(ABC):
         """Return the estimate of a time, s, past or to come.
 
         An estimator forgets, and does not carry an estimate on for ever: the ``time`` of what it
-        returns is the nearest one that it can speak of. Whoever acts on it asks whether that is
-        now.
+        returns is the nearest one that it can speak of. A caller that acts on the estimate
+        compares that time with now.
         """
 
 

@@ -2,7 +2,7 @@
 
 Distances are between surfaces (centres less both radii) unless a name says centre. Others are
 all who move, be they people, recorded or robots; polygons do not count. Arrays over O others
-and K instants are (O, K), NaN where somebody is absent.
+and K instants are (O, K), NaN where one is absent.
 """
 
 import numpy as np
@@ -28,7 +28,7 @@ def nearest(distances: Array) -> Array:
 
 
 def mean_distance(closest: Array) -> float:
-    """Mean of the `nearest` distance over the instants with somebody present, m."""
+    """Mean of the `nearest` distance over the instants with others present, m."""
     there = closest[np.isfinite(closest)]
     return float(there.mean()) if there.size else float("nan")
 
@@ -36,7 +36,7 @@ def mean_distance(closest: Array) -> float:
 def proxemics(closest: Array) -> dict[str, float]:
     """Share of time that the nearest one is in each zone, see `ZONES`; they sum to 1.
 
-    A zone holds its lower end; nobody there at all counts as public.
+    A zone holds its lower end; an instant without others counts as public.
     """
     zone = np.searchsorted(list(ZONES.values())[:-1], closest, side="right")
     counts = np.bincount(zone, minlength=len(ZONES)) / max(len(closest), 1)
@@ -46,7 +46,7 @@ def proxemics(closest: Array) -> dict[str, float]:
 def intrusion(closest: Array, comfort: float = COMFORT) -> tuple[float, float]:
     """Share of time nearer than ``comfort`` m, and its mean depth (comfort - distance), m.
 
-    The depth is NaN where nobody is ever that near.
+    The depth is NaN where none ever comes that near.
     """
     depth = comfort - closest[closest < comfort]
     share = depth.size / max(closest.size, 1)

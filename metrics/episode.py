@@ -63,7 +63,7 @@ def collided(first: Array, second: Array, radii: float) -> bool:
 
 
 def free_time(path: Path, speed: float) -> float:
-    """Seconds that the path takes at the reference speed with nobody in the way."""
+    """Seconds that the path takes at the reference speed without obstacles."""
     return path.length / speed
 
 

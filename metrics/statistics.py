@@ -129,7 +129,7 @@ def bootstrap_interval(
     ----------
     values : (K,), finite.
     rng : of the draws.
-    statistic : (..., K) -> (...); the mean unless told otherwise.
+    statistic : (..., K) -> (...); the mean by default.
     tail : 1 - confidence, both sides together.
     resamples : how many.
 

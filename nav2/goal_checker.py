@@ -12,7 +12,7 @@ from .poses import length, shortest_angle
 @final
 @dataclass(eq=False)
 class GoalChecker:
-    """Tells whether a robot is at its goal; the controllers ask it, too, and change its memory.
+    """Decides whether a robot is at its goal; the controllers ask it, too, and change its memory.
 
     The place is reached where the plan's rest is no longer than `path_length_tolerance` and
 

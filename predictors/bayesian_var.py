@@ -112,8 +112,8 @@ class BayesianVectorAutoregression(Fittable):
     velocity (A_1 = I, A_2 = 0) or the process of all recorded tracks (isotropic: nothing else
     turns with the world), and each obstacle's own history the `posterior`. With few samples
     the forecast is the prior's, with many that of the `VectorAutoregression` fitted by least
-    squares. What a history tells soonest is how much this obstacle's velocity changes, Sigma_u;
-    its coefficients need far more.
+    squares. A short history already determines Sigma_u, how much this obstacle's velocity
+    changes; its coefficients need a far longer one.
 
     Mean and covariance are those of the process (B_n, E Sigma_u), with the posterior
     covariance of B carried to the positions by the delta method (`process_covariances`); at

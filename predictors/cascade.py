@@ -101,7 +101,7 @@ class FallbackChain(Fittable):
             return stage.predictor.predict(tracks, steps, scene)
         past = gather(tracks)
         reasons = _short(stage, past)
-        # where nobody may use the stage, something cheap holds its place
+        # a cheap predictor takes the place of a stage that no obstacle may use
         asked = stage.predictor if None in reasons else Static()
         try:
             forecast = asked.predict(tracks, steps, scene)

@@ -22,7 +22,7 @@ Row: TypeAlias = tuple[float, ...]
 Pair: TypeAlias = tuple[float, float]
 
 STILL = 1e-6
-"""m/s; no edge lies below, so that rounding (a turned world) puts nobody into another class."""
+"""m/s; no edge lies below, so that rounding (a turned world) changes no obstacle's class."""
 SHRINKAGE = 50.0
 """Windows: each class counts that many of the average of all beside its own."""
 FLOOR = 1e-3
@@ -250,7 +250,7 @@ class Empirical(Fittable):
 
     mu_h as the base says,   Sigma_h = Sigma_h(speed bin, jitter bin), turned to the heading
 
-    Somebody who stands, strolls or zigzags is not equally hard to forecast, and one process
+    People who stand, stroll or zigzag are not equally hard to forecast, and one process
     noise does not say so: on recorded pedestrians of other recordings, 24 classes bring
     0.17 nat per step over one for all. What a table holds, and how it is carried to other
     time grids, stands in `ErrorTable`. Errors are those against later measurements, so that

@@ -48,15 +48,15 @@ class Game(Predictor):
     The paper's outlook: "a dynamic game theory approach", symmetric and without communication.
     Agents i are the robot and the obstacles nearest to it. With s_i straight motion (what
     ``planner.predictor`` forecasts of i alone) and R_i(x) the plan of i towards its goal among
-    others that move as x tells,
+    others that move along x,
 
-        b_i = s_i + R_i(x^{n-1}) - R_i(nobody),    x^n = (x^{n-1} + b(x^{n-1})) / 2,    x^0 = s
+        b_i = s_i + R_i(x^{n-1}) - R_i(none),    x^n = (x^{n-1} + b(x^{n-1})) / 2,    x^0 = s
 
-    for n = 1 to ``iterations``; all respond at once, so that nobody goes first. Half steps,
+    for n = 1 to ``iterations``; all respond at once, so that no agent goes first. Half steps,
     because full ones go to and fro: both give way, then, seeing that, neither does. What the
-    others change in a plan is added to the straight motion, so that somebody whom the
+    others change in a plan is added to the straight motion, so that an agent whom the
     planner's robot model fits badly (a person faster than the robot) is forecast no worse
-    than by the predictor alone; who has nobody in the way is forecast exactly as by it.
+    than by the predictor alone; one without others in its way is forecast exactly as by it.
 
     Goals are extrapolated: in the direction and at the speed of the mean velocity over the last
     ``memory`` s; for the robot, where its current plan ends (``scene.plan``; else straight

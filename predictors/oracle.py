@@ -26,7 +26,7 @@ class Oracle(Predictor):
     of the world while the robot keeps to its last plan (`Settings.truth_passes`: to the plan that
     it makes against that), and other robots to theirs: what they will do, but for what the robot
     plans anew. Another robot has no decided future: the simulation grants its current plan, which
-    it may still change. So are people whom no copy can be made of told.
+    it may still change. The same holds for people of whom no copy can be made.
 
     An obstacle without truth, or whose truth does not reach over the whole horizon, is left
     to ``fallback``, with the reason.

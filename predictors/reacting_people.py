@@ -67,7 +67,7 @@ class ReactingPeople(Adaptive):
 
     Of each person a bank of hypotheses is kept: a kind of model, making way for the robot or not,
     and for models that hide the wish (ORCA) twelve directions of it. Under hypothesis s an
-    extended Kalman filter tells place, velocity and wanted velocity, whose prediction is the
+    extended Kalman filter estimates place, velocity and wanted velocity, whose prediction is the
     model's own step among the others, see `wideberth.predictors.core.person_belief`:
 
         w_s <- w_s (p(z | s) + p_0) / sum of these,      v' = f_s(p, v, u | others, robot)
@@ -81,14 +81,14 @@ class ReactingPeople(Adaptive):
     P_s is the covariance of (p, v, u); q stands for what happens without any reason. How well
     sizes hold is left to `adaptive_conformal` around it.
 
-    What somebody does because of the robot is `reaction`, what is believed `beliefs`. `update`
+    What a person does because of the robot is `reaction`, what is believed `beliefs`. `update`
     carries the beliefs on, and notes where the robot is, without which courtesy stays at its
     prior; without `update` they are inferred from the tracks at each call.
 
     Left to ``fallback``, with the reason: who has fewer than 3 samples or stands exactly still;
     who moves like none of the models (recently more than half of the samples unexpected); beyond
     the nearest ``most`` people of the robot, so that work is bounded; all of them where tracks are
-    not in the plane, or their steps are not within 0.02 to 1 s. Somebody who leaps begins anew.
+    not in the plane, or their steps are not within 0.02 to 1 s. A person who leaps begins anew.
     All of these are still seen by the others, along their own forecast.
 
     Parameters
@@ -185,7 +185,9 @@ class ReactingPeople(Adaptive):
             return ()
         known = self._known(tracks, scene)
         return tuple(
-            self._told(known, row) for row in range(len(known.ids)) if known.samples[row] >= FEWEST
+            self._belief(known, row)
+            for row in range(len(known.ids))
+            if known.samples[row] >= FEWEST
         )
 
     def update(self, tracks: Tracks, scene: Scene | None = None) -> Self:
@@ -208,7 +210,7 @@ class ReactingPeople(Adaptive):
         return Drift(self.turn_rate, self.shake, self.wander, self.forget, self.least_density)
 
     def _unfit(self, tracks: Tracks, steps: int) -> str:
-        """Why nobody can be forecast by the models; empty where they can."""
+        """Why the models cannot forecast these tracks; empty where they can."""
         if tracks.dimension != 2:
             return f"reacting_people: {tracks.dimension} coordinates, made for 2"
         if not SHORTEST <= tracks.dt <= LONGEST:
@@ -300,7 +302,7 @@ class ReactingPeople(Adaptive):
             _walls(scene, tracks.select(served)),
         )
 
-    def _told(self, known: PersonBeliefs, row: int) -> PersonBelief:
+    def _belief(self, known: PersonBeliefs, row: int) -> PersonBelief:
         slots = self._slots
         groups = slots.in_groups(known.weight[row : row + 1])[0]
         kinds = dict.fromkeys((model.name for model in self.models), 0.0)

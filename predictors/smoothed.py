@@ -38,7 +38,7 @@ class Smoothed(Predictor):
     of (p, v) there as ``state_covariance``. Tracks that come with a ``state_covariance`` have been
     filtered already and are passed on as they are.
 
-    How much a history is smoothed is told by itself. With m_2 and m_3 the mean squared second
+    The history itself determines how much it is smoothed. With m_2 and m_3 the mean squared second
     and third difference per axis, and w_s that of second differences of samples s apart,
     white acceleration of density q and noise of variance r^2 give
 

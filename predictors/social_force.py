@@ -28,7 +28,7 @@ class SocialForce(Predictor):
     dv_i/dt = (u_i - v_i) / tau + sum over j of f_ij,    dp_i/dt = v_i
 
     with u_i the velocity that obstacle i wants (its own, as estimated; where ``scene.goals``
-    tells a goal, as fast towards that) and f_ij the force of neighbour j, see
+    has a goal, as fast towards that) and f_ij the force of neighbour j, see
     `wideberth.predictors.core.social_rollout.Force`. The robot is a neighbour that follows its
     current plan (``scene.plan``), straight on beyond its end; the others cannot move it. It
     is not seen where no plan is given.
@@ -37,9 +37,9 @@ class SocialForce(Predictor):
     directions, quadrature points in its own frame, which turn with the world), each time among
     the others' expected motions. Mean and covariance are those of the weighted nine; added to
     it is the covariance of ``estimate``, for the error of position and velocity and for what
-    happens without any reason. How meeting somebody bends that second part is left out.
+    happens without any reason. How an encounter bends that second part is left out.
 
-    An obstacle that meets nobody goes straight on. With three coordinates the forecast is that
+    An obstacle that meets no other goes straight on. With three coordinates the forecast is that
     of ``estimate``, with the reason; so it is for an obstacle of which nothing is known.
 
     Parameters
@@ -48,7 +48,7 @@ class SocialForce(Predictor):
     relaxation : tau, s, in which a velocity comes back to the wanted one.
     speed_spread : standard deviation of the wanted speed, as a share of it.
     direction_spread : rad, standard deviation of the wanted direction.
-    estimate : filter that tells position, velocity and their covariance.
+    estimate : filter that estimates position, velocity and their covariance.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """Boxes: levels per component, distance, gauge and size.
 
-Points are told from the centre along the axes of the box; ``half`` are its half-widths, m.
+Points are measured from the centre along the axes of the box; ``half`` are its half-widths, m.
 """
 
 import math

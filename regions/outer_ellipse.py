@@ -29,7 +29,7 @@ class OuterEllipse(gaussian.Ellipse, gaussian.ContentLevel, gaussian.LineRisk):
 
     The constraint is 0.5 log(q) >= 0 with q the sum above, as in `MahalanobisEllipse`.
 
-    Relation OUTER is what a subclass proves. Guarantee RISK follows: whoever is outside is
+    Relation OUTER is what a subclass proves. Guarantee RISK follows: a point outside is
     outside the exact sum, so a line separates the disc from the ellipse of level s and the
     collision risk is at most Phi(-s), which is below the tail of level s.
     """

@@ -134,7 +134,7 @@ def described(recording: Recording, noise: float | None = None) -> str:
     lines = [
         recording.report(),
         f"  {stated or recording.noise.text}",
-        f"  median speed of those who move: {speed:.3g} m/s" if speed > 0 else "  nobody moves",
+        f"  median speed of those who move: {speed:.3g} m/s" if speed > 0 else "  all stand still",
     ]
     if speed > FAST:
         lines.append("  warning: that is fast; is dt right, are positions in metres?")

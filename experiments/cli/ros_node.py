@@ -138,7 +138,7 @@ MAPS: dict[str, type[Any]] = {"topic": MapTopic, "file": MapFile}
 
 
 def _settings(path: Path, given: Any) -> NodeSettings:
-    """Return the settings of a node, whose nested ones are told apart by their ``type``."""
+    """Return the settings of a node, whose nested ones are distinguished by their ``type``."""
     if not isinstance(given, dict):
         raise WideberthError(f"{path}: node is {given!r}; wanted its settings by name")
     given = dict(given)

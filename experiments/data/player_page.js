@@ -160,7 +160,7 @@ class Player {
     let time = frames[this.index], before;
     const advance = (now) => {
       if (!this.playing) return;
-      // What somebody moved by hand while it plays goes on from there.
+      // Where the slider is moved by hand while it plays, it goes on from there.
       if (this.moved) time = frames[this.index];
       time += Math.min((now - (before ?? now)) / 1000, 0.25) * Number(this.part("speed").value);
       before = now;

@@ -26,7 +26,8 @@ def mark(panel: Any, rows: Sequence[Row], time: str, look: Look) -> tuple[float,
 
     Bars reach down to the least clearance and over the quartiles of the time, of which episodes
     without an end count as none; fewer than `ENOUGH` episodes have no bars. The marker is hollow
-    where somebody touched or did not arrive, with how many beside it; None where nobody arrived.
+    if there are episodes with a contact or without arrival, with their number beside it; None
+    where no episode has an arrival.
     """
     marker, colour = look
     low, middle, high = quartiles(column(rows, time))
@@ -49,7 +50,7 @@ def mark(panel: Any, rows: Sequence[Row], time: str, look: Look) -> tuple[float,
 def say_empty(panel: Any) -> None:
     """Say in a panel without markers why it has none, instead of ticks that mean nothing."""
     panel.set(xticks=[], yticks=[])
-    panel.text(0.5, 0.6, "nobody arrived", transform=panel.transAxes, ha="center", color="0.3")
+    panel.text(0.5, 0.6, "no arrivals", transform=panel.transAxes, ha="center", color="0.3")
 
 
 LEAST_TIME, LEAST_CLEARANCE = 2.0, 0.2

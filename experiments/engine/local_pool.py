@@ -3,7 +3,7 @@
 Processes start clean (nothing is forked, the main script is not imported) with the environment
 that `threads` states, and in a session of their own, out of reach of a Ctrl-C: the driver stops
 its workers. A process that ends in the middle of a chunk gives the chunk back, and another one
-takes its place. When the driver is killed, its workers find nobody to report to, and end.
+takes its place. When the driver is killed, its workers lose the connection to it, and end.
 """
 
 import os

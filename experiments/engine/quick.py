@@ -1,4 +1,4 @@
-"""What a quick run leaves out, in words: nobody takes its table for the whole one."""
+"""What a quick run leaves out, in words, so that its table is not taken for the whole one."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any

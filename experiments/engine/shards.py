@@ -85,7 +85,7 @@ def pack(task: Task, outcome: TaskOutcome, source: str) -> PackedShard:
     WideberthError : no outcome, a file name that leaves the folder, or a cell that no table can
         hold.
     """
-    if not isinstance(outcome, TaskOutcome):  # of somebody else's study
+    if not isinstance(outcome, TaskOutcome):  # of a third party's study
         raise WideberthError(
             f"task {task.name!r}: measure returned {short(outcome)}; wanted Outcome(rows=[...])"
         )

@@ -75,7 +75,7 @@ def _frame(agent: AgentLog) -> str:
 
 
 def _motion(log: Episode, agent: AgentLog, wording: MessageEncoder) -> Iterator[Row]:
-    """Yield where a robot was, and what it was told to do."""
+    """Yield where a robot was, and its commands."""
     frame = _frame(agent)
     speeds = _speeds(agent.positions, log.times)
     for i, time in enumerate(log.times.tolist()):

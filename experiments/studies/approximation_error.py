@@ -15,7 +15,7 @@ from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
 from .region_family import rounded
 
 MARKERS = ("", "o", "s", "^", "D", "v")
-"""With the line styles, what tells the lines apart in grey print."""
+"""With the line styles, what distinguishes the lines in grey print."""
 
 
 @final

@@ -54,7 +54,7 @@ AXES = {
 }
 """Column of the table -> field of the study."""
 FROM_REST = partial(Settings, history=0.0)
-"""Settings of robots that nobody has seen before time 0."""
+"""Settings of robots that have not been seen before time 0."""
 COLUMNS = (
     "episodes", "collisions", "deadlocks", "goals_in_time", "goals_in_time_true",
     "clearance_min_m", "clearance_median_m", "time_ratio", "coverage", "coverage_first",
@@ -121,9 +121,9 @@ class PlayedEpisode(NamedTuple):
 class CascadeStudy(Experiment):
     """Robots that sense, estimate, track and drive on wheels, on the same seeds for every case.
 
-    No robot is told where another is: what lies between the world and a planner is a cascade
+    No robot receives another's position: what lies between the world and a planner is a cascade
     of sensors, state estimation, detection and tracking, any stage of which may be the truth.
-    Robots begin at rest, seen by nobody. Without ``cases`` everything is combined with everything,
+    Robots begin at rest and unseen. Without ``cases`` everything is combined with everything,
     and cascades are compared within the same scenario, planner and settings. With ``cases``
     those are played, and compared with each other.
 
@@ -459,7 +459,7 @@ def largest(place: str, lines: Mapping[str, Row]) -> list[Row]:
 
 def sentence(rows: Sequence[Row]) -> str:
     """Say what matters most, from the rows of `largest` of one place."""
-    told = [
+    findings = [
         f"{row['case']} changes {_short(row)} most, by {_signed(row['change'])} "
         f"({_signed(row['change_low'])} to {_signed(row['change_high'])})"
         for row in rows
@@ -467,9 +467,9 @@ def sentence(rows: Sequence[Row]) -> str:
     ]
     silent = [_short(row) for row in rows if not row["case"]]
     if silent:
-        told.append(f"nothing changes {' or '.join(silent)} beyond chance")
+        findings.append(f"nothing changes {' or '.join(silent)} beyond chance")
     place = f"{rows[0]['place']}: " if rows[0]["place"] else ""
-    return f"{place}{'; '.join(told)}."
+    return f"{place}{'; '.join(findings)}."
 
 
 def _short(row: Row) -> str:
@@ -517,15 +517,15 @@ def draw_changes(drawn: Mapping[str, Mapping[str, Row]], against: str) -> Any:
     panels[0].set_ylim(len(names) - 0.5, -0.5)
     counts = [line["episodes"] for lines in drawn.values() for line in lines.values()]
     hit = sum(line["collisions"] for lines in drawn.values() for line in lines.values())
-    told = [
+    title = [
         f"Change against {against}: mean over {counts[0]} seeds, intervals of 95 %; "
         f"{hit} collisions in {sum(counts)} episodes."
     ]
     if min(counts) >= ENOUGH:
-        told += [fill(sentence(largest(place, lines)), 118) for place, lines in drawn.items()]
+        title += [fill(sentence(largest(place, lines)), 118) for place, lines in drawn.items()]
     else:
-        told = [f"Change against {against}; {few(counts)}"]
-    figure.suptitle("\n".join(told), fontsize=7, x=0.01, ha="left")
+        title = [f"Change against {against}; {few(counts)}"]
+    figure.suptitle("\n".join(title), fontsize=7, x=0.01, ha="left")
     if len(drawn) > 1:
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure

@@ -196,7 +196,7 @@ class Comparison(Experiment):
     def quick(self) -> Self:
         """Play one seed to its end, in the first scenario with the first robot and settings.
 
-        Cut short, nobody would have arrived, and there would be nothing to compare.
+        Cut short, no episode would have an arrival, and there would be nothing to compare.
         """
         return replace(
             self,

@@ -123,7 +123,7 @@ class TrackFile:
                 self.file, dt=self.dt, frames_per_row=self.frames_per_row, minimum_samples=few
             )
         if not recording.usable:
-            raise WideberthError(f"{self.file} holds nobody to cross: {recording.report()}")
+            raise WideberthError(f"{self.file} holds no person to cross: {recording.report()}")
         return recording
 
 
@@ -191,7 +191,7 @@ def draw_situation(
     One sample of the usable tracks is drawn, so that crowded moments are drawn more often,
     and a direction. The way leads ``reach`` m towards the sample's place and as far beyond
     it; the robot starts at the recorded row at which it has to, to be there with the person
-    (to half a row). Drawn again until nobody is within `ROOM` of the robot at its start and,
+    (to half a row). Drawn again until no person is within `ROOM` of the robot at its start and,
     at the time an unhindered robot would be there, at its goal.
 
     Parameters
@@ -210,7 +210,7 @@ def draw_situation(
     if not len(who):
         length = recording.dt * (len(recording.times) - 1)
         raise WideberthError(
-            f"the recording lasts {length:g} s and nobody usable is in it between "
+            f"the recording lasts {length:g} s and no usable track is in it between "
             f"{lead * recording.dt:g} s after its begin and before its end, which a crossing of "
             f"2 x {reach:g} m at {speed:g} m/s needs; shorten reach or take a longer recording"
         )

@@ -50,7 +50,7 @@ class LevelPolicies(Experiment):
     """The same planner with each level policy, on the same seeds.
 
     Beside the columns of every closed loop, ``success`` is the share of episodes in which
-    everybody arrived and nobody touched; ``entered`` the share of plans that enter a region,
+    all arrived without contact; ``entered`` the share of plans that enter a region,
     on the rungs `least violation` and `brake`; ``driven_below`` the share of plans, of those with
     an obstacle, whose first step, the one that is driven, holds less than the level of the
     policy's promise for the experiment's tail, or that enter a region. ``drove_into`` counts the
@@ -203,7 +203,7 @@ def draw_prices(rows: list[Row]) -> Any:
     """Draw a marker per policy: median clearance against median extra time.
 
     Bars reach down to the least clearance and over the quartiles of the time. A hollow marker
-    stands for a policy under which somebody touched or did not arrive, with how many beside it.
+    stands for a policy with contacts or without all arrivals, with their number beside it.
     """
     from ..drawing.plotting import PAGE, subplots
 

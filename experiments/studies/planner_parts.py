@@ -145,7 +145,7 @@ class PlannerParts(Experiment):
 SHOWN = (
     ("success", "success", ".2f"),
     ("time_mean_s", "time to the goals (s)", ".1f"),
-    ("intrusion_share", "share of time near somebody", ".2f"),
+    ("intrusion_share", "share of time near a person", ".2f"),
 )
 """Column of the summary, title and format of each table."""
 

@@ -172,7 +172,7 @@ def window_places(data: PredictionData, recording: Recording, how: Protocol) -> 
 def moments(
     data: PredictionData, recording: Recording, how: Protocol
 ) -> Iterator[ForecastInstant]:
-    """Yield every row of a recording, from the first; ``scored`` is empty where nobody is."""
+    """Yield every row of a recording, from the first; ``scored`` is empty without windows."""
     places = window_places(data, recording, how)
     length = len(recording.times)
     for row in range(length):
@@ -193,7 +193,7 @@ def shown_windows(
 ) -> list[tuple[int, str]]:
     """Choose windows to draw: row and identity of some that are more or less of a surprise.
 
-    Of all windows known in full of those who get somewhere (of all if nobody does) they are
+    Of all windows known in full of those who get somewhere (of all if none does) they are
     those whose distance of the last position from that of a person who walks straight on has
     these quantiles.
     """
@@ -513,7 +513,7 @@ class PredictionBenchmark(Experiment):
     fitted to the recordings of all other scenes (leave one scene out); if these are too few,
     or there are none, the predictor is scored with its defaults and ``fitted`` says why. A
     predictor that was fitted before, as one given by ``{saved: FILE}``, is fitted anew unless
-    ``as_given`` names it; whether it had seen the scene that it is scored on, nobody checks.
+    ``as_given`` names it; whether it had seen the scene that it is scored on is not checked.
     What adapts starts anew with every recording.
 
     The table has a line per predictor, scene and step; lines of step "all" average over the

@@ -41,7 +41,7 @@ STILL = 0.05
 """m/s; a robot slower than this at a contact was run into."""
 SUDDEN = 2.0
 """s; a person whom the robot touches sooner than this after the track begins came suddenly:
-somebody at 1.5 m/s is first seen 3 m away, and a robot at 1 m/s needs 1.4 s to stop."""
+one at 1.5 m/s is first seen 3 m away, and a robot at 1 m/s needs 1.4 s to stop."""
 CONTACTS = ("drove_into", "run_into", "sudden")
 SHOWN = (
     *(
@@ -74,9 +74,9 @@ class Replay(Experiment):
 
     Faster people who come from behind are among the first kind.
 
-    A recording holds no walls and nobody outside the camera's view, so that the robot may
+    A recording holds neither walls nor people outside the camera's view, so that the robot may
     drive where a person could not. When the recording ends everybody is gone; ``outlasted``
-    tells that the episode went on beyond it. Tracks too short to be usable are obstacles
+    says that the episode went on beyond it. Tracks too short to be usable are obstacles
     all the same, but the robot is never aimed at them.
 
     Parameters
@@ -104,7 +104,7 @@ class Replay(Experiment):
     captions: ClassVar[Mapping[str, str]] = {
         "comparison": (
             "Clearance and time of every episode by planner: below the line at 0 the robot "
-            "touched somebody."
+            "touched a person."
         ),
         **EPISODE_CAPTIONS,
     }

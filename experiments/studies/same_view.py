@@ -27,7 +27,7 @@ from ...simulation.engine.world import Around, World
 from ..drawing.looks import CostmapLook
 
 _TRACK_DT, _TRACK_SAMPLES, _FORGET = 0.1, 40, 1.0
-"""s between samples of a track; their number; s after which somebody unseen is forgotten."""
+"""s between samples of a track; their number; s after which an unseen person is forgotten."""
 _TOUCH = 1e-6
 """m by which the end of a ray may miss the disc that it met."""
 MOST_SAMPLED = 80

@@ -1,4 +1,4 @@
-"""A planner that tells how much processor time its solver took."""
+"""A planner that reports how much processor time its solver took."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -25,7 +25,7 @@ BLACK, PLANNED, OTHER, REFERENCE, FORECAST = COLOURS[:5]
 """The paper's colours: green reference, blue plan, pink forecast."""
 
 LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 2)))
-"""Line styles, one per colour: in grey print the style alone tells lines apart."""
+"""Line styles, one per colour: in grey print the lines differ by style alone."""
 
 WALL: Mapping[str, Any] = {
     "facecolor": "0.82", "edgecolor": "0.35", "linewidth": 0.7, "zorder": 0.8, "label": "static",
@@ -94,7 +94,7 @@ def paper_style() -> Iterator[None]:
 
 
 def shades(count: int) -> list[Shade]:
-    """One shade per step, darker the later, so that grey print tells them apart too."""
+    """One shade per step, darker the later, so that they also differ in grey print."""
     pale, dark = np.array([0.86, 0.56, 0.72]), np.array([0.30, 0.03, 0.22])
     shares = np.linspace(0.0, 1.0, count)[:, None]
     return [tuple(one) for one in (1.0 - shares) * pale + shares * dark]

@@ -147,7 +147,7 @@ def _own(folder: Path) -> bool:
 
 
 def remove(folder: Path) -> None:
-    """Delete a folder, under another name first, so that nobody reads it half deleted."""
+    """Delete a folder, under another name first, so that no process reads it half deleted."""
     if not os.path.lexists(folder):
         return
     with suppress(OSError):
@@ -179,7 +179,7 @@ def alone(root: Path, name: str, waiting: AbstractContextManager[None]) -> Itera
 
     The operating system frees the lock of a process that dies. Where there are no locks (some
     network folders), or after long waiting, the caller goes on beside the others: that costs time
-    only. ``waiting`` is entered while there is somebody to wait for.
+    only. ``waiting`` is entered while another process holds the lock.
     """
     # 16 files for all names of a stem: they are never deleted, which could not be done safely.
     # One stem's alone: kernels of a second must not wait for a solver of minutes.

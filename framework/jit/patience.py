@@ -33,7 +33,7 @@ def announced(
     ----------
     say : is called with each line, also from another thread.
     what : goes on, as "compiling kernels".
-    usual : s that it usually takes; None if nobody knows.
+    usual : s that it usually takes; None if unknown.
     at_once : whether it is worth a line however short it is.
     """
     begin, over = time.monotonic(), Event()

@@ -118,7 +118,7 @@ def _heading(pose: Pose, x: Any) -> int | None:
 
 
 def _at_rest(robot: Robot, x: Any, *, wanted: bool) -> Any:
-    """State that x_N is at rest, REST - |twist|^2 / REST >= 0, as far as x tells the twist.
+    """State that x_N is at rest, REST - |twist|^2 / REST >= 0, as far as x contains the twist.
 
     One row, since two for each component made fatrop fail where the robot's own limits bound the
     same components. The yaw rate counts for a robot that can turn on the spot.

@@ -164,7 +164,7 @@ def pressed(solution: Solution) -> bool:
     """Whether regions press on a plan, so that another start may lead to a cheaper one.
 
     Where none does, the plan is optimal without any region, and that problem is the tracking
-    problem, which has one optimum. Without multipliers nobody knows.
+    problem, which has one optimum. Without multipliers the answer is True.
     """
     known = solution.point.multipliers
     if solution.status is not Status.SOLVED or known is None:

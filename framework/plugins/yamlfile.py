@@ -7,7 +7,7 @@ from ..values.errors import WideberthError, short
 from .io import read_text
 
 MOST_CHARACTERS = 2**20
-"""Characters of a config that somebody wrote."""
+"""Characters of a config that a user wrote."""
 MOST = 10_000
 """Values and keys of such a config; what aliases repeat is counted each time."""
 STORED = 100

@@ -32,7 +32,7 @@ def check_controller(
 
     `command` raises a `WideberthError` before there is a path, of what is no observation, and
     of a state of the wrong length. It raises nothing else, and its commands keep the limits of
-    the robot (`command_limits.broken_limit`): with nobody around, with obstacles that come, go,
+    the robot (`command_limits.broken_limit`): without obstacles, with obstacles that come, go,
     stand in the way or on the robot itself, with far too many of them, after the clock has
     jumped ahead or back, with one identity seen twice, from states beyond every limit, with
     numbers that are none, and when the path is replaced.
@@ -123,7 +123,7 @@ class _Days:
         assert period > 0, f"period is {period}; wanted above 0"
 
     def check_unready(self) -> None:
-        """Ask a controller that nobody gave a path."""
+        """Ask a controller that has not been given a path."""
         _check_refused(fresh(self.controller), _seen(self.robot, 0.0, []))
 
     def check_ordinary(self) -> None:
@@ -307,7 +307,7 @@ def _asked(controller: Controller, robot: Robot, observation: Observation) -> Ar
 def _meeting(
     controller: Controller, robot: Robot, cycles: int, rng: np.random.Generator
 ) -> Iterator[Observation]:
-    """Somebody comes the other way, a little to the side."""
+    """Let an obstacle come the other way, a little to the side."""
     for cycle in range(2 * cycles):
         stamp = cycle * controller.period
         place = np.zeros(robot.dimension)

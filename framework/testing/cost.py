@@ -196,7 +196,7 @@ def _check_free(ride: tuple[Problem, Robot, Cost]) -> None:
 
 
 def _heads(reference: Reference) -> Array:
-    """Return what each stage is told of the reference, (N, head_width)."""
+    """Return what each stage receives of the reference, (N, head_width)."""
     return np.column_stack(
         [reference.position, reference.direction, reference.speed, reference.curve]
     )

@@ -61,7 +61,7 @@ def draw_tracks(size: int, rng: np.random.Generator) -> Tracks:
 
 
 def draw_scene(tracks: Tracks, rng: np.random.Generator) -> Scene:
-    """Return a scene that tells all it can, with truth for some obstacles."""
+    """Return a scene with goals, a plan, and the truth for some obstacles."""
     size = tracks.dimension
     times = np.asarray(tracks.stamp + DT * np.arange(-2, 2 * STEPS), dtype=np.float64)
     future = {
@@ -90,7 +90,7 @@ def move_tracks(tracks: Tracks, turn: Array, shift: Array) -> Tracks:
 
 
 def move_scene(scene: Scene, turn: Array, shift: Array) -> Scene:
-    """Turn and shift what the scene tells; the ego state's layout is the robot's own."""
+    """Turn and shift what the scene holds; the ego state's layout is the robot's own."""
     truth, plan, goals = scene.truth, scene.plan, scene.goals
     if truth is not None:
         paths = {key: path @ turn.T + shift for key, path in truth.positions.items()}

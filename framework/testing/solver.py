@@ -328,7 +328,7 @@ class _Trial:
             self._demand(np.isfinite(found.point.level), "a shared level is a number")
         none = _instance(0)
         for found in self._solve(none.problem, none.parameters, none.guesses):
-            self._demand(np.isnan(found.point.level), "a level that nobody shares is NaN")
+            self._demand(np.isnan(found.point.level), "a level that no obstacle shares is NaN")
 
     def check_refuses(self) -> None:
         own = _instance()

@@ -27,7 +27,7 @@ def check_state_estimator(estimator: StateEstimator, *, wheel_radius: float = 0.
 
     It is fed an arc, driven without slip by wheels and an inertial unit without noise, after 2.5 s
     at rest; and then whatever a bad day brings: numbers that are none, samples that come late,
-    twice, from a jumping clock, from sensors nobody reads, and scans that show nothing.
+    twice, from a jumping clock, from sensors that it does not read, and scans that show nothing.
 
     Parameters
     ----------

@@ -153,7 +153,7 @@ def _check_clock(tracker: Tracker, run: Sequence[Sightings]) -> None:
     if not notes[0] or any(notes[1:]):
         raise AssertionError(f"a clock set back by 10000 s gave the notes {notes[:3]}")
     if len(tracker.at(run[-1].time)) != WALKERS:
-        raise AssertionError("after the clock was set back nobody is followed any more")
+        raise AssertionError("after the clock was set back obstacles are no longer followed")
 
 
 def _check_end(tracker: Tracker, run: Sequence[Sightings]) -> None:

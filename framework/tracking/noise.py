@@ -87,9 +87,9 @@ class NoiseEvidence:
     Place, velocity and acceleration c are unknown. Let the columns of N span what is orthogonal
     to (1, t, t^2), and N' K N = V diag(l) V'. Then the entries of V' N' z are independent, with
     variances r^2 + q l_j, and their density is a number per r, q and k. Both k and strengths q
-    of all magnitudes are equally likely in each window, so that somebody who walks straight,
+    of all magnitudes are equally likely in each window, so that a person who walks straight,
     turns or stops is described by a strength of his own; windows in which the motion is smooth
-    tell what the noise is. Likelihoods of windows multiply. The estimate is the r of the
+    determine the noise. Likelihoods of windows multiply. The estimate is the r of the
     largest product with a weak prior about `USUAL`, found by a parabola through the best three
     of the grid.
 

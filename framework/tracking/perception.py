@@ -26,7 +26,7 @@ FINE = 0.01
 LONG = 20.0
 """Pause between two observations over the period from which on it is said, once."""
 PACE = 1.0
-"""m/s per axis, standard deviation of the velocity of somebody who may or may not walk."""
+"""m/s per axis, standard deviation of the velocity of a person who may stand or walk."""
 
 
 @final

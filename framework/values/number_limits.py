@@ -99,9 +99,9 @@ def _places(positions: Array) -> tuple[Array, BoolArray]:
 
 def _after_leaps(positions: Array, dt: float) -> tuple[Array, BoolArray]:
     """Return the samples from the last leap on, (O, T, D), and which obstacles leapt, (O,)."""
-    nobody = np.zeros(len(positions), dtype=np.bool_)
+    none_leapt = np.zeros(len(positions), dtype=np.bool_)
     if not (np.abs(positions) > 0.25 * LEAP).any():  # the usual case: no room for a leap
-        return positions, nobody
+        return positions, none_leapt
     columns = np.arange(positions.shape[1])
     seen = np.asarray(np.isfinite(positions).all(axis=2), dtype=np.bool_)
     newest = np.maximum.accumulate(np.where(seen, columns, -1), axis=1)
@@ -111,7 +111,7 @@ def _after_leaps(positions: Array, dt: float) -> tuple[Array, BoolArray]:
     leap = seen & (before >= 0) & (np.linalg.norm(np.nan_to_num(way), axis=2) > limit)
     leapt = np.asarray(leap.any(axis=1), dtype=np.bool_)
     if not leapt.any():
-        return positions, nobody
+        return positions, none_leapt
     first = np.where(leap, columns, 0).max(axis=1)
     return np.where((columns < first[:, None])[:, :, None], np.nan, positions), leapt
 

@@ -26,7 +26,7 @@ MOTION = ("x", "y", "heading", "forward speed", "lateral speed", "yaw rate")
 class Scan:
     """One turn of a planar LiDAR.
 
-    Ranges that are no measurement are accepted: whoever reads the scan leaves them out.
+    Ranges that are no measurement are accepted: a reader of the scan leaves them out.
 
     Attributes
     ----------

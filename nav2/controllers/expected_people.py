@@ -29,13 +29,13 @@ class ExpectedPeopleCritic(MppiCritic):
 
         weight sum_t sum_o Pr(|x_t - X_o| < R_o) dt,    X_o ~ N(mu_o, Sigma_o)
 
-    that is the expected number of seconds in contact with somebody; of a mixture the modes are
+    that is the expected number of seconds in contact with people; of a mixture the modes are
     weighted. Nav2 has no such critic: its own see people where they are now, as lethal cells.
     People come with the tick, see `wideberth.nav2.people`; without any the critic
     does not apply. Probabilities are interpolated, see `risks`: where deviations are at least a
     fifth of R_o they are off by at most 0.01, at a tenth by 0.02.
 
-    With the weight of 10, which is ours, a robot lets somebody pass who would walk into it.
+    With the weight of 10, which is ours, a robot lets a person pass who would walk into it.
 
     Attributes
     ----------

@@ -26,7 +26,7 @@ class PeopleForecasts(LocalController):
     """Forecasts the people of each observation and passes them on to a local controller.
 
     The detections of each tick are remembered as tracks, which a predictor forecasts. A tick
-    without an observation, or with nobody known, is passed on as it is. Where the predictor
+    without an observation, or without known people, is passed on as it is. Where the predictor
     raises for everybody the answer is a refusal.
 
     Parameters
@@ -36,7 +36,7 @@ class PeopleForecasts(LocalController):
     horizon : s, of the forecasts.
     dt : s, step of the tracks and of the forecasts.
     history : how many samples of the tracks are kept.
-    forget : s after which somebody who is no longer reported is dropped.
+    forget : s after which a person who is no longer reported is dropped.
     period : s between ticks.
 
     Raises
@@ -83,7 +83,7 @@ class PeopleForecasts(LocalController):
         return cls(controller, predictor, horizon=horizon, period=period)
 
     def _blank(self) -> Perception:
-        """Return the memory of a controller that has seen nobody."""
+        """Return the memory of a controller that has seen no people."""
         return Perception.initial(
             self.predictor, 2, self.dt, self.history, self.period, self.forget
         )
@@ -111,7 +111,7 @@ class PeopleForecasts(LocalController):
         return self.controller.velocity(replace(tick, people=people))
 
     def expected(self, observation: Observation, tick: Tick) -> ExpectedPeople | None:
-        """Take note of what is seen, and forecast it; None where nobody is known."""
+        """Take note of what is seen, and forecast it; None where no people are known."""
         perception, _ = self._perception.take(observation, tick.pose[:2]).drained()
         tracks = perception.history.tracks()
         scene = scene_of(observation, None, tick.footprint.circumscribed)

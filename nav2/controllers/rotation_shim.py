@@ -26,8 +26,8 @@ class RotationShim(LocalController):
     `forward_sampling_distance` ahead is no more than `angular_dist_threshold` off its heading
     (`angular_disengage_threshold` once it turns). Then the primary controller follows the path.
 
-    Nav2 tells the place of the goal by a checker of its own with the goal checker's tolerance;
-    here the goal checker itself is asked.
+    To learn whether the robot is at the goal's place, Nav2 asks a checker of its own with the goal
+    checker's tolerance; here the goal checker itself is asked.
 
     Parameters
     ----------

@@ -210,7 +210,7 @@ def signature_of(band: Band, obstacles: TebObstacles, settings: TebParameters) -
     With `include_dynamic_obstacles` it is the magnetic field of the obstacles' lines in x, y, t
     along the band (positive: the band turns to the left about it); else the angle, rad, that
     the band turns about each. The original takes for the latter the real and imaginary part of a
-    sum over the obstacles, which tells the same classes apart.
+    sum over the obstacles, which separates the same classes.
 
     References
     ----------

@@ -40,7 +40,7 @@ class CostmapView:
     obstacle_max_range : m, within which ends of rays are marked.
     raytrace_max_range : m, within which rays clear.
     inf_is_valid : a ray that meets nothing clears, too. Nav2's default is false, which leaves
-        the marks of whoever has passed in open space for ever.
+        the marks of bodies that have passed in open space for ever.
     static_layer : show polygons as a known map, wherever they are.
     exact : show every disc and polygon as it is now, instead of what rays have met.
     beams : rays of a turn, where they are cast against discs and polygons.

@@ -11,7 +11,7 @@ from ..poses import distance
 @final
 @dataclass(eq=False)
 class ProgressChecker:
-    """Tells whether a robot has moved far enough in the time that it is allowed.
+    """Decides whether a robot has moved far enough in the time that it is allowed.
 
     Parameters
     ----------

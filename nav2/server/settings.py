@@ -102,15 +102,15 @@ class LoopSettings:
 
         Critics of MPPI that infer distances from costs know the costmap's inflation, as in Nav2.
         """
-        told: dict[str, Any] = {}
+        derived: dict[str, Any] = {}
         kinds = together(self.local, self.parameters)
         if timed(self.local):
-            told["controller_frequency"] = self.controller_frequency
+            derived["controller_frequency"] = self.controller_frequency
         if {"mppi", "mppi_foresight"} & set(kinds):
-            told["ObstaclesCritic.inflation_radius"] = self.view.inflation_radius
+            derived["ObstaclesCritic.inflation_radius"] = self.view.inflation_radius
             for critic in ("CostCritic", "ObstaclesCritic"):
-                told[f"{critic}.cost_scaling_factor"] = self.view.cost_scaling_factor
-        return built(self.local, {**told, **self.parameters})
+                derived[f"{critic}.cost_scaling_factor"] = self.view.cost_scaling_factor
+        return built(self.local, {**derived, **self.parameters})
 
     def make_server(self) -> ControllerServer:
         """Return a new controller server around a new local controller."""

@@ -89,9 +89,9 @@ class Table:
             covariance = np.concatenate([straight.covariance[[own]], covariance])
             weight = np.concatenate([straight.weight[[own]], weight])
             others = [0, *others]
-        told = Forecast(mean, covariance, weight, straight.dt, (None,) * len(others))
+        expected = Forecast(mean, covariance, weight, straight.dt, (None,) * len(others))
         radii = tuple(self.agents[i].radius for i in others)
-        return self._plan(self.agents[index], told, radii)
+        return self._plan(self.agents[index], expected, radii)
 
     def _plan(
         self, agent: Player, others: Forecast | None, radii: tuple[float, ...]

@@ -47,7 +47,7 @@ def scaled(forecast: Forecast, known: Array, known_dt: float, tracks: Tracks) ->
     ----------
     known : (K,) or, of each obstacle its own, (O, K); above 0, for the times dt, 2 dt, ... of
         ``known_dt``, s.
-    tracks : what was forecast; of somebody who is late the steps gone by are dropped.
+    tracks : what was forecast; the past steps of obstacles that are late are dropped.
     """
     late = gather(tracks).late
     times = tracks.dt * (late[:, None] + np.arange(1.0, forecast.steps + 1))

@@ -53,7 +53,7 @@ def rolled_out(
     ----------
     radius : (N,), m.
     movers : who else is there; K follows from their courses.
-    walls : where nobody goes.
+    walls : people keep out of them.
     step : s.
     """
     weight = beliefs.weight

@@ -39,7 +39,7 @@ class HypothesisSlots:
     ----------
     models : the kinds. Who avoids others has two groups of hypotheses: making way for the robot,
         and not.
-    courtesy : prior probability that somebody who avoids others makes way for the robot.
+    courtesy : prior probability that a person who avoids others makes way for the robot.
     updated : whether it follows Bayes' rule like all else; otherwise it stays at its prior.
     """
 
@@ -122,11 +122,11 @@ class Drift:
 
     Attributes
     ----------
-    turn_rate : 1/s, at which somebody takes a new direction, any.
+    turn_rate : 1/s, at which a person takes a new direction, any.
     shake : m/s, standard deviation of what a step adds to a velocity beside the model.
     wander : m/s per root of s, of the wanted velocity.
     forget : share of the prior that a second adds to the probabilities of the groups.
-    least_density : 1/m^2, added to every likelihood: nobody is ever ruled out by one sample.
+    least_density : 1/m^2, added to every likelihood: no sample alone rules a hypothesis out.
     """
 
     turn_rate: float
@@ -351,7 +351,7 @@ class _Turn:
     Attributes
     ----------
     odds : (N, S), probability of it, given the hypothesis.
-    weight : (N, S), of the hypotheses once somebody may have turned into one or out of one.
+    weight : (N, S), of the hypotheses after people may have turned from one into another.
     shift : (N, S, 2), m/s, new mean minus the old one.
     width : (N, S), m/s, standard deviation per axis.
     """
@@ -471,8 +471,8 @@ def company_of(bodies: Array, radius: Array, robot: Array | None) -> Array:
 def sight(bodies: Array, count: int) -> BoolArray:
     """Whom the first ``count`` of the bodies (Q, 5) see: (count, Q).
 
-    Nobody sees himself, nor a body of which more than half is inside his own: people are not, so
-    that it is the same one, reported twice.
+    A body sees neither itself nor one of which more than half is inside its own: two people
+    never are, so that this is one person, reported twice.
     """
     apart = bodies[:count, None, :2] - bodies[:, :2]
     room = 0.5 * (bodies[:count, None, 4] + bodies[:, 4])

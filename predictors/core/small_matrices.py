@@ -27,7 +27,7 @@ def lower_root(matrix: Array) -> Array:
 def spectral_radius(matrix: Array, floor: float = 0.0) -> Array:
     """Largest modulus of the eigenvalues of each matrix (O, S, S), at least ``floor``.
 
-    Whether all lie within ``floor`` is told without them, at a tenth of their cost. Where one
+    Whether all lie within ``floor`` is decided without them, at a tenth of their cost. Where one
     is within 1e-3 of ``floor`` that may be left open, and the radius is computed after all.
     """
     radius = np.full(len(matrix), floor)

@@ -134,7 +134,7 @@ class SocialWalkers:
     ----------
     position, velocity : (O, 2), m and m/s, now.
     radius : (O,), m.
-    known : (O,), False where nothing is known: pushes nobody and is not pushed.
+    known : (O,), False where nothing is known: neither pushes nor is pushed.
     goals : (O, 2), m, or None: everybody wants to go on as now.
     """
 

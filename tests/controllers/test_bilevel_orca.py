@@ -263,7 +263,7 @@ def test_where_nothing_is_found_it_brakes_and_says_why():
     state = np.array([0.0, -1.5, np.pi / 2, 0.9, 0.0])
     near = Detection("near", np.array([0.05, -0.9]), np.zeros((2, 2)), 0.3)
     command = controller.command(Observation(0.0, state, (near,), polygons=HALL))
-    assert command.linear == (0.0, 0.0) and "touches somebody: brake" in controller.reason
+    assert command.linear == (0.0, 0.0) and "leads to a contact: brake" in controller.reason
     assert "IPOPT says Maximum_Iterations_Exceeded" in controller.reason
     gone = Observation(9.0, state, (), polygons=HALL)
     command = controller.command(gone)  # who was near is forgotten: what stands in the guess goes
@@ -281,7 +281,7 @@ def test_a_robot_without_inertia_stands_after_braking(monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(BilevelProgram, "solved", lambda *_: (np.zeros((4, 2)), "nothing is found"))
         command = controller.command(Observation(0.25, place, (near,), polygons=HALL))
-    assert command.linear == (0.0, 0.0) and controller.reason.endswith("touches somebody: brake")
+    assert command.linear == (0.0, 0.0) and controller.reason.endswith("leads to a contact: brake")
     controller.speeding_up = 0.5
     command = controller.command(Observation(9.0, place, polygons=HALL))
     assert not controller.reason and 0.0 < np.hypot(*command.linear) < 0.5 * DT + 1e-3

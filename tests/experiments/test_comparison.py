@@ -222,7 +222,7 @@ def test_where_nobody_arrived_the_figures_say_so(gate: Comparison) -> None:
     rows = [row for task in early.tasks() for row in early.measure(task).rows]
     names = list(gate.controllers)
     figures = [_front(rows, names), _pairs(rows, names, names[0])]
-    assert [text.get_text() for text in figures[0].axes[0].texts] == ["nobody arrived"]
+    assert [text.get_text() for text in figures[0].axes[0].texts] == ["no arrivals"]
     assert len(figures[0].axes[0].get_xticks()) == 0
     assert len(figures[1].axes[0].get_xticks()) == 0
     for figure in figures:

@@ -213,12 +213,12 @@ def test_longest_stretch_and_usual_speed_of_made_tracks() -> None:
     walk, stand = straight(1.25, count=2, rows=40), straight(0.0, count=3, rows=40)
     both = Recording(0.4, times, names, np.concatenate([walk, stand]), (None,) * 5)
     assert usual_speed([both]) == pytest.approx(1.25, rel=1e-9)  # the standing do not count
-    nobody = replace(both, positions=np.zeros((5, 40, 2)))
-    assert np.isnan(usual_speed([nobody]))
+    still = replace(both, positions=np.zeros((5, 40, 2)))
+    assert np.isnan(usual_speed([still]))
     slow = replace(both, positions=both.positions * 0.05)  # robots of 0.0625 m/s
     assert usual_speed([slow]) == pytest.approx(0.0625, rel=1e-9)
     assert "median speed of those who move: 0.0625 m/s" in described(slow)
-    assert "nobody moves" in described(nobody) and "nan" not in described(nobody)
+    assert "all stand still" in described(still) and "nan" not in described(still)
 
 
 def test_no_line_says_fitted_where_nothing_learns(tmp_path: Path) -> None:

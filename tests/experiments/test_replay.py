@@ -212,7 +212,7 @@ def test_comparison_marks_who_never_arrived() -> None:
         ("10 1 1 2\n10 2 1 2\n0 1 0 2\n", "line 3: frame 0 of id 1 comes after frame 10"),
         ("0.5 1 0 2\n0.1 1 0 2\n", "line 2: time 0.1 does not come after 0.5"),
         ("0 1 0\n", "3 columns; wanted 4"),
-        ("0 1 0 2\n10 1 1 2\n", "holds nobody to cross: 0 of 1 tracks usable"),
+        ("0 1 0 2\n10 1 1 2\n", "holds no person to cross: 0 of 1 tracks usable"),
         ("".join(f"{k} 1 {k} 2\n" for k in range(20)), "the recording lasts 7.6 s"),
     ],
 )

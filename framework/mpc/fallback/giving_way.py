@@ -141,7 +141,7 @@ def _contents(kind: LevelledKind, level: Array, dimension: int) -> Array:
     flat = tuple(level.ravel().tolist())
     try:
         found = _known_contents(kind, flat, dimension)
-    except TypeError:  # somebody's region may not be hashable
+    except TypeError:  # a third party's region may not be hashable
         found = _contents_of(kind, flat, dimension)
     return found.reshape(level.shape)
 

@@ -114,8 +114,9 @@ class Trial:
     def gentlest(self, others: Sequence[Candidate]) -> Candidate:
         """Return what enters regions least: a way to stop, or one of ``others``.
 
-        What touches somebody before a stop ends comes last, whatever else it keeps. Braking
-        straight on wins a tie. In contact only what keeps the rule of `in_contact` takes part.
+        A candidate that touches a body before it has stopped comes last, whatever else it
+        keeps. Braking straight on wins a tie. In contact only what keeps the rule of
+        `in_contact` takes part.
         """
         check, rule = self.check, self.check.in_contact
         given = check.robot, check.parameters.initial, check.problem.horizon, check.problem.dt
@@ -280,7 +281,7 @@ def _made(name: str) -> FallbackRung:
     found = _rung(name)
     try:
         return found()
-    except Exception as error:  # somebody else's class may fail in any way
+    except Exception as error:  # a third party's class may fail in any way
         raise WideberthError(
             f"planner.rungs names {name!r}, which cannot be made without arguments ({error})"
         ) from error
@@ -295,7 +296,7 @@ def _rung(name: str) -> type[FallbackRung]:
         return RUNGS[name]
     try:
         found = vars(import_module(module))[own]
-    except Exception as error:  # somebody else's module may fail in any way
+    except Exception as error:  # a third party's module may fail in any way
         raise WideberthError(
             f"planner.rungs names {name!r}, which cannot be imported ({type(error).__name__}: "
             f"{error}); wanted 'module:Class'"

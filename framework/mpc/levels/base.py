@@ -71,7 +71,7 @@ def level_of(region: Region, promise: Promise, tail: float, dimension: int) -> f
     """
     try:
         return _known_level(region, promise, tail, dimension)
-    except TypeError:  # somebody's region may not be hashable
+    except TypeError:  # a third party's region may not be hashable
         return _level(region, promise, tail, dimension)
 
 
@@ -142,7 +142,7 @@ def spread(
     """
     try:
         found = _known_levels(region, promise, tuple(tails.tolist()), dimension)
-    except TypeError:  # somebody's region may not be hashable
+    except TypeError:  # a third party's region may not be hashable
         found = _levels(region, promise, tails.tolist(), dimension)
     return np.repeat(found[:, None], obstacles, axis=1)
 

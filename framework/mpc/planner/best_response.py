@@ -1,4 +1,4 @@
-"""A planner put into the place of somebody else."""
+"""The plan of another agent, as the planner would make it in its place."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ from .settings import PlannerSettings, changed
 
 @dataclass(frozen=True, eq=False)
 class Player:
-    """Somebody who is taken to run the planner.
+    """An agent that is assumed to run the planner.
 
     Attributes
     ----------

@@ -1,8 +1,9 @@
 """One planning cycle: from an observation to a command, as a function of settings and state.
 
-`step` tells it from top to bottom: perceive, lay the reference, forecast, fill the problem, solve
-from several starts, take the best rung, command. Settings and state are values that it does not
-change; what it may share between calls (compiled problems, the solver's watchdog) are `Services`.
+`step` is the cycle from top to bottom: perceive, lay the reference, forecast, fill the problem,
+solve from several starts, take the best rung, command. Settings and state are values that it does
+not change; what it may share between calls (compiled problems, the solver's watchdog) are
+`Services`.
 """
 
 from collections.abc import Iterator

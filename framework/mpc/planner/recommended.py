@@ -194,7 +194,7 @@ def slow_aside(robot: Robot, speed: float) -> str:
 
     It drives at ``speed`` and steers as hard as it can, until it is its own radius and that of a
     person (0.3 m) away from its line. The bound `MOST_ASIDE` lies between a robot that takes 2.9 s
-    and touched nobody in four episodes of ``recorded_scene``, and one that takes 4.5 s and was
+    and had no contact in four episodes of ``recorded_scene``, and one that takes 4.5 s and was
     touched in all four; people walk 4.7 m in that time.
     """
     distance = robot.radius + PERSON
