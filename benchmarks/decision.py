@@ -137,7 +137,7 @@ class Drive:
         return PERIOD * self._tick
 
     def _walk(self) -> None:
-        """Walk on; who leaves the square comes in on the other side, as somebody else."""
+        """Walk on; who leaves the square comes in on the other side, as another person."""
         self._tick += 1
         self._places = self._places + PERIOD * self._velocities
 

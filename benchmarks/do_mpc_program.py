@@ -101,7 +101,7 @@ def _compile(
 ) -> Any:
     """Write the program down for N steps among K ellipses."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # do-mpc tells which of its extras are missing
+        warnings.simplefilter("ignore")  # do-mpc warns of missing extras
         import do_mpc
 
     model = _model(do_mpc, obstacles, dt)

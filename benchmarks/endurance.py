@@ -1,7 +1,7 @@
 """A robot that drives for long at 20 Hz among ten walkers: does it last, and does it keep time.
 
 It goes from one goal to the next on a round field. The walkers cross the field, make no way, leave
-it and come back after a while as somebody else. Nothing of what has been is kept but numbers in
+it and come back after a while as another person. Nothing of what has been is kept but numbers in
 arrays made beforehand, so that memory which grows is the planner's.
 """
 
@@ -298,7 +298,7 @@ def shape(reason: str) -> str:
 
 
 def resident() -> float:
-    """Memory of this process, MiB; its peak where the system tells no more, nan without that."""
+    """Memory of this process, MiB; its peak where the system reports no more, nan without that."""
     try:
         pages = int(File("/proc/self/statm").read_text(encoding="ascii").split()[1])
         return pages * os.sysconf("SC_PAGE_SIZE") / 2**20

@@ -19,7 +19,7 @@ Repeats: TypeAlias = Mapping[Hashable, Sequence[float]]
 def timed(work: Callable[[], Any]) -> tuple[float, Any]:
     """Return the wall time of one call in ms, and what it returned.
 
-    The garbage collector waits outside: it would be charged to whoever runs when it wakes.
+    The garbage collector waits outside: it would be charged to the work that runs when it wakes.
     """
     gc.disable()
     try:

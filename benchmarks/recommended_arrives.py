@@ -4,7 +4,7 @@
 
 A robot, given by its name, drives 8 m along a straight path: alone, and past a person who walks
 across at 1 m/s, aimed at the place where the robot would be. Positions of the person are measured
-with an error of 2 cm; nobody makes way for the robot.
+with an error of 2 cm; the person does not make way for the robot.
 """
 
 from dataclasses import dataclass

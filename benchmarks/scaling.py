@@ -98,7 +98,7 @@ def crowds(sizes: Sizes, tick: Tick) -> list[Row]:
 
     Those stand around the robot, the others so far off that no plan meets them. Each crowd is seen
     by two planners in turn, after their first decision, in which they solve from all starts: one
-    that leaves out what it cannot reach, and one that is told that it reaches everything, so that
+    that leaves out what it cannot reach, and one made to assume that it reaches all, so that
     the nearest take all slots. ``slots`` are those in use; ``choosing_ms`` is the part of the
     decision that fills them. Medians of processor time.
     """

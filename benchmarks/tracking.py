@@ -27,7 +27,7 @@ RADIUS, REACH, DEVIATION, LOST = 0.25, 8.0, 0.01, 0.01
 ENOUGH, RECENT, GONE = 3, 1.0, 2.0
 """Beams that make a person seen, s for which that counts, and s after a track's end."""
 UNDECIDED = 0.5
-"""m. A track as near as this to nobody but people who do not count, does not count either."""
+"""m. A track as near as this only to people who do not count does not count either."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def busiest(people: Sequence[Walk], seconds: float) -> float:
 
 
 def stand(people: Sequence[Walk], first: float, last: float) -> Array:
-    """Return the place nearest to the middle that nobody comes closer to than 0.6 m, (2,)."""
+    """Return the place nearest to the middle that no person comes closer to than 0.6 m, (2,)."""
     points = np.concatenate([
         one.spline(np.arange(max(one.first, first), min(one.last, last), 0.1)) for one in people
     ])  # fmt: skip
@@ -181,7 +181,7 @@ def _joint() -> tuple[Detector, Tracker]:
 
 
 def followed(look: Look, tracks: Sequence[TrackedObstacle]) -> list[TrackedObstacle]:
-    """Return the tracks that count: within reach, and not of somebody who does not."""
+    """Return the tracks that count: within reach, and not of a person who does not."""
     here = look.poses[-1, :2]
     true = np.reshape([state[:2] for state in look.truth.values()], (-1, 2))
     found = []

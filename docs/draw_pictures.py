@@ -102,7 +102,7 @@ def film(planner, episode: Episode) -> bytes:
 
 
 def hall() -> OccupancyGrid:
-    """Return the map of a hall: walls, a slanted one, a round pillar, places that nobody saw."""
+    """Return the map of a hall: walls, a slanted one, a round pillar, places never seen."""
     mx, my = np.meshgrid(np.arange(160), np.arange(100))
     wall = (mx < 3) | (mx > 156) | (my < 3) | (my > 96)
     wall |= (np.abs(mx - 50) < 2) & (my < 62)

@@ -1,6 +1,6 @@
 """A robot of your own: a cart whose two inputs are its speed and its yaw rate.
 
-The script checks the laws of a robot, plans around somebody who stands in the way, and draws the
+The script checks the laws of a robot, plans around a person who stands in the way, and draws the
 plan into ``my_robot.png``. A config names the robot by its path, ``robot: my_robot:Cart``, if this
 file lies in the folder where the command is given.
 """
@@ -83,7 +83,7 @@ class Cart(Robot):
 
 
 def draw(file: str) -> None:
-    """Plan around somebody who stands in the way, and draw path, plan and person."""
+    """Plan around a person who stands in the way, and draw path, plan and person."""
     robot = Cart()
     settings = {
         "type": "mpc",

@@ -3,7 +3,7 @@ An episode
 ==========
 
 Three people cross the way of a robot. The picture shows where everybody went, and the place of the least clearance.
-This planner takes its forecasts as certain, and touches somebody. ``episode.animate()`` makes a film of it.
+This planner takes its forecasts as certain, and touches a person. ``episode.animate()`` makes a film of it.
 """
 
 from wideberth import build

@@ -2,7 +2,7 @@
 The same turn with four robots
 ==============================
 
-A path with a right angle, and nobody about. The same planner turns with each robot as its limits allow: a car-like
+A path with a right angle, without obstacles. The same planner turns with each robot as its limits allow: a car-like
 robot needs the room of its turning circle, a holonomic one slides around the corner.
 """
 

@@ -9,7 +9,7 @@ need not guess. This page provokes a stop, reads the reasons, and changes what c
 # %%
 # A stop
 # ------
-# The robot drives at 0.5 m/s. Suddenly somebody is there, three metres ahead and a little aside, whom it has never
+# The robot drives at 0.5 m/s. Suddenly a person is there, three metres ahead and a little aside, whom it has never
 # seen before.
 
 from wideberth import Detection, Observation, Path, build
@@ -26,7 +26,7 @@ noise = [[0.0004, 0.0], [0.0, 0.0004]]  # m^2
 
 
 def person(time):
-    """Return somebody who stands still."""
+    """Return a person who stands still."""
     return Detection("person", (4.0, 1.6), noise, radius=0.3)
 
 
@@ -58,7 +58,7 @@ print(planner.explain().text())
 # %%
 # Look at it
 # ----------
-# The picture shows the cause at once. Of a person seen only once nobody knows the speed; the filter assumes that
+# The picture shows the cause at once. The speed of a person seen only once is unknown; the filter assumes that
 # it may be anything a person can walk. The regions grow by a metre per second, until they close the way.
 
 planner.plan.plot()
@@ -93,7 +93,7 @@ print(planner.plan.given_way)
 planner.plan.plot()
 
 # %%
-# Whether that is right is yours to decide. Nobody should find out after the fact, therefore every plan says it.
+# Whether that is right is yours to decide. It should not come as a surprise afterwards, therefore every plan says it.
 #
 # In an episode of a study
 # ------------------------

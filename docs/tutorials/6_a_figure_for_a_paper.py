@@ -73,7 +73,7 @@ print(latex_text(extract(folder / "caution", columns)))
 # The figure
 # ----------
 # The same seed is the same situation, therefore the two planners are compared pair by pair. ``paper_style`` has the
-# sizes and fonts of a printed column. Below zero the robot has touched somebody.
+# sizes and fonts of a printed column. Below zero the robot has touched a person.
 
 import matplotlib.pyplot as plt
 
@@ -110,6 +110,6 @@ episode.plot()
 episode.animate(rate=5.0)
 
 # %%
-# The folder holds the config with every default, versions and commit, and the measured values, so that somebody else
+# The folder holds the config with every default, versions and commit, and the measured values, so that another person
 # gets the same bytes. ``wideberth report caution`` makes one HTML page of it, and ``wideberth cite
 # caution.yaml`` prints what to cite.
