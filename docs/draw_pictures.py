@@ -11,7 +11,7 @@ import wideberth
 from wideberth import Costmap, GaussianObstacle, Inflation, OccupancyGrid
 from wideberth.framework.drawing.shapes import ellipses
 from wideberth.framework.values.sensing import Scan
-from wideberth.routes import NavFn, Smoothed
+from wideberth.routes import NavFn, SmoothedRoutes
 from wideberth.routes.polygons import convex_polygons
 from wideberth.simulation.engine.agents import RobotAgent, ScriptedAgent
 from wideberth.simulation.engine.episode import run_episode
@@ -122,7 +122,7 @@ def route(file: Path) -> None:
     costmap.plot(panels[0])
     for planner, style, label in (
         (NavFn(), "--", "NavFn"),
-        (Smoothed(length=0.8), "-", "smoothed"),
+        (SmoothedRoutes(length=0.8), "-", "smoothed"),
     ):
         path = planner.plan(costmap, (1.5, 1.5), (14.2, 2.0)).path
         panels[0].plot(*path.points.T, style, color="#d55e00", linewidth=1.4, label=label)

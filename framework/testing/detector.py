@@ -47,8 +47,8 @@ def check_detector(
 
     Examples
     --------
-    >>> from wideberth.perception.detection import Discs
-    >>> check_detector(Discs())
+    >>> from wideberth.perception.detection import DiscDetector
+    >>> check_detector(DiscDetector())
     """
     require(laws(detector, radius=radius, rng=rng))
 

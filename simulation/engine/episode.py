@@ -137,7 +137,7 @@ def watched(watcher: "Callable[[Run], None]") -> Iterator[None]:
     Parameters
     ----------
     watcher : sees a run that it must not change, such as
-        `wideberth.simulation.drawing.watch.Window`.
+        `wideberth.simulation.drawing.watch.WatchWindow`.
     """
     before = _WATCHER.set(watcher)
     try:

@@ -9,4 +9,4 @@ except ImportError:  # `environment` says what to install
     pass
 else:
     if ID not in gymnasium.registry:
-        gymnasium.register(ID, entry_point=f"{__name__}.environment:Navigation")
+        gymnasium.register(ID, entry_point=f"{__name__}.environment:NavigationEnv")

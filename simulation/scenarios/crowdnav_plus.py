@@ -59,7 +59,7 @@ class CrowdNavPlus(Scenario):
 
     The rules judge the state every 0.25 s before anybody moves: timeout (49 s), collision (an
     overlap at that instant), success (the robot's centre within 0.3 m of the goal). The row of a
-    case, in columns ``judged_...``, is described at `Verdict.row`.
+    case, in columns ``judged_...``, is described at `CrowdNavPlusVerdict.row`.
 
     An evaluation k of the original is test case 2k modulo 500, since two resets follow each other
     there: every even case is run twice, no odd one ever. So 250 seeds are the whole benchmark;

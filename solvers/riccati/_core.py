@@ -391,7 +391,7 @@ def _write_results(
 ):
     """Copy the last point into the results, and its multipliers for the cost before scaling.
 
-    An array of no steps for the multipliers means that nobody wants them.
+    An array of no steps for the multipliers means that they are not wanted.
     """
     n, w, v, some = size.n, size.w, path.v, count_slots(kinds)
     into = found.multipliers
@@ -1419,7 +1419,7 @@ def undo_slots(size, slots, length):
 def write_slots(size, slots, own, multipliers, scale):
     """Copy own variables and multipliers into arrays, of the active slots.
 
-    An array of no steps for the multipliers means that nobody wants them.
+    An array of no steps for the multipliers means that they are not wanted.
     """
     first, count, stated = len(slots.depends) + size.shared, len(slots.lower), len(slots.tried)
     for i in range(len(multipliers)):

@@ -60,10 +60,10 @@ h, rows of e, whether slots have a level); limits of the own variables (2, A); t
 regularisation (1,); parameters (N, K, P); levels (N, K); active (K,); what the regularisation
 draws to, the start and the result, each (N, K, A); multipliers of h and e, and of the lower and
 upper limits of the own variables, (N, K, H + E + 2 A): those given, NaN where a slot is new, and
-those found; either has no steps where nobody gives or wants them."""
+those found; either has no steps where they are not given or not wanted."""
 
 Found = namedtuple("Found", "states inputs slack numbers multipliers")
-"""Arrays for the results; the multipliers have no steps where nobody wants them."""
+"""Arrays for the results; the multipliers have no steps where they are not wanted."""
 
 Stop = namedtuple("Stop", "flag")
 """One number; another thread sets it to end the solve."""

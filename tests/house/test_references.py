@@ -145,6 +145,9 @@ def dead_in_full(name: str, code: bool) -> bool:
     if name in OTHERS or name.rpartition(".")[2] in FILES:
         return False
     room, second, *_ = inside.split(".")
+    owners = (one for one in classes() if inside == name and _snake(one) == room)
+    if any(second in attributes(one) for one in owners):  # `people.radii` of the class `People`
+        return False
     if (
         not code
         and inside == name

@@ -138,7 +138,7 @@ class Watch:
 
         Raises
         ------
-        LeftBehind, Refused : there is no solution, see `solvers.watchdog.watched`.
+        LeftBehind, Refused : there is no solution, see `watchdog.watched`.
         """
         call = partial(self._solver.solve, check.problem, check.parameters, guesses)
         return self._watched(check, call, len(guesses), budget)
@@ -150,7 +150,7 @@ class Watch:
         known: Sequence[Solution],
         budget: Budget,
     ) -> list[Solution]:
-        """Do the same, but give up what leads to no cheaper plan, see `base.solve_cheapest`."""
+        """Do the same, but give up what leads to no cheaper plan, see `solver.solve_cheapest`."""
         call = partial(
             solve_cheapest, self._solver, check.problem, check.parameters, guesses, known,
             SAME * check.robot.radius,

@@ -22,7 +22,7 @@ from wideberth.framework.values.plan import Plan, Rung
 from wideberth.framework.values.polygon import Polygon, separation
 from wideberth.predictors.static import Static
 from wideberth.regions.minkowski_sum import MinkowskiSum
-from wideberth.regions.separating_line import StaticSeparatingLine as Line
+from wideberth.regions.separating_line import SeparatingLine as Line
 from wideberth.regions.static.dual import Dual
 from wideberth.regions.static.separating_line import StaticSeparatingLine
 from wideberth.robots.holonomic import Holonomic
