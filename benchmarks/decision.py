@@ -63,7 +63,7 @@ STAGES: dict[str, tuple[str, ...]] = {
     ),
     "roll-out of the last plan": ("framework.mpc.planner.multistart:first_trajectory",),
     "starts": (
-        "framework.mpc.planner.multistart:Laid.along",
+        "framework.mpc.planner.multistart:ReferenceGuess.along",
         "framework.mpc.planner.multistart:_in_the_way",
         "framework.mpc.planner.multistart:other_starts",
     ),

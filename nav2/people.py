@@ -35,14 +35,14 @@ class ExpectedPeople:
         people, _, steps, size = self.forecast.mean.shape
         if size != 2 or not steps:
             raise WideberthError(
-                f"people.forecast has {steps} steps in {size} dimensions; wanted at least one "
+                f"expected_people.forecast has {steps} steps in {size} dimensions; wanted at least one "
                 "step, in the plane"
             )
-        radii = checked("people.radii", self.radii, (people,), reason=": one per person")
+        radii = checked("expected_people.radii", self.radii, (people,), reason=": one per person")
         if (radii < 0.0).any():
-            raise WideberthError("people.radii must not be negative")
+            raise WideberthError("expected_people.radii must not be negative")
         object.__setattr__(self, "radii", radii)
-        object.__setattr__(self, "stamp", number("people.stamp", self.stamp))
+        object.__setattr__(self, "stamp", number("expected_people.stamp", self.stamp))
 
     def at(self, times: Array) -> tuple[Array, Array]:
         """Return means and covariances at times between the steps, on straight lines.

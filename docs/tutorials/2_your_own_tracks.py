@@ -9,8 +9,8 @@ people in it, and lets a robot plan among them.
 # %%
 # Read the file
 # -------------
-# A row holds ``frame id x y``, in metres, with blanks or commas between them and no header (or one that begins with
-# ``#``). The time between two rows is not in the file, so that you have to say it.
+# A row holds ``frame id x y``, in metres, with blanks or commas between them. A header that names these columns may stand
+# above them. The time between two rows is not in the file, so that you have to say it.
 # A table with other columns, ``id,time,x,y`` say, needs three lines of pandas:
 #
 # .. code-block:: python

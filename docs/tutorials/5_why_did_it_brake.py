@@ -19,7 +19,7 @@ SETTINGS = {
     "robot": "unicycle",
     "predictor": {"type": "kalman", "acceleration_density": 0.002},  # m^2/s^3: calm people
     "region": "mahalanobis_ellipse",
-    "level": "fixed",  # every region holds 95 %, whatever happens
+    "level": "fixed",  # asks for 95 % at every step; a plan that cannot keep it says so
     "solver": "riccati",
 }
 noise = [[0.0004, 0.0], [0.0, 0.0004]]  # m^2

@@ -59,11 +59,13 @@ def header(line: str) -> tuple[str, ...]:
     return known if len(known) == len(words) else ()
 
 
-def _check_header(line: str, place: str, columns: tuple[str, ...]) -> None:
-    """Refuse a header that names other columns, or the same in another order."""
+def _is_header(line: str, place: str, columns: tuple[str, ...]) -> bool:
+    """Whether a line names the columns; refuse one that names others, or in another order."""
     named = header(line)
-    if len(named) != len(columns) or named == columns:  # rows of another length are refused
-        return
+    if len(named) != len(columns):  # rows of another length are refused
+        return False
+    if named == columns:
+        return True
     cure = "write the columns in this order"
     if "time" in named and "frame" in columns:
         cure = f"{_OF_TIMES}, and {cure}"
@@ -78,12 +80,13 @@ def read_rows(path: Path, columns: tuple[str, ...]) -> Iterator[tuple[int, list[
     Raises
     ------
     WideberthError : no such file, no text, no rows, rows of another length, or a header before
-        the first row, as a comment or not, that names other columns.
+        the first row, as a comment or not, that names other columns. One that names these is
+        passed over.
     """
     empty = True
     for place, line in enumerate(_text(path, columns).splitlines(), start=1):
-        if empty:
-            _check_header(line, f"{path}, line {place}", columns)
+        if empty and _is_header(line, f"{path}, line {place}", columns):
+            continue
         words = line.split("#", 1)[0].replace(",", " ").split()
         if not words:
             continue

@@ -83,7 +83,7 @@ def _parts(glances: Sequence[Glance], number: dict[str, int]) -> dict[str, Array
 
 
 def unpacked(get: Get, stored: dict[str, Any]) -> PerceptionLog:
-    """Return the log that `packed` has written; older ones hold no segments."""
+    """Return the log that `packed` has written."""
     columns = {name: get(place) for name, place in stored["columns"].items()}
     words, counts = stored["words"], columns["counts"].astype(np.int64)
     ends = [list(accumulate(column, initial=0)) for column in counts.T.tolist()]
@@ -91,8 +91,7 @@ def unpacked(get: Get, stored: dict[str, Any]) -> PerceptionLog:
     glances = []
     for row in range(len(counts)):
         own = {
-            name: columns[name][ends[k][row] : ends[k][row + 1]]
-            for k, name in enumerate(parts[: len(ends)])
+            name: columns[name][ends[k][row] : ends[k][row + 1]] for k, name in enumerate(parts)
         }
         whole = {name: columns[name][row] for name in ("truth", "own", "scans")}
         glances.append(_glance({**own, **whole}, words))

@@ -53,8 +53,8 @@ class CrowdSimPlus(Scenario):
     robot's: no one slides along it. Contacts are counted and end nothing.
 
     The row of a case, in columns ``judged_...``, is described at
-    `wideberth.simulation.crowds.crowdsimplus.CrowdSimPlusVerdict.row`. A success may have collisions: look at
-    ``judged_success``, ``judged_clean`` and ``judged_coll_freq`` together.
+    `wideberth.simulation.crowds.crowdsimplus.CrowdSimPlusVerdict.row`. A success may have
+    collisions: look at ``judged_success``, ``judged_clean`` and ``judged_coll_freq`` together.
 
     Seed k is the test case k, drawn from ``default_rng(1000 + k)``. The settings of an episode
     that make it the original's: ``plant_step: 0.25``, ``history: 0``, ``channel: {noise: 0}``,

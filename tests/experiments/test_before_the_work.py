@@ -236,7 +236,10 @@ def test_one_message_from_the_shell(
             "robot: unicycle",
             r"^key 'scenario' is missing; .*; wanted one of: .*cross",
         ),
-        ("scenarioo: crossing", r"unknown key 'scenarioo': did you mean 'scenario'\? Known: plan"),
+        (
+            "scenarioo: crossing",
+            r"unknown key 'scenarioo': did you mean 'scenario'\? Known: first_seed",
+        ),
         (
             "scenario: crossing\nrobot: unicycle",
             r"^key 'planners' is missing.* each of the controllers, .*: .*orca",

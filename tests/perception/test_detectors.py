@@ -327,7 +327,7 @@ def test_density_finds_the_same_bodies() -> None:
 
 def test_density_without_the_library_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "sklearn.cluster", None)
-    with pytest.raises(WideberthError, match=r"wideberth\[perception\].*groups: gap"):
+    with pytest.raises(WideberthError, match=r"'\.\[perception\]'.*groups: gap"):
         DiscDetector(groups="density")
 
 

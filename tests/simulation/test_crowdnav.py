@@ -219,7 +219,7 @@ def test_others_than_orca_can_be_the_people():
     config = {"type": "crowdnav", "layout": "square", "human": human}
     scenario = build("scenarios", config)
     cast = scenario.cast(3)
-    assert {type(one.controller).__name__ for one in cast.people} == {"ConstantVelocity"}
+    assert {type(one.controller).__name__ for one in cast.people} == {"ConstantVelocityController"}
     assert len({id(one.controller) for one in cast.people}) == 5
     assert describe(scenario)["human"]["robot"]["radius"] == 0.3
 

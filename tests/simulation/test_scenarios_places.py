@@ -102,7 +102,8 @@ def test_the_crowd_has_the_stated_density_and_speeds() -> None:
     radii = [one.radius for one in people]
     assert stats.kstest(radii, stats.uniform(0.2, 0.1).cdf).pvalue > 1e-3
     kinds = [type(one.controller).__name__ for one in people]
-    counts = [kinds.count(name) for name in ("Orca", "SocialForceController", "ConstantVelocityController")]
+    names = "Orca", "SocialForceController", "ConstantVelocityController"
+    counts = [kinds.count(name) for name in names]
     assert sum(counts) == 400 and stats.chisquare(counts).pvalue > 1e-3
 
 

@@ -40,7 +40,7 @@ from wideberth.tests.oracles.recorded_instances import (
     worst_violation,
 )
 
-SAMPLE = File(__file__).parents[3] / "data" / "mpc_instances.npz"
+SAMPLE = File(__file__).parents[1] / "data" / "mpc_instances.npz"
 ONE = 1  # obstacle; those of the sample with so many
 
 

@@ -32,7 +32,7 @@ from wideberth.solvers.riccati.solver import Riccati
 from wideberth.tests.helpers.problems import assemble
 from wideberth.tests.oracles.recorded_instances import Instance, read_instances
 
-SAMPLE = Path(__file__).parents[3] / "data" / "mpc_instances.npz"
+SAMPLE = Path(__file__).parents[1] / "data" / "mpc_instances.npz"
 ROBOT = Unicycle()
 WITHIN = SAME * ROBOT.radius
 

@@ -21,7 +21,7 @@ from wideberth.tests.oracles.recorded_instances import (
     worst_violation,
 )
 
-SAMPLE = Path(__file__).parents[3] / "data" / "mpc_instances.npz"
+SAMPLE = Path(__file__).parents[1] / "data" / "mpc_instances.npz"
 PAPER_TAIL = float(np.exp(-5.991 / 2))
 
 

@@ -38,7 +38,7 @@ from wideberth.tests.oracles.recorded_instances import (
     worst_violation,
 )
 
-SAMPLE = File(__file__).parents[3] / "data" / "mpc_instances.npz"
+SAMPLE = File(__file__).parents[1] / "data" / "mpc_instances.npz"
 PAPER = Paper(tail=float(np.exp(-5.991 / 2)))
 KEPT = 1e-6
 

@@ -27,7 +27,7 @@ from wideberth.solvers.riccati.solver import Riccati
 from wideberth.tests.helpers.problems import assemble
 from wideberth.tests.oracles.recorded_instances import Instance, read_instances
 
-SAMPLE = Path(__file__).parents[3] / "data" / "mpc_instances.npz"
+SAMPLE = Path(__file__).parents[1] / "data" / "mpc_instances.npz"
 REPEATS = 400
 """With a core of many small arrays one repeat in sixty differed."""
 OTHER = """

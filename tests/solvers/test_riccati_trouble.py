@@ -39,7 +39,7 @@ from wideberth.solvers.riccati.workspace import run_all
 from wideberth.tests.helpers.problems import assemble, slots_of
 from wideberth.tests.oracles.recorded_instances import Instance, read_instances
 
-SAMPLE = File(__file__).parents[3] / "data" / "mpc_instances.npz"
+SAMPLE = File(__file__).parents[1] / "data" / "mpc_instances.npz"
 KEPT = 1e-6
 SOLVE = """
 import sys

@@ -20,7 +20,7 @@ from wideberth.solvers.riccati.solver import Riccati
 from wideberth.tests.helpers.problems import assemble, with_auxiliaries
 from wideberth.tests.oracles.recorded_instances import Instance, read_instances
 
-SAMPLE = Path(__file__).parents[3] / "data" / "mpc_instances.npz"
+SAMPLE = Path(__file__).parents[1] / "data" / "mpc_instances.npz"
 REGIONS = (MahalanobisEllipse(), MinkowskiSum(), SeparatingLine())
 
 

@@ -26,7 +26,7 @@ from wideberth.solvers.riccati.solver import Riccati
 from wideberth.tests.helpers.problems import assemble
 from wideberth.tests.oracles.recorded_instances import Instance, read_instances
 
-SAMPLE = Path(__file__).parents[3] / "data" / "mpc_instances.npz"
+SAMPLE = Path(__file__).parents[1] / "data" / "mpc_instances.npz"
 SOLVERS = [Ipopt(), Ipopt(graph="mx"), Fatrop(), Riccati()]
 
 

@@ -361,13 +361,8 @@ def _fill(
     frame: PerceptionFrame,
 ) -> tuple[InstanceCheck, Guess]:
     """Fill the problem with all that is there; return it with the first starting point."""
-    robot, inputs = settings.robot, None
-    start, reference = course.start, course.reference
-    if state.plan is not None:
-        standing = settings.stop_at_end
-        inputs = remaining_inputs(robot, state.plan, course.stamp, start, standing=standing)
-    target = shared_target(settings.kinds, settings.level, robot.dimension)
-    first = Guess.bare(*first_trajectory(services.motion, start, inputs), target)
+    robot, start, reference = settings.robot, course.start, course.reference
+    first, inputs = _resumed(settings, state, services, course)
     here = np.broadcast_to(_place(robot, start), reference.position.shape)
     own, own_on_map = _own(settings, state, services, frame.observation, first)
     view = PlanningContext(
@@ -402,6 +397,19 @@ def _fill(
     check = InstanceCheck(problem, parameters, around, settings.level, inputs, rule)
     first = check.suited(_warm(settings, state, course.stamp, parameters, chosen, first))
     return replace(check, parameters=first.pull(parameters)), first
+
+
+def _resumed(
+    settings: PlannerSettings, state: PlannerState, services: Services, course: Course
+) -> tuple[Guess, Array | None]:
+    """Return the first starting point, and the inputs (N, m) that are left of the last plan."""
+    robot, inputs = settings.robot, None
+    if state.plan is not None:
+        standing = settings.stop_at_end
+        inputs = remaining_inputs(robot, state.plan, course.stamp, course.start, standing=standing)
+    target = shared_target(settings.kinds, settings.level, robot.dimension)
+    trajectory = first_trajectory(services.motion, course.start, inputs)
+    return Guess.bare(*trajectory, target), inputs
 
 
 def _in_contact(

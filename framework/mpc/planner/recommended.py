@@ -1,13 +1,13 @@
 """The recommended planner for a robot and a speed, in one call."""
 
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import asdict, fields, is_dataclass
 from math import ceil
 from typing import Any
 
 from ...control.command_limits import broken_limit
 from ...plugins.config import build, describe
-from ...plugins.registry import load
+from ...plugins.registry import choices, load
 from ...plugins.yamlfile import shared_settings
 from ...robot import Robot, SpeedLimited, start_state, step
 from ...values.arrays import positive
@@ -83,6 +83,11 @@ def recommended(
     >>> planner.dt, planner.horizon, planner.cost.weights.acceleration
     (0.25, 20, 625.0)
     """
+    if speed is not None and "reference_speed" in settings:
+        raise WideberthError(
+            f"speed is {speed!r} and reference_speed is {settings['reference_speed']!r}: they are "
+            "the same setting, state one of them"
+        )
     chosen = {} if speed is None else {"reference_speed": speed}
     given = {**settings, "robot": robot, **chosen}
     planner: Planner = build("controllers", completed(given))
@@ -127,7 +132,6 @@ def completed(given: Mapping[str, Any], path: str = "") -> dict[str, Any]:
     dt = positive(f"{place}dt", given.get("dt", STEP / k))
     derived = {
         "reference_speed": float(speed),
-        "cost": {"type": "tracking", "weights": scaled_weights(k)},
         "dt": dt,
         "period": dt,
         "track_dt": dt,
@@ -135,7 +139,22 @@ def completed(given: Mapping[str, Any], path: str = "") -> dict[str, Any]:
     }
     if robot.dimension == 2:
         derived["static_region"] = "separating_line"
-    return settings | {**derived, **given, "type": "mpc", "robot": robot}
+    cost = _scaled_cost(given.get("cost", "tracking"), k)
+    return settings | {**derived, **given, "type": "mpc", "robot": robot, "cost": cost}
+
+
+def _scaled_cost(cost: Any, k: float) -> Any:
+    """Return the config of a cost whose weights, where none are stated, follow the speed."""
+    settings = {"type": cost} if isinstance(cost, str) else cost
+    kind = settings.get("type") if isinstance(settings, Mapping) else None
+    if kind not in choices("costs"):
+        return cost  # a cost that is made already, or one that `build` refuses
+    stated = settings.get("weights", {})
+    if "weights" not in {entry.name for entry in fields(load("costs", kind))}:
+        return cost
+    if not isinstance(stated, Mapping):
+        return cost
+    return {**settings, "weights": {**asdict(scaled_weights(k)), **stated}}
 
 
 def _fitting_speed(robot: Robot) -> float:

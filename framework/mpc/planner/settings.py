@@ -26,6 +26,8 @@ from .multistart import PATIENCE, Starts, checked_starts
 
 MOST_STEPS, MOST_SAMPLES = 1000, 10_000
 """Of a plan, and of a track or a forecast: more means that a unit is wrong."""
+LONG_STEP = 2.0
+"""s; a longer step of a plan is more likely a number of ms."""
 DOUBTFUL = 5.0
 """m/s; a reference speed beyond it, ten times the paper's, may be in km/h."""
 ABOVE = 2.0
@@ -176,9 +178,15 @@ def check_settings(planner: PlannerSettings) -> None:
 def doubts(settings: PlannerSettings) -> tuple[str, ...]:
     """Say what of some settings is allowed and looks like a slip, beginning with its name.
 
-    A reference speed in km/h, one that the robot cannot drive, or a level's content as its tail.
+    A reference speed in km/h, one that the robot cannot drive, a step in ms, or a level's content
+    as its tail.
     """
     speed, robot, found = settings.reference_speed, settings.robot, []
+    if settings.dt > LONG_STEP:
+        found.append(
+            f"dt is {settings.dt:g} s, {speed * settings.dt:.3g} m a step, between which regions "
+            f"are not checked; {settings.dt:g} ms are {settings.dt / 1000.0:.3g} s"
+        )
     if speed > DOUBTFUL:
         found.append(
             f"reference_speed is {speed:g} m/s, {speed * settings.dt:.3g} m a step; {speed:g} "

@@ -12,6 +12,7 @@ from wideberth import Path, WideberthError, build, recommended
 from wideberth.experiments.cli.export import planners
 from wideberth.experiments.engine.shipped import read_experiment, shipped
 from wideberth.framework.control.rate_limited_warnings import WARNINGS
+from wideberth.framework.mpc.costs.base import Weights
 from wideberth.framework.mpc.costs.tracking import Tracking
 from wideberth.framework.mpc.planner.recommended import completed, slow_aside
 from wideberth.framework.mpc.planner.settings import PlannerSettings, doubts
@@ -65,6 +66,29 @@ def test_it_can_be_varied() -> None:
     kept = by_config("{<<: recommended, robot: unicycle, dt: 0.2, horizon: 9, track_dt: 0.4}")
     assert (kept["horizon"], kept["period"], kept["track_dt"]) == (9, 0.2, 0.4)
     assert kept["predictor"]["type"] == "adaptive_conformal"  # the one of docs/choose.md
+
+
+@pytest.mark.parametrize("cost", ["tracking", "contouring"])
+def test_weights_that_are_not_stated_follow_the_speed(cost: str) -> None:
+    for given in (cost, {"type": cost}, {"type": cost, "weights": {"position": 50.0}}):
+        found = describe(recommended("unicycle", 1.0, quiet=True, cost=given))["cost"]
+        position = 50.0 if "weights" in given else 100.0
+        wanted = {"position": position, "speed": 2.5, "acceleration": 625.0}
+        assert found["type"] == cost
+        assert found["weights"] == {**wanted, "yaw_acceleration": 31.25}
+    made = Tracking(Weights(position=7.0))
+    assert recommended("unicycle", 1.0, quiet=True, cost=made).cost is made
+
+
+def test_speed_and_reference_speed_together_are_refused() -> None:
+    with pytest.raises(WideberthError, match=r"speed is 1.0 and reference_speed is 0.5"):
+        recommended("unicycle", 1.0, quiet=True, reference_speed=0.5)
+
+
+def test_a_step_in_milliseconds_is_doubted() -> None:
+    (words,) = doubts(recommended("unicycle", 0.5, quiet=True, dt=250.0))
+    assert words.startswith("dt is 250 s, 125 m a step") and words.endswith("250 ms are 0.25 s")
+    assert not doubts(recommended("unicycle", 0.5, quiet=True))
 
 
 @pytest.mark.parametrize(

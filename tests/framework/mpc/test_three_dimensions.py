@@ -170,7 +170,7 @@ def test_passers_meet_their_robot_and_leave_the_starts_alone() -> None:
         (lambda: Holonomic3D(max_acceleration=0.0), "holonomic_3d.max_acceleration"),
         (lambda: shipped("robot.type=holonomic"), "2 dimensions"),
         (lambda: shipped("regions={}"), "at least one"),
-        (lambda: shipped("show=10"), r"show is \[10\]"),
+        (lambda: shipped("show=[10]"), r"show is \[10\]"),
     ],
 )
 def test_bad_values_name_themselves(build: object, message: str) -> None:

@@ -88,7 +88,7 @@ def test_who_has_no_place_makes_the_robot_stop_for_as_long_as_they_are_seen() ->
     assert np.abs(states[5:, 3:]).max() < 1e-9
     assert one.plan is not None and one.plan.rung is Rung.BRAKE
     assert "'a' seen without a place: the robot stops" in one.plan.reason
-    one.command(Observation(9.0, states[-1], ()))
+    one.command(Observation(2.0, states[-1], ()))
     assert one.plan.rung is Rung.OPTIMAL and one.plan.reason == ""
 
 

@@ -12,7 +12,12 @@ from wideberth.robots.unicycle import Unicycle
 
 ROOMS = sorted({*registry.ROOMS} - {"experiments", "controllers"})
 NO_DEFAULT = {"scan_matching"}
-KINDS = [(room, name) for room in ROOMS for name in sorted({*registry.names(room)} - NO_DEFAULT)]
+KINDS = [
+    (room, name)
+    for room in ROOMS
+    for name, target in sorted(registry.targets(room).items())
+    if name not in NO_DEFAULT and target.startswith("wideberth.") and "examples" not in target
+]
 BAD: dict[type, tuple[Any, ...]] = {int: (-3, 1.5), float: (np.nan,)}
 
 

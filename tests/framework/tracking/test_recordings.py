@@ -164,7 +164,8 @@ def test_a_header_that_names_other_columns_is_read(tmp_path, head, message):
         read_tracks(write(tmp_path, f"{head}\n{rows}\n"), dt=0.4)
 
 
-@pytest.mark.parametrize("head", ["# frame id x y", "# Frame, ped_id, x_m, y_m (m)", "# x y",
+@pytest.mark.parametrize("head", ["frame,id,x,y", "Frame ped_id x_m y_m",
+                                  "# frame id x y", "# Frame, ped_id, x_m, y_m (m)", "# x y",
                                   "# id time x and y come later"])  # fmt: skip
 def test_other_comments_are_left_alone(tmp_path, head):
     text = f"{head}\n0 1 2 3\n# id time x y\n1 1 2 3\n"
@@ -221,7 +222,7 @@ BAD_TRACKS = {
     "a\0b": "is not a text file",
     "0 1 2": "line 1: 3 columns; wanted 4: `frame id x y`",
     "0 1 2 3\n1 1 2 3 4": "line 2: 5 columns",
-    "frame,id,x,y\n0,1,2,3": "line 1: frame is 'frame'; wanted a number",
+    "a,b,c,d\n0,1,2,3": "line 1: frame is 'a'; wanted a number",
     "0 1 2 nan": "line 1: y is nan; leave a row out",
     "0 1 inf 3": "line 1: x is inf",
     "0 nan 2 3": "line 1: id is nan",

@@ -297,5 +297,5 @@ class Careless(Predictor):
 
 
 def test_the_check_finds_who_lets_one_obstacle_spoil_the_others() -> None:
-    with pytest.raises(AssertionError, match="an absurd obstacle is its own affair"):
+    with pytest.raises(AssertionError, match="an absurd obstacle changes no other"):
         check_predictor(Careless(), dimensions=(2,), dataset=())

@@ -9,7 +9,6 @@ import pytest
 from wideberth import WideberthError
 from wideberth.framework.values.sensing import MotionEstimate, Segments, Sightings, TrackedObstacle
 from wideberth.simulation.log.episode_log import AgentLog, CommandLog, Episode
-from wideberth.simulation.log.perception_file import packed, unpacked
 from wideberth.simulation.log.perception_log import (
     Glance,
     PerceptionLog,
@@ -97,24 +96,6 @@ def test_a_log_is_read_again_to_the_same_values() -> None:
     assert same(found.perception, logs)
     assert found.to_bytes() == written
     assert not same(glance(0.1, 2, 30), logs["one"].glances[0])  # the comparison can fail
-
-
-def test_a_log_from_before_segments_has_none() -> None:
-    log, stored = PerceptionLog((glance(0.1, 2, 30), glance(0.2, 1, 90))), dict[str, Any]()
-
-    def put(values: Any) -> dict[str, Any]:
-        stored[str(len(stored))] = np.asarray(values)
-        return {"place": str(len(stored) - 1)}
-
-    written = packed(put, log)
-    assert same(unpacked(lambda at: stored[at["place"]], written), log)
-    counts = written["columns"]["counts"]["place"]
-    stored[counts] = stored[counts][:, :5]
-    del written["columns"]["segments"]
-    found = unpacked(lambda at: stored[at["place"]], written)
-    assert [len(one.sightings.segments) for one in log.glances] == [1, 2]
-    assert [len(one.sightings.segments) for one in found.glances] == [0, 0]
-    assert same(found.glances[1].points, log.glances[1].points)
 
 
 def test_what_is_kept_has_the_clock_of_the_episode() -> None:
