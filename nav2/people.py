@@ -35,8 +35,8 @@ class ExpectedPeople:
         people, _, steps, size = self.forecast.mean.shape
         if size != 2 or not steps:
             raise WideberthError(
-                f"expected_people.forecast has {steps} steps in {size} dimensions; wanted at least one "
-                "step, in the plane"
+                f"expected_people.forecast has {steps} steps in {size} dimensions; wanted at "
+                "least one step, in the plane"
             )
         radii = checked("expected_people.radii", self.radii, (people,), reason=": one per person")
         if (radii < 0.0).any():
