@@ -129,7 +129,7 @@ class PolicyObserver:
         self._stamp = observation.stamp
         here = viewpoint(self._robot, observation)
         asked = observation, self._robot.dimension, SEEN * self._period, here
-        sighting = admitted(*asked, self._sights.known)
+        sighting = admitted(*asked, self._sights.known(observation.stamp))
         self.placeless = sighting.placeless
         self._sights = self._sights.add(observation.stamp, sighting.detections)
         if self._perception is not None:

@@ -65,7 +65,11 @@ class Neighbours:
         if observation.stamp < self._stamp:
             self.reset()
         self._stamp = observation.stamp
-        known = {name: LastGood(sight.radius) for name, sight in self._sights.items()}
+        known = {
+            name: LastGood(sight.radius)
+            for name, sight in self._sights.items()
+            if self._stamp - sight.reported <= self._forget
+        }
         sighting = admitted(observation, 2, self._forget, here, known)
         self.placeless = sighting.placeless
         for name, detection in named_apart(sighting.detections):

@@ -58,6 +58,7 @@ class _Memory:
     path: Path | None = None
     progress: PathProgress | None = None
     followed: Path | None = None
+    away: bool = False
     known: "DeadlockResolver" = field(default_factory=lambda: DeadlockResolver())
 
 
@@ -107,7 +108,7 @@ class Withdrawing(Controller):
         memory.known = DeadlockResolver()
         self.controller.reset()
         if memory.path is not None:
-            self._follow(memory.path)
+            self._follow(memory.path, away=False)
             memory.progress = PathProgress(memory.path)
 
     def set_path(self, path: Path) -> None:
@@ -115,7 +116,7 @@ class Withdrawing(Controller):
         path, memory = checked_path(self.robot, path), self._memory
         memory.known = memory.known.on(path, memory.path)
         memory.path, memory.progress = path, PathProgress(path)
-        self._follow(memory.known.way or path)
+        self._follow(memory.known.way or path, away=memory.known.way is not None)
 
     def remember(self, observation: Observation) -> None:
         """Take note of what is seen without deciding."""
@@ -133,7 +134,10 @@ class Withdrawing(Controller):
         checked_use(self.robot, observation)
         if _usable(observation):
             memory.progress, memory.known = self._looked(progress, observation)
-            self._follow(memory.known.way or progress.path)
+            if memory.known.way is not None:
+                self._follow(memory.known.way, away=True)
+            elif memory.away:  # on the rest of the path, which may cross itself
+                self._follow(memory.progress.rest, away=False)
         return self.controller.command(observation)
 
     def _looked(
@@ -161,8 +165,14 @@ class Withdrawing(Controller):
             return plan
         return replace(plan, reason="; ".join(filter(None, (plan.reason, note))))
 
-    def _follow(self, way: Path) -> None:
-        """Hand a way to the other controller, if it is another one than before."""
+    def _follow(self, way: Path, *, away: bool) -> None:
+        """Hand a way to the other controller, if it is another one than before.
+
+        Parameters
+        ----------
+        way : from now on. away : whether it is a way out of a deadlock.
+        """
+        self._memory.away = away
         if way is not self._memory.followed:
             self._memory.followed = way
             self.controller.set_path(way)

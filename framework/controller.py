@@ -1,8 +1,8 @@
 """The Controller interface: our planner is one, every rival is another."""
 
 from abc import ABC, abstractmethod
-from dataclasses import fields, is_dataclass
-from typing import Protocol, TypeVar, cast, runtime_checkable
+from dataclasses import fields, is_dataclass, replace
+from typing import Any, Protocol, TypeVar, cast, runtime_checkable
 
 from .robot import Robot
 from .static_region import StaticRegion
@@ -12,6 +12,7 @@ from .values.path import Path
 from .values.plan import Plan
 
 P = TypeVar("P")
+C = TypeVar("C", bound="Controller")
 
 
 class Controller(ABC):
@@ -105,6 +106,24 @@ class WrapsController(Protocol):
     @abstractmethod
     def controller(self) -> Controller:
         """The other one."""
+
+
+def driving(controller: C, robot: Robot) -> C:
+    """Return a controller with the robot that it, or the one that it wraps, is to drive.
+
+    One that asks for no robot comes back as it is.
+    """
+    if not is_dataclass(controller):
+        return controller
+    made: Any = controller
+    entries = {entry.name for entry in fields(made) if entry.init}
+    if "robot" in entries:
+        return controller if made.robot == robot else cast(C, replace(made, robot=robot))
+    if "controller" in entries and isinstance(controller, WrapsController):
+        inner = driving(controller.controller, robot)
+        if inner is not controller.controller:
+            return cast(C, replace(made, controller=inner))
+    return controller
 
 
 def avoids_polygons(controller: Controller) -> bool:

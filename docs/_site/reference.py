@@ -29,10 +29,16 @@ INTERFACES = {
     "wideberth.framework.mpc.levels.base": ("LevelPolicy", "SharedLevel"),
     "wideberth.framework.mpc.costs.base": ("Cost", "ProgressCost", "Weights", "Moment"),
     "wideberth.framework.mpc.solver": (*("Solver", "ManySolver", "CheapestSolver", "Solution"),),
-    "wideberth.framework.mpc.slots.base": ("SlotKind", "LevelledKind", "Known", "Chosen", "View"),
+    "wideberth.framework.mpc.slots.base": (
+        "SlotKind",
+        "LevelledKind",
+        "KnownObstacles",
+        "SlotAssignment",
+        "PlanningContext",
+    ),
     "wideberth.framework.mpc.fallback.rungs": ("FallbackRung", "NotHeld", "Trial"),
     "wideberth.simulation.scenarios.base": ("Scenario", "Placement", "Cast"),
-    "wideberth.experiments.engine.base": ("Experiment", "Task", "Outcome", "Result"),
+    "wideberth.experiments.engine.base": ("Experiment", "Task", "TaskOutcome", "Result"),
 }
 """What one derives from, and the values that its methods take and return."""
 RUNGS = ("Optimal", "FeasibleIterate", "ShiftedPlan", "LeastViolation", "Brake")

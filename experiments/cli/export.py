@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ...framework.controller import Controller
 from ...framework.mpc.costs.base import ProgressCost
 from ...framework.mpc.ocp.problem import Parameters, Problem, Slots
 from ...framework.mpc.ocp.progress_robot import progress_robot_of
 from ...framework.mpc.ocp.transcription import Guess
 from ...framework.mpc.planner.cycle import PlannerState, Services, remember, step
-from ...framework.mpc.planner.planner import Planner
+from ...framework.mpc.planner.planner import Planner, planner_behind
 from ...framework.mpc.planner.settings import changed
 from ...framework.mpc.slots.base import CAPACITIES, LevelledKind, SlotKind
 from ...framework.mpc.slots.static_polygons import CORNERS
@@ -144,7 +145,8 @@ def planners(experiment: Experiment) -> dict[str, Planner]:
     for entry in fields(experiment):  # type: ignore[arg-type]  # every plug-in is a dataclass
         value = getattr(experiment, entry.name)
         some = value if isinstance(value, Mapping) else {entry.name: value}
-        found |= {str(key): one for key, one in some.items() if isinstance(one, Planner)}
+        planned = {str(key): one for key, one in some.items() if isinstance(one, Controller)}
+        found |= {key: own for key, one in planned.items() if (own := planner_behind(one))}
     return found
 
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from ...framework.controller import Controller, WrapsController
 from ...framework.mpc.planner.planner import Planner
 from ...framework.plugins.config import describe
 from ...framework.region import Polygonal, Region
@@ -11,13 +10,6 @@ from ...framework.values.footprint import Discs, Outline
 from ...framework.values.plan import Plan, Situation, kept_out
 from ...simulation.drawing.logged import DrawnAgent
 from ...simulation.log.episode_log import Episode
-
-
-def planner_behind(controller: Controller | None) -> Planner | None:
-    """Return the planner that a controller is or wraps; None for one that plans otherwise."""
-    if isinstance(controller, WrapsController):
-        return planner_behind(controller.controller)
-    return controller if isinstance(controller, Planner) else None
 
 
 def region_name(region: Region) -> str:

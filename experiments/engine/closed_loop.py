@@ -10,7 +10,7 @@ import numpy as np
 
 from ...controllers.reactive import Reactive
 from ...framework.controller import Controller, fresh
-from ...framework.mpc.planner.planner import Planner
+from ...framework.mpc.planner.planner import planner_behind
 from ...framework.mpc.planner.recommended import slow_aside
 from ...framework.robot import Robot
 from ...framework.values.arrays import Array, probability, whole
@@ -165,7 +165,7 @@ def check_starts(
             with as_user_error(f"{place}: no episode of {name} can begin: "):
                 _begun(cast, robot, controller, Settings(history=0.0), seed)
         others = cast.people or cast.bystanders or cast.rules is not None
-        planners = [one for one in controllers.values() if isinstance(one, Planner)]
+        planners = [one for each in controllers.values() if (one := planner_behind(each))]
         speeds = {one.reference_speed for one in planners} if others else set()
         for words in filter(None, (slow_aside(robot, speed) for speed in sorted(speeds))):
             LOG.warning("%s: %s", place, words)

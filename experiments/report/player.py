@@ -13,7 +13,7 @@ from typing import Any, final
 import numpy as np
 
 from ...framework.drawing.style import number
-from ...framework.mpc.planner.planner import Planner
+from ...framework.mpc.planner.planner import Planner, planner_behind
 from ...framework.plugins.io import check_target, write_text
 from ...framework.plugins.yamlfile import read_config
 from ...framework.values.arrays import Array, probability
@@ -23,7 +23,7 @@ from ...framework.values.plan import Plan, Rung
 from ...metrics.episode import content_bound
 from ...simulation.drawing import artists
 from ...simulation.log.episode_log import AgentLog, Episode
-from ..drawing.kept_out import kept_out_of, planner_behind, region_name
+from ..drawing.kept_out import kept_out_of, region_name
 from ..drawing.plotting import COLOURS
 from ..engine.base import Task
 from ..engine.closed_loop import KEPT_BY, log_name

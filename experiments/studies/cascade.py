@@ -255,9 +255,9 @@ class CascadeStudy(Experiment):
 
     def figures(self, result: Result, folder: Path) -> list[Path]:
         """Draw what each case changes, and the views and runs of the shown seeds."""
+        from ...framework.mpc.planner.planner import planner_behind
         from ..drawing.animation import animate
         from ..drawing.episodes import draw_run, draw_views
-        from ..drawing.kept_out import planner_behind
         from ..drawing.plotting import paper_style, save
 
         files = self._draw_changes(result.rows, folder)

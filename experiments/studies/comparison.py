@@ -1,14 +1,15 @@
 """Controllers in the same situations: who arrives, who touches, how fast; and chance."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from textwrap import fill
 from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from ...framework.controller import Controller
+from ...framework.controller import Controller, driving
+from ...framework.mpc.planner.planner import planner_behind
 from ...framework.plugins.io import write_bytes, write_table
 from ...framework.robot import Robot
 from ...framework.values.arrays import Array
@@ -18,7 +19,6 @@ from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
 from ...simulation.measures.episode_measures import measures
 from ...simulation.scenarios.base import Scenario
-from ..drawing.kept_out import planner_behind
 from ..drawing.plotting import ENOUGH, PAGE, few, number, paper_style, save, subplots
 from ..drawing.trade_off_markers import (
     front_legend,
@@ -263,16 +263,6 @@ def check_robots(
             )
         for robot in robots.values():
             driving(controller, robot)
-
-
-def driving(controller: Controller, robot: Robot) -> Controller:
-    """Return the controller with the robot that it is to drive, where it asks for one."""
-    made: Any = controller
-    entries: Any = fields(made) if is_dataclass(controller) else ()
-    if not any(entry.name == "robot" and entry.init for entry in entries) or made.robot == robot:
-        return controller
-    changed: Controller = replace(made, robot=robot)
-    return changed
 
 
 MEANS = {

@@ -112,9 +112,9 @@ class Encounter(Experiment):
 
     def figures(self, result: Result, folder: Path) -> list[Path]:
         """Draw the run of each planner, the views of two robots, and an animation of the first."""
+        from ...framework.mpc.planner.planner import planner_behind
         from ..drawing.animation import animate
         from ..drawing.episodes import draw_run, draw_views
-        from ..drawing.kept_out import planner_behind
         from ..drawing.plotting import paper_style, save
 
         files: list[Path] = []

@@ -8,7 +8,8 @@ from typing import Any, ClassVar, Self, final
 import numpy as np
 
 from ...controllers.steering import top_speed
-from ...framework.controller import Controller, fresh
+from ...controllers.withdrawing import Withdrawing
+from ...framework.controller import Controller, driving, fresh
 from ...framework.mpc.planner.planner import Planner
 from ...framework.predictor import Predictor
 from ...framework.robot import Robot
@@ -41,7 +42,7 @@ from ..engine.closed_loop import (
     shown_of_fewer,
 )
 from ..engine.errors import as_user_error
-from .comparison import against, condensed, draw_summary, driving, paired
+from .comparison import against, condensed, draw_summary, paired
 from .same_view import SameView, Watched
 
 AXES = {"scenario": "places", "limits": "limits", "view": "views", "controller": "controllers"}
@@ -318,6 +319,8 @@ def adapted(controller: Controller, robot: Robot, bounded: bool, view: CostmapVi
         parameters = {**shipped_parameters(settings.local), **settings.parameters}
         settings = replace(settings, parameters=parameters, view=view)
         return replace(driven, settings=settings, robot_limits=bounded)
+    if isinstance(driven, Withdrawing):
+        return replace(driven, controller=adapted(driven.controller, robot, bounded, view))
     if isinstance(driven, Planner):
         fastest = top_speed(robot, np.zeros(len(robot.states)))
         return replace(driven, reference_speed=fastest)

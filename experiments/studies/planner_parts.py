@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from ...framework.controller import Controller
+from ...framework.controller import Controller, driving
 from ...framework.predictor import Predictor
 from ...framework.region import Region
 from ...framework.robot import Robot
@@ -26,7 +26,7 @@ from ..engine.closed_loop import (
     inputs_of,
     seeds_of,
 )
-from .comparison import ANSWERS, SOURCES, against, check_robots, condensed, driving, measured
+from .comparison import ANSWERS, SOURCES, against, check_robots, condensed, measured
 
 
 @final

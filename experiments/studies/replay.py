@@ -216,9 +216,9 @@ class Replay(Experiment):
 
     def figures(self, result: Result, folder: Path) -> list[Path]:
         """Compare the planners, draw one episode of each, and animate the first's."""
+        from ...framework.mpc.planner.planner import planner_behind
         from ..drawing.animation import animate
         from ..drawing.episodes import draw_run
-        from ..drawing.kept_out import planner_behind
         from ..drawing.plotting import paper_style, save
 
         with paper_style():

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from ...framework.controller import Controller
+from ...framework.controller import Controller, driving
 from ...framework.plugins.config import build, describe
 from ...framework.plugins.yamlfile import assign
 from ...framework.robot import Robot
@@ -21,7 +21,7 @@ from ..drawing.trade_off_markers import bars_note, mark, say_empty, widen
 from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
 from ..engine.closed_loop import check_settings, check_starts, group, inputs_of, seeds_of
 from ..engine.showing import format_cell
-from .comparison import SOURCES, against, check_robots, condensed, driving, measured
+from .comparison import SOURCES, against, check_robots, condensed, measured
 
 BASE = "base"
 """Name of the setting that is varied."""

@@ -136,10 +136,16 @@ class History:
         """The noise of each sensor that does not state it."""
         return {sensor: evidence.estimate for sensor, evidence in self.evidence.items()}
 
-    @property
-    def known(self) -> dict[str, LastGood]:
-        """What stands in for an obstacle's numbers that are of no use, by name."""
-        return {name: LastGood(log.radius, log.covariance) for name, log in self.logs.items()}
+    def known(self, stamp: float) -> dict[str, LastGood]:
+        """Return what stands in at a time, s, for an obstacle's numbers of no use, by name.
+
+        Obstacles that `add` drops at that time are not known.
+        """
+        return {
+            name: LastGood(log.radius, log.covariance)
+            for name, log in self.logs.items()
+            if stamp - log.reported <= self.forget
+        }
 
     def emptied(self) -> "History":
         """Return one that knows nothing."""

@@ -109,7 +109,7 @@ class Perception:
         if (step := float(np.spacing(abs(stamp)))) > FINE * history.dt:
             notes.append(f"clock counts in steps of {step:.3g} s at {stamp:.3g} s")
         asked = observation, self.dimension, self.forget, here
-        sighting = admitted(*asked, history.known)
+        sighting = admitted(*asked, history.known(stamp))
         history = history.add(stamp, sighting.detections)
         return replace(
             self,

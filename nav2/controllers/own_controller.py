@@ -8,7 +8,7 @@ from typing import Any, final
 import numpy as np
 
 from ...framework.control.velocity_smoother import VelocitySmoother
-from ...framework.controller import Controller, fresh
+from ...framework.controller import Controller, driving, fresh
 from ...framework.plugins.config import build
 from ...framework.tracking.stand_ins import sound
 from ...framework.values.arrays import Array, positive
@@ -77,8 +77,8 @@ class OwnController(LocalController):
         given, robot = rest.pop("controller"), rest.pop("robot", None)
         own = isinstance(given, Controller)
         made: Any = fresh(given) if own else build("controllers", given, "own")
-        if robot is not None and getattr(made, "robot", robot) != robot:
-            made = replace(made, robot=robot)
+        if robot is not None:
+            made = driving(made, robot)
         return cls(made, **rest)
 
     def reset(self) -> None:

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Literal, final
 
 import numpy as np
 
-from ...framework.controller import Controller, DrivesRobot
+from ...framework.controller import Controller, DrivesRobot, driving, fresh
 from ...framework.plugins.config import build
 from ...framework.robot import SpeedLimited
 from ...framework.values.arrays import positive, whole
@@ -152,7 +152,7 @@ class CrowdNav(Scenario):
         start, goal = np.array(body.start), np.array(body.goal)
         if np.array_equal(start, goal):  # stands: a path has a length
             start = goal - (0.0, 1e-9)
-        path, made = Path(np.stack([start, goal])), replace(controller, robot=robot)
+        path, made = Path(np.stack([start, goal])), driving(fresh(controller), robot)
         return RobotAgent(f"person {number}", robot, made, path, speed=0.0, person=True)
 
 

@@ -9,6 +9,7 @@ import pytest
 from scipy import stats
 
 from wideberth.controllers.withdrawing import AWAY, DeadlockResolver, Withdrawing, retreat
+from wideberth.experiments.cli.export import planners
 from wideberth.experiments.engine.closed_loop import play
 from wideberth.experiments.engine.shipped import read_experiment
 from wideberth.experiments.studies.comparison import Comparison
@@ -273,3 +274,28 @@ def test_any_controller_is_led_out_of_a_stand_off() -> None:
         command = made.command(seen(TICK * tick, {"b": (1.0, 0.0)}))
         turns.append(abs(command.omega))
     assert turns[0] == 0.0 and max(turns) > 0.0  # the way aside begins with a turn
+
+
+def test_it_returns_to_where_it_left_a_path_that_crosses_itself() -> None:
+    """The first of two passes of one place lies along x, the second one along -y."""
+    inner = build("controllers", {"type": "pure_pursuit", "robot": "unicycle"})
+    one = Withdrawing(inner)
+    path = Path(np.array([[0.0, 0.0], [6.0, 0.0], [6.0, 3.0], [3.0, 3.0], [3.0, -3.0]]))
+    one.set_path(path)
+    arcs = np.linspace(0.0, 14.9, 150)
+    for k, place in enumerate(path.at(arcs)):
+        one.command(seen(0.1 * k, {}, tuple(place)))
+    memory = one._memory
+    assert memory.progress is not None and memory.progress.last is not None
+    assert memory.progress.last[0] == pytest.approx(14.9, abs=0.01)
+    memory.away = True  # as after a way out of a deadlock
+    one.command(seen(20.0, {}, (3.0, 0.1)))
+    assert memory.followed is not None and not memory.away
+    np.testing.assert_allclose(memory.followed.points, [[3.0, 0.1], [3.0, -3.0]], atol=0.02)
+    one.command(seen(20.1, {}, (3.0, 0.1)))
+    assert memory.followed.length == pytest.approx(3.1, abs=0.02)  # handed on once
+
+
+def test_a_planner_inside_is_found() -> None:
+    experiment, _ = read_experiment("doorway", [])
+    assert list(planners(experiment)) == ["ours"]

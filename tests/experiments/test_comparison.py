@@ -7,6 +7,7 @@ from typing import Any, final
 import numpy as np
 import pytest
 
+from wideberth.controllers.withdrawing import Withdrawing
 from wideberth.experiments.engine.base import Row
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped import read_experiment
@@ -16,11 +17,10 @@ from wideberth.experiments.studies.comparison import (
     _pairs,
     against,
     condensed,
-    driving,
     means,
     promised,
 )
-from wideberth.framework.controller import Controller
+from wideberth.framework.controller import Controller, driving
 from wideberth.framework.robot import Robot
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Command, Observation
@@ -187,6 +187,9 @@ def test_a_controller_gets_the_robot_that_it_drives(gate: Comparison) -> None:
     assert driving(controller, own) is controller
     changed = driving(controller, other)
     assert isinstance(changed, Straight) and changed.robot == other and changed.speed == SLOW
+    wrapped = driving(Withdrawing(Straight(SLOW, own)), other)
+    assert wrapped.robot == other and wrapped.controller.robot == other
+    assert driving(wrapped, other) is wrapped
     both = replace(gate, robots={"disc": own, "unicycle": other})
     assert len(both.tasks()) == 16
 

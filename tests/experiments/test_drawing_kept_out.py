@@ -9,9 +9,9 @@ from matplotlib.collections import PolyCollection
 
 from wideberth.experiments.drawing import animation
 from wideberth.experiments.drawing.episodes import draw_run, draw_views
-from wideberth.experiments.drawing.kept_out import kept_out_of, planner_behind
+from wideberth.experiments.drawing.kept_out import kept_out_of
 from wideberth.experiments.drawing.plotting import paper_style
-from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.mpc.planner.planner import Planner, planner_behind
 from wideberth.framework.plugins.config import build
 from wideberth.simulation.log.episode_log import Episode
 from wideberth.tests.experiments.test_drawing import (

@@ -35,6 +35,19 @@ class Weights:
         for name in ("position", "speed", "acceleration", "yaw_acceleration"):
             positive(f"weights.{name}", getattr(self, name), zero=True)
 
+    def scaled(self, k: float) -> "Weights":
+        """Return the weights for a robot that is k times as fast.
+
+        It drives the same way in 1/k of the time: each weight is divided by the power of k that
+        its unit has of time.
+        """
+        return Weights(
+            self.position,
+            self.speed / k**2,
+            self.acceleration / k**4,
+            self.yaw_acceleration / k**4,
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Moment:

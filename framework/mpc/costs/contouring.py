@@ -62,6 +62,10 @@ class Contouring(ProgressCost):
         positive("contouring.rate", self.rate)
         whole("contouring.knots", self.knots, least=5)
 
+    def scaled(self, k: float) -> "Contouring":
+        """Return the cost for a robot that is k times as fast, see `Weights.scaled`."""
+        return replace(self, weights=self.weights.scaled(k), rate=self.rate / k**2)
+
     def lay(self, path: Path, arc: float, speed: float, steps: int, dt: float) -> Reference:
         """Lay the curve; the points are those that a robot at the reference speed would pass."""
         points = lay_reference(path, arc, speed, steps, dt)

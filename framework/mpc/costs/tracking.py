@@ -34,6 +34,10 @@ class Tracking(Cost):
 
     weights: Weights = field(default_factory=Weights)
 
+    def scaled(self, k: float) -> "Tracking":
+        """Return the cost for a robot that is k times as fast, see `Weights.scaled`."""
+        return Tracking(self.weights.scaled(k))
+
     def lay(self, path: Path, arc: float, speed: float, steps: int, dt: float) -> Reference:
         """Lay the reference at a constant speed; it stops at the goal."""
         return lay_reference(path, arc, speed, steps, dt)

@@ -7,6 +7,8 @@ import numpy as np
 from ...values.arrays import Array
 from ...values.path import Path
 
+SHORTEST = 1e-6
+"""m; a piece of a path that is shorter is none."""
 EARLY = 0.5
 """m; on a new path the first stretch is taken that comes this close to the nearest point, and
 between two calls the search reaches at least as far."""
@@ -56,6 +58,15 @@ class PathProgress:
 
     path: Path
     last: tuple[float, Array] | None = None
+
+    @property
+    def rest(self) -> Path:
+        """The path from where the robot was at the last call on; all of it before the first."""
+        if self.last is None or self.last[0] >= self.path.length - SHORTEST:
+            return self.path
+        arc = self.last[0]
+        left = self.path.points[self.path.arc > arc + SHORTEST]
+        return Path(np.concatenate([self.path.at(np.array([arc])), left]))
 
     def advanced(self, place: Array) -> tuple["PathProgress", float]:
         """Return the progress at a place, and the arc length of the nearest path point, m.

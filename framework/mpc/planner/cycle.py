@@ -174,6 +174,7 @@ class Decision:
         answered than the planner's own.
     solved : the problem that was solved; None where the cycle did not get that far.
     frame : what the robot perceived; None where the cycle did not get that far.
+    path : that it follows; None likewise.
     """
 
     command: Command
@@ -181,6 +182,7 @@ class Decision:
     notes: tuple[str, ...]
     solved: Solved | None
     frame: "PerceptionFrame | None" = None
+    path: Path | None = None
 
 
 @final
@@ -298,7 +300,8 @@ def _planned(
         obstacle_in_way=outcome.obstacle_in_way,
     )
     notes = tuple(filter(None, (note, _stand_in(outcome))))
-    return state, Decision(command, plan, notes, solved, frame)
+    path = checked_ready(state.progress).path
+    return state, Decision(command, plan, notes, solved, frame, path)
 
 
 def _braked(
@@ -319,10 +322,10 @@ def _explained(
     return replace(plan, reason=reason, forecast=frame.forecast, tracked=tracked)
 
 
-def situation_of(settings: PlannerSettings, path: Path, decision: Decision) -> Situation | None:
+def situation_of(settings: PlannerSettings, decision: Decision) -> Situation | None:
     """Return what a picture of a decision shows beside its plan; None after an emergency."""
     frame = decision.frame
-    if frame is None or decision.solved is None:
+    if frame is None or decision.solved is None or decision.path is None:
         return None
     robot = settings.robot
     start = decision.solved.check.parameters.initial[: len(robot.states)]
@@ -334,7 +337,7 @@ def situation_of(settings: PlannerSettings, path: Path, decision: Decision) -> S
         radius=robot.radius,
         heading=float("nan") if heading is None else float(heading),
         footprint=robot.footprint,
-        path=path,
+        path=decision.path,
         polygons=frame.observation.polygons,
     )
 

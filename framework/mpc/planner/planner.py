@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, final
 
 from ...control.rate_limited_warnings import WARNINGS
-from ...controller import Controller, checked_path
+from ...controller import Controller, WrapsController, checked_path
 from ...values.errors import WideberthError, short
 from ...values.motion import Command, Observation
 from ...values.path import Path
@@ -108,11 +108,11 @@ class Planner(PlannerSettings, Controller):
     @property
     def plan(self) -> Plan | None:
         """The plan behind the last command, with all that a picture of it shows."""
-        memory, progress = self._memory, self._memory.state.progress
-        if memory.plan is None or memory.decision is None or progress is None:
+        memory = self._memory
+        if memory.plan is None or memory.decision is None or memory.plan.situation is not None:
             return memory.plan
-        if memory.plan.situation is None:
-            situation = situation_of(self, progress.path, memory.decision)
+        situation = situation_of(self, memory.decision)
+        if situation is not None:
             memory.plan = replace(memory.plan, situation=situation)
         return memory.plan
 
@@ -169,3 +169,10 @@ def _warn(name: str, plan: Plan, notes: Sequence[str]) -> None:
         WARNINGS.warn(name, "no room in the problem", ", ".join(plan.left_out))
     for note in notes:
         WARNINGS.warn(name, note.split()[0].rstrip(":"), note)  # its first word is its kind
+
+
+def planner_behind(controller: Controller | None) -> Planner | None:
+    """Return the planner that a controller is or wraps; None for one that plans otherwise."""
+    if isinstance(controller, WrapsController):
+        return planner_behind(controller.controller)
+    return controller if isinstance(controller, Planner) else None

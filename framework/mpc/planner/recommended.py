@@ -1,7 +1,7 @@
 """The recommended planner for a robot and a speed, in one call."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from math import ceil
 from typing import Any
 
@@ -14,6 +14,8 @@ from ...values.arrays import positive
 from ...values.errors import WideberthError, short
 from ...values.motion import Command, Twist
 from ..costs.base import Weights
+from ..costs.contouring import Contouring
+from ..costs.tracking import Tracking
 from .planner import Planner
 from .settings import PlannerSettings, doubts
 
@@ -130,7 +132,7 @@ def completed(given: Mapping[str, Any], path: str = "") -> dict[str, Any]:
     _check_speed(robot, speed, place)
     k = max(speed / SPEED, 1.0)
     dt = positive(f"{place}dt", given.get("dt", STEP / k))
-    derived = {
+    derived: dict[str, Any] = {
         "reference_speed": float(speed),
         "dt": dt,
         "period": dt,
@@ -147,31 +149,19 @@ def _scaled_cost(cost: Any, k: float) -> Any:
     """Return the config of a cost whose weights, where none are stated, follow the speed."""
     settings = {"type": cost} if isinstance(cost, str) else cost
     kind = settings.get("type") if isinstance(settings, Mapping) else None
-    if kind not in choices("costs"):
-        return cost  # a cost that is made already, or one that `build` refuses
-    stated = settings.get("weights", {})
-    if "weights" not in {entry.name for entry in fields(load("costs", kind))}:
-        return cost
+    known = load("costs", kind) if kind in choices("costs") else None
+    if known not in (Tracking, Contouring):
+        return cost  # made already, of a user's own, or refused by `build`
+    defaults, stated = describe(known().scaled(k)), settings.get("weights", {})
     if not isinstance(stated, Mapping):
         return cost
-    return {**settings, "weights": {**asdict(scaled_weights(k)), **stated}}
+    return {**defaults, **settings, "weights": {**defaults["weights"], **stated}}
 
 
 def _fitting_speed(robot: Robot) -> float:
     """Return the speed for a robot that is given without one, m/s."""
     fastest = robot.max_speed if isinstance(robot, SpeedLimited) else HEADROOM * SPEED
     return round(fastest / HEADROOM, 3)
-
-
-def scaled_weights(k: float) -> Weights:
-    """Return the paper's weights for a robot that is k times as fast, see `recommended`."""
-    paper = Weights()
-    return Weights(
-        paper.position,
-        paper.speed / k**2,
-        paper.acceleration / k**4,
-        paper.yaw_acceleration / k**4,
-    )
 
 
 def _robot_for(robot: Any, speed: float) -> tuple[Robot, str]:

@@ -18,6 +18,7 @@ from wideberth.framework.plugins.config import describe
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.motion import Command, Observation
+from wideberth.framework.values.path import Path
 from wideberth.framework.values.plan import GivenWay, Rung, Status
 from wideberth.framework.values.tracks import Tracks
 from wideberth.predictors.adaptive_conformal import AdaptiveConformal
@@ -259,3 +260,16 @@ def test_what_is_not_as_asked_for_is_warned_of(monkeypatch: pytest.MonkeyPatch) 
         plan: Any = SimpleNamespace(**{**vars(good), **changes})
         shell._warn("robot", plan, notes)
         assert said == [("robot", *words) for words in wanted]
+
+
+def test_a_picture_shows_the_path_that_the_plan_was_made_for() -> None:
+    made = planner()
+    made.set_path(Path(np.array([[0.0, 0.0], [5.0, 0.0]])))
+    made.command(Observation(0.0, np.zeros(5)))
+    made.set_path(Path(np.array([[0.0, 0.0], [0.0, 9.0]])))
+    plan = made.plan
+    assert plan is not None and plan.situation is not None and plan.situation.path is not None
+    np.testing.assert_array_equal(plan.situation.path.goal, [5.0, 0.0])
+    assert made.plan is plan
+    made.command(Observation(0.5, np.full(5, np.nan)))
+    assert made.plan is made.plan and made.plan is not None and made.plan.situation is None

@@ -76,6 +76,11 @@ def test_weights_that_are_not_stated_follow_the_speed(cost: str) -> None:
         wanted = {"position": position, "speed": 2.5, "acceleration": 625.0}
         assert found["type"] == cost
         assert found["weights"] == {**wanted, "yaw_acceleration": 31.25}
+    rates = [
+        describe(recommended("unicycle", speed, quiet=True, cost="contouring"))["cost"]["rate"]
+        for speed in (0.5, 1.0, 2.0)
+    ]
+    assert rates == [2000.0, 500.0, 125.0]  # s^2/m^2
     made = Tracking(Weights(position=7.0))
     assert recommended("unicycle", 1.0, quiet=True, cost=made).cost is made
 

@@ -81,6 +81,19 @@ def test_the_last_good_place_stands_in_until_it_is_forgotten(bad: dict[str, Any]
     assert clearance(states) > 0.0 and states[-1, 3] == pytest.approx(0.0, abs=1e-6)
 
 
+def test_between_the_last_place_and_none_no_cycle_is_blind() -> None:
+    """In every cycle the person is in the plan, or the robot brakes for one without a place."""
+    one, lost = made(), replace(GOOD, position=[np.nan, np.nan])
+    place, ids = replace(GOOD, position=[1.2, 0.0]), []
+    for k in range(20):  # forgotten after 3 s
+        state = np.array([0.0, 0.0, 0.0, 0.0, 0.0])
+        one.command(Observation(DT * k, state, (place if k < 2 else lost,)))
+        assert one.plan is not None
+        assert one.plan.ids == ("a",) or one.plan.rung is Rung.BRAKE, k
+        ids.append(one.plan.ids)
+    assert ids[2] == ("a",) and ids[-1] == ()
+
+
 def test_who_has_no_place_makes_the_robot_stop_for_as_long_as_they_are_seen() -> None:
     one, straight = made(), (replace(GOOD, position=[np.nan, np.nan]),)
     states = driven(one, lambda k: straight, 8)
