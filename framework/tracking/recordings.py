@@ -1,5 +1,6 @@
 """Readers of recorded tracks and robot logs in plain text."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -44,6 +45,8 @@ _MEANINGS = {
 }  # fmt: skip
 _NAMES = {word: name for name, words in _MEANINGS.items() for word in words}
 """Word of a header -> what the column holds."""
+_REMARKS = re.compile(r"\([^)]*\)?|\[[^]]*\]?|[\"']")
+"""Units and the like in brackets, which may stay open, and quotes."""
 
 
 def header(line: str) -> tuple[str, ...]:
@@ -53,8 +56,10 @@ def header(line: str) -> tuple[str, ...]:
     --------
     >>> header("# ID, t, pos_x, pos_y"), header("# recorded in a hall")
     (('id', 'time', 'x', 'y'), ())
+    >>> header('"frame", "id", "x [m]", "y [m]"'), header("# time (s), x, y, theta (rad)")
+    (('frame', 'id', 'x', 'y'), ('time', 'x', 'y', 'theta'))
     """
-    words = line.lstrip("# \t").split("(", 1)[0].replace(",", " ").lower().split()
+    words = _REMARKS.sub("", line.lstrip("# \t")).replace(",", " ").lower().split()
     known = tuple(_NAMES[word] for word in words if word in _NAMES)
     return known if len(known) == len(words) else ()
 
@@ -207,6 +212,8 @@ def _identity(word: str, path: Path, line: int) -> str:
 
 
 OFF_GRID = 1e-6
+SIDEWAYS = 0.5
+"""Share of the way of a robot log that lies across the headings; more contradicts its columns."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -411,13 +418,26 @@ def read_robot_log(
     notes: tuple[str, ...] = ()
     if lost:
         notes += (f"{lost} rows unobserved: in gaps longer than {bridge:g} s",)
-    if len(rows) > 1 and np.ptp(table[:, 1]) == 0.0 and table[0, 1] == round(table[0, 1]):
+    if _seem_identities(table[:, 1]) and _drives_sideways(table):
         asked = f"are the columns `{' '.join(ROBOT_COLUMNS)}`, in this order?"
         notes += (f"x is {table[0, 1]:g} in every row: {asked}",)
     reason = unusable(positions, dt, minimum_samples, longest_gap)
     name = Path(path).stem if ident is None else ident
     times = table[0, 0] + dt * np.arange(count)
     return Recording(dt, times, (name,), positions[None], (reason,), notes)
+
+
+def _seem_identities(column: Array) -> bool:
+    """Whether a column holds one and the same whole number in several rows."""
+    return len(column) > 1 and np.ptp(column) == 0.0 and column[0] == round(column[0])
+
+
+def _drives_sideways(table: Array) -> bool:
+    """Whether rows of time, x, y and theta go, on the mean of the way, where theta denies it."""
+    steps = np.diff(table[:, 1:3], axis=0)
+    headings = table[:-1, 3]
+    lateral = steps[:, 1] * np.cos(headings) - steps[:, 0] * np.sin(headings)
+    return float(np.abs(lateral).sum()) > SIDEWAYS * float(np.hypot(*steps.T).sum())
 
 
 def _log(path: Path) -> list[tuple[int, list[float]]]:

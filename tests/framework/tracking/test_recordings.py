@@ -144,6 +144,23 @@ def test_times_of_several_people_are_no_robot_log(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("heading", "asked"),
+    [(np.pi / 2, 0), (-np.pi / 2, 0), (0.5, 1), (12.0, 1), (np.pi / 2 + 0.4, 0)],
+)
+def test_a_robot_log_along_y_is_asked_for_its_order_if_the_heading_denies_it(
+    tmp_path, heading, asked
+):
+    """At x = 0 a body that drives along y points along y, forwards or backwards."""
+    text = "".join(f"{0.1 * k:.1f} 0 {0.05 * k} {heading}\n" for k in range(20))
+    assert len(read_robot_log(write(tmp_path, text), 0.1).notes) == asked
+
+
+def test_a_robot_that_turns_on_the_spot_is_not_asked_for_its_order(tmp_path):
+    text = "".join(f"{0.1 * k:.1f} 0 3 {0.1 * k}\n" for k in range(20))
+    assert read_robot_log(write(tmp_path, text), 0.1).notes == ()
+
+
+@pytest.mark.parametrize(
     ("head", "message"),
     [
         (
@@ -156,6 +173,10 @@ def test_times_of_several_people_are_no_robot_log(tmp_path):
             r"line 2 names the columns `id frame x y`; .* this order",
         ),
         ("# time x y yaw", r"names the columns `time x y theta`; wanted `frame id x y`"),
+        ("# id (1), time (s), x (m), y (m)", r"names the columns `id time x y`; .* time in s"),
+        ("id [1] time [s] x [m, of the map] y[m]", r"names the columns `id time x y`; wanted"),
+        ('"id","time","x","y"', r"names the columns `id time x y`; wanted `frame id x y`"),
+        ("# 'frame', 'x', 'y', 'id' (as it was seen", r"names the columns `frame x y id`"),
     ],
 )
 def test_a_header_that_names_other_columns_is_read(tmp_path, head, message):
@@ -166,6 +187,8 @@ def test_a_header_that_names_other_columns_is_read(tmp_path, head, message):
 
 @pytest.mark.parametrize("head", ["frame,id,x,y", "Frame ped_id x_m y_m",
                                   "# frame id x y", "# Frame, ped_id, x_m, y_m (m)", "# x y",
+                                  "# frame (1), id (1), x (m), y (m)", "# (id) [time] (x) y",
+                                  '"frame","id","x","y"',
                                   "# id time x and y come later"])  # fmt: skip
 def test_other_comments_are_left_alone(tmp_path, head):
     text = f"{head}\n0 1 2 3\n# id time x y\n1 1 2 3\n"
