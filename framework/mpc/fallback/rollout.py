@@ -111,36 +111,11 @@ class _Steering:
         held = [one for manoeuvre in manoeuvres for one in manoeuvre]
         twists = np.array([(*twist.linear, twist.angular) for twist, _ in held])
         flat = np.repeat(twists, [count for _, count in held], axis=0)
-        return list(zip(*self.along(start, flat), strict=True))
-
-    def along(self, start: Array, flat: Array) -> tuple[Array, Array]:
-        """Drive along twists (S N, D + 1): states (S, N + 1, n) and inputs (S, N, m)."""
         after, inputs = (rows.reshape(*self._shape, -1) for rows in self._all([start, flat]))
         count, steps = self._shape
         states = np.empty((count, steps + 1, after.shape[2]))
         states[:, 0], states[:, 1:] = start, after
-        return states, inputs
-
-
-def drive_along(robot: Robot, start: Array, twists: Array, dt: float) -> Array:
-    """Drive from one start along S sequences of wanted twists, one for each of N steps.
-
-    Parameters
-    ----------
-    start : (n,).
-    twists : (S, N, D + 1), linear components, m/s, and yaw rate, rad/s; the robot follows them as
-        well as its limits allow.
-    dt : s.
-
-    Returns
-    -------
-    States, (S, N + 1, n).
-    """
-    count, steps, size = twists.shape
-    if isinstance(robot, SymbolicDrive):
-        return _steering(robot, steps, dt, count).along(start, twists.reshape(-1, size))[0]
-    made = [[(Twist(tuple(row[:-1]), row[-1]), 1) for row in one] for one in twists.tolist()]
-    return np.stack([_steer(robot, start, held, dt)[0] for held in made])
+        return list(zip(states, inputs, strict=True))
 
 
 def drive_each(robot: Robot, states: Array, twists: Sequence[Twist], dt: float) -> Array:
