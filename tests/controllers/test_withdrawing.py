@@ -1,4 +1,4 @@
-"""Standing off: when a robot withdraws, where to, and for how long; two robots in a door."""
+"""Deadlocks: when a robot withdraws, where to, and for how long; two robots in a door."""
 
 import warnings
 from collections.abc import Mapping
@@ -45,14 +45,14 @@ def watched(known: DeadlockResolver, one: Observation, left: float = 5.0) -> Dea
 def after(
     seconds: float, other: tuple[float, float] = (1.0, 0.0), left: float = 5.0
 ) -> DeadlockResolver:
-    """What is known after standing before somebody who stands."""
+    """What is known after standing before another one who stands."""
     known = DeadlockResolver()
     for tick in range(round(seconds / TICK) + 1):
         known = watched(known, seen(TICK * tick, {"b": other}), left)
     return known
 
 
-def test_two_seconds_of_standing_are_a_stand_off() -> None:
+def test_two_seconds_of_standing_are_a_deadlock() -> None:
     assert after(1.8).withdrawal is None
     known = after(2.0)
     assert known.withdrawal is not None and known.withdrawal.other == "b" and known.way is None
@@ -60,7 +60,7 @@ def test_two_seconds_of_standing_are_a_stand_off() -> None:
     assert 4.0 <= known.withdrawal.end - known.withdrawal.begin <= 8.0
 
 
-def test_what_is_no_stand_off() -> None:
+def test_what_is_no_deadlock() -> None:
     assert after(4.0, other=(2.0 * RADIUS + 1.51, 0.0)).withdrawal is None  # too far away
     assert after(4.0, left=0.2).withdrawal is None  # it has arrived
     assert after(2.0, other=(2.0 * RADIUS + 1.49, 0.0)).withdrawal is not None
@@ -162,7 +162,7 @@ def test_who_walks_on_has_not_come_to_a_halt_however_seldom_it_is_looked_at(peri
 
 
 def test_a_wait_ends_when_the_other_one_stays_or_has_gone() -> None:
-    """One that is over before two seconds of standing have made it a stand-off."""
+    """One that is over before two seconds of standing have made it a deadlock."""
     y = next(y for y in 0.1 * np.arange(20) if meeting(y=y).wait.end < 4.4)  # type: ignore[union-attr]
     known, time = meeting(y=y), 2.6
     b = {"b": (1.0, float(y))}
@@ -262,7 +262,7 @@ def test_who_does_not_know_its_robot_is_refused() -> None:
         Withdrawing(object())  # type: ignore[arg-type]
 
 
-def test_any_controller_is_led_out_of_a_stand_off() -> None:
+def test_any_controller_is_led_out_of_a_deadlock() -> None:
     """A rival that stands before a person who stands follows the short way aside."""
     made = build(
         "controllers",
