@@ -35,18 +35,35 @@ CONFIG_ROOM = "configs"
 _SINGLE = (bool, int, float, str)
 _FIELDS, _SOURCES = ("Parameters", "Attributes"), "References"
 _OTHER = ("Raises", "Returns", "Examples", "Notes", "See Also")
+_ABBREVIATIONS = "".join(
+    rf"(?<!\b{re.escape(word)})" for word in ("al.", "e.g.", "i.e.", "cf.", "vs.")
+)
+_ENDS = re.compile(rf"(?<=[.:;]){_ABBREVIATIONS}\s")
+"""The gap after a sentence, or after a colon or semicolon in it."""
 
 
 def listed(room: str) -> dict[str, str]:
     """Return name -> first line of its docstring, of a room or of the shipped configs.
 
-    No plug-in is imported: the line is read from the file.
+    The line is read from the file. A plug-in is imported only where its file does not have it.
     """
     if is_config_room(room):
         return {name: _claim(shipped_text(name)) for name in shipped()}
     room = _known_room(room)
     named = {**targets(room), **ROOMS[room].recipes}
-    return {name: summary(target) for name, target in sorted(named.items())}
+    return {
+        name: summary(target) or _imported_summary(room, name)
+        for name, target in sorted(named.items())
+    }
+
+
+def _imported_summary(room: str, name: str) -> str:
+    """Return the first line of the docstring of what a name leads to, or that it leads nowhere."""
+    try:
+        found = recipe(room, name) or load(room, targets(room)[name])
+    except WideberthError:
+        return f"cannot be imported; `wideberth describe {room} {name}` says why"
+    return (inspect.getdoc(found) or "").partition("\n")[0]
 
 
 def is_config_room(word: str) -> bool:
@@ -78,7 +95,8 @@ def summary(target: str) -> str:
     """
     module, _, name = target.partition(":")
     if module in sys.modules:
-        text = inspect.getdoc(getattr(sys.modules[module], name, None)) or ""
+        found = getattr(sys.modules[module], name, None)
+        text = (found is not None and inspect.getdoc(found)) or ""
     else:
         file = _file(module)
         text = _docstrings(file).get(name, "") if file else ""
@@ -113,13 +131,14 @@ def _docstrings(file: Path) -> dict[str, str]:
 
 
 def _claim(config: str) -> str:
-    """Return the first sentence of the comment that a config begins with."""
+    """Return the first sentence of the comment that a config begins with, up to a colon."""
     found = []
     for line in config.splitlines():
         if not line.startswith("# "):
             break
         found.append(line.removeprefix("# "))
-    return re.split(r"(?<=[.:;])\s", " ".join(found))[0].rstrip(":;")
+    claim = _ENDS.split(" ".join(found))[0].rstrip(":;")
+    return claim + ")" * (claim.count("(") - claim.count(")"))
 
 
 def described(words: list[str]) -> str:

@@ -4,6 +4,7 @@ import dataclasses
 import os
 import subprocess
 import sys
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ import yaml
 from typer.testing import CliRunner
 
 import wideberth
+from wideberth.experiments.cli import describing
 from wideberth.experiments.cli.app import app
 from wideberth.experiments.cli.describing import described, listed, split, summary
 from wideberth.framework.plugins import registry
@@ -87,6 +89,63 @@ def test_everything_is_listed_with_a_line(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.syspath_prepend(tmp_path)
     assert summary("other:Mine") == "A third one." and "other" not in sys.modules
     assert summary("other:Yours") == summary("nowhere.at_all:Mine") == ""
+
+
+@pytest.mark.parametrize(
+    ("comment", "claim"),
+    [
+        ("# Men (Schoeller et al.\n# 2020: 0.39 m) walk.", "Men (Schoeller et al. 2020)"),
+        ("# As in Schoeller et al. 2020. More.", "As in Schoeller et al. 2020."),
+        ("# Some, e.g. one, i.e. few vs. many, cf. all: more.",
+         "Some, e.g. one, i.e. few vs. many, cf. all"),
+        ("# Walls (of 2 m): people. More.", "Walls (of 2 m)"),
+        ("# What it took: al. More.", "What it took"),
+        ("# In total. More.", "In total."),
+    ],
+)  # fmt: skip
+def test_an_abbreviation_is_no_end_of_a_sentence(
+    comment: str, claim: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(describing, "shipped", lambda: ["mine"])
+    monkeypatch.setattr(describing, "shipped_text", lambda name: f"{comment}\ntype: tuning\n")
+    assert listed("configs") == {"mine": claim}
+
+
+def test_the_summaries_of_the_shipped_configs_are_whole() -> None:
+    for name, claim in listed("configs").items():
+        assert not claim.endswith("al.") and claim.count("(") == claim.count(")"), name
+
+
+def test_a_name_that_cannot_be_imported_is_listed_as_that(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A name whose docstring stands in another file is imported to be described."""
+    folder = tmp_path / "third_party_package"
+    folder.mkdir()
+    (folder / "__init__.py").write_text("from ._made import Elsewhere\n")
+    (folder / "_made.py").write_text(
+        "from wideberth.controllers import PurePursuit\n"
+        'class Elsewhere(PurePursuit):\n    """From another file."""\n'
+        'class Here(Elsewhere):\n    """From here."""\n'
+    )
+    (folder / "unsound.py").write_text("class Broken(:\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    targets = {
+        "absent_module": "third_party_package.absent:Mine",
+        "absent_class": "third_party_package._made:Mine",
+        "unsound": "third_party_package.unsound:Broken",
+        "elsewhere": "third_party_package:Elsewhere",
+        "here": "third_party_package._made:Here",
+    }
+    points = [EntryPoint(name, at, "wideberth.controllers") for name, at in targets.items()]
+    monkeypatch.setattr(registry, "_installed", registry._installed.__wrapped__)
+    monkeypatch.setattr(registry, "entry_points", lambda group: points)
+    found = listed("controllers")
+    for name in ("absent_module", "absent_class", "unsound"):
+        assert found[name] == (
+            f"cannot be imported; `wideberth describe controllers {name}` says why"
+        )
+    assert found["elsewhere"] == "From another file." and found["here"] == "From here."
 
 
 def test_sections_of_a_docstring() -> None:
