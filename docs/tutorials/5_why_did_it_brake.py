@@ -2,15 +2,14 @@
 5. Why did it brake?
 ====================
 
-A robot that plans with regions sometimes stops although the way looks free. A plan states its reasons, so that you
-need not guess. This page provokes a stop, reads the reasons, and changes what caused it.
+A robot that plans with regions sometimes brakes although the way looks free. A plan states its reasons, so that you
+need not guess. This page makes a robot brake, reads the reasons, and changes what caused it.
 """
 
 # %%
-# A stop
-# ------
-# The robot drives at 0.5 m/s. Suddenly a person is there, three metres ahead and a little aside, whom it has never
-# seen before.
+# It brakes
+# ---------
+# The robot drives at 0.5 m/s. Suddenly a person is there, 4 m ahead and 1.6 m aside, whom it has never seen before.
 
 from wideberth import Detection, Observation, Path, build
 
@@ -19,7 +18,7 @@ SETTINGS = {
     "robot": "unicycle",
     "predictor": {"type": "kalman", "acceleration_density": 0.002},  # m^2/s^3: calm people
     "region": "mahalanobis_ellipse",
-    "level": "fixed",  # asks for 95 % at every step; a plan that cannot keep it says so
+    "level": "fixed",  # asks for 95 % at every step
     "solver": "riccati",
 }
 noise = [[0.0004, 0.0], [0.0, 0.0004]]  # m^2
@@ -42,16 +41,20 @@ print(command)
 print(planner.plan.rung)
 
 # %%
+# The command is 0.15 m/s, and the plan goes on to drive backwards.
+#
 # Read the reason
 # ---------------
-# The plan is not ``optimal``: the planner has gone down its ladder of fallback plans. The reason names each rung that
-# did not hold, and why.
+# The plan is not ``optimal``: the planner has gone down its ladder of fallback plans, here to ``least violation``. The
+# reason says first what this plan holds of the 95 % that were asked for, from which step on, and because of whom.
+# Then it names each rung that did not hold, and why: ``entered by 0.95 at step 15`` is how deep that rung's plan is in a
+# region, without a unit, and when. The plan that was taken is less deep.
 
 print(planner.plan.reason)
 
 # %%
-# ``explain`` looks at the decision from outside: how many starting points were tried, and which constraint is broken
-# most.
+# ``explain`` says the same again and looks at the decision from outside: how many starting points were tried, and
+# which constraints the plan breaks, each at its worst step.
 
 print(planner.explain().text())
 
@@ -59,7 +62,8 @@ print(planner.explain().text())
 # Look at it
 # ----------
 # The picture shows the cause at once. The speed of a person seen only once is unknown; the filter assumes that
-# it may be anything a person can walk. The regions grow by a metre per second, until they close the way.
+# it may be anything a person can walk, with a deviation of 1 m/s. The regions of 95 % grow by 2.4 m per second, faster
+# than the robot drives: they reach it wherever it goes, and backing away only makes it less deep.
 
 planner.plan.plot()
 
@@ -81,9 +85,9 @@ planner.plan.plot()
 # Let the level give way
 # ----------------------
 # The other cure is a level that gives way at a price: ``relaxed`` holds 95 % where it can, and less where there is no
-# other way, down to a ``minimum`` (0 stands for the bodies alone). The robot then goes on, and the plan says what it
-# no longer promises: ``given_way`` has the probability that was asked for, the one that is held, from which step on,
-# and because of whom.
+# other way, down to a ``minimum`` (0 stands for the bodies alone). The robot then goes on, and the plan is ``optimal``
+# by what it weighs, but promises even less than the one that backed away: ``given_way`` has the probability that was
+# asked for, the one that is held, from which step on, and because of whom, as the reason above began.
 
 planner = build("controllers", SETTINGS | {"level": {"type": "relaxed", "minimum": 0.0}})
 planner.set_path(Path([(-10, 0), (10, 0)]))
