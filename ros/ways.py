@@ -26,7 +26,8 @@ LEFT = 1.0
 """m of the path; with more of it ahead, a robot beside the path's end only passes by."""
 SHIFT, TURN = 0.02, 0.005
 """m and rad; routes and walls are placed anew when the map's frame has moved so far against the
-odometry's, where the robot is. A wall 10 m away is then up to 0.08 m off."""
+odometry's, where the robot is. A wall 10 m away is then up to 0.08 m off. A path that comes once
+more, whose end has moved no further, has the same goal."""
 
 
 @final
@@ -179,7 +180,8 @@ class Turn:
 class Arrival:
     """Notes whether a robot has come to the end of its path.
 
-    A robot that is there stays there up to twice the tolerance.
+    A robot that is there stays there up to twice the tolerance, until a path with another goal
+    comes.
 
     Parameters
     ----------
@@ -199,6 +201,8 @@ class Arrival:
             self.there = False
             return False
         if self._progress is None or self._progress.path is not path:
+            old = path if self._progress is None else self._progress.path
+            self.there = self.there and float(np.linalg.norm(path.goal - old.goal)) <= SHIFT
             self._progress = PathProgress(path)
         self._progress, arc = self._progress.advanced(place)
         distance = float(np.linalg.norm(path.goal - place))

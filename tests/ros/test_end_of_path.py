@@ -45,6 +45,28 @@ def test_the_same_path_once_more_does_not_wake_a_robot_that_is_there() -> None:
     assert np.linalg.norm(loop.pose[:2] - WAY[-1]) <= NEAR and not loop.motion.any()
 
 
+def test_a_short_path_onward_is_driven_and_the_same_goal_wakes_no_robot() -> None:
+    loop = Drive(Scripted(), follows=PathTopic())
+    loop.path(points=WAY)
+    loop.until("waiting for a path")
+    here = loop.pose[0]
+    loop.path(points=((here, 0.0), WAY[-1]))  # planned anew
+    for _ in range(20):
+        assert not loop.move().any()
+    end = here + 0.45
+    loop.path(points=((here, 0.0), (end, 0.0)))
+    loop.until("waiting for a path")
+    assert abs(end - loop.pose[0]) <= NEAR
+
+
+def test_twice_the_tolerance_is_for_the_same_goal_alone() -> None:
+    arrival, way = Arrival(NEAR), Path(np.array(WAY))
+    for onward, there in ((0.0, True), (0.01, True), (0.45, False)):
+        assert arrival.look(way, way.goal)
+        new = Path(np.array([(1.0, 0.0), (3.0 + onward, 0.0)]))
+        assert arrival.look(new, new.goal - np.array([1.8 * NEAR, 0.0])) is there
+
+
 def test_a_path_that_passes_its_own_end_is_followed_to_the_end() -> None:
     """Round a square, and over its first side once more."""
     way = Path(np.array([(0, 0), (2, 0), (2, 2), (0, 2), (0, 0), (1, 0)], float))
