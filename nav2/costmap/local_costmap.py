@@ -42,6 +42,7 @@ class CostmapView:
     inf_is_valid : a ray that meets nothing clears, too. Nav2's default is false, which leaves
         the marks of bodies that have passed in open space for ever.
     static_layer : show polygons as a known map, wherever they are.
+    obstacle_layer : show what rays have met.
     exact : show every disc and polygon as it is now, instead of what rays have met.
     beams : rays of a turn, where they are cast against discs and polygons.
     laser_range : m, of these rays.
@@ -67,6 +68,7 @@ class CostmapView:
     raytrace_max_range: float = 3.0
     inf_is_valid: bool = True
     static_layer: bool = False
+    obstacle_layer: bool = True
     exact: bool = False
     beams: int = 360
     laser_range: float = 12.0
@@ -182,7 +184,7 @@ class LayeredCostmap:
         if self._view.exact:
             cells = self._exact(grid, seen)
         else:
-            if seen.rays is not None:
+            if seen.rays is not None and self._view.obstacle_layer:
                 self._observe(grid, pose, seen.rays)
             cells = self._marks.copy()
         if self._view.static_layer and not self._view.exact:

@@ -53,11 +53,19 @@ STAND_INS = {
     "nav2_controller::PoseProgressChecker": "nav2_controller::SimpleProgressChecker",
 }
 """Plug-ins that add a condition to another one -> that one, which stands in for them here."""
-LAYERS = (
-    "nav2_costmap_2d::ObstacleLayer", "nav2_costmap_2d::VoxelLayer",
-    "nav2_costmap_2d::InflationLayer", "nav2_costmap_2d::StaticLayer",
-)  # fmt: skip
-"""Layers of the local costmap that a view has."""
+LAYERS: dict[str, dict[str, Any]] = {
+    "nav2_costmap_2d::ObstacleLayer": {"obstacle_layer": True},
+    "nav2_costmap_2d::VoxelLayer": {"obstacle_layer": True},
+    "nav2_costmap_2d::InflationLayer": {"inflation_radius": 0.55, "cost_scaling_factor": 10.0},
+    "nav2_costmap_2d::StaticLayer": {"static_layer": True},
+}
+"""Layers of the local costmap that a view has -> what they set of it by their defaults."""
+_USUAL = {
+    "static_layer": "nav2_costmap_2d::StaticLayer",
+    "obstacle_layer": "nav2_costmap_2d::ObstacleLayer",
+    "inflation_layer": "nav2_costmap_2d::InflationLayer",
+}
+"""Layers of a costmap that lists none, and the plug-ins that their names stand for."""
 SERVER, NODE = "controller_server", "ros__parameters"
 _MISSPELT = 0.95
 """Ratio of `difflib` from which on an unknown plug-in is taken for a known one that is misspelt;
@@ -111,16 +119,22 @@ _OF_TEB_WITHOUT_EFFECT = frozenset(
     """.split()
 )
 """Parameters of TEB for other robots, for what the table above switches off, or for pictures."""
+_AS_SEEN = {
+    "marking": True, "clearing": True, "combination_method": 1, "obstacle_min_range": 0.0,
+    "raytrace_min_range": 0.0, "observation_persistence": 0.0,
+}  # fmt: skip
+"""Parameters of layers that a view has at this value alone."""
+_CLEARS = "footprint_clearing_enabled"
+"""A view frees the robot's outline of what rays have met, and never of a known map."""
 _LAYER = frozenset(
     """
-    clearing combination_method data_type enabled expected_update_rate footprint_clearing_enabled
-    map_subscribe_transient_local mark_threshold marking max_obstacle_height min_obstacle_height
-    observation_persistence observation_sources obstacle_min_range origin_z plugin
-    publish_voxel_map raytrace_min_range sensor_frame subscribe_to_updates tf_filter_tolerance
+    data_type enabled expected_update_rate map_subscribe_transient_local mark_threshold
+    max_obstacle_height min_obstacle_height observation_sources origin_z plugin
+    publish_voxel_map sensor_frame subscribe_to_updates tf_filter_tolerance
     topic transport_type unknown_threshold z_resolution z_voxels
     """.split()
-)
-"""Parameters of layers that have no effect in the plane."""
+) | {*_AS_SEEN, _CLEARS}
+"""Parameters of layers that have no effect in the plane, or are said above."""
 _SEEN = frozenset(
     """
     cost_scaling_factor inf_is_valid inflate_around_unknown inflate_unknown inflation_radius
@@ -411,16 +425,9 @@ def _of_teb(flat: Mapping[str, Any]) -> dict[str, Any]:
 def _costmap(given: Mapping[str, Any], passed: list[str]) -> dict[str, Any]:
     """Return the view and the robot's outline of the local costmap."""
     place = "local_costmap"
-    view: dict[str, Any] = {"inflation_radius": 0.55, "cost_scaling_factor": 10.0}
-    usual = ["static_layer", "obstacle_layer", "inflation_layer"]
-    layers = [*_names(given, "plugins", usual), *_names(given, "filters", [])]
-    view["static_layer"] = any("static" in name for name in layers)
-    for name in layers:
-        block = _block(given, name)
-        if str(block.get("plugin", LAYERS[0])) in LAYERS:
-            view |= _layer(f"{place}.{name}", block, passed)
-        else:
-            passed += [f"{place}.{name}.{one}" for one in block if not _without_ros(one)]
+    view: dict[str, Any] = {"obstacle_layer": False, "inflation_radius": 0.0}
+    for name in [*_names(given, "plugins", [*_USUAL]), *_names(given, "filters", [])]:
+        view |= _layer(f"{place}.{name}", _block(given, name), passed)
     plain = {key: one for key, one in given.items() if "." not in key and key != "plugins"}
     outline = ("footprint", "robot_radius")
     found = _known(place, plain, [*names_of(CostmapView), *outline], passed)
@@ -433,12 +440,25 @@ def _costmap(given: Mapping[str, Any], passed: list[str]) -> dict[str, Any]:
 
 
 def _layer(place: str, given: Mapping[str, Any], passed: list[str]) -> dict[str, Any]:
-    """Return what a layer of a costmap, its sources included, sets of the view."""
-    found: dict[str, Any] = {}
+    """Return what a layer of a costmap, its sources included, sets of the view.
+
+    One that is not enabled sets nothing.
+    """
+    if given.get("enabled", True) is False:
+        return {}
+    usual = _USUAL.get(place.rpartition(".")[2], _USUAL["obstacle_layer"])
+    plugin = str(given.get("plugin", usual))
+    if plugin not in LAYERS:
+        passed += [f"{place}.{name}" for name in given if not _without_ros(name)]
+        passed.append(f"{place}.plugin: {plugin}")
+        return {}
+    found, only = {**LAYERS[plugin]}, {**_AS_SEEN, _CLEARS: "static_layer" not in LAYERS[plugin]}
     for name, value in given.items():
         where, _, last = f"{place}.{name}".rpartition(".")
         if _known(where, {last: value}, _SEEN | _LAYER, passed) and last in _SEEN:
             found[last] = value
+        elif last in only and value != only[last]:
+            passed.append(f"{place}.{name}")
     return found
 
 

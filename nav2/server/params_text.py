@@ -112,17 +112,18 @@ def _costmap(settings: LoopSettings) -> dict[str, Any]:
     inflation = {name: view.pop(name) for name in _INFLATION}
     seen = ("obstacle_max_range", "raytrace_max_range", "inf_is_valid")
     source = {name: view.pop(name) for name in seen}
-    layers = ["obstacle_layer", "inflation_layer"]
-    found = dict(view)
+    layers, found = ["inflation_layer"], dict(view)
+    if found.pop("obstacle_layer"):
+        layers.insert(0, "obstacle_layer")
+        found["obstacle_layer"] = {
+            "plugin": "nav2_costmap_2d::ObstacleLayer",
+            "observation_sources": "scan",
+            "scan": source,
+        }
     if found.pop("static_layer"):
         layers.insert(0, "static_layer")
         found["static_layer"] = {"plugin": "nav2_costmap_2d::StaticLayer"}
     found["plugins"] = layers
-    found["obstacle_layer"] = {
-        "plugin": "nav2_costmap_2d::ObstacleLayer",
-        "observation_sources": "scan",
-        "scan": source,
-    }
     found["inflation_layer"] = {"plugin": "nav2_costmap_2d::InflationLayer", **inflation}
     if settings.footprint:
         found["footprint"] = str([list(corner) for corner in settings.footprint])

@@ -169,6 +169,14 @@ def test_a_known_map_is_seen_where_no_ray_goes() -> None:
     assert unknown.at(np.array([1.1, 0.0]), 0) < LETHAL
 
 
+def test_without_its_layer_nothing_is_marked() -> None:
+    here, body = np.zeros(3), np.array([[1.0, 0.0]])
+    for layer in (True, False):
+        costmap = LayeredCostmap(CostmapView(obstacle_layer=layer), ROBOT)
+        shown = costmap.update(0.0, here, seen(here, body, 0.3))
+        assert (shown.cells == LETHAL).any() == layer == shown.cells.any()
+
+
 def test_a_view_without_size_is_refused() -> None:
     with pytest.raises(WideberthError, match=r"view\.width"):
         CostmapView(width=0.0)

@@ -7,6 +7,7 @@ import pytest
 from wideberth.framework.values.errors import WideberthError
 from wideberth.nav2.controllers.local_controllers import built
 from wideberth.nav2.controllers.mppi import MPPI
+from wideberth.nav2.costmap.local_costmap import CostmapView
 from wideberth.nav2.parameters.parameters import WITHOUT_EFFECT
 from wideberth.nav2.server import params_file
 from wideberth.nav2.server.params_file import read_params, read_params_file
@@ -201,3 +202,65 @@ def test_mppi_of_the_newest_files_has_their_values(tmp_path: Path) -> None:
     made = read_params(file_of(tmp_path, text_of("nav2_main"))).settings.make_controller()
     assert isinstance(made, MPPI)
     assert (made.batch_size, made.motion_model, len(made.critics)) == (2000, "diff_drive", 8)
+
+
+LAYERED = """
+controller_server:
+  ros__parameters:
+    FollowPath:
+      plugin: "nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController"
+local_costmap:
+  local_costmap:
+    ros__parameters:
+      plugins: ["map", "marks", "rings"]
+      map: {plugin: "nav2_costmap_2d::StaticLayer", enabled: true}
+      marks:
+        plugin: "nav2_costmap_2d::VoxelLayer"
+        enabled: true
+        footprint_clearing_enabled: true
+        combination_method: 1
+        observation_sources: scan
+        scan: {obstacle_max_range: 2.0, obstacle_min_range: 0, marking: true, clearing: true}
+      rings: {plugin: "nav2_costmap_2d::InflationLayer", enabled: true, inflation_radius: 0.7}
+"""
+
+
+def test_layers_that_are_not_enabled_are_left_out(tmp_path: Path) -> None:
+    """A layer is what its plug-in says, whatever its name."""
+
+    def view(text: str) -> CostmapView:
+        read = read_params(file_of(tmp_path, text))
+        assert read.remarks == ()
+        again = read_params(file_of(tmp_path, params_text(read.settings)))
+        assert again.settings == read.settings and again.remarks == ()
+        return read.settings.view
+
+    whole = view(LAYERED)
+    assert whole.static_layer and whole.obstacle_layer
+    assert (whole.inflation_radius, whole.obstacle_max_range) == (0.7, 2.0)
+    none = view(LAYERED.replace(" enabled: true", " enabled: false"))
+    assert not none.static_layer and not none.obstacle_layer
+    assert (none.inflation_radius, none.obstacle_max_range) == (0.0, 2.5)
+    assert view(LAYERED.replace('["map", "marks", "rings"]', "[]")) == none
+    usual = view(LAYERED[: LAYERED.index("local_costmap")])
+    assert usual.static_layer and usual.obstacle_layer and usual.inflation_radius == 0.55
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "passed"),
+    [
+        ("marking: true", "marking: false", "marks.scan.marking"),
+        ("clearing: true", "clearing: false", "marks.scan.clearing"),
+        ("obstacle_min_range: 0", "obstacle_min_range: 0.3", "marks.scan.obstacle_min_range"),
+        ("combination_method: 1", "combination_method: 0", "marks.combination_method"),
+        ("clearing_enabled: true", "clearing_enabled: false", "marks.footprint_clearing_enabled"),
+        ("Layer\", enabled", "Layer\", footprint_clearing_enabled: true, enabled",
+         "map.footprint_clearing_enabled"),
+        ("::StaticLayer", "::MyLayer", "map.plugin: nav2_costmap_2d::MyLayer"),
+    ],
+)  # fmt: skip
+def test_what_a_view_has_at_one_value_alone_is_listed_at_others(
+    old: str, new: str, passed: str, tmp_path: Path
+) -> None:
+    text = LAYERED.replace(old, new, 1)
+    assert f"local_costmap.{passed}" in read_params(file_of(tmp_path, text)).passed_over
