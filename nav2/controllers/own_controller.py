@@ -135,10 +135,10 @@ class OwnController(LocalController):
     def _limited(self, observation: Observation, costmap: Costmap) -> Observation:
         """Return the observation without what the costmap does not show.
 
-        What has no place stays in it: the controller knows what to do.
+        Detections are passed on as they are, those without a place as well: the controller
+        remembers what can stand in for a number that is of no use.
         """
         ones, _, placeless = sound(observation, 2)
-        lost = tuple(one for one in observation.detections if one.ident in placeless)
         if costmap is not self._shown:
             self._shown = costmap
             discs, polygons = in_sight(costmap, *discs_of(ones), observation.polygons)
@@ -146,8 +146,9 @@ class OwnController(LocalController):
             self._walls = {
                 one for one, seen in zip(observation.polygons, polygons, strict=True) if seen
             }
+        passed_on = {*self._names, *placeless}
         return replace(
             observation,
-            detections=(*(one for one in ones if one.ident in self._names), *lost),
+            detections=tuple(one for one in observation.detections if one.ident in passed_on),
             polygons=tuple(one for one in observation.polygons if one in self._walls),
         )

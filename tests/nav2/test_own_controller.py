@@ -184,6 +184,25 @@ def test_the_recommended_planner_drives_in_the_loop_and_keeps_clear() -> None:
     assert nav2.navigation is Navigation.SUCCEEDED and min(apart) > 0.0
 
 
+def test_a_detection_is_passed_on_as_it_came() -> None:
+    """The controller completes it by what it remembers, and its plan says so."""
+    planner = {**shared_settings("recommended"), "robot": "unicycle"}
+    for inner in (Noting(), planner):
+        settings = LoopSettings("own", {"controller": inner}, view=CostmapView.privileged())
+        nav2 = Nav2(ROBOT, settings)
+        nav2.set_path(AHEAD)
+        own = nav2._server.controller
+        assert isinstance(own, OwnController)
+        for k, radius in enumerate((0.3, np.nan)):
+            someone = replace(person("one", 2.0, 0.5), radius=radius)
+            nav2.command(observed(own.controller.period * k, someone))
+        if isinstance(own.controller, Noting):
+            assert own.controller.seen[-1].detections == (someone,)
+        else:
+            assert own.controller.plan is not None
+            assert "radius is nan, taken as 0.3 m" in own.controller.plan.reason
+
+
 def test_what_is_seen_without_a_place_reaches_the_controller() -> None:
     own = {"controller": {"type": "pure_pursuit", "robot": "unicycle"}}
     found = []
