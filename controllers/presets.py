@@ -10,7 +10,7 @@ from typing import Any
 
 from ..framework.plugins.config import build
 
-COMMON = {"type": "mpc", "solver": "riccati", "penalty": 1e5}
+COMMON: dict[str, Any] = {"type": "mpc", "solver": "riccati", "penalty": 1e5}
 """Settings of every preset."""
 
 

@@ -354,5 +354,5 @@ class ScanSight:
             scan = Scan("", times, bearings, ranges, self._settings.deviation)
             sightings = detector.detect(scan, np.zeros((len(bearings), 3)))
             tracker.update(sightings)
+            walls_behind(sightings.segments, np.zeros(2), self._gap)
         self._handover.detections(tracker.at(0.2), 0.2)
-        walls_behind(sightings.segments, np.zeros(2), self._gap)

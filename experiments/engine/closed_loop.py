@@ -1,6 +1,7 @@
 """Closed-loop studies: settings, tasks, one episode played, many condensed."""
 
 import logging
+from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence, Sized
 from itertools import product
 from pathlib import Path
@@ -62,10 +63,12 @@ class Seeded(Protocol):
     """A study that plays the same seeds under every setting."""
 
     @property
+    @abstractmethod
     def seeds(self) -> int:
         """Number of episodes under each setting."""
 
     @property
+    @abstractmethod
     def first_seed(self) -> int:
         """The first of the seeds."""
 
@@ -74,6 +77,7 @@ class ClosedLoop(Seeded, Protocol):
     """One that measures plans too."""
 
     @property
+    @abstractmethod
     def tail(self) -> float:
         """1 - content that forecasts are measured against."""
 
