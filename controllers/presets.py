@@ -8,6 +8,7 @@ or fallbacks. Each is a name for ``type``; what is stated beside it wins, and an
 from collections.abc import Mapping
 from typing import Any
 
+from ..framework.mpc.planner.recommended import for_polygons
 from ..framework.plugins.config import build
 
 COMMON: dict[str, Any] = {"type": "mpc", "solver": "riccati", "penalty": 1e5}
@@ -77,10 +78,9 @@ def mpc_constant_velocity(given: Mapping[str, Any], path: str = "") -> dict[str,
 
 
 def _completed(parts: Mapping[str, Any], given: Mapping[str, Any], path: str) -> dict[str, Any]:
-    """Complete settings by those of a preset; polygons lie in the plane."""
+    """Complete settings by those of a preset."""
     settings = {**COMMON, **parts, **given, "type": "mpc"}
     if "robot" in given:
         robot = build("robots", given["robot"], f"{path}.robot" if path else "robot")
-        walls = {"static_region": "separating_line"} if robot.dimension == 2 else {}
-        settings = {**walls, **settings, "robot": robot}
+        settings = {**for_polygons(robot), **settings, "robot": robot}
     return settings

@@ -99,7 +99,7 @@ class Withdrawing(Controller):
 
     @property
     def period(self) -> float:  # type: ignore[override]
-        """S between two calls, as of the other controller."""
+        """Time between two calls, s, as of the other controller."""
         return self.controller.period
 
     def reset(self) -> None:

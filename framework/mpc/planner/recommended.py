@@ -139,10 +139,14 @@ def completed(given: Mapping[str, Any], path: str = "") -> dict[str, Any]:
         "track_dt": dt,
         "horizon": max(PlannerSettings.horizon, ceil(max(AHEAD, STOPPING / k) / dt - 1e-9)),
     }
-    if robot.dimension == 2:
-        derived["static_region"] = "separating_line"
     cost = _scaled_cost(given.get("cost", "tracking"), k)
+    derived |= for_polygons(robot)
     return settings | {**derived, **given, "type": "mpc", "robot": robot, "cost": cost}
+
+
+def for_polygons(robot: Robot) -> dict[str, str]:
+    """Return the settings with which a planner minds polygons, which lie in the plane."""
+    return {"static_region": "separating_line"} if robot.dimension == 2 else {}
 
 
 def _scaled_cost(cost: Any, k: float) -> Any:

@@ -1,4 +1,4 @@
-"""In contact: the robot stops or leaves, never faster than it moves, whoever touches it where."""
+"""In contact the robot stops or leaves, on whichever side it is touched, and never speeds up."""
 
 from dataclasses import replace
 from math import cos, pi, sin
