@@ -5,6 +5,9 @@ ROOMS := framework people metrics predictors regions robots routes perception so
 WORKERS ?= 2
 FIGURES ?= ellipse_construction approximation_error forecast_regions chicken_game crossing
 
+# Where it is set, every process would compile all that it imports once more.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: help demo test lint types docs bench acados core fuzz mutants figures wheel pictures graph lock
 .DEFAULT_GOAL := help
 
