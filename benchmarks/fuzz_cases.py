@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from wideberth.experiments.engine.shipped import CONFIGS, read_experiment, shipped
+from wideberth.experiments.engine.shipped_configs import CONFIGS, read_experiment, shipped
 from wideberth.framework.control.command_limits import broken_limit
 from wideberth.framework.controller import Controller
 from wideberth.framework.plugins.config import build

@@ -18,7 +18,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from wideberth.experiments.engine.closed_loop import play
-from wideberth.experiments.engine.shipped import CONFIGS, shipped
+from wideberth.experiments.engine.shipped_configs import CONFIGS, shipped
 from wideberth.framework.plugins.config import build, construct, read_config
 from wideberth.framework.plugins.yamlfile import shared_settings
 from wideberth.simulation.engine.settings import Settings

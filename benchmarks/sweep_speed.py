@@ -17,7 +17,7 @@ from tempfile import TemporaryDirectory
 
 from measuring import Row, Tick, bare_loop, cell, rotated, timed
 
-from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.comparison import Comparison
 from wideberth.framework.plugins.config import describe
 from wideberth.framework.plugins.yamlfile import dump

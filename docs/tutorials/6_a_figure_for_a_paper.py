@@ -43,7 +43,7 @@ _ = file.write_text(config)
 # again, and ``--set seeds=20`` adds seeds to what is there.
 
 from wideberth.experiments.engine.runner import run
-from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.engine.shipped_configs import read_experiment
 
 experiment, _ = read_experiment(str(file), [])
 measured = run(experiment, folder / "caution")

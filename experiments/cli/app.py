@@ -14,7 +14,7 @@ import typer
 
 from ...framework.plugins.io import expanded
 from ...framework.values.errors import WideberthError
-from ..engine.threads import ROUNDING
+from ..engine.thread_limits import ROUNDING
 from . import completing
 
 if TYPE_CHECKING:
@@ -117,12 +117,12 @@ def run(
     watch: Annotated[bool, typer.Option("--watch", help="Show episodes in a window.")] = False,
 ) -> None:
     """Run an experiment: measure, print the table, draw the figures."""
-    from ..engine import tables
+    from ..engine import parquet_table
     from ..engine.dask_pool import reached
-    from ..engine.shipped import config_path, read_experiment
+    from ..engine.shipped_configs import config_path, read_experiment
 
     if parquet:
-        tables.need_parquet()
+        parquet_table.need_parquet()
     cluster = reached(scheduler, tls_ca, tls_cert, tls_key)
     experiment, plugins = read_experiment(config, set_ or [])
     if out is None:
@@ -158,7 +158,7 @@ def _run(
     cluster: "Scheduler | None" = None,
     parquet: bool = False,
 ) -> None:
-    from ..engine import runner, tables
+    from ..engine import parquet_table, runner
     from ..engine.progress import working
 
     try:
@@ -166,7 +166,7 @@ def _run(
     except KeyboardInterrupt as stop:
         raise WideberthError(str(stop) or f"stopped; nothing of {out} is half-written") from None
     if parquet:
-        tables.write_parquet(out)
+        parquet_table.write_parquet(out)
     if figures:
         with working(f"drawing the figures of {out}"):
             runner.draw(out)
@@ -186,10 +186,10 @@ def _show(folder: Path, every: bool = False) -> None:
     every : all columns of the summary, not those alone that answer the question.
     """
     from ..engine.extract import answering, extract
+    from ..engine.line_width import width, wrapped
     from ..engine.runner import reopen, written
-    from ..engine.showing import columns_of, list_files, print_table
+    from ..engine.text_tables import columns_of, list_files, print_table
     from ..engine.timing import condense_times
-    from ..engine.width import width, wrapped
 
     experiment, result = reopen(folder)
     typer.secho(wrapped(f"Examined: {experiment.claim}", width()), bold=True)
@@ -217,7 +217,7 @@ def figures(
     """Redraw figures from results; a name without a result is run first."""
     from ..engine.progress import working
     from ..engine.runner import draw
-    from ..engine.shipped import read_experiment
+    from ..engine.shipped_configs import read_experiment
 
     names = results or [str(path.parent) for path in sorted(RESULTS.glob("**/config.yaml"))]
     if not names:
@@ -246,7 +246,7 @@ def list_(
 ) -> None:
     """List names, each with a line that says what it is: of a room, or of every room."""
     from ...framework.plugins.registry import ROOMS
-    from ..engine.width import width
+    from ..engine.line_width import width
     from . import describing
 
     columns = width()
@@ -272,7 +272,7 @@ def describe(
     ],
 ) -> None:
     """Describe a plug-in: what it does and assumes, its fields, its source, how to use it."""
-    from ..engine.width import width, wrapped
+    from ..engine.line_width import width, wrapped
     from . import describing
 
     typer.echo(wrapped(describing.described(what), width()))
@@ -430,7 +430,7 @@ def show(
     if not (names or pivot or latex or markdown):
         _show(folder, every)
         return
-    from ..engine import extract, showing
+    from ..engine import extract, text_tables
     from ..engine.progress import say
     from ..engine.result import check_finished
 
@@ -447,14 +447,16 @@ def show(
         return
     if chosen.measure:  # it names the unit of all cells
         typer.echo(chosen.measure)
-        showing.print_table([showing.in_per_cent(row, chosen.shares) for row in chosen.rows])
+        text_tables.print_table(
+            [text_tables.in_per_cent(row, chosen.shares) for row in chosen.rows]
+        )
         return
-    showing.print_table(chosen.rows, chosen.shares)
+    text_tables.print_table(chosen.rows, chosen.shares)
 
 
 def _config_text(word: str, name: str, part: bool) -> str:
     """Return the shipped config that the two words of `wideberth show` mean."""
-    from ..engine.shipped import shipped_text
+    from ..engine.shipped_configs import shipped_text
     from .describing import is_config_room
 
     if not is_config_room(word):
@@ -469,7 +471,7 @@ def _config_text(word: str, name: str, part: bool) -> str:
 
 def _mean_config(word: str) -> None:
     """Refuse a word that names a shipped config, and no result."""
-    from ..engine.shipped import shipped
+    from ..engine.shipped_configs import shipped
     from .describing import is_config_room
 
     if is_config_room(word):
@@ -539,7 +541,7 @@ def _explain_one(path: Path, solver: str | None) -> list[str]:
 def cite(config: Config, set_: Set = None) -> None:
     """Print the BibTeX entries of everything that a config uses."""
     from ..engine.citing import bibliography, keys
-    from ..engine.shipped import read_experiment
+    from ..engine.shipped_configs import read_experiment
 
     known = bibliography()
     experiment, _ = read_experiment(config, set_ or [])
@@ -553,7 +555,7 @@ def demo(
     workers: Workers = 1,
 ) -> None:
     """Run the paper's scenarios and figures in a quick setting."""
-    from ..engine.shipped import DEMO, read_experiment
+    from ..engine.shipped_configs import DEMO, read_experiment
 
     for name in DEMO:
         experiment, plugins = read_experiment(name, [])

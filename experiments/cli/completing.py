@@ -8,7 +8,7 @@ import typer
 
 def configs(incomplete: str) -> Iterator[str]:
     """Yield shipped configs and YAML files."""
-    from ..engine.shipped import shipped
+    from ..engine.shipped_configs import shipped
 
     yield from _begun(shipped(), incomplete)
     yield from _paths(incomplete, (".yaml", ".yml"))
@@ -23,7 +23,7 @@ def results(incomplete: str) -> Iterator[str]:
 
 def shipped_configs(incomplete: str) -> Iterator[str]:
     """Yield shipped configs."""
-    from ..engine.shipped import shipped
+    from ..engine.shipped_configs import shipped
 
     yield from _begun(shipped(), incomplete)
 
@@ -56,7 +56,7 @@ def predictors(incomplete: str) -> Iterator[str]:
 def described(context: typer.Context, incomplete: str) -> Iterator[str]:
     """Yield rooms and all plug-ins and configs, or those of the room that stands before."""
     from ...framework.plugins.registry import ROOMS, choices
-    from ..engine.shipped import shipped
+    from ..engine.shipped_configs import shipped
 
     before = list(context.params.get("what") or ())
     known = {room: choices for room in ROOMS} | {"configs": lambda _: shipped()}

@@ -28,8 +28,8 @@ from ...framework.plugins.registry import (
 )
 from ...framework.plugins.yamlfile import dump as yaml_text
 from ...framework.values.errors import WideberthError, nearest, short
-from ..engine.shipped import shipped, shipped_text
-from ..engine.width import wrapped
+from ..engine.line_width import wrapped
+from ..engine.shipped_configs import shipped, shipped_text
 
 CONFIG_ROOM = "configs"
 _SINGLE = (bool, int, float, str)

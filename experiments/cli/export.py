@@ -33,7 +33,7 @@ from ...solvers.export.solver.needs import ExportedSolver as ExportedSolver
 from ...solvers.export.subject import Subject
 from ...solvers.riccati.solver import Riccati
 from ..engine.base import Experiment
-from ..engine.shipped import config_path, read_experiment
+from ..engine.shipped_configs import config_path, read_experiment
 
 RADIUS = 0.3
 """m, of the example's obstacles and polygons."""

@@ -17,7 +17,7 @@ from ...nav2.server.params_text import params_text
 from ...nav2.server.settings import LoopSettings
 from ...robots import Unicycle
 from ..engine.base import Experiment
-from ..engine.shipped import config_path, read_experiment
+from ..engine.shipped_configs import config_path, read_experiment
 
 AROUND = "replay"
 """The shipped config whose robot and planners are replaced."""

@@ -12,7 +12,7 @@ from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError
 from .meanings import shares
 from .result import Row, need_frames
-from .showing import (
+from .text_tables import (
     columns_of,
     format_cell,
     headed,

@@ -15,7 +15,7 @@ from multiprocessing.connection import Connection, wait
 from signal import Signals
 from typing import Any
 
-from . import threads
+from . import thread_limits
 from .worker import Chunk, Returned, do_chunk
 
 _CHECK = 5.0
@@ -97,7 +97,7 @@ class LocalPool:
         number = theirs.fileno()
         process = subprocess.Popen(
             [sys.executable, "-c", _CODE, str(number), *sys.path],
-            env=os.environ | dict.fromkeys(threads.WORKER, "1"),
+            env=os.environ | dict.fromkeys(thread_limits.WORKER, "1"),
             stdin=subprocess.DEVNULL,
             pass_fds=[number],
             start_new_session=True,

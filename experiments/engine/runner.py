@@ -49,7 +49,7 @@ from .result_folder import (
     shard_files,
 )
 from .shards import PackedShard, checked_tasks, finished, read_shard, shard_keys, write_shard
-from .showing import markdown_table
+from .text_tables import markdown_table
 from .worker import Chunk, Pool, Returned, do_task, pack_job
 
 if TYPE_CHECKING:
@@ -157,7 +157,7 @@ def _chosen(experiment: Experiment, quick: bool) -> Experiment:
         raise WideberthError(
             f"run takes an Experiment, and {short(experiment, 60)} was given; read a config by "
             "`experiment, plugins = read_experiment('crossing', [])` of "
-            "wideberth.experiments.engine.shipped"
+            "wideberth.experiments.engine.shipped_configs"
         )
     if not quick:
         return experiment

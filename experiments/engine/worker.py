@@ -26,7 +26,7 @@ from typing import Any, Protocol, TypeAlias
 from ...framework.control.rate_limited_warnings import quiet
 from ...framework.plugins.config import import_plugins
 from ...framework.values.errors import WideberthError
-from . import threads
+from . import thread_limits
 from .base import Experiment, Task
 from .errors import describe_error
 from .provenance import LIBRARIES, fingerprint, foreign_sources
@@ -180,7 +180,7 @@ def open_job(packed: bytes) -> tuple[Job, Experiment]:
     WideberthError : threads are not pinned, the experiment cannot be built, or the process
         differs from the driver in what `twin` names.
     """
-    threads.pin()
+    thread_limits.pin()
     if "" not in sys.path:
         sys.path.append("")  # modules in the folder where the worker was started
     job: Job = pickle.loads(packed)

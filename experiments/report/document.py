@@ -15,7 +15,7 @@ from ...framework.values.errors import WideberthError
 from ..engine.base import Row
 from ..engine.meanings import Meaning, meanings
 from ..engine.runner import draw, reopen
-from ..engine.showing import columns_of, format_cell, markdown_table, plain
+from ..engine.text_tables import columns_of, format_cell, markdown_table, plain
 from ..engine.timing import condense_times
 from .page import MARK, PLAYER, data_uri, page, template
 from .player import ROOM, Recorded, kept_episodes, player, recordings, result_tail

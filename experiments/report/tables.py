@@ -8,7 +8,7 @@ from typing import Any
 from ...framework.drawing.style import MINUS, number
 from ..engine.base import Row
 from ..engine.meanings import Meaning
-from ..engine.showing import (
+from ..engine.text_tables import (
     WIDEST,
     columns_of,
     format_cell,

@@ -20,7 +20,7 @@ from ..drawing.plotting import COLOURS, PAGE, subplots
 from ..drawing.trade_off_markers import bars_note, mark, say_empty, widen
 from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
 from ..engine.closed_loop import check_settings, check_starts, group, inputs_of, seeds_of
-from ..engine.showing import format_cell
+from ..engine.text_tables import format_cell
 from .comparison import SOURCES, against, check_robots, condensed, measured
 
 BASE = "base"

@@ -11,7 +11,7 @@ from scipy import stats
 from wideberth.controllers.withdrawing import AWAY, DeadlockResolver, Withdrawing, retreat
 from wideberth.experiments.cli.export import planners
 from wideberth.experiments.engine.closed_loop import play
-from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.comparison import Comparison
 from wideberth.framework.plugins.config import build
 from wideberth.framework.testing.controller import check_controller

@@ -11,7 +11,7 @@ import pytest
 from wideberth.experiments.cli import app as cli
 from wideberth.experiments.engine.base import Experiment, Result, Row, Task, TaskOutcome
 from wideberth.experiments.engine.runner import draw, run
-from wideberth.experiments.engine.shipped import read_experiment, shipped
+from wideberth.experiments.engine.shipped_configs import read_experiment, shipped
 from wideberth.experiments.studies.comparison import Comparison
 from wideberth.experiments.studies.level_policies import LevelPolicies
 from wideberth.experiments.studies.tuning import Tuning

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from wideberth.experiments.engine.base import Result, Row
-from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.boundary_risk import BoundaryRisk
 from wideberth.framework import names
 from wideberth.framework.plugins.io import write_bytes, write_table

@@ -20,7 +20,7 @@ from wideberth.experiments.drawing.beliefs import (
 from wideberth.experiments.drawing.episodes import draw_views
 from wideberth.experiments.engine.base import Row
 from wideberth.experiments.engine.runner import draw, run
-from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.report.player import content
 from wideberth.experiments.studies.cascade import (
     MEASURES,

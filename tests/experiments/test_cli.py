@@ -9,7 +9,12 @@ from pathlib import Path
 import pytest
 
 from wideberth.experiments.cli import app as cli
-from wideberth.experiments.engine.shipped import DEMO, config_path, read_experiment, shipped
+from wideberth.experiments.engine.shipped_configs import (
+    DEMO,
+    config_path,
+    read_experiment,
+    shipped,
+)
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.plugins.registry import ROOMS, names
 from wideberth.framework.plugins.yamlfile import dump, parse

@@ -8,7 +8,7 @@ import pytest
 
 from wideberth.experiments.engine.closed_loop import play
 from wideberth.experiments.engine.runner import draw, run
-from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.engine.timing import condense_times
 from wideberth.experiments.studies.conservativeness import Conservativeness, kept, promised
 from wideberth.experiments.studies.dynamic_matters import DynamicMatters

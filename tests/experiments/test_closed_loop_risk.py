@@ -8,7 +8,7 @@ import pytest
 
 from wideberth.experiments.engine.base import Result
 from wideberth.experiments.engine.runner import run
-from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.closed_loop_risk import (
     COUNTED,
     ClosedLoopRisk,

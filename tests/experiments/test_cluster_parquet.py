@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 from wideberth.experiments.cli import app as cli
-from wideberth.experiments.engine import tables
+from wideberth.experiments.engine import parquet_table
 from wideberth.experiments.engine.runner import run
 from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.io import read_json, read_table, write_json, write_table
@@ -25,7 +25,7 @@ def made(folder: Path, rows: list[dict[str, object]]) -> Path:
     write_table(folder / "table.csv", rows)
     (folder / "config.yaml").write_text("type: made\n")
     write_json(folder / "provenance.json", "provenance", 1, {"commit": "abc"})
-    return tables.write_parquet(folder)
+    return parquet_table.write_parquet(folder)
 
 
 def test_columns_keep_their_types(tmp_path: Path) -> None:
@@ -55,7 +55,7 @@ def test_origin_stands_in_the_file_and_bytes_repeat(
     parquet = pytest.importorskip("pyarrow.parquet")
     monkeypatch.syspath_prepend(HERE)
     result = run(build("experiments", {"type": "sample_plugin:Coins"}), tmp_path / "r")
-    path = tables.write_parquet(tmp_path / "r")
+    path = parquet_table.write_parquet(tmp_path / "r")
     first = path.read_bytes()
     table = parquet.read_table(path)
     assert table.to_pylist() == result.rows == read_table(tmp_path / "r" / "table.csv")
@@ -65,7 +65,7 @@ def test_origin_stands_in_the_file_and_bytes_repeat(
     assert metadata[b"config_hash"].decode() == sha256(config).hexdigest()
     origin = read_json(tmp_path / "r" / "provenance.json", "provenance", 1)
     assert json.loads(metadata[b"provenance"]) == origin
-    assert tables.write_parquet(tmp_path / "r").read_bytes() == first
+    assert parquet_table.write_parquet(tmp_path / "r").read_bytes() == first
 
 
 def test_a_table_without_rows(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from wideberth.controllers.withdrawing import Withdrawing
 from wideberth.experiments.engine.base import Row
 from wideberth.experiments.engine.runner import draw, run
-from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.comparison import (
     Comparison,
     _front,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.engine.runner import draw, run
-from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.known_futures import Futures, KnownFutures, measured
 from wideberth.experiments.studies.variants import planner_of
 from wideberth.framework.controller import Controller

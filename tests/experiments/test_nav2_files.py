@@ -9,7 +9,7 @@ import yaml
 
 from wideberth.experiments.cli.app import main
 from wideberth.experiments.cli.nav2_files import config_of
-from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.nav2.server.navigator import Nav2
 from wideberth.nav2.server.params_file import read_params, read_params_file

@@ -9,7 +9,7 @@ import pytest
 from wideberth.experiments.drawing.looks import CostmapLook, looks_from_bytes, looks_to_bytes
 from wideberth.experiments.engine.base import Task
 from wideberth.experiments.engine.runner import draw, run
-from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.nav2_rivals import (
     LimitSet,
     Nav2Rivals,

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from wideberth.experiments.engine.runner import draw, run
-from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies import planner_parts
 from wideberth.experiments.studies.comparison import Comparison
 from wideberth.experiments.studies.planner_parts import PlannerParts

@@ -10,7 +10,7 @@ import pytest
 from wideberth.experiments.cli.fitting import described
 from wideberth.experiments.engine import runner
 from wideberth.experiments.engine.base import Row
-from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.prediction_benchmark import (
     PredictionBenchmark,
     Protocol,

@@ -8,7 +8,7 @@ import pytest
 from wideberth.experiments.cli import app as cli
 from wideberth.experiments.engine.extract import aligned
 from wideberth.experiments.engine.meanings import meanings, shares
-from wideberth.experiments.engine.showing import main_columns, print_table
+from wideberth.experiments.engine.text_tables import main_columns, print_table
 from wideberth.experiments.report.tables import html_table
 from wideberth.experiments.studies.comparison import Comparison, against, condensed
 from wideberth.framework.plugins.io import write_table

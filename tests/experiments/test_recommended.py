@@ -2,7 +2,7 @@
 
 import pytest
 
-from wideberth.experiments.engine.shipped import CONFIGS, read_experiment, shipped
+from wideberth.experiments.engine.shipped_configs import CONFIGS, read_experiment, shipped
 from wideberth.experiments.studies.encounter import Encounter
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.plugins.yamlfile import parse, shared_settings

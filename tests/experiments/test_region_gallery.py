@@ -9,7 +9,7 @@ import pytest
 from shapely import LinearRing, Point
 
 from wideberth.experiments.engine.base import Result, Row
-from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.region_gallery import RegionGallery
 from wideberth.framework import names
 from wideberth.framework.plugins.io import read_table, write_bytes, write_table

@@ -9,7 +9,7 @@ import pytest
 from wideberth.experiments.engine.base import Row
 from wideberth.experiments.engine.closed_loop import play
 from wideberth.experiments.engine.runner import draw, run
-from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.region_price import (
     AT_RISK,
     ELLIPSE,

@@ -11,7 +11,7 @@ from wideberth.experiments.cli.app import main
 from wideberth.experiments.drawing.plotting import paper_style, save
 from wideberth.experiments.engine.base import Result
 from wideberth.experiments.engine.runner import draw, run
-from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.crowd import (
     DATA,
     PREFIX,

@@ -14,8 +14,8 @@ from wideberth.experiments.engine.base import Experiment, Task, TaskOutcome
 from wideberth.experiments.engine.provenance import fingerprint
 from wideberth.experiments.engine.quick import left_out
 from wideberth.experiments.engine.runner import draw, reopen, run
-from wideberth.experiments.engine.shipped import read_experiment
-from wideberth.experiments.engine.showing import print_table
+from wideberth.experiments.engine.shipped_configs import read_experiment
+from wideberth.experiments.engine.text_tables import print_table
 from wideberth.framework.plugins.config import describe
 from wideberth.framework.plugins.io import read_json, read_table, write_json
 from wideberth.framework.values.errors import WideberthError

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.engine.runner import run
-from wideberth.experiments.engine.shipped import config_path, read_experiment, shipped
+from wideberth.experiments.engine.shipped_configs import config_path, read_experiment, shipped
 from wideberth.framework.plugins.registry import load, names
 from wideberth.framework.plugins.yamlfile import read_config
 from wideberth.framework.values.errors import WideberthError

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from wideberth.experiments.engine.shipped import read_experiment, shipped
+from wideberth.experiments.engine.shipped_configs import read_experiment, shipped
 from wideberth.framework.plugins.registry import load, names
 from wideberth.framework.values.errors import WideberthError
 

@@ -8,7 +8,7 @@ import pytest
 
 from wideberth.experiments.engine.base import Row
 from wideberth.experiments.engine.runner import draw, run
-from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.tuning import Tuning, worded
 from wideberth.experiments.studies.variants import planner_of
 from wideberth.framework.values.errors import WideberthError

@@ -7,8 +7,8 @@ import pytest
 
 from wideberth.experiments.cli import app as cli
 from wideberth.experiments.engine.base import Row
-from wideberth.experiments.engine.showing import print_table
-from wideberth.experiments.engine.width import width, wrapped
+from wideberth.experiments.engine.line_width import width, wrapped
+from wideberth.experiments.engine.text_tables import print_table
 from wideberth.framework.plugins.registry import ROOMS, names
 
 LONG = "asked 95 %, holds 39 % from step 9 on, because of 'the_lower_robot_of_two'"

@@ -18,7 +18,7 @@ import typer
 
 from wideberth import build, save_plugin
 from wideberth.experiments.cli.app import app
-from wideberth.experiments.engine.shipped import config_path, read_experiment
+from wideberth.experiments.engine.shipped_configs import config_path, read_experiment
 from wideberth.framework.mpc.diagnosis.solve_record import Record
 from wideberth.framework.mpc.fallback.rungs import rungs_of
 from wideberth.framework.plugins import registry
@@ -43,7 +43,7 @@ problem, parameters, guesses = solve.problem(), [solve.parameters], [solve.guess
 RESULT = """
 from pathlib import Path
 from wideberth.experiments.engine.runner import run
-from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.engine.shipped_configs import read_experiment
 short = ["seeds=1", "settings.time_limit=0.5", "planners.default.solver=fatrop"]
 run(read_experiment("crossing", short)[0], Path("results/crossing"))
 """

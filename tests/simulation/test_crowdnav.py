@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.engine.closed_loop import play
-from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.values.errors import WideberthError
 from wideberth.simulation.engine.settings import Settings

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.experiments.engine.shipped import CONFIGS
+from wideberth.experiments.engine.shipped_configs import CONFIGS
 from wideberth.framework.mpc import solver as base
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.problem import Problem

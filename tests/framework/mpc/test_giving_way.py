@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.engine.closed_loop import condense
-from wideberth.experiments.engine.showing import markdown_table
+from wideberth.experiments.engine.text_tables import markdown_table
 from wideberth.experiments.report.player import content
 from wideberth.framework.mpc.levels.base import LevelPolicy, Promise, level_of, tail_of
 from wideberth.framework.mpc.levels.discounted import Discounted

@@ -10,7 +10,7 @@ import pytest
 
 from wideberth import Path, WideberthError, build, recommended
 from wideberth.experiments.cli.export import planners
-from wideberth.experiments.engine.shipped import read_experiment, shipped
+from wideberth.experiments.engine.shipped_configs import read_experiment, shipped
 from wideberth.framework.control.rate_limited_warnings import WARNINGS
 from wideberth.framework.mpc.costs.base import Weights
 from wideberth.framework.mpc.costs.tracking import Tracking

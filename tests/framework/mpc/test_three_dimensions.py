@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from wideberth.experiments.drawing.episodes_3d import draw_flight, ellipsoid, expected
 from wideberth.experiments.engine.closed_loop import play
 from wideberth.experiments.engine.runner import draw, run
-from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.flight import Flight, volume_ratio
 from wideberth.framework.mpc.fallback.rollout import sweep
 from wideberth.framework.mpc.ocp.reference import PathProgress, lay_reference

@@ -12,7 +12,7 @@ import pytest
 
 from wideberth.experiments.engine.runner import run
 from wideberth.experiments.engine.shards import UnusableShard, read_shard
-from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.framework.mpc.diagnosis.solve_record import read_solve
 from wideberth.framework.plugins.config import build, describe, load_plugin
 from wideberth.framework.plugins.io import expanded, read_json, read_table

@@ -8,7 +8,7 @@ from typing import Any, final
 import numpy as np
 import pytest
 
-from wideberth.experiments.engine.shipped import read_experiment
+from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.framework.plugins import registry
 from wideberth.framework.plugins.config import build, describe, load_plugin, save_plugin
 from wideberth.framework.plugins.registry import ROOMS, load, names, register

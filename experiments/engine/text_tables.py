@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from .base import Row
-from .width import width
+from .line_width import width
 
 WIDEST = 36
 """Characters of a column; longer text is wrapped."""
