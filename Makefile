@@ -1,6 +1,6 @@
 PY  ?= python3
 BIN := .venv/bin
-ROOMS := framework people metrics predictors regions robots routes perception solvers controllers \
+ROOMS := framework draw people metrics predictors regions robots routes perception solvers controllers \
   nav2 simulation ros experiments
 WORKERS ?= 2
 FIGURES ?= ellipse_construction approximation_error forecast_regions chicken_game crossing

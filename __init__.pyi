@@ -3,6 +3,7 @@
 # fmt: off
 
 from . import controllers as controllers
+from . import draw as draw
 from . import experiments as experiments
 from .experiments.engine.result import open_result as open_result
 from . import framework as framework

@@ -16,8 +16,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 FIGURE = ROOT / "docs" / "figures" / "import-graph.png"
 ROOMS = (
-    "framework", "people", "metrics", "predictors", "regions", "robots", "routes", "perception",
-    "solvers", "controllers", "nav2", "simulation", "ros", "experiments",
+    "framework", "draw", "people", "metrics", "predictors", "regions", "robots", "routes",
+    "perception", "solvers", "controllers", "nav2", "simulation", "ros", "experiments",
 )  # fmt: skip
 PANELS = ("", "framework", "framework/mpc", "simulation", "experiments")
 """Folders whose parts a panel shows; "" for the rooms."""

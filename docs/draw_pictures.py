@@ -8,8 +8,8 @@ import numpy as np
 from PIL import Image
 
 import wideberth
-from wideberth import Costmap, GaussianObstacle, Inflation, OccupancyGrid
-from wideberth.framework.drawing.shapes import ellipses
+from wideberth import Costmap, GaussianObstacle, Inflation, OccupancyGrid, draw
+from wideberth.draw.shapes import ellipses
 from wideberth.framework.values.sensing import Scan
 from wideberth.routes import NavFn, SmoothedRoutes
 from wideberth.routes.polygons import convex_polygons
@@ -45,7 +45,7 @@ def drive() -> tuple[wideberth.Controller, Episode]:
     return planner, run_episode([robot], settings, others=people)
 
 
-def draw(panel, planner, episode: Episode, time: float) -> None:
+def draw_plan(panel, planner, episode: Episode, time: float) -> None:
     """Draw one moment: bodies, the plan, and in its colours the regions that it keeps out of."""
     (robot,) = episode.robots
     plans = [plan for plan in robot.plans if plan.stamp <= time + 1e-9]
@@ -80,7 +80,7 @@ def steps(panel, planner, plan) -> None:
 def image(planner, episode: Episode, time: float, dpi: int) -> Image.Image:
     """Return one moment as an image."""
     figure, panel = plt.subplots(figsize=SIZE, layout="constrained")
-    draw(panel, planner, episode, time)
+    draw_plan(panel, planner, episode, time)
     buffer = io.BytesIO()
     figure.savefig(buffer, dpi=dpi)
     plt.close(figure)
@@ -119,7 +119,7 @@ def route(file: Path) -> None:
     layer = Inflation(inscribed_radius=0.3, inflation_radius=1.2, cost_scaling_factor=3.0)
     costmap = layer.inflated(Costmap.from_grid(grid))
     figure, panels = plt.subplots(1, 2, figsize=(9.6, 3.6), layout="constrained", sharey=True)
-    costmap.plot(panels[0])
+    draw.grid(costmap, panels[0])
     for planner, style, label in (
         (NavFn(), "--", "NavFn"),
         (SmoothedRoutes(length=0.8), "-", "smoothed"),
@@ -127,7 +127,7 @@ def route(file: Path) -> None:
         path = planner.plan(costmap, (1.5, 1.5), (14.2, 2.0)).path
         panels[0].plot(*path.points.T, style, color="#d55e00", linewidth=1.4, label=label)
     polygons = convex_polygons(grid, tolerance=0.1)
-    grid.plot(panels[1])
+    draw.grid(grid, panels[1])
     for one in polygons:
         panels[1].fill(*one.points.T, facecolor="none", edgecolor="#0072b2", linewidth=1.2)
     panels[0].legend(loc="upper left", framealpha=1.0)

@@ -3,18 +3,13 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from .drawing.shapes import outlines, surfaces
-from .drawing.style import FORECAST, LINES, PLANNED, picture, polygons
 from .values.arrays import Array, BoolArray, Scalar
-from .values.forecast import GaussianObstacle, draw_spread
+from .values.forecast import GaussianObstacle
 from .values.motion import Pose
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 
 class Relation(StrEnum):
@@ -150,60 +145,6 @@ class Region(ABC):
     @abstractmethod
     def tail(self, level: float, dimension: int = 2) -> float:
         """1 - content of the un-enlarged region; the inverse of `level`."""
-
-    def plot(
-        self,
-        ax: "Axes | None" = None,
-        obstacle: GaussianObstacle | None = None,
-        margin: float = 0.0,
-        level: float | None = None,
-    ) -> "Axes":
-        """Draw the set that the robot's centre keeps out of; return the axes.
-
-        The obstacle's ellipse of the same content, before it is enlarged, stands pale in it.
-
-        Parameters
-        ----------
-        ax : axes to draw into, in three dimensions with ``projection="3d"``; None for a figure.
-        obstacle : one, or a batch of them (N, D); a Gaussian of 0.5 m by 0.2 m by default.
-        margin : m, r + r_d.
-        level : the region's own; that of 95 % content by default.
-
-        Raises
-        ------
-        WideberthError : a region of a singular covariance for which it is not defined.
-        """
-        if obstacle is None:
-            size = self.dimensions[0]
-            obstacle = GaussianObstacle(np.zeros(size), np.diag([0.25, 0.04, 0.04][:size]))
-        size = obstacle.mean.shape[-1]
-        mean, covariance = obstacle.mean.reshape(-1, size), obstacle.covariance
-        flat = GaussianObstacle(mean, covariance.reshape(-1, size, size))
-        held = self.level(0.05, size) if level is None else float(level)
-        return picture(lambda panel: self._draw(panel, flat, margin, held), size, ax)
-
-    def _draw(self, panel: Any, some: GaussianObstacle, margin: float, level: float) -> Array:
-        """Draw the regions around some Gaussians; return what has to be seen."""
-        size = some.mean.shape[-1]
-        tail, every = self.tail(level, size), np.full(len(some.mean), 1.0)
-        if 0.0 < tail < 1.0:
-            label = f"{100 * (1 - tail):.4g} % of the Gaussian, not enlarged"
-            draw_spread(panel, some.mean, some.covariance, tail, (FORECAST, 1.0))
-            panel.plot([], [], color=FORECAST, linewidth=4, alpha=0.4, label=label)
-        panel.plot(
-            *some.mean.T, linestyle="none", marker="+", color=FORECAST, label="expected place"
-        )
-        name = type(self).__name__
-        if size == 2:
-            rims = outlines(self, some, margin * every, level * every)
-            polygons(panel, list(rims), facecolor="none", edgecolor=PLANNED, linewidth=1.2,
-                     label=f"kept out of: {name}")  # fmt: skip
-            return np.asarray(rims.reshape(-1, 2))
-        skins = surfaces(self, some, margin * every, level * every)
-        for skin in skins:
-            panel.plot_wireframe(*np.moveaxis(skin, -1, 0), color=PLANNED, linewidth=0.4)
-        panel.plot([], [], color=PLANNED, linestyle=LINES[0], label=f"kept out of: {name}")
-        return np.asarray(skins.reshape(-1, 3))
 
 
 class Signed(Region):

@@ -8,12 +8,13 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..framework.drawing.style import chosen_steps
+from ..draw.plans import kept_out
+from ..draw.style import chosen_steps
 from ..framework.robot import Robot
 from ..framework.values.arrays import Array
 from ..framework.values.forecast import LIGHT, Forecast, content_bound
 from ..framework.values.motion import Command, Twist
-from ..framework.values.plan import Plan, kept_out
+from ..framework.values.plan import Plan
 from ..framework.values.polygon import Polygon
 from ..framework.values.sensing import Scan
 from .messages import Messages, messages

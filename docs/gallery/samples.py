@@ -8,7 +8,7 @@ filter holds for possible.
 
 import numpy as np
 
-from wideberth import Tracks
+from wideberth import Tracks, draw
 from wideberth.predictors import Kalman
 
 DT = 0.4  # s
@@ -19,7 +19,7 @@ tracks = Tracks(walk[None], DT, ids=("walker",), radius=(0.3,), noise=noise[None
 forecast = Kalman(acceleration_density=0.05).predict(tracks, steps=12)
 futures = forecast.sample(np.random.default_rng(0), 60)[:, 0]  # (60, steps, 2), m
 
-ax = forecast.plot()
+ax = draw.forecast(forecast)
 for future in futures:
     ax.plot(*future.T, color="0.5", linewidth=0.4, zorder=1)
 ax.plot(*walk.T, "k.", markersize=3)

@@ -8,7 +8,7 @@ around people.
 
 import numpy as np
 
-from wideberth import Detection, Observation, Path, Polygon, recommended
+from wideberth import Detection, Observation, Path, Polygon, draw, recommended
 
 walls = (
     Polygon(((3.0, 0.9), (6.0, 0.9), (6.0, 3.0), (3.0, 3.0)), "upper block"),
@@ -25,4 +25,4 @@ for k in range(-10, 1):
     planner.remember(observation)
 planner.command(observation)
 
-planner.plan.plot()
+draw.plan(planner.plan)

@@ -56,7 +56,7 @@ print(command)
 # regions grow, because a forecast is less certain the further ahead it reaches.
 
 plan = planner.plan
-plan.plot()
+wideberth.draw.plan(plan)
 
 # %%
 # How good is the plan? ``optimal`` says that the solver found the best motion that keeps out of the regions drawn
@@ -71,7 +71,7 @@ print(plan.rung, plan.reason)
 # %%
 # The forecast behind the plan can be drawn alone. An ellipse holds the person with 95 %.
 
-plan.forecast.plot()
+wideberth.draw.forecast(plan.forecast)
 
 # %%
 # Try another speed of the person, or another path, and look again. In :doc:`2_your_own_tracks` the people are

@@ -43,7 +43,7 @@ print(f"a position is measured to {100 * recording.noise.deviation:.1f} cm")
 # ``tracks`` returns everybody who was there at one moment, with their past. A predictor takes that, and returns where
 # they will be: a mean and a covariance per person and step.
 
-from wideberth import build
+from wideberth import build, draw
 
 row = 12  # the moment, 4.8 s after the recording began
 tracks = recording.tracks(end_index=row, length=10)
@@ -51,7 +51,7 @@ predictor = build("predictors", "kalman")
 forecast = predictor.predict(tracks, steps=12)
 print(forecast.mean.shape)  # people, modes, steps, coordinates
 
-ax = forecast.plot()
+ax = draw.forecast(forecast)
 for track in tracks.positions:
     ax.plot(*track.T, "k.", markersize=3)
 ax.set_title("dots: observed; ellipses: each holds its person with 95 %")
@@ -97,7 +97,7 @@ for k in range(row - 12, row + 1):
     planner.remember(observation)
 
 planner.command(observation)
-planner.plan.plot()
+draw.plan(planner.plan)
 
 # %%
 # In a study a robot drives through the whole recording, many times, and the distances are measured. The command line

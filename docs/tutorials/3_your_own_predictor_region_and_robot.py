@@ -176,7 +176,7 @@ check_robot(Cart())
 # ------------------------
 # ``build`` takes objects wherever it takes names.
 
-from wideberth import Detection, Observation, Path, build
+from wideberth import Detection, Observation, Path, build, draw
 
 planner = build(
     "controllers",
@@ -198,7 +198,7 @@ for k in range(-20, 1):
     observation = Observation(stamp=time, state=(0.0, 0.0, 0.0), detections=(person,))
     planner.remember(observation)
 planner.command(observation)
-planner.plan.plot()
+draw.plan(planner.plan)
 
 # %%
 # To use your classes in configs and from the shell, put them into a file, and name them by their path:

@@ -11,7 +11,7 @@ need not guess. This page makes a robot brake, reads the reasons, and changes wh
 # ---------
 # The robot drives at 0.5 m/s. Suddenly a person is there, 4 m ahead and 1.6 m aside, whom it has never seen before.
 
-from wideberth import Detection, Observation, Path, build
+from wideberth import Detection, Observation, Path, build, draw
 
 SETTINGS = {
     "type": "mpc",
@@ -65,7 +65,7 @@ print(planner.explain().text())
 # it may be anything a person can walk, with a deviation of 1 m/s. The regions of 95 % grow by 2.4 m per second, faster
 # than the robot drives: they reach it wherever it goes, and backing away only makes it less deep.
 
-planner.plan.plot()
+draw.plan(planner.plan)
 
 # %%
 # Watch a little longer
@@ -79,7 +79,7 @@ for k in range(-10, 1):
     planner.remember(seen(0.5 * k))
 planner.command(seen(0.0))
 print(planner.plan.rung)
-planner.plan.plot()
+draw.plan(planner.plan)
 
 # %%
 # Let the level give way
@@ -94,7 +94,7 @@ planner.set_path(Path([(-10, 0), (10, 0)]))
 planner.command(seen(0.0))
 print(planner.plan.rung)
 print(planner.plan.given_way)
-planner.plan.plot()
+draw.plan(planner.plan)
 
 # %%
 # Whether that is right is yours to decide. It should not come as a surprise afterwards, therefore every plan says it.
@@ -111,7 +111,7 @@ planner.plan.plot()
 #        if plan.given_way or plan.rung != "optimal":
 #            print(plan.stamp, plan.rung, plan.given_way, plan.reason)
 #
-# ``plan.plot()`` draws one of them.
+# ``draw.plan(plan)`` draws one of them.
 #
 # On a robot you will not sit beside every stop. The setting ``record`` writes failed or slow decisions to files, and
 # ``wideberth explain FOLDER`` solves them again on your desk; see the guide :doc:`/solving`.

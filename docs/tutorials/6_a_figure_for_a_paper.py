@@ -77,7 +77,7 @@ print(latex_text(extract(folder / "caution", columns)))
 
 import matplotlib.pyplot as plt
 
-from wideberth.framework.drawing.style import COLOURS, paper_style
+from wideberth.draw.style import COLOURS, paper_style
 
 with paper_style():
     figure, ax = plt.subplots()

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...framework.drawing.shapes import circle, ellipses
-from ...framework.drawing.style import BLACK
+from ...draw.shapes import circle, ellipses
+from ...draw.style import BLACK
 from ...framework.values.arrays import Array
 from ...framework.values.forecast import content_bound
 from ...simulation.log.episode_log import Episode

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...framework.drawing.style import BLACK, FORECAST, OTHER, PLANNED, REFERENCE, shades
+from ...draw.style import BLACK, FORECAST, OTHER, PLANNED, REFERENCE, shades
 from ...framework.mpc.planner.planner import Planner
 from ...framework.values.arrays import Array, positive, probability
 from ...framework.values.errors import WideberthError

@@ -4,8 +4,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...framework.drawing import shapes
-from ...framework.drawing.style import FORECAST, frame_space, number
+from ...draw import shapes
+from ...draw.style import FORECAST, frame_space, number
 from ...framework.values.arrays import Array, positive, probability
 from ...framework.values.errors import WideberthError
 from ...framework.values.forecast import GaussianObstacle, content_bound, resample

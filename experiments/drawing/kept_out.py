@@ -2,12 +2,13 @@
 
 import numpy as np
 
+from ...draw.plans import kept_out
 from ...framework.mpc.planner.planner import Planner
 from ...framework.plugins.config import describe
 from ...framework.region import Polygonal, Region
 from ...framework.values.arrays import Array
 from ...framework.values.footprint import Discs, Outline
-from ...framework.values.plan import Plan, Situation, kept_out
+from ...framework.values.plan import Plan, Situation
 from ...simulation.drawing.logged import DrawnAgent
 from ...simulation.log.episode_log import Episode
 
@@ -22,7 +23,7 @@ def kept_out_of(
 ) -> dict[tuple[int, int], Array]:
     """Outlines of the set that a plan kept the robot's centre out of, from above.
 
-    As `wideberth.framework.values.plan.kept_out`, with the region and the margin of a planner and
+    As `wideberth.draw.plans.kept_out`, with the region and the margin of a planner and
     the radii of the episode's agents, so that plans of older files are drawn as well.
 
     Parameters

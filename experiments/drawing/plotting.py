@@ -4,12 +4,12 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...framework.drawing.style import COLOURS as COLOURS
-from ...framework.drawing.style import COLUMN as COLUMN
-from ...framework.drawing.style import LINES as LINES
-from ...framework.drawing.style import PAGE as PAGE
-from ...framework.drawing.style import number as number
-from ...framework.drawing.style import paper_style as paper_style
+from ...draw.style import COLOURS as COLOURS
+from ...draw.style import COLUMN as COLUMN
+from ...draw.style import LINES as LINES
+from ...draw.style import PAGE as PAGE
+from ...draw.style import number as number
+from ...draw.style import paper_style as paper_style
 from ...framework.plugins.io import write_bytes
 
 if TYPE_CHECKING:

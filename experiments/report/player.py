@@ -12,7 +12,7 @@ from typing import Any, final
 
 import numpy as np
 
-from ...framework.drawing.style import number
+from ...draw.style import number
 from ...framework.mpc.planner.planner import Planner, planner_behind
 from ...framework.plugins.io import check_target, write_text
 from ...framework.plugins.yamlfile import read_config

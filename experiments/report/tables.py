@@ -5,7 +5,7 @@ from html import escape
 from itertools import groupby, takewhile
 from typing import Any
 
-from ...framework.drawing.style import MINUS, number
+from ...draw.style import MINUS, number
 from ..engine.base import Row
 from ..engine.meanings import Meaning
 from ..engine.text_tables import (

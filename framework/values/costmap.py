@@ -73,8 +73,3 @@ class Costmap(CellGrid):
         share = np.linspace(0.0, 1.0, 2 + ceil(4.0 * longest / self.resolution))
         costs = self.at(begin[:, None] + share[:, None] * step[:, None], outside=LETHAL)
         return np.asarray(((costs == LETHAL) | (costs == INSCRIBED)).any(axis=1))
-
-    def _darkness(self) -> Array:
-        costs = self.cells.astype(np.float64)
-        special = [self.cells == cost for cost in (LETHAL, INSCRIBED, NO_INFORMATION)]
-        return np.select(special, [1.0, 0.5, 0.15], 0.4 * costs / MAX_NON_OBSTACLE)

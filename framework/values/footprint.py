@@ -6,10 +6,8 @@ from typing import TypeAlias, final
 
 import numpy as np
 
-from ..drawing.shapes import circle
 from .arrays import Array, checked, positive
 from .errors import WideberthError
-from .motion import Pose
 
 Place: TypeAlias = tuple[float, float]
 """(ahead, to the left) of the robot's position, m."""
@@ -89,28 +87,6 @@ def checked_footprint(name: str, footprint: Footprint | None, radius: float) -> 
             f"{name}.footprint reaches {footprint.reach:.4g} m from the robot's position, beyond "
             f"{name}.radius, {radius:.4g} m; wanted a radius that encloses the footprint"
         )
-
-
-def body_outlines(
-    place: Array, heading: float, radius: float, footprint: Footprint | None, count: int = 60
-) -> list[Array]:
-    """Outlines (K, 2), m, of what a body covers from above: its footprint, or its whole disc.
-
-    Parameters
-    ----------
-    place : (D,), m.
-    heading : rad; of no account for a disc.
-    radius : m, of the enclosing disc.
-    footprint : see `Footprint`; None for the disc.
-    count : points of a circle.
-    """
-    pose, round_one = Pose((place[0], place[1]), heading), circle(count).T
-    if isinstance(footprint, Discs):
-        centres = [np.array(pose.offset(centre)) for centre in footprint.centres]
-        return [centre + footprint.radius * round_one for centre in centres]
-    if isinstance(footprint, Outline):
-        return [np.array([pose.offset(corner) for corner in footprint.vertices])]
-    return [place[:2] + radius * round_one]
 
 
 def _checked_places(name: str, places: tuple[Place, ...], least: int) -> Array:

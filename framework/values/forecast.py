@@ -3,19 +3,14 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
-from ..drawing.shapes import ellipses, ellipsoid
-from ..drawing.style import COLOURS, LINES, chosen_steps, picture, png, polygons
 from .arrays import Array, checked, checked_covariance, positive, probability
 from .errors import WideberthError
 from .motion import Truth
 from .polygon import Polygon
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,62 +187,6 @@ class Forecast:
         """N, the number of steps ahead."""
         return int(self.mean.shape[2])
 
-    def outlines(self, tail: float = 0.05, count: int = 96, every: int = 1) -> Array:
-        """Outlines of the content regions, one per obstacle, mode and step, (K, count, 2), m.
-
-        With D coordinates, mean mu, covariance Sigma and content 1 - tail the region is::
-
-            (x - mu)^T Sigma^-1 (x - mu) <= q,    P(chi^2_D > q) = tail
-
-        and its outline from above is mu + sqrt(q) L (cos t, sin t), where L L^T is the block of
-        Sigma for x and y. Modes of weight 0 are left out.
-
-        Parameters
-        ----------
-        tail : 1 - content, in (0, 1).
-        count : points of an outline.
-        every : steps from one outline to the next; the last step has one.
-        """
-        kept = self.weight > 0
-        steps = slice((self.steps - 1) % every, None, every)
-        centre = self.mean[kept][:, steps, :2].reshape(-1, 2)
-        blocks = self.covariance[kept][:, steps, :2, :2].reshape(-1, 2, 2)
-        return ellipses(centre, blocks, content_bound(self.mean.shape[-1], tail), count)
-
-    def plot(self, ax: "Axes | None" = None) -> "Axes":
-        """Draw the means and the 95 % ellipses of every obstacle; return the axes.
-
-        Of a mixture every mode is drawn, paler the less it weighs. Of long forecasts at most
-        eight steps have an ellipse, the last among them. In space they are ellipsoids.
-
-        Parameters
-        ----------
-        ax : axes to draw into, in three dimensions with ``projection="3d"``; None for a figure.
-        """
-        return picture(self._draw, self.mean.shape[-1], ax)
-
-    def _repr_png_(self) -> bytes:
-        return png(self._draw, self.mean.shape[-1])
-
-    def _draw(self, panel: Any, tail: float = 0.05) -> Array:
-        """Draw into axes of the right dimension; return what has to be seen."""
-        seen = []
-        for owner, mode in zip(*np.nonzero(self.weight > 0), strict=True):
-            weight, mean = self.weight[owner, mode], self.mean[owner, mode]
-            colour, line = COLOURS[owner % len(COLOURS)], LINES[owner % len(LINES)]
-            label = f"obstacle {owner}" + (f", {100 * weight:.0f} %" if weight < 1 else "")
-            strength = float(0.35 + 0.65 * weight)
-            panel.plot(
-                *mean.T, linestyle=line, marker="o", markersize=2.2, linewidth=0.9, color=colour,
-                alpha=strength, label=label,
-            )  # fmt: skip
-            steps = chosen_steps(self.steps)
-            spread = self.covariance[owner, mode][steps]
-            seen += [mean, draw_spread(panel, mean[steps], spread, tail, (colour, strength))]
-        size = self.mean.shape[-1]
-        panel.plot([], [], color="0.5", linewidth=4, alpha=0.3, label=f"{100 * (1 - tail):g} %")
-        return np.concatenate(seen) if seen else np.zeros((0, size))
-
     def sample(self, rng: np.random.Generator, count: int) -> Array:
         """Draw trajectories, (count, O, N, D), m.
 
@@ -272,34 +211,6 @@ class Forecast:
             return np.asarray(whole.reshape(-1, steps, size))
         root = _root(self.covariance[obstacle, mode])
         return np.asarray(np.einsum("nij,cnj->cni", root, noise.reshape(-1, steps, size)))
-
-
-def draw_spread(
-    panel: Any, mean: Array, covariance: Array, tail: float, look: tuple[str, float]
-) -> Array:
-    """Draw the content regions of Gaussians, (K, D) and (K, D, D); return points of them.
-
-    Parameters
-    ----------
-    panel : axes, in space those of three dimensions.
-    tail : 1 - content.
-    look : colour, and how strong it is, in [0, 1].
-    """
-    colour, strength = look
-    square = content_bound(mean.shape[-1], tail)
-    if mean.shape[-1] == 2:
-        rims = ellipses(mean, covariance, square)
-        polygons(
-            panel, list(rims), facecolor=(colour, 0.07 * strength),
-            edgecolor=(colour, 0.5 * strength), linewidth=0.7,
-        )  # fmt: skip
-        return np.asarray(rims.reshape(-1, 2))
-    skins = [ellipsoid(*one, square, 13) for one in zip(mean, covariance, strict=True)]
-    for skin in skins:
-        panel.plot_surface(
-            *np.moveaxis(skin, -1, 0), color=colour, alpha=0.1 * strength, linewidth=0
-        )
-    return np.concatenate([skin.reshape(-1, 3) for skin in skins])
 
 
 def _root(covariance: Array) -> Array:

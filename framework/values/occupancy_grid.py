@@ -1,17 +1,13 @@
 """Maps of square cells: which places are occupied, free or unknown."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, final
+from typing import Any, ClassVar, TypeAlias, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..drawing.style import picture, png
 from .arrays import FARTHEST, Array, BoolArray, checked, positive
 from .errors import WideberthError
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 Cells: TypeAlias = NDArray[np.int64]
 """Columns and rows of cells, (..., 2)."""
@@ -123,32 +119,6 @@ class CellGrid:
         """Tell which columns and rows the grid has, (..., 2) -> (...)."""
         return np.asarray(((cells >= 0) & (cells < [self.width, self.height])).all(axis=-1))
 
-    def plot(self, ax: "Axes | None" = None) -> "Axes":
-        """Draw the cells, the darker the more occupied or the more costly; return the axes.
-
-        Parameters
-        ----------
-        ax : axes to draw into, in the plane; None for a figure.
-        """
-        return picture(self._draw, 2, ax)
-
-    def _repr_png_(self) -> bytes:
-        return png(self._draw, 2)
-
-    def _draw(self, panel: Any) -> Array:
-        """Draw into axes of the plane; return what has to be seen."""
-        low = np.array(self.origin)
-        high = low + self.resolution * np.array([self.width, self.height])
-        panel.imshow(
-            self._darkness(), cmap="Greys", vmin=0.0, vmax=1.0, origin="lower", zorder=0.5,
-            interpolation="nearest", extent=(low[0], high[0], low[1], high[1]),
-        )  # fmt: skip
-        return np.stack([low, high])
-
-    def _darkness(self) -> Array:
-        """Return how dark each cell is drawn, from 0 to 1."""
-        return (self.cells / self._range[1]).clip(0.0, 1.0)
-
 
 @final
 @dataclass(frozen=True, eq=False, repr=False)
@@ -170,10 +140,6 @@ class OccupancyGrid(CellGrid):
 
     _label: ClassVar[str] = "occupancy_grid"
     _range: ClassVar[tuple[int, int]] = (UNKNOWN_CELL, OCCUPIED_CELL)
-
-    def _darkness(self) -> Array:
-        known = self.cells / OCCUPIED_CELL
-        return np.where(self.cells == UNKNOWN_CELL, 0.25, known)
 
 
 def _whole_cells(label: str, value: ArrayLike, limits: tuple[int, int]) -> NDArray[Any]:

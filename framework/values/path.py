@@ -2,16 +2,11 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..drawing.style import picture, png
 from .arrays import FARTHEST, Array, checked
 from .errors import WideberthError
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,28 +52,6 @@ class Path:
             return f"Path({[tuple(point) for point in self.points.tolist()]})"
         ends = " to ".join(str(tuple(self.points[i].round(3).tolist())) for i in (0, -1))
         return f"Path({len(self.points)} points, {self.length:.4g} m, from {ends})"
-
-    def plot(self, ax: "Axes | None" = None) -> "Axes":
-        """Draw the path, its start (circle) and its goal (cross); return the axes.
-
-        Parameters
-        ----------
-        ax : axes to draw into, in three dimensions with ``projection="3d"``; None for a figure.
-        """
-        return picture(self._draw, self.points.shape[1], ax)
-
-    def _repr_png_(self) -> bytes:
-        return png(self._draw, self.points.shape[1])
-
-    def _draw(self, panel: Any) -> Array:
-        """Draw into axes of the right dimension; return what has to be seen."""
-        panel.plot(*self.points.T, "-", color="0.7", linewidth=0.9, zorder=1, label="path")
-        for point, marker, label in ((self.points[0], "o", "start"), (self.goal, "x", "goal")):
-            panel.plot(
-                *point[:, None], linestyle="none", marker=marker, markersize=6, color="0.35",
-                markerfacecolor="none", label=label,
-            )  # fmt: skip
-        return self.points
 
     @cached_property
     def arc(self) -> Array:

@@ -3,16 +3,12 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, final
+from typing import final
 
 import numpy as np
 
-from ..drawing.style import WALL, picture, png, polygons
 from .arrays import FARTHEST, Array, checked, whole
 from .errors import WideberthError
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 MOST_CORNERS = 16
 """Vertices of the largest convex part that the MPC has room for."""
@@ -85,28 +81,6 @@ class Polygon:
         corners : most vertices that a part may have, at least 3.
         """
         return convex_parts(self.points, whole("corners", corners, least=3))
-
-    def plot(self, ax: "Axes | None" = None) -> "Axes":
-        """Draw the polygon, and dotted where it is cut into convex parts; return the axes.
-
-        Parameters
-        ----------
-        ax : axes to draw into, in the plane; None for a figure.
-        """
-        return picture(self._draw, 2, ax)
-
-    def _repr_png_(self) -> bytes:
-        return png(self._draw, 2)
-
-    def _draw(self, panel: Any) -> Array:
-        """Draw into axes of the plane; return what has to be seen."""
-        polygons(panel, [self.points], **{**WALL, "label": self.name or WALL["label"]})
-        if len(self.parts) > 1:
-            polygons(
-                panel, self.parts, facecolor="none", edgecolor="0.35", linewidth=0.7,
-                linestyle=":", zorder=0.9, label="convex parts",
-            )  # fmt: skip
-        return self.points
 
 
 def edge_normals(vertices: Array) -> Array:

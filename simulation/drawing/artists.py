@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...framework.drawing.style import COLOURS, LINES, WALL, number, polygons
+from ...draw.forecasts import content_outlines
+from ...draw.shapes import body_outlines
+from ...draw.style import COLOURS, LINES, WALL, number, polygons
 from ...framework.values.arrays import Array
-from ...framework.values.footprint import body_outlines
 from ...framework.values.forecast import Forecast
 from ...framework.values.plan import Plan
 from ...metrics.gaps import gaps, wall_gaps
@@ -86,8 +87,12 @@ def nose(episode: Logged, log: DrawnAgent, time: float) -> Array:
 
 
 def outlines(forecast: Forecast | None, tail: float, count: int = 96, every: int = 1) -> Array:
-    """Outlines of a plan's forecast, as `Forecast.outlines`; None gives none."""
-    return np.zeros((0, count, 2)) if forecast is None else forecast.outlines(tail, count, every)
+    """Outlines of a plan's forecast, as `content_outlines`; None gives none."""
+    return (
+        np.zeros((0, count, 2))
+        if forecast is None
+        else content_outlines(forecast, tail, count, every)
+    )
 
 
 def extent(episode: Logged) -> tuple[Array, Array]:

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from ...framework.drawing.style import is_seen, number, paper_style
+from ...draw.plans import kept_out
+from ...draw.style import is_seen, number, paper_style
 from ...framework.values.arrays import Array, positive
 from ...framework.values.errors import WideberthError
-from ...framework.values.plan import Plan, kept_out
+from ...framework.values.plan import Plan
 from . import artists
 from .logged import DrawnAgent, Logged
 from .saving import film_of

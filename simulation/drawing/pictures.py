@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ...framework.drawing.shapes import sphere
-from ...framework.drawing.style import halo, number
+from ...draw.shapes import sphere
+from ...draw.style import halo, number
 from ...framework.values.arrays import Array
 from . import artists
 from .logged import DrawnAgent, Logged

@@ -3,7 +3,7 @@
 from time import monotonic
 from typing import Any, Protocol
 
-from ...framework.drawing.style import paper_style
+from ...draw.style import paper_style
 from . import film
 from .logged import Logged
 

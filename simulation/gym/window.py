@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...framework.drawing.style import is_seen
+from ...draw.style import is_seen
 
 
 class GymWindow:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...framework.drawing.style import picture, png
+from ...draw.style import picture, png
 from ...framework.plugins.config import build, describe
 from ...framework.plugins.io import parse_json, read_arrays, stamped, unstamped
 from ...framework.values.arrays import Array

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wideberth.draw.shapes import COUNT, outlines
 from wideberth.experiments.engine.closed_loop import log_name
 from wideberth.experiments.report.player import episode_planner, packed, play
 from wideberth.experiments.studies.comparison import Comparison
-from wideberth.framework.drawing.shapes import COUNT, outlines
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.plugins.yamlfile import dump

@@ -11,12 +11,7 @@ import numpy as np
 import pytest
 
 import wideberth
-
-ROOMS = (
-    "framework", "people", "metrics", "predictors", "regions", "robots", "routes", "perception",
-    "solvers", "controllers", "nav2", "simulation", "ros", "experiments",
-)  # fmt: skip
-
+from wideberth.tests.house.test_imports import ROOMS
 
 @pytest.mark.parametrize("room", ROOMS)
 def test_examples(room: str) -> None:

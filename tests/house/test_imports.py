@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 FLOORS = (
     ("framework",),
-    ("people", "metrics"),
+    ("draw", "people", "metrics"),
     ("predictors", "regions", "robots", "routes", "perception", "solvers", "controllers"),
     ("nav2", "simulation", "ros"),
     ("experiments",),
@@ -59,11 +59,10 @@ def imported(path: Path) -> set[str]:
 INTERFACES, FACE = "framework", "framework/__init__"
 """The files beside the groups: a room's own, and the names that the framework offers."""
 ARROWS: dict[str, set[str]] = {
-    "framework/drawing": set(),
-    "framework/values": {"framework/drawing"},
+    "framework/values": set(),
     "framework/numerics": {"framework/values"},
     "framework/plugins": {"framework/values"},
-    INTERFACES: {"framework/drawing", "framework/numerics", "framework/values"},
+    INTERFACES: {"framework/numerics", "framework/values"},
     "framework/risk": {INTERFACES, "framework/numerics", "framework/plugins", "framework/values"},
     "framework/tracking": {INTERFACES, "framework/plugins", "framework/values"},
     "framework/control": {
@@ -117,7 +116,6 @@ ARROWS: dict[str, set[str]] = {
 """Group -> the groups of the same room that its files may import."""
 LAYERS = [
     *(
-        "drawing",
         "values",
         "numerics",
         "plugins",

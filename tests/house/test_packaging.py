@@ -12,8 +12,8 @@ import wideberth
 ROOT = Path(__file__).resolve().parents[2]
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 TOP = (
-    "framework", "people", "metrics", "predictors", "regions", "robots", "routes", "perception",
-    "solvers", "controllers", "nav2", "simulation", "ros", "experiments",
+    "framework", "draw", "people", "metrics", "predictors", "regions", "robots", "routes",
+    "perception", "solvers", "controllers", "nav2", "simulation", "ros", "experiments",
 )  # fmt: skip
 FACE = ("__init__.py", "__init__.pyi", "py.typed")
 

@@ -13,7 +13,7 @@ from sphinx_gallery.py_source_parser import split_code_and_text_blocks
 from traitlets.config import Config
 
 TUTORIALS = Path(__file__).resolve().parents[2] / "docs" / "tutorials"
-DRAWS = ".plot()", "plt.figure()", "plt.subplots()", ".animate("
+DRAWS = "draw.plan(", "draw.forecast(", ".plot()", "plt.figure()", "plt.subplots()", ".animate("
 """Calls of cells that draw."""
 QUICK = ("1_a_first_plan",)
 """All others are slow tests."""

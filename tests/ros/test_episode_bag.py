@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from wideberth import WideberthError, build
+from wideberth.draw.plans import kept_out
 from wideberth.experiments.cli.app import main
 from wideberth.experiments.report.episode_bag import EPOCH, topic_of, write_episode_bag
 from wideberth.framework.values.forecast import content_bound
 from wideberth.framework.values.motion import Command
-from wideberth.framework.values.plan import Situation, kept_out
+from wideberth.framework.values.plan import Situation
 from wideberth.framework.values.sensing import Scan
 from wideberth.ros.bag import Bag, read_bag
 from wideberth.ros.bag_tracks import read_bag_tracks

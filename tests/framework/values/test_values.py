@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+from wideberth.draw.forecasts import content_outlines
 from wideberth.framework.tracking.history import History
 from wideberth.framework.values.arrays import (
     Array,
@@ -317,7 +318,7 @@ def test_outlines_from_above_keep_to_the_two_dimensional_block(size: int) -> Non
     covariance = root @ root.swapaxes(2, 3) + 0.1 * np.eye(size)
     made = Forecast.single(rng.standard_normal((2, 5, size)), covariance, 0.5)
     for every, steps in ((1, [0, 1, 2, 3, 4]), (3, [1, 4])):
-        found = made.outlines(0.1, 24, every).reshape(2, len(steps), 24, 2)
+        found = content_outlines(made, 0.1, 24, every).reshape(2, len(steps), 24, 2)
         for o in range(2):
             for k, step in enumerate(steps):
                 away = found[o, k] - made.mean[o, 0, step, :2]

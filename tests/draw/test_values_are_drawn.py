@@ -1,4 +1,4 @@
-"""Plans, forecasts, regions and paths draw themselves, and leave the session as it was."""
+"""Plans, forecasts, regions and paths are drawn, and the session stays as it was."""
 
 import matplotlib
 import numpy as np
@@ -15,10 +15,12 @@ from wideberth import (
     Polygon,
     Tracks,
     build,
+    draw,
     recommended,
 )
-from wideberth.framework.drawing.style import chosen_steps, paper_style, shades
-from wideberth.framework.values.plan import Plan, kept_out
+from wideberth.draw.plans import kept_out
+from wideberth.draw.style import chosen_steps, paper_style, shades
+from wideberth.framework.values.plan import Plan
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +43,7 @@ def polygons_of(panel) -> dict[str, PolyCollection]:  # type: ignore[no-untyped-
 
 def test_a_plan_shows_what_it_keeps_out_of(plan: Plan) -> None:
     before, backend = dict(matplotlib.rcParams), matplotlib.get_backend()
-    panel = plan.plot()
+    panel = draw.plan(plan)
     assert (dict(matplotlib.rcParams), matplotlib.get_backend()) == (before, backend)
     assert (panel.get_xlabel(), panel.get_ylabel()) == ("x (m)", "y (m)")
     assert panel.get_aspect() == 1.0 and "plan at t = 0 s, holds" in panel.get_title("left")
@@ -68,8 +70,9 @@ def test_a_plan_shows_what_it_keeps_out_of(plan: Plan) -> None:
 
 def test_axes_of_the_users_keep_their_figure(plan: Plan) -> None:
     figure, panels = pyplot.subplots(1, 2)
-    for one, panel in zip((plan, plan.forecast), panels, strict=True):
-        assert one.plot(panel) is panel and panel.lines
+    assert plan.forecast is not None
+    assert draw.plan(plan, panels[0]) is panels[0] and panels[0].lines
+    assert draw.forecast(plan.forecast, panels[1]) is panels[1] and panels[1].lines
     assert not figure.legends and not panels[0].get_legend()
     (mean,) = [line for line in panels[1].lines if len(line.get_xdata()) == 15]
     assert np.allclose(mean.get_xydata(), plan.forecast.mean[0, 0])
@@ -86,7 +89,7 @@ def test_modes_are_paler_the_less_they_weigh() -> None:
     mean[..., 0] = np.arange(3)
     cov = np.broadcast_to(0.04 * np.eye(3), (2, 2, 3, 3, 3))
     forecast = Forecast(mean, cov, np.array([[0.7, 0.3], [1.0, 0.0]]), 0.5, (None, "too short"))
-    panel = forecast.plot()
+    panel = draw.forecast(forecast)
     assert panel.name == "3d" and panel.get_zlabel() == "z (m)"
     drawn = {line.get_label(): line.get_alpha() for line in panel.lines if len(line._verts3d[0])}
     assert sorted(drawn) == ["obstacle 0, 30 %", "obstacle 0, 70 %", "obstacle 1"]
@@ -103,7 +106,7 @@ def test_the_first_figure_chooses_the_interactive_mode_for_good() -> None:
         with paper_style():
             matplotlib.interactive(True)  # as such a backend does when it is loaded
         assert matplotlib.is_interactive() and matplotlib.rcParams["font.size"] != 8
-        square.plot()
+        draw.polygon(square)
         assert matplotlib.is_interactive()
         with pytest.raises(ZeroDivisionError), paper_style():
             matplotlib.interactive(False)
@@ -112,11 +115,11 @@ def test_the_first_figure_chooses_the_interactive_mode_for_good() -> None:
 
 
 @pytest.mark.parametrize("name", ["mahalanobis_ellipse", "luetkepohl_rectangle", "half_plane"])
-def test_a_region_draws_its_boundary(name: str) -> None:
+def test_a_region_is_drawn_by_its_boundary(name: str) -> None:
     region = build("regions", name)
     obstacle = GaussianObstacle(np.array([1.0, 2.0]), np.diag([0.25, 0.04]))
     level = region.level(0.05)
-    panel = region.plot(obstacle=obstacle, margin=0.5, level=level)
+    panel = draw.region(region, obstacle=obstacle, margin=0.5, level=level)
     (rim,) = [one.get_paths()[0].vertices[:-1] for one in panel.collections
               if str(one.get_label()).startswith("kept out of")]  # fmt: skip
     numbers = region.parameters(obstacle, np.array(0.5))
@@ -124,15 +127,15 @@ def test_a_region_draws_its_boundary(name: str) -> None:
     assert region.contains(0.99 * (rim - obstacle.mean) + obstacle.mean, numbers, level).all()
 
 
-def test_a_region_draws_itself_in_space() -> None:
+def test_a_region_is_drawn_in_space() -> None:
     region = build("regions", "mahalanobis_ellipse")
     sphere = GaussianObstacle(np.zeros(3), 0.04 * np.eye(3))
-    assert region.plot(obstacle=sphere, margin=0.5).name == "3d"
+    assert draw.region(region, obstacle=sphere, margin=0.5).name == "3d"
 
 
-def test_a_polygon_draws_its_outline_and_its_parts() -> None:
+def test_a_polygon_is_drawn_by_its_outline_and_its_parts() -> None:
     corner = Polygon(((0, 0), (2, 0), (2, 1), (1, 1), (1, 3), (0, 3)), "corner")
-    panel = corner.plot()
+    panel = draw.polygon(corner)
     drawn = polygons_of(panel)
     assert list(drawn) == ["corner", "convex parts"]
     (outline,) = drawn["corner"].get_paths()
@@ -142,15 +145,22 @@ def test_a_polygon_draws_its_outline_and_its_parts() -> None:
     assert panel.get_xlim()[0] < 0.0 and panel.get_ylim()[1] > 3.0
     ax = pyplot.figure().add_subplot()
     square = Polygon(((0, 0), (2, 0), (2, 1), (0, 1)))
-    assert square.plot(ax) is ax and list(polygons_of(ax)) == ["static"]
+    assert draw.polygon(square, ax) is ax and list(polygons_of(ax)) == ["static"]
 
 
-def test_notebooks_show_them(plan: Plan) -> None:
-    count = len(pyplot.get_fignums())
-    values = plan, plan.forecast, Path([(0, 0), (3, 0), (4, 2)]), Polygon(((0, 0), (2, 0), (0, 1)))
-    for value in values:
-        assert value._repr_png_().startswith(b"\x89PNG")
-    assert len(pyplot.get_fignums()) == count
+def test_a_path_is_drawn_with_its_ends() -> None:
+    path = Path([(0, 0), (3, 0), (4, 2)])
+    panel = draw.path(path)
+    drawn = {line.get_label(): line.get_xydata() for line in panel.lines}
+    assert np.array_equal(drawn["path"], path.points)
+    assert np.array_equal(drawn["start"], [[0, 0]]) and np.array_equal(drawn["goal"], [[4, 2]])
+
+
+def test_values_know_nothing_of_pictures(plan: Plan) -> None:
+    """A value has no method that draws, and no file of the framework imports what draws."""
+    assert plan.forecast is not None and plan.situation is not None
+    for value in (plan, plan.forecast, plan.situation.path, plan.situation.region):
+        assert not hasattr(value, "plot") and not hasattr(value, "_repr_png_")
 
 
 def test_reprs_are_short(plan: Plan) -> None:

@@ -1,13 +1,12 @@
 """Outlines and surfaces: content ellipses, ellipsoids, and the sets of regions."""
 
-from typing import Any, Protocol
-
 import numpy as np
-import numpy.typing as npt
 
-from .style import Points
-
-Numbers = npt.NDArray[np.float64]
+from ..framework.region import Region
+from ..framework.values.arrays import Array
+from ..framework.values.footprint import Discs, Footprint, Outline
+from ..framework.values.forecast import GaussianObstacle
+from ..framework.values.motion import Pose
 
 COUNT = 64
 """Points of an outline; a multiple of 8, so that the corners of a square are among them."""
@@ -15,41 +14,13 @@ _DOUBLINGS, _HALVINGS = 12, 13  # within a mm
 _AT_ONCE = 500  # outlines whose points are tested in one call
 
 
-class Spread(Protocol):
-    """A Gaussian place, as `GaussianObstacle` is one."""
-
-    @property
-    def mean(self) -> Numbers:
-        """(..., D), m."""
-        ...
-
-    @property
-    def covariance(self) -> Numbers:
-        """(..., D, D), m^2."""
-        ...
-
-
-class Shape(Protocol):
-    """A set around a Gaussian place, as `Region` is one."""
-
-    def parameters(self, obstacle: Any, margin: Numbers) -> Numbers:
-        """Numbers that describe the set: a `Spread` with batch (...) -> (..., P)."""
-        ...
-
-    def contains(
-        self, points: Numbers, parameters: Numbers, level: Numbers
-    ) -> npt.NDArray[np.bool_]:
-        """Whether points (..., D) lie strictly inside; parameters (..., P) broadcast."""
-        ...
-
-
-def circle(count: int = COUNT) -> Points:
+def circle(count: int = COUNT) -> Array:
     """Points of the unit circle, (2, count)."""
     angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
     return np.stack([np.cos(angle), np.sin(angle)])
 
 
-def sphere(count: int) -> Points:
+def sphere(count: int) -> Array:
     """Give unit vectors on a grid of polar and azimuth angle, (count, count, 3)."""
     polar, around = np.meshgrid(
         np.linspace(0.0, np.pi, count), np.linspace(0.0, 2.0 * np.pi, count), indexing="ij"
@@ -58,26 +29,48 @@ def sphere(count: int) -> Points:
     return np.stack([level * np.cos(around), level * np.sin(around), np.cos(polar)], axis=-1)
 
 
-def ellipses(mean: Numbers, covariance: Numbers, square: float, count: int = COUNT) -> Points:
+def ellipses(mean: Array, covariance: Array, square: float, count: int = COUNT) -> Array:
     """Outlines of (x - mu)^T Sigma^-1 (x - mu) <= square, (K, count, 2), m."""
     return np.asarray(mean[:, None] + np.swapaxes(_root(covariance, square) @ circle(count), 1, 2))
 
 
-def ellipsoid(mean: Numbers, covariance: Numbers, square: float, count: int = 25) -> Points:
+def ellipsoid(mean: Array, covariance: Array, square: float, count: int = 25) -> Array:
     """Return points of the surface of one such set in space, (count, count, 3), m."""
     return np.asarray(mean + sphere(count) @ _root(covariance, square).T)
 
 
-def _root(covariance: Numbers, square: float) -> Numbers:
+def _root(covariance: Array, square: float) -> Array:
     """Return A with A A^T = square * Sigma, (..., D, D)."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors * np.sqrt(square * np.clip(values, 0.0, None))[..., None, :])
 
 
-def outlines(region: Shape, obstacle: Spread, margin: Numbers, level: Numbers) -> Points:
+def body_outlines(
+    place: Array, heading: float, radius: float, footprint: Footprint | None, count: int = 60
+) -> list[Array]:
+    """Outlines (K, 2), m, of what a body covers from above: its footprint, or its whole disc.
+
+    Parameters
+    ----------
+    place : (D,), m.
+    heading : rad; of no account for a disc.
+    radius : m, of the enclosing disc.
+    footprint : see `Footprint`; None for the disc.
+    count : points of a circle.
+    """
+    pose, round_one = Pose((place[0], place[1]), heading), circle(count).T
+    if isinstance(footprint, Discs):
+        centres = [np.array(pose.offset(centre)) for centre in footprint.centres]
+        return [centre + footprint.radius * round_one for centre in centres]
+    if isinstance(footprint, Outline):
+        return [np.array([pose.offset(corner) for corner in footprint.vertices])]
+    return [place[:2] + radius * round_one]
+
+
+def outlines(region: Region, obstacle: GaussianObstacle, margin: Array, level: Array) -> Array:
     """Outlines of many 2-D regions at once: batch (...,) -> (..., COUNT, 2), m.
 
-    Where rays from the mean leave the region, by bisection with `Shape.contains`:
+    Where rays from the mean leave the region, by bisection with `Region.contains`:
     `Region.boundary` takes one region a call, and 0.1 s of some. The rays are stretched like the
     spread, so that thin regions are sampled as evenly as round ones. All points are the mean
     where the region is empty.
@@ -86,8 +79,8 @@ def outlines(region: Shape, obstacle: Spread, margin: Numbers, level: Numbers) -
 
 
 def surfaces(
-    region: Shape, obstacle: Spread, margin: Numbers, level: Numbers, count: int = 17
-) -> Points:
+    region: Region, obstacle: GaussianObstacle, margin: Array, level: Array, count: int = 17
+) -> Array:
     """Surfaces of regions in space, batch (...,) -> (..., count, count, 3), m; as `outlines`."""
     grid = sphere(count)
     found = _rims(region, obstacle, margin, level, grid.reshape(-1, 3).T)
@@ -95,8 +88,8 @@ def surfaces(
 
 
 def _rims(
-    region: Shape, obstacle: Spread, margin: Numbers, level: Numbers, directions: Numbers
-) -> Points:
+    region: Region, obstacle: GaussianObstacle, margin: Array, level: Array, directions: Array
+) -> Array:
     """Points at which rays leave the regions, (..., C, D).
 
     The rays have these directions (D, C) in the frame of the spread.
@@ -112,9 +105,7 @@ def _rims(
     return np.asarray(found.reshape(*level.shape, count, size))
 
 
-def shares(
-    region: Shape, mean: Numbers, rays: Numbers, parameters: Numbers, level: Numbers
-) -> Numbers:
+def shares(region: Region, mean: Array, rays: Array, parameters: Array, level: Array) -> Array:
     """Share of each ray (K, C, D) from the means (K, D) at which it leaves the region, (K, C)."""
     numbers = parameters.reshape(-1, 1, parameters.shape[-1])
     centre, held = mean[:, None], np.maximum(level.reshape(-1, 1), 0.0)
@@ -125,9 +116,7 @@ def shares(
     return share
 
 
-def _left(
-    region: Shape, mean: Numbers, rays: Numbers, numbers: Numbers, level: Numbers
-) -> Numbers:
+def _left(region: Region, mean: Array, rays: Array, numbers: Array, level: Array) -> Array:
     """Share of each ray at which it leaves the region, (K, C)."""
     low, high = np.zeros(rays.shape[:-1]), np.ones(rays.shape[:-1])
     for _ in range(_DOUBLINGS):

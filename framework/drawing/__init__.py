@@ -1,1 +1,0 @@
-"""How pictures look, and the shapes in them; matplotlib is imported when something is drawn."""
