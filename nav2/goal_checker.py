@@ -5,7 +5,7 @@ from math import pi
 from typing import final
 
 from ..framework.values.arrays import Array
-from .parameters.parameters import check_parameters
+from .parameters import NonNegative, check_parameters
 from .poses import length, shortest_angle
 
 
@@ -34,19 +34,15 @@ class GoalChecker:
     WideberthError : a number that is negative or not finite.
     """
 
-    xy_goal_tolerance: float = 0.25
-    yaw_goal_tolerance: float = 0.25
-    path_length_tolerance: float = 1.0
+    xy_goal_tolerance: NonNegative = 0.25
+    yaw_goal_tolerance: NonNegative = 0.25
+    path_length_tolerance: NonNegative = 1.0
     stateful: bool = True
-    xy_goal_tolerance_buffer: float = 0.0
+    xy_goal_tolerance_buffer: NonNegative = 0.0
     symmetric_yaw_tolerance: bool = False
 
     def __post_init__(self) -> None:
-        from_zero = (
-            "xy_goal_tolerance", "yaw_goal_tolerance", "path_length_tolerance",
-            "xy_goal_tolerance_buffer",
-        )  # fmt: skip
-        check_parameters(self, "goal_checker", from_zero=from_zero)
+        check_parameters(self, "goal_checker")
         self._latched = False
 
     def reset(self) -> None:

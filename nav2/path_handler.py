@@ -7,7 +7,7 @@ import numpy as np
 
 from ..framework.values.arrays import Array
 from ..framework.values.costmap import Costmap
-from .parameters.parameters import check_parameters
+from .parameters import NonNegative, check_parameters
 from .poses import distance, lengths, shortest_angle, wrapped
 
 _STILL = 1e-4
@@ -44,21 +44,17 @@ class PathHandler:
     WideberthError : a number that is negative or not finite.
     """
 
-    prune_distance: float = 2.0
+    prune_distance: NonNegative = 2.0
     max_robot_pose_search_dist: float | None = None
     reject_unit_path: bool = False
     enforce_path_inversion: bool = False
     enforce_path_rotation: bool = False
-    inversion_xy_tolerance: float = 0.2
-    inversion_yaw_tolerance: float = 0.4
-    minimum_rotation_angle: float = 0.785
+    inversion_xy_tolerance: NonNegative = 0.2
+    inversion_yaw_tolerance: NonNegative = 0.4
+    minimum_rotation_angle: NonNegative = 0.785
 
     def __post_init__(self) -> None:
-        from_zero = (
-            "prune_distance", "inversion_xy_tolerance", "inversion_yaw_tolerance",
-            "minimum_rotation_angle",
-        )  # fmt: skip
-        check_parameters(self, "path_handler", from_zero=from_zero)
+        check_parameters(self, "path_handler")
         self._whole = self._left = np.zeros((0, 3))
         self._cut = 0
 

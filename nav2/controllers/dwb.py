@@ -11,30 +11,10 @@ from numpy.typing import NDArray
 from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
 from ...framework.values.motion import Twist
-from ..parameters.critic_parameters import split_critics
-from ..parameters.parameters import (
-    at_default,
-    check_parameters,
-    check_work,
-    names_of,
-    refuse_unknown,
-)
-from .dwb_critics import (
-    CRITICS,
-    BaseObstacle,
-    DwbCritic,
-    GoalAlign,
-    GoalDist,
-    Oscillation,
-    PathAlign,
-    PathDist,
-    RotateToGoal,
-)
-from .dwb_trajectories import Sampling, Trajectories
-from .local_controller import Answer, LocalController, Tick
-
-GENERATORS = ("dwb_plugins::StandardTrajectoryGenerator", "dwb_plugins::LimitedAccelGenerator")
-"""Generators of trajectories: one that accelerates along them, one for what a period allows."""
+from ..parameters import at_default, check_parameters, check_work, made, made_critics
+from .dwb_critics import CRITICS, DwbCritic, usual_critics
+from .dwb_trajectories import DwbParameters, Sampling, Trajectories
+from .local_controller import Answer, MadeOfParts, Tick
 
 PATH_LENGTH_TOLERANCE = "FollowPathpath_length_tolerance"
 """Nav2's name of RotateToGoal's tolerance, which lacks a dot; the controller's name begins it."""
@@ -43,8 +23,6 @@ _SHARED = {
     PATH_LENGTH_TOLERANCE: "path_length_tolerance",
 }  # fmt: skip
 """Parameters of the controller -> those of the critic RotateToGoal."""
-_ONLY = {"prune_plan": True, "shorten_transformed_plan": True}
-"""Parameters that older versions had, which can have this value alone, their default."""
 _MOST = 2e7
 """Poses that a tick may roll out; Nav2's own robot had 2e5."""
 
@@ -77,7 +55,7 @@ class Evaluation:
 
 @final
 @dataclass(eq=False)
-class DWB(LocalController):
+class DWB(DwbParameters, MadeOfParts):
     """DWB: the twist whose trajectory has the lowest total of weighted scores.
 
     Twists on a grid within reach of the present speed are rolled out for ``sim_time``; each
@@ -86,25 +64,12 @@ class DWB(LocalController):
     original, with its peculiarities: a standstill is no sample, and totals are float32.
 
     Parameters have the names, units and defaults of Nav2; the limits of speed and acceleration
-    have to be set.
+    have to be set. They are those of `DwbParameters`, and
 
     Attributes
     ----------
     critics : in the order in which they are asked.
-    trajectory_generator_name : one of `GENERATORS`.
-    min_vel_x, min_vel_y, max_vel_x, max_vel_y, max_vel_theta : m/s and rad/s.
-    min_speed_xy, max_speed_xy, min_speed_theta : m/s, m/s, rad/s; a negative one sets no limit.
-    acc_lim_x, acc_lim_y, acc_lim_theta : m/s^2 and rad/s^2.
-    decel_lim_x, decel_lim_y, decel_lim_theta : m/s^2 and rad/s^2, at most 0.
-    vx_samples, vy_samples, vtheta_samples : of twists per axis, less than 2 count as 2; that
-        of y may be 0, as robots have it that cannot drive sideways.
-    sim_time : s, of a trajectory.
-    linear_granularity, angular_granularity : m and rad, longest step of a trajectory.
-    time_granularity : s, its longest step where ``discretize_by_time``.
-    include_last_point : let the last pose of a trajectory stand in it twice.
-    limit_vel_cmd_in_traj : send the velocity that can be had after the first step.
     short_circuit_trajectory_evaluation : ask no more critics about what is worse than the best.
-    sim_period, controller_frequency : s and 1/s; a period, for the second generator.
     evaluation : of the last tick; None before.
 
     Raises
@@ -119,57 +84,16 @@ class DWB(LocalController):
     avoidance, IEEE Robotics and Automation Magazine 4 (1997), for the method.
     """
 
-    critics: tuple[DwbCritic, ...] = field(
-        default_factory=lambda: (
-            RotateToGoal(), Oscillation(), BaseObstacle(), GoalAlign(), PathAlign(), PathDist(),
-            GoalDist(),
-        )
-    )  # fmt: skip
-    trajectory_generator_name: str = GENERATORS[0]
-    min_vel_x: float = 0.0
-    min_vel_y: float = 0.0
-    max_vel_x: float = 0.0
-    max_vel_y: float = 0.0
-    max_vel_theta: float = 0.0
-    min_speed_xy: float = 0.0
-    max_speed_xy: float = 0.0
-    min_speed_theta: float = 0.0
-    acc_lim_x: float = 0.0
-    acc_lim_y: float = 0.0
-    acc_lim_theta: float = 0.0
-    decel_lim_x: float = 0.0
-    decel_lim_y: float = 0.0
-    decel_lim_theta: float = 0.0
-    vx_samples: int = 20
-    vy_samples: int = 5
-    vtheta_samples: int = 20
-    sim_time: float = 1.7
-    linear_granularity: float = 0.5
-    angular_granularity: float = 0.025
-    time_granularity: float = 0.5
-    discretize_by_time: bool = False
-    include_last_point: bool = True
-    limit_vel_cmd_in_traj: bool = False
+    critics: tuple[DwbCritic, ...] = field(default_factory=usual_critics)
     short_circuit_trajectory_evaluation: bool = True
-    sim_period: float | None = None
-    controller_frequency: float = 20.0
 
     evaluation: Evaluation | None = field(default=None, init=False, repr=False)
     _share: float = field(default=1.0, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        above = (
-            "vx_samples", "vtheta_samples", "sim_time", "linear_granularity",
-            "angular_granularity", "time_granularity", "controller_frequency",
-        )  # fmt: skip
-        check_parameters(self, "dwb", above, ("vy_samples",))
+        check_parameters(self, "dwb", ("critics",))
         names = "the numbers of samples, sim_time and the granularities"
         check_work("dwb", names, self._points(), _MOST)
-        if self.trajectory_generator_name not in GENERATORS:
-            raise WideberthError(
-                f"dwb.trajectory_generator_name is {self.trajectory_generator_name!r}; wanted "
-                f"{' or '.join(GENERATORS)}"
-            )
         if not self.critics:
             raise WideberthError("dwb.critics is empty; wanted at least one critic")
 
@@ -206,16 +130,15 @@ class DWB(LocalController):
         >>> DWB.from_parameters({"critics": ["PathDist"], "PathDist.scale": 32.0}).critics
         (PathDist(scale=32.0, aggregation_type='last'),)
         """
-        rest = at_default("DWB", parameters, _ONLY)
-        names = tuple(rest.pop("critics", [type(critic).__name__ for critic in cls().critics]))
+        rest = at_default("dwb", parameters)
+        names = tuple(rest.pop("critics", [type(critic).__name__ for critic in usual_critics()]))
         for name in ("path_length_tolerance", "RotateToGoal.path_length_tolerance"):
             rest.pop(name, None)
         for name, ours in _SHARED.items():
             if name in rest:
                 rest[f"RotateToGoal.{ours}"] = rest.pop(name)
-        critics, rest = split_critics(CRITICS, names, rest)
-        refuse_unknown("dwb", rest, names_of(cls))
-        return cls(critics=critics, **rest)
+        critics, rest = made_critics(CRITICS, names, rest)
+        return made(cls, "dwb", rest, critics=critics)
 
     def reset(self) -> None:
         """Forget what was chosen before."""
@@ -285,28 +208,7 @@ class DWB(LocalController):
     @property
     def sampling(self) -> Sampling:
         """How twists are sampled now, within the limit of speed."""
-        instant = self.trajectory_generator_name == GENERATORS[1]
-        period = 1.0 / self.controller_frequency if self.sim_period is None else self.sim_period
-        turn = self.max_vel_theta * self._share
-        return Sampling(
-            low=np.array([self.min_vel_x, self.min_vel_y, -turn]),
-            high=np.array([self.max_vel_x * self._share, self.max_vel_y * self._share, turn]),
-            gain=np.array([self.acc_lim_x, self.acc_lim_y, self.acc_lim_theta]),
-            loss=np.array([self.decel_lim_x, self.decel_lim_y, self.decel_lim_theta]),
-            samples=(self.vx_samples, self.vy_samples, self.vtheta_samples),
-            slowest=self.min_speed_xy,
-            fastest=self.max_speed_xy * self._share,
-            slowest_turn=self.min_speed_theta,
-            sim_time=self.sim_time,
-            window=period if instant else self.sim_time,
-            instant=instant,
-            linear_granularity=self.linear_granularity,
-            angular_granularity=self.angular_granularity,
-            time_granularity=self.time_granularity,
-            discretize_by_time=self.discretize_by_time,
-            include_last_point=self.include_last_point,
-            limit_vel_cmd_in_traj=self.limit_vel_cmd_in_traj,
-        )
+        return Sampling(self, self._share)
 
     def _totalled(self, found: Evaluation) -> Evaluation:
         """Add the scores up as the original does, in float32 after each critic, and choose."""

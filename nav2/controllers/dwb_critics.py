@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ...framework.values.arrays import Array
 from ...framework.values.costmap import INSCRIBED, LETHAL, NO_INFORMATION, Costmap
-from ..costmap.outlines import outline_costs
-from ..parameters.parameters import check_parameters
+from ..costmap.footprint import outline_costs
+from ..parameters import check_parameters
 from ..poses import length, normalized, shortest_angle
 from .dwb_trajectories import Trajectories, cells_of
 from .local_controller import Tick
@@ -500,3 +500,11 @@ CRITICS: dict[str, type[DwbCritic]] = {
     )
 }  # fmt: skip
 """Name in a parameter file -> class."""
+
+
+def usual_critics() -> tuple[DwbCritic, ...]:
+    """Return new critics, those of DWB by default."""
+    return (
+        RotateToGoal(), Oscillation(), BaseObstacle(), GoalAlign(), PathAlign(), PathDist(),
+        GoalDist(),
+    )  # fmt: skip

@@ -1,14 +1,20 @@
 """Twists that DWB samples, and the trajectories that they lead to."""
 
 from dataclasses import dataclass
-from typing import final
+from typing import Annotated, Literal, final, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...framework.values.arrays import Array, BoolArray
 from ...framework.values.costmap import Costmap
+from ..parameters import Count, Limited, Natural, Positive
 
+Generator = Literal[
+    "dwb_plugins::StandardTrajectoryGenerator", "dwb_plugins::LimitedAccelGenerator"
+]
+GENERATORS: tuple[Generator, ...] = get_args(Generator)
+"""Generators of trajectories: one that accelerates along them, one for what a period allows."""
 _NARROW = 1e-5
 """m/s or rad/s. A window that is narrower has one sample; a sample may exceed it by as much."""
 _ROUNDING = float(np.finfo(np.float32).eps)
@@ -77,40 +83,111 @@ def cells_of(costmap: Costmap, points: Array) -> NDArray[np.int64]:
     return np.where(inside, y * costmap.width + x, -1.0).astype(np.int64)
 
 
-@final
-@dataclass(frozen=True)
-class Sampling:
-    """How DWB samples twists and rolls them out; names, units and defaults are DWB's.
+@dataclass(eq=False)
+class DwbParameters:
+    """How DWB samples twists and rolls them out, by Nav2's names and defaults.
 
     Attributes
     ----------
-    low, high : least and largest vx, vy, omega, (3,), m/s and rad/s.
-    gain, loss : acceleration, and deceleration (below zero), per axis, (3,), m/s^2 and rad/s^2.
-    samples : per axis, (3,).
-    slowest, fastest : m/s, of the speed; a negative one sets no limit.
-    slowest_turn : rad/s.
+    trajectory_generator_name : one of `GENERATORS`.
+    min_vel_x, min_vel_y, max_vel_x, max_vel_y, max_vel_theta : m/s and rad/s.
+    min_speed_xy, max_speed_xy, min_speed_theta : m/s, m/s, rad/s; a negative one sets no limit.
+    acc_lim_x, acc_lim_y, acc_lim_theta : m/s^2 and rad/s^2.
+    decel_lim_x, decel_lim_y, decel_lim_theta : m/s^2 and rad/s^2, at most 0.
+    vx_samples, vy_samples, vtheta_samples : of twists per axis, less than 2 count as 2; that
+        of y may be 0, as robots have it that cannot drive sideways.
     sim_time : s, of a trajectory.
-    window : s, for which the robot may accelerate to a sample.
-    instant : whether a trajectory has the sampled twist from the start on.
+    linear_granularity, angular_granularity : m and rad, longest step of a trajectory.
+    time_granularity : s, its longest step where ``discretize_by_time``.
+    include_last_point : let the last pose of a trajectory stand in it twice.
+    limit_vel_cmd_in_traj : send the velocity that can be had after the first step.
+    sim_period, controller_frequency : s and 1/s; a period, for the second generator.
     """
 
-    low: Array
-    high: Array
-    gain: Array
-    loss: Array
-    samples: tuple[int, int, int]
-    slowest: float
-    fastest: float
-    slowest_turn: float
-    sim_time: float
-    window: float
-    instant: bool
-    linear_granularity: float
-    angular_granularity: float
-    time_granularity: float
-    discretize_by_time: bool
-    include_last_point: bool
-    limit_vel_cmd_in_traj: bool
+    trajectory_generator_name: Generator = GENERATORS[0]
+    min_vel_x: Annotated[float, Limited("speed", 0)] = 0.0
+    min_vel_y: float = 0.0
+    max_vel_x: Annotated[float, Limited("speed")] = 0.0
+    max_vel_y: float = 0.0
+    max_vel_theta: Annotated[float, Limited("yaw_rate")] = 0.0
+    min_speed_xy: float = 0.0
+    max_speed_xy: Annotated[float, Limited("speed")] = 0.0
+    min_speed_theta: float = 0.0
+    acc_lim_x: Annotated[float, Limited("acceleration")] = 0.0
+    acc_lim_y: float = 0.0
+    acc_lim_theta: Annotated[float, Limited("yaw_acceleration")] = 0.0
+    decel_lim_x: Annotated[float, Limited("acceleration", -1)] = 0.0
+    decel_lim_y: float = 0.0
+    decel_lim_theta: Annotated[float, Limited("yaw_acceleration", -1)] = 0.0
+    vx_samples: Count = 20
+    vy_samples: Natural = 5
+    vtheta_samples: Count = 20
+    sim_time: Positive = 1.7
+    linear_granularity: Positive = 0.5
+    angular_granularity: Positive = 0.025
+    time_granularity: Positive = 0.5
+    discretize_by_time: bool = False
+    include_last_point: bool = True
+    limit_vel_cmd_in_traj: bool = False
+    sim_period: float | None = None
+    controller_frequency: Positive = 20.0
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Sampling:
+    """Samples twists and rolls them out.
+
+    Attributes
+    ----------
+    settings : see the class.
+    share : of the largest velocities that a limit of speed leaves.
+    """
+
+    settings: DwbParameters
+    share: float
+
+    @property
+    def low(self) -> Array:
+        """Least vx, vy, omega, (3,), m/s and rad/s."""
+        of = self.settings
+        return np.array([of.min_vel_x, of.min_vel_y, -of.max_vel_theta * self.share])
+
+    @property
+    def high(self) -> Array:
+        """Largest vx, vy, omega, (3,), m/s and rad/s."""
+        of = self.settings
+        return np.array([of.max_vel_x, of.max_vel_y, of.max_vel_theta]) * self.share
+
+    @property
+    def gain(self) -> Array:
+        """Acceleration per axis, (3,), m/s^2 and rad/s^2."""
+        of = self.settings
+        return np.array([of.acc_lim_x, of.acc_lim_y, of.acc_lim_theta])
+
+    @property
+    def loss(self) -> Array:
+        """Deceleration per axis, below zero, (3,), m/s^2 and rad/s^2."""
+        of = self.settings
+        return np.array([of.decel_lim_x, of.decel_lim_y, of.decel_lim_theta])
+
+    @property
+    def fastest(self) -> float:
+        """Largest speed, m/s; a negative one sets no limit."""
+        return self.settings.max_speed_xy * self.share
+
+    @property
+    def instant(self) -> bool:
+        """Whether a trajectory has the sampled twist from the start on."""
+        return self.settings.trajectory_generator_name == GENERATORS[1]
+
+    @property
+    def window(self) -> float:
+        """Time for which the robot may accelerate to a sample, s."""
+        if not self.instant:
+            return self.settings.sim_time
+        period = self.settings.sim_period
+        return 1.0 / self.settings.controller_frequency if period is None else period
 
     def twists(self, speed: Array) -> Array:
         """Return the twists within reach of a speed (3,): (K, 3), never the standstill.
@@ -129,10 +206,13 @@ class Sampling:
         low, high = float(self.low[axis]), float(self.high[axis])
         now = min(max(now, low), high)
         gain, loss = self.gain[axis] * self.window, self.loss[axis] * self.window
+        of = self.settings
         top, bottom = (float(reach(now, end, gain, loss)) for end in (high, low))
         if abs(top - bottom) < _NARROW:
             return [bottom]
-        step = (top - bottom) / (max(2, self.samples[axis]) - 1)
+        step = (top - bottom) / (
+            max(2, (of.vx_samples, of.vy_samples, of.vtheta_samples)[axis]) - 1
+        )
         found: list[float] = []
         value = bottom
         while value <= top + _NARROW:
@@ -143,12 +223,11 @@ class Sampling:
         return found
 
     def _allowed(self, x: Array, y: Array, turn: Array) -> BoolArray:
+        slowest, slowest_turn = self.settings.min_speed_xy, self.settings.min_speed_theta
         square = x * x + y * y
         fast = (self.fastest >= 0.0) & (square > self.fastest**2 + _ROUNDING)
-        slow = (square + _ROUNDING < self.slowest**2) & (
-            np.abs(turn) + _ROUNDING < self.slowest_turn
-        )
-        slow &= (self.slowest >= 0.0) and (self.slowest_turn >= 0.0)
+        slow = (square + _ROUNDING < slowest**2) & (np.abs(turn) + _ROUNDING < slowest_turn)
+        slow &= (slowest >= 0.0) and (slowest_turn >= 0.0)
         return np.asarray(~fast & ~slow & ((square != 0.0) | (turn != 0.0)))
 
     def trajectories(
@@ -162,10 +241,10 @@ class Sampling:
 
         with the yaw from before the step.
         """
-        number = self._numbers(twists)
-        steps = self.sim_time / number
+        number, repeated = self._numbers(twists), self.settings.include_last_point
+        steps = self.settings.sim_time / number
         longest = int(number.max(initial=1))
-        poses = np.empty((longest + 1 + self.include_last_point, 3, len(twists)))
+        poses = np.empty((longest + 1 + repeated, 3, len(twists)))
         now, velocity = np.tile(pose[:, None], len(twists)), np.tile(speed[:, None], len(twists))
         wanted = np.ascontiguousarray(twists.T)
         gain, loss = self.gain[:, None] * steps, self.loss[:, None] * steps
@@ -173,21 +252,22 @@ class Sampling:
         for i in range(longest):
             if i < 1 or not self.instant:
                 velocity = wanted if self.instant else reach(velocity, wanted, gain, loss)
-            if i == 0 and self.limit_vel_cmd_in_traj:
+            if i == 0 and self.settings.limit_vel_cmd_in_traj:
                 sent = velocity.T.copy()
             now = moved(now, velocity, np.where(i < number, steps, 0.0))
             poses[i + 1] = now
         poses[longest + 1 :] = now
         found = np.ascontiguousarray(poses.transpose(2, 0, 1))
-        counts = number.astype(np.int64) + 1 + self.include_last_point
+        counts = number.astype(np.int64) + 1 + repeated
         return Trajectories(sent, found, counts, steps, cells_of(costmap, found))
 
     def _numbers(self, twists: Array) -> Array:
         """Return the number of steps of each trajectory, (K,)."""
-        if self.discretize_by_time:
-            return np.full(len(twists), max(1.0, np.ceil(self.sim_time / self.time_granularity)))
-        far = np.hypot(twists[:, 0], twists[:, 1]) * self.sim_time / self.linear_granularity
-        turn = np.abs(twists[:, 2]) * self.sim_time / self.angular_granularity
+        of = self.settings
+        if of.discretize_by_time:
+            return np.full(len(twists), max(1.0, np.ceil(of.sim_time / of.time_granularity)))
+        far = np.hypot(twists[:, 0], twists[:, 1]) * of.sim_time / of.linear_granularity
+        turn = np.abs(twists[:, 2]) * of.sim_time / of.angular_granularity
         return np.asarray(np.maximum(1.0, np.ceil(np.maximum(far, turn))))
 
 

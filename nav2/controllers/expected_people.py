@@ -3,13 +3,14 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, ClassVar, final
+from typing import Any, final
 
 import numpy as np
 
 from ...framework.jit.late import late
 from ...framework.values.arrays import Array
 from ...framework.values.forecast import LIGHT
+from ..parameters import Count, NonNegative, Positive
 from .mppi_critics import MppiCritic
 from .mppi_rollouts import MppiTick, Rollouts, Single
 
@@ -31,7 +32,7 @@ class ExpectedPeopleCritic(MppiCritic):
 
     that is the expected number of seconds in contact with people; of a mixture the modes are
     weighted. Nav2 has no such critic: its own see people where they are now, as lethal cells.
-    People come with the tick, see `wideberth.nav2.people`; without any the critic
+    People come with the tick, see `ExpectedPeople`; without any the critic
     does not apply. Probabilities are interpolated, see `risks`: where deviations are at least a
     fifth of R_o they are off by at most 0.01, at a tenth by 0.02.
 
@@ -55,14 +56,11 @@ class ExpectedPeopleCritic(MppiCritic):
     0.0
     """
 
-    cost_weight: float = 10.0
+    cost_weight: NonNegative = 10.0
     use_covariance: bool = True
-    least_deviation: float = 0.05
-    margin: float = 0.0
-    trajectory_point_step: int = 2
-
-    above: ClassVar[tuple[str, ...]] = ("least_deviation", "trajectory_point_step")
-    from_zero: ClassVar[tuple[str, ...]] = ("cost_weight", "margin")
+    least_deviation: Positive = 0.05
+    margin: NonNegative = 0.0
+    trajectory_point_step: Count = 2
 
     def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
         """See the class."""

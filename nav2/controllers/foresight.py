@@ -12,8 +12,7 @@ from ...framework.predictor import Predictor
 from ...framework.tracking.perception import Perception, scene_of
 from ...framework.values.arrays import Array, positive, whole
 from ...framework.values.motion import Observation
-from ..people import ExpectedPeople
-from .local_controller import Answer, LocalController, Tick
+from .local_controller import Answer, ExpectedPeople, LocalController, MadeOfParts, Tick
 from .mppi import MPPI
 
 CRITIC = "ExpectedPeopleCritic"
@@ -22,7 +21,7 @@ CRITIC = "ExpectedPeopleCritic"
 
 @final
 @dataclass(eq=False)
-class PeopleForecasts(LocalController):
+class PeopleForecasts(MadeOfParts):
     """Forecasts the people of each observation and passes them on to a local controller.
 
     The detections of each tick are remembered as tracks, which a predictor forecasts. A tick

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from math import atan2, cos, hypot, pi, sin
-from typing import Any, NamedTuple, final
+from typing import Annotated, Any, NamedTuple, final
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from ...framework.jit.late import late
 from ...framework.values.arrays import Array
 from ...framework.values.motion import Twist
 from ..costmap.footprint import line_cost, outline_cost
-from ..parameters.parameters import check_parameters, check_work
+from ..parameters import Limited, Named, Positive, check_parameters, check_work
 from ..poses import in_base_frame, length, lengths, look_ahead, normalized, shortest_angle
 from . import _graceful_rollout as rollout
 from .local_controller import Answer, LocalController, Tick
@@ -89,37 +89,32 @@ class Graceful(LocalController):
     which this is an own implementation, equal within 1e-9.
     """
 
-    max_lookahead: float = 1.0
+    max_lookahead: Positive = 1.0
     k_phi: float = 2.0
     k_delta: float = 1.0
     beta: float = 0.4
-    lambda_: float = 2.0
+    lambda_: Annotated[float, Named("lambda")] = 2.0
     v_linear_min: float = 0.1
-    v_linear_max: float = 0.5
-    v_angular_max: float = 1.0
+    v_linear_max: Annotated[Positive, Limited("speed")] = 0.5
+    v_angular_max: Annotated[Positive, Limited("yaw_rate")] = 1.0
     v_angular_min_in_place: float = 0.25
-    slowdown_radius: float = 1.5
-    deceleration_max: float = 2.5
+    slowdown_radius: Positive = 1.5
+    deceleration_max: Annotated[Positive, Limited("acceleration")] = 2.5
     initial_rotation: bool = True
     initial_rotation_tolerance: float = 0.75
     prefer_final_rotation: bool = True
     rotation_scaling_factor: float = 0.5
     allow_backward: bool = False
-    in_place_collision_resolution: float = 0.1
+    in_place_collision_resolution: Positive = 0.1
     use_collision_detection: bool = True
     footprint_scaling_linear_vel: float = 0.5
     footprint_scaling_factor: float = 0.25
-    footprint_scaling_step: float = 0.1
+    footprint_scaling_step: Positive = 0.1
     obstacle_cost_margin: int = 1
-    final_rotation_search_step: float = 0.1
+    final_rotation_search_step: Positive = 0.1
 
     def __post_init__(self) -> None:
-        above = (
-            "max_lookahead", "v_linear_max", "v_angular_max", "slowdown_radius",
-            "deceleration_max", "in_place_collision_resolution", "footprint_scaling_step",
-            "final_rotation_search_step",
-        )  # fmt: skip
-        check_parameters(self, "graceful", above)
+        check_parameters(self, "graceful")
         self.allow_backward = self.allow_backward and not self.initial_rotation
         span = max(self.v_linear_max - self.footprint_scaling_linear_vel, 0.0)
         speeds = 1.0 + span / self.footprint_scaling_step

@@ -7,8 +7,9 @@ from typing import Any, final
 
 from ...framework.values.arrays import positive
 from ...framework.values.errors import WideberthError, nearest
-from ..parameters.parameters import effective, names_of, refuse_unknown
-from .local_controller import LocalController
+from ..parameters import NAMES, Limited, effective, made, marks_of, names_of
+from .local_controller import LocalController, MadeOfParts
+from .mppi import MPPI
 
 LOCAL: dict[str, str] = {
     "dwb": "wideberth.nav2.controllers.dwb:DWB",
@@ -25,15 +26,7 @@ LOCAL: dict[str, str] = {
 }
 """Name -> where the class is; another one is named as "module:Class"."""
 
-_RENAMED = {
-    "lambda": "lambda_", "desired_linear_vel": "max_linear_vel",
-    "footprint_model.radius": "robot_radius",
-}  # fmt: skip
-"""Names that Nav2 uses or has used -> fields, where the class lacks the former."""
 _PRIMARY, _USUAL = "primary_controller", "regulated_pure_pursuit"
-_FROM_PARAMETERS = {"dwb", "mppi", "mppi_foresight", "own"}
-"""Controllers that are made of parts: critics, whose parameters are named ``Critic.name``, or
-plug-ins."""
 
 
 @final
@@ -75,70 +68,13 @@ class VelocityLimits:
         """
         given, found = given or {}, {}
         for one in together(local, given):
-            name = "mppi" if one == "mppi_foresight" else one
-            for names, sign in ((_POSITIVE, 1.0), (_NEGATIVE, -1.0)):
-                for parameter, source in names.get(name, {}).items():
-                    found[parameter] = sign * getattr(self, source)
-            for parameter, usual in _BACKWARDS.get(name, {}).items():
-                value = float(given.get(parameter, usual))
-                found[parameter] = min(max(value, -self.speed), self.speed)
+            kind = MPPI if one == "mppi_foresight" else _imported(one)
+            for parameter, mark in marks_of(kind, Limited).items():
+                most = getattr(self, mark.limit)
+                value = float(given.get(parameter, getattr(kind, parameter)))
+                within = min(max(value, -most), most)
+                found[parameter] = mark.sign * most if mark.sign else within
         return found
-
-
-_POSITIVE = {
-    "regulated_pure_pursuit": {
-        "max_linear_vel": "speed", "max_angular_vel": "yaw_rate",
-        "rotate_to_heading_angular_vel": "yaw_rate", "max_linear_accel": "acceleration",
-        "max_angular_accel": "yaw_acceleration",
-    },
-    "graceful": {
-        "v_linear_max": "speed", "v_angular_max": "yaw_rate", "deceleration_max": "acceleration",
-    },
-    "vector_pursuit": {
-        "desired_linear_vel": "speed", "rotate_to_heading_angular_vel": "yaw_rate",
-        "max_linear_accel": "acceleration", "max_angular_accel": "yaw_acceleration",
-    },
-    "dwb": {
-        "max_vel_x": "speed", "max_speed_xy": "speed", "max_vel_theta": "yaw_rate",
-        "acc_lim_x": "acceleration", "acc_lim_theta": "yaw_acceleration",
-    },
-    "mppi": {
-        "vx_max": "speed", "wz_max": "yaw_rate", "ax_max": "acceleration",
-        "az_max": "yaw_acceleration",
-    },
-    "teb": {
-        "max_vel_x": "speed", "max_vel_theta": "yaw_rate", "acc_lim_x": "acceleration",
-        "acc_lim_theta": "yaw_acceleration",
-    },
-    "rotation_shim": {
-        "rotate_to_heading_angular_vel": "yaw_rate", "max_angular_accel": "yaw_acceleration",
-    },
-}  # fmt: skip
-_NEGATIVE = {
-    "regulated_pure_pursuit": {
-        "min_linear_vel": "speed", "min_angular_vel": "yaw_rate",
-        "max_linear_decel": "acceleration", "max_angular_decel": "yaw_acceleration",
-    },
-    "dwb": {"decel_lim_x": "acceleration", "decel_lim_theta": "yaw_acceleration"},
-    "mppi": {"ax_min": "acceleration"},
-}  # fmt: skip
-_BACKWARDS = {
-    "dwb": {"min_vel_x": 0.0}, "mppi": {"vx_min": -0.35}, "teb": {"max_vel_x_backwards": 0.2},
-}  # fmt: skip
-"""Speeds backwards and their defaults, m/s: robots that reverse slower than they drive."""
-
-_SHIPPED_DWB: dict[str, Any] = {
-    "critics": [
-        "RotateToGoal", "Oscillation", "BaseObstacle", "GoalAlign", "PathAlign", "PathDist",
-        "GoalDist",
-    ],
-    "max_vel_x": 0.26, "max_vel_theta": 1.0, "max_speed_xy": 0.26,
-    "acc_lim_x": 2.5, "acc_lim_theta": 3.2, "decel_lim_x": -2.5, "decel_lim_theta": -3.2,
-    "linear_granularity": 0.05, "BaseObstacle.scale": 0.02,
-    "PathAlign.scale": 32.0, "PathAlign.forward_point_distance": 0.1,
-    "GoalAlign.scale": 24.0, "GoalAlign.forward_point_distance": 0.1,
-    "PathDist.scale": 32.0, "GoalDist.scale": 24.0, "RotateToGoal.scale": 32.0,
-}  # fmt: skip
 
 
 def shipped_parameters(local: str) -> dict[str, Any]:
@@ -146,11 +82,7 @@ def shipped_parameters(local: str) -> dict[str, Any]:
 
     MPPI is the controller that it ships now, DWB the one that it shipped before.
     """
-    if local in ("mppi", "mppi_foresight"):
-        from .mppi import BRINGUP
-
-        return dict(BRINGUP)
-    return dict(_SHIPPED_DWB) if local == "dwb" else {}
+    return dict(NAMES["shipped"].get(local, {}))
 
 
 def together(local: str, parameters: Mapping[str, Any]) -> tuple[str, ...]:
@@ -161,8 +93,7 @@ def together(local: str, parameters: Mapping[str, Any]) -> tuple[str, ...]:
 
 def timed(local: str) -> bool:
     """Tell whether a local controller has to know the frequency of its ticks."""
-    found = {one.name for one in fields(_imported(local))}
-    return "controller_frequency" in found or local == "mppi_foresight"
+    return "controller_frequency" in names_of(_imported(local)) or local == "mppi_foresight"
 
 
 def built(local: str, parameters: Mapping[str, Any]) -> LocalController:
@@ -182,39 +113,25 @@ def built(local: str, parameters: Mapping[str, Any]) -> LocalController:
     found, parameters = _imported(local), effective(parameters)
     if local == "rotation_shim":
         return _shim(found, parameters)
-    if local in _FROM_PARAMETERS:
-        return _checked(found.from_parameters(parameters))
-    known = names_of(found)
-    former = [old for old, new in _RENAMED.items() if new in known]
-    refuse_unknown(local, parameters, [*known, *former])
-    renamed = {
-        (_RENAMED.get(name, name) if name not in known else name): value
-        for name, value in parameters.items()
-    }
-    return _checked(found(**renamed))
+    if issubclass(found, MadeOfParts):
+        return found.from_parameters(parameters)
+    return made(found, local, parameters)
 
 
-def _shim(found: Any, parameters: Mapping[str, Any]) -> LocalController:
+def _shim(found: type[LocalController], parameters: Mapping[str, Any]) -> LocalController:
     """Return a rotation shim; what it and its primary controller both know goes to both."""
     inner = together("rotation_shim", parameters)[1]
-    own = {field.name for field in fields(found)} - {"primary"}
-    known = {field.name for field in fields(_imported(inner))}
+    own, known = names_of(found).keys() - {"primary"}, names_of(_imported(inner))
     primary = {
         name: value
         for name, value in parameters.items()
         if name != _PRIMARY and (name not in own or name in known)
     }
     kept = {name: value for name, value in parameters.items() if name in own}
-    return _checked(found(primary=built(inner, primary), **kept))
+    return made(found, "rotation_shim", kept, primary=built(inner, primary))
 
 
-def _checked(made: Any) -> LocalController:
-    if not isinstance(made, LocalController):
-        raise WideberthError(f"{type(made).__name__} is no LocalController")
-    return made
-
-
-def _imported(local: str) -> Any:
+def _imported(local: str) -> type[LocalController]:
     """Import the class of a local controller."""
     target = LOCAL.get(local, local)
     module, colon, name = target.partition(":")
@@ -222,6 +139,9 @@ def _imported(local: str) -> Any:
         known = f"{nearest(local, LOCAL)} Known: {', '.join(sorted(LOCAL))}"
         raise WideberthError(f"there is no local controller {local!r}{known}, or 'module:Class'")
     try:
-        return getattr(import_module(module), name)
+        found = getattr(import_module(module), name)
     except (ImportError, AttributeError) as error:
         raise WideberthError(f"local controller {local!r} cannot be imported: {error}") from None
+    if not (isinstance(found, type) and issubclass(found, LocalController)):
+        raise WideberthError(f"{name} is no LocalController")
+    return found

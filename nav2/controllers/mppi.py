@@ -2,78 +2,39 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, final
+from typing import Annotated, Any, Literal, final
 
 import numpy as np
+from annotated_types import Ge
 
-from ...framework.values.arrays import Array, whole
+from ...framework.values.arrays import Array
 from ...framework.values.costmap import INSCRIBED, LETHAL
 from ...framework.values.errors import WideberthError
 from ...framework.values.motion import Twist
-from ..parameters.critic_parameters import split_critics
-from ..parameters.parameters import (
+from ..parameters import (
+    NAMES,
+    Count,
+    Limited,
+    Named,
+    Natural,
+    NonNegative,
+    Positive,
     at_default,
     check_parameters,
     check_work,
-    names_of,
-    refuse_unknown,
+    made,
+    made_critics,
 )
 from .dwb_trajectories import cells_of
 from .expected_people import ExpectedPeopleCritic
-from .local_controller import Answer, LocalController, Tick
-from .mppi_critics import (
-    NAV2,
-    ConstraintCritic,
-    CostCritic,
-    GoalAngleCritic,
-    GoalCritic,
-    MppiCritic,
-    PathAlignCritic,
-    PathAngleCritic,
-    PathFollowCritic,
-    PreferForwardCritic,
-)
+from .local_controller import Answer, MadeOfParts, Tick
+from .mppi_critics import NAV2, USUAL, MppiCritic
 from .mppi_rollouts import ControlLimits, MppiTick, Rollouts, Single, delayed, driven, followed
 
 CRITICS: dict[str, type[MppiCritic]] = {**NAV2, "ExpectedPeopleCritic": ExpectedPeopleCritic}
 """Name in a parameter file -> class: Nav2's, and one of ours."""
-BRINGUP: dict[str, Any] = {
-    "batch_size": 2000,
-    "regenerate_noises": True,
-    "CostCritic.near_goal_distance": 1.0,
-    "PathAlignCritic.cost_weight": 14.0,
-    "PathAlignCritic.max_path_occupancy_ratio": 0.05,
-    "PathFollowCritic.offset_from_furthest": 5,
-    "PathAngleCritic.cost_weight": 2.0,
-    "PathAngleCritic.max_angle_to_furthest": 1.0,
-}
-"""Parameters of Nav2's own robot that differ from the code's defaults."""
-MODELS = {
-    "DiffDrive": "diff_drive",
-    "mppi::DiffDriveMotionModel": "diff_drive",
-    "Ackermann": "ackermann",
-    "mppi::AckermannMotionModel": "ackermann",
-}
-"""Motion models by the names that Nav2 has or had for them."""
-PLUGIN_OF = {
-    "diff_drive": "mppi::DiffDriveMotionModel", "ackermann": "mppi::AckermannMotionModel",
-}  # fmt: skip
-"""Our names of motion models -> Nav2's plug-ins."""
-_PLUGINS = (*PLUGIN_OF.values(), "mppi::OmniMotionModel")
-_WITHOUT_EFFECT = (
-    "ay_max", "ay_min", "model_delay_vy", "reset_period", "vy_max", "vy_std",
-    "TrajectoryVisualizer.", "Visualization.",
-)  # fmt: skip
-"""Beginnings of names that a robot without sideways motion and without drawings does not need."""
-_ONLY = {
-    "TrajectoryValidator.plugin": "mppi::DefaultOptimalTrajectoryValidator",
-    "TrajectoryValidator.consider_footprint": False,
-    "GoalAngleCritic.symmetric_yaw_tolerance": False,
-    "PathAngleCritic.forward_preference": True,
-}
-"""Parameters that can have this value alone, the original's default."""
-_DOTTED = ("TrajectoryValidator.collision_lookahead_time", "AckermannConstraints.min_turning_r")
-"""Names in Nav2's files of parameters that the class has without their block."""
+_SIDEWAYS = "mppi::OmniMotionModel"
+"""A motion model of Nav2 that is not offered here."""
 SMOOTHED = 20
 """Fewer controls than this and one are not smoothed."""
 _MOST = 1e8
@@ -110,7 +71,7 @@ class Memory:
 
 @final
 @dataclass(eq=False)
-class MPPI(LocalController):
+class MPPI(MadeOfParts):
     """Model predictive path integral control: the mean of noisy controls, weighted by their costs.
 
     Noise is added to the controls U of the last tick, c = U + noise; what the robot follows of
@@ -158,36 +119,35 @@ class MPPI(LocalController):
     driving with model predictive path integral control, ICRA 2016, for the method.
     """
 
-    critics: tuple[MppiCritic, ...] = (
-        ConstraintCritic(), CostCritic(), GoalCritic(), GoalAngleCritic(), PathAlignCritic(),
-        PathFollowCritic(), PathAngleCritic(), PreferForwardCritic(),
-    )  # fmt: skip
-    batch_size: int = 1000
-    time_steps: int = 56
-    model_dt: float = 0.05
-    iteration_count: int = 1
-    temperature: float = 0.3
-    gamma: float = 0.015
-    vx_std: float = 0.2
-    wz_std: float = 0.4
-    vx_max: float = 0.5
-    vx_min: float = -0.35
-    wz_max: float = 1.9
-    ax_max: float = 3.0
-    ax_min: float = -3.0
-    az_max: float = 3.5
-    retry_attempt_limit: int = 1
+    critics: tuple[MppiCritic, ...] = USUAL
+    batch_size: Count = 1000
+    time_steps: Annotated[int, Ge(2)] = 56
+    model_dt: Positive = 0.05
+    iteration_count: Count = 1
+    temperature: Positive = 0.3
+    gamma: NonNegative = 0.015
+    vx_std: Positive = 0.2
+    wz_std: Positive = 0.4
+    vx_max: Annotated[float, Limited("speed")] = 0.5
+    vx_min: Annotated[float, Limited("speed", 0)] = -0.35
+    wz_max: Annotated[float, Limited("yaw_rate")] = 1.9
+    ax_max: Annotated[float, Limited("acceleration")] = 3.0
+    ax_min: Annotated[float, Limited("acceleration", -1)] = -3.0
+    az_max: Annotated[float, Limited("yaw_acceleration")] = 3.5
+    retry_attempt_limit: Natural = 1
     open_loop: bool = False
-    sgf_order: int = 2
+    sgf_order: Literal[1, 2] = 2
     clamp_raw_controls: bool = False
-    model_delay_vx: float = 0.0
-    model_delay_wz: float = 0.0
+    model_delay_vx: NonNegative = 0.0
+    model_delay_wz: NonNegative = 0.0
     regenerate_noises: bool = False
     motion_model: Literal["diff_drive", "ackermann"] = "diff_drive"
-    min_turning_r: float = 0.2
-    collision_lookahead_time: float = 2.0
-    controller_frequency: float = 20.0
-    seed: int = 0
+    min_turning_r: Annotated[Positive, Named("AckermannConstraints.min_turning_r")] = 0.2
+    collision_lookahead_time: Annotated[
+        NonNegative, Named("TrajectoryValidator.collision_lookahead_time")
+    ] = 2.0
+    controller_frequency: Positive = 20.0
+    seed: Natural = 0
 
     memory: Memory = field(init=False, repr=False)
     rollouts: Rollouts | None = field(default=None, init=False, repr=False)
@@ -198,16 +158,7 @@ class MPPI(LocalController):
     _rng: np.random.Generator = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        above = (
-            "batch_size", "iteration_count", "model_dt", "temperature", "vx_std", "wz_std",
-            "controller_frequency", "min_turning_r",
-        )  # fmt: skip
-        from_zero = (
-            "retry_attempt_limit", "gamma", "model_delay_vx", "model_delay_wz",
-            "collision_lookahead_time", "seed",
-        )  # fmt: skip
-        check_parameters(self, "mppi", above, from_zero)
-        whole("mppi.time_steps", self.time_steps, least=2)
+        check_parameters(self, "mppi", ("critics",))
         tries = self.iteration_count * (self.retry_attempt_limit + 1)
         names = "batch_size, time_steps, iteration_count and retry_attempt_limit"
         check_work("mppi", names, self.batch_size * self.time_steps * tries, _MOST)
@@ -219,8 +170,6 @@ class MPPI(LocalController):
                 f"mppi.model_dt is {self.model_dt:g} s, less than the controller's period of "
                 f"{period:g} s; wanted at least as much"
             )
-        if self.sgf_order not in _FILTERS:
-            raise WideberthError(f"mppi.sgf_order is {self.sgf_order!r}; wanted 1 or 2")
         if not self.critics:
             raise WideberthError("mppi.critics is empty; wanted at least one critic")
         self._rng = np.random.default_rng(self.seed)
@@ -253,20 +202,18 @@ class MPPI(LocalController):
         Examples
         --------
         >>> wanted = {"critics": ["GoalCritic"], "GoalCritic.cost_weight": 7.0}
-        >>> MPPI.from_parameters({**BRINGUP, **wanted}).critics[0].cost_weight
+        >>> MPPI.from_parameters(wanted).critics[0].cost_weight
         7.0
         """
-        rest = _without_others(at_default("MPPI", parameters, _ONLY))
+        rest = _without_others(at_default("mppi", parameters))
         names = tuple(rest.pop("critics", [type(critic).__name__ for critic in cls.critics]))
-        critics, rest = split_critics(CRITICS, names, rest)
+        critics, rest = made_critics(CRITICS, names, rest)
         model = rest.get("motion_model", "diff_drive")
         plugin = rest.pop(f"{model}.plugin", model)
-        rest["motion_model"] = MODELS.get(plugin, plugin)
-        for full in (*_DOTTED, f"{model}.min_turning_r"):
-            if full in rest:
-                rest[full.partition(".")[2]] = rest.pop(full)
-        refuse_unknown("mppi", rest, [*names_of(cls), *_DOTTED])
-        return cls(critics=critics, **rest)
+        rest["motion_model"] = NAMES["motion_models"].get(plugin, plugin)
+        if f"{model}.min_turning_r" in rest:
+            rest["min_turning_r"] = rest.pop(f"{model}.min_turning_r")
+        return made(cls, "mppi", rest, critics=critics)
 
     def reset(self) -> None:
         """Forget what earlier ticks left, and draw new noise."""
@@ -482,8 +429,10 @@ class MPPI(LocalController):
 def _without_others(parameters: Mapping[str, Any]) -> dict[str, Any]:
     """Return parameters without those of motion models that are not chosen, or of no effect."""
     chosen = parameters.get("motion_model")
-    models = [name.rpartition(".")[0] for name, value in parameters.items() if value in _PLUGINS]
-    passed = (*_WITHOUT_EFFECT, *(f"{model}." for model in models if model != chosen))
+    plugins = [*NAMES["motion_plugins"].values(), _SIDEWAYS]
+    models = [name.rpartition(".")[0] for name, value in parameters.items() if value in plugins]
+    others = (f"{model}." for model in models if model != chosen)
+    passed = (*NAMES["mppi_without_effect"], *others)
     return {name: value for name, value in parameters.items() if not name.startswith(passed)}
 
 

@@ -3,16 +3,15 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from math import atan2, exp
-from typing import ClassVar, Literal, final
+from typing import Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...framework.values.arrays import BoolArray
 from ...framework.values.costmap import INSCRIBED, LETHAL, NO_INFORMATION, Costmap
-from ..costmap.footprint import RobotFootprint
-from ..costmap.outlines import outline_costs
-from ..parameters.parameters import check_parameters
+from ..costmap.footprint import RobotFootprint, outline_costs
+from ..parameters import Count, Natural, NonNegative, Triple, check_parameters
 from .local_controller import Tick
 from .mppi_rollouts import MppiTick, Rollouts, Single, wrapped
 
@@ -38,16 +37,10 @@ class MppiCritic(ABC):
     """
 
     enabled: bool = True
-    cost_power: int = 1
-
-    above: ClassVar[tuple[str, ...]] = ()
-    """Fields that have to be above 0."""
-    from_zero: ClassVar[tuple[str, ...]] = ()
-    """Fields that have to be at least 0."""
+    cost_power: Natural = 1
 
     def __post_init__(self) -> None:
-        from_zero = ("cost_power", *self.from_zero)
-        check_parameters(self, type(self).__name__, self.above, from_zero)
+        check_parameters(self, type(self).__name__)
 
     def cost(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
         """Return the cost of each trajectory, (B,); None where the critic does not apply."""
@@ -108,11 +101,8 @@ class CostCritic(MppiCritic):
     critical_cost: float = 300.0
     collision_cost: float = 1_000_000.0
     near_goal_distance: float = 0.5
-    trajectory_point_step: int = 2
-    cost_scaling_factor: float = 10.0
-
-    above: ClassVar[tuple[str, ...]] = ("trajectory_point_step",)
-    from_zero: ClassVar[tuple[str, ...]] = ("cost_scaling_factor",)
+    trajectory_point_step: Count = 2
+    cost_scaling_factor: NonNegative = 10.0
 
     def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
         """See the class."""
@@ -166,10 +156,8 @@ class ObstaclesCritic(MppiCritic):
     collision_cost: float = 100_000.0
     collision_margin_distance: float = 0.10
     near_goal_distance: float = 0.5
-    inflation_radius: float = 0.55
-    cost_scaling_factor: float = 10.0
-
-    from_zero: ClassVar[tuple[str, ...]] = ("inflation_radius", "cost_scaling_factor")
+    inflation_radius: NonNegative = 0.55
+    cost_scaling_factor: NonNegative = 10.0
 
     def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
         """See the class."""
@@ -339,13 +327,10 @@ class PathAlignCritic(MppiCritic):
 
     cost_weight: float = 10.0
     max_path_occupancy_ratio: float = 0.07
-    offset_from_furthest: int = 20
-    trajectory_point_step: int = 4
+    offset_from_furthest: Natural = 20
+    trajectory_point_step: Count = 4
     threshold_to_consider: float = 0.5
     use_path_orientations: bool = False
-
-    above: ClassVar[tuple[str, ...]] = ("trajectory_point_step",)
-    from_zero: ClassVar[tuple[str, ...]] = ("offset_from_furthest",)
 
     def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
         """See the class."""
@@ -396,10 +381,8 @@ class PathFollowCritic(MppiCritic):
     """
 
     cost_weight: float = 5.0
-    offset_from_furthest: int = 6
+    offset_from_furthest: Natural = 6
     threshold_to_consider: float = 1.4
-
-    from_zero: ClassVar[tuple[str, ...]] = ("offset_from_furthest",)
 
     def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
         """See the class."""
@@ -433,12 +416,10 @@ class PathAngleCritic(MppiCritic):
     """
 
     cost_weight: float = 2.2
-    offset_from_furthest: int = 4
+    offset_from_furthest: Natural = 4
     threshold_to_consider: float = 0.5
     max_angle_to_furthest: float = 0.785398
     mode: Literal[0, 1, 2] = 0
-
-    from_zero: ClassVar[tuple[str, ...]] = ("offset_from_furthest",)
 
     def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
         """See the class."""
@@ -518,7 +499,7 @@ class VelocityDeadbandCritic(MppiCritic):
     """
 
     cost_weight: float = 35.0
-    deadband_velocities: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    deadband_velocities: Triple = (0.0, 0.0, 0.0)
 
     def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
         """See the class."""
@@ -538,3 +519,8 @@ NAV2: dict[str, type[MppiCritic]] = {
     )
 }  # fmt: skip
 """Name in a parameter file -> class."""
+USUAL: tuple[MppiCritic, ...] = (
+    ConstraintCritic(), CostCritic(), GoalCritic(), GoalAngleCritic(), PathAlignCritic(),
+    PathFollowCritic(), PathAngleCritic(), PreferForwardCritic(),
+)  # fmt: skip
+"""Critics of MPPI by default."""

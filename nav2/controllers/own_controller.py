@@ -18,8 +18,8 @@ from ...framework.values.motion import Observation, Twist
 from ...framework.values.path import Path
 from ...framework.values.polygon import Polygon
 from ..costmap.local_costmap import discs_of, in_sight
-from ..parameters.parameters import refuse_unknown
-from .local_controller import INVALID_PATH, Answer, LocalController, Tick
+from ..parameters import refuse_unknown
+from .local_controller import INVALID_PATH, Answer, MadeOfParts, Tick
 
 _DUE = 1e-9
 """s: a decision that is due so soon is due now."""
@@ -27,7 +27,7 @@ _DUE = 1e-9
 
 @final
 @dataclass(eq=False)
-class OwnController(LocalController):
+class OwnController(MadeOfParts):
     """Asks any `Controller`, which learns of those bodies alone that the local costmap shows.
 
     Whenever the costmap has changed, a disc or polygon is in sight if a lethal cell touches it,

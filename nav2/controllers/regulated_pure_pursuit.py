@@ -1,29 +1,33 @@
 """Regulated pure pursuit: an arc to a point ahead, slower in curves and near obstacles."""
 
 from dataclasses import dataclass
-from math import atan2, hypot, inf, log, pi
-from typing import final
+from math import hypot, inf, log
+from typing import Annotated, final
 
 import numpy as np
 
 from ...framework.values.arrays import Array
-from ...framework.values.costmap import FREE_SPACE, INSCRIBED, NO_INFORMATION
+from ...framework.values.costmap import INSCRIBED
 from ...framework.values.motion import Twist
-from ..parameters.parameters import check_parameters
-from ..poses import in_base_frame, length, look_ahead, normalized, rotation_rate
-from .collision_arc import collision_arc
-from .dynamic_window import nearest_to_curvature, window
-from .local_controller import CONTROLLER_EXCEPTION, Answer, LocalController, Tick
+from ..parameters import Limited, Named, Positive, check_parameters
+from ..poses import in_base_frame, length, look_ahead, rotation_rate
+from .local_controller import CONTROLLER_EXCEPTION, Answer, Tick
+from .pursuit import Pursuit, collision_arc
 
 _LOG_INSCRIBED = float(np.float32(log(INSCRIBED)))
 """Nav2 takes this logarithm in single precision."""
 _CLOSE = 0.001
 """m^2: a point nearer than its root has no curvature."""
+Bounds = tuple[float, float]
+"""Least and largest value."""
+
+_STILL = 1e-3
+"""m/s or rad/s; also 1/m of a straight line, and the distance of equally near corners."""
 
 
 @final
 @dataclass(eq=False)
-class RegulatedPurePursuit(LocalController):
+class RegulatedPurePursuit(Pursuit):
     """Nav2's regulated pure pursuit, with Dynamic Window Pure Pursuit as an option.
 
     With (x, y) the point of the plan at the arc length `lookahead_dist`, in the robot's frame,
@@ -36,7 +40,7 @@ class RegulatedPurePursuit(LocalController):
     anything: where its arc hits something within a second, there is no valid control.
 
     The bounds on velocity and acceleration bind only with `use_dynamic_window`: without it, the
-    yaw rate has no bound.
+    yaw rate has no bound. Parameters are those of `Pursuit`, and
 
     Parameters
     ----------
@@ -44,31 +48,17 @@ class RegulatedPurePursuit(LocalController):
     max_angular_vel, min_angular_vel : rad/s.
     max_linear_accel, max_linear_decel : m/s^2, the latter negative.
     max_angular_accel, max_angular_decel : rad/s^2, the latter negative.
-    lookahead_dist, min_lookahead_dist, max_lookahead_dist : m.
-    lookahead_time : s.
-    use_velocity_scaled_lookahead_dist : look ahead by speed times `lookahead_time`.
     rotate_to_heading_angular_vel : rad/s.
-    use_rotate_to_heading : turn on the spot.
-    rotate_to_heading_min_angle : rad, from which on it does.
-    min_approach_linear_velocity : m/s, least speed near the goal.
-    approach_velocity_scaling_dist : m, from which on it slows for the goal.
     max_allowed_time_to_collision_up_to_carrot : s.
     min_distance_to_obstacle : m that have to be free ahead; negative: time alone counts.
     use_regulated_linear_velocity_scaling : slow in curves.
     regulated_linear_scaling_min_radius : m, tighter curves slow.
     regulated_linear_scaling_min_speed : m/s, below which curves and costs do not slow.
-    use_cost_regulated_linear_velocity_scaling : slow near obstacles.
-    cost_scaling_dist : m, from an obstacle, from which on it slows.
-    cost_scaling_gain : of that.
-    inflation_cost_scaling_factor : 1/m, of the costmap's inflation.
     use_fixed_curvature_lookahead : take the curvature at `curvature_lookahead_dist` instead.
     curvature_lookahead_dist : m.
     interpolate_curvature_after_goal : that point may lie beyond the goal.
-    use_collision_detection : test the arc.
-    allow_reversing : drive backwards to a point behind.
     use_dynamic_window : choose v and omega among those that the accelerations allow.
     allow_obstacle_checking_beyond_goal : test the arc past the end of the plan.
-    controller_frequency : Hz, of ticks.
 
     Raises
     ------
@@ -82,50 +72,28 @@ class RegulatedPurePursuit(LocalController):
     which this is an own implementation, equal within 1e-9.
     """
 
-    max_linear_vel: float = 0.5
-    min_linear_vel: float = -0.5
-    max_angular_vel: float = 2.5
-    min_angular_vel: float = -2.5
-    max_linear_accel: float = 2.5
-    max_linear_decel: float = -2.5
-    max_angular_accel: float = 3.2
-    max_angular_decel: float = -3.2
-    lookahead_dist: float = 0.6
-    min_lookahead_dist: float = 0.3
-    max_lookahead_dist: float = 0.9
-    lookahead_time: float = 1.5
-    use_velocity_scaled_lookahead_dist: bool = False
-    rotate_to_heading_angular_vel: float = 1.8
-    use_rotate_to_heading: bool = True
-    rotate_to_heading_min_angle: float = 0.785
-    min_approach_linear_velocity: float = 0.05
-    approach_velocity_scaling_dist: float = 0.6
+    max_linear_vel: Annotated[Positive, Limited("speed"), Named("desired_linear_vel")] = 0.5
+    min_linear_vel: Annotated[float, Limited("speed", -1)] = -0.5
+    max_angular_vel: Annotated[float, Limited("yaw_rate")] = 2.5
+    min_angular_vel: Annotated[float, Limited("yaw_rate", -1)] = -2.5
+    max_linear_accel: Annotated[float, Limited("acceleration")] = 2.5
+    max_linear_decel: Annotated[float, Limited("acceleration", -1)] = -2.5
+    max_angular_accel: Annotated[Positive, Limited("yaw_acceleration")] = 3.2
+    max_angular_decel: Annotated[float, Limited("yaw_acceleration", -1)] = -3.2
+    rotate_to_heading_angular_vel: Annotated[float, Limited("yaw_rate")] = 1.8
     max_allowed_time_to_collision_up_to_carrot: float = 1.0
     min_distance_to_obstacle: float = -1.0
     use_regulated_linear_velocity_scaling: bool = True
-    regulated_linear_scaling_min_radius: float = 0.90
+    regulated_linear_scaling_min_radius: Positive = 0.90
     regulated_linear_scaling_min_speed: float = 0.25
-    use_cost_regulated_linear_velocity_scaling: bool = True
-    cost_scaling_dist: float = 0.6
-    cost_scaling_gain: float = 1.0
-    inflation_cost_scaling_factor: float = 3.0
     use_fixed_curvature_lookahead: bool = False
-    curvature_lookahead_dist: float = 0.6
+    curvature_lookahead_dist: Positive = 0.6
     interpolate_curvature_after_goal: bool = False
-    use_collision_detection: bool = True
-    allow_reversing: bool = False
     use_dynamic_window: bool = False
     allow_obstacle_checking_beyond_goal: bool = False
-    controller_frequency: float = 20.0
 
     def __post_init__(self) -> None:
-        above = (
-            "max_linear_vel", "lookahead_dist", "approach_velocity_scaling_dist",
-            "regulated_linear_scaling_min_radius", "cost_scaling_dist",
-            "inflation_cost_scaling_factor", "curvature_lookahead_dist", "max_angular_accel",
-            "controller_frequency",
-        )  # fmt: skip
-        check_parameters(self, "regulated_pure_pursuit", above)
+        check_parameters(self, "regulated_pure_pursuit")
         self._fastest = self.max_linear_vel
         self._last = (0.0, 0.0)
 
@@ -146,7 +114,7 @@ class RegulatedPurePursuit(LocalController):
         plan = in_base_frame(tick.plan, tick.pose)
         carrot, _ = look_ahead(plan, self.look_ahead_distance(float(tick.speed[0])))
         ahead = self.curvature_carrot(plan, carrot)
-        sign = -1.0 if self.allow_reversing and carrot[0] < 0.0 else 1.0
+        sign = self.sign(carrot)
         turn = self.turn(tick, plan, ahead, sign)
         if turn is not None:
             speed, turning = 0.0, rotation_rate(
@@ -168,13 +136,6 @@ class RegulatedPurePursuit(LocalController):
         self._last = (speed, turning)
         return Answer(Twist((speed, 0.0), turning), expected=arc)
 
-    def look_ahead_distance(self, speed: float) -> float:
-        """How far ahead the point is that it follows, m."""
-        if not self.use_velocity_scaled_lookahead_dist:
-            return self.lookahead_dist
-        wanted = abs(speed) * self.lookahead_time
-        return min(max(wanted, self.min_lookahead_dist), self.max_lookahead_dist)
-
     def curvature_carrot(self, plan: Array, carrot: Array) -> Array:
         """Point that gives the curvature: the carrot, or one at a fixed arc length."""
         if not self.use_fixed_curvature_lookahead:
@@ -188,10 +149,7 @@ class RegulatedPurePursuit(LocalController):
             return None
         if tick.checker.xy_reached(tick.pose, tick.goal, tick.plan):
             return float(plan[-1, 2])
-        angle = atan2(float(ahead[1]), float(ahead[0]))
-        if sign < 0.0:
-            angle = normalized(angle + pi)
-        return angle if abs(angle) > self.rotate_to_heading_min_angle else None
+        return self.turn_towards(ahead, sign)
 
     def _regulated(self, tick: Tick, plan: Array, curvature: float, sign: float) -> float | None:
         """Speed, m/s, less in curves, near obstacles and near the goal; None off the costmap."""
@@ -205,24 +163,13 @@ class RegulatedPurePursuit(LocalController):
             tight = self.regulated_linear_scaling_min_radius
             if radius < tight:
                 slowest = fastest * (1.0 - abs(radius - tight) / tight)
-        if self.use_cost_regulated_linear_velocity_scaling:
-            slowest = min(slowest, fastest * self._cost_share(cost, tick.footprint.inscribed))
+        if self.cost_regulated(cost):
+            factor = self.inflation_cost_scaling_factor
+            apart = (factor * tick.footprint.inscribed - log(cost) + _LOG_INSCRIBED) / factor
+            slowest = min(slowest, fastest * self.share_near(apart))
         speed = max(slowest, self.regulated_linear_scaling_min_speed)
-        if length(plan) < self.approach_velocity_scaling_dist:
-            apart = hypot(float(plan[-1, 0]), float(plan[-1, 1]))
-            slow = speed * apart / self.approach_velocity_scaling_dist
-            speed = min(speed, max(slow, self.min_approach_linear_velocity))
-        return sign * min(max(abs(speed), 0.0), fastest)
-
-    def _cost_share(self, cost: int, inscribed: float) -> float:
-        """Share of the speed that the cost at the robot leaves."""
-        if cost in (FREE_SPACE, NO_INFORMATION):
-            return 1.0
-        factor = self.inflation_cost_scaling_factor
-        apart = (factor * inscribed - log(cost) + _LOG_INSCRIBED) / factor
-        if apart >= self.cost_scaling_dist:
-            return 1.0
-        return self.cost_scaling_gain * apart / self.cost_scaling_dist
+        speed = self.approaching(speed, speed, plan)
+        return sign * min(abs(speed), fastest)
 
     def _along(self, speed: float, curvature: float, sign: float) -> tuple[float, float]:
         """Speed and yaw rate on an arc."""
@@ -258,3 +205,73 @@ def _curvature(point: Array) -> float:
     """Curvature of the arc from the robot to a point in its frame, 1/m."""
     square = float(point[0] ** 2 + point[1] ** 2)
     return 2.0 * float(point[1]) / square if square > _CLOSE else 0.0
+
+
+def window(last: float, accel: float, decel: float, limits: Bounds, period: float) -> Bounds:
+    """Return the velocities that an axis can have after a period.
+
+    Parameters
+    ----------
+    last : velocity that was commanded last.
+    accel, decel : how fast its magnitude rises, and falls (negative).
+    limits : of the velocity.
+    period : s.
+    """
+    if last > _STILL:
+        low, high = last + decel * period, last + accel * period
+    elif last < -_STILL:
+        low, high = last - accel * period, last - decel * period
+    else:
+        low, high = last - accel * period, last + accel * period
+    return max(low, limits[0]), min(high, limits[1])
+
+
+def nearest_to_curvature(
+    linear: Bounds, angular: Bounds, speed: float, curvature: float, sign: float
+) -> tuple[float, float]:
+    """Return the velocity in a window that follows an arc fastest, or comes nearest to it.
+
+    Parameters
+    ----------
+    linear, angular : the window, m/s and rad/s.
+    speed : m/s, regulated one, which is not exceeded.
+    curvature : 1/m.
+    sign : 1 forwards, -1 backwards.
+    """
+    slow, fast = _narrowed(linear, speed)
+    low, high = angular
+    if abs(curvature) < _STILL:
+        straight = 0.0 if low <= 0.0 <= high else min(low, high, key=abs)
+        return (fast if sign > 0.0 else slow), straight
+    best: tuple[float, float] | None = None
+    for v, w in (
+        (slow, curvature * slow), (fast, curvature * fast), (low / curvature, low),
+        (high / curvature, high),
+    ):  # fmt: skip
+        inside = slow <= v <= fast and low <= w <= high
+        if inside and (best is None or v * sign > best[0] * sign):
+            best = (v, w)
+    return best or _nearest_corner((slow, fast), angular, curvature, sign)
+
+
+def _narrowed(linear: Bounds, speed: float) -> Bounds:
+    """Return the part of a window between 0 and a speed, or its bound that is nearest to it."""
+    least, most = min(0.0, speed), max(0.0, speed)
+    low, high = max(linear[0], least), min(linear[1], most)
+    if low > high:
+        return (low, low) if low > most else (high, high)
+    return low, high
+
+
+def _nearest_corner(
+    linear: Bounds, angular: Bounds, curvature: float, sign: float
+) -> tuple[float, float]:
+    """Return the corner of a window that is nearest to the line w = curvature v."""
+    best, nearest = (linear[0], angular[0]), float("inf")
+    for v in linear:
+        for w in angular:
+            apart = abs(curvature * v - w) / hypot(curvature, 1.0)
+            tie = abs(apart - nearest) <= _STILL and v * sign > best[0] * sign
+            if apart < nearest or tie:
+                best, nearest = (v, w), apart
+    return best

@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass
 from math import atan2
-from typing import final
+from typing import Annotated, final
 
 import numpy as np
 
 from ...framework.values.arrays import Array
 from ...framework.values.costmap import LETHAL
 from ...framework.values.motion import Twist
-from ..parameters.parameters import check_parameters, check_work
+from ..parameters import Limited, NonNegative, Positive, check_parameters, check_work
 from ..poses import distance, in_base_frame, rotation_rate, shortest_angle
 from .local_controller import CONTROLLER_EXCEPTION, Answer, LocalController, Tick
 
@@ -55,25 +55,20 @@ class RotationShim(LocalController):
     """
 
     primary: LocalController
-    angular_dist_threshold: float = 0.785
-    angular_disengage_threshold: float = 0.3925
-    forward_sampling_distance: float = 0.5
-    rotate_to_heading_angular_vel: float = 1.8
-    max_angular_accel: float = 3.2
-    simulate_ahead_time: float = 1.0
+    angular_dist_threshold: Positive = 0.785
+    angular_disengage_threshold: NonNegative = 0.3925
+    forward_sampling_distance: Positive = 0.5
+    rotate_to_heading_angular_vel: Annotated[Positive, Limited("yaw_rate")] = 1.8
+    max_angular_accel: Annotated[Positive, Limited("yaw_acceleration")] = 3.2
+    simulate_ahead_time: Positive = 1.0
     rotate_to_goal_heading: bool = False
     rotate_to_heading_once: bool = False
     closed_loop: bool = True
     use_path_orientations: bool = False
-    controller_frequency: float = 20.0
+    controller_frequency: Positive = 20.0
 
     def __post_init__(self) -> None:
-        above = (
-            "angular_dist_threshold", "forward_sampling_distance",
-            "rotate_to_heading_angular_vel", "max_angular_accel", "simulate_ahead_time",
-            "controller_frequency",
-        )  # fmt: skip
-        check_parameters(self, "rotation_shim", above, ("angular_disengage_threshold",))
+        check_parameters(self, "rotation_shim", ("primary",))
         steps = self.simulate_ahead_time * self.controller_frequency
         check_work("rotation_shim", "simulate_ahead_time and controller_frequency", steps, _AHEAD)
         self._fresh = self._turning = False

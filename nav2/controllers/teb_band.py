@@ -8,8 +8,8 @@ from typing import final
 import numpy as np
 
 from ...framework.values.arrays import Array
-from ..parameters.teb_parameters import TebParameters
 from ._teb_kernel import wrapped
+from .teb_parameters import TebParameters
 
 Pose = tuple[float, float, float]
 _SWEEPS, _PASSED = 100, 10

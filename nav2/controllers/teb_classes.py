@@ -7,11 +7,11 @@ from typing import final
 import numpy as np
 
 from ...framework.values.arrays import Array
-from ..parameters.teb_parameters import TebParameters
 from . import _teb_signature as kernel
 from ._teb_kernel import wrapped
 from .teb_band import Band
 from .teb_edges import Optimum, Pull, TebObstacles, optimised
+from .teb_parameters import TebParameters
 
 
 @final

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...framework.values.arrays import Array
-from ..parameters.teb_parameters import TebParameters
 from . import _teb_kernel as kernel
 from .teb_band import Band
+from .teb_parameters import TebParameters
 
 NAMES = (
     "obstacle", "inflated_obstacle", "dynamic_obstacle", "velocity", "acceleration_start",

@@ -3,18 +3,18 @@
 from dataclasses import dataclass
 from math import atan2, hypot, inf, log, pi, sqrt
 from sys import float_info
-from typing import final
+from typing import Annotated, final
 
 import numpy as np
 
 from ...framework.values.arrays import Array
-from ...framework.values.costmap import FREE_SPACE, MAX_NON_OBSTACLE, NO_INFORMATION, Costmap
+from ...framework.values.costmap import MAX_NON_OBSTACLE, Costmap
 from ...framework.values.motion import Twist
-from ..parameters.parameters import check_parameters
+from ..parameters import Limited, NonNegative, Positive, check_parameters
 from ..path_handler import within
-from ..poses import in_base_frame, length, normalized, normalized_positive
-from .collision_arc import collision_arc
-from .local_controller import CONTROLLER_EXCEPTION, INVALID_PATH, Answer, LocalController, Tick
+from ..poses import in_base_frame, normalized, normalized_positive
+from .local_controller import CONTROLLER_EXCEPTION, INVALID_PATH, Answer, Tick
+from .pursuit import Pursuit, collision_arc
 
 _STRAIGHT = float_info.max
 """m, radius of a straight line."""
@@ -22,7 +22,7 @@ _STRAIGHT = float_info.max
 
 @final
 @dataclass(eq=False)
-class VectorPursuit(LocalController):
+class VectorPursuit(Pursuit):
     """The vector pursuit controller, a plug-in of Nav2 by Black Coffee Robotics.
 
     With (x, y, theta) the point ahead in the robot's frame, d its distance, t = d^2 / (2 y),
@@ -35,36 +35,24 @@ class VectorPursuit(LocalController):
     is wrong across +-pi; all as in the original. The original throws an exception that Nav2's
     server does not forgive; here a blocked arc is "NoValidControl" as with the others.
 
+    Parameters are those of `Pursuit`, and
+
     Parameters
     ----------
     k : weight of the translation, as against the turn.
     desired_linear_vel : m/s.
     min_turning_radius : m; 0 makes it turn on the spot, whatever `use_rotate_to_heading` says.
-    lookahead_dist, min_lookahead_dist, max_lookahead_dist : m, from the robot.
-    lookahead_time : s.
-    use_velocity_scaled_lookahead_dist : look ahead by speed times `lookahead_time`.
     rotate_to_heading_angular_vel : rad/s.
-    rotate_to_heading_min_angle : rad, from which on it turns on the spot.
-    use_rotate_to_heading : turn on the spot.
     max_angular_accel : rad/s^2, for turns on the spot.
     max_linear_accel : m/s^2.
     max_lateral_accel : m/s^2, in curves.
     min_linear_velocity : m/s.
-    min_approach_linear_velocity : m/s, least speed near the goal.
-    approach_velocity_scaling_dist : m, from which on it slows for the goal.
-    use_cost_regulated_linear_velocity_scaling : slow near obstacles.
-    cost_scaling_dist : m, from an obstacle, from which on it slows.
-    cost_scaling_gain : of that.
-    inflation_cost_scaling_factor : 1/m, of the costmap's inflation.
-    use_collision_detection : test the arc.
     max_allowed_time_to_collision_up_to_target : s.
     use_interpolation : take a point between two poses of the plan.
     use_heading_from_path : its heading is that of the plan; else that of the step that ends there,
         and at the first pose that of the step that begins there.
-    allow_reversing : drive backwards to a point behind.
     max_robot_pose_search_dist : m; negative: the whole path; None: half the larger side of the
         costmap.
-    controller_frequency : Hz, of ticks.
 
     Raises
     ------
@@ -78,42 +66,22 @@ class VectorPursuit(LocalController):
     which this is an own implementation, equal within 1e-9.
     """
 
-    k: float = 8.0
-    desired_linear_vel: float = 0.5
-    min_turning_radius: float = 1.0
-    lookahead_dist: float = 0.6
-    min_lookahead_dist: float = 0.3
-    max_lookahead_dist: float = 0.9
-    lookahead_time: float = 1.5
-    use_velocity_scaled_lookahead_dist: bool = False
-    rotate_to_heading_angular_vel: float = 1.8
-    rotate_to_heading_min_angle: float = 0.785
-    use_rotate_to_heading: bool = True
-    max_angular_accel: float = 3.2
-    max_linear_accel: float = 2.0
-    max_lateral_accel: float = 0.5
+    approach_velocity_scaling_dist: Positive = 1.0
+    k: Positive = 8.0
+    desired_linear_vel: Annotated[Positive, Limited("speed")] = 0.5
+    min_turning_radius: NonNegative = 1.0
+    rotate_to_heading_angular_vel: Annotated[float, Limited("yaw_rate")] = 1.8
+    max_angular_accel: Annotated[float, Limited("yaw_acceleration")] = 3.2
+    max_linear_accel: Annotated[float, Limited("acceleration")] = 2.0
+    max_lateral_accel: Positive = 0.5
     min_linear_velocity: float = 0.05
-    min_approach_linear_velocity: float = 0.05
-    approach_velocity_scaling_dist: float = 1.0
-    use_cost_regulated_linear_velocity_scaling: bool = True
-    cost_scaling_dist: float = 0.6
-    cost_scaling_gain: float = 1.0
-    inflation_cost_scaling_factor: float = 3.0
-    use_collision_detection: bool = True
     max_allowed_time_to_collision_up_to_target: float = 1.0
     use_interpolation: bool = True
     use_heading_from_path: bool = True
-    allow_reversing: bool = False
     max_robot_pose_search_dist: float | None = None
-    controller_frequency: float = 20.0
 
     def __post_init__(self) -> None:
-        above = (
-            "k", "desired_linear_vel", "lookahead_dist", "approach_velocity_scaling_dist",
-            "cost_scaling_dist", "inflation_cost_scaling_factor", "max_lateral_accel",
-            "controller_frequency",
-        )  # fmt: skip
-        check_parameters(self, "vector_pursuit", above, from_zero=("min_turning_radius",))
+        check_parameters(self, "vector_pursuit")
         self._rotates = self.use_rotate_to_heading or self.min_turning_radius == 0.0
         self._fastest = self.desired_linear_vel
         self._last = (0.0, 0.0)
@@ -142,7 +110,7 @@ class VectorPursuit(LocalController):
         if not len(plan):
             return Answer.refusal("no pose of the path is near the robot", INVALID_PATH)
         target = self.target(plan)
-        sign = -1.0 if self.allow_reversing and target[0] < 0.0 else 1.0
+        sign = self.sign(target)
         reach = hypot(float(target[0]), float(target[1]))
         turn = self._turn(target, plan, sign, reach < tick.checker.xy_goal_tolerance)
         if turn is not None:
@@ -190,11 +158,7 @@ class VectorPursuit(LocalController):
 
     def target(self, plan: Array) -> Array:
         """Return the point (3,) of a plan (N, 3), both in the robot's frame, that is aimed at."""
-        reach = self.lookahead_dist
-        if self.use_velocity_scaled_lookahead_dist:
-            wanted = abs(self._last[0]) * self.lookahead_time
-            reach = min(max(wanted, self.min_lookahead_dist), self.max_lookahead_dist)
-        reach = min(reach, _cusp_distance(plan))
+        reach = min(self.look_ahead_distance(self._last[0]), _cusp_distance(plan))
         far = np.flatnonzero(np.hypot(plan[:, 0], plan[:, 1]) >= reach)
         place = int(far[0]) if len(far) else len(plan) - 1
         if self.use_interpolation and len(far) and place:
@@ -218,10 +182,7 @@ class VectorPursuit(LocalController):
             return None
         if arrived:
             return float(plan[-1, 2])
-        angle = atan2(float(target[1]), float(target[0]))
-        if sign < 0.0:
-            angle = normalized(angle + pi)
-        return angle if abs(angle) > self.rotate_to_heading_min_angle else None
+        return self.turn_towards(target, sign)
 
     def _rotation(self, angle: float) -> float:
         """Yaw rate for a turn by an angle, rad/s, from the one commanded last."""
@@ -248,21 +209,12 @@ class VectorPursuit(LocalController):
         """Speed, m/s, without its sign."""
         fastest = self._fastest
         speed = min(fastest, sqrt(self.max_lateral_accel * radius))
-        if self.use_cost_regulated_linear_velocity_scaling and cost not in (
-            FREE_SPACE,
-            NO_INFORMATION,
-        ):
+        if self.cost_regulated(cost):
             factor = self.inflation_cost_scaling_factor
             apart = inscribed - log(cost / MAX_NON_OBSTACLE) / factor
-            if apart < self.cost_scaling_dist:
-                share = self.cost_scaling_gain * apart / self.cost_scaling_dist
-                speed = min(speed, fastest * share)
+            speed = min(speed, fastest * self.share_near(apart))
         speed = min(speed, abs(self._last[0]) + self.max_linear_accel / self.controller_frequency)
-        if length(plan) < self.approach_velocity_scaling_dist:
-            apart = hypot(float(plan[-1, 0]), float(plan[-1, 1]))
-            slow = fastest * apart / self.approach_velocity_scaling_dist
-            speed = min(speed, max(slow, self.min_approach_linear_velocity))
-        return max(speed, self.min_linear_velocity)
+        return max(self.approaching(speed, fastest, plan), self.min_linear_velocity)
 
 
 def _heading(begin: Array, end: Array) -> float:

@@ -103,7 +103,7 @@ class RobotFootprint:
         """
         left, low = costmap.origin
         return int(
-            compiled()(
+            compiled()[0](
                 costmap.cells, left, low, costmap.resolution, self.vertices, float(pose[0]),
                 float(pose[1]), float(pose[2]),
             )
@@ -183,7 +183,38 @@ def outline_cost(
     return highest
 
 
+def outline_costs(
+    costmap: Costmap, vertices: Array, poses: Array, back: bool = False
+) -> NDArray[np.int64]:
+    """Return the highest cost on the edges of a polygon at each pose, (P,).
+
+    See `RobotFootprint.cost`.
+
+    Parameters
+    ----------
+    vertices : (V, 2), m, in the body's frame.
+    poses : (P, 3), m and rad.
+    back : draw the last edge from the last vertex to the first. The cells of a line depend on
+        where it begins; the last edge of Nav2's own checks runs from the first to the last.
+    """
+    left, low = costmap.origin
+    found = compiled()[1](costmap.cells, left, low, costmap.resolution, vertices, poses, back)
+    return np.asarray(found)
+
+
+def each_outline(
+    cells: NDArray[np.uint8], left: float, low: float, resolution: float, vertices: Array,
+    poses: Array, back: bool,
+) -> NDArray[np.int64]:  # fmt: skip
+    """Return the cost of every pose, see `outline_costs`."""
+    found = np.empty(len(poses), np.int64)
+    for k in range(len(poses)):
+        x, y, yaw = poses[k]
+        found[k] = outline_cost(cells, left, low, resolution, vertices, x, y, yaw, back)
+    return found
+
+
 @cache
-def compiled() -> Callable[..., Any]:
-    """Return `outline_cost` as Numba compiles it."""
-    return late([outline_cost], [line_cost])[0]
+def compiled() -> tuple[Callable[..., Any], ...]:
+    """Return `outline_cost` and `each_outline` as Numba compiles them."""
+    return late([outline_cost, each_outline], [line_cost, outline_cost])

@@ -27,7 +27,7 @@ from ..costmap.footprint import RobotFootprint
 from ..costmap.local_costmap import CostmapSurroundings, LayeredCostmap, discs_of
 from ..costmap.rays import Rays
 from .params_file import read_params_file
-from .recoveries import Recovery, RecoveryOutcome, RecoverySituation
+from .recoveries import Recovery, RecoveryOutcome
 from .route import GlobalRoute
 from .server import ServerStatus, ServerView
 from .settings import LoopSettings
@@ -354,7 +354,7 @@ class Nav2(Controller):
             self._server.again(sight.time)
         else:
             self._retried = False
-            self._start(self._recoveries.begin(_situation(sight)))
+            self._start(self._recoveries.begin(sight))
 
     def _start(self, recovery: Recovery | None) -> None:
         """Take note of the recovery that has started, if any."""
@@ -367,7 +367,7 @@ class Nav2(Controller):
     def _recover(self, sight: ServerView) -> Twist:
         """Go on with the recovery; after it, follow the path again."""
         self._reason = f"recovering: {self._recoveries.now}"
-        twist, outcome = self._recoveries.velocity(_situation(sight))
+        twist, outcome = self._recoveries.velocity(sight)
         if outcome is RecoveryOutcome.SUCCEEDED:
             self._navigation = Navigation.FOLLOWING
             self._server.again(sight.time)
@@ -388,10 +388,6 @@ def poses_along(path: Path) -> Array:
     points = path.at(arc)
     way = path.direction(arc)
     return np.column_stack([points, np.arctan2(way[:, 1], way[:, 0])])
-
-
-def _situation(sight: ServerView) -> RecoverySituation:
-    return RecoverySituation(sight.time, sight.pose, sight.speed, sight.costmap, sight.footprint)
 
 
 def limits_of(robot: Robot) -> VelocityLimits:

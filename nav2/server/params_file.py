@@ -10,10 +10,10 @@ from ...framework.plugins.yamlfile import parse, read_merged
 from ...framework.values.arrays import number
 from ...framework.values.errors import WideberthError, nearest
 from ..controllers.dwb import PATH_LENGTH_TOLERANCE
-from ..controllers.mppi import MODELS, PLUGIN_OF
 from ..costmap.local_costmap import CostmapView
 from ..goal_checker import GoalChecker
-from ..parameters.parameters import (
+from ..parameters import (
+    NAMES,
     UnknownParameters,
     at_default,
     effective,
@@ -21,126 +21,30 @@ from ..parameters.parameters import (
     refuse_unknown,
 )
 from ..path_handler import PathHandler
-from .progress_checker import ProgressChecker
 from .recoveries import Recoveries
+from .server import ControllerServer, ProgressChecker
 from .settings import LoopSettings
 from .velocity_smoother import Nav2VelocitySmoother
 
-PLUGINS = {
-    "nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController": (
-        "regulated_pure_pursuit"
-    ),
-    "nav2_graceful_controller::GracefulController": "graceful",
-    "vector_pursuit_controller::VectorPursuitController": "vector_pursuit",
-    "dwb_core::DWBLocalPlanner": "dwb",
-    "nav2_mppi_controller::MPPIController": "mppi",
-    "teb_local_planner::TebLocalPlannerROS": "teb",
-    "nav2_rotation_shim_controller::RotationShimController": "rotation_shim",
-}
-"""Names of controllers in Nav2's files -> ours."""
-PARTS = {
-    "nav2_controller::SimpleGoalChecker": "goal_checker",
-    "nav2_controller::SimpleProgressChecker": "progress_checker",
-    "nav2_controller::FeasiblePathHandler": "path_handler",
-}
-"""Names of other plug-ins of the controller server -> the settings that they go to."""
 KINDS: dict[str, type] = {
     "goal_checker": GoalChecker, "progress_checker": ProgressChecker, "path_handler": PathHandler,
 }  # fmt: skip
 """Settings that plug-ins of the controller server go to -> their classes."""
-STAND_INS = {
-    "nav2_controller::StoppedGoalChecker": "nav2_controller::SimpleGoalChecker",
-    "nav2_controller::PoseProgressChecker": "nav2_controller::SimpleProgressChecker",
-}
-"""Plug-ins that add a condition to another one -> that one, which stands in for them here."""
-LAYERS: dict[str, dict[str, Any]] = {
-    "nav2_costmap_2d::ObstacleLayer": {"obstacle_layer": True},
-    "nav2_costmap_2d::VoxelLayer": {"obstacle_layer": True},
-    "nav2_costmap_2d::InflationLayer": {"inflation_radius": 0.55, "cost_scaling_factor": 10.0},
-    "nav2_costmap_2d::StaticLayer": {"static_layer": True},
-}
-"""Layers of the local costmap that a view has -> what they set of it by their defaults."""
-_USUAL = {
-    "static_layer": "nav2_costmap_2d::StaticLayer",
-    "obstacle_layer": "nav2_costmap_2d::ObstacleLayer",
-    "inflation_layer": "nav2_costmap_2d::InflationLayer",
-}
-"""Layers of a costmap that lists none, and the plug-ins that their names stand for."""
 SERVER, NODE = "controller_server", "ros__parameters"
 _MISSPELT = 0.95
 """Ratio of `difflib` from which on an unknown plug-in is taken for a known one that is misspelt;
 names of plug-ins are long, and many are alike."""
-_OF_SERVER = (
-    "failure_tolerance", "min_x_velocity_threshold", "min_y_velocity_threshold",
-    "min_theta_velocity_threshold", "costmap_update_timeout", "controller_frequency",
-)  # fmt: skip
-_WITHOUT_ROS = frozenset(
-    """
-    action_server_result_timeout allow_parameter_qos_overrides always_send_full_costmap
-    behavior_plugins bond_heartbeat_period bond_timeout controller_plugins costmap_topic
-    enable_stamped_cmd_vel filters footprint_topic global_costmap_topic global_footprint_topic
-    global_frame goal_checker_plugin goal_checker_plugins initial_transform_timeout
-    introspection_mode local_costmap_topic local_footprint_topic local_frame map_topic
-    odom_topic path_handler_plugins progress_checker_plugin progress_checker_plugins
-    publish_frequency publish_zero_velocity robot_base_frame service_introspection_mode
-    speed_limit_topic stamp_smoothed_velocity_with_smoothing_time subscribe_to_stamped_footprint
-    transform_tolerance use_realtime_priority use_sim_time
-    """.split()
-)
-"""Parameters of nodes that have no meaning without ROS."""
 _OF_PATHS = (
     "prune_distance", "max_robot_pose_search_dist", "enforce_path_inversion",
     "inversion_xy_tolerance", "inversion_yaw_tolerance",
 )  # fmt: skip
 """Parameters of the path handler that were the controllers' own before there was one."""
-_OF_TEB = {
-    "teb_autosize": True, "exact_arc_length": False, "feasibility_check_lookahead_distance": -1.0,
-    "max_vel_y": 0.0, "min_turning_radius": 0.0, "cmd_angle_instead_rotvel": False,
-    "legacy_obstacle_association": False, "costmap_converter_plugin": "",
-    "optimization_activate": True, "obstacle_cost_exponent": 1.0,
-    "weight_velocity_obstacle_ratio": 0.0, "simple_exploration": False,
-    "selection_alternative_time_cost": False, "switching_blocking_period": 0.0,
-    "roadmap_graph_area_length_scale": 1.0, "delete_detours_backwards": True,
-    "selection_dropping_probability": 0.0, "divergence_detection_enable": False,
-}  # fmt: skip
-"""Parameters of TEB that ours has at this value alone, the original's default."""
-_OF_TEB_WITHOUT_EFFECT = frozenset(
-    """
-    acc_lim_y costmap_converter_rate costmap_converter_spin_thread
-    divergence_detection_max_chi_squared enable_multithreading footprint_model.line_end
-    footprint_model.line_start footprint_model.vertices global_plan_prune_distance
-    h_signature_prescaler is_footprint_dynamic
-    obstacle_keypoint_offset obstacle_poses_affected obstacle_proximity_lower_bound
-    obstacle_proximity_ratio_max_vel obstacle_proximity_upper_bound optimization_verbose
-    publish_feedback selection_viapoint_cost_scale shrink_horizon_backup
-    shrink_horizon_min_duration via_points_ordered viapoints_all_candidates visualize_hc_graph
-    visualize_with_time_as_z_axis_scale weight_acc_lim_y weight_kinematics_turning_radius
-    weight_max_vel_y weight_viapoint wheelbase xy_goal_tolerance yaw_goal_tolerance
-    """.split()
-)
-"""Parameters of TEB for other robots, for what the table above switches off, or for pictures."""
-_AS_SEEN = {
-    "marking": True, "clearing": True, "combination_method": 1, "obstacle_min_range": 0.0,
-    "raytrace_min_range": 0.0, "observation_persistence": 0.0,
-}  # fmt: skip
-"""Parameters of layers that a view has at this value alone."""
 _CLEARS = "footprint_clearing_enabled"
 """A view frees the robot's outline of what rays have met, and never of a known map."""
-_LAYER = frozenset(
-    """
-    data_type enabled expected_update_rate map_subscribe_transient_local mark_threshold
-    max_obstacle_height min_obstacle_height observation_sources origin_z plugin
-    publish_voxel_map sensor_frame subscribe_to_updates tf_filter_tolerance
-    topic transport_type unknown_threshold z_resolution z_voxels
-    """.split()
-) | {*_AS_SEEN, _CLEARS}
-"""Parameters of layers that have no effect in the plane, or are said above."""
-_SEEN = frozenset(
-    """
-    cost_scaling_factor inf_is_valid inflate_around_unknown inflate_unknown inflation_radius
-    obstacle_max_range raytrace_max_range
-    """.split()
-)
+_SEEN = {
+    "cost_scaling_factor", "inf_is_valid", "inflate_around_unknown", "inflate_unknown",
+    "inflation_radius", "obstacle_max_range", "raytrace_max_range",
+}  # fmt: skip
 """Parameters of layers that a view has."""
 
 
@@ -270,7 +174,7 @@ def _known(
 
 def _without_ros(name: str) -> bool:
     """Whether a parameter says which plug-in a block is for, or has no meaning without ROS."""
-    return name.rpartition(".")[2] in _WITHOUT_ROS | {"plugin"}
+    return name.rpartition(".")[2] in NAMES["without_ros"]
 
 
 def _made(settings: dict[str, Any], controller: str, passed: list[str]) -> LoopSettings:
@@ -310,7 +214,8 @@ def _server(given: Mapping[str, Any], controller: str, passed: list[str]) -> dic
         key: value for key, value in given.items()
         if key != tolerance and key.partition(".")[0] not in plugins
     }  # fmt: skip
-    server = _known(SERVER, plain, _OF_SERVER, passed)
+    names = {*names_of(ControllerServer), "controller_frequency"} - {*KINDS, "controller"}
+    server = _known(SERVER, plain, names, passed)
     rate = server.pop("controller_frequency", 20.0)
     settings["controller_frequency"] = number(f"{SERVER}.controller_frequency", rate)
     return settings | chosen | {"server": server}
@@ -329,9 +234,10 @@ def _parts(
     WideberthError : a plug-in that is misspelt.
     """
     found: dict[str, str] = {}
-    others, known = _names(given, "controller_plugins", []), [*PLUGINS, *PARTS]
+    parts, stand_ins = NAMES["parts"], NAMES["stand_ins"]
+    others, known = _names(given, "controller_plugins", []), [*NAMES["controllers"], *parts]
     for name, plugin in plugins.items():
-        part = PARTS.get(STAND_INS.get(plugin, plugin))
+        part = parts.get(stand_ins.get(plugin, plugin))
         if part is not None:
             first = _names(given, f"{part}_plugins", [name])[:1]
             if [name] == first or part not in found:
@@ -359,26 +265,40 @@ def _names(given: Mapping[str, Any], key: str, default: list[str]) -> list[str]:
 
 def _controller(given: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the name and the parameters of a controller, and those of the path handler."""
-    plugin = str(given["plugin"])
-    if plugin not in PLUGINS:
-        hint = f"{nearest(plugin, PLUGINS)} Known: {', '.join(sorted(PLUGINS))}"
-        raise WideberthError(f"the controller's plugin is {plugin!r}; there is none such{hint}")
-    local = PLUGINS[plugin]
+    local = _local("the controller's plugin", str(given["plugin"]))
     flat = effective(given)
-    primary = flat.pop("primary_controller", None)
-    if primary is not None:
-        if primary not in PLUGINS:
-            raise WideberthError(f"primary_controller is {primary!r}{nearest(primary, PLUGINS)}")
-        flat["primary_controller"] = PLUGINS[primary]
+    if "primary_controller" in flat:
+        flat["primary_controller"] = _local("primary_controller", flat["primary_controller"])
     inner = flat.get("primary_controller", local)
     paths = _of_paths(flat, inner)
     if inner == "mppi":
         model = str(flat.get("motion_model"))
-        if flat.get(f"{model}.plugin", "") == PLUGIN_OF.get(MODELS.get(model, model)):
+        if flat.get(f"{model}.plugin", "") == motion_plugin(model):
             flat.pop(f"{model}.plugin")  # it says what the name says
     if inner == "teb":
         flat = _of_teb(flat)
     return {"local": local, "parameters": flat}, paths
+
+
+def _local(place: str, plugin: str) -> str:
+    """Return our name of a controller's plug-in.
+
+    Raises
+    ------
+    WideberthError : it is not known.
+    """
+    known = NAMES["controllers"]
+    if plugin not in known:
+        hint = f"{nearest(plugin, known)} Known: {', '.join(sorted(known))}"
+        raise WideberthError(f"{place} is {plugin!r}; there is none such{hint}")
+    return str(known[plugin])
+
+
+def motion_plugin(model: str) -> str | None:
+    """Return Nav2's plug-in for a motion model by any name of it."""
+    name = NAMES["motion_models"].get(model, model)
+    plugin: str | None = NAMES["motion_plugins"].get(name)
+    return plugin
 
 
 def _of_paths(flat: dict[str, Any], controller: str) -> dict[str, Any]:
@@ -403,8 +323,8 @@ def _of_teb(flat: Mapping[str, Any]) -> dict[str, Any]:
     ------
     WideberthError : a part of the original is switched on that is not offered here.
     """
-    found = {key: value for key, value in flat.items() if key not in _OF_TEB_WITHOUT_EFFECT}
-    found = at_default("TEB", found, _OF_TEB)
+    nothing = NAMES["teb_without_effect"]
+    found = at_default("teb", {key: one for key, one in flat.items() if key not in nothing})
     apart = found.pop("global_plan_viapoint_sep", -1.0)
     if apart > 0.0:
         raise WideberthError(
@@ -426,7 +346,10 @@ def _costmap(given: Mapping[str, Any], passed: list[str]) -> dict[str, Any]:
     """Return the view and the robot's outline of the local costmap."""
     place = "local_costmap"
     view: dict[str, Any] = {"obstacle_layer": False, "inflation_radius": 0.0}
-    for name in [*_names(given, "plugins", [*_USUAL]), *_names(given, "filters", [])]:
+    for name in [
+        *_names(given, "plugins", [*NAMES["usual_layers"]]),
+        *_names(given, "filters", []),
+    ]:
         view |= _layer(f"{place}.{name}", _block(given, name), passed)
     plain = {key: one for key, one in given.items() if "." not in key and key != "plugins"}
     outline = ("footprint", "robot_radius")
@@ -446,16 +369,19 @@ def _layer(place: str, given: Mapping[str, Any], passed: list[str]) -> dict[str,
     """
     if given.get("enabled", True) is False:
         return {}
-    usual = _USUAL.get(place.rpartition(".")[2], _USUAL["obstacle_layer"])
+    usual, layers = NAMES["usual_layers"], NAMES["layers"]
+    usual = usual.get(place.rpartition(".")[2], usual["obstacle_layer"])
     plugin = str(given.get("plugin", usual))
-    if plugin not in LAYERS:
+    if plugin not in layers:
         passed += [f"{place}.{name}" for name in given if not _without_ros(name)]
         passed.append(f"{place}.plugin: {plugin}")
         return {}
-    found, only = {**LAYERS[plugin]}, {**_AS_SEEN, _CLEARS: "static_layer" not in LAYERS[plugin]}
+    found, as_seen = {**layers[plugin]}, NAMES["only"]["layers"]
+    only = {**as_seen, _CLEARS: "static_layer" not in layers[plugin]}
+    nothing = {*NAMES["layers_without_effect"], *only}
     for name, value in given.items():
         where, _, last = f"{place}.{name}".rpartition(".")
-        if _known(where, {last: value}, _SEEN | _LAYER, passed) and last in _SEEN:
+        if _known(where, {last: value}, _SEEN | nothing, passed) and last in _SEEN:
             found[last] = value
         elif last in only and value != only[last]:
             passed.append(f"{place}.{name}")

@@ -7,13 +7,13 @@ from typing import Any
 from ...framework.plugins.yamlfile import dump
 from ...framework.values.errors import WideberthError
 from ..controllers.dwb import PATH_LENGTH_TOLERANCE
-from ..controllers.mppi import MODELS, PLUGIN_OF
 from ..costmap.local_costmap import CostmapView
-from .params_file import PARTS, PLUGINS
+from ..parameters import NAMES
+from .params_file import motion_plugin
 from .settings import LoopSettings
 
-_PLUGIN_OF = {local: plugin for plugin, local in PLUGINS.items()}
-_PART_OF = {part: plugin for plugin, part in PARTS.items()}
+_PLUGIN_OF = {local: plugin for plugin, local in NAMES["controllers"].items()}
+_PART_OF = {part: plugin for plugin, part in NAMES["parts"].items()}
 _OWN = ("exact", "beams", "laser_range")
 """Fields of a view that Nav2 does not have; they are written where they differ."""
 _INFLATION = (
@@ -83,9 +83,8 @@ def _controller(settings: LoopSettings) -> dict[str, Any]:
     given.pop(PATH_LENGTH_TOLERANCE, None)
     if "motion_model" in given:
         model = given["motion_model"]
-        kind = MODELS.get(model, model)
-        if kind in PLUGIN_OF:
-            given.setdefault(f"{model}.plugin", PLUGIN_OF[kind])
+        if plugin := motion_plugin(model):
+            given.setdefault(f"{model}.plugin", plugin)
     if "min_turning_r" in given:
         model = given.get("motion_model", "AckermannConstraints")
         given[f"{model}.min_turning_r"] = given.pop("min_turning_r")

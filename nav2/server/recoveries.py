@@ -7,12 +7,11 @@ from typing import final
 
 import numpy as np
 
-from ...framework.values.arrays import Array, whole
-from ...framework.values.costmap import LETHAL, Costmap
+from ...framework.values.costmap import LETHAL
 from ...framework.values.motion import Twist
-from ..costmap.footprint import RobotFootprint
-from ..parameters.parameters import check_parameters, check_work
+from ..parameters import Natural, NonNegative, Positive, check_parameters, check_work
 from ..poses import distance, normalized
+from .server import ServerView
 
 
 class Recovery(StrEnum):
@@ -33,27 +32,6 @@ class RecoveryOutcome(StrEnum):
     RUNNING = "running"
     SUCCEEDED = "succeeded"
     FAILED = "failed"
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class RecoverySituation:
-    """What a recovery sees.
-
-    Attributes
-    ----------
-    time : s.
-    pose : (3,), of the robot.
-    speed : (3,), vx, vy, m/s, and yaw rate, rad/s.
-    costmap : the local one.
-    footprint : of the robot, with its padding.
-    """
-
-    time: float
-    pose: Array
-    speed: Array
-    costmap: Costmap
-    footprint: RobotFootprint
 
 
 @final
@@ -83,25 +61,20 @@ class Recoveries:
     WideberthError : a number that must be above zero and is not.
     """
 
-    number_of_retries: int = 6
-    spin_dist: float = 1.57
-    wait_duration: float = 5.0
-    backup_dist: float = 0.30
-    backup_speed: float = 0.15
-    max_rotational_vel: float = 1.0
-    min_rotational_vel: float = 0.4
-    rotational_acc_lim: float = 3.2
-    simulate_ahead_time: float = 2.0
-    time_allowance: float = 10.0
-    cycle_frequency: float = 10.0
+    number_of_retries: Natural = 6
+    spin_dist: Positive = 1.57
+    wait_duration: NonNegative = 5.0
+    backup_dist: Positive = 0.30
+    backup_speed: Positive = 0.15
+    max_rotational_vel: Positive = 1.0
+    min_rotational_vel: Positive = 0.4
+    rotational_acc_lim: Positive = 3.2
+    simulate_ahead_time: NonNegative = 2.0
+    time_allowance: Positive = 10.0
+    cycle_frequency: Positive = 10.0
 
     def __post_init__(self) -> None:
-        whole("recoveries.number_of_retries", self.number_of_retries, least=0)
-        above = (
-            "spin_dist", "backup_dist", "backup_speed", "max_rotational_vel",
-            "min_rotational_vel", "rotational_acc_lim", "time_allowance", "cycle_frequency",
-        )  # fmt: skip
-        check_parameters(self, "recoveries", above, ("wait_duration", "simulate_ahead_time"))
+        check_parameters(self, "recoveries")
         steps = self.simulate_ahead_time * self.cycle_frequency
         check_work("recoveries", "simulate_ahead_time and cycle_frequency", steps, 10_000)
         self._turn = 0
@@ -123,7 +96,7 @@ class Recoveries:
         """Recoveries of this navigation so far."""
         return self._tried
 
-    def begin(self, seen: RecoverySituation) -> Recovery | None:
+    def begin(self, seen: ServerView) -> Recovery | None:
         """Start the next recovery; None where all retries are used up."""
         if self._tried >= self.number_of_retries:
             return None
@@ -131,7 +104,7 @@ class Recoveries:
         self._left = len(ORDER)
         return self._start(seen)
 
-    def _start(self, seen: RecoverySituation) -> Recovery:
+    def _start(self, seen: ServerView) -> Recovery:
         self._now = ORDER[self._turn % len(ORDER)]
         self._turn += 1
         self._left -= 1
@@ -139,7 +112,7 @@ class Recoveries:
         self._turned, self._last_yaw = 0.0, float(seen.pose[2])
         return self._now
 
-    def velocity(self, seen: RecoverySituation) -> tuple[Twist, RecoveryOutcome]:
+    def velocity(self, seen: ServerView) -> tuple[Twist, RecoveryOutcome]:
         """Return the velocity for now, and how the recovery stands."""
         still = Twist((0.0, 0.0))
         if self._now is Recovery.SPIN:
@@ -157,7 +130,7 @@ class Recoveries:
             self._now = None
         return twist, outcome
 
-    def _spin(self, seen: RecoverySituation) -> tuple[Twist, RecoveryOutcome]:
+    def _spin(self, seen: ServerView) -> tuple[Twist, RecoveryOutcome]:
         """Turn on the spot by `spin_dist`."""
         yaw = float(seen.pose[2])
         self._turned += normalized(yaw - self._last_yaw)
@@ -169,7 +142,7 @@ class Recoveries:
         rate = min(max(slowing, self.min_rotational_vel), self.max_rotational_vel)
         return self._tested(seen, Twist((0.0, 0.0), rate), rest)
 
-    def _back_up(self, seen: RecoverySituation) -> tuple[Twist, RecoveryOutcome]:
+    def _back_up(self, seen: ServerView) -> tuple[Twist, RecoveryOutcome]:
         """Drive back by `backup_dist`."""
         rest = self.backup_dist - distance(seen.pose, self._from)
         if rest <= 0.0:
@@ -177,7 +150,7 @@ class Recoveries:
         return self._tested(seen, Twist((-self.backup_speed, 0.0)), rest)
 
     def _tested(
-        self, seen: RecoverySituation, twist: Twist, rest: float
+        self, seen: ServerView, twist: Twist, rest: float
     ) -> tuple[Twist, RecoveryOutcome]:
         """Return a velocity unless it takes too long or hits something on what is left."""
         late = seen.time - self._began > self.time_allowance
@@ -185,7 +158,7 @@ class Recoveries:
             return Twist((0.0, 0.0)), RecoveryOutcome.FAILED
         return twist, RecoveryOutcome.RUNNING
 
-    def _hits(self, seen: RecoverySituation, speed: float, turning: float, rest: float) -> bool:
+    def _hits(self, seen: ServerView, speed: float, turning: float, rest: float) -> bool:
         """Tell whether the outline meets an obstacle or an unknown cell ahead."""
         x, y, yaw = (float(value) for value in seen.pose)
         for count in range(int(self.simulate_ahead_time * self.cycle_frequency)):

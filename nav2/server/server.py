@@ -7,15 +7,16 @@ from typing import final
 
 import numpy as np
 
-from ...framework.values.arrays import Array, positive
+from ...framework.values.arrays import Array
 from ...framework.values.costmap import Costmap
 from ...framework.values.errors import WideberthError
 from ...framework.values.motion import Observation, Twist
 from ..controllers.local_controller import NO_VALID_CONTROL, Answer, LocalController, Tick
 from ..costmap.footprint import RobotFootprint
 from ..goal_checker import GoalChecker
+from ..parameters import NonNegative, Positive, check_parameters
 from ..path_handler import PathHandler
-from .progress_checker import ProgressChecker
+from ..poses import distance
 
 FOREVER = -1.0
 """Failure tolerance of a server that never gives up."""
@@ -93,6 +94,41 @@ class ServerView:
 
 @final
 @dataclass(eq=False)
+class ProgressChecker:
+    """Decides whether a robot has moved far enough in the time that it is allowed.
+
+    Parameters
+    ----------
+    required_movement_radius : m.
+    movement_time_allowance : s.
+
+    Raises
+    ------
+    WideberthError : a number that is not above zero.
+    """
+
+    required_movement_radius: Positive = 0.5
+    movement_time_allowance: Positive = 10.0
+
+    def __post_init__(self) -> None:
+        check_parameters(self, "progress_checker")
+        self._base: tuple[Array, float] | None = None
+
+    def reset(self) -> None:
+        """Begin anew at the next call of `progressing`."""
+        self._base = None
+
+    def progressing(self, pose: Array, time: float) -> bool:
+        """Tell whether the robot, at a pose (3,) and a time (s), is not stuck."""
+        moved = self._base is None or distance(pose, self._base[0]) > self.required_movement_radius
+        if self._base is None or moved:
+            self._base = (pose, time)
+            return True
+        return time - self._base[1] <= self.movement_time_allowance
+
+
+@final
+@dataclass(eq=False)
 class ControllerServer:
     """Follows a path with a local controller, in the order of steps of Nav2's server.
 
@@ -120,22 +156,19 @@ class ControllerServer:
     goal_checker: GoalChecker
     progress_checker: ProgressChecker
     failure_tolerance: float = 0.0
-    min_x_velocity_threshold: float = 1e-4
-    min_y_velocity_threshold: float = 1e-4
-    min_theta_velocity_threshold: float = 1e-4
-    costmap_update_timeout: float = 0.30
+    min_x_velocity_threshold: NonNegative = 1e-4
+    min_y_velocity_threshold: NonNegative = 1e-4
+    min_theta_velocity_threshold: NonNegative = 1e-4
+    costmap_update_timeout: NonNegative = 0.30
 
     def __post_init__(self) -> None:
+        parts = ("controller", "path_handler", "goal_checker", "progress_checker")
+        check_parameters(self, "server", parts)
         if self.failure_tolerance < 0.0 and self.failure_tolerance != FOREVER:
             raise WideberthError(
                 f"server.failure_tolerance is {self.failure_tolerance:g}; wanted seconds, 0 to "
                 "give up at once, or -1 never to"
             )
-        for name in (
-            "min_x_velocity_threshold", "min_y_velocity_threshold",
-            "min_theta_velocity_threshold", "costmap_update_timeout",
-        ):  # fmt: skip
-            positive(f"server.{name}", getattr(self, name), zero=True)
         self._goal = np.zeros(3)
         self._valid = -np.inf
 

@@ -1,7 +1,7 @@
 """Everything that sets the loop around a local controller."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
 from typing import Any, final
 
 from ...framework.robot import Robot
@@ -17,11 +17,10 @@ from ..controllers.local_controllers import (
 from ..costmap.footprint import RobotFootprint
 from ..costmap.local_costmap import CostmapView
 from ..goal_checker import GoalChecker
-from ..parameters.parameters import names_of, refuse_unknown
+from ..parameters import made, names_of, refuse_unknown
 from ..path_handler import PathHandler
-from .progress_checker import ProgressChecker
 from .recoveries import Recoveries
-from .server import ControllerServer
+from .server import ControllerServer, ProgressChecker
 from .velocity_smoother import Nav2VelocitySmoother
 
 
@@ -114,51 +113,32 @@ class LoopSettings:
 
     def make_server(self) -> ControllerServer:
         """Return a new controller server around a new local controller."""
+        refuse_unknown("settings.server", self.server, names_of(ControllerServer))
         return ControllerServer(
             self.make_controller(),
-            PathHandler(**_known(PathHandler, "path_handler", self.path_handler)),
-            GoalChecker(**_known(GoalChecker, "goal_checker", self.goal_checker)),
-            ProgressChecker(**_known(ProgressChecker, "progress_checker", self.progress_checker)),
-            **_known(ControllerServer, "server", self.server),
+            made(PathHandler, "settings.path_handler", self.path_handler),
+            made(GoalChecker, "settings.goal_checker", self.goal_checker),
+            made(ProgressChecker, "settings.progress_checker", self.progress_checker),
+            **self.server,
         )
 
     def make_smoother(self) -> Nav2VelocitySmoother:
         """Return a new velocity smoother."""
-        given = _known(Nav2VelocitySmoother, "velocity_smoother", self.velocity_smoother)
-        return Nav2VelocitySmoother(**given)
+        return made(Nav2VelocitySmoother, "settings.velocity_smoother", self.velocity_smoother)
 
     def make_recoveries(self) -> Recoveries:
         """Return new recoveries."""
-        return Recoveries(**_known(Recoveries, "recoveries", self.recoveries))
+        return made(Recoveries, "settings.recoveries", self.recoveries)
 
     def within(self, limits: VelocityLimits) -> "LoopSettings":
         """Return the same settings with limits for the controller and the smoother."""
-        v, w, a, alpha = (
-            limits.speed,
-            limits.yaw_rate,
-            limits.acceleration,
-            limits.yaw_acceleration,
-        )
+        v, w, a, alpha = astuple(limits)
         smoother = {
             "max_velocity": [v, 0.0, w], "min_velocity": [-v, 0.0, -w],
             "max_accel": [a, 0.0, alpha], "max_decel": [-a, 0.0, -alpha],
         }  # fmt: skip
         return replace(
             self,
-            parameters={
-                **self.parameters,
-                **limits.parameters(self.local, self.parameters),
-            },
+            parameters={**self.parameters, **limits.parameters(self.local, self.parameters)},
             velocity_smoother={**self.velocity_smoother, **smoother},
         )
-
-
-def _known(kind: type, name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters, all of which a class has.
-
-    Raises
-    ------
-    WideberthError : one that it has not.
-    """
-    refuse_unknown(f"settings.{name}", parameters, names_of(kind))
-    return dict(parameters)

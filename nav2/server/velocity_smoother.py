@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Literal, final
 
 from ...framework.values.errors import WideberthError
-from ..parameters.parameters import check_parameters
+from ..parameters import NonNegative, Positive, Triple, check_parameters
 
-Velocity = tuple[float, float, float]
+Velocity = Triple
 """vx, vy, m/s, and yaw rate, rad/s."""
 
 _ZERO: Velocity = (0.0, 0.0, 0.0)
@@ -44,7 +44,7 @@ class Nav2VelocitySmoother:
     WideberthError : a parameter of the wrong sign, length or name.
     """
 
-    smoothing_frequency: float = 20.0
+    smoothing_frequency: Positive = 20.0
     feedback: Literal["OPEN_LOOP", "CLOSED_LOOP"] = "OPEN_LOOP"
     scale_velocities: bool = False
     max_velocity: Velocity = (0.5, 0.0, 2.5)
@@ -52,12 +52,11 @@ class Nav2VelocitySmoother:
     max_accel: Velocity = (2.5, 0.0, 3.2)
     max_decel: Velocity = (-2.5, 0.0, -3.2)
     deadband_velocity: Velocity = _ZERO
-    velocity_timeout: float = 1.0
-    odom_duration: float = 0.1
+    velocity_timeout: NonNegative = 1.0
+    odom_duration: NonNegative = 0.1
 
     def __post_init__(self) -> None:
-        from_zero = ("velocity_timeout", "odom_duration")
-        check_parameters(self, "velocity_smoother", ("smoothing_frequency",), from_zero)
+        check_parameters(self, "velocity_smoother")
         for i, axis in enumerate(("vx", "vy", "yaw rate")):
             if self.min_velocity[i] > self.max_velocity[i]:
                 raise WideberthError(f"velocity_smoother: the least {axis} exceeds the largest")

@@ -10,7 +10,7 @@ from wideberth.nav2.controllers.local_controllers import built
 from wideberth.nav2.controllers.teb import TEB
 from wideberth.nav2.controllers.teb_band import Band
 from wideberth.nav2.controllers.teb_edges import NAMES, Edges, Pull, TebObstacles, optimised
-from wideberth.nav2.parameters.teb_parameters import TebParameters
+from wideberth.nav2.controllers.teb_parameters import TebParameters
 from wideberth.tests.nav2.golden import Case, Checks
 
 EXACT, OPTIMUM, CLOSE = 1e-9, 0.02, 1e-3

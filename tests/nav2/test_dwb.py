@@ -7,7 +7,7 @@ import pytest
 
 from wideberth.framework.values.costmap import Costmap
 from wideberth.framework.values.errors import WideberthError
-from wideberth.nav2.controllers.dwb import DWB, GENERATORS
+from wideberth.nav2.controllers.dwb import DWB
 from wideberth.nav2.controllers.dwb_critics import (
     ObstacleFootprint,
     Oscillation,
@@ -18,10 +18,9 @@ from wideberth.nav2.controllers.dwb_critics import (
     distances,
     path_cells,
 )
-from wideberth.nav2.controllers.dwb_trajectories import Trajectories
+from wideberth.nav2.controllers.dwb_trajectories import GENERATORS, Trajectories
 from wideberth.nav2.controllers.local_controller import Tick
-from wideberth.nav2.costmap.footprint import RobotFootprint, line_cost
-from wideberth.nav2.costmap.outlines import outline_costs
+from wideberth.nav2.costmap.footprint import RobotFootprint, line_cost, outline_costs
 from wideberth.tests.nav2 import ticks
 from wideberth.tests.nav2.ticks import free
 

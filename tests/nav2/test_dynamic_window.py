@@ -2,7 +2,7 @@
 
 import pytest
 
-from wideberth.nav2.controllers.dynamic_window import nearest_to_curvature
+from wideberth.nav2.controllers.regulated_pure_pursuit import nearest_to_curvature
 
 
 @pytest.mark.parametrize(

@@ -9,11 +9,11 @@ from wideberth.framework.risk.collision_probability import collision_probability
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast
 from wideberth.nav2.controllers.expected_people import ExpectedPeopleCritic, ellipses_of
-from wideberth.nav2.controllers.local_controller import Tick
-from wideberth.nav2.controllers.mppi import BRINGUP, MPPI
+from wideberth.nav2.controllers.local_controller import ExpectedPeople, Tick
+from wideberth.nav2.controllers.local_controllers import shipped_parameters
+from wideberth.nav2.controllers.mppi import MPPI
 from wideberth.nav2.controllers.mppi_rollouts import ControlLimits, MppiTick, Rollouts, driven
 from wideberth.nav2.costmap.footprint import RobotFootprint
-from wideberth.nav2.people import ExpectedPeople
 from wideberth.tests.nav2 import ticks
 
 DT, STEPS, BATCH = 0.05, 56, 30
@@ -136,7 +136,9 @@ def test_means_alone_are_sharper() -> None:
 
 def crossing(critics: tuple[str, ...]) -> float:
     """Drive past somebody who crosses the path; return the least distance between centres."""
-    controller = MPPI.from_parameters({**BRINGUP, "batch_size": 300, "critics": critics})
+    controller = MPPI.from_parameters(
+        {**shipped_parameters("mppi"), "batch_size": 300, "critics": critics}
+    )
     pose, speed, gaps = np.zeros(3), np.zeros(3), []
     velocity, period = np.array([0.0, 0.5]), 0.05
     for i in range(150):

@@ -9,7 +9,8 @@ import pytest
 from wideberth.framework.values.costmap import Costmap
 from wideberth.framework.values.errors import WideberthError
 from wideberth.nav2.controllers.local_controller import Tick
-from wideberth.nav2.controllers.mppi import BRINGUP, CRITICS, MPPI
+from wideberth.nav2.controllers.local_controllers import shipped_parameters
+from wideberth.nav2.controllers.mppi import CRITICS, MPPI
 from wideberth.nav2.controllers.mppi_critics import (
     ConstraintCritic,
     CostCritic,
@@ -445,7 +446,7 @@ def test_equal_calls_have_equal_answers() -> None:
 
 
 def test_the_robot_follows_the_path_within_its_limits() -> None:
-    controller = MPPI.from_parameters({**BRINGUP, "batch_size": 500})
+    controller = MPPI.from_parameters({**shipped_parameters("mppi"), "batch_size": 500})
     commands = settled(controller, tick_of(free(120)), 30)
     assert commands[-1][0] > 0.4 and commands[-1][1] > 0.0
     assert max(v for v, _ in commands) <= 0.5 + 1e-6

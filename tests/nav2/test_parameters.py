@@ -2,25 +2,27 @@
 
 from dataclasses import fields
 from math import inf, nan
-from typing import Any
+from typing import Annotated, Any, get_args, get_origin
 
 import numpy as np
 import pytest
+from annotated_types import Ge, Gt
 
 from wideberth.framework.values.errors import WideberthError
 from wideberth.nav2.controllers import dwb_critics
-from wideberth.nav2.controllers.collision_arc import collision_arc
 from wideberth.nav2.controllers.dwb import DWB
 from wideberth.nav2.controllers.graceful import Graceful
 from wideberth.nav2.controllers.mppi import CRITICS, MPPI
+from wideberth.nav2.controllers.pursuit import collision_arc
 from wideberth.nav2.controllers.regulated_pure_pursuit import RegulatedPurePursuit
 from wideberth.nav2.controllers.rotation_shim import RotationShim
 from wideberth.nav2.controllers.teb import TEB
 from wideberth.nav2.controllers.vector_pursuit import VectorPursuit
 from wideberth.nav2.goal_checker import GoalChecker
+from wideberth.nav2.parameters import annotations_of
 from wideberth.nav2.path_handler import PathHandler
-from wideberth.nav2.server.progress_checker import ProgressChecker
 from wideberth.nav2.server.recoveries import Recoveries
+from wideberth.nav2.server.server import ProgressChecker
 from wideberth.nav2.server.settings import LoopSettings
 from wideberth.nav2.server.velocity_smoother import Nav2VelocitySmoother
 from wideberth.tests.nav2 import (
@@ -47,19 +49,46 @@ def test_every_parameter_is_of_its_kind(kind: type) -> None:
     tried = 0
     for one in fields(kind):
         wrong: list[Any] = []
-        if one.type in (int, float):
+        bare: Any = one.type
+        bare = get_args(bare)[0] if get_origin(bare) is Annotated else bare
+        if bare in (int, float):
             wrong = ["a", nan, inf, True]
-        elif one.type is bool:
+        elif bare is bool:
             wrong = ["true", 2]
-        elif one.type is str:
+        elif bare is str:
             wrong = [1]
-        if one.type is int:
+        if bare is int:
             wrong.append(1.5)
         for value in wrong if one.init else []:
             with pytest.raises(WideberthError, match=rf"{one.name} is .*wanted"):
                 kind(**others(kind), **{one.name: value})
             tried += 1
     assert tried
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_bound_of_an_annotation_holds(kind: type) -> None:
+    """What is on the wrong side of it is refused; what is on the right side has no such error."""
+    for name, hint in annotations_of(kind).items():
+        for bound in get_args(hint)[1:]:
+            if not isinstance(bound, Gt | Ge):
+                continue
+            least = bound.gt if isinstance(bound, Gt) else bound.ge
+            wanted = "above" if isinstance(bound, Gt) else "of at least"
+            wrong = least if isinstance(bound, Gt) else least - 1
+            message = (
+                rf"{name} is {wrong:g}\b.*; wanted a (whole|finite) number {wanted} {least:g}$"
+            )
+            with pytest.raises(WideberthError, match=message):
+                kind(**others(kind), **{name: wrong})
+
+
+def test_every_kind_of_controller_has_a_bound() -> None:
+    bounded = [
+        any(isinstance(one, Gt | Ge) for hint in annotations_of(kind).values()
+            for one in get_args(hint)) for kind in KINDS[:12]
+    ]  # fmt: skip
+    assert all(bounded)
 
 
 def test_a_number_becomes_what_its_annotation_says() -> None:

@@ -8,8 +8,7 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.nav2.controllers.local_controllers import built
 from wideberth.nav2.controllers.mppi import MPPI
 from wideberth.nav2.costmap.local_costmap import CostmapView
-from wideberth.nav2.parameters.parameters import WITHOUT_EFFECT
-from wideberth.nav2.server import params_file
+from wideberth.nav2.parameters import NAMES
 from wideberth.nav2.server.params_file import read_params, read_params_file
 from wideberth.nav2.server.params_text import params_text
 from wideberth.tests.helpers.nav2_params import FILES, parameters_of, text_of
@@ -29,7 +28,7 @@ def test_files_in_use_are_read(name: str, tmp_path: Path) -> None:
     read = read_params(file_of(tmp_path, text_of(name)))
     server = parameters_of(name, "controller_server")
     plugin = server["FollowPath.plugin"]
-    assert params_file.PLUGINS[plugin] == read.settings.local
+    assert NAMES["controllers"][plugin] == read.settings.local
     read.settings.make_controller()
     for key, value in read.settings.parameters.items():
         assert server.get(f"FollowPath.{key}", value) == value
@@ -50,7 +49,8 @@ def test_no_parameter_is_lost_in_silence(name: str, tmp_path: Path) -> None:
                  made.velocity_smoother, made.recoveries):  # fmt: skip
         kept |= part.keys()
     kept |= vars(made.view).keys() | {"controller_frequency", "footprint", "robot_radius"}
-    nothing = params_file._WITHOUT_ROS | params_file._LAYER | WITHOUT_EFFECT
+    nothing = {*NAMES["without_ros"], *NAMES["layers_without_effect"], *NAMES["without_effect"]}
+    nothing |= {*NAMES["only"]["layers"], "footprint_clearing_enabled"}
     other = {"plugins", "primary_controller", "desired_linear_vel", "trajectory_step"}
     sideways = {"vy_max", "vy_std", "ay_max", "ay_min", "model_delay_vy", "time_step"}
     once = {"prune_plan", "forward_prune_distance", "path_length_tolerance", "min_turning_r"}

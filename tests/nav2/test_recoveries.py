@@ -8,15 +8,15 @@ from wideberth.nav2.server.recoveries import (
     Recoveries,
     Recovery,
     RecoveryOutcome,
-    RecoverySituation,
 )
+from wideberth.nav2.server.server import ServerView
 from wideberth.tests.nav2.ticks import FREE, ROBOT, walls
 
 PERIOD = 0.05
 
 
-def situation(time: float, pose: np.ndarray, costmap: Costmap = FREE) -> RecoverySituation:
-    return RecoverySituation(time, pose, np.zeros(3), costmap, ROBOT)
+def situation(time: float, pose: np.ndarray, costmap: Costmap = FREE) -> ServerView:
+    return ServerView(time, pose, np.zeros(3), costmap, time, ROBOT)
 
 
 def driven(
@@ -81,7 +81,7 @@ def test_a_spin_between_walls_fails_for_a_long_robot() -> None:
     robin = Recoveries()
     robin.begin(situation(0.0, np.zeros(3)))
     robin.begin(situation(0.0, np.zeros(3)))
-    seen = RecoverySituation(0.0, np.zeros(3), np.zeros(3), beside, long)
+    seen = ServerView(0.0, np.zeros(3), np.zeros(3), beside, 0.0, long)
     assert robin.velocity(seen)[1] is RecoveryOutcome.RUNNING and robin.now is Recovery.WAIT
 
 

@@ -10,8 +10,12 @@ from wideberth.framework.values.motion import Twist
 from wideberth.nav2.controllers.local_controller import INVALID_PATH, Answer
 from wideberth.nav2.goal_checker import GoalChecker
 from wideberth.nav2.path_handler import PathHandler
-from wideberth.nav2.server.progress_checker import ProgressChecker
-from wideberth.nav2.server.server import ControllerServer, ServerStatus, ServerView
+from wideberth.nav2.server.server import (
+    ControllerServer,
+    ProgressChecker,
+    ServerStatus,
+    ServerView,
+)
 from wideberth.tests.nav2.ticks import FREE, ROBOT, Scripted, straight
 
 LATE = 0.2

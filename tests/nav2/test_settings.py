@@ -14,7 +14,8 @@ from wideberth.nav2.controllers.regulated_pure_pursuit import RegulatedPurePursu
 from wideberth.nav2.controllers.rotation_shim import RotationShim
 from wideberth.nav2.controllers.teb import TEB
 from wideberth.nav2.costmap.local_costmap import CostmapView
-from wideberth.nav2.server.params_file import PLUGINS, read_params_file
+from wideberth.nav2.parameters import NAMES
+from wideberth.nav2.server.params_file import read_params_file
 from wideberth.nav2.server.params_text import params_text
 from wideberth.nav2.server.settings import LoopSettings
 from wideberth.robots import Unicycle
@@ -463,7 +464,7 @@ def test_a_file_comes_back_from_its_settings(
 
 
 def test_shipped_settings_come_back_from_their_file(tmp_path: Path) -> None:
-    for plugin in sorted(PLUGINS.values()):
+    for plugin in sorted(NAMES["controllers"].values()):
         found = replace(
             LoopSettings.shipped(plugin).within(VelocityLimits(0.7, 0.3, 0.8, 0.1)),
             view=CostmapView.privileged(),

@@ -25,9 +25,9 @@ from wideberth.nav2.controllers.teb import (
 from wideberth.nav2.controllers.teb_band import Band
 from wideberth.nav2.controllers.teb_classes import BandCandidate, BandCandidates, signature_of
 from wideberth.nav2.controllers.teb_edges import Edges, Pull, TebObstacles, associated, limits_of
+from wideberth.nav2.controllers.teb_parameters import TebParameters
 from wideberth.nav2.costmap.footprint import RobotFootprint
 from wideberth.nav2.goal_checker import GoalChecker
-from wideberth.nav2.parameters.teb_parameters import TebParameters
 from wideberth.nav2.server.params_file import read_params_file
 
 NOTHING = TebObstacles(np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2)))

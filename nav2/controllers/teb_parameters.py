@@ -1,15 +1,13 @@
 """Parameters of the timed elastic band."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from math import pi
+from typing import Annotated
 
-from ...framework.values.errors import WideberthError
-from .parameters import check_parameters, check_work
+from annotated_types import Ge
 
-_COUNTS = (
-    "min_samples", "max_samples", "control_look_ahead_poses", "no_inner_iterations",
-    "no_outer_iterations", "max_number_classes", "roadmap_graph_samples",
-)  # fmt: skip
+from ..parameters import Count, Limited, Named, NonNegative, Positive, check_parameters, check_work
+
 _MOST = 1e7
 """Poses that a tick may solve for; the defaults allow 5e4."""
 
@@ -70,79 +68,73 @@ class TebParameters:
     WideberthError : a number that is negative or not finite, a speed of zero, or too few samples.
     """
 
-    robot_radius: float = 0.0
-    dt_ref: float = 0.3
-    dt_hysteresis: float = 0.1
-    min_samples: int = 3
-    max_samples: int = 500
+    robot_radius: Annotated[NonNegative, Named("footprint_model.radius")] = 0.0
+    dt_ref: NonNegative = 0.3
+    dt_hysteresis: NonNegative = 0.1
+    min_samples: Annotated[int, Ge(3)] = 3
+    max_samples: Count = 500
     global_plan_overwrite_orientation: bool = True
     allow_init_with_backwards_motion: bool = False
-    max_global_plan_lookahead_dist: float = 1.0
-    force_reinit_new_goal_dist: float = 1.0
-    force_reinit_new_goal_angular: float = 0.5 * pi
-    control_look_ahead_poses: int = 1
+    max_global_plan_lookahead_dist: NonNegative = 1.0
+    force_reinit_new_goal_dist: NonNegative = 1.0
+    force_reinit_new_goal_angular: NonNegative = 0.5 * pi
+    control_look_ahead_poses: Count = 1
     feasibility_check_no_poses: int = 5
-    min_resolution_collision_check_angular: float = pi
-    max_vel_x: float = 0.4
-    max_vel_x_backwards: float = 0.2
-    max_vel_theta: float = 0.3
-    acc_lim_x: float = 0.5
-    acc_lim_theta: float = 0.5
+    min_resolution_collision_check_angular: Positive = pi
+    max_vel_x: Annotated[Positive, Limited("speed")] = 0.4
+    max_vel_x_backwards: Annotated[NonNegative, Limited("speed", 0)] = 0.2
+    max_vel_theta: Annotated[Positive, Limited("yaw_rate")] = 0.3
+    acc_lim_x: Annotated[NonNegative, Limited("acceleration")] = 0.5
+    acc_lim_theta: Annotated[NonNegative, Limited("yaw_acceleration")] = 0.5
     use_proportional_saturation: bool = False
     free_goal_vel: bool = False
-    min_obstacle_dist: float = 0.5
-    inflation_dist: float = 0.6
-    dynamic_obstacle_inflation_dist: float = 0.6
+    min_obstacle_dist: NonNegative = 0.5
+    inflation_dist: NonNegative = 0.6
+    dynamic_obstacle_inflation_dist: NonNegative = 0.6
     include_dynamic_obstacles: bool = True
     include_costmap_obstacles: bool = True
-    costmap_obstacles_behind_robot_dist: float = 1.5
-    obstacle_association_force_inclusion_factor: float = 1.5
-    obstacle_association_cutoff_factor: float = 5.0
-    no_inner_iterations: int = 5
-    no_outer_iterations: int = 4
-    penalty_epsilon: float = 0.05
-    weight_max_vel_x: float = 2.0
-    weight_max_vel_theta: float = 1.0
-    weight_acc_lim_x: float = 1.0
-    weight_acc_lim_theta: float = 1.0
-    weight_kinematics_nh: float = 1000.0
-    weight_kinematics_forward_drive: float = 1.0
-    weight_optimaltime: float = 1.0
-    weight_shortest_path: float = 0.0
-    weight_obstacle: float = 50.0
-    weight_inflation: float = 0.1
-    weight_dynamic_obstacle: float = 50.0
-    weight_dynamic_obstacle_inflation: float = 0.1
-    weight_prefer_rotdir: float = 50.0
-    weight_adapt_factor: float = 2.0
+    costmap_obstacles_behind_robot_dist: NonNegative = 1.5
+    obstacle_association_force_inclusion_factor: NonNegative = 1.5
+    obstacle_association_cutoff_factor: NonNegative = 5.0
+    no_inner_iterations: Count = 5
+    no_outer_iterations: Count = 4
+    penalty_epsilon: NonNegative = 0.05
+    weight_max_vel_x: NonNegative = 2.0
+    weight_max_vel_theta: NonNegative = 1.0
+    weight_acc_lim_x: NonNegative = 1.0
+    weight_acc_lim_theta: NonNegative = 1.0
+    weight_kinematics_nh: NonNegative = 1000.0
+    weight_kinematics_forward_drive: NonNegative = 1.0
+    weight_optimaltime: NonNegative = 1.0
+    weight_shortest_path: NonNegative = 0.0
+    weight_obstacle: NonNegative = 50.0
+    weight_inflation: NonNegative = 0.1
+    weight_dynamic_obstacle: NonNegative = 50.0
+    weight_dynamic_obstacle_inflation: NonNegative = 0.1
+    weight_prefer_rotdir: NonNegative = 50.0
+    weight_adapt_factor: NonNegative = 2.0
     enable_homotopy_class_planning: bool = True
-    max_number_classes: int = 5
-    selection_cost_hysteresis: float = 1.0
-    selection_prefer_initial_plan: float = 0.95
-    selection_obst_cost_scale: float = 100.0
-    roadmap_graph_samples: int = 15
-    roadmap_graph_area_width: float = 6.0
-    obstacle_heading_threshold: float = 0.45
-    h_signature_threshold: float = 0.1
-    max_ratio_detours_duration_best_duration: float = 3.0
-    detours_orientation_tolerance: float = 0.5 * pi
-    length_start_orientation_vector: float = 0.4
+    max_number_classes: Count = 5
+    selection_cost_hysteresis: NonNegative = 1.0
+    selection_prefer_initial_plan: NonNegative = 0.95
+    selection_obst_cost_scale: NonNegative = 100.0
+    roadmap_graph_samples: Count = 15
+    roadmap_graph_area_width: NonNegative = 6.0
+    obstacle_heading_threshold: NonNegative = 0.45
+    h_signature_threshold: NonNegative = 0.1
+    max_ratio_detours_duration_best_duration: NonNegative = 3.0
+    detours_orientation_tolerance: NonNegative = 0.5 * pi
+    length_start_orientation_vector: NonNegative = 0.4
     oscillation_recovery: bool = True
-    oscillation_v_eps: float = 0.1
-    oscillation_omega_eps: float = 0.1
-    oscillation_recovery_min_duration: float = 10.0
-    oscillation_filter_duration: float = 10.0
-    controller_frequency: float = 20.0
+    oscillation_v_eps: NonNegative = 0.1
+    oscillation_omega_eps: NonNegative = 0.1
+    oscillation_recovery_min_duration: NonNegative = 10.0
+    oscillation_filter_duration: NonNegative = 10.0
+    controller_frequency: NonNegative = 20.0
 
     def __post_init__(self) -> None:
-        numbers = [one.name for one in fields(self) if isinstance(one.default, float)]
-        above = ("max_vel_x", "max_vel_theta", "min_resolution_collision_check_angular", *_COUNTS)
-        check_parameters(self, "teb", above, numbers)
+        check_parameters(self, "teb")
         bands = self.max_number_classes if self.enable_homotopy_class_planning else 1
         solved = self.no_inner_iterations * self.no_outer_iterations * self.max_samples * bands
         names = "no_inner_iterations, no_outer_iterations, max_samples and max_number_classes"
         check_work("teb", names, solved, _MOST)
-        if self.min_samples < 3:
-            raise WideberthError(
-                f"teb.min_samples is {self.min_samples}; a band needs at least three poses"
-            )

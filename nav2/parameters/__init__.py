@@ -1,1 +1,0 @@
-"""Parameters by Nav2's names, checked."""
