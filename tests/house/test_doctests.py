@@ -13,6 +13,7 @@ import pytest
 import wideberth
 from wideberth.tests.house.test_imports import ROOMS
 
+
 @pytest.mark.parametrize("room", ROOMS)
 def test_examples(room: str) -> None:
     folder = f"{wideberth.__path__[0]}/{room}"
