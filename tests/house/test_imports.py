@@ -179,7 +179,7 @@ def group_of(name: str) -> str:
         return FACE
     room, *inner = name.split(".")
     folder = ROOT.joinpath(room, *inner)
-    inner = inner if folder.is_dir() else inner[:-1]
+    inner = inner if (folder / "__init__.py").is_file() else inner[:-1]
     return "/".join([room, *inner[: 2 if inner[:1] == ["mpc"] else 1]])
 
 
