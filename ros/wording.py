@@ -73,9 +73,7 @@ class MessageEncoder:
     def pose(self, x: float, y: float, yaw: float = 0.0, z: float = 0.0) -> Any:
         """Return an upright pose, m and rad."""
         return self.known.make(
-            "geometry_msgs/msg/Pose",
-            position=self._point(x, y, z),
-            orientation=self._turn(yaw),
+            "geometry_msgs/msg/Pose", position=self._point(x, y, z), orientation=self._turn(yaw)
         )
 
     def odometry(

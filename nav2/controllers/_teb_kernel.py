@@ -11,7 +11,7 @@ so that each edge reads entries that stand side by side, and the normal equation
 
 from collections.abc import Callable
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +35,22 @@ STEP = 1e-9
 TRIALS = 10
 """Steps that one iteration tries at most."""
 
-Ints = NDArray[np.int64]
+
+class Edges(NamedTuple):
+    """Edges of one band, ready for the solver.
+
+    Attributes
+    ----------
+    kind : (E,), one of the constants.
+    begin : (E,), first entry of the band's vector that an edge reads.
+    data : (E, 5), see `errors_of`.
+    weight : (E, 2), of the squared errors.
+    """
+
+    kind: NDArray[np.int64]
+    begin: NDArray[np.int64]
+    data: Array
+    weight: Array
 
 
 def wrapped(angle: float) -> float:
@@ -124,16 +139,13 @@ def errors_of(kind: int, z: Array, o: int, data: Array, limits: Array, e: Array)
             e[1] = below(dx * c + dy * s, 0.0, 0.0)
 
 
-def all_errors(
-    kind: Ints, begin: Ints, data: Array, weight: Array, z: Array, limits: Array, found: Array
-) -> float:
+def all_errors(edges: Edges, z: Array, limits: Array, found: Array) -> float:
     """Compute the errors of all edges into ``found``, (E, 2), and return the sum of w e^2."""
     total = 0.0
-    for i in range(len(kind)):
-        errors_of(kind[i], z, begin[i], data[i], limits, found[i])
-        total += (
-            weight[i, 0] * found[i, 0] * found[i, 0] + weight[i, 1] * found[i, 1] * found[i, 1]
-        )
+    for i in range(len(edges.kind)):
+        errors_of(edges.kind[i], z, edges.begin[i], edges.data[i], limits, found[i])
+        w, e = edges.weight[i], found[i]
+        total += w[0] * e[0] * e[0] + w[1] * e[1] * e[1]
     return total
 
 
@@ -199,21 +211,20 @@ def slopes_of_kinematics(z: Array, o: int, slope: Array) -> None:
 
 
 def normal_equations(
-    kind: Ints, begin: Ints, data: Array, weight: Array, z: Array, limits: Array, found: Array,
-    matrix: Array, vector: Array,
-) -> None:  # fmt: skip
+    edges: Edges, z: Array, limits: Array, found: Array, matrix: Array, vector: Array
+) -> None:
     """Add up J'WJ into ``matrix`` (N, HALF + 1), its upper band, and -J'We into ``vector``."""
     matrix[:] = 0.0
     vector[:] = 0.0
     free = (3, len(z) - 3)
     slope = np.empty((2, HALF + 1))
-    for i in range(len(kind)):
-        o = begin[i]
-        if not slopes_of(kind[i], z, o, data[i], limits, free, slope):
+    for i in range(len(edges.kind)):
+        o, kind = edges.begin[i], edges.kind[i]
+        if not slopes_of(kind, z, o, edges.data[i], limits, free, slope):
             continue
-        first, last = max(o, free[0]), min(o + WIDTH[kind[i]], free[1])
-        for r in range(ROWS[kind[i]]):
-            w, error = weight[i, r], found[i, r]
+        first, last = max(o, free[0]), min(o + WIDTH[kind], free[1])
+        for r in range(ROWS[kind]):
+            w, error = edges.weight[i, r], found[i, r]
             for k in range(first, last):
                 part = w * slope[r, k - o]
                 if part == 0.0:
@@ -251,9 +262,7 @@ def solved(matrix: Array, damping: float, vector: Array, factor: Array, x: Array
     return True
 
 
-def minimise(
-    kind: Ints, begin: Ints, data: Array, weight: Array, limits: Array, z: Array, iterations: int
-) -> tuple[float, int]:
+def minimise(edges: Edges, limits: Array, z: Array, iterations: int) -> tuple[float, int]:
     """Lower the sum of w e^2 by Levenberg and Marquardt's method; ``z`` is changed.
 
     The damping begins at 1e-5 of the largest diagonal entry. A step that gains is kept, and the
@@ -266,13 +275,13 @@ def minimise(
     done : iterations that were made.
     """
     size = len(z) - 6
-    found = np.zeros((len(kind), 2))
+    found = np.zeros((len(edges.kind), 2))
     matrix, factor = np.zeros((size, HALF + 1)), np.zeros((size, HALF + 1))
     vector, x, kept = np.zeros(size), np.zeros(size), z.copy()
     damping, growth = 0.0, 2.0
-    cost = all_errors(kind, begin, data, weight, z, limits, found)
+    cost = all_errors(edges, z, limits, found)
     for done in range(iterations):
-        normal_equations(kind, begin, data, weight, z, limits, found, matrix, vector)
+        normal_equations(edges, z, limits, found, matrix, vector)
         if done == 0:
             damping, growth = 1e-5 * np.max(np.abs(matrix[:, 0])), 2.0
         rho, trials, trial = -1.0, 0, cost
@@ -281,7 +290,7 @@ def minimise(
             rho = -1.0
             if solved(matrix, damping, vector, factor, x):
                 moved(z, kept, x)
-                trial = all_errors(kind, begin, data, weight, z, limits, found)
+                trial = all_errors(edges, z, limits, found)
                 if np.isfinite(trial):
                     rho = (cost - trial) / (np.sum(x * (damping * x + vector)) + 1e-3)
             if rho > 0.0:

@@ -16,14 +16,7 @@ from ..parameters import Limited, Named, Positive, check_parameters, check_work
 from ..poses import in_base_frame, length, lengths, look_ahead, normalized, shortest_angle
 from . import _graceful_rollout as rollout
 from .local_controller import Answer, LocalController, Tick
-from .smooth_control_law import (
-    LawParameters,
-    Pose,
-    egocentric,
-    next_pose,
-    regular_velocity,
-    wound,
-)
+from .smooth_control_law import LawParameters, Pose, egocentric, next_pose, regular_velocity, wound
 
 _WAYS = 5000
 """Ways to one target that a tick may try: speeds times headings."""

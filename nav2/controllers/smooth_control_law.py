@@ -86,8 +86,4 @@ def next_pose(
     """Return the pose after a period (s) at the velocity of the law; the old yaw is its way."""
     v, w = regular_velocity(law, target, current, backward)
     x, y, yaw = current
-    return (
-        x + v * period * cos(yaw),
-        y + v * period * sin(yaw),
-        yaw + w * period,
-    )
+    return (x + v * period * cos(yaw), y + v * period * sin(yaw), yaw + w * period)

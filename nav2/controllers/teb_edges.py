@@ -1,6 +1,6 @@
 """What pulls at a timed elastic band: its edges, in the order in which they are created."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from ...framework.values.arrays import Array
 from . import _teb_kernel as kernel
+from ._teb_kernel import Edges
 from .teb_band import Band
 from .teb_parameters import TebParameters
 
@@ -64,59 +65,28 @@ class Pull:
     multiplier: float = 1.0
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class Edges:
-    """Edges of one band, ready for the solver.
+def edges_of(band: Band, pull: Pull, settings: TebParameters) -> Edges:
+    """Return the edges of a band."""
+    parts = [
+        *_of_standing(band, pull, settings),
+        *_of_moving(band, pull, settings),
+        *_of_motion(len(band.poses), pull, settings),
+    ]
+    return Edges(*map(np.concatenate, zip(*parts, strict=True)))
 
-    Attributes
-    ----------
-    kind : (E,), index into `NAMES`.
-    begin : (E,), first entry of the band's vector that an edge reads.
-    data : (E, 5), see `_teb_kernel.errors_of`.
-    weight : (E, 2), of the squared errors.
-    """
 
-    kind: NDArray[np.int64]
-    begin: NDArray[np.int64]
-    data: Array
-    weight: Array
+def cost_of(edges: Edges, band: Band, settings: TebParameters) -> tuple[Array, float]:
+    """Return the errors (E, 2), 0 where an edge has one alone, and the sum of w e^2."""
+    found = np.zeros((len(edges.kind), 2))
+    total = kernel.compiled()[0](edges, band.packed(), limits_of(settings), found)
+    return found, float(total)
 
-    @classmethod
-    def of(cls, band: Band, pull: Pull, settings: TebParameters) -> "Edges":
-        """Return the edges of a band."""
-        made = _Made(len(band.poses), settings)
-        made.add_standing(band, pull)
-        made.add_moving(band, pull)
-        made.add_motion(pull)
-        kinds, begins, data, weights = made.columns
-        return cls(
-            np.concatenate(kinds), np.concatenate(begins), np.concatenate(data),
-            np.concatenate(weights),
-        )  # fmt: skip
 
-    def errors(self, band: Band, settings: TebParameters) -> tuple[Array, float]:
-        """Return the errors (E, 2), 0 where an edge has one alone, and the sum of w e^2."""
-        found = np.zeros((len(self.kind), 2))
-        total = kernel.compiled()[0](
-            self.kind,
-            self.begin,
-            self.data,
-            self.weight,
-            band.packed(),
-            limits_of(settings),
-            found,
-        )
-        return found, float(total)
-
-    def minimised(self, band: Band, settings: TebParameters) -> tuple[Band, float, int]:
-        """Return the band after `no_inner_iterations`, its sum of w e^2, and the iterations."""
-        z = band.packed()
-        total, done = kernel.compiled()[1](
-            self.kind, self.begin, self.data, self.weight, limits_of(settings), z,
-            settings.no_inner_iterations,
-        )  # fmt: skip
-        return Band.unpacked(z), float(total), int(done)
+def minimised(edges: Edges, band: Band, settings: TebParameters) -> tuple[Band, float, int]:
+    """Return the band after `no_inner_iterations`, its sum of w e^2, and the iterations."""
+    z, most = band.packed(), settings.no_inner_iterations
+    total, done = kernel.compiled()[1](edges, limits_of(settings), z, most)
+    return Band.unpacked(z), float(total), int(done)
 
 
 def limits_of(settings: TebParameters) -> Array:
@@ -127,92 +97,84 @@ def limits_of(settings: TebParameters) -> Array:
     ])  # fmt: skip
 
 
-@dataclass(eq=False)
-class _Made:
-    """Edges while they are created for a band of so many poses."""
+def _part(
+    kind: int, begin: NDArray[np.int64], weight: tuple[float, float], data: Array | None = None
+) -> Edges:
+    """Return edges of one kind that begin at these entries of the band's vector."""
+    count = len(begin)
+    return Edges(
+        np.full(count, kind, np.int64), begin, np.zeros((count, 5)) if data is None else data,
+        np.tile(np.array(weight), (count, 1)),
+    )  # fmt: skip
 
-    count: int
-    settings: TebParameters
-    columns: tuple[list[NDArray[np.int64]], list[NDArray[np.int64]], list[Array], list[Array]] = (
-        field(default_factory=lambda: ([], [], [], []))
-    )
 
-    def add(
-        self, kind: int, begin: NDArray[np.int64], weight: tuple[float, float],
-        data: Array | None = None,
-    ) -> None:  # fmt: skip
-        """Add edges of one kind that begin at these entries of the band's vector."""
-        kinds, begins, values, weights = self.columns
-        kinds.append(np.full(len(begin), kind, dtype=np.int64))
-        begins.append(np.asarray(begin, dtype=np.int64))
-        values.append(np.zeros((len(begin), 5)) if data is None else data)
-        weights.append(np.tile(np.array(weight), (len(begin), 1)))
+def _near(places: Array, radii: Array, inflation: float, settings: TebParameters) -> Array:
+    """Return the data (E, 5) of edges from obstacles, at places (E, 2) with radii (E,), m."""
+    data = np.empty((len(places), 5))
+    data[:, :2], data[:, 2] = places, radii + settings.robot_radius
+    data[:, 3], data[:, 4] = settings.min_obstacle_dist, inflation
+    return data
 
-    def add_standing(self, band: Band, pull: Pull) -> None:
-        """Add an edge for each pose and each obstacle that it takes, pose by pose."""
-        settings, obstacles = self.settings, pull.obstacles
-        taken = np.arange(len(obstacles.places))
-        if settings.include_dynamic_obstacles:
-            taken = taken[~obstacles.moving]
-        if not len(taken) or settings.weight_obstacle == 0.0:
-            return
-        pose, which = associated(
-            band.poses[1:-1], obstacles.places[taken],
-            obstacles.radii[taken] + settings.robot_radius, settings,
-        )  # fmt: skip
-        which = taken[which]
-        data = self.apart(len(which), settings.inflation_dist)
-        data[:, :2] = obstacles.places[which]
-        data[:, 2] = obstacles.radii[which] + settings.robot_radius
-        weight = settings.weight_obstacle * pull.multiplier
-        if settings.inflation_dist > settings.min_obstacle_dist:
-            kind, both = kernel.INFLATED, (weight, settings.weight_inflation)
-        else:
-            kind, both = kernel.OBSTACLE, (weight, 0.0)
-        self.add(kind, 4 * (pose + 1), both, data)
 
-    def add_moving(self, band: Band, pull: Pull) -> None:
-        """Add an edge for each moving obstacle and each pose, at that pose's time."""
-        settings, obstacles = self.settings, pull.obstacles
-        if not settings.include_dynamic_obstacles or settings.weight_dynamic_obstacle == 0.0:
-            return
-        times = np.cumsum(band.intervals)[:-1]
-        inner = np.arange(1, self.count - 1)
-        for i in np.flatnonzero(obstacles.moving):
-            data = self.apart(len(inner), settings.dynamic_obstacle_inflation_dist)
-            data[:, :2] = obstacles.places[i] + times[:, None] * obstacles.velocities[i]
-            data[:, 2] = obstacles.radii[i] + settings.robot_radius
-            weights = settings.weight_dynamic_obstacle, settings.weight_dynamic_obstacle_inflation
-            self.add(kernel.DYNAMIC, 4 * inner, weights, data)
+def _of_standing(band: Band, pull: Pull, settings: TebParameters) -> list[Edges]:
+    """Return an edge for each pose and each obstacle that it takes, pose by pose."""
+    obstacles = pull.obstacles
+    taken = np.arange(len(obstacles.places))
+    if settings.include_dynamic_obstacles:
+        taken = taken[~obstacles.moving]
+    if not len(taken) or settings.weight_obstacle == 0.0:
+        return []
+    reach = obstacles.radii[taken] + settings.robot_radius
+    pose, which = associated(band.poses[1:-1], obstacles.places[taken], reach, settings)
+    which = taken[which]
+    inflation, weight = settings.inflation_dist, settings.weight_obstacle * pull.multiplier
+    data = _near(obstacles.places[which], obstacles.radii[which], inflation, settings)
+    if inflation > settings.min_obstacle_dist:
+        kind, weights = kernel.INFLATED, (weight, settings.weight_inflation)
+    else:
+        kind, weights = kernel.OBSTACLE, (weight, 0.0)
+    return [_part(kind, 4 * (pose + 1), weights, data)]
 
-    def apart(self, count: int, inflation: float) -> Array:
-        """Return data of obstacles' edges with their distances alone."""
-        data = np.zeros((count, 5))
-        data[:, 3], data[:, 4] = self.settings.min_obstacle_dist, inflation
-        return data
 
-    def add_motion(self, pull: Pull) -> None:
-        """Add the edges of limits, time, length, kinematics and sense of rotation."""
-        settings, steps = self.settings, 4 * np.arange(self.count - 1)
-        self.add(
-            kernel.VELOCITY, steps, (settings.weight_max_vel_x, settings.weight_max_vel_theta)
-        )
-        acceleration = settings.weight_acc_lim_x, settings.weight_acc_lim_theta
-        if pull.start is not None:
-            data = np.array([[*pull.start, 0.0, 0.0, 0.0]])
-            self.add(kernel.ACCELERATION_START, steps[:1], acceleration, data)
-        self.add(kernel.ACCELERATION, steps[:-1], acceleration)
-        if not settings.free_goal_vel:
-            self.add(kernel.ACCELERATION_GOAL, steps[-1:], acceleration)
-        self.add(kernel.TIME, steps + 3, (settings.weight_optimaltime, 0.0))
-        if settings.weight_shortest_path > 0.0:
-            self.add(kernel.SHORTEST, steps, (settings.weight_shortest_path, 0.0))
-        kinematics = settings.weight_kinematics_nh, settings.weight_kinematics_forward_drive
-        self.add(kernel.KINEMATICS, steps, kinematics)
-        if pull.turn:
-            data = np.zeros((len(steps[:3]), 5))
-            data[:, 0] = pull.turn
-            self.add(kernel.TURN, steps[:3], (settings.weight_prefer_rotdir, 0.0), data)
+def _of_moving(band: Band, pull: Pull, settings: TebParameters) -> list[Edges]:
+    """Return an edge for each moving obstacle and each pose, at that pose's time."""
+    obstacles = pull.obstacles
+    if not settings.include_dynamic_obstacles or settings.weight_dynamic_obstacle == 0.0:
+        return []
+    times = np.cumsum(band.intervals)[:-1]
+    begin = 4 * np.arange(1, len(band.poses) - 1)
+    weights = settings.weight_dynamic_obstacle, settings.weight_dynamic_obstacle_inflation
+    parts = []
+    for i in np.flatnonzero(obstacles.moving):
+        places = obstacles.places[i] + times[:, None] * obstacles.velocities[i]
+        inflation = settings.dynamic_obstacle_inflation_dist
+        data = _near(places, obstacles.radii[i], inflation, settings)
+        parts.append(_part(kernel.DYNAMIC, begin, weights, data))
+    return parts
+
+
+def _of_motion(count: int, pull: Pull, settings: TebParameters) -> list[Edges]:
+    """Return the edges of limits, time, length, kinematics and sense of rotation."""
+    steps = 4 * np.arange(count - 1)
+    speeds = settings.weight_max_vel_x, settings.weight_max_vel_theta
+    acceleration = settings.weight_acc_lim_x, settings.weight_acc_lim_theta
+    parts = [_part(kernel.VELOCITY, steps, speeds)]
+    if pull.start is not None:
+        data = np.array([[*pull.start, 0.0, 0.0, 0.0]])
+        parts.append(_part(kernel.ACCELERATION_START, steps[:1], acceleration, data))
+    parts.append(_part(kernel.ACCELERATION, steps[:-1], acceleration))
+    if not settings.free_goal_vel:
+        parts.append(_part(kernel.ACCELERATION_GOAL, steps[-1:], acceleration))
+    parts.append(_part(kernel.TIME, steps + 3, (settings.weight_optimaltime, 0.0)))
+    if settings.weight_shortest_path > 0.0:
+        parts.append(_part(kernel.SHORTEST, steps, (settings.weight_shortest_path, 0.0)))
+    kinematics = settings.weight_kinematics_nh, settings.weight_kinematics_forward_drive
+    parts.append(_part(kernel.KINEMATICS, steps, kinematics))
+    if pull.turn:
+        data = np.zeros((len(steps[:3]), 5))
+        data[:, 0] = pull.turn
+        parts.append(_part(kernel.TURN, steps[:3], (settings.weight_prefer_rotdir, 0.0), data))
+    return parts
 
 
 def associated(
@@ -307,11 +269,11 @@ def optimised(band: Band, pull: Pull, settings: TebParameters) -> Optimum | None
         band = band.resized(settings)
         if len(band.poses) < settings.min_samples:
             return None
-        edges = Edges.of(band, replace(pull, multiplier=multiplier), settings)
-        band, _, _ = edges.minimised(band, settings)
+        edges = edges_of(band, replace(pull, multiplier=multiplier), settings)
+        band, _, _ = minimised(edges, band, settings)
         multiplier *= settings.weight_adapt_factor
     assert edges is not None  # there is one iteration at least
-    errors, cost = edges.errors(band, settings)
+    errors, cost = cost_of(edges, band, settings)
     if not np.isfinite(cost):
         return None
     near = edges.kind <= kernel.DYNAMIC

@@ -70,8 +70,7 @@ class Rays:
         ways = np.stack([np.cos(angle), np.sin(angle)], axis=1)
         near = (np.abs(centres) <= FARTHEST).all(axis=1) & (radii <= FARTHEST)
         ranges = np.minimum(
-            _to_discs(ways, centres[near] - origin, radii[near]),
-            _to_edges(ways, origin, polygons),
+            _to_discs(ways, centres[near] - origin, radii[near]), _to_edges(ways, origin, polygons)
         )
         return cls(origin, ways, np.where(ranges <= longest, ranges, inf), longest)
 

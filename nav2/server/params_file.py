@@ -12,14 +12,7 @@ from ...framework.values.errors import WideberthError, nearest
 from ..controllers.dwb import PATH_LENGTH_TOLERANCE
 from ..costmap.local_costmap import CostmapView
 from ..goal_checker import GoalChecker
-from ..parameters import (
-    NAMES,
-    UnknownParameters,
-    at_default,
-    effective,
-    names_of,
-    refuse_unknown,
-)
+from ..parameters import NAMES, UnknownParameters, at_default, effective, names_of, refuse_unknown
 from ..path_handler import PathHandler
 from .recoveries import Recoveries
 from .server import ControllerServer, ProgressChecker

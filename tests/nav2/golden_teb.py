@@ -9,7 +9,15 @@ from wideberth.nav2.controllers import _teb_kernel as kernel
 from wideberth.nav2.controllers.local_controllers import built
 from wideberth.nav2.controllers.teb import TEB
 from wideberth.nav2.controllers.teb_band import Band
-from wideberth.nav2.controllers.teb_edges import NAMES, Edges, Pull, TebObstacles, optimised
+from wideberth.nav2.controllers.teb_edges import (
+    NAMES,
+    Pull,
+    TebObstacles,
+    cost_of,
+    edges_of,
+    minimised,
+    optimised,
+)
 from wideberth.nav2.controllers.teb_parameters import TebParameters
 from wideberth.tests.nav2.golden import Case, Checks
 
@@ -61,8 +69,8 @@ def edges_are_equal_in_their_order(teb: Case) -> None:
     case = Adapter(teb)
     stored = case.expect["outer_iterations"][0]
     band = Band.from_plan(case.plan, case.settings).resized(case.settings)
-    edges = Edges.of(band, case.pull(), case.settings)
-    errors, cost = edges.errors(band, case.settings)
+    edges = edges_of(band, case.pull(), case.settings)
+    errors, cost = cost_of(edges, band, case.settings)
     assert len(edges.kind) == len(stored["edges"])
     for i, edge in enumerate(stored["edges"]):
         kind = int(edges.kind[i])
@@ -80,8 +88,8 @@ def every_optimisation_ends_where_the_original_does(teb: Case) -> None:
             np.array(stored["band_after_autoresize"]["poses"]),
             np.array(stored["band_after_autoresize"]["dt"]),
         )
-        edges = Edges.of(band, case.pull(outer), case.settings)
-        band, cost, iterations = edges.minimised(band, case.settings)
+        edges = edges_of(band, case.pull(outer), case.settings)
+        band, cost, iterations = minimised(edges, band, case.settings)
         assert iterations == stored["iterations"]
         assert cost == pytest.approx(stored["chi2_after"], rel=OPTIMUM)
 

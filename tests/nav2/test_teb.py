@@ -24,7 +24,15 @@ from wideberth.nav2.controllers.teb import (
 )
 from wideberth.nav2.controllers.teb_band import Band
 from wideberth.nav2.controllers.teb_classes import BandCandidate, BandCandidates, signature_of
-from wideberth.nav2.controllers.teb_edges import Edges, Pull, TebObstacles, associated, limits_of
+from wideberth.nav2.controllers.teb_edges import (
+    Pull,
+    TebObstacles,
+    associated,
+    cost_of,
+    edges_of,
+    limits_of,
+    minimised,
+)
 from wideberth.nav2.controllers.teb_parameters import TebParameters
 from wideberth.nav2.costmap.footprint import RobotFootprint
 from wideberth.nav2.goal_checker import GoalChecker
@@ -134,21 +142,19 @@ def teb_of(**changes: object) -> TEB:
 def test_the_solver_reaches_what_scipy_reaches() -> None:
     settings = settings_of(no_inner_iterations=400)
     band = Band.from_plan(straight(3.0, 0.3), settings).resized(settings)
-    edges = Edges.of(band, Pull(discs((1.5, 0.7, 0.1)), (0.1, 0.0)), settings)
-    found, cost, _ = edges.minimised(band, settings)
+    edges = edges_of(band, Pull(discs((1.5, 0.7, 0.1)), (0.1, 0.0)), settings)
+    found, cost, _ = minimised(edges, band, settings)
 
     def weighted(free: np.ndarray) -> np.ndarray:
         z = found.packed()
         z[3:-3] = free
         errors = np.zeros((len(edges.kind), 2))
-        kernel.compiled()[0](
-            edges.kind, edges.begin, edges.data, edges.weight, z, limits_of(settings), errors
-        )
+        kernel.compiled()[0](edges, z, limits_of(settings), errors)
         return (np.sqrt(edges.weight) * errors).ravel()
 
     better = least_squares(weighted, found.packed()[3:-3], max_nfev=40)
     assert 2.0 * better.cost >= cost * (1.0 - 1e-3)
-    before = edges.errors(band, settings)[1]
+    before = cost_of(edges, band, settings)[1]
     assert cost < 0.9 * before
 
 
@@ -190,12 +196,10 @@ def test_exact_derivatives_equal_differences(kind: int) -> None:
 def test_plain_code_does_what_compiled_code_does() -> None:
     settings = settings_of(no_inner_iterations=2)
     band = Band.from_plan(straight(1.0, 0.2), settings)
-    edges = Edges.of(band, Pull(discs((0.5, 0.4, 0.1)), (0.2, 0.1), turn=1), settings)
+    edges = edges_of(band, Pull(discs((0.5, 0.4, 0.1)), (0.2, 0.1), turn=1), settings)
     z = band.packed()
-    cost, _ = kernel.minimise(
-        edges.kind, edges.begin, edges.data, edges.weight, limits_of(settings), z, 2
-    )
-    found, wanted, _ = edges.minimised(band, settings)
+    cost, _ = kernel.minimise(edges, limits_of(settings), z, 2)
+    found, wanted, _ = minimised(edges, band, settings)
     assert cost == pytest.approx(wanted, rel=1e-6)
     assert z == pytest.approx(found.packed(), abs=1e-5)
 
