@@ -7,7 +7,6 @@ from time import process_time
 import numpy as np
 from measuring import Row, Tick, rotated, spread
 
-from wideberth.framework.plugins.yamlfile import shared_settings
 from wideberth.framework.robot import step
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.motion import Detection, Observation, Twist
@@ -51,12 +50,10 @@ class Straight(LocalController):
 
 
 def settings(name: str, view: CostmapView) -> LoopSettings:
-    """Return what Nav2 ships with a controller; our recommended planner as `own`."""
+    """Return what Nav2 ships with a controller."""
     if name == _ALONE:
         return LoopSettings("nav2_speed:Straight", view=view)
     parameters = shipped_parameters(name)
-    if name == "own":
-        parameters = {"controller": {**shared_settings("recommended"), "robot": "unicycle"}}
     return LoopSettings(name, parameters, view=view)
 
 

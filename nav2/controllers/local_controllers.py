@@ -16,7 +16,6 @@ LOCAL: dict[str, str] = {
     "graceful": "wideberth.nav2.controllers.graceful:Graceful",
     "mppi": "wideberth.nav2.controllers.mppi:MPPI",
     "mppi_foresight": "wideberth.nav2.controllers.foresight:PeopleForecasts",
-    "own": "wideberth.nav2.controllers.own_controller:OwnController",
     "regulated_pure_pursuit": (
         "wideberth.nav2.controllers.regulated_pure_pursuit:RegulatedPurePursuit"
     ),

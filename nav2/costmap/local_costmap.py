@@ -284,18 +284,6 @@ def discs_of(detections: Sequence[Detection]) -> tuple[Array, Array]:
     return np.array(places, np.float64).reshape(-1, 2), np.array(radii, np.float64)
 
 
-def in_sight(
-    costmap: Costmap, centres: Array, radii: Array, polygons: Sequence[Polygon]
-) -> tuple[BoolArray, list[bool]]:
-    """Tell which discs (O,) and which polygons a costmap shows: a lethal cell touches them."""
-    lethal = costmap.cells == LETHAL
-    my, mx = np.nonzero(lethal)
-    cells = costmap.map_to_world(np.stack([mx, my], axis=1))
-    apart = np.maximum(np.abs(cells[:, None] - centres) - 0.5 * costmap.resolution, 0.0)
-    discs = ((apart**2).sum(axis=2) <= radii**2).any(axis=0)
-    return discs, [bool((lethal & _covered(costmap, [one])).any()) for one in polygons]
-
-
 def _to_border(grid: Costmap, origin: Array, ways: Array) -> Array:
     """Distance along each ray (B, 2) from within a grid to its border, (B,), m."""
     low = np.array(grid.origin)

@@ -84,17 +84,14 @@ class LoopSettings:
         return cls(local, shipped_parameters(local))
 
     def driving(self, robot: Robot) -> "LoopSettings":
-        """Return the same settings for a robot: TEB keeps its disc clear, and ours drive it.
+        """Return the same settings for a robot, whose disc TEB keeps clear.
 
         A radius that the parameters name stays.
         """
-        more: dict[str, Any] = {}
-        kinds = together(self.local, self.parameters)
-        if "own" in kinds:
-            more = {"robot": robot}
-        elif "teb" in kinds and "footprint_model.radius" not in self.parameters:
-            more = {"robot_radius": robot.radius}
-        return replace(self, parameters={**more, **self.parameters})
+        named = "footprint_model.radius" in self.parameters
+        if named or "teb" not in together(self.local, self.parameters):
+            return self
+        return replace(self, parameters={"robot_radius": robot.radius, **self.parameters})
 
     def make_controller(self) -> LocalController:
         """Return a new local controller, which knows its frequency where it asks for it.

@@ -20,10 +20,9 @@ ROBOT = Unicycle(0.3, 0.7, 1.5, 2.0, 3.0)
 SMALL: dict[str, dict[str, Any]] = {
     "mppi": {"batch_size": 200}, "mppi_foresight": {"batch_size": 200},
     "dwb": {"vx_samples": 6, "vtheta_samples": 9, "max_vel_x": 0.5, "max_speed_xy": 0.5},
-    "own": {"controller": {"type": "pure_pursuit", "robot": "unicycle"}},
 }  # fmt: skip
 LOCAL = [
-    "dwb", "graceful", "mppi", "mppi_foresight", "own", "regulated_pure_pursuit", "rotation_shim",
+    "dwb", "graceful", "mppi", "mppi_foresight", "regulated_pure_pursuit", "rotation_shim",
     "teb", "vector_pursuit",
 ]  # fmt: skip
 
@@ -102,7 +101,7 @@ def test_a_costmap_smaller_than_the_look_ahead(local: str) -> None:
     if nav2.navigation is Navigation.FAILED:  # an outline that leaves the map has collided
         assert nav2.reason.startswith(f"{ServerStatus.PATIENCE_EXCEEDED}: no valid control")
     else:  # it looks no farther than the map, and drives, perhaps slowly
-        assert local in ("dwb", "graceful", "mppi", "mppi_foresight", "own")
+        assert local in ("dwb", "graceful", "mppi", "mppi_foresight")
         assert all(one.startswith(ServerStatus.FAILED_TO_MAKE_PROGRESS) for one in reasons)
 
 
