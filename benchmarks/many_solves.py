@@ -10,11 +10,10 @@ from typing import TypeAlias
 import numpy as np
 from judging import LOOSE, judged
 from measuring import Row, Tick, bare_loop, rotated, timed
-from set_ups import ELLIPSE, MANY, OWN, TOLERANCE, paper_problem, registered
+from set_ups import ELLIPSE, OWN, paper_problem, registered
 
 from wideberth.framework.mpc.ocp.problem import Problem
 from wideberth.framework.mpc.solver import Solution, Solver, solve_many
-from wideberth.framework.plugins.config import build
 from wideberth.tests.oracles.recorded_instances import Instance
 
 ROUNDS = 5
@@ -40,8 +39,8 @@ class Way:
     cores: tuple[int, ...]
 
 
-def ways(accelerated: bool) -> list[Way]:
-    """Return what solves batches; with JAX, which takes long to compile, if asked for."""
+def ways() -> list[Way]:
+    """Return what solves batches."""
     solvers = registered()
     every = _counts()
     found = [
@@ -49,27 +48,21 @@ def ways(accelerated: bool) -> list[Way]:
     ]
     if OWN in solvers:
         found.append(Way(f"{OWN}, threads", partial(_together, solvers[OWN]), every))
-    if accelerated:
-        jax = build("solvers", {"type": MANY, "tolerance": TOLERANCE})
-        found.append(Way("jax, all at once", partial(_together, jax), every[-1:]))
     return found
 
 
-def measure(
-    sizes: Sequence[int], accelerated: bool, instances: list[Instance], tick: Tick
-) -> list[Row]:
+def measure(sizes: Sequence[int], instances: list[Instance], tick: Tick) -> list[Row]:
     """Solve batches of recorded instances, best of the rounds: one row per size, way and cores.
 
     Those with the median number of obstacles are taken, and repeated where a batch is larger than
-    they are many. JAX uses as many cores as it likes, or a GPU. ``processor_us`` is processor time
-    of the whole process for each solve. ``gain`` is the time with one core
-    over that with several, and ``loop_gain`` that of bare loops in as many processes, medians of
-    the rounds, in which all of these stand beside each other.
+    they are many. ``processor_us`` is processor time of the whole process for each solve.
+    ``gain`` is the time with one core over that with several, and ``loop_gain`` that of bare loops
+    in as many processes, medians of the rounds, in which all of these stand beside each other.
     """
     count = sorted(instance.obstacles for instance in instances)[len(instances) // 2]
     pool = [instance for instance in instances if instance.obstacles == count]
     problem = paper_problem(ELLIPSE, count)
-    trials = [(way, cores) for way in ways(accelerated) for cores in way.cores]
+    trials = [(way, cores) for way in ways() for cores in way.cores]
     rows = []
     for size in sizes:
         tick(f"batches of {size}")

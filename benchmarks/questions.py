@@ -51,7 +51,6 @@ class Extent:
     counts : obstacles that predictors are given.
     risks : collision probabilities per call.
     batches : sizes of batches.
-    accelerated : whether JAX solves them too.
     drives : s that a robot drives among walkers with each of these solvers.
     decisions : of each solver with a deadline.
     stages : drives of the planner, and decisions in each.
@@ -71,7 +70,6 @@ class Extent:
     counts: tuple[int, ...] = (1, 10, 100, 1000)
     risks: int = 50_000
     batches: tuple[int, ...] = (1, 16, 256, 1024)
-    accelerated: bool = True
     drives: endurance.Durations = field(
         default_factory=lambda: {"riccati": 3600.0, "fatrop": 300.0}
     )
@@ -94,7 +92,6 @@ QUICK = Extent(
     counts=(1, 3),
     risks=500,
     batches=(1, 2),
-    accelerated=False,
     drives={"riccati": 3.0, "fatrop": 3.0},
     decisions=60,
     stages=(1, 3),
@@ -217,7 +214,7 @@ def _plugins(extent: Extent, tick: Tick) -> Tables:
 
 
 def _batches(extent: Extent, instances: list[Instance], tick: Tick) -> Tables:
-    rows = many_solves.measure(extent.batches, extent.accelerated, instances, tick)
+    rows = many_solves.measure(extent.batches, instances, tick)
     return {"batches": ("Solves per second", rows)}
 
 

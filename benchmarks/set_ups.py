@@ -24,8 +24,8 @@ from wideberth.tests.oracles.recorded_instances import LEVEL, Instance
 
 PAPER, HONEST = "paper_mx", "ipopt_sx"
 """The references: the paper's program on MX graphs, and the same on SX."""
-OWN, MANY = "riccati", "batch"
-"""The solvers of this project: for one instance, and for many at once."""
+OWN = "riccati"
+"""The solver of this project."""
 ELLIPSE, EXACT = "mahalanobis_ellipse", "minkowski_sum"
 TOLERANCE = 1e-6
 """Of every solver, in its own measure of optimality."""
@@ -97,12 +97,8 @@ def set_ups() -> dict[str, SetUp]:
 
 
 def registered() -> dict[str, Solver]:
-    """Return every registered solver, at the common tolerance where it has such a setting.
-
-    All but `MANY`, which takes as long for one instance as for eight; `many_solves` measures it.
-    """
-    chosen = [name for name in names("solvers") if name != MANY]
-    solvers: dict[str, Any] = {name: build("solvers", name) for name in chosen}
+    """Return every registered solver, at the common tolerance where it has such a setting."""
+    solvers: dict[str, Any] = {name: build("solvers", name) for name in names("solvers")}
     for name, solver in solvers.items():
         if "tolerance" in {field.name for field in fields(solver)}:
             solvers[name] = replace(solver, tolerance=TOLERANCE)

@@ -5,7 +5,6 @@ from ..framework.plugins.lazy import lazy
 BUILT_IN = {
     "ipopt": "wideberth.solvers.ipopt:Ipopt",
     "fatrop": "wideberth.solvers.fatrop:Fatrop",
-    "batch": "wideberth.solvers.batch.solver:Batch",
     "riccati": "wideberth.solvers.riccati.solver:Riccati",
     "riccati_live": "wideberth.solvers.riccati.live:RiccatiLive",
 }

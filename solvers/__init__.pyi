@@ -2,10 +2,9 @@
 # ruff: noqa
 # fmt: off
 
-from .batch.solver import Batch as Batch
 from .fatrop import Fatrop as Fatrop
 from .ipopt import Ipopt as Ipopt
 from .riccati.live import RiccatiLive as RiccatiLive
 from .riccati.solver import Riccati as Riccati
-__all__ = ['Batch', 'Fatrop', 'Ipopt', 'Riccati', 'RiccatiLive']
+__all__ = ['Fatrop', 'Ipopt', 'Riccati', 'RiccatiLive']
 BUILT_IN: dict[str, str]

@@ -137,20 +137,6 @@ def _memory_given_back() -> Iterator[None]:
 
 
 @pytest.fixture
-def plain_code(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let XLA optimise nothing in programs of the solver ``batch``: half the time to compile."""
-    from wideberth.solvers.batch import solver
-
-    shipped = solver._options
-
-    def plain() -> dict[str, bool | int]:
-        found = shipped()
-        return {**found, "xla_backend_optimization_level": 0} if found else found
-
-    monkeypatch.setattr(solver, "_options", plain)
-
-
-@pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty cache of compiled code, and a process that has loaded none."""
     from wideberth.framework.jit import store

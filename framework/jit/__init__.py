@@ -2,8 +2,6 @@
 
 from .columns import SIGNATURE as SIGNATURE
 from .store import load as load
-from .transpile import JAX_IMPORTS as JAX_IMPORTS
-from .transpile import jax_source as jax_source
 from .transpile import kernel_source as kernel_source
 from .transpile import module_source as module_source
 from .transpile import recursion_source as recursion_source

@@ -1,4 +1,4 @@
-"""CasADi functions as straight-line code: the same walk for LLVM and for JAX."""
+"""CasADi functions as straight-line code of LLVM."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -8,10 +8,7 @@ from typing import Any
 from ..numerics.symbolic import ca
 from ..values.errors import WideberthError
 from .columns import SIGNATURE
-from .operations import JAX, LLVM, Dialect, supported
-
-JAX_IMPORTS = "import math\n\nimport jax\nimport jax.numpy as jnp\n"
-"""What a module with `jax_source` functions has to begin with."""
+from .operations import instructions, operand_text, supported
 
 _ARGUMENTS = ("v", "p")
 _COMMUTATIVE = {ca.OP_ADD, ca.OP_MUL}
@@ -70,7 +67,7 @@ def kernel_source(function: Any, name: str) -> str:
         "%c = phi i64 [ 0, %entry ], [ %next, %column ]",
         "%place = add nsw i64 %offset, %c",
         *_loads(listing, listing.reads),
-        *_statements(listing, LLVM),
+        *_statements(listing),
         *_stores(listing),
         "%next = add nuw nsw i64 %c, 1",
         "%more = icmp slt i64 %next, %count",
@@ -123,11 +120,11 @@ def recursion_source(function: Any, name: str, carried: int) -> str:
         "%place = add nsw i64 %offset, %c",
         *(f"%{local} = load double, ptr %{local}.now" for local in handed),
         *_loads(listing, rest),
-        *_statements(listing, LLVM),
+        *_statements(listing),
         *_stores(listing),
     ]
     for local, after in zip(handed, listing.results, strict=False):
-        lines.append(f"store double {LLVM.written(after)}, ptr %{local}.now")
+        lines.append(f"store double {operand_text(after)}, ptr %{local}.now")
     lines += [
         "%next = sub nsw i64 %c, 1",
         "%more = icmp sge i64 %next, 0",
@@ -190,7 +187,7 @@ def _stores(listing: _Listing) -> list[str]:
         others = _scopes("noalias", [one for one in range(count) if one != row])
         lines += [
             f"%out{row}.at = getelementptr inbounds double, ptr %out{row}.line, i64 %c",
-            f"store double {LLVM.written(value)}, ptr %out{row}.at, align 8"
+            f"store double {operand_text(value)}, ptr %out{row}.at, align 8"
             f"{_scopes('alias.scope', [row])}{others}",
         ]
     return lines
@@ -201,28 +198,10 @@ def _scopes(kind: str, rows: Sequence[int]) -> str:
     return f", !{kind} !{{rows {','.join(map(str, rows))}}}" if rows else ""
 
 
-def jax_source(function: Any, name: str) -> str:
-    """Python function of JAX arrays that evaluates a CasADi function for a batch.
-
-    ``def name(v, p)`` returns the nonzeros of the result, (nonzeros, ...), of v (rows, ...) and
-    p (rows, ...), whose trailing shapes broadcast. It needs the names of `JAX_IMPORTS`, and
-    64-bit numbers for more than six digits.
-
-    Parameters and errors are those of `kernel_source`.
-    """
-    listing = _listing(function)
-    body = [f"{local} = {array}[{row}]" for local, (array, row) in listing.reads.items()]
-    body += _statements(listing, JAX)
-    body += ["shape = jnp.broadcast_shapes(v.shape[1:], p.shape[1:])"]
-    rows = "".join(f"{JAX.written(value)}, " for value in listing.results)
-    body += [f"return jnp.stack([jnp.broadcast_to(row, shape) for row in ({rows})])"]
-    return "\n".join([f"def {name}(v, p):", *(f"    {line}" for line in body)]) + "\n"
-
-
-def _statements(listing: _Listing, dialect: Dialect) -> list[str]:
+def _statements(listing: _Listing) -> list[str]:
     lines = []
     for name, (operation, operands) in listing.operations.items():
-        lines += dialect.lines(operation, name, operands)
+        lines += instructions(operation, name, operands)
     return lines
 
 

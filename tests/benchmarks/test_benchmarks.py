@@ -65,7 +65,7 @@ def test_dry_run_writes_and_prints_every_table(tmp_path: Path, bench: Path) -> N
             assert all(0 < value < np.inf for value in times)
     set_ups = {row["set-up"] for row in tables["solvers"]}
     assert {"paper_mx", "paper_mx, 450 ms", "ipopt_sx"} < set_ups
-    solvers = set(names("solvers")) - {"batch"}  # which is measured among the batches
+    solvers = set(names("solvers"))
     assert {*solvers, *(f"{name}, exact" for name in solvers)} < set_ups
     peers = import_module("peers")
     assert set(peers.peers(1e-6)) < set_ups  # all that are installed here

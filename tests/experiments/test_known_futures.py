@@ -22,7 +22,7 @@ from wideberth.framework.values.plan import Status
 from wideberth.framework.values.tracks import Tracks
 from wideberth.metrics.statistics import clopper_pearson
 from wideberth.predictors.kalman import Kalman
-from wideberth.solvers.batch import Batch
+from wideberth.solvers.fatrop import Fatrop
 from wideberth.solvers.riccati.solver import Riccati
 
 INSTANT, TAIL = 8.0, 0.2
@@ -148,18 +148,20 @@ def test_modes_are_drawn_by_their_weight(
 
 
 def test_another_solver_finds_the_same_costs(shipped: KnownFutures) -> None:
-    """JAX against the compiled recursion, at a level held by the ellipse."""
+    """fatrop against the compiled recursion, at a level held by the ellipse."""
     one = {"means": shipped.planners["means"]}
     study = replace(
         shipped, planners=one, instants=(INSTANT,), shown_instant=0, draws=3, starts=()
     )
     rows = [
         replace(study, solver=solver).measure(study.tasks()[0]).rows[0]
-        for solver in (Batch(), Riccati())
+        for solver in (Fatrop(), Riccati())
     ]
     assert rows[0]["solved"] == rows[1]["solved"] == 1.0
     for name in ("cost", "cost_known", "cost_known_q05", "cost_known_q95"):
-        assert rows[0][name] == pytest.approx(rows[1][name], rel=1e-4)
+        # fatrop lets the slack of 15 steps fall to -1e-8 at a price of 1e5: 0.015; the table keeps
+        # four digits, here steps of 0.01
+        assert rows[0][name] == pytest.approx(rows[1][name], rel=1e-4, abs=0.02)
 
 
 def test_rows_and_files_are_those_of_any_process(shipped: KnownFutures, tmp_path: Folder) -> None:

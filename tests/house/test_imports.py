@@ -79,7 +79,6 @@ ARROWS: dict[str, set[str]] = {
     "nav2/server": {"nav2", "nav2/controllers", "nav2/costmap"},
     "solvers": set(),
     "solvers/riccati": {"solvers"},
-    "solvers/batch": {"solvers", "solvers/riccati"},
     "solvers/export": {"solvers", "solvers/riccati"},
     "perception": set(),
     "perception/detection": set(),

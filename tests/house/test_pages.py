@@ -49,8 +49,6 @@ run(read_experiment("crossing", short)[0], Path("results/crossing"))
 """
 BEFORE = {"docs/solving.md": PLANNER, "docs/results.md": RESULT}
 """What a page speaks of without showing it."""
-SLOW = {'"batch"': '"fatrop"'}
-"""Compiling `batch` takes a minute; its own tests run `solve_many` with it."""
 
 
 def blocks(page: str, *languages: str) -> list[str]:
@@ -84,8 +82,6 @@ def test_python_on_a_page_runs(page: str, folder: Path) -> None:
     if library := needed.get(page):
         pytest.importorskip(library)
     script = "\n".join([BEFORE.get(page, ""), *blocks(page, "python")])
-    for slow, quick in SLOW.items():
-        script = script.replace(slow, quick)
     code = compile(script, page, "exec")
     if page not in NOT_RUN:
         exec(code, {"__name__": "page"})

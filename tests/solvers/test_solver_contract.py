@@ -23,7 +23,6 @@ BUILT_IN = [
 ]
 
 
-@pytest.mark.usefixtures("plain_code")
 @pytest.mark.parametrize("law", BUILT_IN)
 def test_registered_solvers_keep_every_law(law: Law) -> None:
     law.check()

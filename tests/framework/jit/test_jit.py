@@ -1,4 +1,4 @@
-"""CasADi functions written for LLVM and for JAX mean the same."""
+"""CasADi functions written for LLVM mean the same."""
 
 import ctypes
 from collections.abc import Callable, Iterator
@@ -13,8 +13,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from wideberth.framework.jit import (
-    JAX_IMPORTS,
-    jax_source,
     kernel_source,
     load,
     machine,
@@ -105,15 +103,6 @@ def run(place: int, offset: int, count: int, *arrays: Any) -> None:
     ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * 8)(place)(offset, count, *words)
 
 
-def by_jax(f: Any, v: Any, p: Any) -> Any:
-    import jax
-
-    names: dict[str, Any] = {}
-    exec(JAX_IMPORTS + jax_source(f, "kernel"), names)
-    with jax.enable_x64(True):
-        return np.asarray(jax.jit(names["kernel"])(v, p))
-
-
 def draw(f: Any, count: int = 13) -> tuple[Any, Any]:
     rng = np.random.default_rng(1)
     return tuple(rng.uniform(0.2, 0.9, (f.nnz_in(i), count)) for i in range(2))  # type: ignore[return-value]
@@ -135,20 +124,6 @@ def test_every_operation_at_every_special_number() -> None:
     np.testing.assert_array_equal(np.signbit(found[signs]), np.signbit(expected[signs]))
     signed = (x != 0.0) & (y != 0.0)  # without a sign of zero, 1 / -0 is infinity
     np.testing.assert_allclose(found[:, signed[0]], expected[:, signed[0]], rtol=1e-14, atol=0)
-
-
-def test_every_operation_of_jax() -> None:
-    """At ordinary numbers all of them; at special ones those that choose."""
-    f, x_special, y_special = every_operation()
-    x, y = np.random.default_rng(2).uniform(-2.0, 2.0, (2, 1, 300))
-    both = np.hstack([x, x_special]), np.hstack([y, y_special])
-    found, expected = by_jax(f, *both), wanted(f, *both)
-    np.testing.assert_allclose(found[:, :300], expected[:, :300], rtol=1e-12, atol=1e-14)
-    unary = [UNARY.index(g) for g in (ca.sign, ca.logic_not)]
-    chosen = [ca.fmin, ca.fmax, ca.logic_and, ca.logic_or, ca.copysign, *BINARY[-2:]]
-    rows = unary + [len(UNARY) + BINARY.index(g) for g in chosen]
-    normal = (np.abs(both) != 5e-324).all(axis=(0, 1))  # XLA takes denormal numbers for zero
-    np.testing.assert_array_equal(found[rows][:, normal], expected[rows][:, normal])
 
 
 leaves = st.one_of(st.integers(0, 3), st.floats(-3, 3).map(float))
@@ -217,23 +192,6 @@ def agree(f: Any, v: Any, p: Any, by: Callable[..., Any] = by_llvm) -> None:
     np.testing.assert_allclose(by(f, v, p), wanted(f, v, p), rtol=1e-12, atol=1e-12)
 
 
-def test_jax_of_motion_and_constraint() -> None:
-    robot, region = (
-        registry.load("robots", "unicycle")(),
-        registry.load("regions", "minkowski_sum")(),
-    )
-    v, p = ca.SX.sym("v", 8), ca.SX.sym("p", 10)
-    parts = ca.vertsplit(v)
-    following = ca.vertcat(*runge_kutta(robot.derivative, parts[:5], parts[5:7], 0.5))
-    constraint = region.constraint(Pose((v[0], v[1]), v[2]), p[:9], p[9], v[7:]).inequalities[0]
-    total = ca.sumsqr(following) + constraint
-    f = function(derivatives(total, v), v, p)
-    v_drawn, p_drawn = draw(f, 12)
-    found = by_jax(f, v_drawn.reshape(8, 3, 4), p_drawn.reshape(10, 3, 4))
-    expected = wanted(f, v_drawn, p_drawn)
-    np.testing.assert_allclose(found.reshape(len(found), 12), expected, rtol=1e-11, atol=1e-11)
-
-
 def test_a_recursion_hands_results_to_the_column_before() -> None:
     v, p = ca.SX.sym("v", 3), ca.SX.sym("p", 1)
     # the second result is what the first variable was: they are handed on at once
@@ -264,8 +222,7 @@ def test_constants_are_exact() -> None:
     v = ca.SX.sym("v", 0)
     f = function(ca.vertcat(*numbers), v, v)
     none = np.zeros((0, 4))
-    for found in (by_llvm(f, none, none), by_jax(f, none, none)):
-        np.testing.assert_array_equal(found, np.tile(numbers, (4, 1)).T)
+    np.testing.assert_array_equal(by_llvm(f, none, none), np.tile(numbers, (4, 1)).T)
 
 
 def test_the_same_is_computed_once() -> None:
@@ -292,6 +249,6 @@ def test_what_cannot_be_written_is_named() -> None:
     with pytest.raises(WideberthError, match="1 arguments"):
         kernel_source(function(v, v), "kernel")
     with pytest.raises(WideberthError, match=r"depends on \['p'\]"):
-        jax_source(ca.Function("f", [v, v[:0]], [v * p], {"allow_free": True}), "kernel")
+        kernel_source(ca.Function("f", [v, v[:0]], [v * p], {"allow_free": True}), "kernel")
     with pytest.raises(WideberthError, match="argument p"):
         kernel_source(function(v, v, ca.SX.sym("p", 2, 2)), "kernel")

@@ -42,7 +42,6 @@ from wideberth.regions.minkowski_sum import MinkowskiSum
 from wideberth.regions.static.dual import Dual
 from wideberth.regions.static.separating_line import StaticSeparatingLine
 from wideberth.robots.unicycle import Unicycle
-from wideberth.solvers.batch import solve_batch
 from wideberth.solvers.export.bundle import bundle, write_folder
 from wideberth.solvers.export.subject import Subject
 from wideberth.solvers.fatrop import Fatrop
@@ -270,16 +269,6 @@ def _takes(solver: Solver, solve: SolveRecord) -> None:
     np.testing.assert_allclose(found.point.states, other.point.states, atol=2e-4)
     for own, wanted in zip(found.point.auxiliaries, other.point.auxiliaries, strict=True):
         assert own.shape == wanted.shape
-
-
-@pytest.mark.usefixtures("plain_code")
-def test_the_batch_takes_it(solve: SolveRecord) -> None:
-    problem = solve.problem()
-    found = solve_batch(problem, [solve.parameters], solve.guesses[:1])
-    assert found.status == (Status.SOLVED,)
-    (other,) = Fatrop(tolerance=1e-8).solve(problem, solve.parameters, solve.guesses[:1])
-    np.testing.assert_allclose(found.states[0], other.point.states, atol=2e-4)
-    assert violation(problem, solve.parameters, found.point(0)).worst < 1e-4
 
 
 def test_the_cart_matters_and_the_re_check_sees_it(solve: SolveRecord) -> None:
