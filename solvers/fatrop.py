@@ -11,6 +11,9 @@ from ..framework.mpc.solver import Solution, Solver, compiled, on_time, refuse_m
 from ..framework.values.arrays import positive, whole
 from ..framework.values.plan import Status
 
+START_BARRIER = 1e-2
+"""fatrop's ``mu_init``; small, because guesses are warm."""
+
 
 @final
 @dataclass(frozen=True)
@@ -24,17 +27,14 @@ class Fatrop(Solver):
     ----------
     iterations : limit.
     tolerance : fatrop's ``tol``.
-    start_barrier : fatrop's ``mu_init``; small, because guesses are warm.
     """
 
     iterations: int = 300
     tolerance: float = 1e-6
-    start_barrier: float = 1e-2
 
     def __post_init__(self) -> None:
         whole("fatrop.iterations", self.iterations)
         positive("fatrop.tolerance", self.tolerance)
-        positive("fatrop.start_barrier", self.start_barrier)
 
     def solve(
         self,
@@ -54,7 +54,7 @@ class Fatrop(Solver):
             "fatrop.print_level": 0,
             "fatrop.max_iter": self.iterations,
             "fatrop.tol": self.tolerance,
-            "fatrop.mu_init": self.start_barrier,
+            "fatrop.mu_init": START_BARRIER,
         }
         solutions = []
         with compiled("fatrop", problem, options, staged=True) as program:

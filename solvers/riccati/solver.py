@@ -97,30 +97,14 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver):
     ----------
     iterations : limit.
     tolerance : of the optimality conditions, scaled as by IPOPT.
-    start_barrier : first barrier parameter mu; at least 1 over 60 steps or more.
-    start_distance : of the start from its bounds, relative.
-    start_penalty, most_penalty : price of one unit of slack on hard regions, first and highest;
-        over 60 steps or more the first is at least 1e6, or the highest where that is lower.
-    gradient : largest entry of the cost's gradient after scaling.
     """
 
     iterations: int = ITERATIONS
     tolerance: float = TOLERANCE
-    start_barrier: float = START_BARRIER
-    start_distance: float = START_DISTANCE
-    start_penalty: float = START_PENALTY
-    most_penalty: float = MOST_PENALTY
-    gradient: float = LARGEST_GRADIENT
 
     def __post_init__(self) -> None:
         whole("riccati.iterations", self.iterations)
-        for name in ("tolerance", "start_barrier", "start_distance", "start_penalty", "gradient"):
-            positive(f"riccati.{name}", getattr(self, name))
-        if not self.most_penalty >= self.start_penalty:
-            raise WideberthError(
-                f"riccati.most_penalty is {self.most_penalty}; wanted at least start_penalty, "
-                f"{self.start_penalty}"
-            )
+        positive("riccati.tolerance", self.tolerance)
 
     def solve(
         self,
@@ -399,17 +383,16 @@ def _settings_of(solver: Riccati, problem: Problem) -> Array:
     price = highest = problem.penalty
     long = problem.horizon >= LONG
     if price is None or highest is None:
-        price, highest = solver.start_penalty, solver.most_penalty
-        price = min(max(price, LONG_PENALTY), highest) if long else price
+        price, highest = LONG_PENALTY if long else START_PENALTY, MOST_PENALTY
     settings = Settings(
         iterations=solver.iterations,
         tolerance=solver.tolerance,
-        barrier=max(solver.start_barrier, LONG_BARRIER) if long else solver.start_barrier,
+        barrier=LONG_BARRIER if long else START_BARRIER,
         test=LONG_TEST if long else BARRIER_TEST,
-        push=solver.start_distance,
+        push=START_DISTANCE,
         penalty=price,
         most_penalty=highest,
-        gradient=solver.gradient,
+        gradient=LARGEST_GRADIENT,
         minimum=problem.minimum if problem.shared else -np.inf,
         guess=0.0,
         warm=0.0,

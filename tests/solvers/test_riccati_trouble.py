@@ -209,7 +209,7 @@ def test_what_is_not_finite_fails(name: str, value: float, recorded: list[Instan
 
 @pytest.mark.parametrize(
     "settings",
-    [{"iterations": 0}, {"tolerance": 0.0}, {"start_penalty": 1e8}, {"start_barrier": -1.0}],
+    [{"iterations": 0}, {"tolerance": 0.0}, {"tolerance": -1e-6}],
     ids=str,
 )
 def test_settings_are_checked(settings: dict[str, Any]) -> None:
