@@ -12,10 +12,11 @@ them.
 import argparse
 import logging
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
+from loky import get_reusable_executor
 
 from wideberth.experiments.engine.closed_loop import play
 from wideberth.experiments.engine.shipped_configs import CONFIGS, shipped
@@ -82,8 +83,8 @@ def main() -> None:
     for (name, label), place in places().items():
         if given.only and name not in given.only:
             continue
-        tasks = (delayed(episode)(place, seed) for seed in seeds)
-        outcomes, clearances, times = zip(*Parallel(given.workers)(tasks), strict=True)
+        played = get_reusable_executor(given.workers).map(partial(episode, place), seeds)
+        outcomes, clearances, times = zip(*played, strict=True)
         row = [
             f"`{name}`, {label}",
             f"{outcomes.count('collision')} of {len(seeds)}",

@@ -540,7 +540,7 @@ def _explain_one(path: Path, solver: str | None) -> list[str]:
 @app.command(no_args_is_help=True)
 def cite(config: Config, set_: Set = None) -> None:
     """Print the BibTeX entries of everything that a config uses."""
-    from ..engine.citing import bibliography, keys
+    from ..engine.provenance import bibliography, keys
     from ..engine.shipped_configs import read_experiment
 
     known = bibliography()

@@ -5,28 +5,24 @@ common with it, only the same program. docs/cluster.md says how to start a clust
 """
 
 import logging
+from collections.abc import Iterator
 from concurrent.futures import CancelledError
+from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import count
 from pathlib import Path
-from queue import Empty, SimpleQueue
 from re import fullmatch
 from time import monotonic
-from typing import Any, TypeAlias
-from uuid import uuid4
+from typing import Any
 
 from ...framework.plugins.extras import from_extra
 from ...framework.values.errors import WideberthError
+from .base import Task, TaskOutcome
+from .pool import LOOK, Outcome, WorkerLost
 from .progress import say
-from .worker import Chunk, Done, Returned, check, do_chunk
-
-Future: TypeAlias = Any
-"""Of Dask, whose methods carry no types."""
+from .worker import check, do_task
 
 _PATIENCE = 8.0
 """s to wait for a scheduler to answer."""
-_CHECK = 2.0
-"""s between looks at who is there."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +107,7 @@ _TALKATIVE = ("distributed.client", "distributed.batched")
 
 
 class Cluster:
-    """A pool of Dask workers; see `wideberth.experiments.engine.worker.Pool`.
+    """A pool of Dask workers; see `wideberth.experiments.engine.pool.Pool`.
 
     Workers may come and go while the work goes on.
 
@@ -121,22 +117,19 @@ class Cluster:
         worker is not the driver's twin.
     """
 
-    patience = 1  # Dask itself has tried elsewhere, as often as its allowed-failures says
+    patience = 2  # Dask itself has tried elsewhere, as often as its allowed-failures says
 
     def __init__(self, scheduler: Scheduler, job: bytes) -> None:
         self._address = scheduler.address
         self._job = job
-        self._keys = (f"wideberth-{uuid4().hex[:8]}-{number}" for number in count())
-        self._back: SimpleQueue[Future] = SimpleQueue()
-        self._out: dict[Future, Chunk] = {}
-        self._alone = False
+        self._slots, self._looked, self._alone = 0, -LOOK, False
         self._client: Any = _connect(scheduler)
+        self._executor = self._client.get_executor(pure=False)
         logs = [logging.getLogger(name) for name in _TALKATIVE]
         self._levels = [(log, log.level) for log in logs]
         for log in logs:
             log.setLevel(logging.CRITICAL)
         try:
-            self._look()
             self._compare()
         except BaseException:
             self.close()
@@ -144,80 +137,53 @@ class Cluster:
 
     @property
     def slots(self) -> int:
-        """Workers that are there."""
-        return self._slots
-
-    @property
-    def free(self) -> bool:
-        """Whether a chunk can be taken now: some wait at the scheduler, for those who join."""
-        return len(self._out) < 2 * max(self._slots, 8)
-
-    def submit(self, chunk: Chunk) -> None:
-        """Give a chunk to the scheduler."""
-        key = next(self._keys)  # a new name: Dask must not take an older run's answer for it
-        future = self._client.submit(do_chunk, self._job, chunk, key=key, pure=False)
-        self._out[future] = chunk
-        future.add_done_callback(self._back.put)
-
-    def finished(self) -> list[Returned]:
-        """Wait a little for chunks; look now and then who is there."""
-        if monotonic() > self._looked + _CHECK:
-            self._look()
-        try:
-            futures = [self._back.get(timeout=_CHECK)]
-        except Empty:
-            return []
-        while not self._back.empty():
-            futures.append(self._back.get())
-        chunks = {future: self._out.pop(future) for future in futures}
-        good = [future for future in futures if future.status == "finished"]
-        try:
-            found: list[Done] = self._client.gather(good, errors="raise") if good else []
-        except (OSError, TimeoutError, CancelledError) as error:
-            raise self._lost() from error
-        returned = [
-            Returned(chunks[future], done) for future, done in zip(good, found, strict=True)
-        ]
-        bad = [future for future in futures if future not in good]
-        return returned + [Returned(chunks[future], None, self._loss(future)) for future in bad]
-
-    def _loss(self, future: Future) -> str:
-        """Say how a chunk's workers were lost; raise if that is not what happened."""
-        from distributed import KilledWorker
-
-        if future.status != "error":  # cancelled, all of them
-            raise self._lost()
-        error = future.exception()
-        if not isinstance(error, KilledWorker):
-            raise WideberthError(f"a worker of {self._address} failed: {error!r}")
-        return f"workers of {self._address} lost with it: {error.allowed_failures + 1}"
-
-    def _lost(self) -> WideberthError:
-        return WideberthError(f"the scheduler {self._address} was lost")
-
-    def _look(self) -> None:
-        """Count the workers, and see that each does one task at a time."""
-        try:
+        """Workers that are there, each for one task at a time; looked for now and then."""
+        if monotonic() < self._looked + LOOK:
+            return self._slots
+        with self._answering():
             threads: dict[str, int] = self._client.nthreads()
-        except (OSError, TimeoutError, CancelledError) as error:
-            raise self._lost() from error
-        self._looked = monotonic()
         for address, number in threads.items():
             if number != 1:
                 raise WideberthError(
                     f"the worker {address} does {number} tasks at once, in threads; start it "
                     "with --nthreads 1, and --nworkers for more of them"
                 )
-        if threads:
-            self._alone = False
-        elif not self._alone:
-            self._alone = True
+        self._slots, self._looked = len(threads), monotonic()
+        if not self._slots and not self._alone:
             say(f"no worker at {self._address}; the work waits for one")
-        self._slots = len(threads)
+        self._alone = not self._slots
+        return self._slots
+
+    def submit(self, task: Task) -> Outcome:
+        """Give a task to the scheduler."""
+        with self._answering():
+            future: Outcome = self._executor.submit(do_task, self._job, task)
+        return future
+
+    def result(self, future: Outcome) -> TaskOutcome:
+        """Return what a task measured."""
+        from distributed import KilledWorker
+
+        with self._answering():
+            try:
+                return future.result()
+            except KilledWorker as error:
+                raise WorkerLost(
+                    f"is lost: workers of {self._address} lost with it: "
+                    f"{error.allowed_failures + 1}"
+                ) from error
+
+    @contextmanager
+    def _answering(self) -> Iterator[None]:
+        """Say so where the scheduler does not answer any more."""
+        try:
+            yield
+        except (OSError, TimeoutError, CancelledError) as error:
+            raise WideberthError(f"the scheduler {self._address} was lost") from error
 
     def _compare(self) -> None:
         """Have every worker that is there compare itself with the driver."""
-        answers = self._client.run(check, self._job, on_error="return") if self._slots else {}
+        answers = self._client.run(check, self._job, on_error="return") if self.slots else {}
         for address, answer in answers.items():
             if isinstance(answer, OSError):
                 continue  # it went away
@@ -226,7 +192,6 @@ class Cluster:
 
     def close(self) -> None:
         """Forget the tasks that are left and leave the scheduler."""
-        self._out.clear()
         self._client.close(timeout=_PATIENCE)
         for log, level in self._levels:
             log.setLevel(level)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...framework.plugins.extras import from_extra
 from ...framework.plugins.io import read_json, read_table, write_bytes
-from .result_folder import claim_files
+from .result_folder import refuse_links
 
 if TYPE_CHECKING:
     import pyarrow
@@ -49,7 +49,7 @@ def write_parquet(folder: Path) -> Path:
     table = pyarrow.Table.from_arrays(columns, names=names).replace_schema_metadata(metadata)
     buffer = io.BytesIO()
     parquet.write_table(table, buffer, compression="zstd")
-    claim_files(folder, ["table.parquet"])
+    refuse_links(folder, folder / "table.parquet")
     return write_bytes(folder / "table.parquet", buffer.getvalue())
 
 

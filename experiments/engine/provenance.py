@@ -1,16 +1,18 @@
-"""Where a result comes from: versions, source, machine. No times, so that bytes repeat."""
+"""Where a result comes from: versions, source, machine, publications. No times: bytes repeat."""
 
+import dataclasses
 import hashlib
 import platform
+import re
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from ...framework.plugins.registry import home_of
-from .citing import parts
 
 PACKAGE = Path(__file__).resolve().parents[2]
 ROOMS = (
@@ -18,7 +20,7 @@ ROOMS = (
     "perception", "solvers", "controllers", "nav2", "simulation", "ros", "experiments",
 )  # fmt: skip
 LIBRARIES = (
-    "casadi", "cvxpy", "filterpy", "jax", "joblib", "matplotlib", "numba", "numpy", "pydantic",
+    "casadi", "cvxpy", "filterpy", "jax", "matplotlib", "numba", "numpy", "pydantic",
     "scipy", "shapely", "statsmodels", "wideberth",
 )  # fmt: skip
 
@@ -35,7 +37,7 @@ def provenance(others: Sequence[Path] = ()) -> dict[str, Any]:
         "python": platform.python_version(),
         "system": f"{platform.system()} {platform.machine()}",
         "cpu": processor(),
-        "versions": {name: _version(name) for name in LIBRARIES},
+        "versions": versions(),
     }
 
 
@@ -96,8 +98,52 @@ def processor() -> str:
     return platform.processor() or platform.machine()
 
 
+@cache
+def versions() -> dict[str, str | None]:
+    """Return the versions of the libraries that a result depends on; None where one is missing."""
+    return {name: _version(name) for name in LIBRARIES}
+
+
 def _version(name: str) -> str | None:
     try:
         return version(name)
     except PackageNotFoundError:
         return None
+
+
+PAPER = "schoeneberg2025trajectory"
+"""Key of the paper that this package implements; cited by everything."""
+
+
+def bibliography() -> dict[str, str]:
+    """Return every BibTeX entry that ships with the package, by its key."""
+    path = Path(__file__).resolve().parents[2] / "framework" / "references.bib"
+    text = path.read_text(encoding="utf-8")
+    entries = re.split(r"^(?=@)", text, flags=re.MULTILINE)[1:]
+    return {entry[entry.index("{") + 1 : entry.index(",")]: entry.strip() for entry in entries}
+
+
+def keys(plugin: Any) -> list[str]:
+    """Return the keys of a plug-in and of all that is nested in it, the paper's first."""
+    return list(dict.fromkeys([PAPER, *_keys(plugin)]))
+
+
+def parts(value: Any) -> Iterator[Any]:
+    """Yield a plug-in and every dataclass nested in it."""
+    if dataclasses.is_dataclass(value):
+        yield value
+        for field in dataclasses.fields(value):
+            yield from parts(getattr(value, field.name))
+    elif isinstance(value, Mapping):
+        for entry in value.values():
+            yield from parts(entry)
+    elif isinstance(value, list | tuple):
+        for entry in value:
+            yield from parts(entry)
+
+
+def _keys(plugin: Any) -> Iterator[str]:
+    for part in parts(plugin):
+        for key in str(getattr(part, "reference", "")).split(","):
+            if key.strip():
+                yield key.strip()

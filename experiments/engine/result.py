@@ -186,8 +186,7 @@ def listed(names: Iterable[str], most: int = 8) -> str:
 def need_frames() -> None:
     """Raise a `WideberthError` where the extra for data frames is missing."""
     otherwise = "without it, `rows` of a result holds its table as dictionaries"
-    for module in ("jinja2", "pandas"):
-        from_extra(module, "frames", f"data frames need {module}", otherwise)
+    from_extra("pandas", "frames", "data frames need pandas", otherwise)
 
 
 def _read_frame(path: Path) -> "pandas.DataFrame":

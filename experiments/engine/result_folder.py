@@ -1,33 +1,44 @@
-"""The folder of a result: made whole, checked before it is used again, one run at a time.
+"""The folder of a result: begun, checked before it is used again, one run at a time.
 
-A folder is written into if it is new or empty, or if its manifest says that it holds the same
-result, begun before. ``manifest.json`` (format "wideberth/result", version 1) is the first file
-of a result and lists every file that the package wrote there, before that file is written;
-nothing else in the folder is ever removed or overwritten. While a run goes on, shards are
-recognised by their names, which are hashes, and half-written files by the name of the file that
-they would have become.
+A folder is written into if it is new or empty, or if its provenance.json is one of ours and its
+config.yaml that of the same result, begun before. What belongs to the runs is known from the
+folder itself: `NAMES`, the folders of tasks, the files that these name, and the figures that
+``tasks/figures.json`` names. Nothing else is ever removed, and no other figure or file of a task
+is overwritten.
 """
 
 import os
 import re
 import shutil
-import stat
-import sys
-import tempfile
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
-from pathlib import Path, PurePosixPath
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
+
+from filelock import FileLock, Timeout
 
 from ...framework.plugins.config import build, describe
 from ...framework.plugins.io import read_json, write_json, write_text
-from ...framework.plugins.yamlfile import dump, read_config
+from ...framework.plugins.yamlfile import STORED, dump, parse, read_config
 from ...framework.values.errors import WideberthError
 from .progress import say
+from .tasks import TASKS, is_inside, read_task, task_folders
 
-_FIRST_FILES = ("config.yaml", "provenance.json")
+CONFIG, PROVENANCE = "config.yaml", "provenance.json"
+TABLES = ("table.csv", "times.csv", "summary.csv", "summary.md", "table.parquet")
+"""Files that are made of the finished tasks; the first one says that the run is complete."""
+FIGURES = f"{TASKS}/figures.json"
+"""Names the figures that were drawn."""
+NAMES = (CONFIG, *TABLES, FIGURES, PROVENANCE)
+"""Files of every result."""
+LOCK = ".lock"
+CURE = "give another folder with --out, or throw the old result away with --fresh"
+"""What to do where a folder holds another result; it ends such messages."""
+
 _LONGEST = 200
-"""Bytes of a folder's name; most file systems take 255, and a half-made one has a longer name."""
+"""Bytes of a folder's name; most file systems take 255, and names beside it are longer."""
+_HALF = re.compile(r"\.(?P<name>.+)\.[a-z0-9_]{8}\.part")
+"""As `wideberth.framework.plugins.io.write_bytes` names a file that is not complete."""
 
 
 def check_folder(out: Path) -> None:
@@ -35,8 +46,8 @@ def check_folder(out: Path) -> None:
 
     Raises
     ------
-    WideberthError : a symbolic link, a file, a name that is too long, a folder with a damaged
-        manifest, or one that holds files and no manifest.
+    WideberthError : a symbolic link, a file, a name that is too long, a folder that may not be
+        written, or one that holds files and no result.
     """
     try:
         _check_folder(out)
@@ -67,102 +78,142 @@ def _check_folder(out: Path) -> None:
             raise NotADirectoryError(20, f"{above} is no folder")
         if not os.access(above, os.W_OK | os.X_OK):
             raise PermissionError(13, f"{above} may not be written")
-        return
-    if not out.is_dir():
+    elif not out.is_dir():
         raise WideberthError(
             f"{out} is a file and holds no result; give another folder with --out"
         )
-    if listed_files(out) is not None or not any(out.iterdir()):
-        return
-    if (out / "config.yaml").exists() and (out / "provenance.json").exists():
-        raise WideberthError(
-            f"{out} has no {MANIFEST}, so it is not known which files an older version wrote "
-            "there, and none is removed; delete the folder by hand, or give another one with --out"
-        )
-    raise WideberthError(f"{out} exists and holds no result; give another folder with --out")
+    elif not _is_result(out) and not _is_empty(out):
+        raise WideberthError(f"{out} exists and holds no result; give another folder with --out")
 
 
-def prepare(
-    out: Path, config: Mapping[str, Any], origin: Mapping[str, Any], fresh: bool = False
-) -> None:
-    """Make the folder with manifest, provenance and config in it, or check those that it holds.
-
-    With ``fresh`` `remove_result` removes the files of an earlier result first, and no others.
-    """
-    check_folder(out)
+def _is_result(out: Path) -> bool:
     try:
-        if not out.exists():
-            _make(out, config, origin)
-        elif listed_files(out) is None:
-            (out / SHARDS).mkdir()  # fails if another run was quicker
-            _fill(out, config, origin)
-        elif fresh:
-            owned_files(out)  # refuses links before anything changes
-            (out / SHARDS).mkdir(exist_ok=True)
-            with locked(out):
-                kept = remove_result(out)
-                if kept:
-                    names = ", ".join(path.name for path in kept)
-                    say(f"kept in {out}, since no run wrote it: {names}")
-                _fill(out, config, origin)
-        else:
-            _check_same(out, config, origin["source"])
-    except FileExistsError:
-        raise _taken(out) from None
-    except OSError as error:
-        raise _unwritable(out, error) from None
+        read_json(out / PROVENANCE, "provenance", 1)
+    except WideberthError:
+        return False
+    return True
 
 
-def _make(out: Path, config: Mapping[str, Any], origin: Mapping[str, Any]) -> None:
-    """Make a new folder, which appears with all its files or not at all."""
-    out.parent.mkdir(parents=True, exist_ok=True)
-    begun = Path(tempfile.mkdtemp(".part", f".{out.name}.", out.parent))
-    try:
-        begun.chmod(0o755)
-        (begun / SHARDS).mkdir()
-        _fill(begun, config, origin)
-    except BaseException:  # a full disk
-        shutil.rmtree(begun)
-        raise
-    try:
-        os.rename(begun, out)
-    except OSError:
-        shutil.rmtree(begun)
-        raise _taken(out) from None
-
-
-def _taken(out: Path) -> WideberthError:
-    return WideberthError(
-        f"{out} was begun by another run at the same moment; let that one finish, or give "
-        "another folder with --out"
+def _is_empty(out: Path) -> bool:
+    """Whether a folder holds nothing but what a run makes before its first file."""
+    places = [*out.iterdir(), *(out / TASKS).glob("*")]
+    return all(
+        path == out / TASKS / LOCK or (path == out / TASKS and path.is_dir()) or _is_half(path)
+        for path in places
     )
 
 
-def _fill(out: Path, config: Mapping[str, Any], origin: Mapping[str, Any]) -> None:
-    """Write what a run begins with: the manifest first, the config last."""
-    for name in (MANIFEST, *_FIRST_FILES):
-        if os.path.lexists(out / name):
-            raise WideberthError(
-                f"{out / name} is no file of ours; give another folder with --out"
-            )
-    write_manifest(out, _FIRST_FILES)
-    write_json(out / "provenance.json", "provenance", 1, origin)
-    write_config(out, config)
+def _is_half(path: Path) -> bool:
+    """Whether a file of the result itself is not complete."""
+    half = _HALF.fullmatch(path.name)
+    return half is not None and half["name"] in (CONFIG, PROVENANCE)
 
 
-def write_config(out: Path, config: Mapping[str, Any]) -> None:
-    """Write config.yaml, and read it back at once, so that the result can be opened again.
+@contextmanager
+def locked(out: Path) -> Iterator[None]:
+    """Hold the folder, which is made if missing; the system lets go of it when the process ends.
 
     Raises
     ------
-    WideberthError : what the file holds is not the experiment that is about to run.
+    WideberthError : another run is at work there, or it cannot be written.
     """
-    path, text = out / "config.yaml", dump(dict(config))
-    write_text(path, text)
     try:
-        found = read_config(path, stored=True)
-        named = {key: value for key, value in found.items() if key != "plugins"}
-        again = {**describe(build("experiments", named)), "plugins": found["plugins"]}
+        refuse_links(out, out / TASKS / LOCK)
+        (out / TASKS).mkdir(parents=True, exist_ok=True)
+        lock = FileLock(out / TASKS / LOCK, timeout=0)
+        with suppress(NotImplementedError):  # no locks on that disk: what both write is the same
+            lock.acquire()
+    except Timeout:
+        raise WideberthError(
+            f"another run is at work in {out}; let it finish, stop it, or give another "
+            "folder with --out"
+        ) from None
+    except OSError as error:
+        raise _unwritable(out, error) from None
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def prepare(
+    out: Path,
+    config: Mapping[str, Any],
+    origin: Mapping[str, Any],
+    growing: Collection[str] = (),
+    fresh: bool = False,
+) -> bool:
+    """Begin a result in a folder that is `locked`, or check the one that it holds.
+
+    With ``fresh`` `remove_result` removes the files of an earlier result first. A result of the
+    same config but for smaller values of what may grow becomes an unfinished one of this config.
+
+    Returns
+    -------
+    Whether an earlier result is extended.
+    """
+    check_folder(out)
+    if fresh:
+        if kept := remove_result(out):
+            say(f"kept in {out}, since no run wrote it: {', '.join(path.name for path in kept)}")
+    if not (out / CONFIG).exists() and not any(task_folders(out / TASKS)):
+        write_json(out / PROVENANCE, "provenance", 1, origin)
+        write_text(out / CONFIG, dump(dict(config)))
+        return False
+    extended = is_smaller(out, config, str(origin["source"]), growing)
+    if extended:
+        remove_files(out, _derived(out))  # first the table that says that the run is complete
+        write_text(out / CONFIG, dump(dict(config)))
+    return extended
+
+
+def is_smaller(
+    out: Path, config: Mapping[str, Any], source: str, growing: Collection[str] = ()
+) -> bool:
+    """Whether a folder's result is of the same config, but for smaller values of ``growing``.
+
+    Raises
+    ------
+    WideberthError : it is that of another config, source code or data, or cannot be read.
+    """
+    refuse_links(out, out / CONFIG)
+    if not (out / CONFIG).is_file():
+        raise WideberthError(f"{out} holds a result without its {CONFIG}; {CURE}")
+    try:
+        found = read_config(out / CONFIG, stored=True)
+        stored = read_json(out / PROVENANCE, "provenance", 1)
+    except WideberthError as error:
+        raise WideberthError(f"{error}; {CURE}") from None
+    names = differing_keys(found, config)
+    numbers = [(found.get(name), config.get(name)) for name in names]
+    grown = all(type(old) is int and type(new) is int and old < new for old, new in numbers)
+    if not grown or not set(names) <= set(growing):
+        raise WideberthError(
+            f"{out} holds the result of another config (it differs in {', '.join(names)}); {CURE}"
+        )
+    if stored.get("source") != source:
+        raise WideberthError(f"{out} was measured by other source code or data; {CURE}")
+    return bool(names)
+
+
+def differing_keys(found: Mapping[str, Any], config: Mapping[str, Any]) -> list[str]:
+    """Return the keys in which a stored config differs from another one, sorted."""
+    keys = {*found, *config} - {"plugins"}  # their names stand in the config, their code in source
+    return sorted(str(key) for key in keys if found.get(key) != config.get(key))
+
+
+def check_config(config: Mapping[str, Any]) -> None:
+    """Refuse a config that would not build the same experiment when its result is opened.
+
+    Raises
+    ------
+    WideberthError : what its text builds is not the experiment that is about to run.
+    """
+    text = dump(dict(config))
+    try:
+        found = parse(text, CONFIG, STORED)
+        plugins = found.pop("plugins")
+        again = {**describe(build("experiments", found)), "plugins": plugins}
     except (WideberthError, KeyError) as error:
         raise WideberthError(f"the result could not be opened again: {error}") from error
     if dump(again) != text:
@@ -173,240 +224,160 @@ def write_config(out: Path, config: Mapping[str, Any]) -> None:
         )
 
 
-def _check_same(out: Path, config: Mapping[str, Any], source: str) -> None:
-    cure = CURE
-    claim_files(out, ())
-    for name in _FIRST_FILES:
-        if not (out / name).is_file():
-            raise WideberthError(f"{out} holds a result without its {name}; {cure}")
-    try:
-        found = read_config(out / "config.yaml", stored=True)
-    except WideberthError as error:
-        raise WideberthError(f"{error}; {cure}") from None
-    differing = differing_keys(found, config)
-    if differing:
-        raise WideberthError(
-            f"{out} holds the result of another config (it differs in {', '.join(differing)}); "
-            f"{cure}"
-        )
-    check_source(out, source)
-    if not (out / "table.csv").exists():
-        (out / SHARDS).mkdir(exist_ok=True)
-
-
-CURE = "give another folder with --out, or throw the old result away with --fresh"
-"""What to do where a folder holds another result; it ends such messages."""
-
-
-def differing_keys(found: Mapping[str, Any], config: Mapping[str, Any]) -> list[str]:
-    """Return the keys in which a stored config differs from another one, sorted."""
-    keys = {*found, *config} - {"plugins"}  # their names stand in the config, their code in source
-    return sorted(str(key) for key in keys if found.get(key) != config.get(key))
-
-
-def check_source(out: Path, source: str) -> None:
-    """Refuse a result that other source code or data measured.
+def claim_figures(out: Path, names: Iterable[str]) -> None:
+    """Note the names of figures that are about to be written, relative to the folder.
 
     Raises
     ------
-    WideberthError : it did, or the provenance cannot be read.
-    """
-    try:
-        stored = read_json(out / "provenance.json", "provenance", 1)
-    except WideberthError as error:
-        raise WideberthError(f"{error}; {CURE}") from None
-    if stored.get("source") != source:
-        raise WideberthError(f"{out} was measured by other source code or data; {CURE}")
-
-
-@contextmanager
-def locked(out: Path) -> Iterator[None]:
-    """Hold the folder for this run; the system lets go of it when the process ends in any way.
-
-    Raises
-    ------
-    WideberthError : another run is at work there.
-    """
-    if sys.platform == "win32" or not (out / "shards").is_dir():
-        yield
-        return
-    import fcntl
-
-    handle = os.open(out / "shards", os.O_RDONLY)
-    try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise WideberthError(
-                f"another run is at work in {out}; let it finish, stop it, or give another "
-                "folder with --out"
-            ) from None
-        except OSError:
-            pass  # a file system without locks: what both write is the same
-        yield
-    finally:
-        os.close(handle)
-
-
-MANIFEST = "manifest.json"
-KIND = "result"
-VERSION = 1
-SHARDS = "shards"
-
-_SHARD = re.compile(r"[0-9a-f]{24}(\.times)?\.json")
-_HALF = re.compile(r"\.(?P<name>.+)\.[a-z0-9_]{8}\.part")
-"""As `wideberth.framework.plugins.io.write_bytes` names a file that is not complete."""
-
-
-def listed_files(folder: Path) -> frozenset[str] | None:
-    """Return the names in a folder's manifest, relative to the folder; None without a manifest.
-
-    Raises
-    ------
-    WideberthError : the manifest is damaged, of another kind, or names a place elsewhere.
-    """
-    path = folder / MANIFEST
-    if not os.path.lexists(path):
-        return None
-    _refuse_link(path)
-    names = read_json(path, KIND, VERSION).get("files")
-    if not isinstance(names, list) or not all(map(_inside, names)):
-        raise WideberthError(f"{path} is damaged: 'files' must be a list of names in the folder")
-    return frozenset(names)
-
-
-def _inside(name: object) -> bool:
-    """Whether a name is one that a manifest may hold."""
-    if not isinstance(name, str) or not name or "\0" in name:
-        return False
-    place = PurePosixPath(name)
-    return not place.is_absolute() and ".." not in place.parts and place.as_posix() == name
-
-
-def write_manifest(folder: Path, names: Iterable[str]) -> None:
-    """Write the manifest of a new result; it names itself too."""
-    write_json(folder / MANIFEST, KIND, VERSION, {"files": sorted({MANIFEST, *names})})
-
-
-def claim_files(folder: Path, names: Iterable[str]) -> None:
-    """Name files that are about to be written, in a manifest where there is one.
-
-    Raises
-    ------
-    WideberthError : a file of this name is there already and is not listed, or its place is a
+    WideberthError : a file of this name is there already and was not drawn, or its place is a
         symbolic link.
     """
-    known = listed_files(folder)
-    names = set(names)
+    names, drawn = set(names), set(_drawn(out))
     for name in sorted(names):
-        path = folder / name
-        _refuse_links(folder, path)
-        if name not in (known or ()) and os.path.lexists(path):
-            raise WideberthError(
-                f"{path} was not written by this package and is not overwritten; move it away "
-                "and run the same command again"
-            )
-    if known is not None and not names <= known:
-        write_manifest(folder, known | names)
+        refuse_overwriting(out, out / name, name in drawn)
+    (out / TASKS).mkdir(exist_ok=True)
+    if not names <= drawn:
+        write_json(out / FIGURES, "figures", 1, {"files": sorted(names | drawn)})
 
 
-def half_written(folder: Path) -> Iterator[Path]:
-    """Yield what a run that was killed left incomplete."""
-    yield from (path for path in owned_files(folder) if _HALF.fullmatch(path.name))
+def refuse_overwriting(out: Path, path: Path, ours: bool = False) -> None:
+    """Refuse to write over a file that no run wrote, or through a symbolic link."""
+    refuse_links(out, path)
+    if not ours and os.path.lexists(path):
+        raise WideberthError(
+            f"{path} was not written by this package and is not overwritten; move it away "
+            "and run the same command again"
+        )
 
 
-def shard_files(folder: Path) -> Iterator[Path]:
-    """Yield the files of finished tasks, and those of them that are half-written."""
-    yield from _in_shards(folder / SHARDS)
+def _drawn(out: Path) -> list[str]:
+    """Return the names of the figures that were drawn."""
+    if not (out / FIGURES).is_file():
+        return []
+    names = read_json(out / FIGURES, "figures", 1).get("files")
+    if not isinstance(names, list) or not all(map(is_inside, names)):
+        raise WideberthError(f"{out / FIGURES} is damaged: 'files' must be names in the folder")
+    return names
 
 
-def remove_result(folder: Path) -> list[Path]:
-    """Remove the files of a result, the manifest last, and folders that are empty then.
+def _derived(out: Path) -> list[Path]:
+    """Return where tables and figures are, the table that says that the run is complete first."""
+    return [out / name for name in (*TABLES, *_drawn(out), FIGURES)]
 
-    The config goes first: what is left of an interrupted removal is no result. ``shards/`` stays,
-    which holds the lock.
+
+def own_files(out: Path) -> list[Path]:
+    """Return the files in a folder that runs wrote, the config first and the provenance last.
+
+    Raises
+    ------
+    WideberthError : a symbolic link where a file of the result should be.
+    """
+    tasks = [*task_folders(out / TASKS)]
+    moved = [path for folder in tasks for path in moved_files(out, folder)]
+    inside = [path for folder in tasks for path in folder.rglob("*") if not path.is_dir()]
+    places = [out / CONFIG, *_derived(out), *moved, *inside]
+    for path in (*places, out / PROVENANCE):
+        refuse_links(out, path)
+    return [*places, *half_written(out, places), out / PROVENANCE]
+
+
+def half_written(out: Path, places: Collection[Path] = ()) -> list[Path]:
+    """Return what killed runs left incomplete of some files and of those of every result."""
+    places = {*places, *(out / name for name in NAMES)}
+    return [
+        path
+        for parent in sorted({path.parent for path in places if path.parent.is_dir()})
+        for path in parent.iterdir()
+        if (half := _HALF.fullmatch(path.name)) and parent / half["name"] in places
+        if path.is_file() and not path.is_symlink()
+    ]
+
+
+def moved_files(out: Path, folder: Path) -> list[Path]:
+    """Return the files of a task that were moved from its folder to their place in the result."""
+    try:
+        task = read_task(folder.parent, folder.name)
+    except WideberthError:  # a damaged one does not say which files it had
+        return []
+    names = task.files if task else ()
+    return [out / "files" / name for name in names if not (folder / "files" / name).exists()]
+
+
+def remove_task(out: Path, folder: Path) -> None:
+    """Remove the folder of a task, finished or not, and its files."""
+    remove_files(out, moved_files(out, folder))
+    shutil.rmtree(folder)
+
+
+def is_whole(out: Path, key: str) -> bool:
+    """Whether a task is finished, can be read and has all its files."""
+    try:
+        task = read_task(out / TASKS, key)
+    except WideberthError:
+        return False
+    return task is not None and all(map(Path.is_file, moved_files(out, out / TASKS / key)))
+
+
+def move_file(out: Path, key: str, name: str) -> None:
+    """Move a file of a finished task to its place in the result, if it is not there yet.
+
+    Raises
+    ------
+    WideberthError : another file is there, or the file cannot be written.
+    """
+    source, target = out / TASKS / key / "files" / name, out / "files" / name
+    if not source.exists():
+        return
+    refuse_overwriting(out, target)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with source.open("rb") as file:
+            os.fsync(file.fileno())
+        source.rename(target)
+        _remove_empty(out, [source])
+    except OSError as error:
+        raise WideberthError(f"{target} cannot be written: {error.strerror or error}") from None
+
+
+def remove_result(out: Path) -> list[Path]:
+    """Remove the files of a result, and folders that are empty then.
+
+    The config goes first: what is left of an interrupted removal is no result. The lock stays.
 
     Returns
     -------
-    What is still there, because the manifest does not name it.
-
-    Raises
-    ------
-    WideberthError : as `owned_files`; nothing is removed then.
+    What is still there, since no run wrote it.
     """
-    found = owned_files(folder)
-    first, last = folder / "config.yaml", folder / MANIFEST
-    for path in sorted(found, key=lambda path: (path != first, path == last, path)):
+    first, *found = own_files(out)
+    first.unlink(missing_ok=True)
+    for folder in [*task_folders(out / TASKS)]:
+        remove_task(out, folder)
+    remove_files(out, found)
+    others = [path for path in out.iterdir() if path.name != TASKS]
+    return sorted([*others, *(path for path in (out / TASKS).iterdir() if path.name != LOCK)])
+
+
+def remove_files(out: Path, paths: Sequence[Path]) -> None:
+    """Remove files of a result, in this order, and the folders that are empty then."""
+    for path in paths:
         path.unlink(missing_ok=True)
-    parents = {parent for path in found for parent in path.relative_to(folder).parents}
-    for parent in sorted(parents - {Path(), Path(SHARDS)}, reverse=True):
-        remove_empty(folder / parent)
-    return sorted(path for path in folder.iterdir() if path.name != SHARDS or any(path.iterdir()))
+    _remove_empty(out, paths)
 
 
-def remove_empty(folder: Path) -> None:
-    """Remove a folder in which nothing is left."""
-    try:
-        folder.rmdir()
-    except OSError:
-        if not any(folder.iterdir()):
-            raise
+def _remove_empty(out: Path, paths: Iterable[Path]) -> None:
+    parents = {parent for path in paths for parent in path.relative_to(out).parents}
+    for parent in sorted(parents - {Path(), Path(TASKS)}, reverse=True):
+        if (out / parent).is_dir() and not any((out / parent).iterdir()):
+            (out / parent).rmdir()
 
 
-def owned_files(folder: Path) -> list[Path]:
-    """Return the files in a folder that the package wrote.
-
-    Raises
-    ------
-    WideberthError : no manifest, or a symbolic link where a file of the result should be.
-    """
-    names = listed_files(folder)
-    if names is None:
-        raise WideberthError(f"{folder} holds no {MANIFEST}; nothing in it is removed")
-    places = {folder / name for name in names}
-    for path in places:
-        _refuse_links(folder, path)
-    _refuse_link(folder / SHARDS)
-    found = [path for path in places if _is_file(path)]
-    for parent in {path.parent for path in places}:
-        if parent.is_dir():
-            for path in parent.iterdir():
-                half = _HALF.fullmatch(path.name)
-                if half and parent / half["name"] in places and _is_file(path):
-                    found.append(path)
-    return [*found, *_in_shards(folder / SHARDS)]
-
-
-def _in_shards(folder: Path) -> list[Path]:
-    if not folder.is_dir():
-        return []
-    found = []
-    for path in folder.iterdir():
-        half = _HALF.fullmatch(path.name)
-        if _SHARD.fullmatch(half["name"] if half else path.name) and _is_file(path):
-            found.append(path)
-    return found
-
-
-def _is_file(path: Path) -> bool:
-    """Whether a regular file stands there, no link to one."""
-    try:
-        return stat.S_ISREG(path.lstat().st_mode)
-    except OSError:
-        return False
-
-
-def _refuse_links(folder: Path, path: Path) -> None:
+def refuse_links(out: Path, path: Path) -> None:
     """Refuse a symbolic link on the way from a result's folder to a file."""
-    here = folder
-    for part in path.relative_to(folder).parts:
+    here = out
+    for part in path.relative_to(out).parts:
         here /= part
-        _refuse_link(here)
-
-
-def _refuse_link(path: Path) -> None:
-    if path.is_symlink():
-        raise WideberthError(
-            f"{path} is a symbolic link, which no run makes; nothing is written or removed "
-            "through it: put the file or folder itself there, or move the link away"
-        )
+        if here.is_symlink():
+            raise WideberthError(
+                f"{here} is a symbolic link, which no run makes; nothing is written or removed "
+                "through it: put the file or folder itself there, or move the link away"
+            )

@@ -1,20 +1,16 @@
 """Runs an experiment: tasks in, one folder out, resumable, the same bytes on any machine count.
 
-The folder holds manifest.json (the names of all files that the package wrote there), config.yaml
-(resolved), provenance.json, table.csv (one line per row measured), times.csv (measured times,
-which alone differ from run to run), tasks.json (which task left which lines and files),
-summary.csv, summary.md and files/. While the work goes on,
-shards/ holds one file per finished task; table.csv is written last and says that the run is
-complete.
+The folder holds config.yaml (resolved), provenance.json, table.csv (one line per row measured),
+times.csv (measured times, which alone differ from run to run), summary.csv, summary.md, files/
+and tasks/: a folder per finished task, of which the tables are made. table.csv is written last
+and says that the run is complete.
 """
 
 import tempfile
-from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
-from math import ceil
-from pathlib import Path, PurePosixPath
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ... import __version__
@@ -25,7 +21,6 @@ from ...framework.plugins.io import (
     read_rows,
     table_text,
     write_bytes,
-    write_json,
     write_table,
     write_text,
 )
@@ -33,27 +28,36 @@ from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError, short
 from .base import Experiment, Result, Row, Task, TaskOutcome
 from .errors import as_user_error, describe_error
-from .extending import TASKS, extend, grown, task_index
 from .progress import ProgressLines, say, working
 from .provenance import foreign_sources, plugin_modules, provenance
-from .quick import left_out
 from .result import check_finished
 from .result_folder import (
-    SHARDS,
+    check_config,
     check_folder,
-    claim_files,
+    claim_figures,
     half_written,
+    is_smaller,
+    is_whole,
     locked,
+    move_file,
     prepare,
-    remove_empty,
-    shard_files,
+    remove_files,
+    remove_task,
 )
-from .shards import PackedShard, checked_tasks, finished, read_shard, shard_keys, write_shard
+from .tasks import (
+    TASKS,
+    checked_tasks,
+    read_task,
+    task_folders,
+    task_keys,
+    write_task,
+)
 from .text_tables import markdown_table
-from .worker import Chunk, Pool, Returned, do_task, pack_job
+from .worker import measured, pack_job
 
 if TYPE_CHECKING:
     from .dask_pool import Scheduler
+    from .pool import Pool
 
 
 @dataclass(frozen=True)
@@ -64,7 +68,7 @@ class _Work:
     ----------
     experiment, plugins : what to measure, and the modules that workers import first.
     config : the resolved config.
-    tasks : by the names of their shards.
+    tasks : by the names of their folders.
     origin : versions, commit, source and machine, as stored beside the result.
     """
 
@@ -73,11 +77,6 @@ class _Work:
     config: dict[str, Any]
     tasks: dict[str, Task]
     origin: dict[str, Any]
-
-    @property
-    def source(self) -> str:
-        """Fingerprint of the source code and the data."""
-        return str(self.origin["source"])
 
 
 def run(
@@ -122,27 +121,22 @@ def run(
     check_folder(out)
     with as_user_error():
         work = _work(_chosen(experiment, quick), plugins)
-    fields = work.experiment.growing
-    larger = not fresh and grown(out, work.config, fields, work.source)
-    if (out / "table.csv").exists() and not fresh and not larger:
-        prepare(out, work.config, work.origin)  # refuses another result
-        return Result(out)
+    growing, source = work.experiment.growing, str(work.origin["source"])
+    if (out / "table.csv").exists() and not fresh:
+        if not is_smaller(out, work.config, source, growing):
+            return Result(out)
     with as_user_error(), working("preparing the run"):
+        check_config(work.config)
         work.experiment.check()
     # The pool comes before the folder: without a scheduler no old result is thrown away.
-    with _pool(work, min(workers, len(work.tasks)), scheduler) as pool:
-        if larger:
-            extend(out, work.config, work.tasks, work.source)
-        prepare(out, work.config, work.origin, fresh)
+    with _pool(work, min(workers, len(work.tasks)), scheduler) as pool, locked(out):
+        extended = prepare(out, work.config, work.origin, growing, fresh)
         if not (out / "table.csv").exists():
-            with locked(out):
-                for path in half_written(out):
-                    path.unlink(missing_ok=True)
-                _measure(work, out, pool)
-                try:
-                    _collect(work, out)
-                except Exception as error:  # a summary may fail in any way
-                    raise _kept(error, len(work.tasks), work, out) from error
+            _measure(work, out, pool, extended)
+            try:
+                _collect(work, out)
+            except Exception as error:  # a summary may fail in any way
+                raise _kept(error, len(work.tasks), work, out) from error
     return Result(out)
 
 
@@ -172,23 +166,22 @@ def _work(experiment: Experiment, plugins: Sequence[str]) -> _Work:
     settings = describe(experiment)
     # a field that may grow is left out: what was measured with less of it can be used
     fixed = {name: value for name, value in settings.items() if name not in experiment.growing}
-    given = {**fixed, "plugins": list(plugins)}
-    tasks = shard_keys(given, checked_tasks(experiment.tasks()))
+    tasks = task_keys({**fixed, "plugins": list(plugins)}, checked_tasks(experiment.tasks()))
     config = {**settings, "plugins": sorted({*plugins, *plugin_modules(experiment)})}
     origin = provenance([*foreign_sources(experiment, plugins), *experiment.inputs()])
     return _Work(experiment, tuple(plugins), config, tasks, origin)
 
 
 @contextmanager
-def _pool(work: _Work, workers: int, scheduler: "Scheduler | None") -> Iterator[Pool | None]:
+def _pool(work: _Work, workers: int, scheduler: "Scheduler | None") -> "Iterator[Pool | None]":
     """Yield the workers, ready; None means this process. They end with the block."""
     if scheduler is None and workers == 1:
         yield None
         return
-    job = pack_job(work.experiment, work.plugins, work.source)
+    job = pack_job(work.experiment, work.plugins)
     pool: Pool
     if scheduler is None:
-        from .local_pool import LocalPool
+        from .pool import LocalPool
 
         pool = LocalPool(job, workers)
     else:
@@ -201,30 +194,30 @@ def _pool(work: _Work, workers: int, scheduler: "Scheduler | None") -> Iterator[
         pool.close()
 
 
-def _measure(work: _Work, out: Path, pool: Pool | None) -> None:
-    """Do the tasks without a shard, and write the shard of each when it is done."""
-    folder = out / SHARDS
-    usable, reasons = finished(folder, work.tasks, work.source)
-    total, done = len(work.tasks), len(usable)
-    for reason, number in reasons.items():
-        say(f"{number} of {total} tasks of {out} are done again: their shards are {reason}")
-    missing = {key: task for key, task in work.tasks.items() if key not in usable}
+def _measure(work: _Work, out: Path, pool: "Pool | None", extended: bool) -> None:
+    """Do the tasks that are not finished, and write the folder of each when it is done."""
+    missing = _missing(work, out)
+    total, done = len(work.tasks), len(work.tasks) - len(missing)
+    if extended:
+        say(f"{out} is extended: {done} of {total} tasks are done")
     if not missing:
         return
 
-    def keep(key: str, packed: PackedShard) -> None:
+    def keep(key: str, outcome: TaskOutcome) -> None:
         nonlocal done
-        write_shard(folder, key, packed)
+        write_task(out / TASKS, key, missing[key], outcome)
         done += 1
         advance()
 
     try:
         with ProgressLines(total, done) as advance:
             if pool is not None:
-                Sweep(pool, missing).run(keep)
+                from .pool import sweep
+
+                sweep(pool, missing, keep)
             else:
                 for key, task in missing.items():
-                    keep(key, do_task(work.experiment, task, work.source))
+                    keep(key, measured(work.experiment, task))
     except KeyboardInterrupt:
         raise KeyboardInterrupt(
             f"stopped with {done} of {total} tasks done; they are kept in {out}: "
@@ -232,6 +225,24 @@ def _measure(work: _Work, out: Path, pool: Pool | None) -> None:
         ) from None
     except WideberthError as error:
         raise _kept(error, done, work, out) from error
+
+
+def _missing(work: _Work, out: Path) -> dict[str, Task]:
+    """Return the tasks that are not finished; what is left of them and of others is removed."""
+    remove_files(out, half_written(out))
+    for folder in task_folders(out / TASKS):
+        if folder.name not in work.tasks:  # not complete, or of a smaller result
+            remove_task(out, folder)
+    missing = {key: task for key, task in work.tasks.items() if not is_whole(out, key)}
+    damaged = [out / TASKS / key for key in missing if (out / TASKS / key).exists()]
+    for folder in damaged:
+        remove_task(out, folder)
+    if damaged:
+        say(
+            f"{len(damaged)} of {len(work.tasks)} tasks of {out} are done again: "
+            "their folders are damaged"
+        )
+    return missing
 
 
 def _kept(error: Exception, done: int, work: _Work, out: Path) -> WideberthError:
@@ -244,127 +255,29 @@ def _kept(error: Exception, done: int, work: _Work, out: Path) -> WideberthError
     )
 
 
-CHUNK = 0.2
-"""s of work that travel together: little beside what sending costs, little to do again."""
-LARGEST_CHUNK = 100
-"""Tasks."""
-
-
-class Sweep:
-    """Tasks on their way through a pool.
-
-    A chunk that is lost with its worker is done again task by task, each while nothing else is
-    out: a Dask worker holds chunks in its queue, which are lost with it through no fault of
-    theirs. Whatever then ends a worker as often as the pool's ``patience`` allows is named.
-    """
-
-    def __init__(self, pool: Pool, tasks: Mapping[str, Task]) -> None:
-        self._pool = pool
-        self._waiting = deque(tasks.items())
-        self._suspects: set[str] = set()
-        self._tried: str | None = None  # the suspect that is out, alone
-        self._lost: Counter[str] = Counter()
-        self._out = 0
-        self._pace = 0.0  # s per task, of late
-
-    def run(self, keep: Callable[[str, PackedShard], None]) -> None:
-        """Do all tasks; ``keep`` is called here with each shard, in the order of their ends.
-
-        Raises
-        ------
-        WideberthError : a task failed, or ends every worker that tries it.
-        """
-        self._fill()
-        while self._out:
-            back = self._pool.finished()
-            self._out -= len(back)
-            faults = [reason for reason in map(self._fault, back) if reason]
-            self._fill()  # the workers go on while the driver writes
-            for returned in back:
-                shards = returned.done.packed if returned.done else []
-                for (key, _), packed in zip(returned.chunk, shards, strict=False):
-                    keep(key, packed)
-            if faults:
-                raise WideberthError(faults[0])
-
-    def _fault(self, returned: Returned) -> str | None:
-        """Learn from a chunk that came back; return why the sweep cannot go on, if so."""
-        if returned.done is None:
-            return self._again(returned)
-        if returned.done.packed:
-            pace = returned.done.seconds / len(returned.done.packed)
-            self._pace = 0.5 * (self._pace + pace) if self._pace else pace
-        return returned.done.failed
-
-    def _again(self, returned: Returned) -> str | None:
-        key, task = returned.chunk[0]
-        if key == self._tried:
-            self._lost[key] += 1
-            if self._lost[key] >= self._pool.patience:
-                return f"task {task.name!r} ends every worker that does it ({returned.loss})"
-        self._suspects.update(key for key, _ in returned.chunk)
-        self._waiting.extendleft(reversed(returned.chunk))
-        return None
-
-    def _fill(self) -> None:
-        if self._out == 0:
-            self._tried = None
-        while self._waiting and self._pool.free and self._tried is None:
-            key = self._waiting[0][0]
-            if key in self._suspects:  # they wait in front
-                if self._out:
-                    return
-                self._tried = key
-            self._pool.submit(self._next())
-            self._out += 1
-
-    def _next(self) -> Chunk:
-        # half of each worker's share of what is left: at the end none waits long for another
-        share = ceil(len(self._waiting) / (2 * max(self._pool.slots, 1)))
-        size = min(LARGEST_CHUNK, share, int(CHUNK / self._pace) if self._pace else 1)
-        chunk = [self._waiting.popleft()]
-        while len(chunk) < size and self._tried is None:
-            chunk.append(self._waiting.popleft())
-        return chunk
-
-
 def _collect(work: _Work, out: Path) -> None:
-    """Write tables and files from the shards, in the order of the tasks; table.csv comes last."""
+    """Write the tables from the tasks, in their order, and move their files; table.csv is last."""
     rows: list[Row] = []
     times: list[Row] = []
     owner: dict[str, str] = {}
-    left: dict[str, TaskOutcome] = {}
     for key in work.tasks:
-        outcome = read_shard(out / "shards", key, work.source)
-        if outcome is None:
-            raise WideberthError(f"{out}/shards/{key}.json vanished")
-        rows += outcome.rows
-        times += outcome.times
-        # not all files are held in memory at once
-        left[key] = replace(outcome, files=dict.fromkeys(outcome.files, b""))
-        for name in outcome.files:
+        task = read_task(out / TASKS, key)
+        if task is None:
+            raise WideberthError(f"{out}/{TASKS}/{key} vanished")
+        rows += task.rows
+        times += task.times
+        for name in task.files:
             if owner.setdefault(name, key) != key:
                 raise WideberthError(f"two tasks wrote the file {name!r}; names must differ")
-    files = {name: PurePosixPath("files") / name for name in owner}
-    tables = ["table.csv", "summary.csv", "summary.md", TASKS, *(["times.csv"] if times else [])]
-    claim_files(out, [*tables, *map(str, files.values())])
-    for key in dict.fromkeys(owner.values()):
-        outcome = read_shard(out / "shards", key, work.source)
-        for name, data in outcome.files.items() if outcome else ():
-            path = out / files[name]
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_bytes(path, data)
+    for name, key in owner.items():
+        move_file(out, key, name)
     if times:
         write_table(out / "times.csv", times)
     table = table_text(rows)
     summary = work.experiment.summary(read_rows(table, "the table"))
     write_table(out / "summary.csv", summary)
     write_text(out / "summary.md", f"{work.experiment.claim}\n\n{markdown_table(summary)}\n")
-    write_json(out / TASKS, "tasks", 1, task_index(left))
     write_text(out / "table.csv", table)
-    for path in shard_files(out):
-        path.unlink()
-    remove_empty(out / SHARDS)
 
 
 def reopen(folder: Path) -> tuple[Experiment, Result]:
@@ -402,7 +315,7 @@ def draw(folder: Path) -> list[Path]:
     Raises
     ------
     WideberthError : no finished run, the figures cannot be drawn, or one would overwrite a file
-        that the manifest does not name; the result stays as it is.
+        that was not drawn; the result stays as it is.
     """
     experiment, result = reopen(folder)
     head = f"the result in {folder} is complete, its figures cannot be drawn: "
@@ -410,7 +323,7 @@ def draw(folder: Path) -> list[Path]:
         drawn = Path(name)
         returned = experiment.figures(result, drawn)
         made = {path: folder / "figures" / path.relative_to(drawn) for path in written(drawn)}
-        claim_files(folder, [path.relative_to(folder).as_posix() for path in made.values()])
+        claim_figures(folder, [path.relative_to(folder).as_posix() for path in made.values()])
         (folder / "figures").mkdir(exist_ok=True)
         for path, target in made.items():
             target.parent.mkdir(parents=True, exist_ok=True)
@@ -419,7 +332,56 @@ def draw(folder: Path) -> list[Path]:
 
 
 def written(folder: Path) -> Iterator[Path]:
-    """Yield every file of a result, sorted, without the shards."""
+    """Yield every file of a result that is for the reader, sorted."""
     for path in sorted(folder.rglob("*")):
-        if path.is_file() and "shards" not in path.relative_to(folder).parts:
+        if path.is_file() and path.relative_to(folder).parts[0] != TASKS:
             yield path
+
+
+LONGEST = 60
+"""Characters of a value in the line."""
+
+
+def left_out(whole: Mapping[str, Any], quick: Mapping[str, Any]) -> str:
+    """Return in one line what the config of a quick run has less than the whole one.
+
+    Examples
+    --------
+    >>> whole = {"scenarios": {"door": 1, "hall": 2, "yard": 3}, "seeds": 20, "show": [0, 4]}
+    >>> left_out(whole, {"scenarios": {"door": 1}, "seeds": 1, "show": [0]})
+    'scenarios without hall and yard; seeds 1, not 20; show without 4'
+    """
+    return "; ".join(_differences(whole, quick, ""))
+
+
+def _differences(whole: Mapping[str, Any], quick: Mapping[str, Any], place: str) -> Iterator[str]:
+    """Yield what differs below a place of the config."""
+    for key, value in whole.items():
+        name = f"{place}{key}"
+        if key not in quick or quick[key] == value:
+            continue
+        small = quick[key]
+        if isinstance(value, Mapping) and isinstance(small, Mapping):
+            gone = [str(one) for one in value if one not in small]
+            if gone:
+                yield f"{name} without {_and(gone)}"
+            yield from _differences(value, small, f"{name}.")
+        elif isinstance(value, list) and isinstance(small, list):
+            yield f"{name} {_of_list(value, small)}"
+        else:
+            yield f"{name} {short(small, LONGEST)}, not {short(value, LONGEST)}"
+
+
+def _of_list(whole: list[Any], quick: list[Any]) -> str:
+    """Say what a list lacks: its entries where they are single values, else their number."""
+    gone = [one for one in whole if one not in quick]
+    rest = [one for one in quick if one not in whole]
+    if gone and not rest and not any(isinstance(one, Mapping | list) for one in gone):
+        return f"without {_and([str(one) for one in gone])}"
+    return (
+        f"with {len(quick)} of {len(whole)}" if not rest else f"{short(quick, LONGEST)}, not all"
+    )
+
+
+def _and(names: list[str]) -> str:
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))

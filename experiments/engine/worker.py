@@ -1,10 +1,8 @@
-"""The contract of driver and workers: jobs, chunks of tasks and pools; and the work itself.
+"""What a worker does: it checks that it runs the same program as the driver, then does tasks.
 
-A worker checks that it runs the same program as the driver, then does tasks.
-
-A `Job` travels to every worker with every chunk of tasks and is opened once per process. Tasks
-come back as packed shards, which only the driver writes: workers need no folder in common,
-and one that outlives its driver cannot touch a result.
+A `Job` travels to every worker with every task and is opened once per process. What a task
+measured comes back to the driver, which alone writes: workers need no folder in common, and one
+that outlives its driver cannot touch a result.
 """
 
 import hashlib
@@ -14,26 +12,21 @@ import platform
 import signal
 import sys
 import threading
-import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias
+from typing import Any
 
 from ...framework.control.rate_limited_warnings import quiet
 from ...framework.plugins.config import import_plugins
 from ...framework.values.errors import WideberthError
 from . import thread_limits
-from .base import Experiment, Task
+from .base import Experiment, Task, TaskOutcome
 from .errors import describe_error
-from .provenance import LIBRARIES, fingerprint, foreign_sources
-from .shards import PackedShard, pack
-
-Chunk: TypeAlias = Sequence[tuple[str, Task]]
-"""Tasks that go to a worker together, each with the name of its shard."""
+from .provenance import fingerprint, foreign_sources, versions
+from .tasks import checked_outcome
 
 
 @dataclass(frozen=True)
@@ -44,86 +37,20 @@ class Job:
     ----------
     experiment : pickled; opened after the plug-ins are imported.
     plugins : modules to import first.
-    source : the driver's `fingerprint`, which every shard carries.
     twin : what must be the same in a worker, by its name.
     """
 
     experiment: bytes
     plugins: tuple[str, ...]
-    source: str
     twin: Mapping[str, str | None]
 
 
-@dataclass(frozen=True)
-class Done:
-    """Result of a chunk of tasks.
-
-    Attributes
-    ----------
-    packed : shards of the chunk's tasks in their order, up to the first that failed.
-    failed : why that one failed, or why the worker did none of them.
-    seconds : that the chunk took.
-    """
-
-    packed: list[PackedShard]
-    failed: str | None
-    seconds: float
-
-
-@dataclass(frozen=True)
-class Returned:
-    """A chunk that came back.
-
-    Attributes
-    ----------
-    chunk : as it was submitted.
-    done : what the worker made of it; None if the worker was lost.
-    loss : how.
-    """
-
-    chunk: Chunk
-    done: Done | None
-    loss: str = ""
-
-
-class Pool(Protocol):
-    """Workers somewhere.
-
-    Attributes
-    ----------
-    patience : workers that a task, done with nothing beside it, may cost before it is given up.
-    """
-
-    patience: int
-
-    @property
-    def slots(self) -> int:
-        """Chunks that are worked at at the same time."""
-        ...
-
-    @property
-    def free(self) -> bool:
-        """Whether a chunk can be taken now."""
-        ...
-
-    def submit(self, chunk: Chunk) -> None:
-        """Give a chunk to a worker."""
-
-    def finished(self) -> list[Returned]:
-        """Wait a few seconds at most for chunks that came back, or were lost."""
-        ...
-
-    def close(self) -> None:
-        """Stop the work that is left and let go of the workers."""
-
-
-def pack_job(experiment: Experiment, plugins: Sequence[str], source: str) -> bytes:
+def pack_job(experiment: Experiment, plugins: Sequence[str]) -> bytes:
     """Return a `Job` as bytes; classes of a script travel by value, those of modules by name."""
-    from joblib import wrap_non_picklable_objects
+    import cloudpickle
 
-    wrapped = wrap_non_picklable_objects(experiment, keep_wrapper=False)
-    job = Job(pickle.dumps(wrapped), tuple(plugins), source, twin(experiment, plugins))
-    return pickle.dumps(job)
+    packed = cloudpickle.dumps(experiment)
+    return pickle.dumps(Job(packed, tuple(plugins), twin(experiment, plugins)))
 
 
 def twin(experiment: Experiment, plugins: Sequence[str]) -> dict[str, str | None]:
@@ -132,7 +59,7 @@ def twin(experiment: Experiment, plugins: Sequence[str]) -> dict[str, str | None
     Source of modules is that of their first use in this process: a worker that goes on living
     while a file is edited runs the old one.
     """
-    found = {"Python": platform.python_version(), **_versions(), "wideberth's source": _own()}
+    found = {"Python": platform.python_version(), **versions(), "wideberth's source": _own()}
     main = getattr(sys.modules["__main__"], "__file__", None)
     for path in foreign_sources(experiment, plugins):
         if main is None or path != Path(main):  # a script's classes travel by value
@@ -140,18 +67,6 @@ def twin(experiment: Experiment, plugins: Sequence[str]) -> dict[str, str | None
     for path in experiment.inputs():
         found[f"file {path}"] = _hash(path)
     return found
-
-
-@cache
-def _versions() -> dict[str, str | None]:
-    return {name: _version(name) for name in LIBRARIES}
-
-
-def _version(name: str) -> str | None:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return None
 
 
 @cache
@@ -172,7 +87,7 @@ def _hash(path: Path) -> str | None:
 
 
 @lru_cache(maxsize=4)
-def open_job(packed: bytes) -> tuple[Job, Experiment]:
+def open_job(packed: bytes) -> Experiment:
     """Open a job in this process, or say why it cannot be done here.
 
     Raises
@@ -201,7 +116,7 @@ def open_job(packed: bytes) -> tuple[Job, Experiment]:
         raise WideberthError(
             f"it differs from the driver in: {named}; install the same there and restart it"
         )
-    return job, experiment
+    return experiment
 
 
 def check(packed: bytes) -> str | None:
@@ -213,21 +128,13 @@ def check(packed: bytes) -> str | None:
     return None
 
 
-def do_chunk(packed: bytes, chunk: Chunk) -> Done:
-    """Do tasks in their order until one fails; runs in a worker."""
+def do_task(packed: bytes, task: Task) -> TaskOutcome:
+    """Do one task of a job; runs in a worker."""
     try:
-        job, experiment = open_job(packed)
+        experiment = open_job(packed)
     except WideberthError as error:
-        return Done([], f"the worker {_place()} cannot take part: {error}", 0.0)
-    started = time.perf_counter()
-    shards: list[PackedShard] = []
-    failed = None
-    try:
-        for _, task in chunk:
-            shards.append(do_task(experiment, task, job.source))
-    except WideberthError as error:
-        failed = str(error)
-    return Done(shards, failed, time.perf_counter() - started)
+        raise WideberthError(f"the worker {_place()} cannot take part: {error}") from None
+    return measured(experiment, task)
 
 
 def _place() -> str:
@@ -240,8 +147,8 @@ def _place() -> str:
     return f"process {os.getpid()}"
 
 
-def do_task(experiment: Experiment, task: Task, source: str) -> PackedShard:
-    """Do one task and return its shard.
+def measured(experiment: Experiment, task: Task) -> TaskOutcome:
+    """Measure one task and return its checked outcome.
 
     Controllers warn of nothing: what they did otherwise than asked stands in the result.
 
@@ -257,7 +164,7 @@ def do_task(experiment: Experiment, task: Task, source: str) -> PackedShard:
             interrupt.check()
             raise WideberthError(f"task {task.name!r}: {describe_error(error)}") from error
         interrupt.check()
-    return pack(task, outcome, source)
+    return checked_outcome(task, outcome)
 
 
 class _Interrupt:

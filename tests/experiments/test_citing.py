@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from wideberth.experiments.engine.citing import PAPER, bibliography, keys
+from wideberth.experiments.engine.provenance import PAPER, bibliography, keys
 from wideberth.framework.plugins.registry import ROOMS, load, names
 from wideberth.regions.bhattacharyya import Bhattacharyya
 from wideberth.regions.whitened_box import WhitenedBox

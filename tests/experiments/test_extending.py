@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from wideberth.experiments.engine.base import Experiment, Task, TaskOutcome
-from wideberth.experiments.engine.result_folder import listed_files
+from wideberth.experiments.engine.result_folder import own_files
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.framework.values.errors import WideberthError
 from wideberth.tests.helpers.sweeps import coins, contents
@@ -60,7 +60,7 @@ def test_more_seeds_give_the_bytes_of_a_fresh_run(
     assert "extended: 2 of 5 tasks are done" in capsys.readouterr().err
     assert contents(out) == {**whole, "notes.txt": b"mine"}
     assert (out / "times.csv").read_text().startswith(times)
-    assert "files/seed/4.bin" in (listed_files(out) or ()) and not (out / "shards").exists()
+    assert out / "files" / "seed" / "4.bin" in own_files(out)
 
 
 def test_an_unfinished_run_is_extended_too(
@@ -125,7 +125,10 @@ def _killed_after(patch: pytest.MonkeyPatch, changes: int) -> Callable[[], bool]
 
         return attempt
 
-    for owner, name in ((os, "replace"), (Path, "unlink"), (Path, "rmdir"), (Path, "mkdir")):
+    for owner, name in (
+        (os, "replace"), (os, "rename"), (Path, "unlink"), (Path, "rmdir"), (Path, "mkdir"),
+        (Path, "rename"), (Path, "write_bytes"),
+    ):  # fmt: skip
         patch.setattr(owner, name, limited(getattr(owner, name)))
     return lambda: left[0] < 0
 
@@ -146,24 +149,47 @@ def test_nothing_else_is_taken_over(
     assert contents(tmp_path / "a") == before
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "message"),
-    [
-        ("tasks.json", None, "no tasks.json"),
-        ("table.csv", "seed,share,product,none\n0,0.5,1.0,\n", "another number of lines"),
-        ("files/seed/1.bin", None, "lacks its file files/seed/1.bin"),
-        ("provenance.json", '{"format": "wideberth/provenance", "version": 1}', "other source"),
-    ],
-)
-def test_a_damaged_result_is_not_extended(
-    tmp_path: Path, name: str, text: str | None, message: str
-) -> None:
+def test_a_result_of_other_source_is_not_extended(tmp_path: Path) -> None:
     out = run(coins(seeds=2), tmp_path / "a").folder
-    if text is None:
-        (out / name).unlink()
-    else:
-        (out / name).write_text(text)
+    (out / "provenance.json").write_text('{"format": "wideberth/provenance", "version": 1}')
     before = contents(out)
-    with pytest.raises(WideberthError, match=message):
+    with pytest.raises(WideberthError, match="other source"):
         run(coins(seeds=3), out)
     assert contents(out) == before
+
+
+@pytest.mark.parametrize("lost", ["files/seed/1.bin", "tasks/*/rows.json"])
+def test_what_is_lost_of_a_result_is_measured_again(
+    tmp_path: Path, measured: list[str], lost: str
+) -> None:
+    whole = contents(run(coins(seeds=3), tmp_path / "whole").folder)
+    out = run(coins(seeds=2), tmp_path / "a").folder
+    (seed,) = [1] if "1.bin" in lost else [0]
+    keys = sorted(path.parent for path in out.glob("tasks/*/rows.json"))
+    path = next(key for key in keys if f'"seed {seed}"' in (key / "rows.json").read_text())
+    if "1.bin" in lost:
+        (out / lost).unlink()
+    else:
+        (path / "rows.json").unlink()
+        (out / "files" / "seed" / "0.bin").unlink()  # it is not known whose it was
+    measured.clear()
+    assert contents(run(coins(seeds=3), out).folder) == whole
+    assert measured == [f"seed {seed}", "seed 2"]
+
+
+def test_the_last_block_that_was_not_full_is_another_task(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its file has the name of that of the full block."""
+
+    def blocks(self: Any) -> list[Task]:
+        return [
+            Task(f"block {k}", k, {"bias": 0.5, "last": min(k + 2, self.seeds)})
+            for k in range(0, self.seeds, 2)
+        ]
+
+    monkeypatch.setattr(type(coins()), "tasks", blocks)
+    whole = contents(run(coins(seeds=4), tmp_path / "whole").folder)
+    out = run(coins(seeds=3), tmp_path / "a").folder
+    assert contents(run(coins(seeds=4), out).folder) == whole
+    assert len(list((out / "tasks").glob("*/rows.json"))) == 2

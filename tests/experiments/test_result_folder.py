@@ -1,5 +1,6 @@
 """Nothing in a result's folder is removed or overwritten but files that a run wrote there."""
 
+import contextlib
 import json
 import os
 import shutil
@@ -11,10 +12,8 @@ import pytest
 
 from wideberth.experiments.engine import result_folder, runner
 from wideberth.experiments.engine.base import Experiment
-from wideberth.experiments.engine.result_folder import listed_files
+from wideberth.experiments.engine.result_folder import own_files
 from wideberth.experiments.engine.runner import draw, run
-from wideberth.framework.plugins.io import read_json
-from wideberth.framework.plugins.yamlfile import read_config
 from wideberth.framework.values.errors import WideberthError
 from wideberth.tests.helpers.sweeps import coins
 
@@ -33,8 +32,9 @@ def tree(folder: Path) -> dict[str, bytes | None]:
 def test_fresh_keeps_a_folder_that_is_no_result(tmp_path: Path) -> None:
     """Any Hydra project has a config.yaml; a thesis beside it was lost."""
     out = tmp_path / "project"
-    (out / "shards").mkdir(parents=True)
-    for name in ("config.yaml", "provenance.json", "thesis.tex", f"shards/{24 * 'a'}.json"):
+    (out / "tasks" / (24 * "a")).mkdir(parents=True)
+    rows = f"tasks/{24 * 'a'}/rows.json"
+    for name in ("config.yaml", "provenance.json", "thesis.tex", rows):
         (out / name).write_text("mine: 1\n")
     before = tree(out)
     for fresh in (True, False):
@@ -44,28 +44,38 @@ def test_fresh_keeps_a_folder_that_is_no_result(tmp_path: Path) -> None:
     assert tree(out) == before
 
 
-def test_the_manifest_names_every_file(tmp_path: Path) -> None:
+def ours(out: Path) -> set[str]:
+    return {path.relative_to(out).as_posix() for path in own_files(out) if path.is_file()}
+
+
+def test_every_file_of_a_result_is_known_as_our_own(tmp_path: Path) -> None:
     out = tmp_path / "a"
     run(coins(), out)
     draw(out)
-    assert listed_files(out) == {path.relative_to(out).as_posix() for path in runner.written(out)}
-    assert "figures/share.png" in (listed_files(out) or ()) and not (out / "shards").exists()
+    every = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
+    assert ours(out) == every - {"tasks/.lock"}
+    assert {path.relative_to(out).as_posix() for path in runner.written(out)} == {
+        name for name in every if not name.startswith("tasks/")
+    }
+    assert "figures/share.png" in every
 
 
-def test_fresh_removes_what_the_manifest_names_and_nothing_else(
+def test_fresh_removes_what_runs_wrote_and_nothing_else(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "a"
     run(coins(), out)
     draw(out)
     mine = ["thesis.tex", "files/seed/notes", "figures/mine.png", ".backup.part", "files/own/x"]
-    (out / "files" / "own").mkdir()
+    mine += ["tasks/notes.json", f"tasks/{24 * 'g'}/rows.json"]
+    for name in ("files/own", f"tasks/{24 * 'g'}"):
+        (out / name).mkdir()
     for name in mine:
         (out / name).write_text("mine")
     assert len(run(coins(seeds=1), out, fresh=True).rows) == 1
     assert "kept in" in capsys.readouterr().err
     left = {name for name, data in tree(out).items() if data is not None}
-    assert left == {*mine, *(listed_files(out) or ())}
+    assert left == {*mine, *ours(out), "tasks/.lock"}
     assert "files/seed/2.bin" not in left and "figures/share.png" not in left
     assert all((out / name).read_text() == "mine" for name in mine)
 
@@ -76,32 +86,52 @@ def test_a_folder_with_nothing_else_is_as_new(tmp_path: Path) -> None:
     run(coins(seeds=1), tmp_path / "a", fresh=True)
     run(coins(seeds=1), tmp_path / "b")
     for out in ("a", "b"):
-        (tmp_path / out / "times.csv").unlink()
+        for path in (tmp_path / out).rglob("times.*"):
+            path.unlink()
     assert tree(tmp_path / "a") == tree(tmp_path / "b")
 
 
-def test_a_run_keeps_what_lies_among_its_shards(tmp_path: Path) -> None:
+def test_a_run_keeps_what_lies_among_its_tasks(tmp_path: Path) -> None:
     out = tmp_path / "a"
     with pytest.raises(WideberthError):
         run(coins(fails=True), out)
     for name in ("notes.json", ".draft.part", f"{24 * 'g'}.json"):
-        (out / "shards" / name).write_text("mine")
-    (out / "shards" / f"{24 * '0'}.json").write_text("a shard of another config")
-    run(coins(), out, fresh=True)
-    assert sorted(path.name for path in (out / "shards").iterdir()) == sorted(
-        ["notes.json", ".draft.part", f"{24 * 'g'}.json"]
-    )
+        (out / "tasks" / name).write_text("mine")
+    (out / "tasks" / (24 * "0")).mkdir()
+    (out / "tasks" / (24 * "0") / "rows.json").write_text("a task of another config")
+    run(coins(seeds=1), out, fresh=True)
+    names = {path.name for path in (out / "tasks").iterdir() if path.is_file()}
+    assert names == {"notes.json", ".draft.part", f"{24 * 'g'}.json", ".lock"}
+    assert not (out / "tasks" / (24 * "0")).exists()
 
 
-@pytest.mark.parametrize("name", ["table.csv", "files", "files/seed", "manifest.json", "shards"])
+def test_a_file_that_lies_in_the_place_of_one_of_a_task_stays(tmp_path: Path) -> None:
+    out = tmp_path / "a"
+    (out / "files" / "seed").mkdir(parents=True)
+    with pytest.raises(WideberthError, match=r"holds no result"):
+        run(coins(), out)
+    shutil.rmtree(out)
+    with pytest.raises(WideberthError, match=r"fell on its edge"):
+        run(coins(fails=True), out)
+    shutil.rmtree(out / "tasks")
+    (out / "config.yaml").unlink()
+    (out / "files" / "seed").mkdir(parents=True)
+    (out / "files" / "seed" / "1.bin").write_text("mine")
+    for fresh in (False, True):
+        with pytest.raises(WideberthError, match=r"seed/1.bin was not written .*move it away"):
+            run(coins(), out, fresh=fresh)
+        assert (out / "files" / "seed" / "1.bin").read_text() == "mine"
+    (out / "files" / "seed" / "1.bin").unlink()
+    assert len(run(coins(), out).rows) == 3
+
+
+@pytest.mark.parametrize(
+    "name", ["table.csv", "files", "files/seed", "provenance.json", "tasks", "config.yaml"]
+)
 def test_nothing_is_removed_through_a_symbolic_link(tmp_path: Path, name: str) -> None:
     out, elsewhere = tmp_path / "a", tmp_path / "elsewhere"
     run(coins(), out)
-    if name == "shards":
-        elsewhere.mkdir()
-        (elsewhere / f"{24 * '0'}.json").write_text("mine")
-    else:
-        shutil.move(out / name, elsewhere)
+    shutil.move(out / name, elsewhere)
     (out / name).symlink_to(elsewhere)
     before = tree(tmp_path)
     with pytest.raises(WideberthError, match=r"is a symbolic link"):
@@ -112,29 +142,18 @@ def test_nothing_is_removed_through_a_symbolic_link(tmp_path: Path, name: str) -
 @pytest.mark.parametrize(
     "names", [["../thesis.tex"], ["/etc/passwd"], [""], [3], {"a": 1}, ["a/../../thesis.tex"]]
 )
-def test_a_manifest_that_names_other_places(tmp_path: Path, names: object) -> None:
+@pytest.mark.parametrize("record", ["rows", "figures"])
+def test_a_record_that_names_other_places(tmp_path: Path, record: str, names: object) -> None:
     out = tmp_path / "a"
     run(coins(), out)
+    draw(out)
     (tmp_path / "thesis.tex").write_text("mine")
-    content = {"format": "wideberth/result", "version": 1, "files": names}
-    (out / "manifest.json").write_text(json.dumps(content))
-    before = tree(tmp_path)
-    with pytest.raises(WideberthError, match=r"manifest.json is damaged"):
-        run(coins(seeds=1), out, fresh=True)
-    assert tree(tmp_path) == before
-
-
-def test_a_result_of_an_older_version_says_what_to_do(tmp_path: Path) -> None:
-    out = tmp_path / "a"
-    run(coins(), out)
-    (out / "manifest.json").unlink()
-    for fresh in (True, False):
-        with pytest.raises(WideberthError, match=r"no manifest.json.*by hand.*--out"):
-            run(coins(), out, fresh=fresh)
-    assert (out / "table.csv").is_file()
-    assert draw(out)  # reading it needs no manifest, and nothing is overwritten
-    with pytest.raises(WideberthError, match=r"share.* was not written .*move it away"):
-        draw(out)
+    path = next((out / "tasks").rglob(f"{record}.json"))
+    path.write_text(json.dumps({**json.loads(path.read_text()), "files": names}))
+    words = {"figures": r"figures.json is damaged", "rows": r"bin was not written by this package"}
+    with pytest.raises(WideberthError, match=words[record]):
+        run(coins(throws=7), out, fresh=True)
+    assert (tmp_path / "thesis.tex").read_text() == "mine"
 
 
 def test_a_config_of_another_version_names_its_file_and_version(tmp_path: Path) -> None:
@@ -244,43 +263,25 @@ def test_a_config_that_cannot_be_opened_again_is_refused_before_the_work(
         assert not measured and not tree(tmp_path)
 
 
-def begun_run(kept: Path) -> Callable[[Path], None]:
-    """Return what begins a run of another config in a folder, as another process does."""
-    run(coins(throws=7), kept)
-    settings = read_config(kept / "config.yaml", stored=True)
-    origin = read_json(kept / "provenance.json", "provenance", 1)
-    return lambda out: result_folder.prepare(out, settings, origin)
-
-
-@pytest.mark.parametrize("made", ["new", "empty"])
 def test_a_folder_that_another_run_begins_at_the_same_moment_is_refused(
-    made: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The other run comes between the last look at the folder and the step that takes it."""
-    out, measured, begun = tmp_path / "out", [], dict[str, bytes | None]()
-    if made == "empty":
-        out.mkdir()
-    steps: dict[str, tuple[Any, str, Callable[..., bool]]] = {
-        "new": (os, "rename", lambda source, target: target == out),
-        "empty": (Path, "mkdir", lambda folder: folder == out / "shards"),
-    }
-    place, name, taken = steps[made]
-    original, other = getattr(place, name), begun_run(tmp_path / "kept")
+    out, begun = tmp_path / "out", dict[str, bytes | None]()
+    original = result_folder.prepare
 
-    def late(*given: Any, **options: Any) -> None:
-        if taken(*given) and not begun:
-            begun["."] = None
-            other(out)
-            begun.update(tree(out))
-        original(*given, **options)
+    def late(*given: Any) -> bool:
+        with monkeypatch.context() as patch:
+            patch.setattr(runner, "prepare", original)
+            patch.setattr(runner, "locked", lambda folder: contextlib.nullcontext())
+            run(coins(throws=7), out)
+        begun.update(tree(out))
+        return original(*given)
 
-    monkeypatch.setattr(runner, "_measure", lambda *given: measured.append(given))
-    with monkeypatch.context() as patch:
-        patch.setattr(place, name, late)
-        with pytest.raises(WideberthError, match=r"begun by another run at the same moment"):
-            run(coins(), out)
-    assert {".": None, **tree(out)} == begun and not measured
-    assert not list(tmp_path.glob(".*.part"))
+    monkeypatch.setattr(runner, "prepare", late)
+    with pytest.raises(WideberthError, match=r"another config \(it differs in throws\)"):
+        run(coins(), out)
+    assert begun and tree(out) == begun
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,7 @@ import pytest
 
 from wideberth.experiments.engine.base import Experiment, Task, TaskOutcome
 from wideberth.experiments.engine.provenance import fingerprint
-from wideberth.experiments.engine.quick import left_out
-from wideberth.experiments.engine.runner import draw, reopen, run
+from wideberth.experiments.engine.runner import draw, left_out, reopen, run
 from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.engine.text_tables import print_table
 from wideberth.framework.plugins.config import describe
@@ -30,7 +29,7 @@ def shell(*arguments: str, cwd: Path) -> subprocess.Popen[str]:
     path = os.pathsep.join([str(HERE), os.environ.get("PYTHONPATH", "")])
     return subprocess.Popen(
         [*command, *arguments], cwd=cwd, text=True, env={**os.environ, "PYTHONPATH": path},
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True,
     )  # fmt: skip
 
 
@@ -46,7 +45,7 @@ def test_folder_holds_table_summary_files_and_origin(tmp_path: Path) -> None:
     summary = read_table(tmp_path / "a" / "summary.csv")
     assert summary[0]["share"] == pytest.approx(sum(r["share"] for r in result.rows) / 3)
     assert "either side" in (tmp_path / "a" / "summary.md").read_text()
-    assert not (tmp_path / "a" / "shards").exists()
+    assert not list((tmp_path / "a" / "tasks").rglob("files"))  # they were moved
     with pytest.raises(WideberthError, match=r"no file 'x'.*seed/0\.bin"):
         result.read("x")
 
@@ -97,19 +96,20 @@ def test_finished_run_is_not_run_again(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 @pytest.mark.parametrize("workers", ["1", "2"])
-def test_ctrl_c_leaves_whole_shards_and_says_how_to_resume(tmp_path: Path, workers: str) -> None:
+def test_ctrl_c_leaves_whole_tasks_and_says_how_to_resume(tmp_path: Path, workers: str) -> None:
     settings = "type: sample_plugin:Coins\npause: 0.3\nseeds: 100\n"
     (tmp_path / "slow.yaml").write_text(settings)
     made = shell("run", "slow.yaml", "--out", "r", "--workers", workers, cwd=tmp_path)
     until = time.monotonic() + 60
-    while not list((tmp_path / "r" / "shards").glob("*.json")) and time.monotonic() < until:
+    while not list((tmp_path / "r" / "tasks").glob("[!.]*")) and time.monotonic() < until:
         time.sleep(0.05)
-    made.send_signal(signal.SIGINT)
+    os.killpg(made.pid, signal.SIGINT)  # of the workers too, as a terminal does
     _, error = made.communicate(timeout=60)
     assert made.returncode == 2, error
     assert "goes on from there" in error and "Traceback" not in error
     assert not (tmp_path / "r" / "table.csv").exists()
-    for path in (tmp_path / "r" / "shards").glob("[!.]*.json"):
+    assert list((tmp_path / "r" / "tasks").glob("[!.]*"))
+    for path in (tmp_path / "r" / "tasks").glob("[!.]*/*.json"):
         assert path.read_text().endswith("}\n")
 
 

@@ -30,7 +30,7 @@ def sweeps(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 
 def finished(folder: Path) -> set[str]:
-    return {path.name for path in (folder / "shards").glob("[!.]*.json")}
+    return {path.name for path in (folder / "tasks").glob(24 * "[0-9a-f]")}
 
 
 @pytest.mark.parametrize("kills", [3, pytest.param(10, marks=pytest.mark.slow)])
@@ -49,7 +49,7 @@ def test_a_driver_killed_at_any_moment_ends_with_the_same_table(
     def begin_and_kill(kill: int, kept: set[str]) -> None:
         made = begin(1 + kill % 2)
         if kill != 3:  # that one as early as in an import
-            sweeps.wait_until(lambda: finished(out) - kept or made.poll() is not None, "a shard")
+            sweeps.wait_until(lambda: finished(out) - kept or made.poll() is not None, "a task")
         time.sleep(rng.uniform(0.0, 0.15))
         made.kill()
         made.communicate()
@@ -78,7 +78,9 @@ def test_only_what_is_missing_is_done_again(tmp_path: Path, sweeps: ModuleType) 
     assert killed.returncode == -signal.SIGKILL  # one worker is the driver itself
     assert len(finished(tmp_path / "r")) == 17
     (tmp_path / "r" / ".config.yaml.abc12_de.part").write_text("half")
-    (tmp_path / "r" / "shards" / f".{24 * '0'}.times.json.abc12_de.part").write_text("half")
+    half = tmp_path / "r" / "tasks" / f".{24 * '0'}.abc12_de.part"
+    half.mkdir()
+    (half / "rows.json").write_text("half")
     measured: list[int] = []
     original = type(experiment).measure
 
@@ -95,10 +97,14 @@ def test_only_what_is_missing_is_done_again(tmp_path: Path, sweeps: ModuleType) 
     assert not list((tmp_path / "r").rglob("*.part"))
 
 
-def test_a_lost_worker_costs_time_only(tmp_path: Path, sweeps: ModuleType) -> None:
+def test_a_lost_worker_costs_time_only(
+    tmp_path: Path, sweeps: ModuleType, capsys: pytest.CaptureFixture[str]
+) -> None:
     result = run(sweeps.deadly(tmp_path, deadly=5, lives=2), tmp_path / "r", workers=2)
     assert [row["square"] for row in result.rows] == [seed**2 for seed in range(40)]
     assert len(list(tmp_path.glob("death-*"))) == 2
+    line = "task 'seed 5' is done again: its worker was ended by SIGKILL"
+    assert capsys.readouterr().err.count(line) == 2
     assert {row["threads"] for row in result.rows} == {1}
 
 
@@ -108,15 +114,15 @@ def test_a_task_that_ends_its_workers_is_named(tmp_path: Path, sweeps: ModuleTyp
         WideberthError, match=r"'seed 5' ends every worker that does it .*SIGKILL: the memory"
     ) as caught:
         run(experiment, tmp_path / "r", workers=2)
-    kept = finished(tmp_path / "r")
-    assert f"{len(kept)} of 40 tasks are done and kept" in str(caught.value)
-    assert 3 <= len(list(tmp_path.glob("death-*"))) <= 4  # in a chunk, perhaps, then alone
+    assert len(finished(tmp_path / "r")) == 39  # the rest goes on
+    assert "39 of 40 tasks are done and kept" in str(caught.value)
+    assert len(list(tmp_path.glob("death-*"))) == 3
 
 
 def test_workers_end_when_their_driver_is_killed(tmp_path: Path, sweeps: ModuleType) -> None:
     (tmp_path / "coins.yaml").write_text(YAML)
     made = sweeps.wideberth("run", "coins.yaml", "--out", "r", "--workers", "2", cwd=tmp_path)
-    sweeps.wait_until(lambda: finished(tmp_path / "r"), "a shard")
+    sweeps.wait_until(lambda: finished(tmp_path / "r"), "a task")
     listed = Path(f"/proc/{made.pid}/task/{made.pid}/children")
     if not listed.exists():
         made.kill()
@@ -142,49 +148,57 @@ def test_workers_end_when_their_driver_is_killed(tmp_path: Path, sweeps: ModuleT
     assert finished(tmp_path / "r") == kept  # they never write
 
 
-def test_shards_of_another_version_are_done_again_and_counted(
+def test_damaged_tasks_are_done_again_and_counted(
     tmp_path: Path, sweeps: ModuleType, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(runner, "_collect", None)
         with pytest.raises(WideberthError, match=r"9 of 9 tasks are done and kept"):
             run(sweeps.coins(seeds=9), tmp_path / "r")
-    found = sorted((tmp_path / "r" / "shards").glob("*[!s].json"))
+    found = sorted((tmp_path / "r" / "tasks").glob(24 * "[0-9a-f]"))
     assert len(found) == 9
-    for path in found[:4]:
-        path.write_text(path.read_text().replace('"source": "', '"source": "of old'))
-    found[4].write_text("{")
+    (found[0] / "rows.json").write_text("{")
+    (found[1] / "rows.json").unlink()
+    (found[2] / "times.json").write_bytes(b"")
+    next((found[3] / "files" / "seed").iterdir()).unlink()
     run(sweeps.coins(seeds=9), tmp_path / "r")
-    told = capsys.readouterr().err
-    assert "4 of 9 tasks of" in told and "their shards are of another version of the" in told
-    assert "1 of 9 tasks of" in told and "their shards are damaged" in told
+    assert "4 of 9 tasks of" in (said := capsys.readouterr().err) and "are damaged" in said
     run(sweeps.coins(seeds=9), tmp_path / "whole")
     assert sweeps.contents(tmp_path / "r") == sweeps.contents(tmp_path / "whole")
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-@pytest.mark.parametrize("place", ["shards", "files", ".table.csv."])
+@pytest.mark.parametrize(
+    ("place", "owner", "name"),
+    [
+        ("tasks", Path, "write_bytes"),
+        ("files", Path, "rename"),
+        (".table.csv.", tempfile, "mkstemp"),
+    ],
+)
 def test_a_full_disk_is_one_message_and_nothing_done_is_lost(
-    tmp_path: Path, sweeps: ModuleType, workers: int, place: str
+    tmp_path: Path, sweeps: ModuleType, workers: int, place: str, owner: Any, name: str
 ) -> None:
     out = tmp_path / "r"
-    names: list[str] = []
-    real = tempfile.mkstemp
+    places: list[Path] = []
+    real = getattr(owner, name)
 
-    def full(suffix: str = "", prefix: str = "", dir: Any = None) -> tuple[int, str]:
-        if dir is not None and str(Path(dir) / prefix).startswith(str(out / place)):
-            names.append(prefix)
-            if place != "shards" or len(names) > 9:
+    def full(*given: Any, **named: Any) -> Any:
+        folders = {"write_bytes": lambda path, data: path, "rename": lambda path, target: target,
+                   "mkstemp": lambda suffix, prefix, dir: Path(dir, prefix)}  # fmt: skip
+        path = folders[name](*given, **named)
+        if str(path).startswith(str(out / place)):
+            places.append(path)
+            if place != "tasks" or len(places) > 13:  # three files each
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        return real(suffix, prefix, dir)
+        return real(*given, **named)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tempfile, "mkstemp", full)
+        patch.setattr(owner, name, full)
         with pytest.raises(WideberthError, match=r"No space left on device") as caught:
             run(sweeps.coins(seeds=9), out, workers=workers)
-    kept = len(finished(out)) // 2  # each has its times beside it
-    if place != "shards":
-        assert kept == 9
+    kept = len(finished(out))
+    assert kept == (9 if place != "tasks" else 4)
     assert str(out) in str(caught.value) and not list(out.rglob("*.part"))
     assert not (out / "table.csv").exists()
     assert not kept or f"{kept} of 9 tasks are done and kept in {out}" in str(caught.value)
@@ -196,7 +210,7 @@ def test_a_full_disk_is_one_message_and_nothing_done_is_lost(
 def test_two_runs_do_not_share_a_folder(tmp_path: Path, sweeps: ModuleType) -> None:
     (tmp_path / "coins.yaml").write_text(YAML)
     made = sweeps.wideberth("run", "coins.yaml", "--out", "r", cwd=tmp_path)
-    sweeps.wait_until(lambda: finished(tmp_path / "r"), "a shard")
+    sweeps.wait_until(lambda: finished(tmp_path / "r"), "a task")
     for fresh in (False, True):
         with pytest.raises(WideberthError, match=r"another run is at work in .*--out"):
             run(sweeps.coins(seeds=100, pause=0.02), tmp_path / "r", fresh=fresh)

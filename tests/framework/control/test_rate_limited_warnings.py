@@ -9,7 +9,7 @@ import pytest
 
 from wideberth.controllers.pure_pursuit import PurePursuit
 from wideberth.experiments.engine.base import Experiment, Task, TaskOutcome
-from wideberth.experiments.engine.worker import do_task
+from wideberth.experiments.engine.worker import measured
 from wideberth.framework.control import rate_limited_warnings as notices
 from wideberth.framework.control.rate_limited_warnings import RateLimitedWarnings, quiet
 from wideberth.framework.mpc.levels.paper import Paper
@@ -151,7 +151,7 @@ class Braking:
 def test_an_experiment_warns_of_nothing_and_then_all_is_as_before(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    do_task(cast(Experiment, Braking()), Task("one", 0, {}), "")
+    measured(cast(Experiment, Braking()), Task("one", 0, {}))
     assert caplog.messages == []
     notices.WARNINGS.warn("Planner", "brake", "after it")
     assert caplog.messages == ["brake: after it"]

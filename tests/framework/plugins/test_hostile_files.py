@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.engine.runner import run
-from wideberth.experiments.engine.shards import UnusableShard, read_shard
 from wideberth.experiments.engine.shipped_configs import read_experiment
+from wideberth.experiments.engine.tasks import read_task
 from wideberth.framework.mpc.diagnosis.solve_record import read_solve
 from wideberth.framework.plugins.config import build, describe, load_plugin
 from wideberth.framework.plugins.io import expanded, read_json, read_table
@@ -146,20 +146,20 @@ def test_files_that_never_end_or_are_too_large(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "text", ["[" * 200_000, '{"format": ' + "[" * 300 + "]" * 300 + "}", "1" * 5001, ""]
 )
-def test_a_shard_of_nested_brackets(text: str, tmp_path: Path) -> None:
-    (tmp_path / "k.json").write_text(text)
-    with pytest.raises(UnusableShard) as caught:
-        read_shard(tmp_path, "k", "source")
-    assert caught.value.reason in ("damaged", "of another version of the program")
+def test_a_finished_task_of_nested_brackets(text: str, tmp_path: Path) -> None:
+    (tmp_path / "k").mkdir()
+    (tmp_path / "k" / "rows.json").write_text(text)
+    with pytest.raises(WideberthError):
+        read_task(tmp_path, "k")
 
 
 @pytest.mark.parametrize("rows", [3, [3], [{"a": []}], [[1]], {"a": 1}, None, "text"])
-def test_a_shard_whose_rows_are_none(rows: object, tmp_path: Path) -> None:
-    content = {"format": "wideberth/shard", "version": 1, "source": "s", "task": "t"}
-    more = {"timed": False, "files": {}, "rows": rows}
-    (tmp_path / "k.json").write_text(json.dumps({**content, **more}))
-    with pytest.raises(UnusableShard, match="damaged"):
-        read_shard(tmp_path, "k", "s")
+def test_a_finished_task_whose_rows_are_none(rows: object, tmp_path: Path) -> None:
+    content = {"format": "wideberth/task", "version": 1, "task": "t", "files": [], "rows": rows}
+    (tmp_path / "k").mkdir()
+    (tmp_path / "k" / "rows.json").write_text(json.dumps(content))
+    with pytest.raises(WideberthError):
+        read_task(tmp_path, "k")
 
 
 def archive(**arrays: object) -> bytes:

@@ -1,4 +1,4 @@
-"""Shards, tables and files: whole or not there, read back as written, or refused with a reason."""
+"""Finished tasks, tables, files: whole or not there, read back as written, or refused."""
 
 import os
 from pathlib import Path
@@ -6,13 +6,13 @@ from pathlib import Path
 import pytest
 
 from wideberth.experiments.engine.base import Result, Task, TaskOutcome
-from wideberth.experiments.engine.shards import (
+from wideberth.experiments.engine.tasks import (
+    FinishedTask,
+    checked_outcome,
     checked_tasks,
-    finished,
-    pack,
-    read_shard,
-    shard_keys,
-    write_shard,
+    read_task,
+    task_keys,
+    write_task,
 )
 from wideberth.framework.plugins.io import (
     read_json,
@@ -31,52 +31,57 @@ def test_tasks_must_be_there_and_differ() -> None:
         checked_tasks([Task("a"), Task("a", 1)])
 
 
-SOURCE = "0123456789abcdef"
-
-
 def key_of(config: dict[str, object], task: Task) -> str:
-    (key,) = shard_keys(config, [task])
+    (key,) = task_keys(config, [task])
     return key
 
 
-def test_shards(tmp_path: Path) -> None:
+def test_a_finished_task_reads_back(tmp_path: Path) -> None:
     task = Task("a", 1, {"x": 0.1})
     key = key_of({"type": "e"}, task)
     assert key != key_of({"type": "e"}, Task("a", 2, {"x": 0.1}))
     assert key != key_of({"type": "f"}, task)
-    assert read_shard(tmp_path, key, SOURCE) is None
-    outcome = TaskOutcome([{"x": 0.1, "nan": float("inf")}], [{"t": 1.0}], {"f": b"\x00\xff"})
-    write_shard(tmp_path, key, pack(task, outcome, SOURCE))
-    assert read_shard(tmp_path, key, SOURCE) == outcome
-    with pytest.raises(WideberthError, match=r"leaves the folder"):
-        pack(task, TaskOutcome(files={"../f": b""}), SOURCE)
+    assert read_task(tmp_path, key) is None
+    outcome = TaskOutcome([{"x": 0.1, "nan": float("inf")}], [{"t": 1.0}], {"d/f": b"\x00\xff"})
+    write_task(tmp_path, key, task, checked_outcome(task, outcome))
+    assert read_task(tmp_path, key) == FinishedTask(outcome.rows, outcome.times, ["d/f"])
+    assert (tmp_path / key / "files" / "d" / "f").read_bytes() == b"\x00\xff"
+    for name in ("../f", "/f", "", "a/../../f", "a\0"):
+        with pytest.raises(WideberthError, match=r"leaves the folder"):
+            checked_outcome(task, TaskOutcome(files={name: b""}))
     with pytest.raises(WideberthError, match=r"not plain"):
         key_of({}, Task("a", 0, {"x": object()}))
     with pytest.raises(WideberthError, match=r"not plain"):
         key_of({"x": object()}, task)
 
 
-@pytest.mark.parametrize("name", ["{}.json", "{}.times.json"])
-def test_a_shard_that_cannot_be_used_says_why(tmp_path: Path, name: str) -> None:
-    packed = pack(Task("a"), TaskOutcome([{"x": 1}], [{"t": 1.0}]), SOURCE)
-    path = tmp_path / name.format("k")
+def test_a_task_is_written_whole_or_not_at_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object) -> None:
+        raise OSError(28, "No space left on device")
 
-    def left(data: bytes | None) -> tuple[set[str], dict[str, int]]:
-        write_shard(tmp_path, "k", packed)
-        path.unlink() if data is None else path.write_bytes(data)
-        usable, reasons = finished(tmp_path, ["k", "missing"], SOURCE)
-        return usable, dict(reasons)
+    outcome = TaskOutcome([{"x": 1}], [{"t": 1.0}])
+    for owner, name in ((Path, "write_bytes"), (os, "rename")):
+        with monkeypatch.context() as patch:
+            patch.setattr(owner, name, fails)
+            with pytest.raises(WideberthError, match=r"k cannot be written: No space left"):
+                write_task(tmp_path, "k", Task("a"), outcome)
+        assert not list(tmp_path.iterdir())
 
-    whole = packed.content if name == "{}.json" else packed.times
-    assert whole is not None
-    assert left(whole) == ({"k"}, {})
-    for cut in (0, 1, len(whole) // 2, len(whole) - 2):
-        assert left(whole[:cut]) == (set(), {"damaged": 1})
-    other = {"of another version of the program": 1}
-    assert left(whole.replace(SOURCE.encode(), b"other")) == (set(), other)
-    assert left(whole.replace(b'"version": 1', b'"version": 2')) == (set(), other)
-    assert left(whole.replace(b"wideberth/", b"other/")) == (set(), other)
-    assert left(None) == (set(), {} if name == "{}.json" else {"damaged": 1})
+
+@pytest.mark.parametrize("name", ["rows.json", "times.json"])
+def test_a_damaged_task_is_refused(tmp_path: Path, name: str) -> None:
+    write_task(tmp_path, "k", Task("a"), TaskOutcome([{"x": 1}], [{"t": 1.0}]))
+    path = tmp_path / "k" / name
+    whole = path.read_bytes()
+    cuts = [whole[:cut] for cut in (0, 1, len(whole) // 2, len(whole) - 2)]
+    for text in (*cuts, whole.replace(b'"version": 1', b'"version": 2')):
+        path.write_bytes(text)
+        with pytest.raises(WideberthError):
+            read_task(tmp_path, "k")
+    path.write_bytes(whole)
+    assert read_task(tmp_path, "k") is not None
 
 
 def test_table_reads_back_what_was_written(tmp_path: Path) -> None:
