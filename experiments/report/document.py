@@ -2,10 +2,9 @@
 
 import math
 import struct
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatch
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ from ..engine.meanings import Meaning, meanings
 from ..engine.runner import draw, reopen
 from ..engine.text_tables import columns_of, format_cell, markdown_table, plain
 from ..engine.timing import condense_times
-from .page import MARK, PLAYER, data_uri, page, template
+from .page import MARK, PLAYER, data_uri, page, rendered
 from .player import ROOM, Recorded, kept_episodes, player, recordings, result_tail
 from .tables import flagged, html_table, in_unit, leading, shown, titled
 
@@ -151,92 +150,53 @@ _KINDS = {".png": "image/png", ".gif": "image/gif"}
 
 def report_page(reports: Sequence[Report]) -> str:
     """Return the page of one or several results."""
-    names = [one.name for one in reports]
-    title = f"wideberth: {', '.join(names)}"
     left = ROOM
-    sections = []
-    for number, one in enumerate(reports, start=1):
+    results = []
+    for one in reports:
         episodes, left_out = recordings(one.episodes, one.tail, left)
         left -= sum(len(episode.text) for episode in episodes)
-        sections.append(_section(number, one, episodes, left_out, alone=len(reports) == 1))
-    contents = "".join(
-        f'<li><a href="#result-{number}">{escape(name)}</a></li>'
-        for number, name in enumerate(names, start=1)
-    )
-    body = "\n".join(
-        [
-            '<a class="skip" href="#content">To the results</a>',
-            f'<header><p class="quiet">Report by wideberth</p><h1>{escape(", ".join(names))}</h1>',
-            f'<nav aria-label="Results"><ul>{contents}</ul></nav></header>'
-            if len(names) > 1
-            else "</header>",
-            '<main id="content">',
-            *sections,
-            template("player.html"),
-            "</main>",
-        ]
-    )
-    return page(title, body, ("report.js", *PLAYER))
+        results.append(_contents(one, episodes, left_out))
+    title = f"wideberth: {', '.join(one.name for one in reports)}"
+    return page(title, rendered("report.html", results=results), ("report.js", *PLAYER))
 
 
-def _section(
-    number: int,
-    one: Report,
-    episodes: Sequence[Recorded],
-    left_out: Sequence[Path],
-    *,
-    alone: bool,
-) -> str:
-    """Return one result: what it found, then its figures and tables, then where it comes from."""
-    stills = _by_caption([path for path in one.pictures if path.suffix == ".png"], one.captions)
+def _contents(
+    one: Report, episodes: Sequence[Recorded], left_out: Sequence[Path]
+) -> dict[str, Any]:
+    """Return what the template shows of a result."""
+    stills = [path for path in one.pictures if path.suffix == ".png"]
+    films, long_films = _fitting([path for path in one.pictures if path.suffix == ".gif"])
     known = meanings(one.study, columns_of(one.summary))
-    parts = [
-        f'<section id="result-{number}" aria-label="{escape(one.name)}">',
-        *([] if alone else [f"<h2>{escape(one.name)}</h2>"]),
-        f'<p class="claim">{escape(one.claim)}</p>',
-        _headline(one, known),
-    ]
-    if stills:
-        parts.append(_pictures(stills[:1], one, "figure", "key"))
-    if episodes:
-        parts += ["<h3>Episodes, step by step</h3>", player(episodes, one.name)]
-    if left_out:
-        commands = _listed(f"wideberth play {path}" for path in left_out)
-        parts.append(f"<p>Too large for this page, to be played from the result:</p>{commands}")
-    parts += ["<h3>Summary</h3>", html_table(one.summary, f"{one.name}: summary", known)]
-    if stills[1:]:
-        parts += ["<h3>Further figures</h3>", _pictures(stills[1:], one, "figure")]
-    parts += [*_animations(one), _whole(one)]
-    if one.times:
-        parts += [
-            "<h3>Measured times</h3>",
-            '<p class="quiet">Calls of the controller; these numbers differ from run to run and '
-            "from machine to machine.</p>",
-            html_table(one.times, f"{one.name}: measured times"),
-        ]
-    parts += ["<h3>Where it comes from</h3>", _origin(one), "</section>"]
-    return "\n".join(parts)
+    some, count = one.rows[:_FIRST], len(one.rows)
+    few = f"all {count}" if count == len(some) else f"the first {len(some)} of {count}"
+    table = table_text(one.rows).encode("utf-8")
+    return {
+        "report": one,
+        "cards": _headline(one, known),
+        "stills": [_picture(path, one, "figure") for path in _by_caption(stills, one.captions)],
+        "player": player(episodes, one.name) if episodes else "",
+        "left_out": [f"wideberth play {path}" for path in left_out],
+        "summary": html_table(one.summary, f"{one.name}: summary", known),
+        "films": [_picture(path, one, "animation") for path in films],
+        "long_films": long_films,
+        "few": few,
+        "first_rows": html_table(some, f"{one.name}: {few} rows"),
+        "whole_table": data_uri("text/csv", table) if len(table) <= _LARGEST else "",
+        "kilobytes": max(len(table) // 1000, 1),
+        "times": html_table(one.times, f"{one.name}: measured times") if one.times else "",
+        "origin": origin(one.provenance),
+        "facts": {name: _fact(value) for name, value in one.provenance.items()},
+    }
 
 
-def _animations(one: Report) -> list[str]:
-    """Return the animations that the page has room for, folded, and the names of the others."""
-    films, long = _fitting([path for path in one.pictures if path.suffix == ".gif"])
-    parts = []
-    if films:
-        drawn = _pictures(films, one, "animation")
-        parts.append(f"<details open><summary>Animations</summary>\n{drawn}\n</details>")
-    if long:
-        parts.append(f"<p>Animations too large for this page:</p>{_listed(map(str, long))}")
-    return parts
+def _fact(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {format_cell(number) or 'none'}" for key, number in value.items())
+    return format_cell(value) or "none"
 
 
-def _listed(lines: Iterable[str]) -> str:
-    items = "".join(f"<li><code>{escape(line)}</code></li>" for line in lines)
-    return f"<ul>{items}</ul>"
-
-
-def _headline(one: Report, known: Mapping[str, Meaning]) -> str:
-    """Return the numbers that lead a result; nothing where its summary holds none."""
+def _headline(one: Report, known: Mapping[str, Meaning]) -> list[dict[str, str]]:
+    """Return the numbers that lead a result; none where its summary holds none."""
     held = columns_of(one.summary)
     labels = leading(one.summary, known)
     names = [name for name in one.headline if name in held] or [
@@ -247,11 +207,13 @@ def _headline(one: Report, known: Mapping[str, Meaning]) -> str:
         ", ".join(format_cell(row.get(name)) for name in varying or labels[:1]).replace("_", " ")
         for row in one.summary
     ]
-    cards = [card for name in names if (card := _card(one.summary, lines, name, known.get(name)))]
-    return f'<dl class="headline">{"".join(cards[:3])}</dl>' if cards else ""
+    cards = (_card(one.summary, lines, name, known.get(name)) for name in names)
+    return [card for card in cards if card][:3]
 
 
-def _card(rows: Sequence[Row], lines: Sequence[str], name: str, meaning: Meaning | None) -> str:
+def _card(
+    rows: Sequence[Row], lines: Sequence[str], name: str, meaning: Meaning | None
+) -> dict[str, str]:
     """Return the value of a column, or the least and largest with the lines that hold them.
 
     Parameters
@@ -264,7 +226,7 @@ def _card(rows: Sequence[Row], lines: Sequence[str], name: str, meaning: Meaning
         if isinstance(value := row.get(name), int | float) and not math.isnan(value)
     ]
     if not held:
-        return ""
+        return {}
     low, high = min(value for _, value in held), max(value for _, value in held)
     if low == high:
         ends, named = [low], list(dict.fromkeys(line for line, _ in held))
@@ -277,14 +239,13 @@ def _card(rows: Sequence[Row], lines: Sequence[str], name: str, meaning: Meaning
         )
     flag = flagged(name, ends[-1])
     unknown = f"{len(rows) - len(held)} not known" if len(held) < len(rows) else ""
-    notes = "; ".join(filter(None, (which, unknown, flag)))
-    looks = ' class="flagged"' if flag else ""
-    said = f' title="{escape(meaning.text)}"' if meaning else ""
-    values = [shown(in_unit(end, meaning)) for end in ends]
-    return (
-        f"<div{looks}{said}><dt>{escape(titled(name, meaning))}</dt>"
-        f"<dd>{' to '.join(values)}<small>{escape(notes)}</small></dd></div>"
-    )
+    return {
+        "flag": flag,
+        "meaning": meaning.text if meaning else "",
+        "title": titled(name, meaning),
+        "value": " to ".join(shown(in_unit(end, meaning)) for end in ends),
+        "notes": "; ".join(filter(None, (which, unknown, flag))),
+    }
 
 
 def _first_of(lines: Sequence[str]) -> str:
@@ -312,40 +273,22 @@ def _fitting(films: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     return [path for path in films if path in kept], [path for path in films if path not in kept]
 
 
-def _whole(one: Report) -> str:
-    """Return the whole table, folded: its first rows, and all of it to be saved."""
-    count = len(one.rows)
-    some = one.rows[:_FIRST]
-    few = f"all {count}" if count == len(some) else f"the first {len(some)} of {count}"
-    data = table_text(one.rows).encode("utf-8")
-    if len(data) <= _LARGEST:
-        link = (
-            f'<p><a download="{escape(one.name)}.csv" href="{data_uri("text/csv", data)}">Save '
-            f"the whole table (CSV, {max(len(data) // 1000, 1)} kB)</a></p>"
-        )
-    else:
-        link = "<p>The whole table is table.csv in the folder of the result.</p>"
-    table = html_table(some, f"{one.name}: {few} rows")
-    return f"<details><summary>Table, {few} rows</summary>\n{table}\n{link}</details>"
-
-
-def _pictures(paths: Iterable[Path], one: Report, kind: str, key: str = "") -> str:
-    """Return figures with their captions: a name and a sentence."""
-    figures = []
-    for path in paths:
-        data = path.read_bytes()
-        width, height = _size(data)
-        looks = "wide" if width > _WIDE else ""
-        words = path.stem.replace("_", " ")
-        said = next((text for name, text in one.captions.items() if fnmatch(path.stem, name)), "")
-        text = f"{kind.capitalize()} “{words}” of {one.name}"
-        figures.append(
-            f'<figure class="{looks}"><img alt="{escape(f"{text}: {said}" if said else text)}" '
-            f'width="{width}" height="{height}" '
-            f'src="{data_uri(_KINDS[path.suffix], data)}">'
-            f"<figcaption><b>{escape(words)}</b> {escape(said)}</figcaption></figure>"
-        )
-    return f'<div class="figures {key}">{"".join(figures)}</div>'
+def _picture(path: Path, one: Report, kind: str) -> dict[str, Any]:
+    """Return a figure with its caption: a name and a sentence."""
+    data = path.read_bytes()
+    width, height = _size(data)
+    words = path.stem.replace("_", " ")
+    caption = next((text for name, text in one.captions.items() if fnmatch(path.stem, name)), "")
+    text = f"{kind.capitalize()} “{words}” of {one.name}"
+    return {
+        "words": words,
+        "caption": caption,
+        "alt": f"{text}: {caption}" if caption else text,
+        "width": width,
+        "height": height,
+        "wide": width > _WIDE,
+        "source": data_uri(_KINDS[path.suffix], data),
+    }
 
 
 def _size(data: bytes) -> tuple[int, int]:
@@ -355,21 +298,3 @@ def _size(data: bytes) -> tuple[int, int]:
     else:
         width, height = struct.unpack(">II", data[16:24])
     return int(width), int(height)
-
-
-def _origin(one: Report) -> str:
-    """Return provenance and config, folded."""
-    facts = []
-    for name, value in one.provenance.items():
-        if isinstance(value, dict):
-            value = ", ".join(
-                f"{key} {format_cell(number) or 'none'}" for key, number in value.items()
-            )
-        facts.append(f"<dt>{escape(name)}</dt><dd>{escape(format_cell(value) or 'none')}</dd>")
-    return (
-        f'<p class="quiet">{escape(origin(one.provenance))}</p>\n'
-        "<details><summary>Versions and machine</summary>"
-        f'<dl class="facts">{"".join(facts)}</dl></details>\n'
-        "<details><summary>Config, with all defaults</summary>"
-        f'<pre tabindex="0">{escape(one.config)}</pre></details>'
-    )

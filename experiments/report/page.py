@@ -4,14 +4,15 @@ import base64
 import hashlib
 from collections.abc import Sequence
 from functools import cache
-from html import escape
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-DATA = Path(__file__).resolve().parents[1] / "data"
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+TEMPLATES = Path(__file__).parent / "templates"
 PLAYER = ("player.js", "player_view.js", "player_page.js")
 """Scripts of the player, in the order in which they need each other."""
-
-
 MARK = '<meta name="generator" content="wideberth">'
 """Stands near the beginning of every page: one that holds it may be replaced by another."""
 
@@ -26,41 +27,38 @@ def page(title: str, body: str, scripts: Sequence[str] = ()) -> str:
     ----------
     title : plain text.
     body : HTML.
-    scripts : files in data/, joined to one script at the end of the page.
+    scripts : files in templates/, joined to one script at the end of the page.
     """
-    code = "\n".join(template(name) for name in scripts)
+    code = "\n".join((TEMPLATES / name).read_text(encoding="utf-8") for name in scripts)
     digest = base64.b64encode(hashlib.sha256(code.encode("utf-8")).digest()).decode("ascii")
     allowed = f"'sha256-{digest}'" if code else "'none'"
     policy = (
         "default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
-        f"script-src {allowed}; base-uri 'none'; "
-        "form-action 'none'"
+        f"script-src {allowed}; base-uri 'none'; form-action 'none'"
     )
-    lines = [
-        "<!DOCTYPE html>",
-        '<html lang="en">',
-        "<head>",
-        '<meta charset="utf-8">',
-        MARK,
-        f'<meta http-equiv="Content-Security-Policy" content="{policy}">',
-        '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        '<link rel="icon" href="data:,">',
-        f"<title>{escape(title)}</title>",
-        f"<style>\n{template('page.css')}</style>",
-        "</head>",
-        "<body>",
-        body,
-        *([f"<script>{code}</script>"] if code else []),
-        "</body>",
-        "</html>",
-    ]
-    return "\n".join(lines) + "\n"
+    style = (TEMPLATES / "page.css").read_text(encoding="utf-8")
+    return rendered(
+        "page.html", mark=MARK, policy=policy, title=title, style=style, body=body, code=code
+    )
+
+
+def rendered(name: str, **values: Any) -> str:
+    """Return a template of templates/ as HTML; text in it is escaped."""
+    return _environment().get_template(name).render(values)
 
 
 @cache
-def template(name: str) -> str:
-    """Return the text of a file in data/."""
-    return (DATA / name).read_text(encoding="utf-8")
+def _environment() -> "Environment":
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    return Environment(
+        loader=FileSystemLoader(TEMPLATES),
+        undefined=StrictUndefined,
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
 
 
 def data_uri(kind: str, data: bytes) -> str:

@@ -6,7 +6,6 @@ import sys
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from html import escape
 from pathlib import Path
 from typing import Any, final
 
@@ -30,7 +29,7 @@ from ..engine.closed_loop import KEPT_BY, log_name
 from ..engine.errors import as_user_error
 from ..engine.result import read_episode as read_episode
 from ..engine.runner import reopen
-from .page import MARK, PLAYER, page, template
+from .page import MARK, PLAYER, page, rendered
 
 TAIL = 0.05
 """1 - content of drawn regions by default."""
@@ -67,19 +66,10 @@ def play(path: Path, out: Path, tail: float | None = None) -> Path:
     if not found:
         packed(read_episode(paths[0]), chosen)  # refuses, and says why
     many = f"{path.resolve().name}: {len(found)} runs" if len(found) > 1 else found[0].title
-    more = "".join(
-        f"<p>Too large for this page: <code>wideberth play {escape(str(one))}</code></p>"
-        for one in left_out
+    body = rendered(
+        "play.html", title=many, player=player(found, many, alone=True), left_out=left_out
     )
-    parts = [
-        "<main>",
-        f"<h1>{escape(many)}</h1>",
-        player(found, many, alone=True),
-        more,
-        template("player.html"),
-        "</main>",
-    ]
-    return write_text(out, page(many, "\n".join(parts), PLAYER))
+    return write_text(out, page(many, body, PLAYER))
 
 
 @final
@@ -108,6 +98,11 @@ class Recorded:
             for name, value in self.labels.items()
         )
         return f"{scenario}: {', '.join(rest)}".replace("_", " ")
+
+    def label(self, differing: Sequence[str]) -> str:
+        """Name it by some of its labels, or as its file where there are none."""
+        some = ", ".join(self.labels.get(name, "") for name in differing)
+        return some.replace("_", " ") or self.name
 
 
 def recordings(paths: Sequence[Path], tail: float, room: int) -> tuple[list[Recorded], list[Path]]:
@@ -173,23 +168,8 @@ def player(episodes: Sequence[Recorded], label: str, alone: bool = False) -> str
         for name in (episodes[0].labels if episodes else ())
         if len({one.labels.get(name) for one in episodes}) > 1
     ]
-    sources = []
-    for one in episodes:
-        short = ", ".join(one.labels.get(name, "") for name in differing).replace("_", " ")
-        texts = {
-            "name": one.name,
-            "label": short or one.name,
-            "title": one.title,
-            "note": one.note,
-        }
-        data = " ".join(f'data-{name}="{escape(text)}"' for name, text in texts.items())
-        sources.append(f'<script type="text/plain" class="episode" {data}>{one.text}</script>')
-    lines = "\n".join(sources)
-    return (
-        f'<section class="player" tabindex="-1" aria-label="Player of {escape(label)}"'
-        f"{' data-alone' if alone else ''}>\n"
-        "<noscript><p>The player needs JavaScript; everything it needs is in this file."
-        f"</p></noscript>\n{lines}\n</section>"
+    return rendered(
+        "player_section.html", episodes=episodes, label=label, alone=alone, differing=differing
     )
 
 

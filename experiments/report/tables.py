@@ -1,7 +1,7 @@
 """Tables of a report: on their side where that reads better, with what each column means."""
 
 from collections.abc import Mapping, Sequence
-from html import escape
+from dataclasses import dataclass
 from itertools import groupby, takewhile
 from typing import Any
 
@@ -18,6 +18,7 @@ from ..engine.text_tables import (
     per_cent,
     sideways,
 )
+from .page import rendered
 
 FLAGS = {
     "collision": "contact",
@@ -60,15 +61,108 @@ def html_table(
     meanings : of the columns, where known.
     """
     meanings = meanings or {}
-    columns = _grouped(rows, meanings)
-    names = leading(rows, meanings)
-    same = _constant(rows, columns[len(names) :])
-    kept = [name for name in columns if name not in same]
-    if sideways(rows):
-        table = _framed(caption, _on_its_side(rows, kept, meanings), len(rows))
-        return table + _said(same, rows, meanings)
-    table = _framed(caption, _upright(rows, kept, meanings))
-    return table + _said(same, rows, meanings) + _explained(kept, meanings)
+    first = leading(rows, meanings)
+    upright = not sideways(rows)
+    every = [_column(name, rows, meanings, upright) for name in _grouped(rows, meanings)]
+    names, rest = every[: len(first)], every[len(first) :]
+    same = _constant(rows, [column.name for column in rest])
+    columns = [column for column in rest if column.name not in same]
+    groups = [(name, len(list(some))) for name, some in groupby(one.group for one in columns)]
+    known = {name for name, _ in groups} - {_OTHER}
+    return rendered(
+        "table.html",
+        caption=caption,
+        sideways=not upright,
+        names=names,
+        columns=columns,
+        groups=groups if len(known) > 1 else [],
+        explained=any(column.meaning for column in (*names, *columns)),
+        lines=[{one.name: _Cell(one, row.get(one.name)) for one in every} for row in rows],
+        same=[_said(column, rows[0]) for column in rest if column.name in same],
+    )
+
+
+@dataclass(frozen=True)
+class _Column:
+    """A column as the page shows it.
+
+    Attributes
+    ----------
+    name, heading, title : as in the table, for reading, and with the unit of shares.
+    meaning, group : as of `Meaning`; empty where no page defines the column.
+    share : whether it holds shares, which are shown in per cent.
+    words : whether it holds text. decimals : digits after the point that its numbers have at most.
+    """
+
+    name: str
+    heading: str
+    title: str
+    meaning: str
+    group: str
+    share: bool
+    words: bool
+    decimals: int
+
+
+def _column(
+    name: str, rows: Sequence[Row], meanings: Mapping[str, Meaning], upright: bool
+) -> _Column:
+    """Return a column; below one that is upright, words stand left and points below each other."""
+    known = meanings.get(name)
+    share = known is not None and known.share
+    values = [in_unit(row.get(name), known) for row in rows] if upright else []
+    digits = [len(_fraction(shown(value))) for value in values if isinstance(value, float)]
+    return _Column(
+        name, headed(name), titled(name, known), known.text if known else "",
+        known.group if known else _OTHER, share, upright and has_words(rows, name),
+        max(digits, default=0),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Cell:
+    """A value below a column; a number is carried with all its digits, for the sorting."""
+
+    column: _Column
+    value: Any
+
+    @property
+    def text(self) -> str:
+        return shown(per_cent(self.value) if self.column.share else self.value)
+
+    @property
+    def number(self) -> float | None:
+        return float(self.value) if isinstance(self.value, int | float) else None
+
+    @property
+    def flag(self) -> str:
+        return flagged(self.column.name, self.value)
+
+    @property
+    def kinds(self) -> str:
+        long = isinstance(self.value, str) and len(self.text) > WIDEST
+        held = {"words": self.column.words, "long": long, "flagged": bool(self.flag)}
+        return " ".join(name for name, there in held.items() if there)
+
+    @property
+    def blanks(self) -> str:
+        """Blanks behind a number that bring its point below those of the others."""
+        missing = self.column.decimals - len(_fraction(self.text))
+        if self.number is None or not self.column.decimals or not self.text[-1:].isdigit():
+            return ""
+        if "e" in self.text:
+            return ""
+        return ("" if "." in self.text else "\u2008") + "\u2007" * missing  # point and digits
+
+    @property
+    def plain(self) -> str:
+        return format_cell(self.value)
+
+
+def _said(column: _Column, row: Row) -> str:
+    """Say which value a column holds in every line."""
+    cell = _Cell(column, row.get(column.name))
+    return f"{column.title} {cell.text or 'none'}{f' ({cell.flag})' if cell.flag else ''}"
 
 
 def leading(rows: Sequence[Row], meanings: Mapping[str, Meaning]) -> list[str]:
@@ -94,91 +188,6 @@ def _grouped(rows: Sequence[Row], meanings: Mapping[str, Meaning]) -> list[str]:
     return [*first, *sorted(rest, key=lambda name: order.index(groups[name]))]
 
 
-def _framed(caption: str, inside: str, lines: int = 0) -> str:
-    """Return a table in a frame that scrolls; one on its side knows how many lines it compares."""
-    kind = f' sideways" style="--lines: {lines}' if lines else ""
-    return (
-        f'<div class="table{kind}" role="region" tabindex="0" aria-label="{escape(caption)}">\n'
-        f"<table><caption>{escape(caption)}</caption>\n{inside}</table></div>\n"
-    )
-
-
-def _upright(rows: Sequence[Row], columns: Sequence[str], meanings: Mapping[str, Meaning]) -> str:
-    """Return head and body of a table whose columns sort at a click."""
-    words = {name for name in columns if has_words(rows, name)}
-    wide = {
-        name: _decimals(in_unit(row.get(name), meanings.get(name)) for row in rows)
-        for name in columns
-    }
-    head = "".join(_head(name, name in words, meanings.get(name)) for name in columns)
-    lines = [
-        "".join(
-            _cell(name, row.get(name), meanings.get(name), wide[name], name in words)
-            for name in columns
-        )
-        for row in rows
-    ]
-    body = "\n".join(f"<tr>{line}</tr>" for line in lines)
-    groups = _groups(columns, meanings, len(leading(rows, meanings)))
-    return f"<thead>{groups}<tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody>"
-
-
-def _groups(columns: Sequence[str], meanings: Mapping[str, Meaning], names: int) -> str:
-    """Return the line of a head that names the groups; nothing where there is one only."""
-    groups = [meanings[name].group if name in meanings else _OTHER for name in columns[names:]]
-    if len(set(groups) - {_OTHER}) < 2:
-        return ""
-    cells = "".join(
-        f'<th scope="colgroup" colspan="{len(list(some))}">{escape(group)}</th>'
-        for group, some in groupby(groups)
-    )
-    return f'<tr class="groups"><td colspan="{names}"></td>{cells}</tr>'
-
-
-def _head(name: str, words: bool, meaning: Meaning | None) -> str:
-    said = f' title="{escape(f"{name}: {meaning.text}")}"' if meaning else ""
-    side = ' class="words"' if words else ""
-    title = escape(titled(name, meaning))
-    return f'<th scope="col"{side}><button type="button"{said}>{title}</button></th>'
-
-
-def _on_its_side(
-    rows: Sequence[Row], columns: Sequence[str], meanings: Mapping[str, Meaning]
-) -> str:
-    """Return head and body of a table with a line per quantity."""
-    names = leading(rows, meanings)
-    head = "\n".join(
-        f'<tr><th scope="row">{escape(headed(name))}</th>'
-        + "".join(f'<th scope="col">{_breakable(row.get(name))}</th>' for row in rows)
-        + "</tr>"
-        for name in names
-    )
-    lines = []
-    group = ""
-    for name in columns[len(names) :]:
-        meaning = meanings.get(name)
-        own = meaning.group if meaning else _OTHER
-        if meanings and own != group:
-            group = own
-            lines.append(
-                f'<tr class="groups"><th scope="rowgroup" colspan="{len(rows) + 1}">'
-                f"{escape(group)}</th></tr>"
-            )
-        said = f"<small>{escape(meaning.text)}</small>" if meaning else ""
-        cells = "".join(_cell(name, row.get(name), meaning, 0, False) for row in rows)
-        lines.append(
-            f'<tr><th scope="row" title="{escape(name)}"><span>{escape(headed(name))}</span>'
-            f"{said}</th>{cells}</tr>"
-        )
-    body = "\n".join(lines)
-    return f"<thead>{head}</thead>\n<tbody>\n{body}\n</tbody>"
-
-
-def _breakable(value: Any) -> str:
-    """Return a name with places to break the line."""
-    return escape(format_cell(value)).replace("_", "_<wbr>")
-
-
 def titled(name: str, meaning: Meaning | None) -> str:
     """Return the name of a column for reading, with its unit."""
     return headed(name, meaning is not None and meaning.share)
@@ -187,23 +196,6 @@ def titled(name: str, meaning: Meaning | None) -> str:
 def in_unit(value: Any, meaning: Meaning | None) -> Any:
     """Return a value in the unit that the name of its column states: a share in per cent."""
     return per_cent(value) if meaning is not None and meaning.share else value
-
-
-def _cell(name: str, value: Any, meaning: Meaning | None, decimals: int, words: bool) -> str:
-    """Return a cell; one of a number carries it with all its digits, for the sorting."""
-    text = shown(in_unit(value, meaning))
-    kinds = ["words"] if words else []
-    if isinstance(value, str) and len(text) > WIDEST:
-        kinds.append("long")
-    flag = flagged(name, value)
-    if flag:
-        kinds.append("flagged")
-    number = isinstance(value, int | float)  # a truth value is 1 or 0
-    side = f' class="{" ".join(kinds)}"' if kinds else ""
-    data = f' data-value="{float(value)!r}"' if number else ""
-    pad = _padding(text, decimals) if number else ""
-    word = f"<small>{flag}</small>" if flag else ""
-    return f"<td{side}{data}>{escape(text)}{pad}{word}</td>"
 
 
 def shown(value: Any) -> str:
@@ -224,23 +216,9 @@ def shown(value: Any) -> str:
     return text
 
 
-def _decimals(values: Any) -> int:
-    """Return how many digits after the point the numbers of a column have at most."""
-    return max((len(_fraction(shown(v))) for v in values if isinstance(v, float)), default=0)
-
-
 def _fraction(text: str) -> str:
     """Return the digits after the point; none of a number with an exponent."""
     return "" if "e" in text else text.partition(".")[2]
-
-
-def _padding(text: str, decimals: int) -> str:
-    """Return blanks behind a number that bring its point below those of the others."""
-    if not decimals or "e" in text or not text[-1:].isdigit():
-        return ""
-    missing = decimals - len(_fraction(text))
-    blanks = ("" if "." in text else "\u2008") + "\u2007" * missing  # as wide as point and digits
-    return f"<i>{blanks}</i>" if blanks else ""
 
 
 def _constant(rows: Sequence[Row], columns: Sequence[str]) -> list[str]:
@@ -254,30 +232,3 @@ def _constant(rows: Sequence[Row], columns: Sequence[str]) -> list[str]:
     if sideways(rows):
         return [name for name, values in held.items() if values <= {repr(""), repr(None)}]
     return [name for name, values in held.items() if len(values) == 1]
-
-
-def _said(same: Sequence[str], rows: Sequence[Row], meanings: Mapping[str, Meaning]) -> str:
-    if not same:
-        return ""
-    values = []
-    for name in same:
-        value = rows[0].get(name)
-        flag = flagged(name, value)
-        title, text = titled(name, meaning := meanings.get(name)), shown(in_unit(value, meaning))
-        values.append(f"{title} {text or 'none'}{f' ({flag})' if flag else ''}")
-    return f'<p class="quiet">The same in every line: {escape(", ".join(values))}.</p>\n'
-
-
-def _explained(columns: Sequence[str], meanings: Mapping[str, Meaning]) -> str:
-    """Return what the columns mean, folded."""
-    known = [name for name in columns if name in meanings]
-    if not known:
-        return ""
-    entries = "".join(
-        f"<dt>{escape(titled(name, meanings[name]))}</dt><dd>{escape(meanings[name].text)}</dd>"
-        for name in known
-    )
-    return (
-        "<details><summary>What the columns mean</summary>"
-        f'<dl class="facts">{entries}</dl></details>\n'
-    )

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.cli import app as cli
-from wideberth.experiments.report.page import DATA, PLAYER
+from wideberth.experiments.report.page import PLAYER, TEMPLATES
 from wideberth.experiments.report.player import (
     LENGTH,
     TIME,
@@ -212,7 +212,7 @@ def test_command(
 def test_script_decodes_and_steps_as_the_episode_says() -> None:
     made = episode()
     script = f"""
-      const player = require({json.dumps(str(DATA / PLAYER[0]))});
+      const player = require({json.dumps(str(TEMPLATES / PLAYER[0]))});
       const text = require("fs").readFileSync(0, "utf8");
       const plain = require("zlib").inflateSync(Buffer.from(text, "base64"));
       const one = player.decode(JSON.parse(plain));
