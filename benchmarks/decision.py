@@ -61,13 +61,13 @@ STAGES: dict[str, tuple[str, ...]] = {
         "framework.mpc.slots.gaussian_discs:GaussianDiscs.choose",
         "framework.mpc.slots.static_polygons:StaticPolygons.choose",
     ),
-    "roll-out of the last plan": ("framework.mpc.planner.multistart:first_trajectory",),
+    "roll-out of the last plan": ("framework.mpc.planner.starts:first_trajectory",),
     "starts": (
-        "framework.mpc.planner.multistart:ReferenceGuess.along",
+        "framework.mpc.planner.starts:ReferenceGuess.along",
         "framework.mpc.planner.multistart:_in_the_way",
-        "framework.mpc.planner.multistart:other_starts",
+        "framework.mpc.planner.starts:other_starts",
     ),
-    "auxiliaries": ("framework.mpc.fallback.instance_check:InstanceCheck.suited",),
+    "auxiliaries": ("framework.mpc.planner.starts:suited_each",),
     "solver, in Python": (
         "framework.mpc.planner.watchdog:watched",
         "solvers.riccati.solver:Riccati.solve",
@@ -75,10 +75,10 @@ STAGES: dict[str, tuple[str, ...]] = {
     "parameters filled in": ("solvers.riccati.workspace:Workspace.fill",),
     "solver, compiled": ("solvers.riccati.workspace:Workspace.run",),
     "re-check": (
-        "framework.mpc.fallback.verify:violations",
-        "framework.mpc.fallback.instance_check:InstanceCheck.assess_each",
+        "framework.mpc.planner.verify:violations",
+        "framework.mpc.planner.verify:assess_each",
     ),
-    "rung chosen": ("framework.mpc.fallback.rungs:choose",),
+    "rung chosen": ("framework.mpc.planner.rungs:choose",),
     REST: (),
 }
 """Stages, and the functions that they are; a function's own time is without those within it."""

@@ -22,8 +22,8 @@ from walker_field import Field
 
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.planner.multistart import OTHERS
 from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.mpc.planner.starts import OTHERS
 from wideberth.framework.mpc.solver import (
     CheapestSolver,
     SizelessSolver,

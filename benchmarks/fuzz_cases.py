@@ -191,7 +191,6 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "latency": {"latency": 0.3},
     "own_uncertainty": {"own_uncertainty": "feedback"},
     "starts": {"starts": ["along", "left", "right", "back-left", "back-right", "wait", "coast"]},
-    "warm_within": {"warm_within": 0.0},
     "contouring": {"cost": "contouring"},
     "no deadline": {"deadline": None},
     "all": {"ways": {}, "withdraw": True, "stop_at_end": True, "latency": 0.3,

@@ -6,8 +6,8 @@ import numpy as np
 from measuring import Row
 from set_ups import DT, EXACT, unicycle
 
-from wideberth.framework.mpc.fallback.rollout import clip, follow
 from wideberth.framework.mpc.ocp.transcription import Guess
+from wideberth.framework.mpc.planner.rollout import clip, follow
 from wideberth.framework.mpc.solver import Solution
 from wideberth.framework.values.plan import Status
 from wideberth.tests.oracles.recorded_instances import Instance, worst_violation

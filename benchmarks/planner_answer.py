@@ -7,13 +7,15 @@ from typing import final
 
 import numpy as np
 
-from wideberth.framework.mpc.fallback.instance_check import InstanceCheck
-from wideberth.framework.mpc.fallback.rollout import follow
-from wideberth.framework.mpc.fallback.rungs import RUNGS, Trial, choose, rungs_of
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.planner.multistart import Budget, MultiStart, Watch
+from wideberth.framework.mpc.planner.instance import Instance
+from wideberth.framework.mpc.planner.multistart import MultiStart
+from wideberth.framework.mpc.planner.rollout import follow
+from wideberth.framework.mpc.planner.rungs import RUNGS, LadderInput, choose, rungs_of
+from wideberth.framework.mpc.planner.starts import at_target
+from wideberth.framework.mpc.planner.watchdog import Budget, Watch
 from wideberth.framework.mpc.slots.base import ActiveObstacles, SlotAssignment
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs, ObstacleSet
 from wideberth.framework.mpc.solver import Solution, Solver
@@ -57,12 +59,12 @@ class PlannerAnswer(Solver):
         known = KnownDiscs(discs, obstacles, 0.0)
         chosen = SlotAssignment((len(obstacles),), obstacles.ids, (), numbers, known)
         around = ActiveObstacles(robot, (discs,), (chosen,))
-        check = InstanceCheck(problem, parameters, around, level, inputs)
+        instance = Instance(problem, parameters, around, level, inputs)
         states = follow(robot, parameters.initial, inputs, problem.dt)
-        first = check.guess(states, inputs)
-        check = replace(check, parameters=first.pull(parameters))
-        outcome = MultiStart(Watch(self.solver), "auto", budget).run(check, first, False)
-        plan, point = choose(rungs_of(list(RUNGS)), Trial(check, outcome), 0.0)
+        first = at_target(instance, states, inputs)
+        instance = replace(instance, parameters=first.pull(parameters))
+        outcome = MultiStart(Watch(self.solver), "auto", budget).run(instance, first, False)
+        plan, point = choose(rungs_of(list(RUNGS)), LadderInput(instance, outcome), 0.0)
         status = Status.SOLVED if plan.rung is Rung.OPTIMAL else Status.FAILED
         spent = perf_counter() - budget.begin
         return Solution(point, status, plan.reason, plan.cost, plan.iterations, spent)

@@ -21,10 +21,10 @@ from set_ups import ELLIPSE, TOLERANCE, unicycle
 from sqp_program import Sqp
 from warm_start import crossing
 
-from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.mpc.planner.verify import violation
 from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.plan import Rung, Status
@@ -135,7 +135,7 @@ def alone(hertz: float, seeds: Sequence[int]) -> list[Row]:
 def _planner(solver: Solver, hertz: float) -> Planner:
     return Planner(
         unicycle(), build("regions", ELLIPSE), build("predictors", "kalman"),
-        build("levels", "relaxed"), solver, period=1.0 / hertz, penalty=1e5, warm_within=1.0,
+        build("levels", "relaxed"), solver, period=1.0 / hertz, penalty=1e5,
         starts=(),
     )  # fmt: skip
 

@@ -12,10 +12,10 @@ from measuring import Row, Tick, labels, repeats, rotated, slope, timed
 from set_ups import ELLIPSE, OWN, registered, unicycle
 
 from wideberth.framework import Detection, Observation, Path, recommended
-from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.planner.cycle import PlannerState, Services, remember, step
 from wideberth.framework.mpc.planner.settings import changed
+from wideberth.framework.mpc.planner.verify import violation
 from wideberth.framework.mpc.slots.base import PlanningContext, SlotAssignment
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
 from wideberth.framework.mpc.solver import Solution, Solver
@@ -168,7 +168,7 @@ class Crowd:
         taken = 1e3 * (thread_time() - begin)
         GaussianDiscs.choose = choose  # type: ignore[method-assign]
         assert made.solved is not None
-        slots = made.solved.check.parameters.slots
+        slots = made.solved.instance.parameters.slots
         used = int(sum(one.active.sum() for one in slots))
         return taken, spent[0], used, len(made.plan.left_out)
 

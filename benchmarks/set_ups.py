@@ -14,7 +14,8 @@ from wideberth.framework.mpc.assembly import assemble
 from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.planner.multistart import SAME, other_starts
+from wideberth.framework.mpc.planner.starts import other_starts
+from wideberth.framework.mpc.planner.watchdog import SAME
 from wideberth.framework.mpc.slots.base import with_auxiliaries
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
 from wideberth.framework.mpc.solver import Solution, Solver, pressed, solve_cheapest

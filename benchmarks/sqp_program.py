@@ -10,8 +10,9 @@ from typing import Any, final
 
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.solver import Solution, Solver, compiled, on_time, refuse_misfits, run
+from wideberth.framework.mpc.solver import Solution, Solver, on_time, refuse_misfits
 from wideberth.framework.values.plan import Status
+from wideberth.solvers.casadi_program import compiled, run
 
 _OSQP = {"verbose": False, "eps_abs": 1e-8, "eps_rel": 1e-8, "max_iter": 4000, "polish": True}
 SETTINGS: dict[str, dict[str, Any]] = {

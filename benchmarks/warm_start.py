@@ -23,11 +23,11 @@ from walker_field import Field
 
 from wideberth.framework import Detection, Observation
 from wideberth.framework import Path as Route
-from wideberth.framework.mpc.fallback.rollout import follow, shift
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.planner import Planner
-from wideberth.framework.mpc.planner.warm_start import KeptMultipliers
+from wideberth.framework.mpc.planner.rollout import follow, shift
+from wideberth.framework.mpc.planner.starts import KeptMultipliers
 from wideberth.framework.mpc.slots.base import SlotAssignment
 from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.plugins.config import build
@@ -143,7 +143,7 @@ def closed_loop(hertz: float, seed: int, seconds: float, region: str = ELLIPSE) 
     solver = Both(label=f"{hertz:g} Hz", aimed=True)
     planner = Planner(
         unicycle(), build("regions", region), build("predictors", "kalman"),
-        build("levels", "relaxed"), solver, period=1.0 / hertz, penalty=1e5, warm_within=1.0,
+        build("levels", "relaxed"), solver, period=1.0 / hertz, penalty=1e5,
     )  # fmt: skip
     for _ in crossing(planner, seed, hertz, seconds):
         pass

@@ -6,7 +6,7 @@ from typing import ClassVar, final
 import numpy as np
 
 from ..framework.control.command_limits import within_bounds
-from ..framework.mpc.fallback.rollout import brake, clip, follow, shift
+from ..framework.mpc.planner.rollout import brake, clip, follow, shift
 from ..framework.robot import step
 from ..framework.values.arrays import Array, whole
 from ..framework.values.errors import WideberthError

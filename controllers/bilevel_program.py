@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..framework.mpc.fallback.rollout import follow
+from ..framework.mpc.planner.rollout import follow
 from ..framework.numerics.symbolic import ca
 from ..framework.robot import Robot, step
 from ..framework.values.arrays import Array, Scalar

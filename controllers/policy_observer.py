@@ -1,6 +1,7 @@
 """What a policy sees: an observation as arrays of fixed sizes, with finite bounds."""
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeAlias, final
 
 import numpy as np
@@ -129,7 +130,7 @@ class PolicyObserver:
         self._stamp = observation.stamp
         here = viewpoint(self._robot, observation)
         asked = observation, self._robot.dimension, SEEN * self._period, here
-        sighting = admitted(*asked, self._sights.known(observation.stamp))
+        sighting = admitted(*asked, partial(self._sights.known, observation.stamp))
         self.placeless = sighting.placeless
         self._sights = self._sights.add(observation.stamp, sighting.detections)
         if self._perception is not None:

@@ -65,12 +65,7 @@ class Neighbours:
         if observation.stamp < self._stamp:
             self.reset()
         self._stamp = observation.stamp
-        known = {
-            name: LastGood(sight.radius)
-            for name, sight in self._sights.items()
-            if self._stamp - sight.reported <= self._forget
-        }
-        sighting = admitted(observation, 2, self._forget, here, known)
+        sighting = admitted(observation, 2, self._forget, here, self._remembered)
         self.placeless = sighting.placeless
         for name, detection in named_apart(sighting.detections):
             self._sights[name] = self._updated(self._sights.get(name), detection)
@@ -100,6 +95,14 @@ class Neighbours:
         velocities = np.array([s.velocity for s in sights], dtype=np.float64).reshape(-1, 2)
         radii = np.array([s.radius for s in sights], dtype=np.float64)
         return tuple(self._sights), positions, velocities, radii
+
+    def _remembered(self) -> dict[str, LastGood]:
+        """Return what stands in for a neighbour's numbers of no use, by name."""
+        return {
+            name: LastGood(sight.radius)
+            for name, sight in self._sights.items()
+            if self._stamp - sight.reported <= self._forget
+        }
 
     def _updated(self, before: _Sight | None, detection: Detection) -> _Sight:
         measured = self._stamp - detection.age

@@ -11,8 +11,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from wideberth import Detection, Observation, Path, Twist, build
-from wideberth.framework.mpc.fallback.rollout import steer
-from wideberth.framework.mpc.fallback.rungs import FallbackRung, NotHeld
+from wideberth.framework.mpc.planner.rollout import steer
+from wideberth.framework.mpc.planner.rungs import FallbackRung, NotHeld
 from wideberth.framework.mpc.solver import Solver
 
 START = (0.0, 0.0, 0.0, 0.6, 0.0)  # x, y in m, heading in rad, speed in m/s, yaw rate in rad/s
@@ -35,15 +35,15 @@ class SlowDown(FallbackRung):
 
     def attempt(self, trial):
         """Steer towards the lower speed, and check that against every constraint."""
-        check = trial.check
-        robot, start = check.robot, check.parameters.initial
+        instance = trial.instance
+        robot, start = instance.robot, instance.parameters.initial
         speed = robot.twist(tuple(start), (0.0,) * len(robot.inputs)).linear
         slower = Twist(tuple(self.share * part for part in speed), 0.0)
-        states, inputs = steer(robot, start, slower, check.problem.horizon, check.problem.dt)
+        states, inputs = steer(robot, start, slower, instance.problem.horizon, instance.problem.dt)
         plan = trial.at_lowest_level(states, inputs)
         if plan.feasible:
             return plan
-        return NotHeld((f"{self.name}: {plan.found.where(check.names)}",))
+        return NotHeld((f"{self.name}: {plan.found.where(instance.names)}",))
 
 
 @final

@@ -43,7 +43,7 @@ class Controller(ABC):
       not, and one may be made that looks at no obstacle at all.
     - In contact, where the robot's body touches or overlaps an obstacle, a controller that plans
       stops, or leaves the one in contact no faster than the robot moves already, or than 0.25 m/s:
-      it never speeds up towards or past it, see `wideberth.framework.mpc.fallback.in_contact`.
+      it never speeds up towards or past it, see `wideberth.framework.mpc.planner.in_contact`.
       Reactive controllers keep to the rule of their own method.
     - After `reset` it behaves as new.
     """

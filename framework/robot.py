@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from math import atan2
 from typing import ClassVar, Protocol, runtime_checkable
 
@@ -27,10 +28,11 @@ class Bounds:
     lower: tuple[float, ...]
     upper: tuple[float, ...]
 
-    @classmethod
-    def symmetric(cls, *upper: float) -> "Bounds":
+    @staticmethod
+    @lru_cache(maxsize=64)
+    def symmetric(*upper: float) -> "Bounds":
         """Limits -u <= value <= u."""
-        return cls(tuple(-u for u in upper), upper)
+        return Bounds(tuple(-u for u in upper), upper)
 
 
 class Robot(ABC):

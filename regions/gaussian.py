@@ -15,7 +15,7 @@ from ..framework.numerics.eigenframe import eigen_axes
 from ..framework.numerics.geometry import UNIT_BALL, distance_to_ellipse
 from ..framework.numerics.symbolic import ca
 from ..framework.region import Bounded, ClosedForm, Convex, Region, RiskLevel, Signed
-from ..framework.values.arrays import Array, BoolArray, Scalar, probability
+from ..framework.values.arrays import Array, BoolArray, Scalar, all_finite, probability
 from ..framework.values.errors import WideberthError
 from ..framework.values.forecast import GaussianObstacle
 from ..framework.values.motion import Pose
@@ -52,11 +52,13 @@ def checked_margin(obstacle: GaussianObstacle, margin: Array, dimensions: Sequen
             f"the obstacle has {size} coordinates; this region takes {tuple(dimensions)}"
         )
     values = np.asarray(margin, dtype=np.float64)
-    if not np.isfinite(values).all() or (values < 0).any():
+    if not all_finite(values) or (values < 0).any():
         raise WideberthError(
             f"margin is {margin}; wanted the sum of two radii in m, finite and at least 0"
         )
     batch = obstacle.mean.shape[:-1]
+    if values.shape == batch:
+        return values
     try:
         return np.broadcast_to(values, batch)
     except ValueError:

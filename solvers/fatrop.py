@@ -7,9 +7,10 @@ from typing import Any, final
 
 from ..framework.mpc.ocp.problem import Parameters, Problem
 from ..framework.mpc.ocp.transcription import Guess
-from ..framework.mpc.solver import Solution, Solver, compiled, on_time, refuse_misfits, run
+from ..framework.mpc.solver import Solution, Solver, on_time, refuse_misfits
 from ..framework.values.arrays import positive, whole
 from ..framework.values.plan import Status
+from .casadi_program import compiled, run
 
 START_BARRIER = 1e-2
 """fatrop's ``mu_init``; small, because guesses are warm."""

@@ -7,10 +7,11 @@ from typing import Any, final
 
 from ..framework.mpc.ocp.problem import Parameters, Problem
 from ..framework.mpc.ocp.transcription import Guess
-from ..framework.mpc.solver import Solution, Solver, compiled, on_time, refuse_misfits, run
+from ..framework.mpc.solver import Solution, Solver, on_time, refuse_misfits
 from ..framework.values.arrays import positive, whole
 from ..framework.values.errors import WideberthError
 from ..framework.values.plan import Status
+from .casadi_program import compiled, run
 
 _STATUS = {
     "Solve_Succeeded": Status.SOLVED,

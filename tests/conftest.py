@@ -123,7 +123,7 @@ def _memory_given_back() -> Iterator[None]:
     pages = Path("/proc/self/statm")
     if not pages.exists() or int(pages.read_text().split()[1]) * PAGE < LARGE:
         return
-    solvers = sys.modules.get("wideberth.framework.mpc.solver")
+    solvers = sys.modules.get("wideberth.solvers.casadi_program")
     if solvers is not None:
         solvers._CACHE.clear()
     pyplot = sys.modules.get("matplotlib.pyplot")

@@ -36,7 +36,7 @@ INTERFACES = {
         "SlotAssignment",
         "PlanningContext",
     ),
-    "wideberth.framework.mpc.fallback.rungs": ("FallbackRung", "NotHeld", "Trial"),
+    "wideberth.framework.mpc.planner.rungs": ("FallbackRung", "NotHeld", "LadderInput"),
     "wideberth.simulation.scenarios.base": ("Scenario", "Placement", "Cast"),
     "wideberth.experiments.engine.base": ("Experiment", "Task", "TaskOutcome", "Result"),
 }
@@ -113,7 +113,7 @@ def groups() -> list[Group]:
               tuple(interface_entries())),
     ]  # fmt: skip
     found += [room_group(room, *ROOM_TITLES[room]) for room in ROOM_TITLES if names(room)]
-    rungs = importlib.import_module("wideberth.framework.mpc.fallback.rungs")
+    rungs = importlib.import_module("wideberth.framework.mpc.planner.rungs")
     found.append(
         Group("rungs", "Rungs", "The plans that a robot falls back to, best first.",
               tuple(Entry(f"{rungs.__name__}.{name}", getattr(rungs, name)) for name in RUNGS))

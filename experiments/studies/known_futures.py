@@ -10,11 +10,11 @@ from typing import Any, ClassVar, Self, final
 import numpy as np
 
 from ...framework.controller import Controller, fresh
-from ...framework.mpc.fallback.instance_check import InstanceCheck
 from ...framework.mpc.ocp.reference import Reference
 from ...framework.mpc.ocp.transcription import Guess
 from ...framework.mpc.planner.cycle import Decision, PlannerState, Services, remember, step
-from ...framework.mpc.planner.multistart import checked_starts, other_starts
+from ...framework.mpc.planner.instance import Instance
+from ...framework.mpc.planner.starts import at_target, checked_starts, other_starts
 from ...framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs, ObstacleSet, fill
 from ...framework.mpc.solver import Solution, Solver, solve_many
 from ...framework.plugins.io import read_arrays
@@ -58,7 +58,7 @@ class Futures:
     draws : their positions at steps 1..N, (K, O, N, D), m.
     """
 
-    check: InstanceCheck
+    check: Instance
     place: int
     kind: GaussianDiscs
     margin: float
@@ -84,7 +84,7 @@ class Futures:
                 "planner.dt, planner.latency and channel.delay 0"
             )
         for place, (kind, own) in enumerate(
-            zip(solved.check.around.kinds, solved.check.around.chosen, strict=True)
+            zip(solved.instance.around.kinds, solved.instance.around.chosen, strict=True)
         ):
             if own.names and isinstance(kind, GaussianDiscs) and isinstance(own.known, KnownDiscs):
                 radius = dict(zip(own.names, own.known.obstacles.radius.tolist(), strict=True))
@@ -92,7 +92,7 @@ class Futures:
                 draws = plan.forecast.sample(rng, count)[:, rows]
                 bodies = np.array(list(radius.values()))
                 names = tuple(radius)
-                return cls(solved.check, place, kind, own.known.margin, names, bodies, draws)
+                return cls(solved.instance, place, kind, own.known.margin, names, bodies, draws)
         raise WideberthError(
             "the problem holds none of the forecast obstacles: raise most_obstacles"
         )
@@ -102,7 +102,7 @@ class Futures:
         mean = self.draws[k].swapaxes(0, 1)
         return ObstacleSet(mean, np.zeros((*mean.shape, mean.shape[-1])), self.radius, self.names)
 
-    def known(self, k: int) -> InstanceCheck:
+    def known(self, k: int) -> Instance:
         """Return the same problem with the regions of one known future."""
         check, given = self.check, self.check.parameters
         laid = Reference(given.reference, given.direction, given.speed, given.curve)
@@ -124,7 +124,7 @@ class Futures:
         parameters, guesses = [given], [point]
         for k in range(len(self.draws)):
             known = self.known(k)
-            found = [known.guess(one.states, one.inputs) for one in ways]
+            found = [at_target(known, one.states, one.inputs) for one in ways]
             guesses += found
             parameters += [one.pull(known.parameters) for one in found]
         one, *rest = solve_many(solver, check.problem, parameters, guesses)

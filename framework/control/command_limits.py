@@ -80,8 +80,9 @@ def broken_limit(robot: Robot, command: object) -> str:
     if not all(map(isfinite, numbers)) or numbers[-1] < 0.0:
         return f"it is {command}; wanted finite numbers and a ramp of at least 0 s"
     pose = robot.pose((0.0,) * len(robot.states))  # limits do not depend on the place
-    state = tuple(float(value) for value in robot.state_at(pose, command.twist))
-    control = tuple(float(value) for value in robot.drive(state, command.twist, 1.0))
+    twist = command.twist
+    state = tuple(map(float, robot.state_at(pose, twist)))
+    control = tuple(map(float, robot.drive(state, twist, 1.0)))
     found = robot.twist(state, control)
     pairs = zip((*found.linear, found.angular), numbers, strict=False)
     beyond = [abs(float(one) - other) for one, other in pairs]
@@ -117,10 +118,11 @@ def within_bounds(robot: Robot, state: Array) -> Array:
     state as it is.
     """
     bounds = robot.state_bounds()
-    return np.asarray(np.clip(state, np.asarray(bounds.lower), np.asarray(bounds.upper)))
+    limited = zip(state.tolist(), bounds.lower, bounds.upper, strict=True)
+    return np.array([min(max(value, lower), upper) for value, lower, upper in limited])
 
 
 def _beyond(values: tuple[float, ...], bounds: Bounds) -> list[float]:
     """How far numbers are beyond their limits, negative where they are within."""
     limits = zip(values, bounds.lower, bounds.upper, strict=True)
-    return [max(value - upper, lower - value) for value, lower, upper in limits]
+    return [v - upper if v - upper > lower - v else lower - v for v, lower, upper in limits]

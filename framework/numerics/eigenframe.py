@@ -79,8 +79,8 @@ def eigen_axes(covariance: Array) -> tuple[Array, Array]:
     one. Regions keep to it, since their numbers hang on the signs of the eigenvectors too.
     """
     values, vectors = np.linalg.eigh(covariance)
-    deviations = np.sqrt(np.clip(values, 0.0, None))
-    return deviations[..., ::-1].copy(), vectors[..., ::-1].copy()
+    deviations = np.sqrt(np.maximum(values, 0.0))
+    return deviations[..., ::-1], vectors[..., ::-1]
 
 
 def rim_gap(difference: Array, radius: Array) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..control.command_limits import broken_limit
 from ..controller import Controller, DrivesRobot, fresh
-from ..mpc.fallback.in_contact import LEAVING
+from ..mpc.planner.in_contact import LEAVING
 from ..robot import Robot, start_state
 from ..tracking.stand_ins import sound
 from ..values.arrays import Array
@@ -39,7 +39,7 @@ def check_controller(
     What is seen and cannot be used is treated as `wideberth.framework.tracking.stand_ins` says:
     the commands are those for the detections with their stand-ins. A controller that plans leaves
     a robot at rest where it is while an obstacle without a place is seen, and is no faster in
-    contact than the robot is, or than `wideberth.framework.mpc.fallback.in_contact.LEAVING`.
+    contact than the robot is, or than `wideberth.framework.mpc.planner.in_contact.LEAVING`.
     `remember` leaves the plan alone. After `reset` the same observations give the same
     commands again.
 

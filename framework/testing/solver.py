@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from ..mpc.assembly import assemble
-from ..mpc.fallback.rollout import steer
-from ..mpc.fallback.verify import price, violation
 from ..mpc.levels.fixed import Fixed
 from ..mpc.levels.paper import Paper
 from ..mpc.ocp.problem import Parameters, Problem, SlotNumbers
 from ..mpc.ocp.reference import lay_reference
 from ..mpc.ocp.transcription import Guess
+from ..mpc.planner.rollout import steer
+from ..mpc.planner.verify import price, violation
 from ..mpc.slots.base import with_auxiliaries
 from ..mpc.slots.gaussian_discs import GaussianDiscs, ObstacleSet, fill
 from ..mpc.solver import Solution, Solver

@@ -1,19 +1,19 @@
 """History: gathers detections by identity and lays them onto a uniform time grid."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple, final
 
 import numpy as np
 
 from ..robot import Robot
-from ..values.arrays import FARTHEST, Array, assembled
+from ..values.arrays import FARTHEST, Array, all_finite, assembled
 from ..values.motion import Detection, Observation
 from ..values.tracks import Tracks
 from .noise import LENGTH, MEMORY, STRIDE, NoiseEstimate, NoiseEvidence, window_likelihoods
 from .resampling import ON_GRID, interpolated
-from .stand_ins import OLDEST, LastGood, Sighting, sound
+from .stand_ins import OLDEST, LastGood, Sighting, is_sound, sound
 
 MOST = 200
 """Obstacles that are remembered: twice as many as any plan has room for."""
@@ -50,34 +50,29 @@ class _Log(NamedTuple):
     @classmethod
     def begun(cls, size: int) -> "_Log":
         """Return one without measurements."""
-        return cls(np.empty(0), np.empty((0, size)), 0.0, 0.0, None, "", 0, looked=False)
+        return cls(_NO_TIMES, np.empty((0, size)), 0.0, 0.0, None, "", 0, looked=False)
 
-    def measured(self, time: float, position: Array, keep: float, apart: float) -> "_Log":
-        """Return the log with a measurement more, and without those over ``keep`` s before it.
+    def reported_again(self, stamp: float, detection: Detection, clock: "_Clock | None") -> "_Log":
+        """Return the log with a measurement more, and what a detection says beside it.
 
-        One that comes less than ``apart`` s after the last but one takes the last one's place; one
-        that does not come after the last is left out.
+        Parameters
+        ----------
+        stamp : s, now.
+        detection : of the same obstacle.
+        clock : the times with that of the measurement; None where it is left out.
         """
-        times, count = self.times, len(self.times)
-        if count and not time > times[-1]:
-            return self
-        kept = count - int(count > 1 and time - times[-2] < apart)
-        first = 0
-        while first < kept and times[first] < time - keep:
-            first += 1
-        later = np.empty(kept - first + 1)
-        later[:-1], later[-1] = times[first:kept], time
-        places = np.empty((len(later), len(position)))
-        places[:-1], places[-1] = self.positions[first:kept], position
-        return _Log(later, places, *self[2:6], self.fresh + 1, self.looked)  # a motion is past
-
-    def reporting(self, stamp: float, detection: Detection) -> "_Log":
-        """Return the log with what a detection says beside the position."""
-        radius, covariance, sensor = detection.radius, detection.covariance, detection.sensor
-        motion, velocity, joint = self.motion, detection.velocity, detection.state_covariance
-        if self.times[-1] == stamp - detection.age:  # not of an older one that came late
+        times, places, fresh, motion = self.times, self.positions, self.fresh, self.motion
+        if clock is not None:
+            times, fresh, motion = clock.times, fresh + 1, None  # a motion is past
+            places = np.empty((len(times), len(detection.position)))
+            places[:-1], places[-1] = self.positions[clock.first : clock.end], detection.position
+        velocity, joint = detection.velocity, detection.state_covariance
+        if times[-1] == stamp - detection.age:  # not of an older one that came late
             motion = None if velocity is None or joint is None else (velocity, joint)
-        return _Log(*self[:2], stamp, radius, covariance, sensor, *self[6:8], motion)
+        return _Log(
+            times, places, stamp, detection.radius, detection.covariance, detection.sensor,
+            fresh, self.looked, motion,
+        )  # fmt: skip
 
     def carried(self, lag: float) -> "_Carried | None":
         """Return where it is ``lag`` s after the newest measurement; None without a motion.
@@ -91,6 +86,35 @@ class _Log(NamedTuple):
         moved = np.eye(2 * size) + lag * np.eye(2 * size, k=size)
         place = self.positions[-1] + lag * velocity
         return _Carried(place, moved @ joint @ moved.T, lag**2 * joint[size:, size:])
+
+
+_NO_TIMES = np.empty(0)
+
+
+class _Clock(NamedTuple):
+    """Times of a log with one more, and which of its measurements are kept: first to end - 1."""
+
+    times: Array
+    first: int
+    end: int
+
+    @classmethod
+    def advanced(cls, times: Array, time: float, keep: float, apart: float) -> "_Clock | None":
+        """Add a time, and leave out those over ``keep`` s before it.
+
+        One that comes less than ``apart`` s after the last but one takes the last one's place; of
+        one that does not come after the last there is None.
+        """
+        count = len(times)
+        if count and not time > times[-1]:
+            return None
+        kept = count - int(count > 1 and time - times[-2] < apart)
+        first = 0
+        while first < kept and times[first] < time - keep:
+            first += 1
+        later = np.empty(kept - first + 1)
+        later[:-1], later[-1] = times[first:kept], time
+        return cls(later, first, kept)
 
 
 class _Carried(NamedTuple):
@@ -155,23 +179,27 @@ class History:
         """Return the history with the detections at ``stamp`` that `admitted` accepts.
 
         Measurements out of order are left out. Of more than `MOST` obstacles those are kept that
-        were reported last.
+        were reported last. Obstacles that are always reported together share their times.
         """
         logs, keep = dict(self.logs), self.samples * self.dt + self.gap
+        clocks: dict[tuple[int, float], _Clock | None] = {}
         for ident, detection in named_apart(detections):
             if detection.age > self.forget:
                 continue
             log = logs.get(ident) or _Log.begun(len(detection.position))
-            time, apart = stamp - detection.age, self.dt / DENSEST
-            log = log.measured(time, detection.position, keep, apart)
-            logs[ident] = log.reporting(stamp, detection)
+            time, times = stamp - detection.age, log.times
+            same = id(times), time
+            if same not in clocks:
+                clocks[same] = _Clock.advanced(times, time, keep, self.dt / DENSEST)
+            logs[ident] = log.reported_again(stamp, detection, clocks[same])
         gone = [name for name, log in logs.items() if stamp - log.reported > self.forget]
         if len(logs) - len(gone) > MOST:
             oldest_first = sorted(logs, key=lambda name: logs[name].reported)
             gone = oldest_first[: len(logs) - MOST]
         for name in gone:
             del logs[name]
-        return replace(self, logs=logs, evidence=_learnt(logs, self.evidence))
+        learnt = _learnt(logs, self.evidence)
+        return History(self.dt, self.samples, self.forget, self.gap, logs, learnt)
 
     def tracks(self) -> Tracks | None:
         """Return tracks that end at the newest measurement; None without any.
@@ -184,13 +212,16 @@ class History:
         """
         if not self.logs:
             return None
-        newest = max(float(log.times[-1]) for log in self.logs.values())
-        grid = newest - self.dt * np.arange(self.samples - 1.0, -1.0, -1.0, dtype=np.float64)
         names = sorted(self.logs)
         logs = [self.logs[name] for name in names]
         times, places = [log.times for log in logs], [log.positions for log in logs]
+        newest = max(float(own[-1]) for own in {id(own): own for own in times}.values())
+        grid = newest - self.dt * np.arange(self.samples - 1.0, -1.0, -1.0, dtype=np.float64)
         positions = interpolated(times, places, grid, self.gap, ON_GRID * self.dt)
-        noise = np.array([self._covariance(log) for log in logs])
+        stated = [
+            self._estimated(log) if log.covariance is None else log.covariance for log in logs
+        ]
+        noise = np.concatenate(stated).reshape(len(logs), *stated[0].shape)
         velocity, joint = self._motions(logs, newest, positions, noise)
         return assembled(  # of detections, which were checked one by one
             Tracks,
@@ -212,6 +243,8 @@ class History:
         Velocities are (O, D) and covariances of position and velocity (O, 2D, 2D), where all
         obstacles have them.
         """
+        if not any(log.motion for log in logs):
+            return None, None
         velocities, joints = [], []
         for row, log in enumerate(logs):
             lag = newest - float(log.times[-1])
@@ -228,10 +261,8 @@ class History:
             return None, None
         return np.array(velocities), np.array(joints)
 
-    def _covariance(self, log: _Log) -> Array:
-        """Covariance of a measured position, (D, D), m^2: stated, else the sensor's estimate."""
-        if log.covariance is not None:
-            return log.covariance
+    def _estimated(self, log: _Log) -> Array:
+        """Covariance of a measured position, (D, D), m^2, that its sensor does not state."""
         return self.evidence[log.sensor].estimate.covariance(log.positions.shape[1])
 
 
@@ -269,6 +300,8 @@ def _learnt(
 def named_apart(detections: Sequence[Detection]) -> list[tuple[str, Detection]]:
     """Give the second detection of one identity a name of its own, so that none is lost."""
     taken = {detection.ident for detection in detections}
+    if len(taken) == len(detections):
+        return [(detection.ident, detection) for detection in detections]
     seen: dict[str, int] = {}
     named = []
     for detection in detections:
@@ -286,7 +319,7 @@ def admitted(
     dimension: int,
     forget: float,
     here: Array | None,
-    known: Mapping[str, LastGood] | None = None,
+    known: Callable[[], Mapping[str, LastGood]] = dict,
 ) -> Sighting:
     """Return what a controller can use of all that it sees, and what it cannot use, and why.
 
@@ -296,9 +329,14 @@ def admitted(
     are kept.
 
     The first word of a note says of what kind it is: warnings are limited by kind.
+
+    ``known`` returns what is remembered, see `History.known`; it is seldom asked for.
     """
-    oldest = max(forget, OLDEST)
-    detections, reasons, placeless = sound(observation, dimension, known, here, oldest)
+    detections, oldest = observation.detections, max(forget, OLDEST)
+    reasons: list[str] = []
+    placeless: tuple[str, ...] = ()
+    if not all(is_sound(one, dimension, oldest) for one in detections):
+        detections, reasons, placeless = sound(observation, dimension, known(), here, oldest)
     fitting: list[Detection] = []
     for one in detections:
         if one.age > forget:
@@ -336,6 +374,6 @@ def _repeated(detections: Sequence[Detection]) -> list[str]:
 
 def viewpoint(robot: Robot, observation: Observation) -> Array | None:
     """Return where a robot is, (D,), m; None where its state is not finite."""
-    if not np.isfinite(observation.state).all():
+    if not all_finite(observation.state):
         return None
     return robot.pose(tuple(observation.state)).points()

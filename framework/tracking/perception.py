@@ -1,16 +1,18 @@
 """From what is seen to a forecast on the plan's grid."""
 
 import logging
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import final
 
 import numpy as np
 
 from ..predictor import Adaptive, Predictor
-from ..values.arrays import Array
+from ..values.arrays import Array, assembled
 from ..values.errors import WideberthError
-from ..values.forecast import Forecast, Scene, resample
+from ..values.forecast import Forecast, Scene, on_grid, resample
 from ..values.motion import Observation
 from ..values.number_limits import bounded
 from ..values.plan import Plan
@@ -21,6 +23,8 @@ from .noise import NoiseEstimate
 LOG = logging.getLogger("wideberth.perception")
 CHANGED = 1.2
 """Factor between an estimated noise and the one logged last from which on it is logged again."""
+FORGET = 3.0
+"""s after which the planner drops an obstacle that is no longer reported."""
 FINE = 0.01
 """Share of a track's step that the clock must resolve."""
 LONG = 20.0
@@ -93,37 +97,40 @@ class Perception:
         neither be forgotten nor replaced.
         """
         stamp = observation.stamp
-        if not np.isfinite(stamp):
+        if not math.isfinite(stamp):
             return self
         notes, history = list(self.notes), self.history
         if stamp < self.stamp:
             notes.append(f"clock went back by {self.stamp - stamp:.3g} s")
             history = history.emptied()
         pause, period = stamp - self.stamp, self.period
-        paused = np.isfinite(pause) and pause > max(LONG * period, self.forget)
+        paused = math.isfinite(pause) and pause > max(LONG * period, self.forget)
         if paused and not self.paused:
             notes.append(
                 f"pause of {pause:.3g} s between observations, at a period of {period:.3g} s: "
                 "what was seen before is forgotten; are the stamps in s?"
             )
-        if (step := float(np.spacing(abs(stamp)))) > FINE * history.dt:
+        if (step := math.ulp(stamp)) > FINE * history.dt:
             notes.append(f"clock counts in steps of {step:.3g} s at {stamp:.3g} s")
         asked = observation, self.dimension, self.forget, here
-        sighting = admitted(*asked, history.known(stamp))
+        sighting = admitted(*asked, partial(history.known, stamp))
         history = history.add(stamp, sighting.detections)
-        return replace(
-            self,
-            history=history,
-            stamp=stamp,
-            notes=(*notes, *sighting.notes),
-            logged=_logged(history.noise, self.logged),
-            placeless=sighting.placeless,
-            paused=self.paused or bool(paused),
+        return Perception(
+            self.predictor,
+            self.dimension,
+            history,
+            self.forget,
+            period,
+            stamp,
+            (*notes, *sighting.notes),
+            _logged(history.noise, self.logged),
+            self.paused or paused,
+            sighting.placeless,
         )
 
     def drained(self) -> tuple["Perception", tuple[str, ...]]:
         """Return the same without notes, and the notes."""
-        return replace(self, notes=()), self.notes
+        return replace(self, notes=()) if self.notes else self, self.notes
 
     def learnt(self, tracks: Tracks | None, scene: Scene) -> "Perception":
         """Let a predictor that adapts learn; one that raises stays as it was."""
@@ -208,13 +215,19 @@ def _steps(times: Array, tracks: Tracks) -> int:
 
 def _on_times(forecast: Forecast, tracks: Tracks, times: Array) -> Forecast:
     """Carry a forecast of the tracks to times, s after the newest sample."""
+    if on_grid(forecast, times):
+        return forecast
     newest = tracks.positions[:, -1]
     newest = np.where(np.isnan(newest), forecast.mean[:, 0, 0], newest)
     return resample(forecast, newest, tracks.noise, times)
 
 
-def _logged(noise: Mapping[str, NoiseEstimate], before: Mapping[str, float]) -> dict[str, float]:
+def _logged(
+    noise: Mapping[str, NoiseEstimate], before: Mapping[str, float]
+) -> Mapping[str, float]:
     """Log what the noise of a sensor is estimated as, at first and when it has changed."""
+    if not noise:
+        return before
     logged = dict(before)
     for sensor, estimate in noise.items():
         known = logged.get(sensor)
@@ -231,10 +244,12 @@ def scene_of(observation: Observation, plan: Plan | None, radius: float) -> Scen
     if plan is not None:
         positions = plan.positions
         times = plan.stamp + plan.dt * np.arange(len(positions), dtype=np.float64)
-        if (np.diff(times) <= 0).any():  # a clock too large to tell the steps apart
+        if not (times[1:] > times[:-1]).all():  # a clock too large to tell the steps apart
             positions, times = None, None
-    return Scene(
+    return assembled(  # of values that were checked
+        Scene,
         ego=observation.state,
+        goals=None,
         plan=positions,
         truth=observation.truth,
         plan_times=times,

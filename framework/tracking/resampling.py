@@ -1,14 +1,17 @@
 """From measurements at any times to tracks on a uniform grid."""
 
 from collections.abc import Mapping, Sequence
+from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from ..values.arrays import Array, checked, positive, whole
+from ..values.arrays import Array, BoolArray, checked, positive, whole
 from ..values.errors import WideberthError
 from ..values.tracks import Tracks
 from .noise import estimated_noise
+
+IntArray: TypeAlias = NDArray[np.intp]
 
 MOST_CELLS = 50_000_000
 """Most (track, row) cells of a grid; more means that its step is wrong."""
@@ -25,31 +28,57 @@ def interpolated(
 
     Parameters
     ----------
-    times : of each obstacle (T,), s, increasing. positions : of each (T, D), m.
+    times : of each obstacle (T,), s, increasing; those that share an array are looked up once.
+    positions : of each (T, D), m.
     grid : (G,), s.
     bridge : s; grid times inside a longer gap are NaN, and those before the first
         measurement or after the last.
     slack : s; a grid time this close to a measurement takes part as if it were at it.
     """
+    clocks = {id(own): own for own in times}
+    before, after, share, known = _looked_up(list(clocks.values()), grid, bridge, slack)
+    row = {key: row for row, key in enumerate(clocks)}
+    rows = [row[id(own)] for own in times]
+    if len(clocks) > 1:
+        before, after, share = (found.take(rows, axis=0) for found in (before, after, share))
     count = np.array([len(own) for own in times])
-    first = np.cumsum(count) - count
-    clock, place = np.concatenate(times), np.concatenate(positions)
-    wanted = grid - slack
-    after = np.stack([own.searchsorted(wanted) for own in times])
-    after = first[:, None] + np.minimum(after, count[:, None] - 1)
-    before = np.maximum(after - 1, first[:, None])
-    begin, end = clock.take(before), clock.take(after)
+    first = (np.cumsum(count) - count)[:, None]
+    place = np.concatenate(positions)
+    sampled = (1 - share) * place.take(first + before, axis=0)
+    sampled += share * place.take(first + after, axis=0)
+    if not known.all():
+        sampled[~known.take(rows, axis=0)] = np.nan
+    return np.asarray(sampled)
+
+
+def _looked_up(
+    clocks: Sequence[Array], grid: Array, bridge: float, slack: float
+) -> tuple[IntArray, IntArray, Array, BoolArray]:
+    """Look grid times up in U lists of times, for `interpolated`.
+
+    Returns
+    -------
+    before, after : (U, G), measurements between which each grid time lies.
+    share : (U, G, 1), of the way from one to the other.
+    known : (U, G), whether there is a measurement near enough.
+    """
+    wanted, count = grid - slack, np.array([len(own) for own in clocks])[:, None]
+    after = np.empty((len(clocks), len(grid)), dtype=np.intp)
+    for row, own in zip(after, clocks, strict=True):
+        row[...] = own.searchsorted(wanted)
+    after = np.minimum(after, count - 1)
+    before = np.maximum(after - 1, 0)
+    clock, first = np.concatenate(clocks), np.cumsum(count)[:, None] - count
+    begin, end = clock.take(first + before), clock.take(first + after)
     width = end - begin
     # Cut off before it is divided: a width may be as small as 1e-300.
     since = np.minimum(np.maximum(grid - begin, 0.0), width)
-    share = np.divide(since, width, out=np.ones_like(width), where=width > 0)[..., None]
-    sampled = (1 - share) * place.take(before, axis=0) + share * place.take(after, axis=0)
-    on_sample = np.abs(grid - end) <= slack
-    known = (grid >= clock[first, None] - slack) & (grid <= clock[first + count - 1, None] + slack)
-    known &= on_sample | (width <= bridge + slack)
-    if not known.all():
-        sampled[~known] = np.nan
-    return np.asarray(sampled)
+    share = np.ones(width.shape)
+    np.divide(since, width, out=share, where=width > 0)
+    oldest, newest = clock.take(first), clock.take(first + count - 1)
+    known = (grid >= oldest - slack) & (grid <= newest + slack)
+    known &= (np.abs(grid - end) <= slack) | (width <= bridge + slack)
+    return before, after, share[..., None], known
 
 
 def resampled_tracks(

@@ -72,7 +72,7 @@ def sound(
     notes: list[str] = []
     lost: list[tuple[str, str]] = []
     for one in observation.detections:
-        if _good(one, dimension, oldest):
+        if is_sound(one, dimension, oldest):
             kept.append(one)
             continue
         placed, moved = _placed(one, dimension, here)
@@ -108,11 +108,14 @@ def checked_places(placeless: Sequence[str]) -> None:
         raise WideberthError(f"seen without a place: {some}")
 
 
-def _good(one: Detection, dimension: int, oldest: float) -> bool:
-    """Whether every number of a detection can be used as it is."""
-    if one.flaw or len(one.position) != dimension or not _within(one.position, FARTHEST):
+def is_sound(one: Detection, dimension: int, oldest: float) -> bool:
+    """Whether every number of a detection can be used as it is, see `sound`."""
+    if one.flaw or one.radius > FARTHEST or one.age > oldest:
         return False
-    return one.radius <= FARTHEST and one.age <= oldest and not _motion(one)
+    place = one.position.tolist()
+    if len(place) != dimension or max(place) > FARTHEST or min(place) < -FARTHEST:
+        return False
+    return one.velocity is None or not _motion(one)
 
 
 def _placed(one: Detection, dimension: int, here: Array | None) -> tuple[Detection | None, str]:

@@ -68,7 +68,8 @@ def all_finite(array: Array) -> bool:
     """Tell whether an array holds finite numbers alone; a few are asked without NumPy."""
     if array.size <= 8:
         return all(map(isfinite, array.ravel().tolist()))
-    return bool(np.isfinite(array).all())
+    # The sum of squares is finite only if all of them are; it overflows beyond 1e154.
+    return isfinite(np.vdot(array, array)) or bool(np.isfinite(array).all())
 
 
 def _numbers(name: str, value: ArrayLike) -> Array:
@@ -224,9 +225,11 @@ def _surely_definite(symmetric: Array) -> BoolArray:
     if size == 1:
         return np.asarray(first >= 0)
     second, cross = symmetric[..., 1, 1], symmetric[..., 0, 1]
-    diagonal = (first >= 0) & (second >= 0) & (cross == 0)
     with np.errstate(over="ignore"):  # what overflows is not sure
-        return np.asarray(diagonal | ((first > 0) & (first * second > cross**2)))
+        sure = (first > 0) & (first * second > cross * cross)
+    if not sure.all():
+        sure |= (first >= 0) & (second >= 0) & (cross == 0)
+    return np.asarray(sure)
 
 
 def stacked(places: Sequence[tuple[Scalar, ...]]) -> Array:

@@ -219,6 +219,14 @@ def _root(covariance: Array) -> Array:
     return np.asarray(vectors * np.sqrt(np.clip(values, 0.0, None))[..., None, :])
 
 
+def on_grid(forecast: Forecast, times: Array) -> bool:
+    """Whether some times, s after the newest sample, are those of a forecast's steps."""
+    if len(times) != forecast.steps:
+        return False
+    place = np.asarray(times) / forecast.dt
+    return bool((np.abs(place - np.arange(1, len(times) + 1)) <= 1e-9).all())
+
+
 def resample(forecast: Forecast, origin: Array, spread: Array, times: Array) -> Forecast:
     """Carry a forecast onto another time grid.
 
@@ -244,9 +252,9 @@ def resample(forecast: Forecast, origin: Array, spread: Array, times: Array) -> 
             f"times span {times.min():g} to {times.max():g} s; the forecast reaches from 0 to "
             f"{steps * forecast.dt:g} s: predict more steps"
         )
-    dt = float(times[1] - times[0]) if len(times) > 1 else forecast.dt
-    if len(times) == steps and (np.abs(place - np.arange(1, steps + 1)) <= 1e-9).all():
+    if on_grid(forecast, times):
         return forecast
+    dt = float(times[1] - times[0]) if len(times) > 1 else forecast.dt
     first = np.broadcast_to(origin[:, None, None], (obstacles, modes, 1, size))
     wide = np.broadcast_to(spread[:, None, None], (obstacles, modes, 1, size, size))
     mean = np.concatenate([first, forecast.mean], axis=2)

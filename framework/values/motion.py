@@ -48,7 +48,9 @@ class Pose:
 
     def points(self) -> Array:
         """Positions of NumPy poses, (..., D), m."""
-        shape = np.broadcast_shapes(*map(np.shape, self.position))
+        shape, *others = [getattr(values, "shape", ()) for values in self.position]
+        if others.count(shape) != len(others):
+            shape = np.broadcast_shapes(shape, *others)
         found = np.empty((*shape, len(self.position)))
         for axis, values in enumerate(self.position):
             found[..., axis] = values

@@ -88,8 +88,8 @@ def bounded(tracks: Tracks, scene: Scene | None) -> LimitedNumbers | None:
 def _places(positions: Array) -> tuple[Array, BoolArray]:
     """Return samples within the limits, (O, T, D), and which obstacles had others, (O,)."""
     size = np.abs(positions)
-    large, tiny = size > FARTHEST, (size < FINEST) & (size > 0)
-    if not large.any() and not tiny.any():
+    large, tiny = size > FARTHEST, size < FINEST
+    if not large.any() and not (tiny.any() and (tiny := tiny & (size > 0)).any()):
         return positions, np.zeros(len(positions), dtype=np.bool_)
     beyond = np.asarray(large.any(axis=2), dtype=np.bool_)
     far = np.asarray(beyond.any(axis=1), dtype=np.bool_)

@@ -78,13 +78,15 @@ class Path:
     def at(self, arc: Array) -> Array:
         """Points at the given arc lengths (...,) -> (..., D), m; clamped to the ends."""
         arc = np.asarray(arc, dtype=np.float64)
-        columns = [np.interp(arc, self.arc, column) for column in self.points.T]
-        return np.stack(columns, axis=-1).astype(np.float64)
+        found = np.empty((*arc.shape, self.points.shape[1]))
+        for axis, column in enumerate(self.points.T):
+            found[..., axis] = np.interp(arc, self.arc, column)
+        return found
 
     def direction(self, arc: Array) -> Array:
         """Return unit tangents at the given arc lengths (...,) -> (..., D)."""
         last = len(self.points) - 2
-        index = np.clip(np.searchsorted(self.arc, arc, side="right") - 1, 0, last)
+        index = np.minimum(np.maximum(self.arc.searchsorted(arc, side="right") - 1, 0), last)
         return np.asarray(self._pieces[2][index])
 
     def project(
@@ -100,13 +102,13 @@ class Path:
         """
         begin, (step, length, _) = self.points[:-1], self._pieces
         along = np.einsum("sd,sd->s", point - begin, step) / length
-        low = np.clip(start - self.arc[:-1], 0.0, length)
-        high = np.clip(start + window - self.arc[:-1], 0.0, length)
-        along = np.clip(along, low, high)
-        nearest = begin + step * (along / length)[:, None]
-        distance = np.linalg.norm(nearest - point, axis=1)
-        reach = self.arc[:-1] + along
-        outside = (reach < start - 1e-12) | (reach > start + window + 1e-12)
-        distance = np.where(outside, np.inf, distance)
-        best = int(np.argmax(distance <= distance.min() + early))
-        return float(np.clip(reach[best], 0.0, self.length))
+        before = self.arc[:-1]
+        low = np.minimum(np.maximum(start - before, 0.0), length)
+        high = np.minimum(np.maximum(start + window - before, 0.0), length)
+        along = np.minimum(np.maximum(along, low), high)
+        gap = begin + step * (along / length)[:, None] - point
+        distance = np.sqrt(np.add.reduce(gap * gap, axis=1))
+        reach = before + along
+        distance[(reach < start - 1e-12) | (reach > start + window + 1e-12)] = np.inf
+        best = int((distance <= distance.min() + early).argmax())
+        return min(max(float(reach[best]), 0.0), self.length)

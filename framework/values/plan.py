@@ -53,7 +53,7 @@ class Breach:
     ----------
     kind : region of an obstacle or static polygon at a step, polygon touched on the way to it,
         limits of the motion (dynamics, bounds, the robot's own, the stop at the end), or the rule
-        of contact, see `wideberth.framework.mpc.fallback.in_contact`.
+        of contact, see `wideberth.framework.mpc.planner.in_contact`.
     name : of the obstacle or polygon; empty for limits of the motion.
     step : 1..N.
     amount : unit-free in a region, m in a polygon, a limit's own unit; in contact m/s too fast, or

@@ -5,7 +5,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ...framework.values.arrays import Array, BoolArray
+from ...framework.values.arrays import Array, BoolArray, all_finite
 from ...framework.values.tracks import Tracks
 
 IntArray: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
@@ -91,7 +91,7 @@ def gather(
     if rows == 0:
         positions, rows, kept = np.full((count, 1, size), np.nan), 1, 1
     recent = positions[:, rows - kept :]
-    if np.isfinite(recent).all():  # the usual case needs none of what follows
+    if all_finite(recent):  # the usual case needs none of what follows
         begin = np.zeros(count, dtype=np.int64)
         everything = np.ones((count, kept), dtype=np.bool_)
         return Histories(recent[:, -1], recent - recent[:, -1:], everything, begin, begin)
@@ -163,9 +163,10 @@ def measurement_noise(tracks: Tracks, floor: float) -> Array:
     eigenvalues) keeps it smooth and turns with the world. The share of the trace is for noise
     of kilometres, whose smallest eigenvalue would be rounding, and perhaps negative.
     """
-    share = ROUNDING * np.trace(tracks.noise, axis1=1, axis2=2)
-    least = np.maximum(floor**2, share)[:, None, None]
-    return np.asarray(tracks.noise + least * np.eye(tracks.dimension))
+    noise = tracks.noise
+    trace = noise.trace(axis1=1, axis2=2)
+    least = np.maximum(floor**2, ROUNDING * trace)[:, None, None]
+    return np.asarray(noise + least * np.eye(tracks.dimension))
 
 
 def too_short(past: Histories, needed: int, name: str) -> list[str | None]:

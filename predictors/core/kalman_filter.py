@@ -73,7 +73,7 @@ def filter_axes(past: Histories, noise: Array, model: AxisModel) -> Filtered:
     began = np.repeat(past.began, size)
     spread, seen = variance.ravel(), _from_the_first(past)
     if seen.all():  # the usual case: axes differ by their noise alone
-        spread, which = np.unique(spread, return_inverse=True)
+        spread, which = _different(spread)
         seen = np.ones((len(spread), rows), dtype=np.bool_)
     else:
         seen = np.repeat(seen, size, axis=0)
@@ -91,15 +91,21 @@ def filter_axes(past: Histories, noise: Array, model: AxisModel) -> Filtered:
     )
 
 
+def _different(spread: Array) -> tuple[Array, IntArray]:
+    """Return the different numbers among some, and which of them each is."""
+    if (spread == spread[0]).all():
+        return spread[:1], np.zeros(len(spread), dtype=np.int64)
+    found, which = np.unique(spread, return_inverse=True)
+    return found, which.astype(np.int64)
+
+
 def _axes(noise: Array) -> tuple[Array, Array]:
     """Eigenvalues and eigenvectors of each; once where all are the same, as of one sensor."""
     if not (noise == noise[0]).all():
         return np.linalg.eigh(noise)
-    values, vectors = _axes_of_one(noise[0].tobytes(), noise.shape[1])
-    return (
-        np.broadcast_to(values, noise.shape[:2]).copy(),
-        np.broadcast_to(vectors, noise.shape).copy(),
-    )
+    variances, axes = np.empty(noise.shape[:2]), np.empty(noise.shape)
+    variances[...], axes[...] = _axes_of_one(noise[0].tobytes(), noise.shape[1])
+    return variances, axes
 
 
 @lru_cache(maxsize=16)
@@ -195,11 +201,14 @@ def _filter_means(
         kinds = tables.gain.shape[2]
         flat = tables.gain.transpose(0, 2, 1).reshape(rows * kinds, -1)
         gain = flat.take(since * kinds + which, axis=0).transpose(0, 2, 1)
-    state = np.zeros((len(transition), count))
+    state, moved = np.zeros((2, len(transition), count))
+    gap, change = np.empty(count), np.empty_like(state)
     state[0] = measured[np.minimum(began, rows - 1), np.arange(count)]
     for share, place in zip(gain[1:], measured[1:], strict=True):
-        state = transition @ state
-        state += share * (place - state[0])
+        np.matmul(transition, state, out=moved)
+        np.subtract(place, moved[0], out=gap)
+        np.multiply(share, gap, out=change)
+        np.add(moved, change, out=state)
     return state.T
 
 

@@ -8,7 +8,7 @@ from math import isfinite, nan
 import numpy as np
 
 from ...framework.controller import Controller
-from ...framework.mpc.fallback.emergency import command_of_plan
+from ...framework.mpc.planner.emergency import command_of_plan
 from ...framework.robot import start_state
 from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError

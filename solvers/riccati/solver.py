@@ -14,6 +14,7 @@ import numpy as np
 from ...framework.mpc.ocp.problem import Parameters, Problem
 from ...framework.mpc.ocp.transcription import Guess, Multipliers
 from ...framework.mpc.solver import (
+    BoundedSolver,
     CheapestSolver,
     ManySolver,
     SizelessSolver,
@@ -76,7 +77,7 @@ _AT_ONCE = 32
 
 @final
 @dataclass(frozen=True)
-class Riccati(ManySolver, SizelessSolver, CheapestSolver):
+class Riccati(ManySolver, SizelessSolver, CheapestSolver, BoundedSolver):
     """Primal-dual interior point whose Newton steps are a Riccati recursion over the horizon.
 
     Exact Hessians, regularised where the reduced one is not positive definite; a filter line
@@ -162,6 +163,13 @@ class Riccati(ManySolver, SizelessSolver, CheapestSolver):
                     rivals.add(found)
                 begin = perf_counter()
         return solutions
+
+    def ends_by_itself(self, problem: Problem) -> bool:
+        """Whether its own core solves a problem; where nothing can be compiled, fatrop does."""
+        try:
+            return bool(_compiled(problem))
+        except WideberthError:
+            return False
 
     def solve_many(
         self,

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from wideberth.framework import names
-from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
+from wideberth.framework.mpc.planner.verify import violation
 from wideberth.framework.plugins.config import build
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.unicycle import Unicycle

@@ -24,7 +24,7 @@ from wideberth.controllers.orca_conditions import (
     on_the_central_path,
     wanted_velocity,
 )
-from wideberth.framework.mpc.fallback.rollout import follow
+from wideberth.framework.mpc.planner.rollout import follow
 from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Detection, Observation

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 
 from wideberth.framework.mpc import assembly
-from wideberth.framework.mpc.fallback.rollout import steer
 from wideberth.framework.mpc.levels.base import LevelPolicy, SharedLevel
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem, SlotNumbers
 from wideberth.framework.mpc.ocp.reference import Reference, lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
+from wideberth.framework.mpc.planner.rollout import steer
 from wideberth.framework.mpc.slots import base, gaussian_discs
 from wideberth.framework.mpc.slots.base import ActiveObstacles, SlotKind
 from wideberth.framework.mpc.slots.built_in import built_in

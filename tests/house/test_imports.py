@@ -123,8 +123,8 @@ LAYERS = [
         "control",
         "jit",
     ),
-    *("mpc/ocp", "mpc/costs", "mpc/levels", "mpc/slots", "mpc", "mpc/instance"),
-    *("mpc/fallback", "mpc/planner", "mpc/diagnosis", "testing", "__init__"),
+    *("mpc/ocp", "mpc/costs", "mpc/levels", "mpc/slots", "mpc"),
+    *("mpc/planner", "mpc/diagnosis", "testing", "__init__"),
 ]
 """Groups of the framework from bottom to top; those that `ARROWS` lacks import from below."""
 KNOWN_ARROWS = {("framework/mpc/planner", "framework/mpc/diagnosis")}

@@ -20,7 +20,7 @@ from wideberth import build, save_plugin
 from wideberth.experiments.cli.app import app
 from wideberth.experiments.engine.shipped_configs import config_path, read_experiment
 from wideberth.framework.mpc.diagnosis.solve_record import Record
-from wideberth.framework.mpc.fallback.rungs import rungs_of
+from wideberth.framework.mpc.planner.rungs import rungs_of
 from wideberth.framework.plugins import registry
 from wideberth.framework.plugins.yamlfile import parse, read_config
 
@@ -173,7 +173,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     (tmp_path / "mypackage" / "__init__.py").write_text(own)
     (tmp_path / "my_package.py").write_text("def act(seen): ...\n")
     module = blocks("docs/write-your-own.md", "python")[0]
-    module += "from wideberth.framework.mpc.fallback.rungs import FallbackRung\n"
+    module += "from wideberth.framework.mpc.planner.rungs import FallbackRung\n"
     module += "class SlowDown(FallbackRung):\n    name = 'slow down'\n"
     module += "    def attempt(self, trial): ...\n"
     (tmp_path / "mypackage" / "module.py").write_text(module)

@@ -20,17 +20,17 @@ AREAS: dict[str, list[str]] = {
         f"{MPC}/costs/curve.py",
         f"{MPC}/planner/*.py",
         *(
-            f"{MPC}/fallback/{name}.py"
+            f"{MPC}/planner/{name}.py"
             for name in ("emergency", "instance_check", "rollout", "stopping")
         ),
     ],
     "ladder": [
-        f"{MPC}/fallback/giving_way.py", f"{MPC}/fallback/rungs.py", f"{MPC}/fallback/verify.py",
+        f"{MPC}/planner/giving_way.py", f"{MPC}/planner/rungs.py", f"{MPC}/planner/verify.py",
         f"{MPC}/slots/contact.py", f"{MPC}/diagnosis/explain.py",
     ],
     "filling": [
         *(f"{MPC}/slots/{name}.py" for name in ("base", "gaussian_discs", "static_polygons")),
-        f"{MPC}/instance/own_uncertainty.py",
+        f"{MPC}/planner/own_uncertainty.py",
         *(f"{MPC}/ocp/{name}.py" for name in ("bodies", "problem", "stage", "transcription")),
         f"{MPC}/assembly.py",
         *(

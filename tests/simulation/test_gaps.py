@@ -9,7 +9,7 @@ import pytest
 import shapely
 
 from wideberth.framework.controller import Controller
-from wideberth.framework.mpc.fallback.emergency import emergency
+from wideberth.framework.mpc.planner.emergency import emergency
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.footprint import Discs, Footprint, Outline
 from wideberth.framework.values.motion import Command, Observation

@@ -11,7 +11,8 @@ import pytest
 from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.ocp.problem import Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.planner.multistart import SAME, other_starts
+from wideberth.framework.mpc.planner.starts import other_starts
+from wideberth.framework.mpc.planner.watchdog import SAME
 from wideberth.framework.mpc.solver import (
     CheapestSolver,
     Solution,

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.cli.export import export
-from wideberth.framework.mpc.fallback.rollout import follow, shift
-from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.ocp.reference import PathProgress, lay_reference
+from wideberth.framework.mpc.planner.rollout import follow, shift
+from wideberth.framework.mpc.planner.verify import violation
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.path import Path as Way
 from wideberth.framework.values.plan import Status

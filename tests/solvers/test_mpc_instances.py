@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.ocp.problem import Problem
+from wideberth.framework.mpc.planner.verify import violation
 from wideberth.framework.mpc.solver import Solver
 from wideberth.framework.values.plan import Status
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse

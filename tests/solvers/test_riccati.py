@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.base import LevelPolicy
 from wideberth.framework.mpc.levels.discounted import Discounted
 from wideberth.framework.mpc.levels.fixed import Fixed
@@ -17,6 +16,7 @@ from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
+from wideberth.framework.mpc.planner.verify import violation
 from wideberth.framework.mpc.solver import Solution
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.region import Region

@@ -13,16 +13,15 @@ from wideberth.framework import Path, names
 from wideberth.framework.mpc.costs.base import Cost, ProgressCost
 from wideberth.framework.mpc.costs.contouring import Contouring
 from wideberth.framework.mpc.costs.tracking import Tracking
-from wideberth.framework.mpc.fallback.rollout import steer
-from wideberth.framework.mpc.fallback.verify import Violation, violation
 from wideberth.framework.mpc.levels.base import LevelPolicy, SharedLevel
 from wideberth.framework.mpc.levels.discounted import Discounted
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
-from wideberth.framework.mpc.ocp.progress_robot import progress_robot_of
+from wideberth.framework.mpc.ocp.progress_robot import progress_robot_of, with_progress
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.planner.multistart import add_progress
+from wideberth.framework.mpc.planner.rollout import steer
+from wideberth.framework.mpc.planner.verify import Violation, violation
 from wideberth.framework.mpc.slots.static_polygons import NONE, choose_walls
 from wideberth.framework.mpc.solver import Solution
 from wideberth.framework.plugins.registry import load
@@ -126,7 +125,7 @@ class Draw:
         bare = Guess.bare(states, inputs, target)
         guess = with_auxiliaries(robot, region, parameters, bare, static)
         if isinstance(self.cost, ProgressCost):
-            guess = add_progress(progress_robot_of(robot), guess, reference, ARC, DT)
+            guess = with_progress(progress_robot_of(robot), guess, reference, ARC, DT)
             parameters = replace(parameters, initial=guess.states[0])
         return problem, guess.pull(parameters), guess
 

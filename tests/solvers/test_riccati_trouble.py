@@ -17,11 +17,11 @@ import numpy as np
 import pytest
 
 from wideberth.framework.mpc.diagnosis.explain import SolveRecord
-from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.paper import Paper
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.mpc.planner.verify import violation
 from wideberth.framework.mpc.solver import Solution
 from wideberth.framework.plugins.config import build
 from wideberth.framework.values.errors import WideberthError

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.engine.shipped_configs import CONFIGS
-from wideberth.framework.mpc import solver as base
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.problem import Problem
 from wideberth.framework.mpc.planner.planner import Planner
@@ -18,6 +17,7 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.plan import Status
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.robots.unicycle import Unicycle
+from wideberth.solvers import casadi_program as base
 from wideberth.solvers import fatrop, ipopt
 from wideberth.solvers.fatrop import Fatrop
 from wideberth.solvers.ipopt import Ipopt

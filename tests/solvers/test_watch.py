@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc import solver as base
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner import watchdog as watch
@@ -25,6 +24,7 @@ from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.values.motion import Observation
 from wideberth.framework.values.plan import Plan, Rung, Status
 from wideberth.ros.priority import urgent
+from wideberth.solvers.casadi_program import Compiled, compiled
 from wideberth.solvers.fatrop import Fatrop
 from wideberth.tests.helpers.planning import STRAIGHT, at, planner
 
@@ -231,11 +231,12 @@ class Cycle:
 @pytest.mark.parametrize("native", [False, True], ids=["python", "native"])
 @pytest.mark.parametrize("limit", ["deadline", "patience"])
 def test_a_solver_that_never_returns_does_not_hold_the_loop(
-    native: bool, limit: str, end: Event
+    native: bool, limit: str, end: Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     solver = Asleep(end, native)
     long, short = ({"deadline": 60.0}, {"deadline": 0.3}) if limit == "deadline" else ({}, {})
-    made = Cycle(solver=solver, starts=(), **(long or {"patience": 3.0}))
+    monkeypatch.setattr(watch, "PATIENCE", 3.0)
+    made = Cycle(solver=solver, starts=(), **long)
     made.plan(at(0.0, 0.0))
     solver.asleep.append(1)
     plan = made.plan(at(0.5, 0.25), **short)
@@ -263,10 +264,13 @@ def test_with_too_many_left_behind_the_planner_drives_on_lower_rungs(end: Event)
     assert made.plan(at(3.0, 1.5)).rung is Rung.OPTIMAL
 
 
-def test_who_is_left_behind_at_another_start_is_named(end: Event) -> None:
+def test_who_is_left_behind_at_another_start_is_named(
+    end: Event, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The first start is solved; the plan is taken, and says what it was not held against."""
     solver = Second(end)
-    made = planner(solver=solver, patience=3.0, starts=("wait",))
+    monkeypatch.setattr(watch, "PATIENCE", 3.0)
+    made = planner(solver=solver, starts=("wait",))
     solver.asleep.append(1)
     made.command(at(0.0, 0.0))
     assert made.plan is not None
@@ -300,18 +304,18 @@ def test_a_program_in_use_is_not_shared(end: Event) -> None:
     made = planner()
     made.command(at(0.0, 0.0))
     problem = made.explain().problem()
-    taken: list[base.Compiled] = []
+    taken: list[Compiled] = []
 
     def hold() -> None:
-        with base.compiled("fatrop", problem, {}, staged=True) as program:
+        with compiled("fatrop", problem, {}, staged=True) as program:
             taken.append(program)
             end.wait()
 
     with pytest.raises(LeftBehind):
         watched(hold, 0.5)
-    with base.compiled("fatrop", problem, {}, staged=True) as second:
+    with compiled("fatrop", problem, {}, staged=True) as second:
         assert second is not taken[0]
-    with base.compiled("fatrop", problem, {}, staged=True) as third:
+    with compiled("fatrop", problem, {}, staged=True) as third:
         assert third is second  # the returned one is used again
 
 

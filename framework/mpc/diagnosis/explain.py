@@ -10,14 +10,13 @@ from ...values.errors import WideberthError
 from ...values.forecast import Forecast, Scene
 from ...values.plan import Status
 from ...values.tracks import Tracks
-from ..fallback.instance_check import TOLERANCE
-from ..fallback.verify import violation
 from ..ocp.problem import Parameters, Problem
 from ..ocp.transcription import Guess
 from ..planner.cycle import Solved
-from ..planner.multistart import SAME
 from ..planner.problem_cache import ProblemCache
 from ..planner.settings import PlannerSettings
+from ..planner.verify import TOLERANCE, violation
+from ..planner.watchdog import SAME
 from ..slots.base import SlotSizes
 from ..solver import Solution, Solver, solve_cheapest
 
@@ -80,7 +79,7 @@ class SolveRecord:
         """Write down what a planner of these settings solved."""
         config = {"type": "mpc", **describe(settings), "record": None}
         config["predictor"] = _name(config["predictor"])
-        plan, check = solved.plan, solved.check
+        plan, instance = solved.plan, solved.instance
         verdict = PlanSummary(
             stamp=plan.stamp,
             status=str(plan.status),
@@ -94,10 +93,10 @@ class SolveRecord:
         )
         return cls(
             config,
-            tuple(one.room for one in check.around.chosen),
-            check.problem.key,
-            check.names,
-            check.parameters,
+            tuple(one.room for one in instance.around.chosen),
+            instance.problem.key,
+            instance.names,
+            instance.parameters,
             solved.guesses,
             solved.point,
             verdict,

@@ -5,7 +5,7 @@ derived from it.
 """
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from hashlib import sha256
 from typing import Any
 
@@ -43,6 +43,16 @@ class Slots:
     levelled: bool
     auxiliary: Auxiliary
     constraint: Any
+
+    @cached_property
+    def inequalities(self) -> int:
+        """How many inequalities one slot has."""
+        return int(self.constraint.size1_out(0))
+
+    @cached_property
+    def own(self) -> int:
+        """How many extra variables one slot has."""
+        return len(self.auxiliary)
 
     @property
     def size(self) -> int:
@@ -325,12 +335,13 @@ class SlotNumbers:
     auxiliaries: Array
     level: Array | None = None
 
-    @classmethod
-    def none(cls, steps: int, width: int = 0, *, levelled: bool = False) -> "SlotNumbers":
+    @staticmethod
+    @lru_cache(maxsize=16)
+    def none(steps: int, width: int = 0, *, levelled: bool = False) -> "SlotNumbers":
         """No slot at all."""
         empty = np.zeros((steps, 0, width))
         level = np.zeros((steps, 0)) if levelled else None
-        return cls(empty, np.zeros(0), np.zeros((steps, 0, 0)), level)
+        return SlotNumbers(empty, np.zeros(0), np.zeros((steps, 0, 0)), level)
 
     def stages(self) -> Array:
         """Numbers of all slots, slot by slot in the order of `Slots`, (N, K size)."""
@@ -343,8 +354,15 @@ class SlotNumbers:
     @cached_property
     def columns(self) -> Array:
         """The same with a column for each step and slot, (size, N K)."""
-        steps, count = self.parameters.shape[:2]
-        return np.ascontiguousarray(self.stages().reshape(steps * count, -1).T)
+        steps, count, width = self.parameters.shape
+        levels, own = int(self.level is not None), self.auxiliaries.shape[2]
+        found = np.empty((width + levels + 1 + own, steps, count))
+        found[:width] = self.parameters.transpose(2, 0, 1)
+        if self.level is not None:
+            found[width] = self.level
+        found[width + levels] = self.active
+        found[width + levels + 1 :] = self.auxiliaries.transpose(2, 0, 1)
+        return found.reshape(len(found), -1)
 
     def columns_at(self, shares: Array) -> Array:
         """`columns` at each of S shares of the levels, one after the other, (size, S N K)."""
@@ -395,5 +413,7 @@ class Parameters:
     def target(self) -> float:
         """s_ref, the level that a shared level is drawn to: the mean of all; 0 without any."""
         levels = [one.level[:, one.active > 0] for one in self.slots if one.level is not None]
-        used = np.concatenate(levels, axis=1) if levels else np.zeros((1, 0))
-        return float(used.mean()) if used.size else 0.0
+        if not levels:
+            return 0.0
+        used = levels[0] if len(levels) == 1 else np.concatenate(levels, axis=1)
+        return float(np.add.reduce(used, axis=None) / used.size) if used.size else 0.0

@@ -1,6 +1,7 @@
 """A robot that carries the arc length of its place on the path among its states."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,10 @@ from ...robot import Bounds, Quantity, Robot, SymbolicDrive
 from ...values.arrays import Scalar
 from ...values.footprint import Footprint
 from ...values.motion import Pose, Twist
+from ...values.plan import Plan
+from .problem import Parameters
+from .reference import Reference
+from .transcription import Guess
 
 
 class ProgressRobot(Robot):
@@ -92,3 +97,33 @@ def progress_robot_of(robot: Robot) -> ProgressRobot:
 
 def _and_free(bounds: Bounds) -> Bounds:
     return Bounds((*bounds.lower, -np.inf), (*bounds.upper, np.inf))
+
+
+def with_progress(
+    robot: ProgressRobot, guess: Guess, reference: Reference | Parameters, arc: float, dt: float
+) -> Guess:
+    """Fill in theta and its rate, whether or not a trajectory has them already.
+
+    theta starts at ``arc`` and moves by what each step covers in the direction of the reference
+    there.
+    """
+    states = guess.states[:, : len(robot.robot.states)]
+    places = np.stack(robot.pose(tuple(states.T)).position, axis=-1)
+    theta, pace = np.full(len(places), arc), max(float(reference.speed.max()) * dt, 1e-9)
+    for i, step in enumerate(np.diff(places, axis=0)):
+        nearest = int(np.clip((theta[i] - arc) / pace, 0, len(reference.direction) - 1))
+        theta[i + 1] = theta[i] + step @ reference.direction[nearest]
+    inputs = guess.inputs[:, : len(robot.robot.inputs)]
+    return replace(
+        guess,
+        states=np.column_stack([states, theta]),
+        inputs=np.column_stack([inputs, np.diff(theta) / dt]),
+    )
+
+
+def without_progress(robot: Robot, plan: Plan) -> Plan:
+    """Leave the plan with the states and inputs of the robot itself."""
+    if plan.states.shape[1] == len(robot.states):
+        return plan
+    states, inputs = plan.states[:, : len(robot.states)], plan.inputs[:, : len(robot.inputs)]
+    return replace(plan, states=states, inputs=inputs)

@@ -41,9 +41,9 @@ def lay_reference(path: Path, start: float, speed: float, steps: int, dt: float)
     the points are chosen at each call. We lay them anew from the path point nearest to the robot.
     """
     arcs = np.minimum(start + speed * dt * np.arange(steps + 1), path.length)
-    speeds = np.diff(arcs) / dt
-    middle = 0.5 * (arcs[1:] + arcs[:-1])
-    return Reference(path.at(arcs[1:]), path.direction(middle), speeds, np.zeros((steps, 0)))
+    begin, end = arcs[:-1], arcs[1:]
+    direction = path.direction(0.5 * (end + begin))
+    return Reference(path.at(end), direction, (end - begin) / dt, np.zeros((steps, 0)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from ...control.velocity_smoother import VelocitySmoother
 from ...controller import checked_ready, checked_use
 from ...robot import Robot, start_state
 from ...tracking.history import viewpoint
-from ...tracking.perception import Perception, scene_of
+from ...tracking.perception import FORGET, Perception, scene_of
 from ...values.arrays import Array
 from ...values.forecast import Forecast
 from ...values.motion import Command, Detection, Observation, checked_numbers
@@ -27,40 +27,37 @@ from ...values.plan import Plan, Situation
 from ...values.polygon import Polygon
 from ...values.tracks import Tracks
 from ..costs.base import ProgressCost
-from ..fallback.emergency import command_of_plan, emergency
-from ..fallback.in_contact import InContact, expected_now
-from ..fallback.instance_check import InstanceCheck, MultiStartResult, shared_target
-from ..fallback.rollout import RobotMotion, carry, follow
-from ..fallback.rungs import Trial, choose, rungs_of
-from ..fallback.stopping import stops
-from ..instance.own_uncertainty import OwnUncertainty, carried
 from ..ocp.problem import Parameters
-from ..ocp.progress_robot import ProgressRobot, progress_robot_of
+from ..ocp.progress_robot import (
+    ProgressRobot,
+    progress_robot_of,
+    with_progress,
+    without_progress,
+)
 from ..ocp.reference import PathProgress, Reference
 from ..ocp.transcription import Guess
-from ..slots.base import (
-    CAPACITIES,
-    ActiveObstacles,
-    PlanningContext,
-    SlotAssignment,
-    reach_of_bodies,
-)
+from ..slots.base import CAPACITIES, ActiveObstacles, PlanningContext, SlotAssignment, farthest
 from ..slots.screen import Travel
 from ..solver import SizelessSolver
-from .multistart import (
-    COMPILING,
+from .emergency import command_of_plan, emergency
+from .in_contact import InContact, expected_now
+from .instance import Instance
+from .multistart import MultiStart, MultiStartResult
+from .own_uncertainty import OwnUncertainty, carried
+from .problem_cache import ProblemCache
+from .rollout import RobotMotion, carry, follow
+from .rungs import LadderInput, choose
+from .settings import PlannerSettings, changed
+from .starts import (
     OTHERS,
-    Budget,
-    MultiStart,
-    Watch,
-    add_progress,
+    WARM_WITHIN,
+    KeptMultipliers,
     first_trajectory,
     remaining_inputs,
-    strip_progress,
+    suited_each,
 )
-from .problem_cache import ProblemCache
-from .settings import PlannerSettings, changed
-from .warm_start import KeptMultipliers
+from .stopping import stops
+from .watchdog import COMPILING, PATIENCE, Budget, Watch
 
 
 @final
@@ -94,7 +91,7 @@ class PlannerState:
             settings.track_dt,
             settings.history,
             settings.period,
-            settings.forget,
+            FORGET,
         )
         return cls(perception, None if path is None else PathProgress(path))
 
@@ -109,30 +106,36 @@ class Services:
     problems : compiled once for each size.
     watch : calls the solver in a thread that can be left behind.
     own : compiled growth of the robot's own uncertainty.
+    exact : (N, D, D), m^2, zeros: its covariance where the state is taken as exact.
     motion : compiled trajectories of the robot.
     body : the robot as the problem states it, with its progress where the cost has one.
     travel : how far the robot can get.
+    grid : (N,), s, times of the plan's steps 1..N after its first state.
     """
 
     problems: ProblemCache
     watch: Watch
     own: OwnUncertainty
+    exact: Array
     motion: RobotMotion
     body: Robot
     travel: Travel
+    grid: Array
 
     @classmethod
     def of(cls, settings: PlannerSettings) -> "Services":
         """Make those of some settings."""
-        robot = settings.robot
-        reach = reach_of_bodies(robot, settings.kinds)
+        robot, steps, dt = settings.robot, settings.horizon, settings.dt
+        reach = farthest(body for kind in settings.kinds for body in kind.bodies(robot))
         return cls(
-            ProblemCache(settings),
-            Watch(settings.solver, settings.patience),
-            OwnUncertainty(robot, settings.dt, settings.own_uncertainty, reach),
-            RobotMotion(robot, settings.horizon, settings.dt),
-            progress_robot_of(robot) if isinstance(settings.cost, ProgressCost) else robot,
-            Travel.of(robot, settings.horizon, settings.dt),
+            problems=ProblemCache(settings),
+            watch=Watch(settings.solver),
+            own=OwnUncertainty(robot, dt, settings.own_uncertainty, reach),
+            exact=np.zeros((steps, robot.dimension, robot.dimension)),
+            motion=RobotMotion(robot, steps, dt),
+            body=progress_robot_of(robot) if isinstance(settings.cost, ProgressCost) else robot,
+            travel=Travel.of(robot, steps, dt),
+            grid=settings.grid,
         )
 
     def for_all(self) -> "Services":
@@ -147,13 +150,13 @@ class Solved:
 
     Attributes
     ----------
-    check : the instance. guesses : starting points of the solver.
+    instance : the problem with its numbers. guesses : starting points of the solver.
     point : the plan taken, as the problem states it. plan : the same, with its reasons.
     seconds : of the cycle.
     ends : how the solve from each starting point ended, in words.
     """
 
-    check: InstanceCheck
+    instance: Instance
     guesses: tuple[Guess, ...]
     point: Guess
     plan: Plan
@@ -199,7 +202,12 @@ def remember(
     settings: PlannerSettings, state: PlannerState, observation: Observation
 ) -> PlannerState:
     """Take note of what is seen without planning."""
-    checked_use(settings.robot, observation)
+    return _remembered(settings, state, checked_use(settings.robot, observation))
+
+
+def _remembered(
+    settings: PlannerSettings, state: PlannerState, observation: Observation
+) -> PlannerState:
     here = viewpoint(settings.robot, observation)
     return replace(state, perception=state.perception.take(observation, here))
 
@@ -220,16 +228,18 @@ def step(
     checked_use(settings.robot, observation)
     budget = Budget.start(settings.deadline)
     try:
-        state = remember(settings, state, observation)
+        state = _remembered(settings, state, observation)
         checked_numbers(observation)
         state, course = _on_course(settings, state, observation)
-        state, frame = _perceived(settings, state, observation, course)
+        state, frame = _perceived(settings, state, services, observation, course)
         state, decision = _planned(settings, state, services, course, frame, budget)
     except Exception as error:
         state, decision = _braked(settings, state, observation, error)
     perception, notes = state.perception.drained()
-    state = replace(state, perception=perception, plan=decision.plan)
-    return state, replace(decision, notes=(*decision.notes, *notes))
+    if notes:
+        state = replace(state, perception=perception)
+        decision = replace(decision, notes=(*decision.notes, *notes))
+    return state, decision
 
 
 @final
@@ -240,12 +250,14 @@ class Course:
     Attributes
     ----------
     stamp : s, when the command takes effect.
-    start : (n,), state at that time. arc : m, arc length along the path there.
+    start : (n,), state at that time. place : (D,), m, where it is then.
+    arc : m, arc length along the path there.
     reference : laid along the path from there.
     """
 
     stamp: float
     start: Array
+    place: Array
     arc: float
     reference: Reference
 
@@ -257,21 +269,29 @@ def _on_course(
     robot, stamp = settings.robot, observation.stamp + settings.latency
     start = _delayed(settings, state, observation.stamp, observation.state)
     start = within_bounds(robot, start)
-    progress, arc = checked_ready(state.progress).advanced(_place(robot, start))
+    place = _place(robot, start)
+    progress, arc = checked_ready(state.progress).advanced(place)
     reference = settings.cost.lay(
         progress.path, arc, settings.reference_speed, settings.horizon, settings.dt
     )
-    return replace(state, progress=progress), Course(stamp, start, arc, reference)
+    return replace(state, progress=progress), Course(stamp, start, place, arc, reference)
 
 
 def _perceived(
-    settings: PlannerSettings, state: PlannerState, observation: Observation, course: Course
+    settings: PlannerSettings,
+    state: PlannerState,
+    services: Services,
+    observation: Observation,
+    course: Course,
 ) -> tuple[PlannerState, PerceptionFrame]:
-    """Let the predictor learn, and forecast what the plan is held against."""
+    """Let the predictor learn, and forecast what plans are verified against."""
     scene = scene_of(observation, state.plan, settings.robot.radius)
-    tracks = state.perception.history.tracks()
-    state = replace(state, perception=state.perception.learnt(tracks, scene))
-    forecast = state.perception.forecast(tracks, course.stamp, settings.grid, scene)
+    perception = state.perception
+    tracks = perception.history.tracks()
+    learnt = perception.learnt(tracks, scene)
+    forecast = learnt.forecast(tracks, course.stamp, services.grid, scene)
+    if learnt is not perception:
+        state = replace(state, perception=learnt)
     return state, PerceptionFrame(observation, tracks, forecast)
 
 
@@ -285,17 +305,23 @@ def _planned(
 ) -> tuple[PlannerState, Decision]:
     """Fill the problem, solve it from several starts, take the best rung, and command."""
     robot = settings.robot
-    check, first = _fill(settings, state, services, course, frame)
+    instance, first = _filled(settings, state, services, course, frame)
     starts = MultiStart(services.watch, settings.starts, budget)
-    outcome = starts.run(check, first, state.obstacle_in_way)
-    plan, point = choose(rungs_of(settings.rungs), Trial(check, outcome), course.stamp)
-    plan = _explained(strip_progress(robot, plan), frame, check, outcome)
+    outcome = starts.run(instance, first, state.obstacle_in_way)
+    plan, point = choose(settings.ladder, LadderInput(instance, outcome), course.stamp)
+    plan = replace(
+        without_progress(robot, plan),
+        reason=joined(plan.reason, outcome.note, instance.note),
+        forecast=frame.forecast,
+        tracked=() if frame.tracks is None else frame.tracks.ids,
+    )
     ends = tuple(one.message for one in outcome.solutions)
-    solved = Solved(check, outcome.guesses, point, plan, budget.spent(), ends)
+    solved = Solved(instance, outcome.guesses, point, plan, budget.spent(), ends)
     command, note = _limited(robot, command_of_plan(robot, plan))
     state = replace(
         state,
-        multipliers=KeptMultipliers.of(point, check.around.chosen),
+        plan=plan,
+        multipliers=KeptMultipliers.of(point, instance.around.chosen),
         smoother=_smoothed(state.smoother, command, course.stamp),
         obstacle_in_way=outcome.obstacle_in_way,
     )
@@ -310,16 +336,8 @@ def _braked(
     """Brake, since something raised; the next cycle begins without the last one's numbers."""
     words = f"{type(error).__name__}: {error}"
     plan, command = emergency(settings.robot, observation, words, settings.horizon, settings.dt)
-    return replace(state, multipliers=None, smoother=None), Decision(command, plan, (), None)
-
-
-def _explained(
-    plan: Plan, frame: PerceptionFrame, check: InstanceCheck, outcome: MultiStartResult
-) -> Plan:
-    """Add to a plan what it was held against, and what there is to say of it."""
-    reason = joined(plan.reason, outcome.note, check.note)
-    tracked = () if frame.tracks is None else frame.tracks.ids
-    return replace(plan, reason=reason, forecast=frame.forecast, tracked=tracked)
+    state = replace(state, plan=plan, multipliers=None, smoother=None)
+    return state, Decision(command, plan, (), None)
 
 
 def situation_of(settings: PlannerSettings, decision: Decision) -> Situation | None:
@@ -328,7 +346,7 @@ def situation_of(settings: PlannerSettings, decision: Decision) -> Situation | N
     if frame is None or decision.solved is None or decision.path is None:
         return None
     robot = settings.robot
-    start = decision.solved.check.parameters.initial[: len(robot.states)]
+    start = decision.solved.instance.parameters.initial[: len(robot.states)]
     heading = robot.pose(tuple(start)).heading
     return Situation(
         region=settings.region,
@@ -356,50 +374,73 @@ def _delayed(settings: PlannerSettings, state: PlannerState, stamp: float, now: 
     return carry(settings.robot, now, state.smoother, stamp, settings.latency)
 
 
-def _fill(
+def _filled(
     settings: PlannerSettings,
     state: PlannerState,
     services: Services,
     course: Course,
     frame: PerceptionFrame,
-) -> tuple[InstanceCheck, Guess]:
+) -> tuple[Instance, Guess]:
     """Fill the problem with all that is there; return it with the first starting point."""
-    robot, start, reference = settings.robot, course.start, course.reference
+    body, start, reference = settings.robot, course.start, course.reference
     first, inputs = _resumed(settings, state, services, course)
-    here = np.broadcast_to(_place(robot, start), reference.position.shape)
-    own, own_on_map = _own(settings, state, services, frame.observation, first)
-    view = PlanningContext(
-        observation=frame.observation,
+    view = _context(settings, state, services, course, frame, first)
+    chosen = tuple(kind.choose(body, view) for kind in settings.kinds)
+    if isinstance(services.body, ProgressRobot):
+        body, start = services.body, np.append(start, course.arc)
+        first = with_progress(body, first, reference, course.arc, settings.dt)
+        inputs = None if inputs is None else first.inputs
+    laid = reference.position, reference.direction, reference.speed
+    numbers = tuple(one.numbers for one in chosen)
+    parameters = Parameters(start, *laid, numbers, reference.curve)
+    instance = Instance(
+        services.problems.of(tuple(one.room for one in chosen)),
+        parameters,
+        ActiveObstacles(body, settings.kinds, chosen),
+        settings.level,
+        inputs,
+        _in_contact(settings, state, frame, body, start),
+    )
+    warm = _warm(settings, state, course.stamp, parameters, chosen, first)
+    (first,) = suited_each(instance, [warm])
+    if not instance.problem.no_auxiliaries:
+        instance = replace(instance, parameters=first.pull(parameters))
+    return instance, first
+
+
+def _context(
+    settings: PlannerSettings,
+    state: PlannerState,
+    services: Services,
+    course: Course,
+    frame: PerceptionFrame,
+    first: Guess,
+) -> PlanningContext:
+    """Gather from what the kinds choose what to keep clear of."""
+    observation, position = frame.observation, course.reference.position
+    route = np.empty((2, *position.shape))
+    route[0], route[1] = position, course.place
+    own = own_on_map = _own(settings, state, services, observation, first, observation.covariance)
+    if observation.map_covariance is not None and observation.polygons:
+        known = observation.map_covariance
+        own_on_map = _own(settings, state, services, observation, first, known)
+    return PlanningContext(
+        observation=observation,
         tracks=frame.tracks,
         forecast=frame.forecast,
-        times=course.stamp + settings.grid,
+        times=course.stamp + services.grid,
         dt=settings.dt,
-        reference=reference,
-        route=np.stack([reference.position, here]),
-        planned=_place(robot, first.states[1:].T).T,
+        reference=course.reference,
+        route=route,
+        planned=settings.robot.pose(tuple(first.states[1:].T)).points(),
         own=own,
         own_on_map=own_on_map,
-        here=here,
-        travel=services.travel.bounds(start),
+        travel=services.travel.bounds(course.start),
         level=settings.level,
         margin=settings.margin,
         aside=0.5 * settings.reference_speed * settings.horizon * settings.dt,
         most=settings.most_obstacles,
     )
-    chosen = tuple(kind.choose(robot, view) for kind in settings.kinds)
-    if isinstance(services.body, ProgressRobot):
-        robot, start = services.body, np.append(start, course.arc)
-        first = add_progress(robot, first, reference, course.arc, settings.dt)
-        inputs = None if inputs is None else first.inputs
-    laid = reference.position, reference.direction, reference.speed
-    numbers = tuple(one.numbers for one in chosen)
-    parameters = Parameters(start, *laid, numbers, reference.curve)
-    problem = services.problems.of(tuple(one.room for one in chosen))
-    around = ActiveObstacles(robot, settings.kinds, chosen)
-    rule = _in_contact(settings, state, frame, robot, start)
-    check = InstanceCheck(problem, parameters, around, settings.level, inputs, rule)
-    first = check.suited(_warm(settings, state, course.stamp, parameters, chosen, first))
-    return replace(check, parameters=first.pull(parameters)), first
 
 
 def _resumed(
@@ -410,9 +451,8 @@ def _resumed(
     if state.plan is not None:
         standing = settings.stop_at_end
         inputs = remaining_inputs(robot, state.plan, course.stamp, course.start, standing=standing)
-    target = shared_target(settings.kinds, settings.level, robot.dimension)
     trajectory = first_trajectory(services.motion, course.start, inputs)
-    return Guess.bare(*trajectory, target), inputs
+    return Guess.bare(*trajectory, settings.target), inputs
 
 
 def _in_contact(
@@ -443,7 +483,7 @@ def _warm(
     if plan is None or kept is None:
         return first
     share = (stamp - plan.stamp) / settings.dt
-    if not 0.0 <= share <= settings.warm_within:
+    if not 0.0 <= share <= WARM_WITHIN:
         return first
     return replace(first, level=kept.level, multipliers=kept.at(share, parameters, chosen))
 
@@ -454,16 +494,13 @@ def _own(
     services: Services,
     observation: Observation,
     first: Guess,
-) -> tuple[Array, Array]:
-    """Covariances of the own position relative to detections and to polygons, each (N, D, D)."""
-
-    def grown(known: Array | None) -> Array:
-        start = _spread(settings, state, observation, known)
-        return services.own.spread(start, first.states, first.inputs)
-
-    own = grown(observation.covariance)
-    apart = observation.map_covariance is not None and observation.polygons
-    return own, grown(observation.map_covariance) if apart else own
+    known: Array | None,
+) -> Array:
+    """Covariances of the own position, (N, D, D), from one of the observed state."""
+    spread = _spread(settings, state, observation, known)
+    if spread is None:
+        return services.exact
+    return services.own.spread(spread, first.states, first.inputs)
 
 
 def _spread(
@@ -477,7 +514,7 @@ def _spread(
 
 
 def _place(robot: Robot, state: Array) -> Array:
-    return np.array(robot.pose(tuple(state)).position, dtype=np.float64)
+    return np.array(robot.pose(tuple(state.tolist())).position, dtype=np.float64)
 
 
 def _limited(robot: Robot, command: Command) -> tuple[Command, str]:
@@ -503,7 +540,7 @@ def warm_up(settings: PlannerSettings, services: Services, path: Path) -> None:
     the first decision of every number of obstacles has to be quick, and may be where the solver
     is a `SizelessSolver`.
     """
-    timed = None if settings.deadline is None else COMPILING * settings.patience
+    timed = None if settings.deadline is None else COMPILING * PATIENCE
     every = timed is not None or isinstance(settings.solver, SizelessSolver)
     crowds = [n for n in CAPACITIES if 0 < n <= settings.most_obstacles] if every else [1]
     settings, services = changed(settings, deadline=timed), services.for_all()

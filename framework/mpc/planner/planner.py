@@ -47,7 +47,7 @@ class Planner(PlannerSettings, Controller):
     Each call forecasts the obstacles, lays the reference along the path, solves the MPC
     from the shifted last plan and hands out the twist of step k + 1, to be reached over
     one MPC step: the paper's velocity smoother. When a solve fails, the rungs of
-    `wideberth.framework.mpc.fallback.rungs` are tried in order; the command is always safe to
+    `wideberth.framework.mpc.planner.rungs` are tried in order; the command is always safe to
     execute, and the plan says why it is not the optimal one.
 
     The cycle itself is `wideberth.framework.mpc.planner.cycle.step`; this class holds its state.

@@ -11,18 +11,19 @@ from ...predictor import Predictor
 from ...region import Region
 from ...robot import Robot, SpeedLimited
 from ...static_region import StaticRegion
+from ...tracking.perception import FORGET
 from ...values.arrays import Array, positive, whole
 from ...values.errors import WideberthError
 from ..costs.base import Cost
 from ..costs.tracking import Tracking
-from ..fallback.rungs import RUNGS, rungs_of
-from ..instance.own_uncertainty import Growth
 from ..levels.base import LevelPolicy, SharedLevel, mixed_up
-from ..slots.base import CAPACITIES, SlotKind
+from ..slots.base import CAPACITIES, SlotKind, shared_target
 from ..slots.built_in import built_in
 from ..slots.ways import Ways
 from ..solver import Solver
-from .multistart import PATIENCE, Starts, checked_starts
+from .own_uncertainty import Growth
+from .rungs import RUNGS, FallbackRung, rungs_of
+from .starts import Starts, checked_starts
 
 MOST_STEPS, MOST_SAMPLES = 1000, 10_000
 """Of a plan, and of a track or a forecast: more means that a unit is wrong."""
@@ -54,23 +55,16 @@ class PlannerSettings:
     deadline : s by the clock for one call, forecast and checks included; None leaves the limit to
         iteration counts, which is reproducible. The paper has none for the call: its 0.45 s are
         `Ipopt.max_cpu_time`.
-    patience : s that one solve may take where there is no deadline. A solver that has not
-        returned by then is left behind, and the plan comes from the next rung. The first use of
-        a problem, which compiles it, may take ten times as long. Far more than solvers need:
-        it changes nothing but what would hold the loop.
     latency : s between observation and the moment the command takes effect; the plan
         starts where the robot will be by then. 0 is the paper's.
     track_dt : s between the samples that the predictor sees.
     history : how many of those samples are kept.
-    forget : s after which an obstacle that is no longer reported is dropped.
     most_obstacles : capacity; the nearest are kept, the others named in the plan.
     margin : m, added to r + r_d; 0 is the paper's. The regions hold at the steps alone:
         between two of them, a straight pass at relative speed w comes closer by up to
         (w dt)^2 / (8 (r + r_d)), 0.02 m at the paper's numbers.
     starts : starting points of the solver beside the shifted last plan, always tried, or
         ``auto``: where something is in the way, see `wideberth.framework.mpc.planner.multistart`.
-    warm_within : share of ``dt`` up to which the last plan's multipliers start the next solve, of
-        solvers that take them (riccati); 0 for never. Later they are worth little.
     static_region : what keeps clear of the observation's polygons; needed where there are any.
     further_kinds : of things to keep clear of, besides the forecast's obstacles and polygons.
     own_uncertainty : how the covariance of the observed state grows over the horizon, see
@@ -80,7 +74,7 @@ class PlannerSettings:
     ways : of the obstacles, which plans keep free as well, and give up before they enter a body,
         see `wideberth.framework.mpc.slots.ways`; needs a ``penalty``. None for bodies alone.
     rungs : of the fallback ladder, best first: names of built-in ones, or "module:Class" of a
-        `FallbackRung` of your own, see `wideberth.framework.mpc.fallback.rungs`.
+        `FallbackRung` of your own, see `wideberth.framework.mpc.planner.rungs`.
 
     Raises
     ------
@@ -99,15 +93,12 @@ class PlannerSettings:
     cost: Cost = field(default_factory=Tracking)
     penalty: float | None = None
     deadline: float | None = None
-    patience: float = PATIENCE
     latency: float = 0.0
     track_dt: float = 0.5
     history: int = 80
-    forget: float = 3.0
     most_obstacles: int = 20
     margin: float = 0.0
     starts: Starts = "auto"
-    warm_within: float = 0.5
     static_region: StaticRegion | None = None
     further_kinds: tuple[SlotKind, ...] = ()
     own_uncertainty: Growth = "open-loop"
@@ -123,6 +114,16 @@ class PlannerSettings:
         """Kinds of things that plans keep clear of, in the order of the problem's slots."""
         first = built_in(self.region, self.static_region, self.ways)
         return (*first, *self.further_kinds)
+
+    @cached_property
+    def ladder(self) -> tuple[FallbackRung, ...]:
+        """The rungs of the fallback ladder, best first."""
+        return rungs_of(self.rungs)
+
+    @cached_property
+    def target(self) -> float:
+        """s_ref, the level that a shared level is drawn to; nan where none is shared."""
+        return shared_target(self.kinds, self.level, self.robot.dimension)
 
     @property
     def grid(self) -> Array:
@@ -150,9 +151,9 @@ def check_settings(planner: PlannerSettings) -> None:
         raise WideberthError(
             f"planner.most_obstacles is {planner.most_obstacles}; wanted at most {CAPACITIES[-1]}"
         )
-    for name in ("dt", "period", "reference_speed", "track_dt", "forget", "patience"):
+    for name in ("dt", "period", "reference_speed", "track_dt"):
         positive(f"planner.{name}", getattr(planner, name))
-    for name in ("latency", "margin", "warm_within"):
+    for name in ("latency", "margin"):
         positive(f"planner.{name}", getattr(planner, name), zero=True)
     for name in ("deadline", "penalty"):
         if getattr(planner, name) is not None:
@@ -238,7 +239,7 @@ def _check_sizes(planner: PlannerSettings) -> None:
     ------
     WideberthError : more steps than `MOST_STEPS`, or more samples than `MOST_SAMPLES`.
     """
-    reach = 2 * planner.forget + planner.latency + planner.horizon * planner.dt
+    reach = 2 * FORGET + planner.latency + planner.horizon * planner.dt
     counts = {
         "planner.horizon": (planner.horizon, MOST_STEPS),
         "planner.latency / 0.05 s": (planner.latency / 0.05, MOST_SAMPLES),

@@ -1,4 +1,4 @@
-"""Calls into code that may not return, in threads that can be left behind.
+"""Calls of a solver within the time of a decision, in threads that can be left behind.
 
 A solver is native code: nothing in Python can end it. So it is called in a thread of its own, and
 where it does not return in time the caller goes on without it. The thread left behind runs on
@@ -11,17 +11,147 @@ Threads that it starts itself are ordinary.
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from contextvars import copy_context
+from dataclasses import dataclass
+from functools import partial
 from threading import TIMEOUT_MAX, Lock, Thread
+from time import perf_counter
 from typing import Any, TypeVar
+
+import numpy as np
+
+from ..ocp.transcription import Guess
+from ..solver import BoundedSolver, Solution, Solver, on_time, solve_cheapest
+from .instance import Instance
+
+RESERVE = 0.1
+"""Share of the deadline that is kept for checking the results and for falling back. A solver that
+runs on is waited for during the first half of it."""
+
+PATIENCE = 60.0
+"""s that a solve may take where there is no deadline. A solver that has not returned by then is
+left behind, and the plan comes from the next rung. Far more than solvers need: it changes nothing
+but what would hold the loop."""
+
+COMPILING = 10.0
+"""The first use of a problem, which compiles it, may take so many times `PATIENCE`."""
+
+SAME = 2.0 / 3.0
+"""Radii of the robot within which a further start leads to a plan that is known already. On the
+other side of something a plan is farther away than the robot is wide."""
 
 MOST_LEFT = 3
 """Threads left behind, in the whole process, with which another call is still begun: each that
 calculates takes a core."""
 
 T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Time of one call of the planner.
+
+    Attributes
+    ----------
+    deadline : s, or None for no limit.
+    begin : clock reading when the call came.
+    """
+
+    deadline: float | None
+    begin: float
+
+    @classmethod
+    def start(cls, deadline: float | None) -> "Budget":
+        """Begin to count."""
+        return cls(deadline, perf_counter())
+
+    def spent(self) -> float:
+        """Return how long the call has taken, s."""
+        return perf_counter() - self.begin
+
+    def left(self) -> float:
+        """Return what is left for solving, s; infinite without a deadline."""
+        if self.deadline is None:
+            return np.inf
+        return (1.0 - RESERVE) * self.deadline - self.spent()
+
+    def wait(self) -> float:
+        """Return how much longer a solver is waited for, s; infinite without a deadline."""
+        return self.left() + (0.0 if self.deadline is None else 0.5 * RESERVE * self.deadline)
+
+
+class Watch:
+    """Calls a planner's solver in a thread that is left behind where it does not return.
+
+    Parameters
+    ----------
+    solver : the plug-in.
+    """
+
+    def __init__(self, solver: Solver) -> None:
+        self._solver = solver
+        self._name = type(solver).__name__
+        self._used: set[str] = set()
+
+    @property
+    def name(self) -> str:
+        """What reasons call the solver."""
+        return self._name
+
+    def solve(
+        self, instance: Instance, guesses: Sequence[Guess], budget: Budget
+    ) -> list[Solution]:
+        """Solve from each guess.
+
+        With a deadline all of it, compilation included, may take what the budget has left.
+        Without one `PATIENCE` counts, and more of it at the first use of a problem.
+
+        Raises
+        ------
+        LeftBehind, Refused : there is no solution, see `watchdog.watched`.
+        """
+        call = partial(self._solver.solve, instance.problem, instance.parameters, guesses)
+        return self._watched(instance, call, len(guesses), budget)
+
+    def solve_cheapest(
+        self,
+        instance: Instance,
+        guesses: Sequence[Guess],
+        known: Sequence[Solution],
+        budget: Budget,
+    ) -> list[Solution]:
+        """Do the same, but give up what leads to no cheaper plan, see `solver.solve_cheapest`."""
+        call = partial(
+            solve_cheapest, self._solver, instance.problem, instance.parameters, guesses, known,
+            SAME * instance.robot.radius,
+        )  # fmt: skip
+        return self._watched(instance, call, len(guesses), budget)
+
+    def _watched(
+        self,
+        instance: Instance,
+        call: Callable[[float | None], list[Solution]],
+        count: int,
+        budget: Budget,
+    ) -> list[Solution]:
+        """Call with what is left of the time for each of ``count`` solves."""
+        if budget.deadline is None:
+            solver, problem = self._solver, instance.problem
+            first = problem.key not in self._used
+            self._used.add(problem.key)
+            if not first and isinstance(solver, BoundedSolver) and solver.ends_by_itself(problem):
+                return call(None)
+            return watched(partial(call, None), PATIENCE * count * (COMPILING if first else 1.0))
+        begin, left = budget.spent(), max(budget.left(), 1e-3)
+
+        def compiled_first() -> list[Solution]:
+            instance.problem.compile_now()
+            return call(left)
+
+        found = watched(compiled_first, max(budget.wait(), left))
+        return [on_time(one, budget.spent() - begin, left) for one in found]
 
 
 class LeftBehind(Exception):

@@ -20,7 +20,7 @@ from ...values.arrays import Array, BoolArray
 from ...values.forecast import Forecast
 from ...values.motion import Observation, Pose
 from ...values.tracks import Tracks
-from ..levels.base import LevelPolicy, Promise
+from ..levels.base import LevelPolicy, Promise, SharedLevel
 from ..ocp.bodies import Body
 from ..ocp.problem import Parameters, Problem, SlotNumbers, Slots
 from ..ocp.reference import Reference
@@ -52,14 +52,13 @@ class PlanningContext:
     times : (N,), s, of steps 1..N, on the clock of the observations.
     dt : s between steps. Times on a clock that counts in larger steps do not show it.
     reference : along the path, at steps 1..N.
-    route : (R, N, D), m, places where the robot may be at each step: the reference, and where it
+    route : (2, N, D), m, places where the robot may be at each step: the reference, and where it
         is now.
     planned : (N, D), m, positions of the shifted last plan.
     own : (N, D, D), m^2, covariance of the robot's own position relative to the detections.
     own_on_map : (N, D, D), m^2, relative to the polygons.
-    here : (N, D), m, where the robot is now, again for each step.
-    travel : (N,), m, how far from there its limits let it be at each step; infinite where that is
-        not known.
+    travel : (N,), m, how far from where it is its limits let it be at each step; infinite where
+        that is not known.
     level : the planner's level policy.
     margin : m, added around the robot's bodies.
     aside : m, how far a plan may turn aside: half of what the reference covers.
@@ -76,7 +75,6 @@ class PlanningContext:
     planned: Array
     own: Array
     own_on_map: Array
-    here: Array
     travel: Array
     level: LevelPolicy
     margin: float
@@ -263,13 +261,12 @@ class ActiveObstacles:
         )
 
     @cached_property
-    def levelled(self) -> tuple[tuple[LevelledKind, int, int, str], ...]:
-        """Every used slot with a level: its kind, which kind that is, its place, its name."""
+    def levelled(self) -> tuple[tuple[LevelledKind, int, tuple[str, ...]], ...]:
+        """Used slots with a level: a kind, which kind that is, the names of its first slots."""
         return tuple(
-            (kind, k, place, name)
+            (kind, k, one.names)
             for k, (kind, one) in enumerate(zip(self.kinds, self.chosen, strict=True))
             if isinstance(kind, LevelledKind)
-            for place, name in enumerate(one.names)
         )
 
     @property
@@ -356,14 +353,16 @@ def level_at_first(kinds: Iterable[SlotKind], policy: LevelPolicy, dimension: in
     return float("nan")
 
 
-def reach_of_bodies(robot: Robot, kinds: Iterable[SlotKind]) -> float:
-    """How far centres and corners of the bodies are from the robot's position, m."""
-    places = [
-        place
-        for kind in kinds
-        for body in kind.bodies(robot)
-        for place in (body.centre, *body.outline)
-    ]
+def shared_target(kinds: Iterable[SlotKind], policy: LevelPolicy, dimension: int) -> float:
+    """Return s_ref, the level that a shared level is drawn to; nan where none is shared."""
+    if not isinstance(policy, SharedLevel):
+        return float("nan")
+    return level_at_first(kinds, policy, dimension)
+
+
+def farthest(bodies: Iterable[Body]) -> float:
+    """How far centres and corners of some bodies are from the robot's position, m."""
+    places = [place for body in bodies for place in (body.centre, *body.outline)]
     return max((hypot(*place) for place in places), default=0.0)
 
 

@@ -88,7 +88,8 @@ class BodyPath:
 def apart(body: Body, pose: Pose, places: Array) -> Array:
     """Distance of a body's centre or corners from places at K poses, (K, O), m.
 
-    ``places`` are (K, O, D), m. A body with corners has distance 0 or less from what is inside.
+    ``places`` are (K, O, D) or (1, O, D), m. A body with corners has distance 0 or less from what
+    is inside.
     """
     at = body.at(pose)
     if body.outline:

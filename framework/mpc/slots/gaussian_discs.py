@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from math import sqrt
-from typing import Any, ClassVar, final
+from typing import Any, ClassVar, NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,9 +29,9 @@ from .base import (
     PlanningContext,
     SlotAssignment,
     SlotSizes,
+    farthest,
     next_capacity,
     quoted,
-    reach_of_bodies,
     used,
 )
 from .contact import Touch, apart
@@ -48,7 +48,7 @@ class ObstacleSet:
     radius : (O,), m.
     ids : (O,) names; modes of one obstacle share a name.
     left_out : names that did not fit, or whose mode is too unlikely.
-    out_of_reach : those that no plan can meet, see `slots.screen`; None for none.
+    out_of_reach : names of those that no plan can meet, see `slots.screen`.
     counted : names of all that share what the level policy allows, in the forecast's order; ()
         for those that are here.
     """
@@ -58,7 +58,7 @@ class ObstacleSet:
     radius: Array
     ids: tuple[str, ...]
     left_out: tuple[str, ...] = ()
-    out_of_reach: "ObstacleSet | None" = None
+    out_of_reach: tuple[str, ...] = ()
     counted: tuple[str, ...] = ()
 
     @classmethod
@@ -70,7 +70,11 @@ class ObstacleSet:
         forecast : on the plan's grid, N steps.
         ids, radius : of its obstacles.
         """
-        owner, mode = np.nonzero(forecast.weight >= LIGHT)
+        likely = forecast.weight >= LIGHT
+        if likely.shape[1] == 1 and likely.all():
+            mean, covariance = forecast.mean[:, 0], forecast.covariance[:, 0]
+            return cls(mean.swapaxes(0, 1), covariance.swapaxes(0, 1), radius, ids)
+        owner, mode = np.nonzero(likely)
         # Modes of weight 0 only fill up the array; they are no modes.
         light = (forecast.weight < LIGHT) & (forecast.weight > 0)
         return cls(
@@ -112,9 +116,10 @@ def choose_obstacles(
     most : how many discs the problem can hold.
     far : (O,), which ones are out of reach, and need no room in it; None for none.
     """
+    if len(discs) <= most and (far is None or not far.any()):
+        return discs
     beyond = np.zeros(len(discs), dtype=np.bool_) if far is None else far
-    near = np.flatnonzero(~beyond)
-    kept = near
+    kept = near = np.flatnonzero(~beyond)
     if len(near) > most:
         apart = np.linalg.norm(discs.mean[:, near] - route[:, :, None], axis=3)
         clearance = apart.min(axis=(0, 1)) - discs.radius[near]
@@ -125,7 +130,7 @@ def choose_obstacles(
     return replace(
         discs.some(kept),
         left_out=(*discs.left_out, *(name for name, held in pairs if not held)),
-        out_of_reach=discs.some(np.flatnonzero(beyond)),
+        out_of_reach=tuple(discs.ids[i] for i in np.flatnonzero(beyond)),
         counted=tuple(name for name, held in pairs if held),
     )
 
@@ -148,23 +153,9 @@ def fill(
 
     Empty slots hold a unit disc at the origin. Their level is that of the first obstacle.
     """
-    steps, size = reference.position.shape
-    count = len(obstacles)
-    mean = np.zeros((steps, capacity, size))
-    covariance = np.zeros((steps, capacity, size, size))
-    covariance[:] = np.eye(size)
-    margin = np.ones(capacity)
-    numbers_of = within_scales(obstacles, reference, radius, own)
-    mean[:, :count], covariance[:, :count], margin[:count] = numbers_of
-    spread = np.broadcast_to(margin, (steps, capacity))
-    numbers = np.zeros((steps, 0, region.parameter_count(size)))
-    if capacity:
-        # of a checked forecast, brought within reach
-        clear_of = assembled(GaussianObstacle, mean=mean, covariance=covariance)
-        numbers = region.parameters(clear_of, spread)
-    levels = _levels(level, region, obstacles, capacity)
-    none = np.zeros((steps, capacity, 0))
-    return SlotNumbers(numbers, used(count, capacity), none, levels)
+    numbers = within_scales(obstacles, reference, radius, own)
+    found = DiscNumbers(*numbers, *_levels(level, region, obstacles))
+    return found.filled(region, obstacles.ids, capacity)
 
 
 def within_scales(
@@ -194,9 +185,10 @@ def not_wider(covariance: Array) -> Array:
     too large to be decomposed becomes round.
     """
     size = covariance.shape[-1]
-    wide = ~(np.abs(covariance).max(axis=(-2, -1), initial=0.0) <= WIDE**2 / size)
-    if not wide.any():
+    entries, most = np.abs(covariance), WIDE**2 / size
+    if np.maximum.reduce(entries, axis=None, initial=0.0) <= most:
         return covariance
+    wide = ~(entries.max(axis=(-2, -1), initial=0.0) <= most)
     bounded = covariance.copy()
     for index in zip(*np.nonzero(wide), strict=True):
         one = covariance[index]
@@ -211,13 +203,71 @@ def not_wider(covariance: Array) -> Array:
     return bounded
 
 
-def _levels(policy: LevelPolicy, region: Region, obstacles: ObstacleSet, capacity: int) -> Array:
-    """Level of every slot, (N, capacity): one per obstacle, the same for all of its modes."""
-    names = list(dict.fromkeys(obstacles.counted or obstacles.ids))
+def _levels(
+    policy: LevelPolicy, region: Region, obstacles: ObstacleSet
+) -> tuple[Array, dict[str, int]]:
+    """Levels (N, M) of all that share what a policy allows, and the place of each name."""
+    names = dict.fromkeys(obstacles.counted or obstacles.ids)
     steps, _, size = obstacles.mean.shape
-    level = policy.levels(region, steps, max(len(names), 1), size)
-    owner = [names.index(name) for name in obstacles.ids]
-    return level[:, owner + [0] * (capacity - len(owner))]
+    levels = policy.levels(region, steps, max(len(names), 1), size)
+    return levels, {name: place for place, name in enumerate(names)}
+
+
+class DiscNumbers(NamedTuple):
+    """Discs as a solver can take them.
+
+    Attributes
+    ----------
+    mean : (N, O, D), m. covariance : (N, O, D, D), m^2, with the robot's own.
+    margin : (O,), m, radii of both bodies and what is added.
+    level : (N, M) of each name. places : of the names in it; modes of one obstacle share one.
+    """
+
+    mean: Array
+    covariance: Array
+    margin: Array
+    level: Array
+    places: dict[str, int]
+
+    @classmethod
+    def of(
+        cls,
+        kind: "GaussianDiscs",
+        robot: Robot,
+        obstacles: ObstacleSet,
+        reference: Reference,
+        level: LevelPolicy,
+        margin: float,
+        own: Array | None,
+    ) -> "DiscNumbers":
+        """Take those of some obstacles, see `PlanningContext`."""
+        radius = kind.bodies(robot)[0].radius + margin
+        numbers = within_scales(obstacles, reference, radius, own)
+        return cls(*numbers, *_levels(level, kind.region, obstacles))
+
+    def levels(self, ids: tuple[str, ...], count: int) -> Array:
+        """Levels of discs by their names, and of empty slots up to ``count``, (N, count)."""
+        columns = [self.places[name] for name in ids] + [0] * (count - len(ids))
+        return self.level.take(columns, axis=1)
+
+    def filled(self, region: Region, ids: tuple[str, ...], capacity: int) -> SlotNumbers:
+        """Fill ``capacity`` slots; empty ones hold a unit disc at the origin."""
+        mean, covariance, margin = self.mean, self.covariance, self.margin
+        steps, count, size = mean.shape
+        if not capacity:
+            return SlotNumbers.none(steps, region.parameter_count(size), levelled=True)
+        if rest := capacity - count:
+            dummy = np.empty((steps, rest, size, size))
+            dummy[...] = np.eye(size)
+            mean = np.concatenate([mean, np.zeros((steps, rest, size))], axis=1)
+            covariance = np.concatenate([covariance, dummy], axis=1)
+            margin = np.concatenate([margin, np.ones(rest)])
+        room = np.empty((steps, capacity))
+        room[...] = margin
+        # of a checked forecast, brought within reach
+        clear_of = assembled(GaussianObstacle, mean=mean, covariance=covariance)
+        parameters, none = region.parameters(clear_of, room), np.zeros((steps, capacity, 0))
+        return SlotNumbers(parameters, used(count, capacity), none, self.levels(ids, capacity))
 
 
 @final
@@ -272,27 +322,30 @@ class GaussianDiscs(LevelledKind, GaussianKind):
 
     def choose(self, robot: Robot, view: PlanningContext) -> SlotAssignment:
         """Choose the discs that come closest to the route, of those that a plan can meet."""
-        obstacles = ObstacleSet.none(*view.reference.position.shape)
-        if view.tracks is not None and view.forecast is not None:
-            obstacles = ObstacleSet.of(view.forecast, view.tracks.ids, view.tracks.radius)
-            far = self.out_of_reach(robot, obstacles, view)
-            obstacles = choose_obstacles(obstacles, view.route, view.most, far)
-        return self.chosen(robot, obstacles, view.reference, view.level, view.margin, view.own)
+        given = view.reference, view.level, view.margin, view.own
+        if view.tracks is None or view.forecast is None:
+            return self.chosen(robot, ObstacleSet.none(*view.route.shape[1:]), *given)
+        discs = ObstacleSet.of(view.forecast, view.tracks.ids, view.tracks.radius)
+        numbers = DiscNumbers.of(self, robot, discs, *given)
+        far = self.out_of_reach(robot, discs, numbers, view)
+        chosen = choose_obstacles(discs, view.route, view.most, far)
+        if chosen is not discs:
+            numbers = DiscNumbers.of(self, robot, chosen, *given)
+        return self._assigned(chosen, numbers, view.margin)
 
     def out_of_reach(
-        self, robot: Robot, discs: ObstacleSet, view: PlanningContext
+        self, robot: Robot, discs: ObstacleSet, numbers: "DiscNumbers", view: PlanningContext
     ) -> BoolArray | None:
         """Which discs no plan can meet, (O,), see `slots.screen`; None where none is left out."""
         region = self.region
         if not (isinstance(region, Bounded) and len(discs) and leaves_out(view.level)):
             return None
-        bodies_to = sqrt(robot.dimension) * reach_of_bodies(robot, (self,))
-        allowed = np.stack([np.zeros_like(view.travel), view.travel]) + bodies_to
-        radius = self.bodies(robot)[0].radius + view.margin
-        numbers = within_scales(discs, view.reference, radius, view.own)
-        level = _levels(view.level, region, discs, len(discs))
-        places = np.stack([view.reference.position, view.here])
-        return out_of_reach(region, *numbers, level, places, allowed)
+        allowed = np.zeros(view.route.shape[:2])
+        allowed[1] = view.travel
+        allowed += sqrt(robot.dimension) * farthest(self.bodies(robot))
+        levels = numbers.levels(discs.ids, len(discs))
+        given = numbers.mean, numbers.covariance, numbers.margin
+        return out_of_reach(region, *given, levels, view.route, allowed)
 
     def chosen(
         self,
@@ -310,16 +363,18 @@ class GaussianDiscs(LevelledKind, GaussianKind):
         robot, reference, level, margin, own : see `PlanningContext`.
         obstacles : on the plan's grid.
         """
-        capacity = next_capacity(len(obstacles))
-        radius = self.bodies(robot)[0].radius + margin
-        numbers = fill(reference, obstacles, self.region, level, radius, capacity, own)
+        numbers = DiscNumbers.of(self, robot, obstacles, reference, level, margin, own)
+        return self._assigned(obstacles, numbers, margin)
+
+    def _assigned(
+        self, obstacles: ObstacleSet, numbers: "DiscNumbers", margin: float
+    ) -> SlotAssignment:
+        capacity, far = next_capacity(len(obstacles)), obstacles.out_of_reach
+        filled = numbers.filled(self.region, obstacles.ids, capacity)
         known = KnownDiscs(self, obstacles, margin)
-        names, far = (obstacles.ids, obstacles.left_out), obstacles.out_of_reach
-        if far is None:
-            return SlotAssignment((capacity,), *names, numbers, known)
-        counted = replace(far, counted=obstacles.counted)
-        beyond = OutOfReach(far.ids, _levels(level, self.region, counted, len(far)))
-        return SlotAssignment((capacity,), *names, numbers, known, beyond)
+        beyond = OutOfReach(far, numbers.levels(far, len(far))) if far else None
+        names = obstacles.ids, obstacles.left_out
+        return SlotAssignment((capacity,), *names, filled, known, beyond)
 
     def parameters_of_one(self, robot: Robot, margin: float) -> Any:
         """Parameters of the region, the radii of body and obstacle in its margin.

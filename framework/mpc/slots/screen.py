@@ -36,6 +36,7 @@ discs the planner concludes that something is in the way, see `planner.multistar
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import inf, sqrt
 from typing import final
 
@@ -81,10 +82,14 @@ class Travel:
         no farther than dt max(v, w). A tolerance of squares is sqrt(`TOLERANCE`) in the speed.
         """
         still = (0.0,) * len(self.robot.inputs)
-        now = float(np.linalg.norm(self.robot.twist(tuple(start), still).linear))
+        now = float(np.linalg.norm(self.robot.twist(tuple(start.tolist()), still).linear))
         each = self.dt * (self.speed + 2.0 * sqrt(TOLERANCE)) + TOLERANCE
         surplus = self.dt * max(now - self.speed, 0.0)
-        return surplus + each * np.arange(1, self.steps + 1, dtype=np.float64)
+        return surplus + each * self._counted
+
+    @cached_property
+    def _counted(self) -> Array:
+        return np.arange(1, self.steps + 1, dtype=np.float64)
 
 
 def leaves_out(policy: LevelPolicy) -> bool:
@@ -112,7 +117,7 @@ def out_of_reach(
     places : (R, N, D), m.
     allowed : (R, N), m, how far from each of the places bodies can be.
     """
-    apart = np.linalg.norm(mean - places[:, :, None], axis=-1)
+    apart = _lengths(mean - places[:, :, None])
     room = (apart - allowed[:, :, None]).min(axis=0)
     far: BoolArray = (room > margin).all(axis=0) & (level >= 0.0).all(axis=0)
     some = np.flatnonzero(far)
@@ -131,6 +136,13 @@ def _deviations(covariance: Array) -> Array:
         values = np.linalg.eigvalsh(covariance)[..., ::-1]
     else:
         a, b, c = covariance[..., 0, 0], covariance[..., 1, 0], covariance[..., 1, 1]
-        apart = np.hypot(a - c, 2.0 * b)
-        values = 0.5 * np.stack([a + c + apart, a + c - apart], axis=-1)
+        apart, values = np.hypot(a - c, 2.0 * b), np.empty((*a.shape, 2))
+        values[..., 0], values[..., 1] = a + c + apart, a + c - apart
+        values *= 0.5
     return np.asarray(np.sqrt(np.maximum(values, 0.0)))
+
+
+def _lengths(vectors: Array) -> Array:
+    """Lengths of vectors (..., D); NumPy is slow over an axis this short."""
+    parts = (vectors[..., axis] for axis in range(vectors.shape[-1]))
+    return np.asarray(np.sqrt(sum(part * part for part in parts)))

@@ -30,7 +30,7 @@ class Ways:
 
     A plan that enters a way counts as one that enters regions. It is no longer ``optimal``: of
     the plans at hand the one is driven that enters least, the entry of a way times ``share``,
-    whatever the plans cost; see `wideberth.framework.mpc.fallback.rungs`.
+    whatever the plans cost; see `wideberth.framework.mpc.planner.rungs`.
 
     Parameters
     ----------

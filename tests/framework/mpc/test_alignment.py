@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.fallback.rollout import steer
-from wideberth.framework.mpc.fallback.verify import violation
-from wideberth.framework.mpc.instance.own_uncertainty import OwnUncertainty
 from wideberth.framework.mpc.levels.discounted import Discounted
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.ocp.problem import Parameters
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
+from wideberth.framework.mpc.planner.own_uncertainty import OwnUncertainty
+from wideberth.framework.mpc.planner.rollout import steer
+from wideberth.framework.mpc.planner.verify import violation
 from wideberth.framework.mpc.slots.gaussian_discs import ObstacleSet, choose_obstacles
 from wideberth.framework.mpc.slots.static_polygons import NONE, Walls, fill_walls
 from wideberth.framework.region import Region

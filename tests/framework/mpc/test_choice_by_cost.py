@@ -6,8 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.fallback.rollout import brake, steer
-from wideberth.framework.mpc.fallback.verify import price
 from wideberth.framework.mpc.levels.base import LevelPolicy
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
@@ -15,6 +13,8 @@ from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess, Transcription
 from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.mpc.planner.rollout import brake, steer
+from wideberth.framework.mpc.planner.verify import price
 from wideberth.framework.mpc.slots.gaussian_discs import ObstacleSet
 from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.numerics.symbolic import ca

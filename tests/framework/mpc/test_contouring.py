@@ -209,7 +209,7 @@ def test_the_last_inputs_have_a_progress_as_the_robot_has() -> None:
         seen = Observation(0.5 * tick, np.array([0.25 * tick, 0.0, 0.0, 0.5, 0.0]))
         state, decision = decide(own, state, seen, services)
         assert decision.solved is not None
-        inputs = decision.solved.check.last_inputs
+        inputs = decision.solved.instance.last_inputs
         if tick == 0:
             assert inputs is None
         else:

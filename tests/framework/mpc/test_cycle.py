@@ -7,13 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.fallback import rollout
-from wideberth.framework.mpc.planner import best_response, cycle
+from wideberth.framework.mpc.planner import best_response, cycle, rollout
 from wideberth.framework.mpc.planner import planner as shell
 from wideberth.framework.mpc.planner.best_response import BestResponsePlanner, Player, state_of
 from wideberth.framework.mpc.planner.cycle import PlannerState, Services, remember, step
-from wideberth.framework.mpc.planner.multistart import OTHERS
 from wideberth.framework.mpc.planner.settings import PlannerSettings, changed
+from wideberth.framework.mpc.planner.starts import OTHERS
 from wideberth.framework.plugins.config import describe
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast
@@ -66,7 +65,9 @@ def test_a_planner_is_the_cycle_with_its_state() -> None:
     for k in range(3, 6):
         state, decision = step(own, state, seen(k), services)
         assert made.command(seen(k)) == decision.command
-    assert decision.solved is not None and made.explain().key == decision.solved.check.problem.key
+    assert (
+        decision.solved is not None and made.explain().key == decision.solved.instance.problem.key
+    )
 
 
 def test_settings_and_state_cannot_be_changed() -> None:

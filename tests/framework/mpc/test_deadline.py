@@ -14,7 +14,7 @@ from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.ocp import problem
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.planner import multistart
+from wideberth.framework.mpc.planner import watchdog
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.planner.watchdog import left_behind
 from wideberth.framework.mpc.solver import Solution, Solver
@@ -44,7 +44,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     made = Clock()
-    monkeypatch.setattr(multistart, "perf_counter", made)
+    monkeypatch.setattr(watchdog, "perf_counter", made)
     return made
 
 

@@ -254,12 +254,12 @@ def test_a_record_says_what_its_plan_says() -> None:
             stamp=1.0, status=Status.SOLVED, rung=Rung.OPTIMAL, reason="why", iterations=4,
             violation=0.1, cost=2.0, given_way=given,
         )  # fmt: skip
-        check = SimpleNamespace(
+        instance = SimpleNamespace(
             around=SimpleNamespace(chosen=(SimpleNamespace(room=(2,)),)), parameters=None,
             problem=SimpleNamespace(key="k"), names=("a", "?"),
         )  # fmt: skip
         solved: Any = SimpleNamespace(
-            plan=plan, check=check, guesses=(), point=None, seconds=0.3, ends=()
+            plan=plan, instance=instance, guesses=(), point=None, seconds=0.3, ends=()
         )
         found = SolveRecord.of(planner(), solved)
         told = found.verdict

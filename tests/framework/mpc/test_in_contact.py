@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.fallback.in_contact import LEAVING, InContact, expected_now
-from wideberth.framework.mpc.fallback.rollout import brake, steer
 from wideberth.framework.mpc.planner import cycle
+from wideberth.framework.mpc.planner.in_contact import LEAVING, InContact, expected_now
 from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.mpc.planner.rollout import brake, steer
 from wideberth.framework.plugins.config import build
 from wideberth.framework.robot import Robot, start_state, step
 from wideberth.framework.testing.controller import laws

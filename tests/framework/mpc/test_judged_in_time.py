@@ -13,8 +13,8 @@ from wideberth.experiments.studies.closed_loop_risk import _pairs
 from wideberth.experiments.studies.conservativeness import kept, promised
 from wideberth.experiments.studies.prediction_benchmark import Protocol, calibration, run_along
 from wideberth.experiments.studies.prediction_data import PredictionData
-from wideberth.framework.mpc.fallback.verify import Violation
 from wideberth.framework.mpc.levels.fixed import Fixed
+from wideberth.framework.mpc.planner.verify import Violation
 from wideberth.framework.mpc.slots.contact import Touch
 from wideberth.framework.predictor import Predictor
 from wideberth.framework.tracking.recordings import Recording

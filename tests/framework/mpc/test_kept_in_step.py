@@ -6,20 +6,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.fallback.emergency import command_of_plan, emergency
-from wideberth.framework.mpc.fallback.rollout import RobotMotion, sweep
-from wideberth.framework.mpc.fallback.stopping import stops
 from wideberth.framework.mpc.levels.fixed import Fixed
-from wideberth.framework.mpc.ocp.progress_robot import progress_robot_of
+from wideberth.framework.mpc.ocp.progress_robot import progress_robot_of, with_progress
 from wideberth.framework.mpc.ocp.reference import Reference
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.planner.multistart import (
+from wideberth.framework.mpc.planner.emergency import command_of_plan, emergency
+from wideberth.framework.mpc.planner.rollout import RobotMotion, sweep
+from wideberth.framework.mpc.planner.starts import (
     _headings,
-    add_progress,
     first_trajectory,
     other_starts,
     remaining_inputs,
 )
+from wideberth.framework.mpc.planner.stopping import stops
 from wideberth.framework.mpc.slots.static_polygons import nearness
 from wideberth.framework.predictor import Adaptive, Predictor
 from wideberth.framework.tracking.perception import Perception, completed, narrowed, scene_of
@@ -69,7 +68,7 @@ def test_progress_is_along_the_direction_where_the_robot_is() -> None:
     direction = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 1.0], [1.0, 0.0]])
     reference = Reference(places[1:], direction, np.full(4, 2.0), np.zeros((4, 0)))
     inputs = np.diff(places, axis=0) / 0.5
-    found = add_progress(robot, Guess.bare(places, inputs, float("nan")), reference, 3.0, 0.5)
+    found = with_progress(robot, Guess.bare(places, inputs, float("nan")), reference, 3.0, 0.5)
     np.testing.assert_allclose(found.states[:, 2], [3.0, 4.0, 5.0, 6.0, 8.0])
     np.testing.assert_allclose(found.inputs[:, 2], [2.0, 2.0, 2.0, 4.0])
     np.testing.assert_array_equal(found.states[:, :2], places)

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.fallback.rollout import brake
-from wideberth.framework.mpc.fallback.stopping import stops
-from wideberth.framework.mpc.fallback.verify import Violation
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.mpc.planner.rollout import brake
+from wideberth.framework.mpc.planner.stopping import stops
+from wideberth.framework.mpc.planner.verify import Violation
 from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.registry import names

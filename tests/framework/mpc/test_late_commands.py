@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.fallback.emergency import command_of_plan
 from wideberth.framework.mpc.levels.relaxed import Relaxed
+from wideberth.framework.mpc.planner.emergency import command_of_plan
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.values.path import Path
 from wideberth.predictors.kalman import Kalman

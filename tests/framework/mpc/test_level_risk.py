@@ -5,8 +5,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.fallback.rollout import steer
-from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.base import LevelPolicy, SharedLevel
 from wideberth.framework.mpc.levels.discounted import Discounted
 from wideberth.framework.mpc.levels.fixed import Fixed
@@ -14,6 +12,8 @@ from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.levels.risk_allocation import RiskAllocation
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
+from wideberth.framework.mpc.planner.rollout import steer
+from wideberth.framework.mpc.planner.verify import violation
 from wideberth.framework.mpc.slots.gaussian_discs import ObstacleSet
 from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.region import Region

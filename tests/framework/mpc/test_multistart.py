@@ -6,11 +6,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.fallback.instance_check import InstanceCheck
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
-from wideberth.framework.mpc.planner import multistart
-from wideberth.framework.mpc.planner.multistart import OTHERS, Budget, MultiStart
+from wideberth.framework.mpc.planner import multistart, watchdog
+from wideberth.framework.mpc.planner.instance import Instance
+from wideberth.framework.mpc.planner.multistart import MultiStart
+from wideberth.framework.mpc.planner.starts import OTHERS, ReferenceGuess
+from wideberth.framework.mpc.planner.verify import Candidate
+from wideberth.framework.mpc.planner.watchdog import Budget, Watch
 from wideberth.framework.mpc.slots.base import ActiveObstacles, SlotAssignment
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
@@ -68,7 +71,7 @@ def test_a_plan_that_waits_for_ever_is_not_the_only_one_looked_at():
 def test_a_plan_within_two_thirds_of_the_radius_is_the_same(monkeypatch):
     """Starts to the left and right of a body lead to plans that are a width of the robot apart."""
     asked, check = [], SimpleNamespace(robot=Unicycle(radius=0.45), problem=None, parameters=None)
-    watch = multistart.Watch(None, 60.0)
+    watch = Watch(None)
     monkeypatch.setattr(watch, "_watched", lambda check, call, *given: asked.append(call.args[-1]))
     watch.solve_cheapest(check, [], [], Budget(None, 0.0))
     assert asked == [pytest.approx(0.3)]
@@ -87,7 +90,7 @@ def test_only_states_alone_say_that_starts_near_a_refuted_plan_are_refuted(slack
 
 def test_a_tenth_of_the_deadline_is_kept_and_half_of_it_waited(monkeypatch):
     clock = iter([100.0, 102.0, 102.0, 102.0])
-    monkeypatch.setattr(multistart, "perf_counter", lambda: next(clock))
+    monkeypatch.setattr(watchdog, "perf_counter", lambda: next(clock))
     budget = Budget.start(4.0)
     assert budget.spent() == 2.0
     assert budget.left() == pytest.approx(0.9 * 4.0 - 2.0)
@@ -111,11 +114,11 @@ def test_something_is_in_the_way_of_the_reference_or_of_the_level(y, level, poin
     kinds = (GaussianDiscs(region),)
     chosen = SlotAssignment((1,), ("a",), (), parameters.slots[0], None)
     around = ActiveObstacles(robot, kinds, (chosen,))
-    check = InstanceCheck(problem, parameters, around, level)
-    solved = SimpleNamespace(point=replace(guess, level=point))
-    laid = multistart.ReferenceGuess.along(robot, parameters, problem.dt)
-    assert multistart._in_the_way(check, solved, laid) is wanted
+    check = Instance(problem, parameters, around, level)
+    solved = Candidate(replace(guess, level=point), None)
+    laid = ReferenceGuess.along(robot, parameters, problem.dt)
+    assert multistart._in_the_way(check, solved, laid)[0] is wanted
     empty = slots_of(parameters, active=np.zeros(1))
     for low in (point, -1.0):
         solved = SimpleNamespace(point=replace(guess, level=low))
-        assert not multistart._in_the_way(replace(check, parameters=empty), solved, None)
+        assert not multistart._in_the_way(replace(check, parameters=empty), solved, None)[0]

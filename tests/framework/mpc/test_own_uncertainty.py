@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from wideberth.framework.control.velocity_smoother import VelocitySmoother
-from wideberth.framework.mpc.fallback.rollout import brake, carry, follow, stand
-from wideberth.framework.mpc.instance.own_uncertainty import Growth, OwnUncertainty, carried
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.ocp.progress_robot import ProgressRobot, progress_robot_of
+from wideberth.framework.mpc.planner.own_uncertainty import Growth, OwnUncertainty, carried
 from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.mpc.planner.rollout import brake, carry, follow, stand
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.robot import Robot, SymbolicDrive, step
 from wideberth.framework.values.errors import WideberthError

@@ -12,15 +12,15 @@ from wideberth.framework.jit.exact import Exact
 from wideberth.framework.mpc.assembly import _heading
 from wideberth.framework.mpc.costs.base import Weights
 from wideberth.framework.mpc.costs.tracking import Tracking
-from wideberth.framework.mpc.fallback import verify
-from wideberth.framework.mpc.fallback.rollout import steer
-from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.base import LevelPolicy, SharedLevel
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem, SlotNumbers
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess, Transcription
+from wideberth.framework.mpc.planner import verify
+from wideberth.framework.mpc.planner.rollout import steer
+from wideberth.framework.mpc.planner.verify import violation
 from wideberth.framework.mpc.slots.base import level_at_first
 from wideberth.framework.mpc.slots.base import with_auxiliaries as with_auxiliaries_of
 from wideberth.framework.mpc.slots.built_in import built_in

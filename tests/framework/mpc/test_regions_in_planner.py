@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.base import LevelPolicy
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
+from wideberth.framework.mpc.planner.verify import violation
 from wideberth.framework.region import Guarantee, Region
 from wideberth.framework.risk.collision_probability import collision_probability
 from wideberth.framework.values.plan import Status

@@ -10,36 +10,40 @@ import pytest
 
 from wideberth.framework.jit import exact
 from wideberth.framework.mpc import assembly
-from wideberth.framework.mpc.fallback import rungs as ladder
-from wideberth.framework.mpc.fallback.giving_way import held
-from wideberth.framework.mpc.fallback.instance_check import (
-    TOLERANCE,
-    Candidate,
-    InstanceCheck,
-    MultiStartResult,
-    contact,
-    shared_target,
-)
-from wideberth.framework.mpc.fallback.rollout import brake, clip, follow, steer
-from wideberth.framework.mpc.fallback.rungs import (
-    RUNGS,
-    Brake,
-    FallbackRung,
-    FeasibleIterate,
-    LeastViolation,
-    NotHeld,
-    Optimal,
-    ShiftedPlan,
-    Trial,
-    choose,
-    rungs_of,
-)
-from wideberth.framework.mpc.fallback.verify import Violation, price
 from wideberth.framework.mpc.levels.base import LevelPolicy
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.slots.base import ActiveObstacles, SlotAssignment
+from wideberth.framework.mpc.planner import giving_way
+from wideberth.framework.mpc.planner import rungs as ladder
+from wideberth.framework.mpc.planner.giving_way import achieved_levels, target_levels
+from wideberth.framework.mpc.planner.instance import Instance
+from wideberth.framework.mpc.planner.multistart import MultiStartResult
+from wideberth.framework.mpc.planner.rollout import brake, clip, follow, steer
+from wideberth.framework.mpc.planner.rungs import (
+    RUNGS,
+    Brake,
+    FallbackRung,
+    FeasibleIterate,
+    LadderInput,
+    LeastViolation,
+    NotHeld,
+    Optimal,
+    ShiftedPlan,
+    choose,
+    rungs_of,
+)
+from wideberth.framework.mpc.planner.starts import at_target, suited_each
+from wideberth.framework.mpc.planner.verify import (
+    TOLERANCE,
+    Candidate,
+    Violation,
+    assess_each,
+    contact,
+    price,
+    verify,
+)
+from wideberth.framework.mpc.slots.base import ActiveObstacles, SlotAssignment, shared_target
 from wideberth.framework.mpc.slots.contact import Touch
 from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs, ObstacleSet
 from wideberth.framework.mpc.slots.static_polygons import StaticPolygons, choose_walls
@@ -71,8 +75,8 @@ class Still(FallbackRung):
 
     name: ClassVar[str] = "still"
 
-    def attempt(self, trial: Trial) -> Candidate | NotHeld:
-        if trial.check.last_inputs is None:
+    def attempt(self, trial: LadderInput) -> Candidate | NotHeld:
+        if trial.instance.last_inputs is None:
             return NotHeld(("still: there is no last plan",))
         first = trial.outcome.guesses[0]
         return trial.at_lowest_level(first.states, first.inputs)
@@ -87,14 +91,14 @@ class Needy(FallbackRung):
 
     share: float
 
-    def attempt(self, trial: Trial) -> Candidate | NotHeld:
+    def attempt(self, trial: LadderInput) -> Candidate | NotHeld:
         return None  # type: ignore[return-value]
 
 
 def test_a_rung_that_returns_something_else_is_named() -> None:
     wanted = r"the rung 'needy' returned None; wanted NotHeld\(reasons\), or what trial\.at_lowest"
     with pytest.raises(WideberthError, match=wanted):
-        choose((Needy(0.5),), Trial(instance(Fixed(0.05))[0], outcome()), 0.0)
+        choose((Needy(0.5),), LadderInput(instance(Fixed(0.05))[0], outcome()), 0.0)
 
 
 def test_the_built_in_rungs_are_those_of_plans_best_first() -> None:
@@ -167,7 +171,7 @@ def test_a_plan_on_a_rung_of_ones_own_is_logged_and_counted() -> None:
 
 def instance(
     level: LevelPolicy, last: Any = None, y: float = 9.0, region: Region | None = None
-) -> tuple[InstanceCheck, Guess]:
+) -> tuple[Instance, Guess]:
     """Somebody stands at (4, y) beside the straight path of a robot at 0.4 m/s."""
     robot, region = Unicycle(), region or MahalanobisEllipse()
     problem, parameters, guess = set_up(robot, region, level, 2, y=y)
@@ -177,12 +181,12 @@ def instance(
     known = KnownDiscs(kind, ObstacleSet(mean, spread, np.array([0.4]), ("a",)), 0.0)
     chosen = SlotAssignment((2,), ("a",), ("far",), parameters.slots[0], known)
     around = ActiveObstacles(robot, (kind,), (chosen,))
-    return InstanceCheck(problem, parameters, around, level, last), guess
+    return Instance(problem, parameters, around, level, last), guess
 
 
-def assessed(check: InstanceCheck, solution: Solution) -> Candidate:
+def assessed(check: Instance, solution: Solution) -> Candidate:
     """Re-check one solution."""
-    return check.assess_each([solution])[0]
+    return assess_each(check, [solution])[0]
 
 
 def ended(point: Guess, status: Status, cost: float = 5.0, count: int = 3) -> Solution:
@@ -247,8 +251,8 @@ def test_what_costs_little_more_than_the_cheapest_is_near_it(least: float) -> No
     kept = [judged(least + room - 1e-9), judged(least), judged(least, broken=TOLERANCE)]
     gone = [judged(least + room + 1e-6), judged(least - 50.0, broken=2.0 * TOLERANCE)]
     check: Any = None
-    assert Trial(check, outcome(*kept, *gone)).near == tuple(kept)
-    assert Trial(check, outcome(*gone[1:])).near == Trial(check, outcome()).near == ()
+    assert LadderInput(check, outcome(*kept, *gone)).near == tuple(kept)
+    assert LadderInput(check, outcome(*gone[1:])).near == LadderInput(check, outcome()).near == ()
 
 
 def test_the_side_is_kept_while_something_is_in_the_way() -> None:
@@ -257,7 +261,7 @@ def test_the_side_is_kept_while_something_is_in_the_way() -> None:
         (True, np.zeros((2, 1)), first), (False, np.zeros((2, 1)), second), (True, None, second),
     ):  # fmt: skip
         check: Any = SimpleNamespace(last_inputs=last)
-        trial = Trial(check, outcome(first, second, third, before=before))
+        trial = LadderInput(check, outcome(first, second, third, before=before))
         assert trial.cheapest([first, second, third]) is wanted
         assert trial.cheapest([third, second]) is second
 
@@ -267,21 +271,21 @@ def test_solutions_that_can_be_driven_are_held_against_the_lowest_level() -> Non
     check, guess = instance(level)
     kept = replace(judged(7.0, broken=1.0, motion=TOLERANCE), point=replace(guess, level=2.0))
     gone = replace(judged(motion=2.0 * TOLERANCE), point=guess)
-    (found,) = Trial(check, outcome(gone, kept)).drivable
+    (found,) = LadderInput(check, outcome(gone, kept)).drivable
     assert found.point.level == 0.2 and found.cost == 7.0 and found.solution is kept.solution
     assert found.feasible and found.point.states is guess.states
     below = Relaxed(0.05, weight=3.0, minimum=-np.inf)
-    assert Trial(instance(below)[0], outcome(kept)).drivable[0].point.level == 0.0
-    assert np.isnan(Trial(instance(Fixed())[0], outcome(kept)).drivable[0].point.level)
+    assert LadderInput(instance(below)[0], outcome(kept)).drivable[0].point.level == 0.0
+    assert np.isnan(LadderInput(instance(Fixed())[0], outcome(kept)).drivable[0].point.level)
 
 
 @pytest.mark.parametrize("region", [MahalanobisEllipse(), MinkowskiSum()], ids=repr)
 def test_a_drivable_solution_is_not_checked_twice_against_the_same_levels(region: Region) -> None:
     """With auxiliaries it is: those of a manoeuvre are not those of the solver."""
     check, guess = instance(Fixed(0.05), y=0.4, region=region)
-    one = replace(judged(7.0), point=guess, found=check.check(guess))
-    (found,) = Trial(check, outcome(one)).drivable
-    again = Trial(check, outcome()).at_lowest_level(guess.states, guess.inputs)
+    one = replace(judged(7.0), point=guess, found=verify(check, guess))
+    (found,) = LadderInput(check, outcome(one)).drivable
+    again = LadderInput(check, outcome()).at_lowest_level(guess.states, guess.inputs)
     assert (found.found is one.found) == isinstance(region, MahalanobisEllipse)
     np.testing.assert_array_equal(found.found.regions, again.found.regions)
     np.testing.assert_array_equal(found.found.motion, again.found.motion)
@@ -311,7 +315,7 @@ def test_what_is_entered_before_a_stop_ends_is_counted() -> None:
 
 def ways(
     monkeypatch: pytest.MonkeyPatch, straight: tuple[float, float], *others: tuple[float, float]
-) -> tuple[Trial, list[Candidate]]:
+) -> tuple[LadderInput, list[Candidate]]:
     """Stops, and solutions, that touch so deep and enter regions so far in all.
 
     The robot stands in its fifth state, to a millimetre: what it touches after the step that
@@ -329,7 +333,7 @@ def ways(
         for number, entry in enumerate(others[:-1]):
             yield f"way {number}", states(1.0 + number, entry), np.zeros((6, 1))
 
-    def check_each(points: Sequence[Guess]) -> list[Violation]:
+    def verify_each(_: Any, points: Sequence[Guess]) -> list[Violation]:
         entered = [[values[point.states[0, 0]][1]] + [0.0] * 5 for point in points]
         return [Violation(np.zeros(6), np.array(one)[:, None]) for one in entered]
 
@@ -337,14 +341,16 @@ def ways(
         return np.array([0.0, 0.0, 0.0, 0.0, values[found[0, 0]][0], 8.0])
 
     monkeypatch.setattr(ladder, "stops", stops)
+    monkeypatch.setattr(ladder, "verify_each", verify_each)
+    monkeypatch.setattr(ladder, "suited_each", lambda _, points: list(points))
     slot = SimpleNamespace(levelled=True, count=1)
     problem = SimpleNamespace(horizon=6, dt=0.5, shared=False, minimum=0.0, slots=[slot])
     made: Any = SimpleNamespace(
-        problem=problem, check_each=check_each, suited_each=list,
+        problem=problem,
         robot=None, parameters=SimpleNamespace(initial=None), in_contact=None,
         around=SimpleNamespace(overlap=overlap),
     )  # fmt: skip
-    trial = Trial(made, outcome())
+    trial = LadderInput(made, outcome())
     return trial, [trial.at_lowest_level(states(9.0, others[-1]), np.zeros((6, 1)))]
 
 
@@ -391,7 +397,7 @@ def test_what_cannot_win_is_not_held_against_bodies(monkeypatch: pytest.MonkeyPa
     trial, others = ways(monkeypatch, (0.2, 0.5), (0.0, 0.3), (0.3, 0.2), (0.0, 0.4), (0.0, 0.9))
     looked: list[float] = []
 
-    def counted(check: InstanceCheck, one: Candidate, window: int) -> float:
+    def counted(check: Instance, one: Candidate, window: int) -> float:
         looked.append(one.found.total)
         return contact(check, one, window)
 
@@ -403,10 +409,10 @@ def test_the_last_plan_is_driven_from_here_at_the_lowest_level() -> None:
     robot = Unicycle()
     for y, feasible in ((9.0, True), (0.0, False)):
         check, _ = instance(Fixed(), y=y)
-        assert ShiftedPlan().attempt(Trial(check, outcome())) == NotHeld()
+        assert ShiftedPlan().attempt(LadderInput(check, outcome())) == NotHeld()
         _, inputs = steer(robot, check.parameters.initial, Twist((0.5, 0.0), 0.01), STEPS, DT)
         check = replace(check, last_inputs=inputs)
-        found = ShiftedPlan().attempt(Trial(check, outcome()))
+        found = ShiftedPlan().attempt(LadderInput(check, outcome()))
         if feasible:
             assert isinstance(found, Candidate) and found.point.inputs is inputs
             wanted = follow(robot, check.parameters.initial, inputs, DT)
@@ -420,22 +426,25 @@ def test_an_iterate_that_keeps_the_lowest_level_is_feasible_after_all() -> None:
     lowest = Relaxed(0.05, weight=3.0, minimum=0.2)
     check, guess = instance(lowest)
     entering = replace(judged(3.0, broken=1.0), point=guess)
-    found = FeasibleIterate().attempt(Trial(check, outcome(entering)))
+    found = FeasibleIterate().attempt(LadderInput(check, outcome(entering)))
     assert isinstance(found, Candidate) and found.cost == 3.0
     cheaper = replace(judged(2.0, status=Status.FAILED), point=guess)
-    trial = Trial(check, outcome(judged(2.01), cheaper))
+    trial = LadderInput(check, outcome(judged(2.01), cheaper))
     assert FeasibleIterate().attempt(trial) is cheaper
     assert Optimal().attempt(trial) is trial.near[0]
     check, guess = instance(lowest, y=0.0)
     into = replace(entering, point=replace(guess, states=guess.states))
-    assert FeasibleIterate().attempt(Trial(check, outcome(into))) == NotHeld()
+    assert FeasibleIterate().attempt(LadderInput(check, outcome(into))) == NotHeld()
 
 
 def test_why_no_plan_is_optimal() -> None:
     check, guess = instance(Fixed())
     broken = replace(judged(broken=0.5), point=guess)
     near = replace(judged(status=Status.FAILED), point=guess)
-    said = [Optimal().attempt(Trial(check, outcome(*given))) for given in ((), (broken,), (near,))]
+    said = [
+        Optimal().attempt(LadderInput(check, outcome(*given)))
+        for given in ((), (broken,), (near,))
+    ]
     assert said[0] == said[2] == NotHeld(("solver: as told",))
     assert isinstance(said[1], NotHeld) and said[1].reasons[0] == "solver: as told"
     assert said[1].reasons[1].startswith("its plan: region of 'a' entered by 0.5")
@@ -446,7 +455,7 @@ def test_a_plan_tells_what_it_took_and_why() -> None:
     robot, start = check.robot, check.parameters.initial
     one = assessed(check, ended(guess, Status.SOLVED, cost=9.0, count=3))
     two = assessed(check, ended(guess, Status.SOLVED, cost=8.0, count=4))
-    plan, point = choose(rungs_of(BUILT_IN), Trial(check, outcome(one, two)), 4.5)
+    plan, point = choose(rungs_of(BUILT_IN), LadderInput(check, outcome(one, two)), 4.5)
     assert point is two.point and plan.cost == 8.0 and plan.rung is Rung.OPTIMAL
     assert (plan.stamp, plan.dt, plan.iterations, plan.reason) == (4.5, DT, 7, "")
     assert plan.seconds == pytest.approx(0.7) and plan.status is Status.SOLVED
@@ -462,11 +471,11 @@ def test_a_plan_tells_what_it_took_and_why() -> None:
     inside = np.array([3.6, 0.0, 0.0, 0.4, 0.0])  # of the region, and no way leads out in time
     check, _ = instance(Fixed(), y=0.0)
     check = replace(check, parameters=replace(check.parameters, initial=inside))
-    first = check.guess(*brake(robot, inside, STEPS, DT))
+    first = at_target(check, *brake(robot, inside, STEPS, DT))
     lost = assessed(check, ended(replace(first, inputs=first.inputs + 9.0), Status.FAILED))
     for candidates, status in (((lost,), Status.FAILED), ((), Status.NOT_RUN)):
         told = replace(outcome(*candidates), status=Status.NOT_RUN)
-        plan, _ = choose(rungs_of(("optimal", "brake")), Trial(check, told), 0.0)
+        plan, _ = choose(rungs_of(("optimal", "brake")), LadderInput(check, told), 0.0)
         assert plan.rung is Rung.BRAKE and plan.status is status and plan.breach is not None
         words = plan.reason.split("; ")
         assert words[0] == str(plan.given_way) and words[1] == "solver: as told"
@@ -490,11 +499,11 @@ def test_a_little_is_no_breach_and_an_optimal_plan_needs_no_reason(
 ) -> None:
     asked: list[bool] = []
 
-    def held(check: InstanceCheck, best: Candidate, *, optimal: bool) -> Any:
+    def held(check: Instance, best: Candidate, target: Any, *, optimal: bool) -> Any:
         asked.append(optimal)
         return np.zeros((STEPS, 1)), None
 
-    monkeypatch.setattr(ladder, "held", held)
+    monkeypatch.setattr(giving_way, "achieved_levels", held)
     check, guess = instance(Fixed())
     entered = np.full((STEPS, 2), 0.5 * TOLERANCE)
     for status, rungs, reason in (
@@ -503,7 +512,7 @@ def test_a_little_is_no_breach_and_an_optimal_plan_needs_no_reason(
     ):
         point = replace(judged(status=status), point=guess)
         point = replace(point, found=Violation(np.zeros(STEPS), entered))
-        plan, _ = choose(rungs, Trial(check, outcome(point)), 0.0)
+        plan, _ = choose(rungs, LadderInput(check, outcome(point)), 0.0)
         assert plan.breach is None and plan.violation == 0.5 * TOLERANCE
         assert plan.reason == reason
     assert asked == [True, False]
@@ -522,8 +531,8 @@ def test_only_a_shared_level_is_aimed_at() -> None:
 def test_the_level_held_is_the_largest_share_that_enters_nothing(y: float) -> None:
     check, guess = instance(Fixed(0.05), y=y)
     (slot,), region = check.parameters.slots, MahalanobisEllipse()
-    candidate = Candidate(guess, check.check(guess))
-    level, way = held(check, candidate, optimal=False)
+    candidate = Candidate(guess, verify(check, guess))
+    level, way = achieved_levels(check, candidate, target_levels(check), optimal=False)
     asked = region.level(0.05)
     numbers, places = slot.parameters[:, 0], guess.states[1:, :2]
 
@@ -568,20 +577,21 @@ def test_the_share_is_that_of_one_halving_after_the_other(
                 for one in check.parameters.slots
             )
             lower = replace(check, parameters=replace(check.parameters, slots=slots))
-            point = lower.suited(replace(guess, level=middle * check.parameters.target))
-            if lower.check(point).regions.max() > TOLERANCE:
+            point = suited_each(lower, [replace(guess, level=middle * check.parameters.target)])[0]
+            if verify(lower, point).regions.max() > TOLERANCE:
                 high = middle
             else:
                 low = middle
-        guess = check.suited(guess)
-        kept, way = held(check, Candidate(guess, check.check(guess)), optimal=False)
+        guess = suited_each(check, [guess])[0]
+        plan = Candidate(guess, verify(check, guess))
+        kept, way = achieved_levels(check, plan, target_levels(check), optimal=False)
         assert way is not None and low > 0.0
         assert kept.min() == low * levelled(check)[0].level.max()
         found.add(low)
     assert len(found) == 4
 
 
-def beside_a_wall(check: InstanceCheck, guess: Guess) -> InstanceCheck:
+def beside_a_wall(check: Instance, guess: Guess) -> Instance:
     """The same instance with a wall beside the path, whose slots have auxiliaries but no level."""
     robot, (discs,) = check.robot, check.around.kinds
     wall = Polygon(((-2.0, -4.0), (9.0, -4.0), (9.0, -3.0), (-2.0, -3.0)), "wall")
@@ -595,17 +605,17 @@ def beside_a_wall(check: InstanceCheck, guess: Guess) -> InstanceCheck:
     slots = (*check.parameters.slots, chosen[1].numbers)
     around = ActiveObstacles(robot, (discs, kind), chosen)
     given = replace(check.parameters, slots=slots)
-    found = InstanceCheck(problem, given, around, check.level, check.last_inputs)
-    return replace(found, parameters=found.suited(guess).pull(given))
+    found = Instance(problem, given, around, check.level, check.last_inputs)
+    return replace(found, parameters=suited_each(found, [guess])[0].pull(given))
 
 
-def levelled(check: InstanceCheck) -> list[Any]:
+def levelled(check: Instance) -> list[Any]:
     return [one for one in check.parameters.slots if one.level is not None]
 
 
 def test_the_level_of_an_optimal_plan_is_the_solver_s() -> None:
     check, guess = instance(Relaxed(0.05, weight=1.0, minimum=0.0), y=0.4)
-    candidate = Candidate(replace(guess, level=0.7), check.check(guess))
-    level, way = held(check, candidate, optimal=True)
+    candidate = Candidate(replace(guess, level=0.7), verify(check, guess))
+    level, way = achieved_levels(check, candidate, target_levels(check), optimal=True)
     assert (level == 0.7).all() and way is not None
     assert way.held == pytest.approx(MahalanobisEllipse().tail(0.7))

@@ -12,7 +12,7 @@ from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.levels.risk_allocation import RiskAllocation
 from wideberth.framework.mpc.planner.cycle import Decision, PlannerState, Services, step
 from wideberth.framework.mpc.planner.settings import PlannerSettings
-from wideberth.framework.mpc.slots.gaussian_discs import GaussianDiscs, ObstacleSet
+from wideberth.framework.mpc.slots.gaussian_discs import DiscNumbers, GaussianDiscs, ObstacleSet
 from wideberth.framework.mpc.slots.screen import Travel, leaves_out, out_of_reach
 from wideberth.framework.plugins import registry
 from wideberth.framework.region import Bounded, Polygonal, Region
@@ -202,7 +202,7 @@ def drive(
 
 def slots(decision: Decision) -> int:
     assert decision.solved is not None
-    return sum(int(one.active.sum()) for one in decision.solved.check.parameters.slots)
+    return sum(int(one.active.sum()) for one in decision.solved.instance.parameters.slots)
 
 
 def by_name(plan: Plan, values: Array) -> dict[str, Array]:
@@ -277,10 +277,13 @@ def test_a_margin_is_as_a_larger_robot() -> None:
     def out(radius: float, margin: float) -> Array:
         view: Any = SimpleNamespace(
             level=Fixed(), travel=0.4 * np.arange(1.0, STEPS + 1), margin=margin, own=None,
-            reference=SimpleNamespace(position=still), here=still,
+            reference=SimpleNamespace(position=still), route=np.stack([still, still]),
         )  # fmt: skip
         kind = GaussianDiscs(MahalanobisEllipse())
-        found = kind.out_of_reach(Unicycle(radius=radius), discs, view)
+        robot = Unicycle(radius=radius)
+        given = view.reference, view.level, view.margin, view.own
+        numbers = DiscNumbers.of(kind, robot, discs, *given)
+        found = kind.out_of_reach(robot, discs, numbers, view)
         assert found is not None
         return found
 

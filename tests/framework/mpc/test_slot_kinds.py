@@ -15,9 +15,9 @@ import pytest
 
 from wideberth.framework.mpc.diagnosis.explain import SolveRecord
 from wideberth.framework.mpc.diagnosis.solve_record import read_solve, write_solve
-from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.ocp.problem import SlotNumbers, Slots
 from wideberth.framework.mpc.ocp.stage import Frame
+from wideberth.framework.mpc.planner.verify import violation
 from wideberth.framework.mpc.slots.base import (
     ActiveObstacles,
     LevelledKind,

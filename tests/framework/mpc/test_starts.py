@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from wideberth.framework.mpc.costs.contouring import Contouring
-from wideberth.framework.mpc.fallback.rollout import RobotMotion, carry, follow, steer_each
 from wideberth.framework.mpc.levels.base import LevelPolicy
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.paper import Paper
@@ -17,8 +16,10 @@ from wideberth.framework.mpc.levels.relaxed import Relaxed
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.planner.multistart import NAMES, OTHERS, SAME, other_starts
 from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.mpc.planner.rollout import RobotMotion, carry, follow, steer_each
+from wideberth.framework.mpc.planner.starts import NAMES, OTHERS, other_starts
+from wideberth.framework.mpc.planner.watchdog import SAME
 from wideberth.framework.mpc.slots.gaussian_discs import ObstacleSet
 from wideberth.framework.mpc.solver import CheapestSolver, Solution, Solver, unwrapped
 from wideberth.framework.plugins.config import build

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from wideberth.framework.mpc.assembly import REST
-from wideberth.framework.mpc.fallback.rollout import follow, shift, stand, steer
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.mpc.planner.rollout import follow, shift, stand, steer
 from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.registry import names

@@ -13,9 +13,9 @@ from wideberth.experiments.engine.closed_loop import play
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped_configs import read_experiment
 from wideberth.experiments.studies.flight import Flight, volume_ratio
-from wideberth.framework.mpc.fallback.rollout import sweep
 from wideberth.framework.mpc.ocp.reference import PathProgress, lay_reference
 from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.mpc.planner.rollout import sweep
 from wideberth.framework.numerics.integration import runge_kutta
 from wideberth.framework.plugins.registry import load, names
 from wideberth.framework.values.errors import WideberthError

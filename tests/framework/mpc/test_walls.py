@@ -9,14 +9,14 @@ import pytest
 import shapely
 
 from wideberth.framework.mpc.assembly import assemble as make
-from wideberth.framework.mpc.fallback.instance_check import InstanceCheck
-from wideberth.framework.mpc.fallback.rollout import steer
-from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.ocp.bodies import Body, bodies
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
+from wideberth.framework.mpc.planner.instance import Instance
+from wideberth.framework.mpc.planner.rollout import steer
+from wideberth.framework.mpc.planner.verify import verify, violation
 from wideberth.framework.mpc.slots.built_in import built_in
 from wideberth.framework.mpc.slots.contact import BodyPath
 from wideberth.framework.mpc.slots.gaussian_discs import ObstacleSet
@@ -225,7 +225,7 @@ def test_a_thin_wall_is_not_passed_between_two_steps(region: StaticRegion) -> No
         problem, parameters, point = instance(robot, region, walls, states)
         none = ObstacleSet.none(len(states) - 1, 2)
         around = surroundings(robot, MahalanobisEllipse(), region, none, walls, 0.0)
-        found = InstanceCheck(problem, parameters, around, Fixed()).check(point)
+        found = verify(Instance(problem, parameters, around, Fixed()), point)
         assert not found.regions.any()
         assert np.flatnonzero(found.touched).tolist() == [4]
         assert found.worst > 0.05 and "'sheet' touched" in found.where(walls.names)

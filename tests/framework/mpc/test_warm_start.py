@@ -9,10 +9,10 @@ import pytest
 
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem, SlotNumbers
 from wideberth.framework.mpc.ocp.transcription import Guess, Multipliers
-from wideberth.framework.mpc.planner.warm_start import KeptMultipliers
+from wideberth.framework.mpc.planner import cycle
+from wideberth.framework.mpc.planner.starts import KeptMultipliers
 from wideberth.framework.mpc.slots.base import SlotAssignment
 from wideberth.framework.mpc.solver import Solution, Solver
-from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Observation
 from wideberth.framework.values.plan import Rung
 from wideberth.solvers.riccati.solver import Riccati
@@ -96,10 +96,11 @@ def drive(period: float, solver: Solver, **settings: Any) -> list[Any]:
     ],
 )
 def test_they_are_used_where_plans_follow_closely(
-    period: float, within: float, warm: bool
+    period: float, within: float, warm: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(cycle, "WARM_WITHIN", within)
     solver = Listening()
-    drive(period, solver, warm_within=within, starts=())
+    drive(period, solver, starts=())
     own = [one for one in solver.asked if one[0] is solver.asked[-1][0]][-6:]
     assert own[0][2].multipliers is None
     assert {one[2].multipliers is not None for one in own[1:]} == {warm}
@@ -129,8 +130,3 @@ def test_a_planner_that_is_reset_knows_no_multipliers() -> None:
     made.reset()
     made.command(seen(0.2))
     assert solver.asked[-1][2].multipliers is None
-
-
-def test_a_share_below_0_is_refused() -> None:
-    with pytest.raises(WideberthError, match="warm_within"):
-        planner(warm_within=-0.1)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import shapely
 
-from wideberth.framework.mpc.fallback.verify import violation
 from wideberth.framework.mpc.levels.base import LevelPolicy, SharedLevel
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.levels.relaxed import Relaxed
@@ -15,7 +14,8 @@ from wideberth.framework.mpc.ocp.bodies import Body
 from wideberth.framework.mpc.ocp.problem import Parameters, Problem
 from wideberth.framework.mpc.ocp.reference import lay_reference
 from wideberth.framework.mpc.ocp.transcription import Guess
-from wideberth.framework.mpc.slots.base import reach_of_bodies
+from wideberth.framework.mpc.planner.verify import violation
+from wideberth.framework.mpc.slots.base import SlotKind, farthest
 from wideberth.framework.mpc.slots.built_in import built_in
 from wideberth.framework.mpc.slots.gaussian_discs import ObstacleSet
 from wideberth.framework.mpc.slots.static_polygons import NONE
@@ -166,10 +166,14 @@ def test_the_body_that_a_region_sees() -> None:
     assert line[0].bodies(car) == (Body(0.0, outline=CAR.vertices),)
     among = built_in(MahalanobisEllipse(), load("static_regions", "dual")())
     assert among[1].bodies(car) == (Body(0.0, outline=CAR.vertices),)
-    assert reach_of_bodies(car, ellipse) == 0.0  # a disc does not turn
-    assert reach_of_bodies(car, among) == pytest.approx(CAR.reach)
-    assert reach_of_bodies(car, line) == pytest.approx(CAR.reach)
-    assert reach_of_bodies(long, ellipse) == np.hypot(*DISCS.centres[0])
+
+    def reach(robot: Unicycle, kinds: tuple[SlotKind, ...]) -> float:
+        return farthest(body for kind in kinds for body in kind.bodies(robot))
+
+    assert reach(car, ellipse) == 0.0  # a disc does not turn
+    assert reach(car, among) == pytest.approx(CAR.reach)
+    assert reach(car, line) == pytest.approx(CAR.reach)
+    assert reach(long, ellipse) == np.hypot(*DISCS.centres[0])
 
 
 STEPS, SLOTS, SIZE = 100, 3, 0.3

@@ -272,7 +272,6 @@ def test_covariances_are_judged_at_any_magnitude(scale: float) -> None:
 @pytest.mark.parametrize(
     "changes",
     [
-        {"forget": 1e9},
         {"history": 10**9},
         {"horizon": 10**6},
         {"latency": 1e6},

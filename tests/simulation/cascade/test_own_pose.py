@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wideberth.framework.mpc.fallback.rollout import follow
 from wideberth.framework.mpc.levels.fixed import Fixed
 from wideberth.framework.mpc.planner.planner import Planner
+from wideberth.framework.mpc.planner.rollout import follow
 from wideberth.framework.mpc.slots.base import PlanningContext
 from wideberth.framework.mpc.slots.static_polygons import StaticPolygons
 from wideberth.framework.robot import step

@@ -118,13 +118,16 @@ class _Steering:
         return list(zip(states, inputs, strict=True))
 
 
-def drive_each(robot: Robot, states: Array, twists: Sequence[Twist], dt: float) -> Array:
-    """Return the inputs that bring each of N states to a twist in one step, (N, m)."""
+def drive_each(robot: Robot, states: Array, twist: Twist, dt: float) -> Array:
+    """Return the inputs that bring each of N states to a twist, of arrays (N,), in one step."""
+    rows = np.stack(np.broadcast_arrays(*twist.linear, twist.angular, states[:, 0])[:-1], axis=1)
     if isinstance(robot, SymbolicDrive):
-        flat = np.array([(*twist.linear, twist.angular) for twist in twists])
-        return _driving(robot, len(states), dt)([states, flat])[0]
-    pairs = zip(states.tolist(), twists, strict=True)
-    return np.array([robot.drive(tuple(one), twist, dt) for one, twist in pairs], dtype=np.float64)
+        return _driving(robot, len(states), dt)([states, rows])[0]
+    pairs = zip(states.tolist(), rows.tolist(), strict=True)
+    return np.array(
+        [robot.drive(tuple(one), Twist(tuple(row[:-1]), row[-1]), dt) for one, row in pairs],
+        dtype=np.float64,
+    )
 
 
 @lru_cache(maxsize=16)
@@ -160,7 +163,8 @@ def shift(inputs: Array, share: float) -> Array:
 
     A share that is no whole number averages the two inputs that each new step covers.
     """
-    padded = np.concatenate([inputs, np.zeros_like(inputs), np.zeros_like(inputs[:1])])
+    padded = np.zeros((2 * len(inputs) + 1, inputs.shape[1]))
+    padded[: len(inputs)] = inputs
     whole = max(min(int(share + 1e-9), len(inputs)), 0)
     part = min(max(share - whole, 0.0), 1.0)
     here = padded[whole : whole + len(inputs)]

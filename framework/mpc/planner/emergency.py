@@ -18,11 +18,11 @@ def command_of_plan(robot: Robot, plan: Plan, step: int = 0) -> Command:
     """
     if step >= len(plan.inputs):
         return Command((0.0,) * robot.dimension, ramp=plan.dt)
-    state, control = tuple(plan.states[step + 1]), tuple(plan.inputs[step])
+    state, control = tuple(plan.states[step + 1].tolist()), tuple(plan.inputs[step].tolist())
     twist = robot.twist(state, control)
-    other = robot.twist(state, tuple(value + 1.0 for value in control))
+    other = robot.twist(state, tuple([value + 1.0 for value in control]))
     direct = twist.linear != other.linear or twist.angular != other.angular
-    linear = tuple(float(value) for value in twist.linear)
+    linear = tuple(map(float, twist.linear))
     return Command(linear, float(twist.angular), 0.0 if direct else plan.dt)
 
 

@@ -16,7 +16,7 @@ What was seen without a place may be in contact on any side: no motion leads awa
 braking is left.
 
 The last plan is not driven on in contact: one that stands would stay. Of what keeps the rule,
-`Trial.gentlest` takes what leaves most.
+`LadderInput.gentlest` takes what leaves most.
 """
 
 from collections.abc import Sequence
@@ -85,10 +85,12 @@ class InContact:
         steps, dt : of plans, N and s.
         """
         names, places, radii = others
-        depth = _depths(robot, start[None], places, radii)[0]
-        touching = np.flatnonzero(depth >= -TOUCHING)
-        if not touching.size and not placeless:
+        if not names and not placeless:
             return None
+        near = _depths(robot, start[None], places, radii)[0] >= -TOUCHING
+        if not near.any() and not placeless:
+            return None
+        touching = np.flatnonzero(near)
         kept = places[touching], radii[touching]
         braking = _Moved.along(robot, *brake(robot, start, steps, dt), *kept)
         fastest = max(float(braking.begin), LEAVING)
@@ -181,11 +183,10 @@ def _twists(robot: Robot, states: Array, inputs: Array) -> tuple[Array, Array]:
 
 def _depths(robot: Robot, states: Array, places: Array, radii: Array) -> Array:
     """How deep the bodies are in discs at K states, (K, C), m; negative where they are apart."""
-    pose = robot.pose(tuple(states.T))
-    here = np.broadcast_to(places, (len(states), *places.shape))
-    depth = np.full((len(states), len(places)), -np.inf)
+    pose, depth = robot.pose(tuple(states.T)), np.empty((len(states), len(places)))
+    depth[...] = -np.inf
     for body in bodies(robot) if len(places) else ():
-        depth = np.maximum(depth, body.radius + radii - apart(body, pose, here))
+        np.maximum(depth, body.radius + radii - apart(body, pose, places[None]), out=depth)
     return depth
 
 
@@ -204,13 +205,16 @@ def expected_now(
     """
     if tracks is None or forecast is None:
         return (), np.zeros((0, size)), np.zeros(0)
-    every = np.arange(len(tracks))
-    mean = forecast.mean[every, forecast.weight.argmax(axis=1)]
-    back = 2.0 * mean[:, 0] - mean[:, min(1, forecast.steps - 1)]
+    mean = forecast.mean[:, 0]
+    if forecast.weight.shape[1] > 1:
+        mean = forecast.mean[np.arange(len(tracks)), forecast.weight.argmax(axis=1)]
     share = min(max(lag / (lag + forecast.dt), 0.0), 1.0)
     newest = tracks.positions[:, -1]
     between = (1.0 - share) * newest + share * mean[:, 0]
-    return tracks.ids, np.where(np.isnan(newest), back, between), tracks.radius
+    if (lost := np.isnan(newest)).any():
+        back = 2.0 * mean[:, 0] - mean[:, min(1, forecast.steps - 1)]
+        between = np.where(lost, back, between)
+    return tracks.ids, between, tracks.radius
 
 
 def _some(names: Sequence[str]) -> str:

@@ -33,11 +33,13 @@ from ...values.arrays import Array
 from ...values.errors import WideberthError, short
 from ...values.plan import Plan, Rung
 from ..ocp.transcription import Guess
-from .giving_way import aimed, auxiliaries, content, held, out_of_reach
-from .instance_check import TOLERANCE, Candidate, InstanceCheck, MultiStartResult, contact
+from .giving_way import PlanLevels
+from .instance import Instance
+from .multistart import MultiStartResult
 from .rollout import follow
+from .starts import suited_each
 from .stopping import stops
-from .verify import totals
+from .verify import TOLERANCE, Candidate, contact, totals, verify_each
 
 SWITCHING_MARGIN = 0.05
 """Share of 1 + |cost| that another start has to save before the last plan is given up for it. Head
@@ -60,16 +62,16 @@ class NotHeld:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Trial:
+class LadderInput:
     """What the rungs choose from in one planning cycle.
 
     Attributes
     ----------
-    check : the instance that plans are held against.
+    instance : that plans are verified against.
     outcome : of the solver: its re-checked solutions.
     """
 
-    check: InstanceCheck
+    instance: Instance
     outcome: MultiStartResult
 
     @cached_property
@@ -86,7 +88,7 @@ class Trial:
         While something stays in the way, the one that continues the last plan is kept, so that
         the side is not changed for noise.
         """
-        loyal = self.outcome.before and self.check.last_inputs is not None
+        loyal = self.outcome.before and self.instance.last_inputs is not None
         if loyal and candidates[0] is self.outcome.candidates[0]:
             return candidates[0]
         return min(candidates, key=lambda one: one.cost)
@@ -96,11 +98,11 @@ class Trial:
         """Solutions that keep the limits of motion, held against the lowest level."""
         moving = [one for one in self.outcome.candidates if one.found.motion.max() <= TOLERANCE]
         points = self._points((one.point.states, one.point.inputs) for one in moving)
-        if not self.check.problem.shared and self.check.problem.no_auxiliaries:
+        if not self.instance.problem.shared and self.instance.problem.no_auxiliaries:
             every = [one.found for one in moving]  # the re-check asked the same
         else:
             # what is touched on the way is the same at every level
-            every = self.check.check_each(points, [one.found.touch for one in moving])
+            every = verify_each(self.instance, points, [one.found.touch for one in moving])
         return tuple(
             Candidate(point, found, one.solution, cost=one.cost)
             for point, found, one in zip(points, every, moving, strict=True)
@@ -118,13 +120,18 @@ class Trial:
         keeps. Braking straight on wins a tie. In contact only what keeps the rule of
         `in_contact` takes part.
         """
-        check, rule = self.check, self.check.in_contact
-        given = check.robot, check.parameters.initial, check.problem.horizon, check.problem.dt
+        instance, rule = self.instance, self.instance.in_contact
+        given = (
+            instance.robot,
+            instance.parameters.initial,
+            instance.problem.horizon,
+            instance.problem.dt,
+        )
         ways = stops(*given) if rule is None else stops(*given, rule.fastest)
         name, states, inputs = next(ways)
         straight = replace(self.at_lowest_level(states, inputs), way=name)
         window = int((np.abs(states - states[-1]).max(axis=1) > 1e-3).sum()) + 1
-        depth = contact(check, straight, window)
+        depth = contact(instance, straight, window)
         if max(depth, straight.found.total) == 0.0:
             return straight
         names, trajectories = [], []
@@ -132,13 +139,13 @@ class Trial:
             names.append(name)
             trajectories.append((states, inputs))
         points = self._points(trajectories)
-        checked = zip(names, points, check.check_each(points), strict=True)
+        checked = zip(names, points, verify_each(instance, points), strict=True)
         named = [Candidate(point, found, way=name) for name, point, found in checked]
         every = [straight, *(one for one in (*others, *named) if one.found.leaves)]
         order = np.argsort(totals([one.found for one in every]), kind="stable")
         looked_at: list[tuple[Candidate, float]] = []
         for one in (every[k] for k in order):
-            looked_at.append((one, depth if one is straight else contact(check, one, window)))
+            looked_at.append((one, depth if one is straight else contact(instance, one, window)))
             if looked_at[-1][1] == 0.0:
                 break  # what touches nothing beats all that enter regions more
         least = min(depth for _, depth in looked_at) + TOLERANCE
@@ -147,14 +154,14 @@ class Trial:
     def at_lowest_level(self, states: Array, inputs: Array) -> Candidate:
         """Re-check a trajectory at the lowest level that the policy allows."""
         points = self._points([(states, inputs)])
-        return Candidate(points[0], self.check.check_each(points)[0])
+        return Candidate(points[0], verify_each(self.instance, points)[0])
 
     def _points(self, trajectories: Iterable[tuple[Array, Array]]) -> list[Guess]:
         """Wrap trajectories at the lowest level that the policy allows."""
-        problem = self.check.problem
+        problem = self.instance.problem
         level = max(problem.minimum, 0.0) if problem.shared else float("nan")
         bare = [Guess.bare(*driven, level) for driven in trajectories]
-        return self.check.suited_each(bare)
+        return suited_each(self.instance, bare)
 
 
 class FallbackRung(ABC):
@@ -168,7 +175,7 @@ class FallbackRung(ABC):
     """Stands in plans, reasons and logs."""
 
     @abstractmethod
-    def attempt(self, trial: Trial) -> Candidate | NotHeld:
+    def attempt(self, trial: LadderInput) -> Candidate | NotHeld:
         """Return the plan that this rung offers, or why it does not hold."""
 
 
@@ -179,7 +186,7 @@ class Optimal(FallbackRung):
 
     name: ClassVar[str] = Rung.OPTIMAL
 
-    def attempt(self, trial: Trial) -> Candidate | NotHeld:
+    def attempt(self, trial: LadderInput) -> Candidate | NotHeld:
         """Take the cheapest converged plan within `SWITCHING_MARGIN` of the cheapest of all."""
         converged = [one for one in trial.near if one.optimal]
         if converged:
@@ -187,7 +194,7 @@ class Optimal(FallbackRung):
         reasons = [f"solver: {trial.outcome.message}"]
         if not trial.near and trial.outcome.candidates:
             first = trial.outcome.candidates[0]
-            reasons.append(f"its plan: {first.found.where(trial.check.names)}")
+            reasons.append(f"its plan: {first.found.where(trial.instance.names)}")
         return NotHeld(tuple(reasons))
 
 
@@ -201,7 +208,7 @@ class FeasibleIterate(FallbackRung):
 
     name: ClassVar[str] = Rung.FEASIBLE
 
-    def attempt(self, trial: Trial) -> Candidate | NotHeld:
+    def attempt(self, trial: LadderInput) -> Candidate | NotHeld:
         """Take the cheapest feasible point."""
         if trial.near:
             return trial.cheapest(trial.near)
@@ -215,16 +222,16 @@ class ShiftedPlan(FallbackRung):
 
     name: ClassVar[str] = Rung.SHIFTED
 
-    def attempt(self, trial: Trial) -> Candidate | NotHeld:
+    def attempt(self, trial: LadderInput) -> Candidate | NotHeld:
         """Drive the last plan's inputs from the present state, and check that."""
-        check, inputs = trial.check, trial.check.last_inputs
-        if inputs is None or check.in_contact is not None:  # it might stay there
+        instance, inputs = trial.instance, trial.instance.last_inputs
+        if inputs is None or instance.in_contact is not None:  # it might stay there
             return NotHeld()
-        states = follow(check.robot, check.parameters.initial, inputs, check.problem.dt)
+        states = follow(instance.robot, instance.parameters.initial, inputs, instance.problem.dt)
         shifted = trial.at_lowest_level(states, inputs)
         if shifted.feasible:
             return shifted
-        return NotHeld((f"{self.name}: {shifted.found.where(check.names)}",))
+        return NotHeld((f"{self.name}: {shifted.found.where(instance.names)}",))
 
 
 @final
@@ -234,7 +241,7 @@ class LeastViolation(FallbackRung):
 
     name: ClassVar[str] = Rung.LEAST
 
-    def attempt(self, trial: Trial) -> Candidate | NotHeld:
+    def attempt(self, trial: LadderInput) -> Candidate | NotHeld:
         """Compare drivable solutions with all ways to stop."""
         best = trial.least_harmful
         return best if any(best is one for one in trial.drivable) else NotHeld()
@@ -247,7 +254,7 @@ class Brake(FallbackRung):
 
     name: ClassVar[str] = Rung.BRAKE
 
-    def attempt(self, trial: Trial) -> Candidate | NotHeld:
+    def attempt(self, trial: LadderInput) -> Candidate | NotHeld:
         """Compare all ways to stop."""
         best = trial.least_harmful
         return trial.gentlest(()) if any(best is one for one in trial.drivable) else best
@@ -306,7 +313,7 @@ def _rung(name: str) -> type[FallbackRung]:
     return found
 
 
-def choose(rungs: Sequence[FallbackRung], trial: Trial, stamp: float) -> tuple[Plan, Guess]:
+def choose(rungs: Sequence[FallbackRung], trial: LadderInput, stamp: float) -> tuple[Plan, Guess]:
     """Take the first rung that holds, and write down why no better one does.
 
     Parameters
@@ -340,33 +347,30 @@ def choose(rungs: Sequence[FallbackRung], trial: Trial, stamp: float) -> tuple[P
     )
 
 
-def _plan(rung: str, best: Candidate, words: list[str], trial: Trial, stamp: float) -> Plan:
+def _plan(rung: str, best: Candidate, words: list[str], trial: LadderInput, stamp: float) -> Plan:
     """Write down the plan of a rung with all that is known about it."""
-    check, outcome = trial.check, trial.outcome
-    level, given_way = held(check, best, optimal=rung == Rung.OPTIMAL)
-    breach = None if best.feasible else best.found.breach(check.names)
+    instance, outcome = trial.instance, trial.outcome
+    levels = PlanLevels.of(instance, best, optimal=rung == Rung.OPTIMAL)
+    breach = None if best.feasible else best.found.breach(instance.names)
     if breach is not None:
         words = [*words, f"{best.named(rung)} taken: {breach}"]
     words = [] if rung == Rung.OPTIMAL else words
-    if given_way is not None:
-        words = [str(given_way), *words]
-    runs = outcome.solutions
+    if levels.given_way is not None:
+        words = [str(levels.given_way), *words]
+    runs, point = outcome.solutions, best.point
     own = best.solution or (runs[0] if runs else None)
-    robot, point = check.robot, best.point
-    far = [name for _, one in check.around.out_of_reach for name in one.names]
-    beyond, extra = out_of_reach(check, level), ((0, 0), (0, len(far)), (0, 0))
     return Plan(
         stamp=stamp,
-        dt=check.problem.dt,
+        dt=instance.problem.dt,
         states=point.states,
         inputs=point.inputs,
-        positions=np.stack(robot.pose(tuple(point.states.T)).position, axis=-1),
-        reference=check.parameters.reference,
-        auxiliaries=np.pad(auxiliaries(check, point), extra, constant_values=np.nan),
-        level=np.hstack([level, beyond[0]]),
-        target=np.hstack([aimed(check), beyond[1]]),
-        content=np.hstack([content(check, level, robot.dimension), beyond[2]]),
-        ids=(*(name for *_, name in check.around.levelled), *far),
+        positions=instance.robot.pose(tuple(point.states.T)).points(),
+        reference=instance.parameters.reference,
+        auxiliaries=levels.auxiliaries,
+        level=levels.level,
+        target=levels.target,
+        content=levels.content,
+        ids=levels.ids,
         status=outcome.status if own is None else own.status,
         rung=rung,
         reason="; ".join(words),
@@ -374,7 +378,7 @@ def _plan(rung: str, best: Candidate, words: list[str], trial: Trial, stamp: flo
         seconds=sum(one.seconds for one in runs),
         violation=best.found.worst,
         cost=best.cost,
-        left_out=check.around.left_out,
+        left_out=instance.around.left_out,
         breach=breach,
-        given_way=given_way,
+        given_way=levels.given_way,
     )

@@ -1,4 +1,4 @@
-"""Re-check a plan without the solver that made it."""
+"""Verify a plan without the solver that made it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -6,11 +6,18 @@ from functools import cached_property
 
 import numpy as np
 
-from ...values.arrays import Array
-from ...values.plan import Breach, BreachKind
+from ...values.arrays import Array, all_finite
+from ...values.plan import Breach, BreachKind, Status
 from ..ocp.problem import Parameters, Problem
 from ..ocp.transcription import Guess
 from ..slots.contact import Touch
+from ..solver import Solution
+from .instance import Instance
+from .rollout import clip, follow
+from .starts import suited_each
+
+TOLERANCE = 1e-4
+"""Largest violation of a plan that counts as feasible (m, m/s or unit-free)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,10 +54,10 @@ class Violation:
     @cached_property
     def worst(self) -> float:
         """The largest of all."""
-        found = [self.motion, self.regions] + [self.touched] * (self.touch is not None)
-        if self.pressed is not None:
-            found.append(self.pressed)
-        return float(max(values.max(initial=0.0) for values in found))
+        found = [self.motion, self.regions]
+        found += [] if self.touch is None else [self.touch.depth]
+        found += [] if self.pressed is None else [self.pressed]
+        return float(max(np.maximum.reduce(one, axis=None, initial=0.0) for one in found))
 
     @property
     def total(self) -> float:
@@ -81,6 +88,43 @@ class Violation:
         return str(self.breach(names) or "nothing is broken")
 
 
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A plan that could be taken, with what the re-check says of it.
+
+    Attributes
+    ----------
+    point, found : the plan, and the re-check.
+    solution : what a solver returned, if one made it.
+    way : names the manoeuvre where it is one, see `stopping.stops`.
+    cost : objective at the point; nan where nothing was priced.
+    as_aimed : (N, K), how far it enters regions of the level aimed at; None where that was not
+        looked at.
+    """
+
+    point: Guess
+    found: Violation
+    solution: Solution | None = None
+    way: str = ""
+    cost: float = float("nan")
+    as_aimed: Array | None = None
+
+    @property
+    def feasible(self) -> bool:
+        """Whether it keeps every constraint."""
+        return self.found.worst <= TOLERANCE
+
+    @property
+    def optimal(self) -> bool:
+        """Whether it is feasible and its solver converged."""
+        solved = self.solution is not None and self.solution.status is Status.SOLVED
+        return solved and self.feasible
+
+    def named(self, rung: str) -> str:
+        """Name the rung it is taken on, and the manoeuvre."""
+        return f"{rung} ({self.way})" if self.way else str(rung)
+
+
 def totals(found: Sequence[Violation]) -> Array:
     """`Violation.total` of each of several, of the same problem."""
     deepest = _stacked([one.regions for one in found]).max(axis=2, initial=0.0)
@@ -88,8 +132,88 @@ def totals(found: Sequence[Violation]) -> Array:
 
 
 def _stacked(arrays: Sequence[Array]) -> Array:
-    """Return what `numpy.stack` does, in a third of its time."""
+    """Return what `numpy.stack` does, in a third of its time; a view of one array alone."""
+    if len(arrays) == 1:
+        return arrays[0][None]
     return np.concatenate(arrays).reshape(len(arrays), *arrays[0].shape)
+
+
+def verify_each(
+    instance: Instance, points: Sequence[Guess], touches: Sequence[Touch | None] = ()
+) -> list[Violation]:
+    """Evaluate every constraint at several points, what is touched, and the rule of contact.
+
+    ``touches`` are what is touched on the way of each, where that is known already.
+    """
+    every = violations(instance.problem, instance.parameters, points)
+    known = touches or [None] * len(points)
+    return [
+        _completed(instance, point, found, touch)
+        for point, found, touch in zip(points, every, known, strict=True)
+    ]
+
+
+def verify(instance: Instance, point: Guess) -> Violation:
+    """Do the same at one point."""
+    return verify_each(instance, [point])[0]
+
+
+def _completed(
+    instance: Instance, point: Guess, found: Violation, touch: Touch | None
+) -> Violation:
+    """Add what is touched on the way, and how far the rule of contact is broken."""
+    touch = instance.around.touched(point.states) if touch is None else touch
+    rule = instance.in_contact
+    if rule is None or not all_finite(point.states):
+        return Violation(found.motion, found.regions, touch)
+    pressed = rule.pressed(instance.robot, point.states, point.inputs)
+    return Violation(found.motion, found.regions, touch, pressed, rule.name)
+
+
+def assess_each(instance: Instance, solutions: Sequence[Solution]) -> list[Candidate]:
+    """Verify solutions; those that did not converge are first made drivable."""
+    points = [_drivable(instance, one) for one in solutions]
+    every = verify_each(instance, points)
+    return [
+        Candidate(point, found, one, cost=_cost(instance, one, point, found))
+        for one, point, found in zip(solutions, points, every, strict=True)
+    ]
+
+
+def _drivable(instance: Instance, solution: Solution) -> Guess:
+    point, problem = solution.point, instance.problem
+    if problem.shared and point.level < problem.minimum:
+        # the last iterate of a solver may lie below the bound
+        point = replace(point, level=problem.minimum)
+    if solution.status is Status.SOLVED:
+        return point
+    inputs = clip(instance.robot, point.inputs)
+    states = follow(instance.robot, instance.parameters.initial, inputs, problem.dt)
+    return suited_each(instance, [replace(point, states=states, inputs=inputs)])[0]
+
+
+def _cost(instance: Instance, solution: Solution, point: Guess, found: Violation) -> float:
+    """Cost of a solution; the solver's is that of its last iterate, not yet drivable."""
+    if solution.status is Status.SOLVED or found.worst > TOLERANCE:
+        return solution.cost
+    return price(instance.problem, instance.parameters, point)
+
+
+def contact(instance: Instance, one: Candidate, window: int) -> float:
+    """Return how deep a plan enters things or their expected places before a stop ends.
+
+    The region of a slot without a level is the thing itself, so that entering it counts as well.
+    The window is the steps that braking takes and one more: what lies beyond can still be
+    braked for when the next plan is made.
+    """
+    depth = np.maximum(instance.around.overlap(one.point.states), one.found.touched)
+    begun = 0
+    for slots in instance.problem.slots:
+        if slots.count and not slots.levelled:
+            entered = one.found.regions[:, begun : begun + slots.count]
+            depth = np.maximum(depth, entered.max(axis=1, initial=0.0))
+        begun += slots.count
+    return float(depth[:window].max(initial=0.0))
 
 
 def violation(problem: Problem, parameters: Parameters, point: Guess) -> Violation:
@@ -108,14 +232,15 @@ def violations(
         return []
     values = _interpreted if problem.constraint_values is None else _compiled
     motion, into_regions = values(problem, parameters, points)
-    begin = _stacked([point.states[0] for point in points]) - parameters.initial
-    motion[:, 0] = np.maximum(motion[:, 0], np.abs(begin).max(axis=1, initial=0.0))
+    for own, point in zip(motion, points, strict=True):
+        own[0] = max(own[0], np.maximum.reduce(np.abs(point.states[0] - parameters.initial)))
     if problem.ends_at_rest:
         for own, point in zip(motion, points, strict=True):
             (final,) = problem.stop_values([point.states[-1]])
             own[-1] = max(own[-1], (-final).max(initial=0.0))
-    unknown = ~(np.isfinite(motion).all(axis=1) & np.isfinite(into_regions).all(axis=(1, 2)))
-    motion[unknown], into_regions[unknown] = np.inf, 0.0
+    if not (all_finite(motion) and all_finite(into_regions)):
+        unknown = ~(np.isfinite(motion).all(axis=1) & np.isfinite(into_regions).all(axis=(1, 2)))
+        motion[unknown], into_regions[unknown] = np.inf, 0.0
     return [Violation(*pair) for pair in zip(motion, into_regions, strict=True)]
 
 
@@ -144,7 +269,8 @@ def entered(
         into_regions = np.concatenate(found)
     else:
         into_regions = _entered_at(problem, parameters, points, shares)
-    into_regions[~np.isfinite(into_regions).all(axis=(1, 2))] = 0.0  # as in `violations`
+    if not all_finite(into_regions):  # as in `violations`
+        into_regions[~np.isfinite(into_regions).all(axis=(1, 2))] = 0.0
     return into_regions
 
 
@@ -169,8 +295,8 @@ def _compiled(
     steps_of[:n], steps_of[n + m :] = states[..., :-1], states[..., 1:]
     steps_of[n : n + m] = _stacked([point.inputs for point in points]).transpose(2, 0, 1)
     rows = values("motion", steps_of, _NONE)
-    broken = np.abs(rows[:n]).max(axis=0, initial=0.0)
-    motion = np.maximum(broken, (-rows[n:]).max(axis=0, initial=0.0))
+    broken = np.maximum.reduce(np.abs(rows[:n]), axis=0, initial=0.0)
+    motion = np.maximum(broken, np.maximum.reduce(-rows[n:], axis=0, initial=0.0))
     return motion, _entered_at(problem, parameters, points)
 
 
@@ -183,36 +309,34 @@ def _entered_at(
     """Evaluate `entered` by compiled functions."""
     values = problem.constraint_values
     assert values is not None
-    n, steps = problem.states, problem.horizon
+    n, steps, shared = problem.states, problem.horizon, problem.shared
     count = len(points) if shares is None else len(shares)
-    states = _stacked([point.states[1:] for point in points]).transpose(2, 0, 1)
-    into_regions = np.zeros((count, steps, sum(one.count for one in problem.slots)))
-    begun = 0
+    states = _stacked([point.states[1:] for point in points]).transpose(2, 0, 1)[..., None]
+    found: list[Array] = []
     for place, (slots, numbers) in enumerate(zip(problem.slots, parameters.slots, strict=True)):
         if not slots.count:
             continue
-        own = len(slots.auxiliary)
-        given = np.empty((n + own + int(problem.shared), count, steps, slots.count))
-        given[:n] = states[..., None]
+        own = slots.own
+        given = np.empty((n + own + shared, count, steps, slots.count))
+        given[:n] = states
         if own:
             lifted = _stacked([point.auxiliaries[place] for point in points])
             given[n : n + own] = lifted.transpose(3, 0, 1, 2)
-        if problem.shared:
+        if shared:
             given[n + own] = np.array([point.level for point in points])[:, None, None]
-        if shares is None or numbers.level is None:
-            rows = values(f"slot{place}", given.reshape(len(given), count, -1), numbers.columns)
-        else:
-            columns = numbers.columns_at(np.asarray(shares))
-            rows = values(f"slot{place}", given.reshape(len(given), 1, -1), columns)
-        rows = rows.reshape(-1, *given.shape[1:])
-        tied = slots.constraint.size1_out(0)
+        together, columns = (count, steps * slots.count), numbers.columns
+        if shares is not None and numbers.level is not None:
+            together, columns = (1, -1), numbers.columns_at(np.asarray(shares))
+        rows = values(f"slot{place}", given.reshape(len(given), *together), columns)
+        rows, tied = rows.reshape(-1, *given.shape[1:]), slots.inequalities
         deep = np.maximum.reduce(-rows[:tied], axis=0, initial=0.0)
         if tied < len(rows):
             deep = np.maximum(deep, np.abs(rows[tied:]).max(axis=0))
         # What an empty slot holds its auxiliaries to says nothing of the plan.
-        into_regions[..., begun : begun + slots.count] = deep * numbers.active
-        begun += slots.count
-    return into_regions
+        found.append(deep * numbers.active)
+    if len(found) == 1:
+        return found[0]
+    return np.concatenate(found, axis=2) if found else np.zeros((count, steps, 0))
 
 
 _NONE = np.zeros((0, 0))

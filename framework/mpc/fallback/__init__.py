@@ -1,1 +1,0 @@
-"""The fallback ladder: verified plans, best first, and ways to stop."""

@@ -1,1 +1,0 @@
-"""From obstacles and polygons to the numbers of one problem."""
