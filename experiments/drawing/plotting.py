@@ -36,11 +36,22 @@ def few(counts: Iterable[int]) -> str:
     return f"{number} {noun} each: too few for intervals"
 
 
-def note(text: str) -> Any:
-    """Return an entry of a legend that has words alone."""
+def entry(text: str, **look: Any) -> Any:
+    """Return an entry of a legend: a line, a marker where its look has no line, or words alone.
+
+    Parameters
+    ----------
+    text : of the entry.
+    look : settings of ``matplotlib.lines.Line2D``.
+    """
     from matplotlib.lines import Line2D
 
-    return Line2D([], [], linestyle="", label=text)
+    return Line2D([], [], label=text, **{"linestyle": "", **look})
+
+
+def title(name: str) -> str:
+    """Return a name of a config as figures print it."""
+    return str(name).replace("_", " ")
 
 
 def subplots(rows: int = 1, columns: int = 1, **settings: Any) -> tuple["Figure", Any]:
@@ -58,6 +69,29 @@ def subplots(rows: int = 1, columns: int = 1, **settings: Any) -> tuple["Figure"
     own = {name: settings.pop(name) for name in ("figsize", "layout") if name in settings}
     figure = Figure(**own)
     return figure, figure.subplots(rows, columns, **settings)
+
+
+def style(index: int, markers: Sequence[str]) -> dict[str, Any]:
+    """Return colour, line and marker of a series, by its place among others."""
+    return {
+        "color": COLOURS[index % len(COLOURS)],
+        "linestyle": LINES[index % len(LINES)],
+        "marker": markers[index % len(markers)],
+    }
+
+
+def legend_below(figure: "Figure", panels: Iterable[Any], **settings: Any) -> None:
+    """Put one legend below all panels, with each of their labels once.
+
+    Parameters
+    ----------
+    settings : those of ``Figure.legend``.
+    """
+    entries: dict[str, Any] = {}
+    for panel in panels:
+        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    figure.legend([*entries.values()], [*entries], loc="outside lower center", **settings)
 
 
 def name_columns(panel: Any, names: Sequence[str]) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from ...metrics.statistics import quartiles
 from ..engine.base import Row
 from ..engine.closed_loop import column
-from .plotting import COLOURS, ENOUGH, few
+from .plotting import COLOURS, ENOUGH, entry, few, title
 
 Look = tuple[str, str]
 """Marker and colour."""
@@ -85,13 +85,10 @@ def front_legend(figure: Any, looks: Mapping[str, Look], counts: Iterable[int]) 
     looks : of the names that have a marker.
     counts : episodes behind each marker.
     """
-    from matplotlib.lines import Line2D
-
     entries = [
-        Line2D([], [], linestyle="", marker=marker, color=colour, markersize=5,
-               label=name.replace("_", " "))
+        entry(title(name), marker=marker, color=colour, markersize=5)
         for name, (marker, colour) in looks.items()
-    ]  # fmt: skip
+    ]
     words = f"medians; {bars_note(counts)}\nhollow: so many touched or did not arrive"
     figure.legend(
         handles=entries, loc="outside lower center", ncols=min(max(len(entries), 1), 4),

@@ -1,11 +1,9 @@
 """Closed-loop studies: settings, tasks, one episode played, many condensed."""
 
 import logging
-from abc import abstractmethod
-from collections.abc import Iterable, Mapping, Sequence, Sized
-from itertools import product
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -14,8 +12,7 @@ from ...framework.controller import Controller, fresh
 from ...framework.mpc.planner.planner import planner_behind
 from ...framework.mpc.planner.recommended import slow_aside
 from ...framework.robot import Robot
-from ...framework.values.arrays import Array, probability, whole
-from ...framework.values.errors import WideberthError
+from ...framework.values.arrays import Array
 from ...metrics.statistics import known_mean
 from ...simulation.engine.episode import Run
 from ...simulation.engine.settings import Settings
@@ -26,7 +23,6 @@ from ...simulation.scenarios.base import Cast, Scenario
 from .base import Row, Task, TaskOutcome
 from .errors import as_user_error
 
-T = TypeVar("T")
 LOG = logging.getLogger("wideberth.experiments")
 
 EPISODE_CAPTIONS = {
@@ -57,89 +53,6 @@ def could_avoid(
     robots = [one.agent(robot, controller, truth=False) for one in cast.placements]
     agents = [*robots, *cast.people]
     return {**avoidable(episode, agents, settings, cast.bystanders, (), cast.polygons)}
-
-
-class Seeded(Protocol):
-    """A study that plays the same seeds under every setting."""
-
-    @property
-    @abstractmethod
-    def seeds(self) -> int:
-        """Number of episodes under each setting."""
-
-    @property
-    @abstractmethod
-    def first_seed(self) -> int:
-        """The first of the seeds."""
-
-
-class ClosedLoop(Seeded, Protocol):
-    """One that measures plans too."""
-
-    @property
-    @abstractmethod
-    def tail(self) -> float:
-        """1 - content that forecasts are measured against."""
-
-
-def seeds_of(study: Seeded) -> range:
-    """Return the seeds that a study plays: first_seed to first_seed + seeds - 1."""
-    return range(study.first_seed, study.first_seed + study.seeds)
-
-
-def check_seeds(study: Seeded) -> None:
-    """Refuse to play no seed, or one below 0."""
-    whole("seeds", study.seeds)
-    whole("first_seed", study.first_seed, least=0)
-
-
-def check_settings(study: ClosedLoop, **named: Sized) -> None:
-    """Validate what studies of closed loops have in common.
-
-    Parameters
-    ----------
-    study : with at least 1 seed, the first at least 0, and a tail in (0, 1).
-    named : fields of the study that must hold an entry at least.
-
-    Raises
-    ------
-    WideberthError : one of them is out of range or empty.
-    """
-    check_seeds(study)
-    probability("tail", study.tail)
-    for name, entries in named.items():
-        if not len(entries):
-            raise WideberthError(f"{name} is empty; name at least one")
-
-
-def check_shown(show: Sequence[int], first: int, seeds: int) -> None:
-    """Refuse to show an episode that is not played, or one twice.
-
-    Parameters
-    ----------
-    show : seeds of the episodes that are drawn.
-    first, seeds : the seeds that are played begin with ``first``; ``seeds`` is their number.
-
-    Raises
-    ------
-    WideberthError : a seed outside these, or one that stands twice.
-    """
-    if any(not first <= seed < first + seeds for seed in show):
-        raise WideberthError(
-            f"show is {[*show]}; wanted seeds in [{first}, {first + seeds}), as in show=[{first}]"
-        )
-    if len(set(show)) < len(show):
-        raise WideberthError(f"show is {[*show]}; wanted each seed once")
-
-
-def shown_of_fewer(show: Sequence[int], first: int, seeds: int) -> tuple[int, ...]:
-    """Return what of ``show`` is among fewer seeds; the first seed where nothing is left of it."""
-    return tuple(seed for seed in show if first <= seed < first + seeds) or (first,) * bool(show)
-
-
-def figure_name(name: str, seed: int, show: Sequence[int]) -> str:
-    """Name the figure of one episode: by its seed too where several are shown."""
-    return name if len(show) == 1 else f"{name}_{seed}"
 
 
 def check_starts(
@@ -180,26 +93,11 @@ def inputs_of(scenarios: Iterable[Scenario]) -> list[Path]:
     return [file for scenario in scenarios for file in scenario.inputs()]
 
 
-def first_of(named: Mapping[str, T], count: int = 1) -> dict[str, T]:
-    """Return the first entries of those that a config names, for a quick setting."""
-    return dict(list(named.items())[:count])
-
-
 def _begun(cast: Cast, robot: Robot, controller: Controller, settings: Settings, seed: int) -> Run:
     """Return an episode at its start."""
     truth = not isinstance(controller, Reactive)  # which could not use it
     robots = [one.agent(robot, fresh(controller), truth) for one in cast.placements]
     return cast.begin(robots, settings, seed)
-
-
-def grid(axes: Mapping[str, Iterable[str]], seeds: Iterable[int]) -> list[Task]:
-    """One task per combination of the axes' names and seed; the last axis varies fastest."""
-    found = [dict(zip(axes, names, strict=True)) for names in product(*axes.values())]
-    return [
-        Task(" ".join([*labels.values(), str(seed)]), seed, labels)
-        for labels in found
-        for seed in seeds
-    ]
 
 
 KEPT_BY = ("scenario", "robot", "settings", "planner", "controller")
@@ -212,11 +110,21 @@ def log_name(task: Task) -> str:
     return "-".join([*labels, str(task.seed)]) + ".npz"
 
 
-def outcome(episode: Episode, task: Task, tail: float, keep: bool) -> TaskOutcome:
-    """Table row and measured times of an episode; the log itself where asked to keep it."""
+def outcome(
+    episode: Episode, task: Task, tail: float, more: Row | None = None, keep: bool = False
+) -> TaskOutcome:
+    """Return the row and the measured times of an episode.
+
+    Parameters
+    ----------
+    episode, task : what was played, and at which point of the grid.
+    tail : 1 - content that the plans are measured against.
+    more : further columns.
+    keep : whether the episode itself is kept.
+    """
     labels = {**task.settings, "seed": task.seed}
     return TaskOutcome(
-        rows=[{**labels, **summarise(episode, tail)}],
+        rows=[{**labels, **summarise(episode, tail), **(more or {})}],
         times=[{**labels, **row} for row in time_rows(episode)],
         files={log_name(task): episode.to_bytes()} if keep else {},
     )
@@ -279,6 +187,6 @@ def _given_way(rows: Sequence[Row]) -> Row:
     return {"least_content": float(held[least]), "gave_way": rows[least]["gave_way"] or ""}
 
 
-def pick(row: Row, names: Sequence[str]) -> Row:
+def pick(row: Mapping[str, Any], names: Sequence[str]) -> Row:
     """Return some columns of a line, in this order."""
     return {name: row[name] for name in names}

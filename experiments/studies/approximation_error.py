@@ -1,26 +1,26 @@
 """How far the paper's enlarged ellipse falls short of the exact sum."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
+from ...framework import WideberthError
 from ...framework.values.arrays import Array, positive, whole
-from ...framework.values.errors import WideberthError
 from ...regions import inflation
-from ..drawing.plotting import COLOURS, LINES, PAGE, paper_style, save, subplots
-from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
+from ..drawing.plotting import PAGE, style, subplots
+from ..engine.closed_loop import group
+from .grid import Axes, GridStudy, Pictures, Result, Row, Task, TaskOutcome, reduced
 from .region_family import rounded
 
-MARKERS = ("", "o", "s", "^", "D", "v")
+MARKERS = ("", *"os^Dv")
 """With the line styles, what distinguishes the lines in grey print."""
 
 
 @final
 @dataclass(frozen=True)
-class ApproximationError(Experiment):
+class ApproximationError(GridStudy):
     """Errors over the polar angle, and the largest one over condition number and size.
 
     The paper's figure shows an error that vanishes on the axes of the ellipse and for round
@@ -66,9 +66,7 @@ class ApproximationError(Experiment):
         ),
     }
     headline: ClassVar[tuple[str, ...]] = (
-        "largest_radial_error",
-        "largest_clearance_error",
-        "largest_disagreement",
+        *("largest_radial_error", "largest_clearance_error", "largest_disagreement"),
     )
 
     def __post_init__(self) -> None:
@@ -82,47 +80,42 @@ class ApproximationError(Experiment):
                 "eigenvalue over the smallest"
             )
 
-    def tasks(self) -> Sequence[Task]:
-        """One task per condition number of the curves, and one per size of the map."""
-        curves = [
-            Task(f"condition {value:g}", settings={"condition": value})
-            for value in self.conditions
-        ]
-        sizes = grid(SIZES, self.resolution).tolist()
-        return [*curves, *(Task(f"size {size:g}", settings={"size": size}) for size in sizes)]
+    def axes(self) -> Axes:
+        """Each condition number of the curves, and each size of the map."""
+        curves = [("curve", value) for value in self.conditions]
+        sizes = [("map", size) for size in grid(SIZES, self.resolution).tolist()]
+        return {("part", "value"): [*curves, *sizes]}
 
     def measure(self, task: Task) -> TaskOutcome:
         """Both errors at every angle, over the margin, or one line of the map."""
-        if "size" in task.settings:
-            rows = map_rows(float(task.settings["size"]), self.margin, self.resolution)
-            return TaskOutcome([{"part": "map", **row} for row in rows])
-        condition = float(task.settings["condition"])
+        part, value = task.settings["part"], float(task.settings["value"])
+        if part == "map":
+            rows = map_rows(value, self.margin, self.resolution)
+            return TaskOutcome([{"part": part, **row} for row in rows])
         b = np.asarray(self.short_axis * self.margin)
-        a = b * np.sqrt(condition)
+        a = b * np.sqrt(value)
         degrees = np.linspace(0.0, 90.0, self.angles)
         angle, margin = np.radians(degrees), np.asarray(self.margin)
         radial = inflation.radial_error(a, b, margin, angle) / margin
         clearance = inflation.clearance_error(a, b, margin, angle) / margin
         closed = float(inflation.largest_clearance_error(a, b, margin) / margin)
-        rows = [
+        return TaskOutcome([
             {
-                "part": "curve",
-                "condition": condition,
+                "part": part,
+                "condition": value,
                 "polar_angle_deg": float(degrees[i]),
                 "radial_error_over_margin": _clean(radial[i]),
                 "clearance_error_over_margin": _clean(clearance[i]),
                 "largest_clearance_error_closed_form": closed,
             }
             for i in range(self.angles)
-        ]
-        return TaskOutcome(rows)
+        ])  # fmt: skip
 
     def summary(self, rows: list[Row]) -> list[Row]:
         """Largest errors and where they are, per condition number; then cuts of the map."""
         curves, chart = _part(rows, "curve"), _part(rows, "map")
         condensed: list[Row] = []
-        for condition in dict.fromkeys(row["condition"] for row in curves):
-            chosen = [row for row in curves if row["condition"] == condition]
+        for (condition,), chosen in group(curves, "condition").items():
             line: Row = {"condition": condition, "short_axis_over_margin": self.short_axis}
             for kind in ("radial", "clearance"):
                 worst = max(chosen, key=lambda row: float(row[f"{kind}_error_over_margin"]))
@@ -133,27 +126,23 @@ class ApproximationError(Experiment):
         sizes = list(dict.fromkeys(row["short_axis_over_margin"] for row in chart))
         return [*condensed, *(map_summary(chart, size) for size in decades(sizes))]
 
-    def figures(self, result: Result, folder: Path) -> list[Path]:
+    def pictures(self, result: Result) -> Pictures:
         """Both errors over the polar angle; the map of the largest with cuts through it."""
-        with paper_style():
-            rows = result.rows
-            figure, panels = subplots(2, 1, figsize=(3.5, 4.2), sharex=True)
-            kinds = ("radial", "clearance")
-            for panel, kind in zip(panels, kinds, strict=True):
-                _panel(panel, _part(rows, "curve"), kind)
-            panels[0].legend(title=r"$\lambda_1/\lambda_2$", ncols=2)
-            panels[1].set_xlabel("polar angle from the major axis (°)")
-            panels[0].set_title(
-                "enlarged ellipse against exact sum\n"
-                rf"smallest semi-axis $s\sigma_2 = {self.short_axis:g}\,\rho$, $\rho = r + r_d$"
-            )
-            files = save(figure, folder, "approximation_error")
-            chart = draw_map(_part(rows, "map"))
-            return [*files, *save(chart, folder, "approximation_error_map")]
+        figure, panels = subplots(2, 1, figsize=(3.5, 4.2), sharex=True)
+        for panel, kind in zip(panels, ("radial", "clearance"), strict=True):
+            _panel(panel, _part(result.rows, "curve"), kind)
+        panels[0].legend(title=r"$\lambda_1/\lambda_2$", ncols=2)
+        panels[1].set_xlabel("polar angle from the major axis (°)")
+        panels[0].set_title(
+            "enlarged ellipse against exact sum\n"
+            rf"smallest semi-axis $s\sigma_2 = {self.short_axis:g}\,\rho$, $\rho = r + r_d$"
+        )
+        yield "approximation_error", figure
+        yield "approximation_error_map", draw_map(_part(result.rows, "map"))
 
     def quick(self) -> Self:
         """Fewer angles, and a coarse map."""
-        return replace(self, angles=min(self.angles, 91), resolution=min(self.resolution, 9))
+        return reduced(self, angles=91, resolution=9)
 
 
 def _clean(value: float) -> float:
@@ -166,22 +155,14 @@ def _part(rows: list[Row], name: str) -> list[Row]:
 
 
 def _panel(panel: Any, rows: list[Row], kind: str) -> None:
-    conditions = list(dict.fromkeys(row["condition"] for row in rows))
-    for i, condition in enumerate(conditions):
-        chosen = [row for row in rows if row["condition"] == condition]
+    for i, ((condition,), chosen) in enumerate(group(rows, "condition").items()):
         panel.plot(
             [row["polar_angle_deg"] for row in chosen],
             [row[f"{kind}_error_over_margin"] for row in chosen],
-            color=COLOURS[i % len(COLOURS)],
-            linestyle=LINES[i % len(LINES)],
-            marker=MARKERS[i % len(MARKERS)],
-            markevery=(10 + 6 * i, max(len(chosen) // 7, 1)),
-            markersize=3.0,
-            label=f"{condition:g}",
-        )
-    panel.set_ylabel(rf"{kind} error / $\rho$")
-    panel.set_xlim(0.0, 90.0)
-    panel.set_xticks(range(0, 91, 15))
+            **style(i, MARKERS), markevery=(10 + 6 * i, max(len(chosen) // 7, 1)),
+            markersize=3.0, label=f"{condition:g}",
+        )  # fmt: skip
+    panel.set(ylabel=rf"{kind} error / $\rho$", xlim=(0.0, 90.0), xticks=range(0, 91, 15))
 
 
 CONDITIONS = (0.0, 4.0)
@@ -193,7 +174,8 @@ SIZES = (-2.0, 2.0)
 CONTOURS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
 """Labelled lines of the map, as shares of the margin."""
 
-MAP_MARKERS = ("o", "s", "^", "D", "v", "")
+CONDITION = r"condition number $\lambda_1/\lambda_2$"
+MAP_MARKERS = (*"os^Dv", "")
 
 
 def grid(ends: tuple[float, float], count: int) -> Array:
@@ -298,36 +280,24 @@ def _heat(
         rasterized=True,
     )  # fmt: skip
     panel.grid(False)
-    panel.set_xscale("log")
-    panel.set_yscale("log")
+    panel.set(xscale="log", yscale="log")
     levels = [level for level in CONTOURS if error.min() < level < error.max()]
     if levels:
         shades = ["white" if level < 0.45 else "black" for level in levels]
         lines = panel.contour(conditions, sizes, error, levels, colors=shades, linewidths=0.7)
         panel.clabel(lines, fmt=lambda value: f"{100 * value:g} %", fontsize=6)
-    bar = figure.colorbar(mesh, ax=panel, pad=0.02)
-    bar.set_label(r"largest clearance error / $\rho$")
-    panel.set_xlabel(r"condition number $\lambda_1/\lambda_2$")
-    panel.set_ylabel(r"short semi-axis $s\sigma_2 / \rho$")
+    figure.colorbar(mesh, ax=panel, pad=0.02, label=r"largest clearance error / $\rho$")
+    panel.set(xlabel=CONDITION, ylabel=r"short semi-axis $s\sigma_2 / \rho$")
     panel.set_title(r"clearance lost to the exact sum, $\rho = r + r_d$")
 
 
 def _curves(panel: Any, conditions: list[float], sizes: list[float], error: Array) -> None:
     for i, size in enumerate(decades(sizes)):
         panel.plot(
-            conditions,
-            error[sizes.index(size)],
-            color=COLOURS[i % len(COLOURS)],
-            linestyle=LINES[i % len(LINES)],
-            marker=MAP_MARKERS[i % len(MAP_MARKERS)],
-            markevery=(2 * i % 5, max(len(conditions) // 6, 1)),
-            markersize=3.0,
-            label=f"{size:g}",
-        )
-    panel.set_xscale("log")
-    panel.set_xlim(conditions[0], conditions[-1])
-    panel.set_ylim(0.0, None)
+            conditions, error[sizes.index(size)], **style(i, MAP_MARKERS),
+            markevery=(2 * i % 5, max(len(conditions) // 6, 1)), markersize=3.0, label=f"{size:g}",
+        )  # fmt: skip
+    panel.set(xscale="log", xlim=(conditions[0], conditions[-1]), ylim=(0.0, None))
     panel.legend(title=r"$s\sigma_2 / \rho$")
-    panel.set_xlabel(r"condition number $\lambda_1/\lambda_2$")
-    panel.set_ylabel(r"largest clearance error / $\rho$")
+    panel.set(xlabel=CONDITION, ylabel=r"largest clearance error / $\rho$")
     panel.set_title("cuts through the map")

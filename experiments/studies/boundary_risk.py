@@ -1,21 +1,18 @@
 """The true collision probability along the boundary of each region."""
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from ...framework.region import Region
+from ...framework import GaussianObstacle, WideberthError
 from ...framework.risk.risk_meter import along_boundary
-from ...framework.values.arrays import positive, probability
-from ...framework.values.errors import WideberthError
-from ...framework.values.forecast import GaussianObstacle
-from ..drawing.plotting import COLOURS, PAGE, number, paper_style, save, subplots
-from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
-from .region_family import FIELDS, exceeds, family, member, reading, rounded, title
+from ...framework.values.arrays import positive
+from ..drawing.plotting import COLOURS, PAGE, entry, number, subplots, title
+from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, reduced
+from .region_family import FIELDS, RegionStudy, exceeds, family, member, reading, rounded
 
 SMALLEST = 1e-6
 """Risks below this are drawn at the left edge, with an arrow."""
@@ -25,7 +22,7 @@ COLUMNS = ("case", "region", "area_ratio", "risk_min", "risk_max", "clearance_lo
 
 @final
 @dataclass(frozen=True)
-class BoundaryRisk(Experiment):
+class BoundaryRisk(RegionStudy):
     """Each region at level(tail) against the risk meter, for several covariances and margins.
 
     A robot on the boundary keeps clear as far as the region asks; its true collision
@@ -34,21 +31,13 @@ class BoundaryRisk(Experiment):
 
     Attributes
     ----------
-    regions : by name.
-    registered : measure every other registered region of two coordinates too.
     cases : deviation along x, deviation along y, margin r + r_d, all in m.
-    tail : 1 - content, or the asked risk where a region's level stands for a risk.
     """
 
-    regions: Mapping[str, Region] = field(default_factory=dict)
-    registered: bool = True
     cases: tuple[tuple[float, float, float], ...] = (
-        (1.0, 0.5, 1.5),
-        (1.0, 0.1, 1.5),
-        (0.3, 0.1, 1.5),
-        (3.0, 1.0, 1.5),
+        *((1.0, 0.5, 1.5), (1.0, 0.1, 1.5)),
+        *((0.3, 0.1, 1.5), (3.0, 1.0, 1.5)),
     )
-    tail: float = 0.05
 
     claim: ClassVar[str] = (
         "The regions are conservative: on their boundary the collision probability is below 1 - p."
@@ -62,22 +51,21 @@ class BoundaryRisk(Experiment):
     }
     headline: ClassVar[tuple[str, ...]] = ("risk_max", "area_ratio", "clearance_lost")
 
-    def __post_init__(self) -> None:
-        probability("tail", self.tail)
-        if not self.cases or not (self.regions or self.registered):
-            raise WideberthError("cases and regions must each name at least one")
+    def validate(self) -> None:
+        """Refuse no case, and lengths below 0."""
+        if not self.cases:
+            raise WideberthError("cases is empty; name at least one")
         for first, second, margin in self.cases:
             positive("deviations", first, zero=True)
             positive("deviations", second, zero=True)
             positive("margin", margin, zero=True)
 
-    def tasks(self) -> Sequence[Task]:
-        """One task per case and region."""
-        return [
-            Task(f"{name} {i}", settings={"case": i, "region": name})
-            for i in range(len(self.cases))
-            for name in family(self.regions, self.registered)
-        ]
+    def axes(self) -> Axes:
+        """Each case with each region."""
+        return {
+            "case": range(len(self.cases)),
+            "region": family(self.regions, self.registered),
+        }
 
     def measure(self, task: Task) -> TaskOutcome:
         """Read the meter, and keep the risk against the direction."""
@@ -108,28 +96,27 @@ class BoundaryRisk(Experiment):
             for row in rows
         ]
 
-    def figures(self, result: Result, folder: Path) -> list[Path]:
+    def pictures(self, result: Result) -> Pictures:
         """Draw one panel per case: from the smallest to the largest risk, one row per region."""
-        rows = result.rows
-        regions = _by_area(rows)
-        count = len(self.cases)
-        with paper_style():
-            size = (PAGE, 1.2 + 0.17 * len(regions))
-            figure, panels = subplots(1, count, figsize=size, sharey=True, squeeze=False)
-            for number, panel in enumerate(panels[0]):
-                own = {row["region"]: row for row in rows if row["case"] == number}
-                _panel(panel, [own[name] for name in regions], self.tail)
-            panels[0][0].set_yticks(range(len(regions)), [title(name) for name in regions])
-            panels[0][0].set_ylim(len(regions) - 0.4, -0.6)
-            _legend(figure, self.tail)
-            return save(figure, folder, "boundary_risk")
+        yield "boundary_risk", _draw(result.rows, self.tail)
 
     def quick(self) -> Self:
         """Keep the first two cases and three regions."""
-        chosen = dict(list(self.regions.items())[:3])
-        return replace(
-            self, regions=chosen, registered=self.registered and not chosen, cases=self.cases[:2]
-        )
+        return reduced(self.three(), cases=2)
+
+
+def _draw(rows: list[Row], tail: float) -> Any:
+    """Draw a panel per case."""
+    regions, cases = _by_area(rows), sorted({row["case"] for row in rows})
+    size = (PAGE, 1.2 + 0.17 * len(regions))
+    figure, panels = subplots(1, len(cases), figsize=size, sharey=True, squeeze=False)
+    for panel, case in zip(panels[0], cases, strict=True):
+        own = {row["region"]: row for row in rows if row["case"] == case}
+        _panel(panel, [own[name] for name in regions], tail)
+    panels[0][0].set_yticks(range(len(regions)), [title(name) for name in regions])
+    panels[0][0].set_ylim(len(regions) - 0.4, -0.6)
+    _legend(figure, tail)
+    return figure
 
 
 def _by_area(rows: list[Row]) -> list[str]:
@@ -162,9 +149,7 @@ def _panel(panel: Any, rows: list[Row], tail: float) -> None:
         panel.text(1.02, place, f"{float(row['area_ratio']):.2f}", va="center", fontsize=6,
                    transform=panel.get_yaxis_transform())  # fmt: skip
     panel.axvline(tail, color="black", linestyle=":", linewidth=0.9)
-    panel.set_xscale("log")
-    panel.set_xlim(0.5 * SMALLEST, 2.0)
-    panel.set_xticks([1e-6, 1e-4, 1e-2, 1.0])
+    panel.set(xscale="log", xlim=(0.5 * SMALLEST, 2.0), xticks=[1e-6, 1e-4, 1e-2, 1.0])
     panel.minorticks_off()
     first, second, margin = (float(rows[0][key]) for key in ("sigma_x_m", "sigma_y_m", "margin_m"))
     panel.text(1.02, 1.02, "area", fontsize=6, transform=panel.transAxes)
@@ -175,16 +160,12 @@ def _panel(panel: Any, rows: list[Row], tail: float) -> None:
 
 
 def _legend(figure: Any, tail: float) -> None:
-    from matplotlib.lines import Line2D
-
-    def line(colour: str, face: str, label: str) -> Any:
-        return Line2D([], [], color=colour, marker="o", markerfacecolor=face, markersize=3.6,
-                      linestyle="-", linewidth=2.2, label=label)  # fmt: skip
-
+    look: dict[str, Any] = {"marker": "o", "markersize": 3.6, "linestyle": "-", "linewidth": 2.2}
+    below, above = f"boundary, at most {number(tail)}", f"boundary, above {number(tail)} in part"
     entries = [
-        line(COLOURS[1], COLOURS[1], f"boundary, at most {number(tail)}"),
-        line(COLOURS[2], "white", f"boundary, above {number(tail)} in part"),
-        Line2D([], [], color="black", marker="|", linestyle="", label="mean over the length"),
-        Line2D([], [], linestyle="", label="area: region over exact sum"),
+        entry(below, color=COLOURS[1], **look),
+        entry(above, color=COLOURS[2], markerfacecolor="white", **look),
+        entry("mean over the length", color="black", marker="|"),
+        entry("area: region over exact sum"),
     ]
     figure.legend(handles=entries, loc="outside lower center", ncols=4)

@@ -11,14 +11,12 @@ from typing import Any, ClassVar, NamedTuple, Self, final
 import numpy as np
 
 from ...controllers.reactive import Reactive
-from ...framework.controller import Controller, fresh
-from ...framework.plugins.io import write_bytes, write_table
+from ...framework import Controller, Robot, WideberthError
+from ...framework.controller import fresh
 from ...framework.plugins.registry import unknown
-from ...framework.robot import Robot
 from ...framework.values.arrays import positive
-from ...framework.values.errors import WideberthError
 from ...metrics.episode import free_time
-from ...metrics.statistics import bootstrap_interval, known_mean
+from ...metrics.statistics import known_mean
 from ...simulation.cascade.cascade import SensingPipeline
 from ...simulation.cascade.world import WheeledWorld
 from ...simulation.engine.agents import RobotAgent
@@ -27,24 +25,20 @@ from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import AgentLog, Episode
 from ...simulation.measures.perception import perception_row
 from ...simulation.scenarios.base import Placement, Scenario
-from ..drawing.plotting import COLOURS, ENOUGH, PAGE, few, number, subplots
-from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
+from ..drawing.plotting import ENOUGH, PAGE, few, legend_below, number, style, subplots
 from ..engine.closed_loop import (
     EPISODE_CAPTIONS,
-    check_settings,
-    check_shown,
     column,
     condense,
-    figure_name,
-    first_of,
     group,
     inputs_of,
     outcome,
     pick,
-    seeds_of,
-    shown_of_fewer,
 )
 from ..engine.errors import as_user_error
+from .episode_statistics import with_interval
+from .episodes import SeededStudy, check_shown, episode_pictures, figure_name
+from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, reduced
 
 AXES = {
     "scenario": "scenarios",
@@ -65,8 +59,6 @@ PERCEIVED = (
     "speed_error", "track_nees", "track_coverage", "identities", "false_tracks", "stopped",
 )  # fmt: skip
 """Columns of the table whose mean over the episodes stands in the summary."""
-_SEED = 0
-"""Of the bootstrap's draws: the same table gives the same summary."""
 
 
 class Measure(NamedTuple):
@@ -118,7 +110,7 @@ class PlayedEpisode(NamedTuple):
 
 @final
 @dataclass(frozen=True)
-class CascadeStudy(Experiment):
+class CascadeStudy(SeededStudy):
     """Robots that sense, estimate, track and drive on wheels, on the same seeds for every case.
 
     No robot receives another's position: what lies between the world and a planner is a cascade
@@ -143,9 +135,6 @@ class CascadeStudy(Experiment):
     cases : name -> which scenario, planner, cascade and settings; what a case does not name is
         the first of its kind.
     stepwise : compare each case with the one before it, not with the first.
-    seeds : number of episodes per case.
-    first_seed : the seeds are first_seed to first_seed + seeds - 1.
-    tail : 1 - content that forecasts are measured against, and of the drawn regions.
     true_tolerance : m, from its goal, within which a robot has truly arrived. By its own belief
         it arrives within the ``goal_tolerance`` of the settings; what it drifts comes on top.
     show : seeds whose episodes are kept and drawn; the first case's is animated.
@@ -157,7 +146,6 @@ class CascadeStudy(Experiment):
         "each stage from ranges to wheels cost in clearance, time and coverage?"
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
-    growing: ClassVar[tuple[str, ...]] = ("seeds",)
     captions: ClassVar[Mapping[str, str]] = {
         "views_*": (
             "What each robot planned and kept out of, when the robots came near: a planned "
@@ -181,15 +169,12 @@ class CascadeStudy(Experiment):
     settings: dict[str, Settings] = field(default_factory=lambda: {"nominal": FROM_REST()})
     cases: dict[str, dict[str, str]] = field(default_factory=dict)
     stepwise: bool = False
-    seeds: int = 20
-    first_seed: int = 0
-    tail: float = 0.05
     true_tolerance: float = 0.5
     show: tuple[int, ...] = (0,)
     view_distance: float = 5.0
 
-    def __post_init__(self) -> None:
-        check_settings(self, **{name: getattr(self, name) for name in AXES.values()})
+    def validate(self) -> None:
+        """Refuse settings that make no study."""
         positive("view_distance", self.view_distance)
         positive("true_tolerance", self.true_tolerance)
         check_shown(self.show, self.first_seed, self.seeds)
@@ -216,13 +201,9 @@ class CascadeStudy(Experiment):
             found.append(Case(label, **chosen))
         return found
 
-    def tasks(self) -> list[Task]:
-        """One per case and seed."""
-        return [
-            Task(f"{case.label} {seed}", seed, {"case": case.label})
-            for case in self.played()
-            for seed in seeds_of(self)
-        ]
+    def axes(self) -> Axes:
+        """Each case."""
+        return {("case", *AXES): self.played(), "seed": self.seed_range}
 
     def inputs(self) -> list[Path]:
         """Return the files that the scenarios read."""
@@ -237,14 +218,12 @@ class CascadeStudy(Experiment):
 
     def measure(self, task: Task) -> TaskOutcome:
         """Play one episode."""
-        case = self._case(task.settings["case"])
+        case = Case(*(task.settings[column] for column in ("case", *AXES)))
         run = self._begun(case, task.seed)
         run.advance()
-        episode, settings = run.episode(), self.settings[case.settings]
-        labels = {"case": case.label, **{axis: getattr(case, axis) for axis in AXES}}
-        made = outcome(episode, replace(task, settings=labels), self.tail, keep=False)
-        made.rows[0].update(arrivals(episode, settings.time_limit, self.true_tolerance))
-        made.rows[0].update(perception_row(episode))
+        episode, limit = run.episode(), self.settings[case.settings].time_limit
+        more = arrivals(episode, limit, self.true_tolerance) | perception_row(episode)
+        made = outcome(episode, task, self.tail, more)
         if task.seed in self.show:
             made.files[_file(case, task.seed)] = episode.to_bytes()
         return made
@@ -253,70 +232,36 @@ class CascadeStudy(Experiment):
         """One line per case, compared with the case before it or the first."""
         return [line for chain in self._chains(rows) for line in self._lines(chain)]
 
-    def figures(self, result: Result, folder: Path) -> list[Path]:
+    def pictures(self, result: Result) -> Pictures:
         """Draw what each case changes, and the views and runs of the shown seeds."""
-        from ...framework.mpc.planner.planner import planner_behind
-        from ..drawing.animation import animate
-        from ..drawing.episodes import draw_run, draw_views
-        from ..drawing.plotting import paper_style, save
-
-        files = self._draw_changes(result.rows, folder)
+        chains = [chain for chain in self._chains(result.rows) if len(chain) > 1]
+        if chains:
+            cases = [[self._step(one.case) for one in chain] for chain in chains]
+            drawn = {
+                self._place(chain[0].case): dict(
+                    list(zip(own, self._lines(chain), strict=True))[1:]
+                )
+                for own, chain in zip(cases, chains, strict=True)
+            }
+            row_above = f"the row above, the first row against {cases[0][0]}"
+            yield "changes", draw_changes(drawn, row_above if self.stepwise else cases[0][0])
+            most = [row for place, lines in drawn.items() for row in largest(place, lines)]
+            yield "largest_changes.csv", most
         for i, (case, seed) in enumerate(product(self.played(), self.show)):
-            planner = planner_behind(self.planners[case.planner])
             episode = Episode.from_bytes(result.read(_file(case, seed)))
             called = figure_name(case.label.replace(" ", "_"), seed, self.show)
-            with paper_style():
-                if len(episode.robots) == 2:
-                    views = draw_views(
-                        episode, distance=self.view_distance, tail=self.tail, planner=planner
-                    )
-                    files += save(views, folder, f"views_{called}")
-                files += save(draw_run(episode), folder, f"run_{called}")
-            if i == 0:
-                files.append(folder / f"animation_{called}.gif")
-                write_bytes(files[-1], animate(episode, tail=self.tail, planner=planner))
-        return files
-
-    def _draw_changes(self, rows: list[Row], folder: Path) -> list[Path]:
-        """Draw what each case changes, and write what changes most as a table."""
-        from ..drawing.plotting import paper_style, save
-
-        chains = [chain for chain in self._chains(rows) if len(chain) > 1]
-        if not chains:
-            return []
-        drawn = {
-            self._place(chain): dict(
-                zip(
-                    [self._step(one.case) for one in chain[1:]],
-                    self._lines(chain)[1:],
-                    strict=True,
-                )
+            planner = self.planners[case.planner]
+            yield from episode_pictures(
+                called, episode, planner, self.tail, self.view_distance, i == 0
             )
-            for chain in chains
-        }
-        first = self._step(chains[0][0].case)
-        against = f"the row above, the first row against {first}" if self.stepwise else first
-        with paper_style():
-            files = save(draw_changes(drawn, against), folder, "changes")
-        found = [row for place, lines in drawn.items() for row in largest(place, lines)]
-        return [*files, write_table(folder / "largest_changes.csv", found)]
 
     def quick(self) -> Self:
         """One seed; of what is combined one scenario and two of each; of cases two."""
+        if self.cases:
+            return reduced(self, cases=2, seeds=1)
         names = list(self.cascades)
-        ends = dict.fromkeys((names[0], names[-1]))
-        return replace(
-            self,
-            scenarios=self.scenarios if self.cases else first_of(self.scenarios),
-            planners=self.planners if self.cases else first_of(self.planners, 2),
-            cascades=self.cascades if self.cases else {name: self.cascades[name] for name in ends},
-            cases=first_of(self.cases, 2),
-            seeds=1,
-            show=shown_of_fewer(self.show, self.first_seed, 1),
-        )
-
-    def _case(self, label: str) -> Case:
-        return next(case for case in self.played() if case.label == label)
+        ends = {name: self.cascades[name] for name in (names[0], names[-1])}
+        return reduced(replace(self, cascades=ends), scenarios=1, planners=2, seeds=1)
 
     def _begun(self, case: Case, seed: int) -> Run:
         """Return an episode of a case at its start."""
@@ -352,12 +297,10 @@ class CascadeStudy(Experiment):
         several = [axis for axis, name in AXES.items() if len(getattr(self, name)) > 1]
         return {axis: getattr(case, axis) for axis in several or ["cascade"]}
 
-    def _place(self, chain: Sequence[PlayedEpisode]) -> str:
+    def _place(self, case: Case) -> str:
         """Say what the cases of a chain have in common."""
-        head = self._head(chain[0].case)
-        return ", ".join(
-            str(name) for axis, name in head.items() if axis not in ("cascade", "case")
-        )
+        head = self._head(case)
+        return ", ".join(head[axis] for axis in head if axis not in ("cascade", "case"))
 
     def _step(self, case: Case) -> str:
         """Say what sets a case apart within its chain."""
@@ -425,13 +368,7 @@ def changes(rows: Sequence[Row], others: Sequence[Row]) -> Row:
     for measure in MEASURES:
         source = measure.source
         gap = column([a for a, _ in pairs], source) - column([b for _, b in pairs], source)
-        gap = gap[np.isfinite(gap)]
-        low, high = bootstrap_interval(gap, np.random.default_rng(_SEED))
-        line |= {
-            f"{measure.name}_change": known_mean(gap),
-            f"{measure.name}_change_low": low,
-            f"{measure.name}_change_high": high,
-        }
+        line |= with_interval(f"{measure.name}_change", gap)
     return line
 
 
@@ -498,9 +435,9 @@ def draw_changes(drawn: Mapping[str, Mapping[str, Row]], against: str) -> Any:
     for i, (place, lines) in enumerate(drawn.items()):
         shift = 0.5 * (i + 0.5 - 0.5 * len(drawn)) / len(drawn)
         look: dict[str, Any] = {
-            "color": COLOURS[i % len(COLOURS)], "marker": MARKERS[i % len(MARKERS)],
-            "markersize": 3.5, "markerfacecolor": "white" if i % 2 else None, "linestyle": "",
-            "elinewidth": 0.9, "capsize": 1.5, "label": place or "mean change",
+            **style(i, MARKERS), "linestyle": "", "markersize": 3.5,
+            "markerfacecolor": "white" if i % 2 else None, "elinewidth": 0.9, "capsize": 1.5,
+            "label": place or "mean change",
         }  # fmt: skip
         for panel, measure in zip(panels, MEASURES, strict=True):
             name = f"{measure.name}_change"
@@ -527,5 +464,5 @@ def draw_changes(drawn: Mapping[str, Mapping[str, Row]], against: str) -> Any:
         title = [f"Change against {against}; {few(counts)}"]
     figure.suptitle("\n".join(title), fontsize=7, x=0.01, ha="left")
     if len(drawn) > 1:
-        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+        legend_below(figure, panels[:1], ncols=4)
     return figure

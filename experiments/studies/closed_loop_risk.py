@@ -2,42 +2,31 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from ...framework.controller import Controller
+from ...framework import Controller, GaussianObstacle, Plan, Predictor, WideberthError
 from ...framework.mpc.levels.base import LevelPolicy
 from ...framework.mpc.levels.fixed import Fixed
 from ...framework.mpc.planner.planner import Planner
-from ...framework.predictor import Predictor
 from ...framework.region import RiskLevel
 from ...framework.risk.collision_probability import collision_probability
-from ...framework.values.arrays import Array
-from ...framework.values.errors import WideberthError
-from ...framework.values.forecast import GaussianObstacle
-from ...framework.values.plan import Plan
+from ...framework.values.arrays import Array, whole
 from ...metrics.statistics import bootstrap_interval, clopper_pearson
 from ...simulation.engine.agents import ReplayAgent
 from ...simulation.engine.episode import run_episode
 from ...simulation.engine.settings import Settings
 from ...simulation.scenarios.model_crowd import ModelCrowd
-from ..drawing.plotting import COLOURS, ENOUGH, LINES, PAGE, few, paper_style, save, subplots
-from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
-from ..engine.closed_loop import check_seeds, column, group, seeds_of
+from ..drawing.plotting import COLOURS, ENOUGH, LINES, PAGE, few, legend_below, subplots
+from ..engine.closed_loop import column, group, pick
+from .grid import Axes, GridStudy, Pictures, Result, Row, Task, TaskOutcome, labelled, reduced
 from .variants import planner_of
 
 BLOCK = 50
 """Episodes per task: they share a planner, whose problem is then assembled once."""
-COUNTED: tuple[str, ...] = (
-    "outside",
-    "touched",
-    "expected",
-    "near",
-    "near_touched",
-    "near_expected",
-)
+COUNTED = ("outside", "touched", "expected", "near", "near_touched", "near_expected")
+LABELS = ("crowd", "predictor", "level")
 NEAR = 0.2
 """Share of the risk that a level allows from which on a pair counts as near."""
 RATIOS = {
@@ -68,7 +57,7 @@ class RiskCrowd:
 
 @final
 @dataclass(frozen=True)
-class ClosedLoopRisk(Experiment):
+class ClosedLoopRisk(GridStudy):
     """Many short episodes in which walkers do exactly what a predictor assumes of them.
 
     The robot plans anew every period at a fixed level. Of every plan that keeps its level, each
@@ -121,36 +110,29 @@ class ClosedLoopRisk(Experiment):
 
     def __post_init__(self) -> None:
         planner_of(self.planner)
-        check_seeds(self)
+        whole("seeds", self.seeds)
+        whole("first_seed", self.first_seed, least=0)
         if not self.crowds or not self.levels:
             raise WideberthError("crowds and levels must each name at least one")
         loose = [name for name, level in self.levels.items() if not isinstance(level, Fixed)]
         if loose:
             raise WideberthError(f"levels {loose} may give way; what is nominal needs type: fixed")
 
-    def tasks(self) -> list[Task]:
-        """One per crowd, predictor, level and block of seeds."""
-        seeds = seeds_of(self)
-        return [
-            Task(
-                f"{crowd} {predictor} {level} {first}",
-                first,
-                {
-                    "crowd": crowd,
-                    "predictor": predictor,
-                    "level": level,
-                    "seeds": min(BLOCK, seeds.stop - first),
-                },
-            )
-            for crowd, one in self.crowds.items()
-            for predictor in one.predictors
-            for level in self.levels
-            for first in seeds[::BLOCK]
-        ]
+    def axes(self) -> Axes:
+        """Each predictor of each crowd with each level, and the seeds in blocks."""
+        seeds = range(self.first_seed, self.first_seed + self.seeds)
+        return {
+            ("crowd", "predictor"): [
+                (name, predictor) for name, crowd in self.crowds.items()
+                for predictor in crowd.predictors
+            ],
+            "level": self.levels,
+            ("seed", "seeds"): [(one, min(BLOCK, seeds.stop - one)) for one in seeds[::BLOCK]],
+        }  # fmt: skip
 
     def measure(self, task: Task) -> TaskOutcome:
         """Play a block of episodes, one row each."""
-        names = {key: task.settings[key] for key in ("crowd", "predictor", "level")}
+        names = pick(task.settings, LABELS)
         crowd, level = self.crowds[names["crowd"]], self.levels[names["level"]]
         predictor = crowd.predictors[names["predictor"]]
         planner = replace(planner_of(self.planner), predictor=predictor, level=level)
@@ -163,14 +145,11 @@ class ClosedLoopRisk(Experiment):
 
         The columns ``single`` are of step 1 in both.
         """
-        lines = []
-        for keys, some in group(rows, "crowd", "predictor", "level").items():
-            labels = dict(zip(("crowd", "predictor", "level"), keys, strict=True))
-            lines += [
-                {**labels, "steps": name, **self._line(labels["level"], some, steps)}
-                for name, steps in (("1", (1,)), ("all", range(1, self._horizon + 1)))
-            ]
-        return lines
+        return [
+            {**labels, "steps": name, **self._line(labels["level"], some, steps)}
+            for labels, some in labelled(rows, *LABELS)
+            for name, steps in (("1", (1,)), ("all", range(1, self._horizon + 1)))
+        ]
 
     def _line(self, level: str, rows: list[Row], steps: Sequence[int]) -> Row:
         """Shares over some steps with their intervals."""
@@ -199,20 +178,18 @@ class ClosedLoopRisk(Experiment):
     def _horizon(self) -> int:
         return planner_of(self.planner).horizon
 
-    def figures(self, result: Result, folder: Path) -> list[Path]:
+    def pictures(self, result: Result) -> Pictures:
         """Draw the shares at every step beside their nominal values, one column per crowd."""
         lines = [
-            {**dict(zip(("crowd", "predictor", "level"), keys, strict=True)), "step": i}
-            | self._line(keys[2], some, (i,))
-            for keys, some in group(result.rows, "crowd", "predictor", "level").items()
+            {**labels, "step": i, **self._line(labels["level"], some, (i,))}
+            for labels, some in labelled(result.rows, *LABELS)
             for i in range(1, self._horizon + 1)
         ]
-        return draw(lines, folder)
+        yield "closed_loop_risk", draw(lines)
 
     def quick(self) -> Self:
         """Keep a few episodes at one level."""
-        first = dict(list(self.levels.items())[:1])
-        return replace(self, levels=first, seeds=min(self.seeds, 4))
+        return reduced(self, levels=1, seeds=4)
 
 
 def allowed(planner: Planner) -> float:
@@ -300,44 +277,30 @@ LEAST = 1e-3
 """Lower end of the logarithmic axis; shares of zero show as the upper half of their bar."""
 
 
-def draw(lines: list[Row], folder: Path) -> list[Path]:
+def draw(lines: list[Row]) -> Any:
     """Draw one column per crowd and level: who left the region, and who was touched."""
     columns = group(lines, "crowd", "level")
     looks = {name: k for k, (name,) in enumerate(group(lines, "predictor"))}
-    with paper_style():
-        figure, panels = subplots(
-            2, len(columns), figsize=(PAGE, 4.2), squeeze=False, sharex=True, sharey="row"
-        )
-        for i, ((crowd, level), own) in enumerate(columns.items()):
-            upper, lower = panels[0, i], panels[1, i]
-            for (name,), some in group(own, "predictor").items():
-                _outside(upper, some, looks[name], name)
-                _touched(lower, some, looks[name])
-            _nominal(upper, own, "outside_nominal")
-            _nominal(lower, own, "touched_nominal")
-            upper.set_title(f"{crowd}\n{str(level).replace('_', ', tail ')} %")
-            lower.set_xlabel("step")
-        marks = _legend(panels[0])
-        words = few(int(line["episodes"]) for line in lines) or "bars: intervals of 95 %"
-        figure.legend(
-            marks.values(), marks.keys(), loc="outside lower center", ncols=6,
-            title=f"{words}; dotted: nominal", title_fontsize=7,
-        )  # fmt: skip
-        panels[0, 0].set_ylabel("walker outside its region")
-        panels[0, 0].set_ylim(0.0, 1.0)
-        panels[1, 0].set_ylabel("touched, of near pairs\n(line: computed)")
-        panels[1, 0].set_yscale("log")
-        panels[1, 0].set_ylim(LEAST, 1.0)
-        return save(figure, folder, "closed_loop_risk")
-
-
-def _legend(panels: Any) -> dict[str, Any]:
-    """Name of each series in some panels -> its mark."""
-    found: dict[str, Any] = {}
-    for panel in panels:
-        handles, labels = panel.get_legend_handles_labels()
-        found |= dict(zip(labels, handles, strict=True))
-    return found
+    figure, panels = subplots(
+        2, len(columns), figsize=(PAGE, 4.2), squeeze=False, sharex=True, sharey="row"
+    )
+    for i, ((crowd, level), own) in enumerate(columns.items()):
+        upper, lower = panels[0, i], panels[1, i]
+        for (name,), some in group(own, "predictor").items():
+            _outside(upper, some, looks[name], name)
+            _touched(lower, some, looks[name])
+        _nominal(upper, own, "outside_nominal")
+        _nominal(lower, own, "touched_nominal")
+        upper.set_title(f"{crowd}\n{str(level).replace('_', ', tail ')} %")
+        lower.set_xlabel("step")
+    words = few(int(line["episodes"]) for line in lines) or "bars: intervals of 95 %"
+    legend_below(figure, panels[0], ncols=6, title=f"{words}; dotted: nominal", title_fontsize=7)
+    panels[0, 0].set_ylabel("walker outside its region")
+    panels[0, 0].set_ylim(0.0, 1.0)
+    panels[1, 0].set_ylabel("touched, of near pairs\n(line: computed)")
+    panels[1, 0].set_yscale("log")
+    panels[1, 0].set_ylim(LEAST, 1.0)
+    return figure
 
 
 def _outside(panel: Any, some: list[Row], k: int, name: str) -> None:
@@ -355,13 +318,8 @@ def _touched(panel: Any, some: list[Row], k: int) -> None:
         steps + shift, share, _bars(some, "near_touched"), fmt=MARKS[k], color=COLOURS[k],
         linestyle="none", markersize=3, linewidth=0.8,
     )  # fmt: skip
-    panel.plot(
-        steps + shift,
-        column(some, "near_expected"),
-        linestyle=LINES[k],
-        color=COLOURS[k],
-        linewidth=0.8,
-    )
+    expected = column(some, "near_expected")
+    panel.plot(steps + shift, expected, linestyle=LINES[k], color=COLOURS[k], linewidth=0.8)
 
 
 def _nominal(panel: Any, own: list[Row], name: str) -> None:

@@ -1,56 +1,33 @@
 """Time and path that each region and covariance costs in closed loop, and the share it keeps."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import ClassVar, Self, final
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from ...framework.controller import Controller
-from ...framework.predictor import Predictor
-from ...framework.region import Region
-from ...framework.robot import Robot
+from ...framework import Controller, Predictor, Region, WideberthError
 from ...framework.values.arrays import Array
-from ...framework.values.errors import WideberthError
 from ...metrics.statistics import known_mean
-from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import AgentLog, Episode
-from ...simulation.scenarios.base import Scenario
-from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
-from ..engine.closed_loop import (
-    check_settings,
-    check_starts,
-    column,
-    condense,
-    first_of,
-    group,
-    inputs_of,
-    outcome,
-    pick,
-    play,
-    seeds_of,
-)
-from .variants import by_region_and_predictor, planner_of
+from ..drawing.plotting import entry, subplots, title
+from ..engine.closed_loop import column, condense, group, outcome, pick
+from .episodes import PlacesStudy
+from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, labelled, reduced
+from .variants import planner_of
 
 ORACLE = "oracle"
 """Name of the predictor that the others are compared with."""
 
 COLUMNS = (
-    "episodes",
-    "collisions",
-    "deadlocks",
-    "clearance_min_m",
-    "clearance_median_m",
-    "below_reference",
-    "least_content",
-    "coverage",
+    *("episodes", "collisions", "deadlocks", "clearance_min_m", "clearance_median_m"),
+    *("below_reference", "least_content", "coverage"),
 )
 
 
 @final
 @dataclass(frozen=True)
-class Conservativeness(Experiment):
+class Conservativeness(PlacesStudy):
     """Every pair of region and covariance rule, on the same seeds.
 
     ``extra_time`` and ``extra_path`` of an episode are the slower robot's time and the
@@ -62,7 +39,7 @@ class Conservativeness(Experiment):
 
     Parameters
     ----------
-    scenarios, robot, planner, settings, seeds, first_seed, tail : as in `dynamic_matters`.
+    planner : settings of the MPC; its region and predictor are exchanged.
     regions : by name.
     predictors : covariance rules by name; one of them is named ``oracle``.
     """
@@ -72,7 +49,6 @@ class Conservativeness(Experiment):
         "less conservative (section III): what each region and covariance costs and keeps."
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
-    growing: ClassVar[tuple[str, ...]] = ("seeds",)
     captions: ClassVar[Mapping[str, str]] = {
         "conservativeness": (
             "What a region and a covariance keep against what they cost: upper left keeps more "
@@ -81,18 +57,12 @@ class Conservativeness(Experiment):
     }
     headline: ClassVar[tuple[str, ...]] = ("kept", "extra_time", "collisions")
 
-    scenarios: dict[str, Scenario]
-    robot: Robot
     planner: Controller
     regions: dict[str, Region]
     predictors: dict[str, Predictor]
-    settings: Settings = field(default_factory=Settings)
-    seeds: int = 10
-    first_seed: int = 0
-    tail: float = 0.05
 
-    def __post_init__(self) -> None:
-        check_settings(self, regions=self.regions, scenarios=self.scenarios)
+    def validate(self) -> None:
+        """Refuse settings that make no study."""
         planner_of(self.planner)
         if ORACLE not in self.predictors:
             raise WideberthError(
@@ -100,112 +70,90 @@ class Conservativeness(Experiment):
                 "extra time and path of the others are relative to it"
             )
 
-    def tasks(self) -> list[Task]:
-        """One per scenario, region, covariance rule and seed."""
-        return [
-            Task(
-                f"{scenario} {region} {rule} {seed}",
-                seed,
-                {
-                    "scenario": scenario,
-                    "planner": f"{region} {rule}",
-                    "region": region,
-                    "covariance": rule,
-                },
-            )
-            for scenario in self.scenarios
-            for region in self.regions
-            for rule in self.predictors
-            for seed in seeds_of(self)
-        ]
+    def axes(self) -> Axes:
+        """Each region with each covariance rule, in each scenario."""
+        pairs = [(f"{one} {rule}", one, rule) for one in self.regions for rule in self.predictors]
+        return {
+            "scenario": self.scenarios,
+            ("planner", "region", "covariance"): pairs,
+            "seed": self.seed_range,
+        }
 
-    def inputs(self) -> list[Path]:
-        """Return the files that the scenarios read."""
-        return inputs_of(self.scenarios.values())
-
-    def check(self) -> None:
-        """Begin an episode with every region and covariance rule in every scenario."""
-        variants = by_region_and_predictor(self.planner, self.regions, self.predictors)
-        planners = {" ".join(key): planner for key, planner in variants.items()}
-        check_starts(self.scenarios, self.robot, planners, self.first_seed)
+    def begun(self) -> Mapping[str, Controller]:
+        """Return the planner with each region and covariance rule."""
+        planner = planner_of(self.planner)
+        return {
+            f"{region} {rule}": replace(planner, region=shape, predictor=predictor)
+            for region, shape in self.regions.items()
+            for rule, predictor in self.predictors.items()
+        }
 
     def measure(self, task: Task) -> TaskOutcome:
         """Play one episode and count what its plans kept."""
-        region, rule = task.settings["region"], task.settings["covariance"]
-        variants = by_region_and_predictor(
-            self.planner, {region: self.regions[region]}, {rule: self.predictors[rule]}
-        )
-        scenario = self.scenarios[task.settings["scenario"]]
-        episode = play(scenario, self.robot, variants[region, rule], self.settings, task.seed)
-        result = outcome(episode, task, self.tail, keep=False)
-        row = {**result.rows[0], "promised": promised(episode), "kept": kept(episode)}
-        return replace(result, rows=[row])
+        episode = self.played(task, self.begun()[task.settings["planner"]])
+        more = {"promised": promised(episode), "kept": kept(episode)}
+        return outcome(episode, task, self.tail, more)
 
     def summary(self, rows: list[Row]) -> list[Row]:
         """One line per scenario, region and covariance rule, paired with the oracle."""
-        base = {
-            (row["scenario"], row["region"], row["seed"]): row
-            for row in rows
-            if row["covariance"] == ORACLE
-        }
+        place = ("scenario", "region", "seed")
+        base = {tuple(row[key] for key in place): row for row in rows if _by_oracle(row)}
         lines = []
-        for keys, some in group(rows, "scenario", "region", "covariance").items():
-            pairs = [base[row["scenario"], row["region"], row["seed"]] for row in some]
-            line = dict(zip(("scenario", "region", "covariance"), keys, strict=True))
-            lines.append(
-                {
-                    **line,
-                    "extra_time": _extra(some, pairs, "time_ratio_worst"),
-                    "extra_path": _extra(some, pairs, "length_ratio_worst"),
-                    "promised": known_mean(column(some, "promised")),
-                    "kept": known_mean(column(some, "kept")),
-                    **pick(condense(some), COLUMNS),
-                }
-            )
+        for labels, some in labelled(rows, "scenario", "region", "covariance"):
+            pairs = [base[tuple(row[key] for key in place)] for row in some]
+            lines.append({
+                **labels,
+                "extra_time": _extra(some, pairs, "time_ratio_worst"),
+                "extra_path": _extra(some, pairs, "length_ratio_worst"),
+                "promised": known_mean(column(some, "promised")),
+                "kept": known_mean(column(some, "kept")),
+                **pick(condense(some), COLUMNS),
+            })  # fmt: skip
         return lines
 
-    def figures(self, result: Result, folder: Path) -> list[Path]:
+    def pictures(self, result: Result) -> Pictures:
         """Draw what is kept against what it costs, one panel per scenario."""
-        from ..drawing.plotting import paper_style, save, subplots
-
-        groups = group(self.summary(result.rows), "scenario")
-        marks = dict(zip(self.regions, "osD^vP*X<>", strict=False))
-        shades = dict(
-            zip(self.predictors, np.linspace(1.0, 0.0, len(self.predictors)), strict=True)
-        )
-        with paper_style():
-            figure, panels = subplots(
-                1, len(groups), figsize=(3.5 * len(groups), 3.6), squeeze=False,
-                layout="constrained", sharey=True,
-            )  # fmt: skip
-            for panel, ((scenario,), lines) in zip(panels[0], groups.items(), strict=True):
-                for line in lines:
-                    panel.plot(
-                        100 * line["extra_time"], line["clearance_median_m"],
-                        marks[line["region"]], color=str(0.85 * shades[line["covariance"]]),
-                        markeredgecolor="black", markeredgewidth=0.6, markersize=6,
-                    )  # fmt: skip
-                panel.set_title(scenario.replace("_", " "))
-                panel.set_xlabel("median extra time over the oracle (%)")
-                panel.grid(linewidth=0.4, alpha=0.6)
-            panels[0, 0].set_ylabel("median least clearance (m)")
-            keys = [("region", marks), ("covariance", shades)]
-            entries = [
-                _entry(kind, name, look) for kind, table in keys for name, look in table.items()
-            ]
-            figure.legend(handles=entries, loc="outside lower center", ncols=2 * len(groups))
-            return save(figure, folder, "conservativeness")
+        lines = self.summary(result.rows)
+        yield "conservativeness", _draw(lines, list(self.regions), list(self.predictors))
 
     def quick(self) -> Self:
         """One seed of the first scenario, two regions, the oracle and one other rule."""
         rules = [*[name for name in self.predictors if name != ORACLE][-1:], ORACLE]
-        return replace(
-            self,
-            scenarios=first_of(self.scenarios),
-            regions=first_of(self.regions, 2),
-            predictors={name: self.predictors[name] for name in rules},
-            seeds=1,
-        )
+        two = replace(self, predictors={name: self.predictors[name] for name in rules})
+        return reduced(two, scenarios=1, regions=2, seeds=1)
+
+
+def _by_oracle(row: Row) -> bool:
+    return bool(row["covariance"] == ORACLE)
+
+
+def _draw(lines: list[Row], regions: list[str], rules: list[str]) -> Any:
+    """Draw a marker per region and a shade per covariance rule, a panel per scenario."""
+    groups = group(lines, "scenario")
+    marks = dict(zip(regions, "osD^vP*X<>", strict=False))
+    shades = dict(zip(rules, np.linspace(1.0, 0.0, len(rules)), strict=True))
+    figure, panels = subplots(
+        1, len(groups), figsize=(3.5 * len(groups), 3.6), squeeze=False, sharey=True
+    )
+    for panel, ((scenario,), some) in zip(panels[0], groups.items(), strict=True):
+        for line in some:
+            panel.plot(
+                100 * line["extra_time"], line["clearance_median_m"],
+                marks[line["region"]], color=str(0.85 * shades[line["covariance"]]),
+                markeredgecolor="black", markeredgewidth=0.6, markersize=6,
+            )  # fmt: skip
+        panel.set(title=title(scenario), xlabel="median extra time over the oracle (%)")
+        panel.grid(linewidth=0.4, alpha=0.6)
+    panels[0, 0].set_ylabel("median least clearance (m)")
+    edge = {"markeredgecolor": "black"}
+    entries = [
+        *(entry(f"region: {title(name)}", marker=marker, color="white", **edge)
+          for name, marker in marks.items()),
+        *(entry(f"covariance: {title(name)}", marker="s", color=str(0.85 * shade), **edge)
+          for name, shade in shades.items()),
+    ]  # fmt: skip
+    figure.legend(handles=entries, loc="outside lower center", ncols=2 * len(groups))
+    return figure
 
 
 def promised(episode: Episode) -> float:
@@ -243,14 +191,3 @@ def _extra(some: list[Row], pairs: list[Row], name: str) -> float:
     """Median over seeds of the relative excess over the paired row."""
     ratio = column(some, name) / column(pairs, name) - 1.0
     return float(np.median(ratio))
-
-
-def _entry(kind: str, name: str, look: str | float) -> object:
-    from matplotlib.lines import Line2D
-
-    marker = look if isinstance(look, str) else "s"
-    colour = "white" if isinstance(look, str) else str(0.85 * look)
-    label = f"{kind}: {name.replace('_', ' ')}"
-    return Line2D(
-        [], [], linestyle="", marker=marker, color=colour, markeredgecolor="black", label=label
-    )

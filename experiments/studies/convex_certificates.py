@@ -1,21 +1,18 @@
 """Certificates of the convex regions by convex programs, which use none of their formulas."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from ...framework.plugins.registry import load
-from ...framework.region import Convex, Region, Relation, Signed
-from ...framework.values.arrays import Array, positive, probability, whole
-from ...framework.values.errors import WideberthError
-from ...framework.values.forecast import GaussianObstacle
-from ..drawing.plotting import COLOURS, LINES, PAGE, paper_style, save, subplots
-from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
+from ...framework import GaussianObstacle, WideberthError, load
+from ...framework.region import Convex, Relation, Signed
+from ...framework.values.arrays import Array, positive, whole
+from ..drawing.plotting import COLOURS, LINES, PAGE, subplots, title
 from ..engine.closed_loop import column, group
-from .region_family import family, member, title
+from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, reduced
+from .region_family import RegionStudy, family, member
 
 TOLERANCE = 1e-5
 """Of what the solver leaves, in margins; a smaller gap counts as none."""
@@ -26,7 +23,7 @@ MARKERS = "osD^vPX*<>"
 
 @final
 @dataclass(frozen=True)
-class ConvexCertificates(Experiment):
+class ConvexCertificates(RegionStudy):
     """Three convex programs per region and covariance, solved by CVXPY.
 
     With E the ellipse of the region's level s, B the disc of the margin rho and h the region's
@@ -47,13 +44,10 @@ class ConvexCertificates(Experiment):
 
     Attributes
     ----------
-    regions : by name; each must be `Convex`.
-    registered : add every other registered convex region of two coordinates.
     conditions : lambda_1 / lambda_2, each within [1, 1e4]: beyond, the semidefinite program
         has no digits left.
     short_axis : s sigma_2 over the margin, within [0.01, 1].
     margin : m, r + r_d.
-    tail : 1 - content that gives each region its level.
     directions : normals n_k, at equal angles.
     points : that are projected, around the region.
     """
@@ -71,18 +65,15 @@ class ConvexCertificates(Experiment):
     }
     headline: ClassVar[tuple[str, ...]] = ("gap_min", "gap_max", "distance_error")
 
-    regions: Mapping[str, Region] = field(default_factory=dict)
-    registered: bool = True
     conditions: tuple[float, ...] = (1.0, 2.0, 4.0, 10.0, 25.0, 100.0)
     short_axis: float = 1.0
     margin: float = 1.5
-    tail: float = 0.05
     directions: int = 360
     points: int = 12
 
-    def __post_init__(self) -> None:
+    def validate(self) -> None:
+        """Refuse sizes without digits, and regions that are not `Convex`."""
         positive("margin", self.margin)
-        probability("tail", self.tail)
         whole("directions", self.directions, least=8)
         whole("points", self.points)
         if not 0.01 <= self.short_axis <= 1.0:
@@ -92,16 +83,10 @@ class ConvexCertificates(Experiment):
         other = sorted(name for name, one in self.regions.items() if not isinstance(one, Convex))
         if other:
             raise WideberthError(f"regions {other} have no support function; name convex ones")
-        if not (self.regions or self.registered):
-            raise WideberthError("regions is empty; name one, or set registered to true")
 
-    def tasks(self) -> Sequence[Task]:
-        """One per region and condition number."""
-        return [
-            Task(f"{name} {condition:g}", settings={"region": name, "condition": condition})
-            for name in self._names()
-            for condition in self.conditions
-        ]
+    def axes(self) -> Axes:
+        """Each region with each condition number."""
+        return {"region": self._names(), "condition": self.conditions}
 
     def _names(self) -> list[str]:
         """Return the given regions, then the registered ones that are convex."""
@@ -177,16 +162,14 @@ class ConvexCertificates(Experiment):
             lines.append({**dict.fromkeys(_CONDENSED), **line, "remark": some[0]["remark"]})
         return lines
 
-    def figures(self, result: Result, folder: Path) -> list[Path]:
+    def pictures(self, result: Result) -> Pictures:
         """Draw the gaps and the areas of every region over the condition number."""
-        with paper_style():
-            rows = [row for row in result.rows if not row["remark"]]
-            return save(draw(rows), folder, "convex_certificates")
+        yield "convex_certificates", draw([row for row in result.rows if not row["remark"]])
 
     def quick(self) -> Self:
-        """Keep three condition numbers and fewer directions."""
-        few = tuple(self.conditions[:: max(len(self.conditions) - 1, 1)])
-        return replace(self, conditions=few, directions=min(self.directions, 60), points=4)
+        """Keep the first and last condition number, and fewer directions."""
+        ends = self.conditions[:: max(len(self.conditions) - 1, 1)]
+        return reduced(replace(self, conditions=ends), directions=60, points=4)
 
 
 _MEASURED = ("level", "certified", "gap_min", "gap_max", "distance_error", "area_ratio")

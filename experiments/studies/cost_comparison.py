@@ -1,34 +1,19 @@
 """Tracking a timed reference against contouring: who waits, who hurries, at what price."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import ClassVar, Self, final
 
 import numpy as np
 
-from ...framework.controller import Controller
+from ...framework import Controller
 from ...framework.mpc.costs.base import Cost
-from ...framework.plugins.io import write_table
-from ...framework.robot import Robot
-from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
 from ...simulation.measures.summary import robot_rows, summarise
-from ...simulation.scenarios.base import Scenario
-from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
-from ..engine.closed_loop import (
-    check_settings,
-    check_starts,
-    column,
-    condense,
-    first_of,
-    grid,
-    group,
-    inputs_of,
-    pick,
-    play,
-    seeds_of,
-)
+from ..drawing.strips import strips
+from ..engine.closed_loop import column, condense, group, pick
+from .episodes import PlacesStudy
+from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, reduced
 from .stopwatch import Stopwatch
 from .variants import planner_of
 
@@ -48,7 +33,7 @@ PANELS = {
 
 @final
 @dataclass(frozen=True)
-class CostComparison(Experiment):
+class CostComparison(PlacesStudy):
     """The same planner with each cost, on the same seeds.
 
     ``peak_speed`` is the highest speed of any robot in the episode, ``deviation`` the largest
@@ -58,14 +43,8 @@ class CostComparison(Experiment):
 
     Parameters
     ----------
-    scenarios : by name; each seed draws the same situation for every cost.
-    robot : model of all plants.
     planner : settings of the MPC; its cost is exchanged.
     costs : by name; solve times are over those of the first.
-    settings : clock, noise and end of the episodes.
-    seeds : number of episodes per scenario and cost.
-    first_seed : the seeds are first_seed to first_seed + seeds - 1.
-    tail : 1 - content that the plans' levels are compared with.
     """
 
     claim: ClassVar[str] = (
@@ -73,7 +52,6 @@ class CostComparison(Experiment):
         "whose progress is its own choice drive more calmly, and what does that cost?"
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory,liniger2015optimization"
-    growing: ClassVar[tuple[str, ...]] = ("seeds",)
     captions: ClassVar[Mapping[str, str]] = {
         "cost_comparison": (
             "Every episode with each cost: a calm drive has a low peak speed and a small "
@@ -82,41 +60,29 @@ class CostComparison(Experiment):
     }
     headline: ClassVar[tuple[str, ...]] = ("peak_speed", "deviation", "time_ratio")
 
-    scenarios: dict[str, Scenario]
-    robot: Robot
     planner: Controller
     costs: dict[str, Cost]
-    settings: Settings = field(default_factory=Settings)
-    seeds: int = 20
-    first_seed: int = 0
-    tail: float = 0.05
 
-    def __post_init__(self) -> None:
-        check_settings(self, costs=self.costs, scenarios=self.scenarios)
+    def validate(self) -> None:
+        """Refuse settings that make no study."""
         planner_of(self.planner)
 
-    def tasks(self) -> list[Task]:
-        """One per scenario and seed, for all costs."""
-        return grid({"scenario": self.scenarios}, seeds_of(self))
+    def axes(self) -> Axes:
+        """Each scenario, for all costs."""
+        return {"scenario": self.scenarios, "seed": self.seed_range}
 
-    def inputs(self) -> list[Path]:
-        """Return the files that the scenarios read."""
-        return inputs_of(self.scenarios.values())
-
-    def check(self) -> None:
-        """Begin an episode with every cost in every scenario."""
+    def begun(self) -> Mapping[str, Controller]:
+        """Return the planner with each cost."""
         planner = planner_of(self.planner)
-        planners = {name: replace(planner, cost=cost) for name, cost in self.costs.items()}
-        check_starts(self.scenarios, self.robot, planners, self.first_seed)
+        return {name: replace(planner, cost=cost) for name, cost in self.costs.items()}
 
     def measure(self, task: Task) -> TaskOutcome:
         """Play one episode with each cost."""
         rows, times = [], []
-        for name, cost in self.costs.items():
+        for name, planner in self.begun().items():
             label = {**task.settings, "planner": name, "seed": task.seed}
-            watch = Stopwatch(replace(planner_of(self.planner), cost=cost), [])
-            scenario = self.scenarios[task.settings["scenario"]]
-            episode = play(scenario, self.robot, watch, self.settings, task.seed)
+            watch = Stopwatch(planner_of(planner), [])
+            episode = self.played(task, watch)
             rows.append({**label, **summarise(episode, self.tail), **_manner(episode)})
             median, slow = map(float, np.quantile(watch.seconds, (0.5, 0.95)))
             times.append({**label, "median_s": median, "p95_s": slow})
@@ -135,30 +101,16 @@ class CostComparison(Experiment):
             for (scenario, cost), some in group(rows, "scenario", "planner").items()
         ]
 
-    def figures(self, result: Result, folder: Path) -> list[Path]:
+    def pictures(self, result: Result) -> Pictures:
         """Draw every episode, one column per scenario, and write the solve times as a table."""
-        from ..drawing.plotting import paper_style, save, subplots
-        from ..drawing.strips import strip, strip_legend
-
-        groups = group(result.rows, "scenario")
-        with paper_style():
-            figure, panels = subplots(
-                len(PANELS), len(groups), figsize=(2.6 * len(groups), 7.2), squeeze=False,
-                sharex=True, sharey="row", layout="constrained",
-            )  # fmt: skip
-            for i, ((scenario,), rows) in enumerate(groups.items()):
-                panels[0, i].set_title(scenario.replace("_", " "))
-                for panel, name in zip(panels[:, i], PANELS, strict=True):
-                    strip(panel, rows, name)
-            for panel, text in zip(panels[:, 0], PANELS.values(), strict=True):
-                panel.set_ylabel(text)
-            strip_legend(figure)
-            files = save(figure, folder, "cost_comparison")
-        return [*files, write_table(folder / "solve_times.csv", solve_times(result.times))]
+        groups = group(result.rows, "scenario").items()
+        columns = {scenario.replace("_", " "): rows for (scenario,), rows in groups}
+        yield "cost_comparison", strips(columns, PANELS, (2.6 * len(columns), 7.2), touch=False)
+        yield "solve_times.csv", solve_times(result.times)
 
     def quick(self) -> Self:
         """One seed of the first scenario."""
-        return replace(self, scenarios=first_of(self.scenarios), seeds=1)
+        return reduced(self, scenarios=1, seeds=1)
 
 
 def solve_times(times: list[Row]) -> list[Row]:

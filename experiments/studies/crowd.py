@@ -6,6 +6,7 @@ from typing import Any, Literal, TypeAlias, final
 
 import numpy as np
 
+from ...framework import Path, WideberthError
 from ...framework.plugins.registry import unknown
 from ...framework.tracking.recordings import (
     ROBOT_COLUMNS,
@@ -17,8 +18,6 @@ from ...framework.tracking.recordings import (
     read_tracks,
 )
 from ...framework.values.arrays import Array, positive, whole
-from ...framework.values.errors import WideberthError
-from ...framework.values.path import Path
 from ...ros.bag_file import is_bag, storage_files
 from ...ros.bag_tracks import read_bag_tracks
 from ...simulation.engine.agents import ReplayAgent

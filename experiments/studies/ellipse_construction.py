@@ -1,26 +1,26 @@
 """The construction of the paper's region: content ellipse, enlarged ellipse and exact sum."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
+from ...framework import GaussianObstacle
 from ...framework.risk.collision_probability import collision_probability
 from ...framework.values.arrays import positive, probability, whole
-from ...framework.values.forecast import GaussianObstacle
 from ...regions.mahalanobis_ellipse import MahalanobisEllipse
 from ...regions.minkowski_sum import MinkowskiSum
-from ..drawing.plotting import COLOURS, paper_style, save, subplots
-from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
+from ..drawing.plotting import COLOURS, subplots
+from ..engine.closed_loop import group
+from .grid import Axes, GridStudy, Pictures, Result, Row, Task, TaskOutcome, reduced
 
 CURVES = ("inner ellipse", "outer ellipse", "exact sum")
 
 
 @final
 @dataclass(frozen=True)
-class EllipseConstruction(Experiment):
+class EllipseConstruction(GridStudy):
     """Boundaries of the three sets for one covariance, their areas and collision risks.
 
     The paper's figure shows the inner ellipse of content p and the outer one with its axes longer
@@ -55,8 +55,8 @@ class EllipseConstruction(Experiment):
         ),
     }
     headline: ClassVar[tuple[str, ...]] = (
-        "area_m2", "smallest_clearance_m", "largest_collision_risk",
-    )  # fmt: skip
+        *("area_m2", "smallest_clearance_m", "largest_collision_risk"),
+    )
 
     def __post_init__(self) -> None:
         probability("content", self.content)
@@ -66,9 +66,9 @@ class EllipseConstruction(Experiment):
         positive("obstacle_radius", self.obstacle_radius)
         whole("count", self.count, least=8)
 
-    def tasks(self) -> Sequence[Task]:
-        """One task per set."""
-        return [Task(name, settings={"curve": name}) for name in CURVES]
+    def axes(self) -> Axes:
+        """Each set."""
+        return {"curve": CURVES}
 
     def measure(self, task: Task) -> TaskOutcome:
         """Points of one boundary, with the collision risk of a robot centred there."""
@@ -104,42 +104,38 @@ class EllipseConstruction(Experiment):
 
     def summary(self, rows: list[Row]) -> list[Row]:
         """Area, smallest clearance to the inner ellipse and largest risk on each boundary."""
-        condensed: list[Row] = []
-        for name in dict.fromkeys(row["curve"] for row in rows):
-            chosen = [row for row in rows if row["curve"] == name]
-            condensed.append(
-                {
-                    "curve": name,
-                    "area_m2": chosen[0]["area_m2"],
-                    "smallest_clearance_m": min(float(row["clearance_m"]) for row in chosen),
-                    "largest_collision_risk": max(float(row["collision_risk"]) for row in chosen),
-                }
-            )
-        return condensed
+        return [
+            {
+                "curve": name,
+                "area_m2": chosen[0]["area_m2"],
+                "smallest_clearance_m": min(float(row["clearance_m"]) for row in chosen),
+                "largest_collision_risk": max(float(row["collision_risk"]) for row in chosen),
+            }
+            for (name,), chosen in group(rows, "curve").items()
+        ]
 
-    def figures(self, result: Result, folder: Path) -> list[Path]:
+    def pictures(self, result: Result) -> Pictures:
         """Draw the three boundaries, and the disc where the outer ellipse falls short most."""
-        with paper_style():
-            figure, panel = subplots(figsize=(3.5, 3.5))
-            self._draw(panel, result.rows)
-            figure.legend(loc="outside lower center", ncols=2)
-            return save(figure, folder, "ellipse_construction")
+        figure, panel = subplots(figsize=(3.5, 3.5))
+        self._draw(panel, result.rows)
+        figure.legend(loc="outside lower center", ncols=2)
+        yield "ellipse_construction", figure
 
     def quick(self) -> Self:
         """Fewer points."""
-        return replace(self, count=min(self.count, 180))
+        return reduced(self, count=180)
 
     def _draw(self, panel: Any, rows: list[Row]) -> None:
-        styles = {"inner ellipse": (0, "-"), "outer ellipse": (2, "--"), "exact sum": (1, "-.")}
-        texts = ("inner ellipse", r"outer, axes + $\rho$", "exact sum")
-        labels: dict[str, str] = dict(zip(CURVES, texts, strict=True))
-        for name, (colour, style) in styles.items():
-            chosen = [row for row in rows if row["curve"] == name]
-            x = [row["x_m"] for row in [*chosen, chosen[0]]]
-            y = [row["y_m"] for row in [*chosen, chosen[0]]]
-            panel.plot(x, y, color=COLOURS[colour], linestyle=style, label=labels[name])
-        outer = [row for row in rows if row["curve"] == "outer ellipse"]
-        worst = min(outer, key=lambda row: float(row["clearance_m"]))
+        curves = {name: some for (name,), some in group(rows, "curve").items()}
+        for name, label, colour, line in (
+            ("inner ellipse", "inner ellipse", 0, "-"),
+            ("outer ellipse", r"outer, axes + $\rho$", 2, "--"),
+            ("exact sum", "exact sum", 1, "-."),
+        ):
+            closed = np.array([(row["x_m"], row["y_m"]) for row in curves[name]])
+            closed = np.concatenate([closed, closed[:1]])
+            panel.plot(*closed.T, color=COLOURS[colour], linestyle=line, label=label)
+        worst = min(curves["outer ellipse"], key=lambda row: float(row["clearance_m"]))
         margin = self.radius + self.obstacle_radius
         angle = np.linspace(0.0, 2.0 * np.pi, 181)
         panel.plot(
@@ -151,6 +147,4 @@ class EllipseConstruction(Experiment):
         panel.plot(0.0, 0.0, "+", color="0.1", markersize=6)
         lost = margin - float(worst["clearance_m"])
         panel.set_title(f"p = {self.content:g}, clearance lost at most {lost:.2f} m")
-        panel.set_aspect("equal")
-        panel.set_xlabel("x (m)")
-        panel.set_ylabel("y (m)")
+        panel.set(aspect="equal", xlabel="x (m)", ylabel="y (m)")

@@ -1,23 +1,22 @@
 """The content ellipse against Lütkepohl's rectangle, for several correlations and contents."""
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
+from ...framework import GaussianObstacle, WideberthError
 from ...framework.region import Convex
 from ...framework.values.arrays import Array, positive, probability, whole
-from ...framework.values.errors import WideberthError
-from ...framework.values.forecast import GaussianObstacle
 from ...regions.box import box_content
 from ...regions.luetkepohl_rectangle import LuetkepohlRectangle
 from ...regions.mahalanobis_ellipse import MahalanobisEllipse
 from ...regions.minkowski_sum import MinkowskiSum
-from ..drawing.plotting import COLOURS, LINES, PAGE, number, paper_style, save, subplots
-from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
+from ..drawing.plotting import COLOURS, PAGE, legend_below, number, style, subplots
+from ..engine.closed_loop import group, pick
+from .grid import Axes, GridStudy, Pictures, Result, Row, Task, TaskOutcome, reduced
 
 REGIONS: Mapping[str, Convex] = {
     "ellipse": MahalanobisEllipse(),
@@ -30,11 +29,15 @@ BARE = ("ellipse", "rectangle")
 """Regions that differ before the enlargement."""
 
 MARKERS = "os^Dv"
+SUMMARY = (
+    *("correlation", "content", "area_ratio", "enlarged_ratio", "sum_ratio"),
+    *("rectangle_content", "rectangle_frequency", "ellipse_frequency"),
+)
 
 
 @final
 @dataclass(frozen=True)
-class ForecastRegions(Experiment):
+class ForecastRegions(GridStudy):
     """Area and content of ellipse and rectangle, before and after the enlargement by the margin.
 
     The paper compares them at p = 0.90 for one covariance that it does not give, and concludes
@@ -93,12 +96,10 @@ class ForecastRegions(Experiment):
                 f"correlations is {self.correlations}; wanted numbers within [-0.99, 0.99]"
             )
 
-    def tasks(self) -> Sequence[Task]:
-        """One task per correlation."""
-        return [
-            Task(f"correlation {rho:g}", seed=i, settings={"correlation": rho})
-            for i, rho in enumerate(self.correlations)
-        ]
+    def axes(self) -> Axes:
+        """Each correlation, with random draws of its own."""
+        numbered = [(rho, seed) for seed, rho in enumerate(self.correlations)]
+        return {("correlation", "seed"): numbered}
 
     def measure(self, task: Task) -> TaskOutcome:
         """Areas, exact contents and their frequencies among random draws, per content."""
@@ -138,33 +139,25 @@ class ForecastRegions(Experiment):
 
     def summary(self, rows: list[Row]) -> list[Row]:
         """Ratios and contents per correlation and content."""
-        columns = (
-            "correlation", "content", "area_ratio", "enlarged_ratio", "sum_ratio",
-            "rectangle_content", "rectangle_frequency", "ellipse_frequency",
-        )  # fmt: skip
-        return [{column: row[column] for column in columns} for row in rows]
+        return [pick(row, SUMMARY) for row in rows]
 
-    def figures(self, result: Result, folder: Path) -> list[Path]:
+    def pictures(self, result: Result) -> Pictures:
         """One panel per correlation at one content; then ratios and contents over all."""
-        with paper_style():
-            rows = [row for row in result.rows if row["content"] == self.content]
-            size = (PAGE, 1.0 + 0.95 * PAGE / len(rows))
-            figure, panels = subplots(
-                1, len(rows), figsize=size, sharex=True, sharey=True, squeeze=False
-            )
-            for panel, row in zip(panels[0], rows, strict=True):
-                _panel(panel, row, json.loads(result.read(_file(row))))
-            panels[0][0].set_ylabel("y (m)")
-            handles, labels = panels[0][0].get_legend_handles_labels()
-            named = {text: f"{text}, p = {self.content:g}" for text in BARE}
-            labels = [named.get(text, text) for text in map(str, labels)]
-            figure.legend(handles, labels, loc="outside lower center", ncols=3)
-            files = save(figure, folder, "forecast_regions")
-            return [*files, *save(_over_contents(result.rows), folder, "forecast_regions_p")]
+        rows = [row for row in result.rows if row["content"] == self.content]
+        size = (PAGE, 1.0 + 0.95 * PAGE / len(rows))
+        figure, panels = subplots(
+            1, len(rows), figsize=size, sharex=True, sharey=True, squeeze=False
+        )
+        for panel, row in zip(panels[0], rows, strict=True):
+            _panel(panel, row, json.loads(result.read(_file(row))))
+        panels[0][0].set_ylabel("y (m)")
+        legend_below(figure, panels[0], ncols=3)
+        yield "forecast_regions", figure
+        yield "forecast_regions_p", _over_contents(result.rows)
 
     def quick(self) -> Self:
         """Fewer draws."""
-        return replace(self, draws=min(self.draws, 20_000))
+        return reduced(self, draws=20_000)
 
     def _covariance(self, rho: float) -> Array:
         first, second = self.deviations
@@ -179,11 +172,11 @@ def _file(row: Row) -> str:
 def _panel(panel: Any, row: Row, curves: dict[str, Any]) -> None:
     x, y = np.array(curves["draws"]).T
     panel.plot(x, y, ".", color="0.65", markersize=1.5, linestyle="none", label="draws")
-    for name, colour, style in (("ellipse", 1, "-"), ("rectangle", 2, "--")):
+    for name, colour, line in (("ellipse", 1, "-"), ("rectangle", 2, "--")):
         closed = np.array([*curves[name], curves[name][0]])
-        panel.plot(closed[:, 0], closed[:, 1], color=COLOURS[colour], ls=style, label=name)
-    panel.set_aspect("equal")
-    panel.set_xlabel("x (m)")
+        label = f"{name}, p = {row['content']:g}"
+        panel.plot(closed[:, 0], closed[:, 1], color=COLOURS[colour], ls=line, label=label)
+    panel.set(aspect="equal", xlabel="x (m)")
     panel.set_title(
         f"correlation {number(row['correlation'])}\narea ratio {row['area_ratio']:.2f}\n"
         f"rectangle holds {row['rectangle_content']:.3f}"
@@ -206,14 +199,11 @@ def _over_contents(rows: list[Row]) -> Any:
     figure, axes = subplots(2, 2, figsize=(PAGE, 4.6))
     panels = list(axes.flat)
     tails = sorted({1.0 - float(row["content"]) for row in rows}, reverse=True)
-    for i, rho in enumerate(dict.fromkeys(float(row["correlation"]) for row in rows)):
-        own = [row for row in rows if row["correlation"] == rho]
+    for i, ((rho,), own) in enumerate(group(rows, "correlation").items()):
+        look = {**style(i, MARKERS), "markersize": 3.5, "label": number(rho)}
         for panel, (name, text) in zip(panels, TITLES.items(), strict=True):
             values = [_gained(row) if name == "gained" else row[name] for row in own]
-            panel.plot(
-                [1.0 - float(row["content"]) for row in own], values, color=COLOURS[i % 6],
-                linestyle=LINES[i % 6], marker=MARKERS[i % 5], markersize=3.5, label=number(rho),
-            )  # fmt: skip
+            panel.plot([1.0 - float(row["content"]) for row in own], values, **look)
             panel.set_title(text)
     for panel in panels:
         panel.set_xscale("log")
@@ -224,8 +214,7 @@ def _over_contents(rows: list[Row]) -> Any:
         panel.set_xlabel("promised content p")
     for panel in panels[:3]:
         panel.axhline(1.0, color="0.5", linewidth=0.8, linestyle="-")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, title="correlation", loc="outside lower center", ncols=6)
+    legend_below(figure, panels[:1], title="correlation", ncols=6)
     return figure
 
 

@@ -9,34 +9,33 @@ from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from ...framework.controller import Controller, fresh
+from ...framework import Controller, Observation, Robot, WideberthError
+from ...framework import Path as Way
+from ...framework.controller import fresh
 from ...framework.mpc.ocp.reference import Reference
 from ...framework.mpc.ocp.transcription import Guess
 from ...framework.mpc.planner.cycle import Decision, PlannerState, Services, remember, step
 from ...framework.mpc.planner.instance import Instance
-from ...framework.mpc.planner.starts import at_target, checked_starts, other_starts
+from ...framework.mpc.planner.starts import at_target, other_starts
 from ...framework.mpc.slots.gaussian_discs import GaussianDiscs, KnownDiscs, ObstacleSet, fill
 from ...framework.mpc.solver import Solution, Solver, solve_many
 from ...framework.plugins.io import read_arrays
-from ...framework.robot import Robot
 from ...framework.values.arrays import Array, BoolArray, positive, whole
-from ...framework.values.errors import WideberthError
-from ...framework.values.motion import Observation
-from ...framework.values.path import Path as Way
 from ...framework.values.plan import Status
 from ...metrics.statistics import clopper_pearson
 from ...simulation.engine.settings import Settings
 from ...simulation.scenarios.base import Scenario
-from ..drawing.plotting import COLOURS, LINES, PAGE, paper_style, save, subplots
-from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
-from ..engine.closed_loop import check_starts, column, first_of, group, inputs_of, pick
-from .region_family import title
+from ..drawing.plotting import COLOURS, PAGE, style, subplots, title
+from ..engine.closed_loop import check_starts, column, group, inputs_of, pick
+from .grid import Axes, GridStudy, Pictures, Result, Row, Task, TaskOutcome, reduced
 from .variants import planner_of
 
 SAME = 1e-6
 """Plans whose costs differ by less, relative to the cost, are equally good."""
 ENTERED = 1e-5
 """Slack, unit-free, from which on a region counts as entered; a solver leaves less."""
+STARTS = ("along", "left", "right", "wait")
+"""Of the solves for known futures beside the one plan, see `PlannerSettings.starts`."""
 SHOWN = 60
 """Futures that the figure draws."""
 COLUMNS = (
@@ -144,7 +143,7 @@ class Futures:
 
 @final
 @dataclass(frozen=True)
-class KnownFutures(Experiment):
+class KnownFutures(GridStudy):
     """One plan that keeps clear of a forecast's regions, against plans for known futures.
 
     At some instants of an episode every planner makes one plan, of cost J, from what its robot
@@ -171,7 +170,6 @@ class KnownFutures(Experiment):
     instants : s; the first decision from then on is examined.
     solver : of all problems; one that solves many at once is the quickest.
     draws : K.
-    starts : of the solves for known futures beside the one plan, see `PlannerSettings.starts`.
     shown_instant : the place among the instants whose futures and first plans are drawn.
     """
 
@@ -194,7 +192,6 @@ class KnownFutures(Experiment):
     instants: tuple[float, ...]
     solver: Solver
     draws: int = 1000
-    starts: tuple[str, ...] = ("along", "left", "right", "wait")
     shown_instant: int = 0
     seed: int = 0
     settings: Settings = field(default_factory=Settings)
@@ -202,7 +199,6 @@ class KnownFutures(Experiment):
     def __post_init__(self) -> None:
         whole("draws", self.draws)
         whole("seed", self.seed, least=0)
-        checked_starts(self.starts)
         if not self.planners or not self.instants:
             raise WideberthError("planners and instants must each name at least one")
         for instant in self.instants:
@@ -222,13 +218,13 @@ class KnownFutures(Experiment):
                 "alone: leave it out"
             )
 
-    def tasks(self) -> Sequence[Task]:
-        """One per planner and instant."""
-        return [
-            Task(f"{name} {instant:g}", self.seed, {"planner": name, "instant": i})
-            for name in self.planners
-            for i, instant in enumerate(self.instants)
-        ]
+    def axes(self) -> Axes:
+        """Each planner at each instant."""
+        return {
+            "planner": self.planners,
+            "instant": range(len(self.instants)),
+            "seed": [self.seed],
+        }
 
     def inputs(self) -> list[Path]:
         """Return the files that the scenario reads."""
@@ -278,7 +274,7 @@ class KnownFutures(Experiment):
         futures, solved = Futures.of(decision, rng, self.draws), decision.solved
         assert solved is not None
         begin = perf_counter()
-        one, found = futures.solve(self.solver, solved.point, self.starts)
+        one, found = futures.solve(self.solver, solved.point, STARTS)
         labels: Row = {"planner": name, "instant_s": round(decision.plan.stamp, 3)}
         solves = 1 + sum(len(some) for some in found)
         times: list[Row] = [{**labels, "solves": solves, "solve_s": perf_counter() - begin}]
@@ -292,17 +288,17 @@ class KnownFutures(Experiment):
         """One line per planner and instant."""
         return [pick(row, COLUMNS) for row in rows]
 
-    def figures(self, result: Result, folder: Path) -> list[Path]:
+    def pictures(self, result: Result) -> Pictures:
         """Draw futures and plans of one decision, the costs, and the promise."""
-        shown = read_arrays(result.read("futures.npz"), "futures.npz")
-        with paper_style():
-            return save(draw(result.rows, shown), folder, "known_futures")
+        yield (
+            "known_futures",
+            draw(result.rows, read_arrays(result.read("futures.npz"), "futures.npz")),
+        )
 
     def quick(self) -> Self:
         """Keep the first planner, one instant and a few futures."""
-        instants, few = (self.instants[self.shown_instant],), min(self.draws, 10)
-        one = first_of(self.planners)
-        return replace(self, planners=one, instants=instants, draws=few, shown_instant=0)
+        instants = (self.instants[self.shown_instant],)
+        return reduced(replace(self, instants=instants, shown_instant=0), planners=1, draws=10)
 
 
 def _best(solutions: Sequence[Solution]) -> Solution | None:
@@ -381,8 +377,7 @@ def draw(rows: Sequence[Row], shown: dict[str, Array]) -> Any:
     _draw_ways(ways, shown)
     for i, ((name,), some) in enumerate(group(rows, "planner").items()):
         look: dict[str, Any] = {
-            "color": COLOURS[i % len(COLOURS)], "marker": MARKERS[i % len(MARKERS)],
-            "markersize": 4.0, "markerfacecolor": "white" if i % 2 else None,
+            **style(i, MARKERS), "markersize": 4.0, "markerfacecolor": "white" if i % 2 else None,
         }  # fmt: skip
         instants, touched = column(some, "instant_s"), column(some, "touched")
         if i == 0:  # those of the others differ as far as their forecasts do
@@ -391,10 +386,10 @@ def draw(rows: Sequence[Row], shown: dict[str, Array]) -> Any:
             costs.vlines(instants, *ends, color="0.8", linewidth=7.0, label=label)
             known = {"marker": "_", "markersize": 8.0, "color": "0.4"}
             costs.plot(instants, column(some, "cost_known"), linewidth=0.0, **known)
-        costs.plot(instants, column(some, "cost"), linestyle=LINES[i % len(LINES)], **look)
+        costs.plot(instants, column(some, "cost"), **look)
         reach = touched - column(some, "touched_low"), column(some, "touched_high") - touched
-        bars = {"linestyle": "", "elinewidth": 0.7, "capsize": 1.5, "label": title(str(name))}
-        shares.errorbar(column(some, "tail_held"), touched, yerr=np.abs(reach), **bars, **look)
+        look |= {"linestyle": "", "elinewidth": 0.7, "capsize": 1.5, "label": title(str(name))}
+        shares.errorbar(column(some, "tail_held"), touched, yerr=np.abs(reach), **look)
     costs.set(xlabel="instant (s)", ylabel="cost of the plan (objective)", yscale="log")
     line = {"color": "black", "linestyle": ":", "linewidth": 0.9, "label": "share = tail"}
     shares.axline((0.0, 0.0), (1.0, 1.0), **line)

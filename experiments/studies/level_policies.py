@@ -1,40 +1,24 @@
 """How much of its level should a plan hold, where and when? The level policies in closed loop."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from ...framework.controller import Controller
+from ...framework import Controller, Plan, Predictor
 from ...framework.mpc.levels.base import LevelPolicy, level_of
 from ...framework.mpc.planner.planner import Planner
-from ...framework.predictor import Predictor
-from ...framework.robot import Robot
-from ...framework.values.plan import Plan, Rung
+from ...framework.values.plan import Rung
 from ...metrics.gaps import gaps
 from ...simulation.drawing.artists import pairs
 from ...simulation.drawing.logged import DrawnAgent
-from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
-from ...simulation.scenarios.base import Scenario
+from ..drawing.plotting import PAGE, subplots
 from ..drawing.trade_off_markers import front_legend, front_looks, mark, widen
-from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
-from ..engine.closed_loop import (
-    check_settings,
-    check_starts,
-    column,
-    condense,
-    first_of,
-    grid,
-    group,
-    inputs_of,
-    outcome,
-    pick,
-    play,
-    seeds_of,
-)
+from ..engine.closed_loop import column, condense, group, outcome, pick
+from .episodes import PlacesStudy
+from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, reduced
 from .replay import STILL
 from .variants import planner_of
 
@@ -46,7 +30,7 @@ COLUMNS = (
 
 @final
 @dataclass(frozen=True)
-class LevelPolicies(Experiment):
+class LevelPolicies(PlacesStudy):
     """The same planner with each level policy, on the same seeds.
 
     Beside the columns of every closed loop, ``success`` is the share of episodes in which
@@ -59,14 +43,8 @@ class LevelPolicies(Experiment):
 
     Parameters
     ----------
-    scenarios : by name; each seed draws the same situation for every policy.
-    robot : model of all plants.
     planner : settings of the MPC; its level and predictor are exchanged.
     predictors, levels : by name.
-    settings : clock, noise and end of the episodes.
-    seeds : number of episodes per scenario, predictor and policy.
-    first_seed : the seeds are first_seed to first_seed + seeds - 1.
-    tail : that the driven step is held against.
     """
 
     claim: ClassVar[str] = (
@@ -74,7 +52,6 @@ class LevelPolicies(Experiment):
         "to let it fall over the horizon, or to hold one risk for the whole plan?"
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
-    growing: ClassVar[tuple[str, ...]] = ("seeds",)
     captions: ClassVar[Mapping[str, str]] = {
         "level_policies": (
             "Least clearance against extra time for each level policy: upper left is better, "
@@ -83,95 +60,63 @@ class LevelPolicies(Experiment):
     }
     headline: ClassVar[tuple[str, ...]] = ("success", "clearance_median_m", "extra_time_s")
 
-    scenarios: dict[str, Scenario]
-    robot: Robot
     planner: Controller
     predictors: dict[str, Predictor]
     levels: dict[str, LevelPolicy]
-    settings: Settings = field(default_factory=Settings)
-    seeds: int = 20
-    first_seed: int = 0
-    tail: float = 0.05
 
-    def __post_init__(self) -> None:
-        check_settings(
-            self,
-            scenarios=self.scenarios,
-            predictors=self.predictors,
-            levels=self.levels,
-        )
-        planner_of(self.planner)
-        for predictor in self.predictors.values():
-            for level in self.levels.values():
-                replace(planner_of(self.planner), predictor=predictor, level=level)
+    def validate(self) -> None:
+        """Refuse settings that make no study."""
+        for predictor in self.predictors:
+            for level in self.levels:
+                self._variant(predictor, level)
 
-    def tasks(self) -> list[Task]:
-        """One per scenario, predictor, policy and seed."""
-        return grid(
-            {"scenario": self.scenarios, "forecast": self.predictors, "planner": self.levels},
-            seeds_of(self),
-        )
+    def axes(self) -> Axes:
+        """Each scenario with each predictor and policy."""
+        return {
+            "scenario": self.scenarios,
+            "forecast": self.predictors,
+            "planner": self.levels,
+            "seed": self.seed_range,
+        }
 
-    def inputs(self) -> list[Path]:
-        """Return the files that the scenarios read."""
-        return inputs_of(self.scenarios.values())
+    def begun(self) -> Mapping[str, Controller]:
+        """Return the planner as it is given."""
+        return {"planner": self.planner}
 
-    def check(self) -> None:
-        """Begin an episode in every scenario."""
-        check_starts(self.scenarios, self.robot, {"planner": self.planner}, self.first_seed)
+    def _variant(self, forecast: str, level: str) -> Planner:
+        """Return the planner with a predictor and a policy."""
+        parts = self.predictors[forecast], self.levels[level]
+        return replace(planner_of(self.planner), predictor=parts[0], level=parts[1])
 
     def measure(self, task: Task) -> TaskOutcome:
         """Play one episode."""
-        scenario, forecast, level = (
-            task.settings[key] for key in ("scenario", "forecast", "planner")
-        )
-        planner = replace(
-            planner_of(self.planner),
-            predictor=self.predictors[forecast],
-            level=self.levels[level],
-        )
-        place = self.scenarios[scenario]
-        episode = play(place, self.robot, planner, self.settings, task.seed)
-        made = outcome(episode, task, self.tail, keep=False)
-        made.rows[0].update(_held(episode, planner, self.tail))
-        return made
+        planner = self._variant(task.settings["forecast"], task.settings["planner"])
+        episode = self.played(task, planner)
+        return outcome(episode, task, self.tail, _held(episode, planner, self.tail))
 
     def summary(self, rows: list[Row]) -> list[Row]:
         """One line per scenario, forecast and policy."""
         lines = []
-        for (scenario, forecast, level), some in group(
-            rows, "scenario", "forecast", "planner"
-        ).items():
+        for keys, some in group(rows, "scenario", "forecast", "planner").items():
             held = column(some, "plans_with_obstacles").sum()
-            lines.append(
-                {
-                    **{"scenario": scenario, "forecast": forecast, "level": level},
-                    "episodes": len(some),
-                    "success": float(np.mean([bool(row["success"]) for row in some])),
-                    "drove_into": int(column(some, "drove_into").sum()),
-                    **pick(condense(some), COLUMNS),
-                    "entered": float(column(some, "entered").sum() / column(some, "plans").sum()),
-                    "driven_below": float(column(some, "driven_below").sum() / max(held, 1.0)),
-                }
-            )
+            lines.append({
+                **dict(zip(("scenario", "forecast", "level"), keys, strict=True)),
+                "episodes": len(some),
+                "success": float(np.mean([bool(row["success"]) for row in some])),
+                "drove_into": int(column(some, "drove_into").sum()),
+                **pick(condense(some), COLUMNS),
+                "entered": float(column(some, "entered").sum() / column(some, "plans").sum()),
+                "driven_below": float(column(some, "driven_below").sum() / max(held, 1.0)),
+            })  # fmt: skip
         return lines
 
-    def figures(self, result: Result, folder: Path) -> list[Path]:
+    def pictures(self, result: Result) -> Pictures:
         """Draw least clearance against extra time, a panel per scenario and forecast."""
-        from ..drawing.plotting import paper_style, save
-
-        with paper_style():
-            return save(draw_prices(result.rows), folder, "level_policies")
+        yield "level_policies", draw_prices(result.rows)
 
     def quick(self) -> Self:
         """Play one seed to its end, in the last scenario with the first forecast."""
-        name, scenario = list(self.scenarios.items())[-1]
-        return replace(
-            self,
-            scenarios={name: scenario},
-            predictors=first_of(self.predictors),
-            seeds=1,
-        )
+        return reduced(self, scenarios=-1, predictors=1, seeds=1)
 
 
 def _held(episode: Episode, planner: Planner, tail: float) -> Row:
@@ -205,8 +150,6 @@ def draw_prices(rows: list[Row]) -> Any:
     Bars reach down to the least clearance and over the quartiles of the time. A hollow marker
     stands for a policy with contacts or without all arrivals, with their number beside it.
     """
-    from ..drawing.plotting import PAGE, subplots
-
     panels = group(rows, "scenario", "forecast")
     scenarios = list(dict.fromkeys(scenario for scenario, _ in panels))
     forecasts = list(dict.fromkeys(forecast for _, forecast in panels))

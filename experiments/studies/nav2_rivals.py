@@ -9,12 +9,10 @@ import numpy as np
 
 from ...controllers.steering import top_speed
 from ...controllers.withdrawing import Withdrawing
-from ...framework.controller import Controller, driving, fresh
+from ...framework import Controller, Predictor, Robot, WideberthError
+from ...framework.controller import driving, fresh
 from ...framework.mpc.planner.planner import Planner
-from ...framework.predictor import Predictor
-from ...framework.robot import Robot
 from ...framework.values.arrays import positive
-from ...framework.values.errors import WideberthError
 from ...metrics.statistics import known_mean
 from ...nav2.controllers.local_controllers import shipped_parameters
 from ...nav2.costmap.local_costmap import CostmapView
@@ -25,24 +23,19 @@ from ...simulation.log.episode_log import Episode
 from ...simulation.measures.episode_measures import measures
 from ...simulation.scenarios.base import Scenario
 from ..drawing.looks import draw_looks, looks_from_bytes, looks_to_bytes
-from ..drawing.plotting import paper_style, save
-from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
 from ..engine.closed_loop import (
     EPISODE_CAPTIONS,
-    check_settings,
-    check_shown,
     column,
     could_avoid,
-    first_of,
-    grid,
-    group,
     inputs_of,
     outcome,
-    seeds_of,
-    shown_of_fewer,
+    pick,
 )
 from ..engine.errors import as_user_error
-from .comparison import against, condensed, draw_summary, paired
+from .comparison_figures import summary_pictures
+from .episode_statistics import against, by_controller, condensed, paired
+from .episodes import SeededStudy, check_shown
+from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, labelled, reduced
 from .same_view import SameView, Watched
 
 AXES = {"scenario": "places", "limits": "limits", "view": "views", "controller": "controllers"}
@@ -103,7 +96,7 @@ class LimitSet:
 
 @final
 @dataclass(frozen=True)
-class Nav2Rivals(Experiment):
+class Nav2Rivals(SeededStudy):
     """Every controller at every place, under all limits and views, on the same seeds.
 
     All robots of an episode have the same controller. Each is given the same path and learns of
@@ -122,9 +115,6 @@ class Nav2Rivals(Experiment):
     places, limits, views, controllers : by name.
     tracker : forecasts whose velocities TEB receives; the other rivals receive positions.
     baseline : controller that the others are compared with.
-    seeds : number of episodes of each combination.
-    first_seed : the seeds are first_seed to first_seed + seeds - 1.
-    tail : 1 - content that forecasts are measured against.
     show : seeds whose episodes are kept and drawn.
     """
 
@@ -133,7 +123,6 @@ class Nav2Rivals(Experiment):
         "arrive where Nav2's controllers do not, or sooner, and where not?"
     )
     reference: ClassVar[str] = "macenski2020marathon,mcnemar1947note,wilcoxon1945individual"
-    growing: ClassVar[tuple[str, ...]] = ("seeds",)
     captions: ClassVar[Mapping[str, str]] = {
         "outcomes": (
             "Share of the episodes in which each controller arrived, waited too long, stood "
@@ -164,23 +153,20 @@ class Nav2Rivals(Experiment):
     controllers: dict[str, Controller]
     tracker: Predictor
     baseline: str
-    seeds: int = 100
-    first_seed: int = 0
-    tail: float = 0.05
     show: tuple[int, ...] = ()
 
-    def __post_init__(self) -> None:
-        check_settings(self, **{name: getattr(self, name) for name in AXES.values()})
+    def validate(self) -> None:
+        """Refuse settings that make no study."""
         if self.baseline not in self.controllers:
             raise WideberthError(
                 f"baseline is {self.baseline!r}; the controllers are {sorted(self.controllers)}"
             )
         check_shown(self.show, self.first_seed, self.seeds)
 
-    def tasks(self) -> list[Task]:
-        """One per place, limits, view, controller and seed."""
-        axes = {column: getattr(self, name) for column, name in AXES.items()}
-        return grid(axes, seeds_of(self))
+    def axes(self) -> Axes:
+        """All places, limits, views and controllers."""
+        axes: dict[Any, Any] = {column: getattr(self, name) for column, name in AXES.items()}
+        return {**axes, "seed": self.seed_range}
 
     def inputs(self) -> list[Path]:
         """Return the files that the scenarios read."""
@@ -204,14 +190,14 @@ class Nav2Rivals(Experiment):
         keep = task.seed in self.show
         run, watched = self._begun(task, keep)
         run.advance()
-        episode = run.episode()
-        made = outcome(episode, task, self.tail, keep=False)
-        row = made.rows[0]
-        row.update(measures(episode, self.tail, place.settings.time_limit))
-        row.update(_tried(watched))
-        robot = run.drivers[0].agent.robot
-        row.update(could_avoid(episode, place.scenario, robot, watched[0], place.settings))
-        labels = {name: row[name] for name in (*AXES, "seed")}
+        episode, robot = run.episode(), run.drivers[0].agent.robot
+        more = {
+            **measures(episode, self.tail, place.settings.time_limit),
+            **_tried(watched),
+            **could_avoid(episode, place.scenario, robot, watched[0], place.settings),
+        }
+        made = outcome(episode, task, self.tail, more)
+        labels = pick(made.rows[0], (*AXES, "seed"))
         made.times[:] = [
             {**labels, **_processor_time(one, log.name, episode.duration)}
             for one, log in zip(watched, episode.robots, strict=True)
@@ -226,9 +212,8 @@ class Nav2Rivals(Experiment):
         """One line per place, limits, view and controller, paired with the baseline."""
         places = [name for name in AXES if name != "controller"]
         lines = []
-        for labels, some in group(rows, *places).items():
-            head = dict(zip(places, labels, strict=True))
-            played = {str(name): own for (name,), own in group(some, "controller").items()}
+        for head, some in labelled(rows, *places):
+            played = by_controller(some)
             for name, own in played.items():
                 line = {**head, "controller": name, **condensed(own)}
                 line |= {to: known_mean(column(own, source)) for to, source in MEANS.items()}
@@ -237,33 +222,21 @@ class Nav2Rivals(Experiment):
                 lines.append(line)
         return lines
 
-    def figures(self, result: Result, folder: Path) -> list[Path]:
+    def pictures(self, result: Result) -> Pictures:
         """Draw outcomes and times per place, and what Nav2's controllers saw."""
         rows = [_as_compared(row) for row in result.rows]
         lines = [_as_compared(line) for line in self.summary(result.rows)]
-        files = draw_summary(lines, rows, self.baseline, folder)
+        yield from summary_pictures(lines, rows, self.baseline)
         for task in self.tasks():
             name = f"looks-{_file(task)}.npz"
-            if task.seed not in self.show or name not in result.names():
-                continue
-            episode = Episode.from_bytes(result.read(f"{_file(task)}.npz"))
-            looks = looks_from_bytes(result.read(name))
-            with paper_style():
-                called = _file(task).replace(" ", "_")
-                files += save(draw_looks(episode, looks), folder, f"looks_{called}")
-        return files
+            if task.seed in self.show and name in result.names():
+                episode = Episode.from_bytes(result.read(f"{_file(task)}.npz"))
+                looks = looks_from_bytes(result.read(name))
+                yield f"looks_{_file(task).replace(' ', '_')}", draw_looks(episode, looks)
 
     def quick(self) -> Self:
         """One seed at the first place, under the first limits and view, of three controllers."""
-        return replace(
-            self,
-            places=first_of(self.places),
-            limits=first_of(self.limits),
-            views=first_of(self.views),
-            controllers=first_of(self.controllers, 3),
-            seeds=1,
-            show=shown_of_fewer(self.show, self.first_seed, 1),
-        )
+        return reduced(self, places=1, limits=1, views=1, controllers=3, seeds=1)
 
     def _begun(self, task: Task, looks: bool) -> tuple[Run, list[Watched]]:
         """Return an episode at its start, and the controllers of its robots."""

@@ -1,58 +1,37 @@
 """Predictors and regions, each with each in one planner: what the pairs do in closed loop."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from ...framework.controller import Controller, driving
-from ...framework.predictor import Predictor
-from ...framework.region import Region
-from ...framework.robot import Robot
-from ...framework.values.errors import WideberthError
-from ...simulation.engine.settings import Settings
-from ...simulation.scenarios.base import Scenario
+from ...framework import Controller, Predictor, Region, WideberthError
+from ...framework.controller import driving
 from ..drawing.plotting import PAGE, subplots
 from ..drawing.shaded_tables import shaded
-from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
-from ..engine.closed_loop import (
-    check_settings,
-    check_starts,
-    first_of,
-    grid,
-    group,
-    inputs_of,
-    seeds_of,
-)
-from .comparison import ANSWERS, SOURCES, against, check_robots, condensed, measured
+from .episode_statistics import ANSWERS, SOURCES, against, condensed
+from .episodes import OnePlaceStudy, check_robots, measured
+from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, labelled, reduced
 
 
 @final
 @dataclass(frozen=True)
-class PlannerParts(Experiment):
+class PlannerParts(OnePlaceStudy):
     """One planner with each predictor and each region in place of its own, on the same seeds.
 
     Each pair is held against the first one, seed by seed. Columns as of a `comparison`.
 
     Parameters
     ----------
-    scenario : drawn from each seed.
-    robot : model of the plant.
     planner : all that stays the same; a controller with a predictor and a region.
     predictors, regions : by name.
-    settings : clock, noise and end of the episodes.
-    seeds : number of episodes per pair.
-    first_seed : the seeds are first_seed to first_seed + seeds - 1.
-    tail : 1 - content that forecasts and regions are measured against.
     """
 
     claim: ClassVar[str] = (
         "Which predictor and which region does a planner need, and does one make up for the other?"
     )
     reference: ClassVar[str] = SOURCES
-    growing: ClassVar[tuple[str, ...]] = ("seeds",)
     captions: ClassVar[Mapping[str, str]] = {
         "planner_parts": (
             "Success, time and nearness for every predictor (down) with every region (across): "
@@ -62,18 +41,12 @@ class PlannerParts(Experiment):
     headline: ClassVar[tuple[str, ...]] = ("success", "time_mean_s", "collision")
     printed: ClassVar[tuple[str, ...]] = ANSWERS
 
-    scenario: Scenario
-    robot: Robot
     planner: Controller
     predictors: dict[str, Predictor]
     regions: dict[str, Region]
-    settings: Settings = field(default_factory=Settings)
-    seeds: int = 20
-    first_seed: int = 0
-    tail: float = 0.05
 
-    def __post_init__(self) -> None:
-        check_settings(self, predictors=self.predictors, regions=self.regions)
+    def validate(self) -> None:
+        """Refuse settings that make no study."""
         own: Any = fields(self.planner) if is_dataclass(self.planner) else ()
         missing = sorted({"predictor", "region"} - {entry.name for entry in own if entry.init})
         if missing:
@@ -91,29 +64,23 @@ class PlannerParts(Experiment):
         )
         return changed
 
-    def tasks(self) -> list[Task]:
-        """One per predictor, region and seed."""
-        seeds = seeds_of(self)
-        return grid({"predictor": self.predictors, "region": self.regions}, seeds)
+    def axes(self) -> Axes:
+        """Each predictor with each region."""
+        return {"predictor": self.predictors, "region": self.regions, "seed": self.seed_range}
 
-    def inputs(self) -> list[Path]:
-        """Return the files that the scenario reads."""
-        return inputs_of([self.scenario])
-
-    def check(self) -> None:
-        """Make every pair, and begin an episode with those that have a part of the first one.
+    def begun(self) -> Mapping[str, Controller]:
+        """Make every pair, and return those that have a part of the first one.
 
         So each predictor begins with the first region, and each region with the first
         predictor: to begin with all pairs takes as long as some episodes.
         """
         pairs = {(p, r): self.pair(p, r) for p in self.predictors for r in self.regions}
         predictor, region = next(iter(pairs))
-        begun = {
+        return {
             f"{p} and {r}": planner
             for (p, r), planner in pairs.items()
             if p == predictor or r == region
         }
-        check_starts({"": self.scenario}, self.robot, begun, self.first_seed)
 
     def measure(self, task: Task) -> TaskOutcome:
         """Play one episode."""
@@ -122,24 +89,18 @@ class PlannerParts(Experiment):
 
     def summary(self, rows: list[Row]) -> list[Row]:
         """One line per pair, compared with the first."""
-        played = group(rows, "predictor", "region")
-        first = next(iter(played.values()))
+        played = labelled(rows, "predictor", "region")
         return [
-            {"predictor": predictor, "region": region, **condensed(own), **against(own, first)}
-            for (predictor, region), own in played.items()
+            {**labels, **condensed(own), **against(own, played[0][1])} for labels, own in played
         ]
 
-    def figures(self, result: Result, folder: Path) -> list[Path]:
+    def pictures(self, result: Result) -> Pictures:
         """Draw tables of success, time and nearness, predictors down and regions across."""
-        from ..drawing.plotting import paper_style, save
-
-        with paper_style():
-            return save(draw_tables(self.summary(result.rows)), folder, "planner_parts")
+        yield "planner_parts", draw_tables(self.summary(result.rows))
 
     def quick(self) -> Self:
         """Play one seed with the first two predictors and regions."""
-        predictors, regions = first_of(self.predictors, 2), first_of(self.regions, 2)
-        return replace(self, predictors=predictors, regions=regions, seeds=1)
+        return reduced(self, predictors=2, regions=2, seeds=1)
 
 
 SHOWN = (

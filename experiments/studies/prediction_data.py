@@ -7,10 +7,9 @@ from typing import Literal, final
 
 import numpy as np
 
+from ...framework import Tracks, WideberthError
 from ...framework.tracking.recordings import Recording
 from ...framework.values.arrays import positive
-from ...framework.values.errors import WideberthError
-from ...framework.values.tracks import Tracks
 from .crowd import DATA, SHIPPED, TrackFile
 
 STOOD = 0.1
@@ -158,6 +157,10 @@ class PredictionData:
     def paths(self, scene: SceneFiles) -> list[Path]:
         """Return the files of a scene."""
         return [self.folder / file for file in scene.files]
+
+    def size(self, scene: SceneFiles) -> int:
+        """Bytes of the files of a scene."""
+        return sum(path.stat().st_size for path in self.paths(scene))
 
     def read(self, scene: SceneFiles) -> list[Recording]:
         """Read the recordings of a scene.

@@ -1,14 +1,13 @@
 """All regions side by side: which there are, what they are called, how their numbers are kept."""
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field, replace
+from typing import Self, final
 
-from ...framework.plugins.config import build
-from ...framework.plugins.registry import load, names
-from ...framework.region import Region
+from ...framework import GaussianObstacle, Region, WideberthError, build, load, names
 from ...framework.risk.risk_meter import measure
-from ...framework.values.forecast import GaussianObstacle
-from ..engine.base import Row
+from ...framework.values.arrays import probability
+from .grid import GridStudy, Row
 
 FIELDS = (
     "level", "promised_tail", "tail", "risk_min", "risk_max", "risk_mean", "area", "area_ratio",
@@ -19,6 +18,39 @@ FIELDS = (
 
 _LENGTHS = ("clearance_lost", "gap_min", "gap_max", "gap_mean")
 """Differences of lengths in m, known to about 1e-12 m."""
+
+
+@dataclass(frozen=True)
+class RegionStudy(GridStudy):
+    """Regions beside each other, each at the level of one tail.
+
+    Parameters
+    ----------
+    regions : by name.
+    registered : measure every other registered region of two coordinates too.
+    tail : 1 - content, or the asked risk where a region's level stands for a risk.
+    """
+
+    regions: Mapping[str, Region] = field(default_factory=dict)
+    registered: bool = True
+    tail: float = 0.05
+
+    @final
+    def __post_init__(self) -> None:
+        probability("tail", self.tail)
+        if not (self.regions or self.registered):
+            raise WideberthError("regions is empty; name one, or set registered to true")
+        self.validate()
+
+    def validate(self) -> None:
+        """Refuse settings that make no study; those of all studies of regions are checked."""
+        return
+
+    @final
+    def three(self) -> Self:
+        """Return a copy with the first three of the given regions alone, if any is given."""
+        chosen = dict(list(self.regions.items())[:3])
+        return replace(self, regions=chosen, registered=self.registered and not chosen)
 
 
 def family(given: Mapping[str, Region], registered: bool, dimension: int = 2) -> list[str]:
@@ -65,11 +97,6 @@ def reading(region: Region, obstacle: GaussianObstacle, margin: float, level: fl
 def exceeds(row: Row, tail: float) -> bool:
     """Whether the risk exceeds the tail, but for rounding: a risk contour has it everywhere."""
     return float(row["risk_max"]) > tail * (1 + 1e-6)
-
-
-def title(name: str) -> str:
-    """Return a name as figures print it."""
-    return name.replace("_", " ")
 
 
 def rounded(value: float, length: bool = False) -> float:

@@ -1,22 +1,19 @@
 """Every region around one Gaussian, side by side."""
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import dataclass
 from textwrap import fill
 from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from ...framework.region import Region
-from ...framework.values.arrays import Array, positive, probability
-from ...framework.values.errors import WideberthError
-from ...framework.values.forecast import GaussianObstacle
+from ...framework import GaussianObstacle, Region, WideberthError
+from ...framework.values.arrays import Array, positive
 from ...regions.minkowski_sum import MinkowskiSum
-from ..drawing.plotting import COLOURS, PAGE, number, paper_style, save, subplots
-from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
-from .region_family import FIELDS, exceeds, family, member, reading, title
+from ..drawing.plotting import COLOURS, PAGE, entry, number, subplots, title
+from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome
+from .region_family import FIELDS, RegionStudy, exceeds, family, member, reading
 
 ACROSS = 5
 """Panels in one line of the figure."""
@@ -32,7 +29,7 @@ COLUMNS = (
 
 @final
 @dataclass(frozen=True)
-class RegionGallery(Experiment):
+class RegionGallery(RegionStudy):
     """Every region at level(tail) around one Gaussian, with what the risk meter reads there.
 
     Areas are those of the enlarged regions over the exact sum of content ellipse and disc of
@@ -41,20 +38,14 @@ class RegionGallery(Experiment):
 
     Attributes
     ----------
-    regions : by name.
-    registered : show every other registered region of two coordinates too.
     deviations : m, of the two coordinates.
     correlation : of the two coordinates, within [-0.99, 0.99].
     margin : m, r + r_d.
-    tail : 1 - content, or the asked risk where a region's level stands for a risk.
     """
 
-    regions: Mapping[str, Region] = field(default_factory=dict)
-    registered: bool = True
     deviations: tuple[float, float] = (1.0, 0.5)
     correlation: float = 0.8
     margin: float = 0.75
-    tail: float = 0.05
 
     claim: ClassVar[str] = (
         "How the regions of one content differ: their shape, their area, and the largest "
@@ -69,8 +60,8 @@ class RegionGallery(Experiment):
     }
     headline: ClassVar[tuple[str, ...]] = ("area_ratio", "risk_max", "clearance_lost")
 
-    def __post_init__(self) -> None:
-        probability("tail", self.tail)
+    def validate(self) -> None:
+        """Refuse a covariance that is none."""
         positive("margin", self.margin, zero=True)
         for deviation in self.deviations:
             positive("deviations", deviation, zero=True)
@@ -78,13 +69,10 @@ class RegionGallery(Experiment):
             raise WideberthError(
                 f"correlation is {self.correlation}; wanted a number within [-0.99, 0.99]"
             )
-        if not (self.regions or self.registered):
-            raise WideberthError("regions is empty; name one, or set registered to true")
 
-    def tasks(self) -> Sequence[Task]:
-        """One task per region."""
-        names = family(self.regions, self.registered)
-        return [Task(name, settings={"region": name}) for name in names]
+    def axes(self) -> Axes:
+        """Each region."""
+        return {"region": family(self.regions, self.registered)}
 
     def measure(self, task: Task) -> TaskOutcome:
         """Read the meter, and keep the outline beside the exact sum's."""
@@ -109,37 +97,17 @@ class RegionGallery(Experiment):
         """Area, risk, clearance and promise per region, from the smallest to the largest."""
         return [{column: row[column] for column in COLUMNS} for row in _by_area(rows)]
 
-    def figures(self, result: Result, folder: Path) -> list[Path]:
+    def pictures(self, result: Result) -> Pictures:
         """Draw one panel per region, on the same scale; what is not defined is listed below."""
         rows = _by_area(result.rows)
         shown = [row for row in rows if not row["remark"]]
         curves = [json.loads(result.read(f"{row['region']}.json")) for row in shown]
-        lines = -(-max(len(shown), 1) // ACROSS)
         missing = _missing([row for row in rows if row["remark"]])
-        with paper_style():
-            height = 0.5 + PAGE / (ACROSS + 0.5) * _flatness(curves)  # of one panel, title too
-            size = (PAGE, 0.7 + height * lines + 0.12 * (missing.count("\n") + bool(missing)))
-            figure, panels = subplots(
-                lines, ACROSS, figsize=size, sharex=True, sharey=True, squeeze=False
-            )
-            for panel in panels.flat[len(shown) :]:
-                panel.set_axis_off()
-            for panel, row, curve in zip(panels.flat, shown, curves, strict=False):
-                _panel(panel, row, curve, self._covariance(), self.tail)
-            for panel in panels[:, 0]:
-                panel.set_ylabel("y (m)")
-            for panel in panels.flat[max(len(shown) - ACROSS, 0) : len(shown)]:
-                panel.set_xlabel("x (m)")
-                panel.tick_params(labelbottom=True)
-            _legend(figure, self.tail)
-            if missing:
-                figure.supxlabel(missing, fontsize=6, x=0.01, ha="left")
-            return save(figure, folder, "region_gallery")
+        yield "region_gallery", _draw(shown, curves, missing, self._covariance(), self.tail)
 
     def quick(self) -> Self:
         """Keep three regions."""
-        chosen = dict(list(self.regions.items())[:3])
-        return replace(self, regions=chosen, registered=self.registered and not chosen)
+        return self.three()
 
     def _covariance(self) -> Array:
         first, second = self.deviations
@@ -158,6 +126,29 @@ def _outline(
 def _by_area(rows: list[Row]) -> list[Row]:
     """From the smallest to the largest region; those not defined last."""
     return sorted(rows, key=lambda row: np.inf if row["remark"] else float(row["area_ratio"]))
+
+
+def _draw(
+    rows: list[Row], curves: list[dict[str, Any]], missing: str, covariance: Array, tail: float
+) -> Any:
+    """Draw one panel per region, and say below which are missing."""
+    lines = -(-max(len(rows), 1) // ACROSS)
+    height = 0.5 + PAGE / (ACROSS + 0.5) * _flatness(curves)  # of one panel, title too
+    size = (PAGE, 0.7 + height * lines + 0.12 * (missing.count("\n") + bool(missing)))
+    figure, panels = subplots(lines, ACROSS, figsize=size, sharex=True, sharey=True, squeeze=False)
+    for panel in panels.flat[len(rows) :]:
+        panel.set_axis_off()
+    for panel, row, curve in zip(panels.flat, rows, curves, strict=False):
+        _panel(panel, row, curve, covariance, tail)
+    for panel in panels[:, 0]:
+        panel.set_ylabel("y (m)")
+    for panel in panels.flat[max(len(rows) - ACROSS, 0) : len(rows)]:
+        panel.set_xlabel("x (m)")
+        panel.tick_params(labelbottom=True)
+    _legend(figure, tail)
+    if missing:
+        figure.supxlabel(missing, fontsize=6, x=0.01, ha="left")
+    return figure
 
 
 def _missing(rows: list[Row]) -> str:
@@ -200,14 +191,12 @@ def _panel(panel: Any, row: Row, curves: dict[str, Any], covariance: Array, tail
 
 
 def _legend(figure: Any, tail: float) -> None:
-    from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    asked = number(tail)
     entries = [
-        Line2D([], [], color=COLOURS[1], linestyle="-", label=f"region, risk at most {asked}"),
-        Line2D([], [], color=COLOURS[2], linestyle="-", label=f"region, risk above {asked}"),
-        Line2D([], [], color="black", linestyle=(0, (3, 2)), lw=0.8, label="exact sum"),
+        entry(f"region, risk at most {number(tail)}", color=COLOURS[1], linestyle="-"),
+        entry(f"region, risk above {number(tail)}", color=COLOURS[2], linestyle="-"),
+        entry("exact sum", color="black", linestyle=(0, (3, 2)), linewidth=0.8),
         *(Patch(color=shade, label=rf"{count} $\sigma$") for count, shade in SHADES[::-1]),
     ]
     figure.legend(handles=entries, loc="outside upper center", ncols=len(entries))

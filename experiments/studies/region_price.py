@@ -1,43 +1,24 @@
 """Price of each region in closed loop: clearance, time, path and solve time."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self, cast, final
 
 import numpy as np
 
-from ...framework.controller import Controller
+from ...framework import Controller, GaussianObstacle, Predictor, Region, WideberthError
 from ...framework.mpc.levels.base import LevelPolicy
 from ...framework.mpc.planner.planner import Planner
-from ...framework.plugins.io import write_table
-from ...framework.predictor import Predictor
-from ...framework.region import Region
-from ...framework.robot import Robot
 from ...framework.values.arrays import Array
-from ...framework.values.errors import WideberthError
-from ...framework.values.forecast import GaussianObstacle
 from ...metrics.statistics import known_mean, quartiles
 from ...regions.minkowski_sum import MinkowskiSum
-from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
 from ...simulation.measures.summary import robot_rows, summarise
-from ...simulation.scenarios.base import Scenario
-from ..drawing.plotting import COLOURS, PAGE, few, note, subplots
-from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
-from ..engine.closed_loop import (
-    check_settings,
-    check_starts,
-    column,
-    condense,
-    first_of,
-    group,
-    inputs_of,
-    pick,
-    play,
-    seeds_of,
-)
-from .region_family import family, member, rounded, title
+from ..drawing.plotting import PAGE, entry, few, style, subplots, title
+from ..engine.closed_loop import column, condense, group, pick
+from .episodes import OnePlaceStudy
+from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, labelled, reduced
+from .region_family import family, member, rounded
 from .stopwatch import Stopwatch
 from .variants import planner_of
 
@@ -52,7 +33,7 @@ COLUMNS = (
 
 @final
 @dataclass(frozen=True)
-class RegionPrice(Experiment):
+class RegionPrice(OnePlaceStudy):
     """The same planner with every region, on the same seeds, against the paper's ellipse.
 
     ``extra_time`` and ``extra_path`` are the slower robot's time and the longer path over
@@ -70,15 +51,13 @@ class RegionPrice(Experiment):
 
     Parameters
     ----------
-    scenario, robot, planner, settings, tail : as in `dynamic_matters`, one scenario.
+    planner : settings of the MPC; its region and predictor are exchanged.
     predictors : forecasts by name. Round ones set the regions apart less: there the paper's
         ellipse, the exact sum and all outer ellipses are the same disc.
     regions : by name; one of them is named ``mahalanobis_ellipse``.
     registered : add every other registered region.
     at_risk : names of regions to be played once more at the level at which the collision
         risk is at most the policy's tail (promise: risk).
-    seeds : number of episodes per region and forecast.
-    first_seed : the seeds are first_seed to first_seed + seeds - 1.
     """
 
     claim: ClassVar[str] = (
@@ -86,7 +65,6 @@ class RegionPrice(Experiment):
         "does each cost in the same encounters?"
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
-    growing: ClassVar[tuple[str, ...]] = ("seeds",)
     captions: ClassVar[Mapping[str, str]] = {
         "region_price": (
             "What each region costs in the same encounters, sorted by area: clearance, extra "
@@ -95,20 +73,14 @@ class RegionPrice(Experiment):
     }
     headline: ClassVar[tuple[str, ...]] = ("area_ratio", "clearance_median_m", "extra_time")
 
-    scenario: Scenario
-    robot: Robot
     planner: Controller
     predictors: dict[str, Predictor]
     regions: dict[str, Region]
     registered: bool = True
     at_risk: tuple[str, ...] = ()
-    settings: Settings = field(default_factory=Settings)
-    seeds: int = 10
-    first_seed: int = 0
-    tail: float = 0.05
 
-    def __post_init__(self) -> None:
-        check_settings(self, predictors=self.predictors)
+    def validate(self) -> None:
+        """Refuse settings that make no study."""
         planner_of(self.planner)
         if ELLIPSE not in self.regions:
             raise WideberthError(
@@ -121,21 +93,13 @@ class RegionPrice(Experiment):
                 f"at_risk names {unknown}; wanted some of regions, {sorted(self.regions)}"
             )
 
-    def tasks(self) -> list[Task]:
-        """One per forecast and seed, for all regions."""
-        return [
-            Task(f"{forecast} {seed}", seed, {"forecast": forecast})
-            for forecast in self.predictors
-            for seed in seeds_of(self)
-        ]
+    def axes(self) -> Axes:
+        """Each forecast, for all regions."""
+        return {"forecast": self.predictors, "seed": self.seed_range}
 
-    def inputs(self) -> list[Path]:
-        """Return the files that the scenario reads."""
-        return inputs_of([self.scenario])
-
-    def check(self) -> None:
-        """Begin an episode of the first seed."""
-        check_starts({"": self.scenario}, self.robot, {"planner": self.planner}, self.first_seed)
+    def begun(self) -> Mapping[str, Controller]:
+        """Return the planner as it is given."""
+        return {"planner": self.planner}
 
     def measure(self, task: Task) -> TaskOutcome:
         """Play one episode with each region."""
@@ -153,7 +117,7 @@ class RegionPrice(Experiment):
                 rows[name] = {"remark": str(error)}
                 continue
             watch = Stopwatch(planners[name], [])
-            episode = play(self.scenario, self.robot, watch, self.settings, task.seed)
+            episode = self.played(task, watch)
             rows[name], seconds[name] = _row(episode, self.tail), watch.seconds
             if name == ELLIPSE:
                 covariances = met(episode)
@@ -169,50 +133,38 @@ class RegionPrice(Experiment):
         """One line per forecast and region, paired with the paper's ellipse."""
         base = {(row["forecast"], row["seed"]): row for row in rows if row["region"] == ELLIPSE}
         lines = []
-        for (forecast, region), some in group(rows, "forecast", "region").items():
-            line: Row = {"forecast": forecast, "region": region}
+        for labels, some in labelled(rows, "forecast", "region"):
             if some[0]["remark"]:
-                lines.append(line | {"remark": some[0]["remark"]})
+                lines.append(labels | {"remark": some[0]["remark"]})
                 continue
             pairs = [base[row["forecast"], row["seed"]] for row in some]
             time = excess(some, pairs, "time_ratio_worst")
-            path = excess(some, pairs, "length_ratio_worst")
             rest = condense(some)
-            lines.append(
-                {
-                    **line,
-                    "area_ratio": known_mean(column(some, "area_ratio")),
-                    **pick(rest, COLUMNS),
-                    "extra_time": quartiles(time)[1],
-                    "extra_path": quartiles(path)[1],
-                    "paired": len(time),
-                    **pick(rest, ("below_reference", "least_content", "fallback_plans")),
-                    "iterations": known_mean(column(some, "iterations")),
-                    "remark": rest["errors"],
-                }
-            )
+            lines.append({
+                **labels,
+                "area_ratio": known_mean(column(some, "area_ratio")),
+                **pick(rest, COLUMNS),
+                "extra_time": quartiles(time)[1],
+                "extra_path": quartiles(excess(some, pairs, "length_ratio_worst"))[1],
+                "paired": len(time),
+                **pick(rest, ("below_reference", "least_content", "fallback_plans")),
+                "iterations": known_mean(column(some, "iterations")),
+                "remark": rest["errors"],
+            })  # fmt: skip
         return lines
 
-    def figures(self, result: Result, folder: Path) -> list[Path]:
+    def pictures(self, result: Result) -> Pictures:
         """Draw the prices, and write the solve times and their ratios as a table."""
-        from ..drawing.plotting import paper_style, save
-
         times = solve_times(result.times)
-        with paper_style():
-            figure = draw_prices(result.rows, self.summary(result.rows), times)
-            files = save(figure, folder, "region_price")
-        return [*files, write_table(folder / "solve_times.csv", times)]
+        yield "region_price", draw_prices(result.rows, self.summary(result.rows), times)
+        yield "solve_times.csv", times
 
     def quick(self) -> Self:
         """One seed, the first forecast, the ellipse and two other regions."""
-        others = [name for name in self.regions if name != ELLIPSE]
-        return replace(
-            self,
-            predictors=first_of(self.predictors),
-            regions={name: self.regions[name] for name in (ELLIPSE, *others[:2])},
-            registered=False,
-            at_risk=(),
-            seeds=1,
+        names = [ELLIPSE, *(name for name in self.regions if name != ELLIPSE)][:3]
+        few = {name: self.regions[name] for name in names}
+        return reduced(
+            replace(self, regions=few, registered=False, at_risk=()), predictors=1, seeds=1
         )
 
     def _names(self) -> list[str]:
@@ -307,18 +259,15 @@ def time_rows(found: list[tuple[Row, list[float]]]) -> list[Row]:
     rows = []
     for label, own in found:
         if own:
-            times = levels[str(label["region"])]
-            ratios = times / reference
-            rows.append(
-                {
-                    **label,
-                    "solves": len(own),
-                    "solve_median_s": float(times[0]),
-                    "solve_p95_s": float(times[1]),
-                    "ratio": float(ratios[0]),
-                    "ratio_p95": float(ratios[1]),
-                }
-            )
+            middle, high = levels[str(label["region"])]
+            rows.append({
+                **label,
+                "solves": len(own),
+                "solve_median_s": float(middle),
+                "solve_p95_s": float(high),
+                "ratio": float(middle / reference[0]),
+                "ratio_p95": float(high / reference[1]),
+            })  # fmt: skip
     return rows
 
 
@@ -329,21 +278,18 @@ def solve_times(times: list[Row]) -> list[Row]:
     of an episode are far from any region, the latter is about those that are not.
     """
     lines = []
-    for (forecast, region), some in group(times, "forecast", "region").items():
+    for labels, some in labelled(times, "forecast", "region"):
         low, middle, high = quartiles(column(some, "ratio"))
-        lines.append(
-            {
-                "forecast": forecast,
-                "region": region,
-                "solves": int(column(some, "solves").sum()),
-                "median_ms": 1e3 * float(np.median(column(some, "solve_median_s"))),
-                "p95_ms": 1e3 * float(np.median(column(some, "solve_p95_s"))),
-                "ratio": middle,
-                "ratio_q25": low,
-                "ratio_q75": high,
-                "ratio_p95": quartiles(column(some, "ratio_p95"))[1],
-            }
-        )
+        lines.append({
+            **labels,
+            "solves": int(column(some, "solves").sum()),
+            "median_ms": 1e3 * float(np.median(column(some, "solve_median_s"))),
+            "p95_ms": 1e3 * float(np.median(column(some, "solve_p95_s"))),
+            "ratio": middle,
+            "ratio_q25": low,
+            "ratio_q75": high,
+            "ratio_p95": quartiles(column(some, "ratio_p95"))[1],
+        })  # fmt: skip
     return lines
 
 
@@ -419,13 +365,17 @@ def _mark(panel: Any, three: Sequence[float], place: float, i: int, *, bars: boo
     if not np.isfinite(three).all() or not len(three):
         return
     low, middle, high = three
-    colour = COLOURS[(1 + i) % len(COLOURS)]
+    look = _look(i)
     if bars:
-        panel.plot([low, high], [place, place], "-", color=colour, linewidth=1.0)
-    panel.plot(
-        middle, place, MARKERS[i % len(MARKERS)], color=colour, markersize=3.4,
-        markerfacecolor="white" if i else colour, markeredgewidth=0.8,
-    )  # fmt: skip
+        panel.plot([low, high], [place, place], "-", color=look["color"], linewidth=1.0)
+    panel.plot(middle, place, linestyle="", markeredgewidth=0.8, **look)
+
+
+def _look(i: int) -> dict[str, Any]:
+    """Return colour and marker of a forecast."""
+    look = style(1 + i, MARKERS[-1] + MARKERS[:-1])
+    hollow = {"markerfacecolor": "white"} if i else {}
+    return {"color": look["color"], "marker": look["marker"], "markersize": 3.4, **hollow}
 
 
 def _dress(panels: Any, names: list[str]) -> None:
@@ -458,22 +408,10 @@ def _octaves(panel: Any) -> None:
 
 
 def _legend(figure: Any, forecasts: list[str], words: str) -> None:
-    from matplotlib.lines import Line2D
-
     entries = [
-        Line2D(
-            [],
-            [],
-            marker=MARKERS[i % len(MARKERS)],
-            color=COLOURS[(1 + i) % len(COLOURS)],
-            markerfacecolor="white" if i else COLOURS[1],
-            linestyle="-",
-            linewidth=1.0,
-            markersize=3.4,
-            label=f"{forecast} forecasts",
-        )
+        entry(f"{forecast} forecasts", **_look(i), linestyle="-", linewidth=1.0)
         for i, forecast in enumerate(forecasts)
     ]
     bars = words or "bars: quartiles\n(clearance: from the least; grey: collision)"
-    entries.append(note(f"dots: medians over the seeds; {bars}"))
+    entries.append(entry(f"dots: medians over the seeds; {bars}"))
     figure.legend(handles=entries, loc="outside lower center", ncols=len(entries))

@@ -1,41 +1,28 @@
 """The robot crosses among recorded people, who do not know of it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Self, final
+from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from ...framework.controller import Controller, fresh
-from ...framework.plugins.io import write_bytes
-from ...framework.robot import Robot
+from ...framework import Controller, Robot, WideberthError
+from ...framework.controller import fresh
 from ...framework.tracking.recordings import Recording
 from ...framework.values.arrays import positive
-from ...framework.values.errors import WideberthError
 from ...metrics.episode import approach
 from ...simulation.engine.agents import RobotAgent
 from ...simulation.engine.episode import run_episode
 from ...simulation.engine.settings import Settings
 from ...simulation.log.episode_log import Episode
-from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
-from ..engine.closed_loop import (
-    EPISODE_CAPTIONS,
-    check_settings,
-    check_shown,
-    column,
-    condense,
-    figure_name,
-    group,
-    outcome,
-    seeds_of,
-    shown_of_fewer,
-)
+from ..drawing.plotting import PAGE, subplots
+from ..drawing.strips import strip, strip_legend
+from ..engine.closed_loop import EPISODE_CAPTIONS, column, condense, outcome, pick
 from ..engine.progress import say
 from .crowd import CrowdInstant, TrackFile, counted_reasons, draw_situation
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from .episodes import SeededStudy, check_shown, episode_pictures, figure_name
+from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, labelled, reduced
 
 STILL = 0.05
 """m/s; a robot slower than this at a contact was run into."""
@@ -44,14 +31,8 @@ SUDDEN = 2.0
 one at 1.5 m/s is first seen 3 m away, and a robot at 1 m/s needs 1.4 s to stop."""
 CONTACTS = ("drove_into", "run_into", "sudden")
 SHOWN = (
-    *(
-        "deadlocks",
-        "goals_in_time",
-        "clearance_min_m",
-        "clearance_median_m",
-        "time_ratio",
-        "extra_time_s",
-    ),
+    *("deadlocks", "goals_in_time", "clearance_min_m", "clearance_median_m", "time_ratio"),
+    "extra_time_s",
     *("below_reference", "least_content", "gave_way", "named_forecasts", "coverage"),
 )
 """Columns of `condense` in the summary."""
@@ -59,7 +40,7 @@ SHOWN = (
 
 @final
 @dataclass(frozen=True)
-class Replay(Experiment):
+class Replay(SeededStudy):
     """Plan through a recording of people or robots, under several settings of the planner.
 
     Each episode draws a person and a moment: the robot's straight way leads to where that
@@ -88,9 +69,6 @@ class Replay(Experiment):
     reach : m before and behind the person aimed at.
     speed : m/s at the start, and the reference of the free time; state the planners'
         ``reference_speed`` alike, or the ratio of times says little.
-    seeds : number of episodes per planner.
-    first_seed : the seeds are first_seed to first_seed + seeds - 1.
-    tail : 1 - content that the plans' levels are compared with, and of the drawn regions.
     show : seeds whose run is drawn for every planner; the first of them is animated for the
         first planner.
     """
@@ -100,7 +78,6 @@ class Replay(Experiment):
         "make way for it); what does the predictor change?"
     )
     reference: ClassVar[str] = "schoeneberg2025trajectory"
-    growing: ClassVar[tuple[str, ...]] = ("seeds",)
     captions: ClassVar[Mapping[str, str]] = {
         "comparison": (
             "Clearance and time of every episode by planner: below the line at 0 the robot "
@@ -116,13 +93,10 @@ class Replay(Experiment):
     settings: Settings = field(default_factory=Settings)
     reach: float = 6.0
     speed: float = 0.7
-    seeds: int = 6
-    first_seed: int = 0
-    tail: float = 0.05
     show: tuple[int, ...] = (0,)
 
-    def __post_init__(self) -> None:
-        check_settings(self, planners=self.planners)
+    def validate(self) -> None:
+        """Refuse settings that make no study."""
         positive("reach", self.reach)
         positive("speed", self.speed)
         check_shown(self.show, self.first_seed, self.seeds)
@@ -131,8 +105,8 @@ class Replay(Experiment):
                 f"robot moves in {self.robot.dimension} dimensions; recordings are plane"
             )
 
-    def tasks(self) -> list[Task]:
-        """One per planner and episode; the recording is read and every episode drawn first.
+    def axes(self) -> Axes:
+        """Each planner; the recording is read and every episode drawn first.
 
         Raises
         ------
@@ -141,14 +115,10 @@ class Replay(Experiment):
         recording = self.tracks.read()
         if self.tracks.is_bag:
             say(recording.report())
-        seeds = seeds_of(self)
+        seeds = self.seed_range
         for seed in seeds:
             self.situation(recording, seed)
-        return [
-            Task(f"{planner} {seed}", seed, {"scenario": "replay", "planner": planner})
-            for planner in self.planners
-            for seed in seeds
-        ]
+        return {"scenario": ["replay"], "planner": self.planners, "seed": seeds}
 
     def inputs(self) -> list[Path]:
         """Return the files of the recording."""
@@ -175,8 +145,8 @@ class Replay(Experiment):
         controller = fresh(self.planners[task.settings["planner"]])
         robot = RobotAgent("robot", self.robot, controller, found.path, self.speed, truth=True)
         episode = run_episode([robot], self.settings, seed=task.seed, others=found.people)
-        made = outcome(episode, task, self.tail, keep=task.seed in self.show)
-        made.rows[0].update(self._labels(recording, found, episode), **contacts(episode, found))
+        more = self._labels(recording, found, episode) | contacts(episode, found)
+        made = outcome(episode, task, self.tail, more, keep=task.seed in self.show)
         if task.seed == self.first_seed and task.settings["planner"] == next(iter(self.planners)):
             made.files["tracks.txt"] = f"{recording.report()}\n{recording.noise.text}\n".encode()
         return made
@@ -201,43 +171,30 @@ class Replay(Experiment):
     def summary(self, rows: list[Row]) -> list[Row]:
         """One line per planner, with the kinds of contact and what the recording held."""
         lines = []
-        for (planner,), some in group(rows, "planner").items():
+        for labels, some in labelled(rows, "planner"):
             line = condense(some)
             lines.append({
-                "planner": planner,
-                **{key: line[key] for key in ("episodes", "collisions")},
+                **labels,
+                **pick(line, ("episodes", "collisions")),
                 **{kind: int(column(some, kind).sum()) for kind in CONTACTS},
-                **{key: value for key, value in line.items() if key in SHOWN},
+                **pick(line, SHOWN),
                 "people": float(np.median(column(some, "people"))),
-                **{key: some[0][key] for key in ("tracks_usable", "tracks_unusable")},
-                **{key: some[0][key] for key in ("why_unusable", "noise")},
+                **pick(some[0], ("tracks_usable", "tracks_unusable", "why_unusable", "noise")),
             })  # fmt: skip
         return lines
 
-    def figures(self, result: Result, folder: Path) -> list[Path]:
+    def pictures(self, result: Result) -> Pictures:
         """Compare the planners, draw one episode of each, and animate the first's."""
-        from ...framework.mpc.planner.planner import planner_behind
-        from ..drawing.animation import animate
-        from ..drawing.episodes import draw_run
-        from ..drawing.plotting import paper_style, save
-
-        with paper_style():
-            files = save(compare(result.rows), folder, "comparison")
+        yield "comparison", compare(result.rows)
         for i, (name, controller) in enumerate(self.planners.items()):
             for seed in self.show:
                 episode = Episode.from_bytes(result.read(f"replay-{name}-{seed}.npz"))
-                called = figure_name(name, seed, self.show)
-                with paper_style():
-                    files += save(draw_run(episode), folder, f"run_{called}")
-                if i == 0 and seed == self.show[0]:
-                    files.append(folder / f"animation_{called}.gif")
-                    film = animate(episode, tail=self.tail, planner=planner_behind(controller))
-                    write_bytes(files[-1], film)
-        return files
+                called, film = figure_name(name, seed, self.show), i == 0 and seed == self.show[0]
+                yield from episode_pictures(called, episode, controller, self.tail, film=film)
 
     def quick(self) -> Self:
         """One episode of each planner."""
-        return replace(self, seeds=1, show=shown_of_fewer(self.show, self.first_seed, 1))
+        return reduced(self, seeds=1)
 
 
 def contacts(episode: Episode, found: CrowdInstant) -> Row:
@@ -260,25 +217,20 @@ def contacts(episode: Episode, found: CrowdInstant) -> Row:
     return number
 
 
-def compare(rows: list[Row]) -> "Figure":
+def compare(rows: list[Row]) -> Any:
     """Draw clearance and time of every episode, a column per planner, with the medians.
 
     Episodes that never reached the goal stand as triangles at the upper edge.
     """
-    from matplotlib.figure import Figure
-
-    from ..drawing.plotting import PAGE
-    from ..drawing.strips import strip, strip_legend
-
-    groups = group(rows, "planner")
-    figure = Figure(figsize=(PAGE, 2.7 if len(groups) <= 6 else 3.5))
-    titles = {
-        "clearance": "least clearance (m)",
-        "time_ratio_worst": "time over free time",
-    }
-    for panel, (name, title) in zip(figure.subplots(1, 2), titles.items(), strict=True):
+    planners = {row["planner"] for row in rows}
+    figure, panels = subplots(1, 2, figsize=(PAGE, 2.7 if len(planners) <= 6 else 3.5))
+    quantities = (
+        ("clearance", "least clearance (m)", 0.0),
+        ("time_ratio_worst", "time over free time", 1.0),
+    )
+    for panel, (name, label, line) in zip(panels, quantities, strict=True):
         strip(panel, rows, name)
-        panel.axhline(0.0 if name == "clearance" else 1.0, color="0.5", linewidth=0.6)
-        panel.set_ylabel(title)
+        panel.axhline(line, color="0.5", linewidth=0.6)
+        panel.set_ylabel(label)
     strip_legend(figure, "bodies touch, free time")
     return figure

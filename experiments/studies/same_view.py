@@ -7,14 +7,18 @@ from typing import final
 
 import numpy as np
 
-from ...framework.controller import Controller
-from ...framework.predictor import Predictor
+from ...framework import (
+    Command,
+    Controller,
+    Detection,
+    Observation,
+    Path,
+    Plan,
+    Polygon,
+    Predictor,
+)
 from ...framework.tracking.perception import Perception, scene_of
 from ...framework.values.arrays import Array
-from ...framework.values.motion import Command, Detection, Observation
-from ...framework.values.path import Path
-from ...framework.values.plan import Plan
-from ...framework.values.polygon import Polygon
 from ...nav2.costmap.local_costmap import CostmapView, discs_of
 from ...nav2.costmap.rays import Rays
 from ...nav2.server.navigator import Nav2

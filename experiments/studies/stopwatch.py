@@ -6,14 +6,12 @@ from functools import partial
 from time import process_time
 from typing import final
 
-from ...framework.controller import Controller, fresh
+from ...framework import Command, Controller, Observation, Path, Plan
+from ...framework.controller import fresh
 from ...framework.mpc.ocp.problem import Parameters, Problem
 from ...framework.mpc.ocp.transcription import Guess
 from ...framework.mpc.planner.planner import Planner
 from ...framework.mpc.solver import CheapestSolver, Solution, Solver, solve_cheapest
-from ...framework.values.motion import Command, Observation
-from ...framework.values.path import Path
-from ...framework.values.plan import Plan
 from .variants import planner_of
 
 

@@ -2,26 +2,22 @@
 
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from ...framework.controller import Controller, driving
-from ...framework.plugins.config import build, describe
+from ...framework import Controller, WideberthError, build, describe
+from ...framework.controller import driving
 from ...framework.plugins.yamlfile import assign
-from ...framework.robot import Robot
-from ...framework.values.errors import WideberthError
 from ...metrics.statistics import pareto
-from ...simulation.engine.settings import Settings
-from ...simulation.scenarios.base import Scenario
-from ..drawing.plotting import COLOURS, PAGE, subplots
+from ..drawing.plotting import COLOURS, PAGE, entry, subplots
 from ..drawing.trade_off_markers import bars_note, mark, say_empty, widen
-from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
-from ..engine.closed_loop import check_settings, check_starts, group, inputs_of, seeds_of
+from ..engine.closed_loop import group
 from ..engine.text_tables import format_cell
-from .comparison import SOURCES, against, check_robots, condensed, measured
+from .episode_statistics import SOURCES, against, condensed
+from .episodes import OnePlaceStudy, check_robots, measured
+from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome
 
 BASE = "base"
 """Name of the setting that is varied."""
@@ -29,7 +25,7 @@ BASE = "base"
 
 @final
 @dataclass(frozen=True)
-class Tuning(Experiment):
+class Tuning(OnePlaceStudy):
     """A planner with one setting changed at a time, on the same seeds.
 
     ``pareto`` marks the settings that none beats: no other one has at least their share of
@@ -38,22 +34,15 @@ class Tuning(Experiment):
 
     Parameters
     ----------
-    scenario : drawn from each seed.
-    robot : model of the plant.
     planner : the base setting, any controller.
     factors : dotted key of the planner's config, as for ``--set``, and the values it takes; its
         value in the base is left out where it stands among them.
-    settings : clock, noise and end of the episodes.
-    seeds : number of episodes per setting.
-    first_seed : the seeds are first_seed to first_seed + seeds - 1.
-    tail : 1 - content that forecasts and regions are measured against.
     """
 
     claim: ClassVar[str] = (
         "Which settings of the planner buy clearance with time, and which buy it for nothing?"
     )
     reference: ClassVar[str] = SOURCES
-    growing: ClassVar[tuple[str, ...]] = ("seeds",)
     captions: ClassVar[Mapping[str, str]] = {
         "tuning": (
             "Least clearance against time for each setting: the grey step joins the settings "
@@ -66,17 +55,11 @@ class Tuning(Experiment):
         *("time_difference_s", "p_value", "pareto", "judged_outcome", "errors"),
     )
 
-    scenario: Scenario
-    robot: Robot
     planner: Controller
     factors: dict[str, tuple[Any, ...]]
-    settings: Settings = field(default_factory=Settings)
-    seeds: int = 20
-    first_seed: int = 0
-    tail: float = 0.05
 
-    def __post_init__(self) -> None:
-        check_settings(self)
+    def validate(self) -> None:
+        """Refuse settings that make no study."""
         if not self.factors:
             raise WideberthError("factors is empty; name a key of the planner and its values")
         if not all(self.factors.values()):
@@ -105,22 +88,13 @@ class Tuning(Experiment):
         )
         return made
 
-    def tasks(self) -> list[Task]:
-        """One per setting and seed."""
-        return [
-            Task(f"{factor} {value} {seed}", seed, {"factor": factor, "value": value})
-            for factor, value in self.variants()
-            for seed in seeds_of(self)
-        ]
+    def axes(self) -> Axes:
+        """Each setting."""
+        return {("factor", "value"): self.variants(), "seed": self.seed_range}
 
-    def inputs(self) -> list[Path]:
-        """Return the files that the scenario reads."""
-        return inputs_of([self.scenario])
-
-    def check(self) -> None:
-        """Begin an episode with every setting of the planner."""
-        variants = {" ".join(key).strip(): self.variant(*key) for key in self.variants()}
-        check_starts({"": self.scenario}, self.robot, variants, self.first_seed)
+    def begun(self) -> Mapping[str, Controller]:
+        """Return the planner with every setting."""
+        return {" ".join(key).strip(): self.variant(*key) for key in self.variants()}
 
     def measure(self, task: Task) -> TaskOutcome:
         """Play one episode."""
@@ -131,34 +105,19 @@ class Tuning(Experiment):
         """One line per setting, paired with the base."""
         played = group(rows, "factor", "value")
         base = next(iter(played.values()))
-        lines = [
-            {
-                "factor": factor,
-                "value": format_cell(value),
-                **condensed(own),
-            }
-            | against(own, base)
-            for (factor, value), own in played.items()
+        lines = [condensed(own) | against(own, base) for own in played.values()]
+        costs = [
+            (-line["success"], -line["clearance_median_m"], line["time_median_s"])
+            for line in lines
         ]
-        best = pareto(
-            np.array(
-                [
-                    (-line["success"], -line["clearance_median_m"], line["time_median_s"])
-                    for line in lines
-                ]
-            )
-        )
         return [
-            {"factor": line["factor"], "value": line["value"], "pareto": bool(good), **line}
-            for line, good in zip(lines, best, strict=True)
+            {"factor": factor, "value": format_cell(value), "pareto": bool(good), **line}
+            for (factor, value), line, good in zip(played, lines, pareto(costs), strict=True)
         ]
 
-    def figures(self, result: Result, folder: Path) -> list[Path]:
+    def pictures(self, result: Result) -> Pictures:
         """Draw the clearance-against-time front, a panel per factor."""
-        from ..drawing.plotting import paper_style, save
-
-        with paper_style():
-            return save(draw_fronts(self.summary(result.rows), result.rows), folder, "tuning")
+        yield "tuning", draw_fronts(self.summary(result.rows), result.rows)
 
     def quick(self) -> Self:
         """Play one seed to its end with the first value of the first factor."""
@@ -204,10 +163,9 @@ def draw_fronts(lines: Sequence[Row], rows: Sequence[Row]) -> Any:
             if key[0] == factor:
                 _value(panel, own, key, colour)
         place = mark(panel, played[first], "success_time", ("*", COLOURS[0]))
-        if place is not None:
-            panel.plot(*place, "*", color=COLOURS[0], markersize=9, zorder=4)
         panel.margins(0.12)
         if place is not None:
+            panel.plot(*place, "*", color=COLOURS[0], markersize=9, zorder=4)
             widen(panel)
         if i + wide >= len(factors):  # nothing below it
             panel.tick_params(labelbottom=True)
@@ -240,12 +198,11 @@ def _front(lines: Sequence[Row]) -> Any:
 
 
 def _legend(figure: Any, words: str) -> None:
-    from matplotlib.lines import Line2D
-
+    best = {"color": BEST, "linestyle": "-", "linewidth": 2.5}
     entries = [
-        Line2D([], [], linestyle="", marker="*", color=COLOURS[0], markersize=9, label="base"),
-        Line2D([], [], linestyle="", marker="o", color=COLOURS[1], label="one setting changed"),
-        Line2D([], [], color=BEST, linewidth=2.5, label="front of those that always arrive"),
+        entry("base", marker="*", color=COLOURS[0], markersize=9),
+        entry("one setting changed", marker="o", color=COLOURS[1]),
+        entry("front of those that always arrive", **best),
     ]
     figure.legend(
         handles=entries, loc="outside lower center", ncols=3, title=f"medians; {words}",

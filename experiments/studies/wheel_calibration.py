@@ -2,13 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
+from ...framework import WideberthError
 from ...framework.values.arrays import Array, positive
-from ...framework.values.errors import WideberthError
 from ...simulation.physics.body import LARGE, SkidSteerBody
 from ...simulation.physics.calibration import (
     RATES,
@@ -19,21 +18,31 @@ from ...simulation.physics.calibration import (
     suggested_yaw_gain,
 )
 from ...simulation.physics.library import mujoco
-from ..drawing.plotting import COLOURS, LINES, PAGE, paper_style, save, subplots
-from ..engine.base import Experiment, Result, Row, Task, TaskOutcome
+from ..drawing.plotting import PAGE, legend_below, style, subplots
 from ..engine.closed_loop import column, group
+from .grid import Axes, GridStudy, Pictures, Result, Row, Task, TaskOutcome, labelled
 
 CONES = ("pyramidal", "elliptic")
 MARKERS = "osD^vP"
 STRAIGHT = 1e-3
 """rad/s, within which a robot drives straight."""
+DRIVEN = {
+    "forward": "forward_m_s",
+    "lateral": "lateral_m_s",
+    "yaw_rate": "yaw_rate_rad_s",
+    "least": "least_rad_s",
+    "largest": "largest_rad_s",
+    "jitter": "jitter_rad_s",
+    "droop": "droop_m_s",
+}
+"""What is measured of a motion -> its column."""
 WANTED = 0.3
 """rad/s, yaw rate that the suggested yaw gain is for: the most of the paper's robots."""
 
 
 @final
 @dataclass(frozen=True)
-class WheelCalibration(Experiment):
+class WheelCalibration(GridStudy):
     """Rims at constant speed, and the motion of the body that follows.
 
     A robot that did not slip would turn at ``rate_rad_s``; the yaw gain is what it really turns
@@ -84,13 +93,9 @@ class WheelCalibration(Experiment):
             raise WideberthError(f"rates are {self.rates}; wanted each larger than that before")
         positive("seconds", self.seconds)
 
-    def tasks(self) -> list[Task]:
-        """One task per body and shape of the friction."""
-        return [
-            Task(f"{body}, {cone}", settings={"body": body, "cone": cone})
-            for body in self.bodies
-            for cone in CONES
-        ]
+    def axes(self) -> Axes:
+        """Each body with each shape of the friction."""
+        return {"body": self.bodies, "cone": CONES}
 
     def check(self) -> None:
         """Import MuJoCo."""
@@ -103,62 +108,47 @@ class WheelCalibration(Experiment):
             self.bodies[name], speeds=self.speeds, rates=self.rates, cone=cone,
             seconds=self.seconds,
         )  # fmt: skip
-        rows = [
+        return TaskOutcome([
             {
-                "body": name,
-                "cone": cone,
-                "speed_m_s": speed,
-                "rate_rad_s": rate,
-                "forward_m_s": round(one.forward, 6),
-                "lateral_m_s": round(one.lateral, 6),
-                "yaw_rate_rad_s": round(one.yaw_rate, 6),
-                "least_rad_s": round(one.least, 6),
-                "largest_rad_s": round(one.largest, 6),
-                "jitter_rad_s": round(one.jitter, 6),
-                "droop_m_s": round(one.droop, 6),
+                "body": name, "cone": cone, "speed_m_s": speed, "rate_rad_s": rate,
+                **{column: round(getattr(one, own), 6) for own, column in DRIVEN.items()},
             }
             for (speed, rate), one in found.items()
-        ]
-        return TaskOutcome(list[Row](rows))
+        ])  # fmt: skip
 
     def summary(self, rows: list[Row]) -> list[Row]:
         """Gains of each body against the theory, and how it drives straight."""
         lines: list[Row] = []
-        for (name, cone), some in group(rows, "body", "cone").items():
-            body, turned = self.bodies[name], [row for row in some if row["rate_rad_s"]]
+        for labels, some in labelled(rows, "body", "cone"):
+            body = self.bodies[labels["body"]]
+            turned = [row for row in some if row["rate_rad_s"]]
             model, rates = fitted(body, _measured(some)), column(turned, "rate_rad_s")
-            lines.append(
-                {
-                    "body": name,
-                    "cone": cone,
-                    "straight": round(model.forward, 4),
-                    "yaw_gain": round(float(np.mean(model.gains)), 3),
-                    "least": round(float((column(turned, "least_rad_s") / rates).min()), 3),
-                    "largest": round(float((column(turned, "largest_rad_s") / rates).max()), 3),
-                    "theory": round(body.theoretical_yaw_gain, 3),
-                    "suggested": round(suggested_yaw_gain(model, WANTED), 3),
-                    "droop_m_s": round(float(column(turned, "droop_m_s").max()), 4),
-                }
-            )
+            lines.append({
+                **labels,
+                "straight": round(model.forward, 4),
+                "yaw_gain": round(float(np.mean(model.gains)), 3),
+                "least": round(float((column(turned, "least_rad_s") / rates).min()), 3),
+                "largest": round(float((column(turned, "largest_rad_s") / rates).max()), 3),
+                "theory": round(body.theoretical_yaw_gain, 3),
+                "suggested": round(suggested_yaw_gain(model, WANTED), 3),
+                "droop_m_s": round(float(column(turned, "droop_m_s").max()), 4),
+            })  # fmt: skip
         return lines
 
-    def figures(self, result: Result, folder: Path) -> list[Path]:
+    def pictures(self, result: Result) -> Pictures:
         """Draw the yaw gains with either friction, and the point about which a robot turns."""
-        with paper_style():
-            figure, panels = subplots(1, 3, figsize=(PAGE, 2.7), width_ratios=(1.2, 1.2, 1.0))
-            for place, cone in enumerate(CONES):
-                self._draw_gains(panels[place], result.rows, cone)
-            self._draw_aside(panels[2], result.rows)
-            panels[0].set_ylabel("yaw gain")
-            panels[1].sharey(panels[0])
-            theories = [body.theoretical_yaw_gain for body in self.bodies.values()]
-            panels[0].set_ylim(0.0, 1.35 * max(theories))
-            for panel in panels:
-                panel.set_xscale("log")
-                panel.set_xlabel("yaw rate without slip (rad/s)")
-            handles, labels = panels[0].get_legend_handles_labels()
-            figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
-            return save(figure, folder, "wheel_calibration")
+        figure, panels = subplots(1, 3, figsize=(PAGE, 2.7), width_ratios=(1.2, 1.2, 1.0))
+        for place, cone in enumerate(CONES):
+            self._draw_gains(panels[place], result.rows, cone)
+        self._draw_aside(panels[2], result.rows)
+        panels[0].set_ylabel("yaw gain")
+        panels[1].sharey(panels[0])
+        theories = [body.theoretical_yaw_gain for body in self.bodies.values()]
+        panels[0].set_ylim(0.0, 1.35 * max(theories))
+        for panel in panels:
+            panel.set(xscale="log", xlabel="yaw rate without slip (rad/s)")
+        legend_below(figure, panels[:1], ncols=len(self.bodies))
+        yield "wheel_calibration", figure
 
     def quick(self) -> Self:
         """Three rates at two speeds."""
@@ -171,12 +161,11 @@ class WheelCalibration(Experiment):
     def _draw_gains(self, panel: Any, rows: list[Row], cone: str) -> None:
         for index, name in enumerate(self.bodies):
             rates, gains, least, largest = _gains(rows, name, cone)
-            style = _style(index)
+            look = _style(index)
             if _holds(_of(rows, name, cone)):
-                panel.fill_between(
-                    rates, least, largest, color=style["color"], alpha=0.15, linewidth=0
-                )
-            panel.plot(rates, gains, label=name, **style)
+                band = {"color": look["color"], "alpha": 0.15, "linewidth": 0}
+                panel.fill_between(rates, least, largest, **band)
+            panel.plot(rates, gains, label=name, **look)
         for theory in sorted({round(one.theoretical_yaw_gain, 3) for one in self.bodies.values()}):
             panel.axhline(theory, color="0.4", linestyle=":", linewidth=0.9)
             panel.annotate(
@@ -196,12 +185,7 @@ class WheelCalibration(Experiment):
 
 
 def _style(index: int) -> dict[str, Any]:
-    return {
-        "color": COLOURS[index % len(COLOURS)],
-        "linestyle": LINES[index % len(LINES)],
-        "marker": MARKERS[index % len(MARKERS)],
-        "markersize": 3,
-    }
+    return {**style(index, MARKERS), "markersize": 3}
 
 
 def _holds(rows: list[Row]) -> bool:
@@ -217,12 +201,10 @@ def _measured(rows: list[Row]) -> dict[tuple[float, float], Driven]:
     """Return what was measured, of the rows of one body."""
     return {
         (float(row["speed_m_s"]), float(row["rate_rad_s"])): Driven(
-            float(row["forward_m_s"]), float(row["lateral_m_s"]), float(row["yaw_rate_rad_s"]),
-            float(row["least_rad_s"]), float(row["largest_rad_s"]), float(row["jitter_rad_s"]),
-            float(row["droop_m_s"]),
+            **{own: float(row[column]) for own, column in DRIVEN.items()}
         )
         for row in rows
-    }  # fmt: skip
+    }
 
 
 def _gains(rows: list[Row], body: str, cone: str) -> tuple[Array, Array, Array, Array]:

@@ -185,7 +185,7 @@ def test_settings_that_make_no_experiment_are_refused(encounter: Encounter) -> N
     conservativeness = shipped("conservativeness")
     assert isinstance(conservativeness, Conservativeness)
     with pytest.raises(WideberthError, match="one must be named 'oracle'"):
-        replace(conservativeness, predictors={})
+        replace(conservativeness, predictors={"exact": conservativeness.predictors["exact"]})
 
 
 def test_times_are_condensed_over_robots_and_seeds() -> None:

@@ -11,15 +11,9 @@ from wideberth.controllers.withdrawing import Withdrawing
 from wideberth.experiments.engine.base import Row
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped_configs import read_experiment
-from wideberth.experiments.studies.comparison import (
-    Comparison,
-    _front,
-    _pairs,
-    against,
-    condensed,
-    means,
-    promised,
-)
+from wideberth.experiments.studies.comparison import Comparison
+from wideberth.experiments.studies.comparison_figures import _front, _pairs
+from wideberth.experiments.studies.episode_statistics import against, condensed, means, promised
 from wideberth.framework.controller import Controller, driving
 from wideberth.framework.robot import Robot
 from wideberth.framework.values.errors import WideberthError

@@ -10,7 +10,7 @@ from wideberth.experiments.drawing.plotting import few, paper_style
 from wideberth.experiments.drawing.trade_off_markers import LEAST_CLEARANCE, LEAST_TIME
 from wideberth.experiments.engine.base import Row
 from wideberth.experiments.studies import closed_loop_risk
-from wideberth.experiments.studies import comparison as figures
+from wideberth.experiments.studies import comparison_figures as figures
 from wideberth.experiments.studies.replay import compare
 
 NAMES = ["ours", "orca", "lost"]

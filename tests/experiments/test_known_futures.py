@@ -9,7 +9,7 @@ import pytest
 
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped_configs import read_experiment
-from wideberth.experiments.studies.known_futures import Futures, KnownFutures, measured
+from wideberth.experiments.studies.known_futures import STARTS, Futures, KnownFutures, measured
 from wideberth.experiments.studies.variants import planner_of
 from wideberth.framework.controller import Controller
 from wideberth.framework.mpc.levels.fixed import Fixed
@@ -142,7 +142,7 @@ def test_modes_are_drawn_by_their_weight(
     assert 0.68 < far.mean() < 0.82
     assert np.array_equal(far, futures.draws[:, 0, 0, 1] > 50.0)
     few = replace(futures, draws=futures.draws[far][:3])
-    one, found = few.solve(study.solver, decision.solved.point, study.starts)
+    one, found = few.solve(study.solver, decision.solved.point, STARTS)
     best = [min(own.cost for own in some) for some in found]
     assert np.ptp(best) < 1e-6 * best[0] and best[0] < 0.1 * one.cost
 
@@ -150,9 +150,7 @@ def test_modes_are_drawn_by_their_weight(
 def test_another_solver_finds_the_same_costs(shipped: KnownFutures) -> None:
     """fatrop against the compiled recursion, at a level held by the ellipse."""
     one = {"means": shipped.planners["means"]}
-    study = replace(
-        shipped, planners=one, instants=(INSTANT,), shown_instant=0, draws=3, starts=()
-    )
+    study = replace(shipped, planners=one, instants=(INSTANT,), shown_instant=0, draws=3)
     rows = [
         replace(study, solver=solver).measure(study.tasks()[0]).rows[0]
         for solver in (Fatrop(), Riccati())
@@ -181,7 +179,6 @@ def test_rows_and_files_are_those_of_any_process(shipped: KnownFutures, tmp_path
         ({"instants": ()}, "planners and instants must each name"),
         ({"instants": (8.0, 8.0), "shown_instant": 0}, "wanted each of them once"),
         ({"shown_instant": 9}, "shown_instant is 9; wanted the place of one of 5"),
-        ({"starts": ("sideways",)}, "sideways"),
     ],
 )
 def test_bad_settings_are_refused(

@@ -7,7 +7,7 @@ import pytest
 
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped_configs import read_experiment
-from wideberth.experiments.studies import planner_parts
+from wideberth.experiments.studies import episodes
 from wideberth.experiments.studies.comparison import Comparison
 from wideberth.experiments.studies.planner_parts import PlannerParts
 from wideberth.experiments.studies.tuning import Tuning
@@ -72,7 +72,7 @@ def test_every_part_begins_once_before_the_work(
     def note(scenarios: object, robot: object, controllers: dict[str, object], seed: int) -> None:
         begun.extend(controllers)
 
-    monkeypatch.setattr(planner_parts, "check_starts", note)
+    monkeypatch.setattr(episodes, "check_starts", note)
     shipped.check()
     first, region = "constant_velocity", "mahalanobis_ellipse"
     expected = {f"{name} and {region}" for name in shipped.predictors}

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from wideberth.experiments.engine.closed_loop import check_shown, figure_name, shown_of_fewer
 from wideberth.experiments.engine.runner import draw, run
+from wideberth.experiments.studies.episodes import check_shown, figure_name
+from wideberth.experiments.studies.grid import shown_of_fewer
 from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.registry import load, names
 from wideberth.framework.values.errors import WideberthError

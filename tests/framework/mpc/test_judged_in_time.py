@@ -155,7 +155,7 @@ def test_scores_hold_each_step_against_its_own_truth() -> None:
     how = Protocol(observed=3, predicted=STEPS, draws=9)
     wrong = (0.0, 1.0, 9.0, 2.0)
     scores, _, _ = run_along(Knowing(wrong), [recording], PredictionData(), how)
-    assert len(scores) == 30 - 3 - STEPS + 1
+    assert len(scores.error) == 30 - 3 - STEPS + 1
     np.testing.assert_allclose(scores.error, np.tile(SPREAD * np.array(wrong), (24, 1)), atol=1e-9)
     tails = np.exp(-0.5 * np.square(wrong))  # of chi^2 with two degrees of freedom
     np.testing.assert_allclose(scores.tail, np.tile(tails, (24, 1)), rtol=1e-6)
