@@ -59,11 +59,6 @@ class PathHandler:
         self._cut = 0
 
     @property
-    def left(self) -> Array:
-        """Poses (N, 3) that have not been passed, up to the next cusp or turn on the spot."""
-        return self._left
-
-    @property
     def rest(self) -> Array:
         """All poses (N, 3) that have not been passed."""
         return np.concatenate([self._left, self._whole[self._cut :]]) if self._cut else self._left
@@ -102,12 +97,7 @@ class PathHandler:
 
     def _closest(self, costmap: Costmap, pose: Array) -> int:
         """Return the index of the nearest pose, the last of equal ones."""
-        reach = self.max_robot_pose_search_dist
-        if reach is None:
-            reach = 0.5 * max(costmap.width, costmap.height) * costmap.resolution
-        bound = within(self._left, reach) if reach >= 0.0 else len(self._left)
-        apart = np.hypot(*(self._left[:bound, :2] - pose[:2]).T)
-        nearest = bound - 1 - int(np.argmin(apart[::-1]))
+        nearest = closest_pose(self._left, pose, costmap, self.max_robot_pose_search_dist)
         return nearest - 1 if len(self._left) > 1 and nearest == len(self._left) - 1 else nearest
 
     def _arrived(self, pose: Array) -> bool:
@@ -130,8 +120,28 @@ class PathHandler:
         self._left = self._whole[:found]
 
 
+def half_side(costmap: Costmap) -> float:
+    """Return half the larger side of a costmap, m."""
+    return 0.5 * max(costmap.width, costmap.height) * costmap.resolution
+
+
+def closest_pose(path: Array, pose: Array, costmap: Costmap, reach: float | None) -> int:
+    """Return the index of the pose of a path (N, 3) that is nearest, the last of equal ones.
+
+    Parameters
+    ----------
+    reach : m, of the path that is looked at; negative: all of it; None: half the larger side of
+        the costmap.
+    """
+    if reach is None:
+        reach = half_side(costmap)
+    bound = within(path, reach) if reach >= 0.0 else len(path)
+    apart = np.hypot(*(path[:bound, :2] - pose[:2]).T)
+    return bound - 1 - int(np.argmin(apart[::-1]))
+
+
 def within(poses: Array, reach: float) -> int:
-    """Return how many poses (N, 3) come before the one where the way first exceeds ``reach``."""
+    """Return how many poses (N, 3) come before the one where the path first exceeds ``reach``."""
     beyond = np.flatnonzero(np.cumsum(lengths(poses)) > reach)
     return int(beyond[0]) + 1 if len(beyond) else len(poses)
 

@@ -82,10 +82,10 @@ def look_ahead(poses: Array, reach: float, beyond: bool = False) -> tuple[Array,
     return poses[-1].copy(), passed
 
 
-def _along(begin: Array, end: Array, start: Array, way: float) -> Array:
-    """Return the pose ``way`` (m) from ``start`` in the direction of a step."""
+def _along(begin: Array, end: Array, start: Array, reach: float) -> Array:
+    """Return the pose ``reach`` (m) from ``start`` in the direction of a step."""
     yaw = atan2(float(end[1] - begin[1]), float(end[0] - begin[0]))
-    return np.array([start[0] + way * cos(yaw), start[1] + way * sin(yaw), yaw])
+    return np.array([start[0] + reach * cos(yaw), start[1] + reach * sin(yaw), yaw])
 
 
 def rotation_rate(

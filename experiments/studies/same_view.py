@@ -121,7 +121,7 @@ def in_sight(seen: Observation, here: Array, view: CostmapView) -> tuple[Detecti
     """Return the detections of discs that a costmap of this view would show from a place (2,)."""
     ones = seen.detections
     centres, radii = discs_of(ones)
-    rays = Rays.cast(here, centres, radii, seen.polygons, round(view.beams), view.laser_range)
+    rays = Rays.cast(here, centres, radii, seen.polygons, view.laser_range)
     half = 0.5 * np.array([view.width, view.height])
     marks = rays.met & (rays.ranges <= view.obstacle_max_range)
     steps = rays.directions[marks] * rays.ranges[marks, None]

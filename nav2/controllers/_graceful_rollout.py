@@ -5,7 +5,7 @@ the spot if need be, and looks at each pose whether it hits something.
 """
 
 from math import atan2, cos, hypot, sin
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,8 @@ from ...framework.values.arrays import Array
 from ...framework.values.costmap import INSCRIBED, LETHAL, NO_INFORMATION
 from ..costmap.footprint import outline_cost
 from .smooth_control_law import LawParameters, Pose, next_pose, regular_velocity, wound
+
+Number = TypeVar("Number", float, Array)
 
 
 class Ground(NamedTuple):
@@ -56,8 +58,8 @@ def cell_cost(ground: Ground, x: float, y: float) -> int:
     return int(ground.cells[my, mx]) if mx < wide and my < high else -1
 
 
-def placed(ground: Ground, pose: Pose) -> Pose:
-    """Return a pose of the robot's frame in that of the costmap."""
+def placed(ground: Ground, pose: tuple[Number, Number, Number]) -> tuple[Number, Number, Number]:
+    """Return a pose of the robot's frame, or many, in that of the costmap."""
     x, y, yaw = ground.pose
     cosine, sine = cos(yaw), sin(yaw)
     return (
@@ -154,7 +156,7 @@ def highest_cost(ground: Ground, poses: Array) -> int:
 
 
 def duration(law: LawParameters, target: Pose, backward: bool, poses: Array) -> float:
-    """Return how long the way along poses (T, 3) takes at the velocities of the law, s."""
+    """Return how long the trajectory along poses (T, 3) takes at the velocities of the law, s."""
     total = 0.0
     for i in range(1, len(poses)):
         before = (poses[i - 1, 0], poses[i - 1, 1], poses[i - 1, 2])

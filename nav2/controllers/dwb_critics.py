@@ -307,8 +307,8 @@ class MapGrid(DwbCritic):
             poses, cells, there = poses[:, -1:], cells[:, -1:], there[:, :1]
         if self.forward:
             assert self._costmap is not None  # `prepare` comes first
-            way = np.stack([np.cos(poses[..., 2]), np.sin(poses[..., 2])], axis=-1)
-            cells = cells_of(self._costmap, poses[..., :2] + self.ahead() * way)
+            direction = np.stack([np.cos(poses[..., 2]), np.sin(poses[..., 2])], axis=-1)
+            cells = cells_of(self._costmap, poses[..., :2] + self.ahead() * direction)
         values = self.grid.ravel()[cells]
         wrong = cells < 0
         if self.strict:
@@ -402,9 +402,9 @@ class GoalAlign(_Aligned):
     def sources(self, tick: Tick) -> NDArray[np.int64]:
         """Last cell of the path with its end moved."""
         dx, dy = (tick.goal - tick.pose)[:2]
-        way, plan = atan2(dy, dx), tick.plan.copy()
-        plan[-1, 0] += self.forward_point_distance * cos(way)
-        plan[-1, 1] += self.forward_point_distance * sin(way)
+        bearing, plan = atan2(dy, dx), tick.plan.copy()
+        plan[-1, 0] += self.forward_point_distance * cos(bearing)
+        plan[-1, 1] += self.forward_point_distance * sin(bearing)
         return path_cells(tick.costmap, plan)[-1:]
 
 

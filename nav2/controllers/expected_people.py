@@ -40,9 +40,7 @@ class ExpectedPeopleCritic(MppiCritic):
 
     Attributes
     ----------
-    use_covariance : False takes people to be at their means, with the least deviation.
     least_deviation : m, of a person in every direction; smaller ones count as this.
-    margin : m, added to the radii.
     trajectory_point_step : every so many points of a trajectory are looked at.
 
     Raises
@@ -52,14 +50,12 @@ class ExpectedPeopleCritic(MppiCritic):
     Examples
     --------
     >>> from wideberth.nav2.controllers.mppi import MPPI
-    >>> MPPI.from_parameters({"critics": ["GoalCritic", "ExpectedPeopleCritic"]}).critics[1].margin
-    0.0
+    >>> MPPI.from_parameters({"critics": ["ExpectedPeopleCritic"]}).critics[0].cost_weight
+    10.0
     """
 
     cost_weight: NonNegative = 10.0
-    use_covariance: bool = True
     least_deviation: Positive = 0.05
-    margin: NonNegative = 0.0
     trajectory_point_step: Count = 2
 
     def weighted(self, rollouts: Rollouts, situation: MppiTick) -> Single | None:
@@ -70,10 +66,8 @@ class ExpectedPeopleCritic(MppiCritic):
         x, y = rollouts.x[::every], rollouts.y[::every]
         steps = situation.dt * (1.0 + every * np.arange(len(x)))
         mean, covariance = people.at(np.asarray(situation.tick.time + steps, np.float64))
-        if not self.use_covariance:
-            covariance = np.zeros_like(covariance)
         weights = np.where(people.forecast.weight < LIGHT, 0.0, people.forecast.weight)
-        radius = situation.tick.footprint.circumscribed + self.margin
+        radius = situation.tick.footprint.circumscribed
         deviations, turns = ellipses_of(covariance, self.least_deviation)
         sizes = np.broadcast_to((people.radii + radius)[:, None, None], deviations.shape[:-1])
         scales = (PLACES - 1.0) / (sizes[..., None] + REACH * deviations)

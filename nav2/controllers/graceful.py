@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
-from math import atan2, cos, hypot, pi, sin
+from math import atan2, hypot, pi
 from typing import Annotated, Any, NamedTuple, final
 
 import numpy as np
@@ -18,12 +18,12 @@ from . import _graceful_rollout as rollout
 from .local_controller import Answer, LocalController, Tick
 from .smooth_control_law import LawParameters, Pose, egocentric, next_pose, regular_velocity, wound
 
-_WAYS = 5000
-"""Ways to one target that a tick may try: speeds times headings."""
+_MOST = 5000
+"""Trajectories to one target that a tick may try: speeds times headings."""
 
 
-class TargetPath(NamedTuple):
-    """A simulated way to a target that hits nothing."""
+class SimulatedTrajectory(NamedTuple):
+    """A simulated trajectory to a target that hits nothing."""
 
     target: Pose
     poses: Array  # (T, 3), in the robot's frame
@@ -40,8 +40,8 @@ class Graceful(LocalController):
     """Nav2's graceful controller.
 
     It aims at the point at the arc length `max_lookahead` of the plan, else at nearer and nearer
-    poses of it, until the way that the law of `smooth_control_law` takes there hits nothing; the
-    command is the first step of that way. Close to the goal it may aim along the line of sight
+    poses of it, until the trajectory of the law of `smooth_control_law` there hits nothing; the
+    command is its first step. Close to the goal it may aim along the line of sight
     rather than at the plan's heading and turn at the end. A turn on the spot has no upper bound
     on its yaw rate. In front of an obstacle it creeps towards ever nearer poses.
 
@@ -63,17 +63,17 @@ class Graceful(LocalController):
     allow_backward : drive backwards to a target behind; `initial_rotation` forces it to false, as
         in the original.
     in_place_collision_resolution : rad, between poses of a turn that are tested.
-    use_collision_detection : test the way.
+    use_collision_detection : test the trajectory.
     footprint_scaling_linear_vel : m/s, above which the outline grows.
     footprint_scaling_factor : share by which it has grown at `v_linear_max`.
-    footprint_scaling_step : m/s, between speeds that are tried when a way is not free.
+    footprint_scaling_step : m/s, between speeds that are tried when a trajectory is not free.
     obstacle_cost_margin : cost, so near to that of an obstacle that another approach is sought.
     final_rotation_search_step : rad, between headings of such an approach.
 
     Raises
     ------
     WideberthError : a number that must be above zero and is not, no number where one is wanted, or
-        steps so small that a tick would try more than 5000 ways to a target.
+        steps so small that a tick would try more than 5000 trajectories to a target.
 
     References
     ----------
@@ -113,21 +113,11 @@ class Graceful(LocalController):
         speeds = 1.0 + span / self.footprint_scaling_step
         turns = 2.0 * pi / self.final_rotation_search_step
         names = "footprint_scaling_step and final_rotation_search_step"
-        check_work("graceful", names, speeds * turns, _WAYS)
+        check_work("graceful", names, speeds * turns, _MOST)
         fine = pi / self.in_place_collision_resolution
-        check_work("graceful", "in_place_collision_resolution alone", fine, _WAYS)
+        check_work("graceful", "in_place_collision_resolution alone", fine, _MOST)
         self._limits = (self.v_linear_max, self.v_angular_max)
         self.new_path(np.zeros((0, 3)))
-
-    @property
-    def does_initial_rotation(self) -> bool:
-        """Whether the turn at the start of the path is still to be done."""
-        return self._turns_first
-
-    @property
-    def safe_approach_angle(self) -> float | None:
-        """Heading at the goal that was found free before, rad; None before."""
-        return self._approach
 
     def reset(self) -> None:
         """Do nothing: a new path resets it."""
@@ -135,7 +125,7 @@ class Graceful(LocalController):
     def new_path(self, path: Array) -> None:
         """Turn towards the path first, and forget the approach to the former goal."""
         self._turns_first = True
-        self._approach: float | None = None
+        self._approach: float | None = None  # heading at the goal that was free before, rad
 
     def limit_speed(self, value: float, percentage: bool) -> None:
         """Limit the speed, see `LocalController.limit_speed`, and the yaw rate by the same share.
@@ -158,27 +148,30 @@ class Graceful(LocalController):
             if self._can_turn(ground, angle):
                 rate = compiled().turning_rate(self._turning, angle)
                 return Answer(Twist((0.0, 0.0), rate))
-        way = self.way(ground, plan)
-        if way is None:
+        trajectory = self.trajectory(ground, plan)
+        if trajectory is None:
             return Answer.refusal("every way to a pose of the plan hits an obstacle")
-        return Answer(Twist((way.v, 0.0), way.w), expected=_placed(way.poses, tick.pose))
+        x, y, yaw = trajectory.poses.T
+        expected = np.stack(rollout.placed(ground, (x, y, yaw)), axis=1)
+        return Answer(Twist((trajectory.v, 0.0), trajectory.w), expected=expected)
 
-    def way(self, ground: rollout.Ground, plan: Array) -> TargetPath | None:
-        """Return the way to the farthest pose of a plan, in the robot's frame, that is free."""
+    def trajectory(self, ground: rollout.Ground, plan: Array) -> SimulatedTrajectory | None:
+        """Return the free trajectory to the farthest pose of a plan, in the robot's frame."""
         near = length(plan) < self.max_lookahead and self.prefer_final_rotation
         for target, apart in self._targets(plan):
             if apart > self.max_lookahead:
                 continue
             if near:
                 target = (target[0], target[1], atan2(target[1], target[0]))
-                way = self._validated(ground, target)
-                if way is not None:
+                trajectory = self._validated(ground, target)
+                if trajectory is not None:
                     limit = self._limit(ground) - self.obstacle_cost_margin
-                    return self._approached(ground, way, target) if way.highest >= limit else way
+                    close = trajectory.highest >= limit
+                    return self._approached(ground, trajectory, target) if close else trajectory
                 target = self._faced(target)[0]  # turned round twice, as in the original
-            way = self._validated(ground, target)
-            if way is not None:
-                return way
+            trajectory = self._validated(ground, target)
+            if trajectory is not None:
+                return trajectory
         return None
 
     def _targets(self, plan: Array) -> Iterator[tuple[Pose, float]]:
@@ -197,8 +190,8 @@ class Graceful(LocalController):
             target = (target[0], target[1], normalized(target[2] + pi))
         return target, backward
 
-    def _validated(self, ground: rollout.Ground, target: Pose) -> TargetPath | None:
-        """Return the way to a target, slower where the grown outline hits something."""
+    def _validated(self, ground: rollout.Ground, target: Pose) -> SimulatedTrajectory | None:
+        """Return the trajectory to a target, slower where the grown outline hits something."""
         target, backward = self._faced(target)
         turns = self._turns_first and self.initial_rotation
         if abs(atan2(target[1], target[0])) < self.initial_rotation_tolerance:
@@ -215,13 +208,15 @@ class Graceful(LocalController):
             )  # fmt: skip
             if free:
                 highest = compiled().highest_cost(ground, poses)
-                return TargetPath(target, poses, v, w, backward, law, highest)
+                return SimulatedTrajectory(target, poses, v, w, backward, law, highest)
             speed -= self.footprint_scaling_step
             if speed < self.footprint_scaling_linear_vel:
                 return None
 
-    def _approached(self, ground: rollout.Ground, way: TargetPath, target: Pose) -> TargetPath:
-        """Return the quickest way to a target at a heading that keeps off obstacles, if any."""
+    def _approached(
+        self, ground: rollout.Ground, trajectory: SimulatedTrajectory, target: Pose
+    ) -> SimulatedTrajectory:
+        """Return the quickest trajectory to a target that keeps off obstacles, of all headings."""
         best, step = np.inf, self.final_rotation_search_step
         for i in range(int(np.ceil(2.0 * pi / step))):
             angle = i * step + (self._approach or 0.0)
@@ -233,11 +228,11 @@ class Graceful(LocalController):
                 continue
             best = time
             if found.highest < self._limit(ground):
-                way = found
+                trajectory = found
                 if angle == self._approach:
                     break
                 self._approach = angle
-        return way
+        return trajectory
 
     def _can_turn(self, ground: rollout.Ground, angle: float) -> bool:
         """Tell whether the robot can turn on the spot by an angle."""
@@ -249,7 +244,7 @@ class Graceful(LocalController):
 
     @staticmethod
     def _limit(ground: rollout.Ground) -> int:
-        """Cost from which on a way comes too near to an obstacle."""
+        """Cost from which on a trajectory comes too near to an obstacle."""
         return 252 if ground.use_radius else 253
 
     @staticmethod
@@ -290,20 +285,6 @@ def _with_headings(plan: Array) -> Array:
     filled = plan.copy()
     filled[:-1, 2] = np.arctan2(step[:, 1], step[:, 0])
     return filled
-
-
-def _placed(poses: Array, pose: Array) -> Array:
-    """Return poses (T, 3) of the robot's frame in that of the costmap."""
-    x, y, yaw = (float(value) for value in pose)
-    cosine, sine = cos(yaw), sin(yaw)
-    return np.stack(
-        [
-            x + cosine * poses[:, 0] - sine * poses[:, 1],
-            y + sine * poses[:, 0] + cosine * poses[:, 1],
-            yaw + poses[:, 2],
-        ],
-        axis=1,
-    )
 
 
 class _Compiled(NamedTuple):

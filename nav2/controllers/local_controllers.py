@@ -15,7 +15,7 @@ LOCAL: dict[str, str] = {
     "dwb": "wideberth.nav2.controllers.dwb:DWB",
     "graceful": "wideberth.nav2.controllers.graceful:Graceful",
     "mppi": "wideberth.nav2.controllers.mppi:MPPI",
-    "mppi_foresight": "wideberth.nav2.controllers.foresight:PeopleForecasts",
+    "mppi_foresight": "wideberth.nav2.controllers.people_forecasts:PeopleForecasts",
     "regulated_pure_pursuit": (
         "wideberth.nav2.controllers.regulated_pure_pursuit:RegulatedPurePursuit"
     ),

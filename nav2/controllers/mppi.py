@@ -262,15 +262,9 @@ class MPPI(MadeOfParts):
 
     def limits_at(self, share: float) -> ControlLimits:
         """Return the limits with velocities scaled by so much."""
-        return ControlLimits(
-            vx_max=self.vx_max * share,
-            vx_min=self.vx_min * share,
-            wz_max=self.wz_max * share,
-            ax_max=self.ax_max,
-            ax_min=self.ax_min,
-            az_max=self.az_max,
-            turning_radius=self.min_turning_r if self.motion_model == "ackermann" else 0.0,
-        )
+        speeds = self.vx_max * share, self.vx_min * share, self.wz_max * share
+        radius = self.min_turning_r if self.motion_model == "ackermann" else 0.0
+        return ControlLimits(*speeds, self.ax_max, self.ax_min, self.az_max, radius)
 
     @property
     def shifting(self) -> bool:

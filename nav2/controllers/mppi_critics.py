@@ -348,14 +348,16 @@ class PathAlignCritic(MppiCritic):
         every, arc = self.trajectory_point_step, situation.arc[:far]
         x, y, yaw = rollouts.x[::every], rollouts.y[::every], rollouts.yaw[::every]
         path, valid = situation.path, situation.valid
-        way = np.cumsum(np.sqrt(np.diff(x, axis=0) ** 2 + np.diff(y, axis=0) ** 2), axis=0)
-        beyond = np.searchsorted(arc, way, side="right")
+        travelled = np.cumsum(np.sqrt(np.diff(x, axis=0) ** 2 + np.diff(y, axis=0) ** 2), axis=0)
+        beyond = np.searchsorted(arc, travelled, side="right")
         at = np.zeros(x.shape[1], np.int64)
         total, count = np.zeros(x.shape[1], np.float32), np.zeros(x.shape[1], np.float32)
         for p in range(1, len(x)):
             after = np.maximum(beyond[p - 1], at + 1)
             known = np.minimum(after, far - 1)
-            nearer = way[p - 1] - arc[np.minimum(after, far) - 1] < arc[known] - way[p - 1]
+            nearer = (
+                travelled[p - 1] - arc[np.minimum(after, far) - 1] < arc[known] - travelled[p - 1]
+            )
             at = np.where(after >= far, far - 1, np.where(nearer, after - 1, after))
             square = (path[0, at] - x[p]) ** 2 + (path[1, at] - y[p]) ** 2
             if self.use_path_orientations:
@@ -428,23 +430,23 @@ class PathAngleCritic(MppiCritic):
         ahead = situation.furthest(rollouts) + self.offset_from_furthest
         target = situation.path[:, min(ahead, situation.path.shape[1] - 1)]
         pose = situation.tick.pose
-        way = np.array([atan2(target[1] - pose[1], target[0] - pose[0])], np.float32)
+        bearing = np.array([atan2(target[1] - pose[1], target[0] - pose[0])], np.float32)
         here = np.array([pose[2]], np.float32)
         forward = self.mode == 1 and abs(situation.limits.vx_min) < _NO_REVERSE
         mode = 0 if forward else self.mode
-        if np.abs(_off(mode, way, here, target[2]))[0] < self.max_angle_to_furthest:
+        if np.abs(_off(mode, bearing, here, target[2]))[0] < self.max_angle_to_furthest:
             return None
-        ways = np.arctan2(target[1] - rollouts.y[-1], target[0] - rollouts.x[-1])
-        error = np.abs(_off(mode, ways, rollouts.yaw[-1], target[2]))
+        bearings = np.arctan2(target[1] - rollouts.y[-1], target[0] - rollouts.x[-1])
+        error = np.abs(_off(mode, bearings, rollouts.yaw[-1], target[2]))
         return np.asarray(error * np.float32(self.cost_weight))
 
 
-def _off(mode: int, way: Single, yaw: Single, wanted: np.float32) -> Single:
+def _off(mode: int, bearing: Single, yaw: Single, wanted: np.float32) -> Single:
     """Return the angles from headings to directions or their opposites, see `PathAngleCritic`."""
     if mode:
-        against = np.abs(wrapped(way - (yaw if mode == 1 else wanted))) > _HALF
-        way = np.where(against, wrapped(way + np.float32(np.pi)), way)
-    return wrapped(way - yaw)
+        against = np.abs(wrapped(bearing - (yaw if mode == 1 else wanted))) > _HALF
+        bearing = np.where(against, wrapped(bearing + np.float32(np.pi)), bearing)
+    return wrapped(bearing - yaw)
 
 
 @final

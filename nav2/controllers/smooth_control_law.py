@@ -83,7 +83,7 @@ def regular_velocity(
 def next_pose(
     law: LawParameters, period: float, target: Pose, current: Pose, backward: bool
 ) -> Pose:
-    """Return the pose after a period (s) at the velocity of the law; the old yaw is its way."""
+    """Return the pose after a period (s) at the velocity of the law, along the old yaw."""
     v, w = regular_velocity(law, target, current, backward)
     x, y, yaw = current
     return (x + v * period * cos(yaw), y + v * period * sin(yaw), yaw + w * period)

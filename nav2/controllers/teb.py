@@ -50,7 +50,7 @@ class TEB(TebParameters, LocalController):
     Lethal cells within a moving obstacle of the observation are left out: its motion is forecast,
     so that it is no obstacle where it stands now.
 
-    The plan is Nav2's pruned one; at its end, unless that is the goal, the band faces the way of
+    The plan is Nav2's pruned one; at its end, unless that is the goal, the band faces along
     the last step. Nav2 has no port of TEB to its newest interface; there the exception that it
     throws would end the journey at once. Here it is `NO_VALID_CONTROL`, which is forgiven for a
     while as for the other controllers.

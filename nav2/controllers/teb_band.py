@@ -115,7 +115,7 @@ class Band:
         """Return speed (m/s) and yaw rate (rad/s) at the start; None without a positive time.
 
         They are means over `control_look_ahead_poses` intervals, or as many as last so many
-        reference intervals; the speed is negative where the way leads backwards.
+        reference intervals; the speed is negative where the band leads backwards.
         """
         most = max(1, min(settings.control_look_ahead_poses, len(self.intervals)))
         time, last = 0.0, most

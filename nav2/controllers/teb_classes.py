@@ -64,7 +64,7 @@ class BandCandidates:
         ----------
         plan : (N, 3), from the robot's pose to the local goal.
         pull : what the bands are drawn by.
-        reached : m; so near a goal no other ways are looked for.
+        reached : m; so near a goal no other classes are looked for.
         rng : draws the vertices of the graph.
         """
         start, goal = plan[0], plan[-1]
@@ -84,15 +84,8 @@ class BandCandidates:
     def choose(self, settings: TebParameters) -> None:
         """Take the band of least cost; the last one and the plan's own have an advantage."""
         self._last = self.best if self.best in self.bands else None
-        same, least = kernel.compiled()[1], inf
-        own = None
-        for one in self.bands:
-            if own is None and same(
-                one.signature, self._wanted, settings.include_dynamic_obstacles,
-                settings.h_signature_threshold,
-            ):  # fmt: skip
-                own = one
-        self.best = None
+        same = (one for one in self.bands if _alike(one.signature, self._wanted, settings))
+        own, self.best, least = next(same, None), None, inf
         for one in self.bands:
             cost = one.cost(settings)
             if one is self._last:
@@ -131,17 +124,13 @@ class BandCandidates:
 
     def _add(self, candidate: BandCandidate, settings: TebParameters) -> None:
         """Add a band if its class is new and there is room."""
-        same = kernel.compiled()[1]
-        full = len(self.bands) >= settings.max_number_classes
-        if full or not np.isfinite(candidate.signature).all():
-            return
-        for one in self.bands:
-            if same(
-                one.signature, candidate.signature, settings.include_dynamic_obstacles,
-                settings.h_signature_threshold,
-            ):  # fmt: skip
-                return
-        self.bands.append(candidate)
+        room = len(self.bands) < settings.max_number_classes
+        if (
+            room
+            and np.isfinite(candidate.signature).all()
+            and not any(_alike(one.signature, candidate.signature, settings) for one in self.bands)
+        ):
+            self.bands.append(candidate)
 
     def _drop_detours(self, settings: TebParameters) -> None:
         """Drop bands that begin backwards or last much longer, compared with the best."""
@@ -223,6 +212,13 @@ def signature_of(band: Band, obstacles: TebObstacles, settings: TebParameters) -
     moving = settings.include_dynamic_obstacles
     signature: Array = kernel.compiled()[0](points, obstacles.places, obstacles.velocities, moving)
     return signature
+
+
+def _alike(first: Array, second: Array, settings: TebParameters) -> bool:
+    """Tell whether bands of two signatures are of one class."""
+    same = kernel.compiled()[1]
+    moving, threshold = settings.include_dynamic_obstacles, settings.h_signature_threshold
+    return bool(same(first, second, moving, threshold))
 
 
 def _apart(first: Array, second: Array) -> float:

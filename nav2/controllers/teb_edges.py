@@ -12,12 +12,6 @@ from ._teb_kernel import Edges
 from .teb_band import Band
 from .teb_parameters import TebParameters
 
-NAMES = (
-    "obstacle", "inflated_obstacle", "dynamic_obstacle", "velocity", "acceleration_start",
-    "acceleration", "acceleration_goal", "time_optimal", "shortest_path",
-    "kinematics_diff_drive", "prefer_rotdir",
-)  # fmt: skip
-"""Of the kinds of edges, as in the original."""
 STANDING = 1e-3
 """m/s, a slower obstacle counts as standing."""
 _ROUNDING = 1e-6

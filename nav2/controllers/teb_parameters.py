@@ -35,7 +35,7 @@ class TebParameters:
     free_goal_vel : the band need not stop at its end.
     min_obstacle_dist : m, that the band keeps from obstacles.
     inflation_dist, dynamic_obstacle_inflation_dist : m, beyond it a nearness costs little.
-    include_dynamic_obstacles : moving obstacles are foretold at constant velocity.
+    include_dynamic_obstacles : moving obstacles are predicted at constant velocity.
     include_costmap_obstacles : every lethal cell is an obstacle.
     costmap_obstacles_behind_robot_dist : m, cells behind the robot are left out beyond it.
     obstacle_association_force_inclusion_factor, obstacle_association_cutoff_factor : in units of
@@ -52,7 +52,8 @@ class TebParameters:
     selection_obst_cost_scale : factor on the cost of obstacles when bands compete.
     roadmap_graph_samples, roadmap_graph_area_width : points, and m, of the graph whose paths
         begin new bands.
-    obstacle_heading_threshold : least cosine between an edge of that graph and the way to go.
+    obstacle_heading_threshold : least cosine between an edge of that graph and the direction to
+        the goal.
     h_signature_threshold : an obstacle with less is too far to tell bands apart.
     max_ratio_detours_duration_best_duration : a band that lasts so much longer than the best is
         dropped.

@@ -11,7 +11,7 @@ from ...framework.values.arrays import Array
 from ...framework.values.costmap import MAX_NON_OBSTACLE, Costmap
 from ...framework.values.motion import Twist
 from ..parameters import Limited, NonNegative, Positive, check_parameters
-from ..path_handler import within
+from ..path_handler import closest_pose, half_side
 from ..poses import in_base_frame, normalized, normalized_positive
 from .local_controller import CONTROLLER_EXCEPTION, INVALID_PATH, Answer, Tick
 from .pursuit import Pursuit, collision_arc
@@ -87,11 +87,6 @@ class VectorPursuit(Pursuit):
         self._last = (0.0, 0.0)
         self._left = np.zeros((0, 3))
 
-    @property
-    def left(self) -> Array:
-        """Poses (N, 3) of the path that have not been passed."""
-        return self._left
-
     def reset(self) -> None:
         """Do nothing: the original has no reset, and its last command stays."""
 
@@ -143,17 +138,11 @@ class VectorPursuit(Pursuit):
         """
         if not len(self._left):
             return self._left
-        half = 0.5 * max(costmap.width, costmap.height) * costmap.resolution
-        reach = (
-            half if self.max_robot_pose_search_dist is None else self.max_robot_pose_search_dist
-        )
-        bound = within(self._left, reach) if reach >= 0.0 else len(self._left)
-        apart = np.hypot(*(self._left[:, :2] - pose[:2]).T)
-        closest = bound - 1 - int(np.argmin(apart[:bound][::-1]))
-        beyond = np.flatnonzero(apart[closest:] > half)
-        end = closest + int(beyond[0]) if len(beyond) else len(self._left)
-        ahead = self._left[closest:end]
+        closest = closest_pose(self._left, pose, costmap, self.max_robot_pose_search_dist)
         self._left = self._left[closest:]
+        apart = np.hypot(*(self._left[:, :2] - pose[:2]).T)
+        beyond = np.flatnonzero(apart > half_side(costmap))
+        ahead = self._left[: beyond[0]] if len(beyond) else self._left
         return in_base_frame(ahead, pose)
 
     def target(self, plan: Array) -> Array:

@@ -44,8 +44,7 @@ class CostmapView:
     static_layer : show polygons as a known map, wherever they are.
     obstacle_layer : show what rays have met.
     exact : show every disc and polygon as it is now, instead of what rays have met.
-    beams : rays of a turn, where they are cast against discs and polygons.
-    laser_range : m, of these rays.
+    laser_range : m, of rays that are cast against discs and polygons.
     inflation_radius : m.
     cost_scaling_factor : 1/m, how fast costs fall.
     inflate_unknown, inflate_around_unknown : see `Inflation`.
@@ -70,7 +69,6 @@ class CostmapView:
     static_layer: bool = False
     obstacle_layer: bool = True
     exact: bool = False
-    beams: int = 360
     laser_range: float = 12.0
     inflation_radius: float = 0.70
     cost_scaling_factor: float = 3.0
@@ -81,7 +79,7 @@ class CostmapView:
     def __post_init__(self) -> None:
         for name in (
             "width", "height", "resolution", "update_frequency", "obstacle_max_range",
-            "raytrace_max_range", "beams", "laser_range",
+            "raytrace_max_range", "laser_range",
         ):  # fmt: skip
             positive(f"view.{name}", getattr(self, name))
         for name in ("inflation_radius", "cost_scaling_factor", "footprint_padding"):
@@ -238,10 +236,10 @@ class LayeredCostmap:
         self._marks[my, mx] = LETHAL
         self._marks[_within(grid, self._footprint.at(pose))] = FREE_SPACE
 
-    def _free_along(self, grid: Costmap, origin: Array, ways: Array, ranges: Array) -> None:
+    def _free_along(self, grid: Costmap, origin: Array, directions: Array, ranges: Array) -> None:
         """Free the cells on straight lines from the sensor's cell."""
-        reach = np.minimum(ranges, _to_border(grid, origin, ways))
-        ends = grid.world_to_map(origin + reach[:, None] * ways)
+        reach = np.minimum(ranges, _to_border(grid, origin, directions))
+        ends = grid.world_to_map(origin + reach[:, None] * directions)
         ends = np.clip(ends, 0, [grid.width - 1, grid.height - 1])
         begin = grid.world_to_map(origin)
         step = ends - begin
@@ -284,13 +282,13 @@ def discs_of(detections: Sequence[Detection]) -> tuple[Array, Array]:
     return np.array(places, np.float64).reshape(-1, 2), np.array(radii, np.float64)
 
 
-def _to_border(grid: Costmap, origin: Array, ways: Array) -> Array:
+def _to_border(grid: Costmap, origin: Array, directions: Array) -> Array:
     """Distance along each ray (B, 2) from within a grid to its border, (B,), m."""
     low = np.array(grid.origin)
     high = low + grid.resolution * np.array([grid.width, grid.height])
     with np.errstate(divide="ignore", invalid="ignore"):
-        far = np.where(ways > 0.0, (high - origin) / ways, (low - origin) / ways)
-    return np.asarray(np.where(ways == 0.0, np.inf, far).min(axis=1, initial=np.inf))
+        far = np.where(directions > 0.0, (high - origin) / directions, (low - origin) / directions)
+    return np.asarray(np.where(directions == 0.0, np.inf, far).min(axis=1, initial=np.inf))
 
 
 def _around(

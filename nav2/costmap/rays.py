@@ -46,15 +46,15 @@ class Rays:
     def of_scan(cls, scan: Scan, pose: Array) -> "Rays":
         """Return the rays of a scan by a robot that stood at a pose (3,)."""
         placed = beams_of(scan, np.tile(pose, (len(scan.times), 1)))
-        ways = np.stack([np.cos(placed.directions), np.sin(placed.directions)], axis=1)
-        origin = placed.origins[0] if len(ways) else pose[:2]
+        directions = np.stack([np.cos(placed.directions), np.sin(placed.directions)], axis=1)
+        origin = placed.origins[0] if len(directions) else pose[:2]
         ranges = np.where(placed.known, scan.ranges, np.nan)
-        return cls(origin, ways, ranges, min(scan.longest, FARTHEST))
+        return cls(origin, directions, ranges, min(scan.longest, FARTHEST))
 
     @classmethod
     def cast(
         cls, origin: Array, centres: Array, radii: Array, polygons: Sequence[Polygon],
-        beams: int = 360, longest: float = 12.0,
+        longest: float = 12.0, beams: int = 360,
     ) -> "Rays":  # fmt: skip
         """Cast rays at equal angles against what is known to stand around.
 
@@ -63,23 +63,24 @@ class Rays:
         origin : (2,), m.
         centres, radii : (O, 2) and (O,), m, of discs; one that holds the origin is not seen.
         polygons : their edges are seen from both sides.
-        beams : number of rays; the first points along x.
         longest : m.
+        beams : number of rays; the first points along x.
         """
         angle = 2.0 * np.pi / beams * np.arange(beams)
-        ways = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        directions = np.stack([np.cos(angle), np.sin(angle)], axis=1)
         near = (np.abs(centres) <= FARTHEST).all(axis=1) & (radii <= FARTHEST)
         ranges = np.minimum(
-            _to_discs(ways, centres[near] - origin, radii[near]), _to_edges(ways, origin, polygons)
+            _to_discs(directions, centres[near] - origin, radii[near]),
+            _to_edges(directions, origin, polygons),
         )
-        return cls(origin, ways, np.where(ranges <= longest, ranges, inf), longest)
+        return cls(origin, directions, np.where(ranges <= longest, ranges, inf), longest)
 
 
-def _to_discs(ways: Array, centres: Array, radii: Array) -> Array:
+def _to_discs(directions: Array, centres: Array, radii: Array) -> Array:
     """Distance along each ray to the nearest disc, (B,), m; infinite where there is none."""
     if not len(centres):
-        return np.full(len(ways), inf)
-    along = ways @ centres.T
+        return np.full(len(directions), inf)
+    along = directions @ centres.T
     outside = (centres**2).sum(axis=1) - radii**2
     root = along**2 - outside
     seen = (root >= 0.0) & (along > 0.0) & (outside > 0.0)
@@ -87,16 +88,16 @@ def _to_discs(ways: Array, centres: Array, radii: Array) -> Array:
     return np.asarray(found.min(axis=1))
 
 
-def _to_edges(ways: Array, origin: Array, polygons: Sequence[Polygon]) -> Array:
+def _to_edges(directions: Array, origin: Array, polygons: Sequence[Polygon]) -> Array:
     """Distance along each ray to the nearest edge, (B,), m; infinite where there is none."""
     if not polygons:
-        return np.full(len(ways), inf)
+        return np.full(len(directions), inf)
     begin = np.concatenate([one.points for one in polygons]) - origin
     end = np.concatenate([np.roll(one.points, -1, axis=0) for one in polygons]) - origin
     edge = end - begin
-    across = ways[:, :1] * edge[:, 1] - ways[:, 1:] * edge[:, 0]
+    across = directions[:, :1] * edge[:, 1] - directions[:, 1:] * edge[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         far = (begin[:, 0] * edge[:, 1] - begin[:, 1] * edge[:, 0]) / across
-        share = (begin[:, 0] * ways[:, 1:] - begin[:, 1] * ways[:, :1]) / across
+        share = (begin[:, 0] * directions[:, 1:] - begin[:, 1] * directions[:, :1]) / across
     seen = (across != 0.0) & (far > 0.0) & (share >= 0.0) & (share <= 1.0)
     return np.asarray(np.where(seen, far, inf).min(axis=1))

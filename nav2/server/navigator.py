@@ -14,7 +14,7 @@ from ...framework.controller import Controller, checked_path, checked_ready, che
 from ...framework.robot import Robot
 from ...framework.route_planner import RoutePlanner
 from ...framework.tracking.stand_ins import sound
-from ...framework.values.arrays import Array, positive
+from ...framework.values.arrays import Array
 from ...framework.values.costmap import Costmap
 from ...framework.values.errors import WideberthError
 from ...framework.values.footprint import Outline
@@ -62,7 +62,7 @@ class _Clock:
 
 
 class Navigation(StrEnum):
-    """How the way to the goal stands."""
+    """State of the navigation to the goal."""
 
     FOLLOWING = "following"
     RECOVERING = "recovering"
@@ -99,7 +99,6 @@ class Nav2(Controller):
     robot_limits : bound the controller and the smoother by what this robot can do.
     planner : finds new routes as the default behaviour tree does, once a second at most; None to
         keep to the path.
-    global_margin : m, by which the costmap for these routes reaches beyond the path.
 
     Raises
     ------
@@ -111,7 +110,6 @@ class Nav2(Controller):
     params_file: File | None = None
     robot_limits: bool = False
     planner: RoutePlanner | None = None
-    global_margin: float = 4.0
 
     def __post_init__(self) -> None:
         kind = type(self.robot).__name__
@@ -121,7 +119,6 @@ class Nav2(Controller):
                 f"Nav2's controllers drive robots in the plane that have a heading; {kind} has "
                 "none: take unicycle or differential_drive"
             )
-        positive("nav2.global_margin", self.global_margin)
         self._set = (
             self.settings if self.params_file is None else read_params_file(self.params_file)
         )
@@ -225,7 +222,7 @@ class Nav2(Controller):
 
     @property
     def navigation(self) -> Navigation:
-        """How the way to the goal stands."""
+        """State of the navigation to the goal."""
         return self._navigation
 
     @property
@@ -262,7 +259,7 @@ class Nav2(Controller):
             rays = Rays.of_scan(observation.scan.scan, observation.scan.pose)
             return CostmapSurroundings(rays, centres, radii, polygons)
         origin = self._pose(observation)[:2]
-        rays = Rays.cast(origin, centres, radii, polygons, round(view.beams), view.laser_range)
+        rays = Rays.cast(origin, centres, radii, polygons, view.laser_range)
         return CostmapSurroundings(rays, centres, radii, polygons)
 
     def _pose(self, observation: Observation) -> Array:
@@ -316,9 +313,7 @@ class Nav2(Controller):
             self._begun = True
             if self.planner is not None:
                 view = replace(self._set.view, static_layer=True)
-                self._route = GlobalRoute.around(
-                    self.planner, view, self.footprint, path, self.global_margin
-                )
+                self._route = GlobalRoute.around(self.planner, view, self.footprint, path)
             self._server.begin(path, sight.time)
         if self._route is not None and not self._routed(self._route, sight, observation):
             return _STILL
@@ -386,8 +381,8 @@ def poses_along(path: Path) -> Array:
     count = min(max(int(np.ceil(path.length / SPACING)), 1), MOST_POSES)
     arc = np.union1d(np.linspace(0.0, path.length, count + 1), path.arc)
     points = path.at(arc)
-    way = path.direction(arc)
-    return np.column_stack([points, np.arctan2(way[:, 1], way[:, 0])])
+    direction = path.direction(arc)
+    return np.column_stack([points, np.arctan2(direction[:, 1], direction[:, 0])])
 
 
 def limits_of(robot: Robot) -> VelocityLimits:

@@ -14,7 +14,7 @@ from .settings import LoopSettings
 
 _PLUGIN_OF = {local: plugin for plugin, local in NAMES["controllers"].items()}
 _PART_OF = {part: plugin for plugin, part in NAMES["parts"].items()}
-_OWN = ("exact", "beams", "laser_range")
+_OWN = ("exact", "laser_range")
 """Fields of a view that Nav2 does not have; they are written where they differ."""
 _INFLATION = (
     "inflation_radius", "cost_scaling_factor", "inflate_unknown", "inflate_around_unknown",

@@ -165,8 +165,10 @@ class Recoveries:
             time = count / self.cycle_frequency
             if abs(speed + turning) * time > rest:
                 break
-            way = speed * time
-            pose = np.array([x + way * np.cos(yaw), y + way * np.sin(yaw), yaw + turning * time])
+            travelled = speed * time
+            pose = np.array(
+                [x + travelled * np.cos(yaw), y + travelled * np.sin(yaw), yaw + turning * time]
+            )
             if seen.footprint.cost(seen.costmap, pose) >= LETHAL:
                 return True
         return False

@@ -13,9 +13,10 @@ from ..costmap.footprint import RobotFootprint
 from ..costmap.local_costmap import CostmapSurroundings, CostmapView, LayeredCostmap
 from ..poses import length
 
-PERIOD, NEAR_GOAL, SEARCH = 1.0, 4.0, 1.5
+PERIOD, NEAR_GOAL, SEARCH, MARGIN = 1.0, 4.0, 1.5, 4.0
 """s between two looks; m to the goal, along the path, within which a path that is free is kept;
-m of the path over which the robot's place on it is sought."""
+m of the path over which the robot's place on it is sought; m by which the costmap reaches beyond
+the path."""
 
 
 @final
@@ -43,18 +44,16 @@ class GlobalRoute:
 
     @classmethod
     def around(
-        cls, planner: RoutePlanner, view: CostmapView, footprint: RobotFootprint, path: Array,
-        margin: float,
-    ) -> "GlobalRoute":  # fmt: skip
+        cls, planner: RoutePlanner, view: CostmapView, footprint: RobotFootprint, path: Array
+    ) -> "GlobalRoute":
         """Return the route to the end of a path (N, 3), over a costmap about it.
 
         Parameters
         ----------
         view : of the local costmap; this one stays in its place, and is updated each second.
-        margin : m, by which it reaches beyond the path.
         """
-        low = path[:, :2].min(axis=0) - margin
-        size = path[:, :2].max(axis=0) + margin - low
+        low = path[:, :2].min(axis=0) - MARGIN
+        size = path[:, :2].max(axis=0) + MARGIN - low
         wide = replace(
             view, rolling_window=False, origin_x=float(low[0]), origin_y=float(low[1]),
             width=float(size[0]), height=float(size[1]), update_frequency=1.0 / PERIOD,
@@ -93,8 +92,8 @@ class GlobalRoute:
         if route.path is None:
             return None, f"no route: {route.reason}"
         points = route.path.points
-        way = np.diff(points, axis=0, append=points[-1:])
-        self._left = np.column_stack([points, np.arctan2(way[:, 1], way[:, 0])])
+        step = np.diff(points, axis=0, append=points[-1:])
+        self._left = np.column_stack([points, np.arctan2(step[:, 1], step[:, 0])])
         return route.path, ""
 
     def _pass(self, pose: Array) -> None:

@@ -4,6 +4,9 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Literal, final
 
+import numpy as np
+
+from ...framework.values.arrays import Array
 from ...framework.values.errors import WideberthError
 from ..parameters import NonNegative, Positive, Triple, check_parameters
 
@@ -96,50 +99,34 @@ class Nav2VelocitySmoother:
             self._command = _ZERO
         self._stopped = False
         now = self._current()
-        wanted = [
-            min(max(u, low), high)
-            for u, low, high in zip(
-                self._command, self.min_velocity, self.max_velocity, strict=True
-            )
-        ]
-        bounds = [self._bound(i, now[i], wanted[i]) for i in range(3)]
-        share = self._share(now, wanted, bounds) if self.scale_velocities else 1.0
-        out = [
-            c + min(max(share * (u - c), -b), b)
-            for c, u, b in zip(now, wanted, bounds, strict=True)
-        ]
-        self._last = (out[0], out[1], out[2])
-        sent = [
-            0.0 if abs(v) < least else v
-            for v, least in zip(out, self.deadband_velocity, strict=True)
-        ]
-        return (sent[0], sent[1], sent[2])
+        wanted = np.clip(self._command, self.min_velocity, self.max_velocity)
+        faster = (np.abs(wanted) >= np.abs(now)) & (now * wanted >= 0.0)
+        rates = np.where(faster, self.max_accel, -np.array(self.max_decel))
+        most = rates / self.smoothing_frequency
+        change = wanted - now
+        share = self._share(np.abs(change), most) if self.scale_velocities else 1.0
+        out = now + np.clip(share * change, -most, most)
+        self._last = _velocity(out)
+        return _velocity(np.where(np.abs(out) < self.deadband_velocity, 0.0, out))
 
-    def _current(self) -> Velocity:
-        """Velocity from which the axes move on."""
+    def _current(self) -> Array:
+        """Velocity from which the axes move on, (3,)."""
         if self.feedback == "OPEN_LOOP" or not self._measured:
-            return self._last
+            return np.array(self._last)
         count = len(self._measured)
-        mean = [sum(velocity[i] for _, velocity in self._measured) / count for i in range(3)]
-        return (mean[0], mean[1], mean[2])
-
-    def _bound(self, axis: int, now: float, wanted: float) -> float:
-        """Return the largest change of an axis in one period."""
-        faster = abs(wanted) >= abs(now) and now * wanted >= 0.0
-        rate = self.max_accel[axis] if faster else -self.max_decel[axis]
-        return rate / self.smoothing_frequency
+        return np.array([
+            sum(velocity[i] for _, velocity in self._measured) / count for i in range(3)
+        ])  # fmt: skip
 
     @staticmethod
-    def _share(now: Velocity, wanted: list[float], bounds: list[float]) -> float:
-        """Share of the changes that all axes can make, the one farthest from 1."""
-        share = 1.0
-        for c, u, b in zip(now, wanted, bounds, strict=True):
-            apart = u - c
-            if abs(apart) > b:
-                found = b / abs(apart)
-                if found > 0.0 and abs(1.0 - found) > abs(1.0 - share):
-                    share = found
-        return share
+    def _share(changes: Array, most: Array) -> float:
+        """Share of the changes (3,) that all axes can make, with the largest ones of a period."""
+        slowed = (changes > most) & (most > 0.0)
+        return float((most[slowed] / changes[slowed]).min(initial=1.0))
+
+
+def _velocity(axes: Array) -> Velocity:
+    return float(axes[0]), float(axes[1]), float(axes[2])
 
 
 def _nanoseconds(time: float) -> int:

@@ -66,15 +66,17 @@ def commands_are_equal(gc_controller: Case) -> None:
             costmap, footprint, robot["track_unknown"], checker,
         )  # fmt: skip
         if "motion_target_base" in expect:
-            way = probe.way(*probe.seen(tick))
-            assert way is not None
-            assert np.abs(np.subtract(way.target, expect["motion_target_base"])).max() < 1e-9
+            trajectory = probe.trajectory(*probe.seen(tick))
+            assert trajectory is not None
+            assert (
+                np.abs(np.subtract(trajectory.target, expect["motion_target_base"])).max() < 1e-9
+            )
         answer = controller.velocity(tick)
         assert_equal_answer(answer, expect, 1e-9)
         if "do_initial_rotation" in expect:  # a tick that throws has a state only where recorded
-            assert controller.does_initial_rotation == expect["do_initial_rotation"]
+            assert controller._turns_first == expect["do_initial_rotation"]
         if expect.get("safe_approach_angle") is not None:
-            assert controller.safe_approach_angle == pytest.approx(expect["safe_approach_angle"])
+            assert controller._approach == pytest.approx(expect["safe_approach_angle"])
         if expect.get("local_plan_base"):
             assert answer.expected is not None
             assert len(answer.expected) == expect["local_plan_len"]

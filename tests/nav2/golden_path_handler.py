@@ -35,7 +35,7 @@ def plans_and_flags_are_equal(path_handler: Case) -> None:
         wanted = np.array(expect["local_plan"])
         assert plan.shape == wanted.shape
         assert np.abs(plan - wanted).max() < 1e-9
-        assert len(handler.left) == expect["plan_left"]
+        assert len(handler._left) == expect["plan_left"]
         assert checker.xy_reached(pose, goal, plan) == expect["goal_xy_reached"]
         assert checker.reached(pose, goal, plan) == expect["goal_reached"]
 

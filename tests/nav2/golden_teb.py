@@ -10,7 +10,6 @@ from wideberth.nav2.controllers.local_controllers import built
 from wideberth.nav2.controllers.teb import TEB
 from wideberth.nav2.controllers.teb_band import Band
 from wideberth.nav2.controllers.teb_edges import (
-    NAMES,
     Pull,
     TebObstacles,
     cost_of,
@@ -21,6 +20,12 @@ from wideberth.nav2.controllers.teb_edges import (
 from wideberth.nav2.controllers.teb_parameters import TebParameters
 from wideberth.tests.nav2.golden import Case, Checks
 
+NAMES = (
+    "obstacle", "inflated_obstacle", "dynamic_obstacle", "velocity", "acceleration_start",
+    "acceleration", "acceleration_goal", "time_optimal", "shortest_path",
+    "kinematics_diff_drive", "prefer_rotdir",
+)  # fmt: skip
+"""Of the kinds of edges, as in the original."""
 EXACT, OPTIMUM, CLOSE = 1e-9, 0.02, 1e-3
 """The tolerance of what precedes an optimisation, the one of its cost, and what else is near."""
 

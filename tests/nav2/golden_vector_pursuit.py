@@ -36,14 +36,14 @@ def commands_are_equal(vpc_controller: Case) -> None:
             robot["track_unknown"], GoalChecker(),
         )  # fmt: skip
         probe = controller_of(vpc_controller)
-        probe.new_path(controller.left)
+        probe.new_path(controller._left)
         probe._last = controller._last
         assert_equal_answer(controller.velocity(tick), expect, 1e-9)
         if "target_base" in expect:
             target = probe.target(probe.pruned(costmap, pose))
             assert np.abs(target - expect["target_base"]).max() < 1e-9
         if "plan_left" in expect:
-            assert len(controller.left) == expect["plan_left"]
+            assert len(controller._left) == expect["plan_left"]
 
 
 CHECKS: dict[str, Checks] = {

@@ -121,19 +121,6 @@ def test_without_people_it_does_not_apply() -> None:
     assert critic.cost(rollouts, situation_of(tick_of(empty))) is None
 
 
-def test_means_alone_are_sharper() -> None:
-    forecast = crowd()
-    people = ExpectedPeople(forecast, 0.0, np.full(3, 0.3))
-    sharp = replace(forecast, covariance=np.zeros_like(forecast.covariance))
-    certain = ExpectedPeople(sharp, 0.0, people.radii)
-    plain, means = ExpectedPeopleCritic(), ExpectedPeopleCritic(use_covariance=False)
-    rollouts = fan()
-    here, there = (situation_of(tick_of(one)) for one in (people, certain))
-    found = means.cost(rollouts, here)
-    assert np.array_equal(found, plain.cost(rollouts, there))
-    assert not np.allclose(found, plain.cost(rollouts, here))
-
-
 def crossing(critics: tuple[str, ...]) -> float:
     """Drive past somebody who crosses the path; return the least distance between centres."""
     controller = MPPI.from_parameters(
@@ -170,7 +157,7 @@ def test_a_robot_that_expects_people_lets_them_pass() -> None:
     ("changes", "message"),
     [
         ({"least_deviation": 0.0}, "above 0"),
-        ({"margin": -0.1}, "at least 0"),
+        ({"cost_weight": -0.1}, "at least 0"),
         ({"trajectory_point_step": 0}, "whole number of at least 1"),
     ],
 )

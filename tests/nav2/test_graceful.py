@@ -23,7 +23,7 @@ def test_an_approach_that_is_safe_is_not_changed() -> None:
     controller = Graceful()
     controller.new_path(straight(0.7))
     answer = controller.velocity(tick(straight(0.7), costmap=dear(250)))
-    assert answer.twist is not None and controller.safe_approach_angle is None
+    assert answer.twist is not None and controller._approach is None
     assert answer.twist.angular == pytest.approx(0.0, abs=1e-9)
 
 
@@ -135,10 +135,10 @@ def test_the_approach_is_the_quickest_one_that_is_safe() -> None:
         stored, command = sought(controller, ground, stored)
         answer = controller.velocity(seen)
         assert answer.twist is not None
-        assert controller.safe_approach_angle == stored is not None
+        assert controller._approach == stored is not None
         found = (float(answer.twist.linear[0]), float(answer.twist.angular))
         assert found == pytest.approx(command, abs=1e-9) and abs(found[1]) > 0.1
         headings.append(stored)
     assert headings[-2] == headings[-1]  # the heading found before is kept
     controller.new_path(plan)
-    assert controller.safe_approach_angle is None
+    assert controller._approach is None

@@ -12,10 +12,10 @@ from wideberth.framework.values.forecast import Forecast
 from wideberth.framework.values.motion import Detection, Observation, Twist
 from wideberth.framework.values.path import Path
 from wideberth.nav2.controllers.expected_people import ExpectedPeopleCritic
-from wideberth.nav2.controllers.foresight import PeopleForecasts
 from wideberth.nav2.controllers.local_controller import Answer, LocalController, Tick
 from wideberth.nav2.controllers.local_controllers import VelocityLimits, built, shipped_parameters
 from wideberth.nav2.controllers.mppi import MPPI
+from wideberth.nav2.controllers.people_forecasts import PeopleForecasts
 from wideberth.nav2.server.navigator import Nav2
 from wideberth.nav2.server.settings import LoopSettings
 from wideberth.predictors.kalman import Kalman
@@ -104,10 +104,10 @@ def test_it_is_named_beside_the_originals() -> None:
     assert made.controller.vx_max == 0.7 and made.controller.batch_size == 2000
     assert isinstance(made.controller.critics[-1], ExpectedPeopleCritic)
     assert made.horizon == pytest.approx(2.8)
-    named = {"critics": ["ExpectedPeopleCritic"], "ExpectedPeopleCritic.margin": 0.1}
+    named = {"critics": ["ExpectedPeopleCritic"], "ExpectedPeopleCritic.cost_weight": 0.1}
     other = built("mppi_foresight", {**named, "predictor": "constant_velocity"})
     assert isinstance(other, PeopleForecasts) and isinstance(other.controller, MPPI)
-    assert [critic.margin for critic in other.controller.critics] == [0.1]  # type: ignore[attr-defined]
+    assert [critic.cost_weight for critic in other.controller.critics] == [0.1]  # type: ignore[attr-defined]
     limits = VelocityLimits(0.7, 0.3, 0.7, 0.1)
     assert limits.parameters("mppi_foresight") == limits.parameters("mppi")
     with pytest.raises(WideberthError, match="did you mean 'kalman'"):
@@ -128,7 +128,8 @@ def test_the_whole_loop_drives_with_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"), [({"dt": 0.0}, "foresight.dt"), ({"history": 1}, "foresight.history")]
+    ("changes", "message"),
+    [({"horizon": 0.0}, "foresight.horizon"), ({"period": -1.0}, "foresight.period")],
 )
 def test_wrong_numbers_are_refused(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(WideberthError, match=message):

@@ -10,13 +10,16 @@ from ...framework.plugins.config import build
 from ...framework.plugins.yamlfile import shared_settings
 from ...framework.predictor import Predictor
 from ...framework.tracking.perception import Perception, scene_of
-from ...framework.values.arrays import Array, positive, whole
+from ...framework.values.arrays import Array, positive
 from ...framework.values.motion import Observation
 from .local_controller import Answer, ExpectedPeople, LocalController, MadeOfParts, Tick
 from .mppi import MPPI
 
 CRITIC = "ExpectedPeopleCritic"
 """Name of the critic that makes use of forecasts."""
+_DT, _SAMPLES, _FORGET = 0.1, 40, 3.0
+"""s, step of tracks and forecasts; samples of a track that are kept; s after which a person
+who is no longer reported is dropped."""
 
 
 @final
@@ -33,9 +36,6 @@ class PeopleForecasts(MadeOfParts):
     controller : decides; it is given the forecasts as `Tick.people`.
     predictor : of the people.
     horizon : s, of the forecasts.
-    dt : s, step of the tracks and of the forecasts.
-    history : how many samples of the tracks are kept.
-    forget : s after which a person who is no longer reported is dropped.
     period : s between ticks.
 
     Raises
@@ -46,18 +46,16 @@ class PeopleForecasts(MadeOfParts):
     controller: LocalController
     predictor: Predictor
     horizon: float = 2.8
-    dt: float = 0.1
-    history: int = 40
-    forget: float = 3.0
     period: float = 0.05
 
     _perception: Perception = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        for name in ("horizon", "dt", "forget", "period"):
-            positive(f"foresight.{name}", getattr(self, name))
-        whole("foresight.history", self.history, least=2)
-        self._perception = self._blank()
+        for name in ("horizon", "period"):
+            positive(f"mppi_foresight.{name}", getattr(self, name))
+        self._perception = Perception.initial(
+            self.predictor, 2, _DT, _SAMPLES, self.period, _FORGET
+        )
 
     @classmethod
     def from_parameters(cls, parameters: Mapping[str, Any]) -> "PeopleForecasts":
@@ -80,12 +78,6 @@ class PeopleForecasts(MadeOfParts):
         horizon = controller.time_steps * controller.model_dt
         period = 1.0 / controller.controller_frequency
         return cls(controller, predictor, horizon=horizon, period=period)
-
-    def _blank(self) -> Perception:
-        """Return the memory of a controller that has seen no people."""
-        return Perception.initial(
-            self.predictor, 2, self.dt, self.history, self.period, self.forget
-        )
 
     def reset(self) -> None:
         """Let the controller forget; people are remembered."""
@@ -115,8 +107,8 @@ class PeopleForecasts(MadeOfParts):
         tracks = perception.history.tracks()
         scene = scene_of(observation, None, tick.footprint.circumscribed)
         self._perception = perception = perception.learnt(tracks, scene)
-        steps = int(np.ceil(self.horizon / self.dt - 1e-9))
-        grid = self.dt * np.arange(1.0, steps + 1.0)
+        steps = int(np.ceil(self.horizon / _DT - 1e-9))
+        grid = _DT * np.arange(1.0, steps + 1.0)
         forecast = perception.forecast(tracks, observation.stamp, grid, scene)
         if tracks is None or forecast is None:
             return None
