@@ -34,12 +34,12 @@ from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Command
 from wideberth.framework.values.path import Path
 from wideberth.framework.values.sensing import Scan
+from wideberth.ros.decoding import OBSTACLES
 from wideberth.ros.messages import messages
 from wideberth.ros.node import PlannerNode
 from wideberth.ros.node_settings import NodeSettings
-from wideberth.ros.readings import OBSTACLES
-from wideberth.ros.sight import ObstacleTopic, ScanTopic
-from wideberth.ros.ways import GoalTopic, MapTopic, Over
+from wideberth.ros.obstacle_sources import ObstacleTopic, ScanTopic
+from wideberth.ros.path_sources import GoalTopic, MapPlanner, MapTopic
 from wideberth.routes import NavFn
 from wideberth.routes.replanning import Replanning
 from wideberth.tests.helpers.bags import odometry, quaternion, transform, vector
@@ -224,7 +224,7 @@ def nodes() -> list[tuple[str, dict[str, Any], Callable[[], Any], Callable[[], A
 def _way(index: int) -> Callable[[], Any]:
     """Return what a node follows: by turns a goal over a map, and a straight way to one."""
     if index % 3:
-        return lambda: GoalTopic(over=Over(MapTopic(), Replanning(NavFn())))
+        return lambda: GoalTopic(over=MapPlanner(MapTopic(), Replanning(NavFn())))
     return GoalTopic
 
 
@@ -395,7 +395,7 @@ class Driven:
 
     def listen(self) -> tuple[str, str]:
         """Let the node listen; what it caught that is no refusal is a fault."""
-        self.node.listen()
+        self.node.receive()
         if self.caught:
             return "caught", self.caught.pop()
         return "", ""
@@ -403,7 +403,7 @@ class Driven:
     def decide(self) -> tuple[str, str]:
         """Let the node decide, and say what is wrong."""
         failed = self.node.counts.failures
-        decided = self.node.decide()
+        decided = self.node.plan()
         if self.node.counts.failures > failed:
             return "caught", self.node.status
         plan = self.controller.plan if decided else None
@@ -413,10 +413,10 @@ class Driven:
 
     def speak(self) -> tuple[str, str]:
         """Let the node send a command and show its plan, and say what is wrong with them."""
-        self.node.show()
-        self.node.report()
+        self.node.publish_plan()
+        self.node.publish_diagnostics()
         wire = self.network.wires["/cmd_vel"]
-        if not self.node.speak() or not wire.gone:
+        if not self.node.publish() or not wire.gone:
             return "", ""
         twist = wire.gone[0].twist
         sent = Command((twist.linear.x, twist.linear.y), twist.angular.z)

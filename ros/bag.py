@@ -16,21 +16,21 @@ from ..framework.values.path import Path as Route
 from ..framework.values.sensing import Scan
 from .bag_file import RawBag, read_raw
 from .clocks import stamps
-from .frames import FrameTree
-from .messages import Messages, messages
-from .readings import (
+from .decoding import (
     READ,
     Clock,
+    DecodedMessage,
     Goal,
     Mixture,
-    ObstaclesReading,
-    OdometryReading,
-    PathReading,
-    Reading,
+    ObstaclesMessage,
+    OdometryMessage,
+    PathMessage,
     Transforms,
-    reading_of,
+    decode_message,
     tilted,
 )
+from .frames import FrameTree
+from .messages import Messages, messages
 
 FIXED = ("map", "odom", "world")
 """Frames that stand still, the first that a recording has is taken."""
@@ -58,7 +58,7 @@ class Timed(NamedTuple):
     """What a message said, when, and which publisher of its topic sent it (0 is the first)."""
 
     time: float
-    reading: Reading
+    decoded: DecodedMessage
     source: int
 
 
@@ -85,7 +85,7 @@ class Bag:
     topics : all topics by name, the unreadable ones too.
     timed : name -> what its messages said, sorted by time.
     frames : all motions between frames.
-    notes : what was noticed on the way, a sentence each.
+    notes : what was noticed, a sentence each.
     """
 
     path: Path
@@ -120,7 +120,7 @@ class Bag:
         It is map, odom or world, the first that is connected with most of their messages; else
         the top of their tree.
         """
-        said = Counter(row.reading.frame for topic in topics for row in self.rows(topic))
+        said = Counter(row.decoded.frame for topic in topics for row in self.rows(topic))
         if not said:
             return ""
         top = self.frames.root(said.most_common(1)[0][0])
@@ -135,13 +135,13 @@ class Bag:
 
         Raises
         ------
-        WideberthError : no such topic, or no way from its frame to the robot's.
+        WideberthError : no such topic, or no transform from its frame to the robot's.
         """
         found = []
-        for time, reading, _ in self.rows(topic):
-            if isinstance(reading.content, Scan):
-                scan = reading.content
-                mount = self.frames.motion(base, reading.frame, [time])[0]
+        for time, decoded, _ in self.rows(topic):
+            if isinstance(decoded.content, Scan):
+                scan = decoded.content
+                mount = self.frames.motion(base, decoded.frame, [time])[0]
                 if np.isfinite(mount).all():
                     found.append(
                         Scan(
@@ -154,20 +154,20 @@ class Bag:
     def motions(self, topic: str) -> tuple[Array, Array, Array]:
         """Return the odometry of a topic: times (T,), poses (T, 3) and twists (T, 3)."""
         rows = [
-            row for row in self.rows(topic) if isinstance(row.reading.content, OdometryReading)
+            row for row in self.rows(topic) if isinstance(row.decoded.content, OdometryMessage)
         ]
-        said = [row.reading.content for row in rows]
-        poses = [one.pose for one in said if isinstance(one, OdometryReading)]
-        twists = [one.twist for one in said if isinstance(one, OdometryReading)]
+        said = [row.decoded.content for row in rows]
+        poses = [one.pose for one in said if isinstance(one, OdometryMessage)]
+        twists = [one.twist for one in said if isinstance(one, OdometryMessage)]
         times = np.array([row.time for row in rows])
         return times, np.reshape(poses, (-1, 3)), np.reshape(twists, (-1, 3))
 
     def routes(self, topic: str) -> tuple[tuple[float, Route], ...]:
         """Return when paths of a topic came, and each in its own frame."""
         found = []
-        for time, reading, _ in self.rows(topic):
-            if isinstance(reading.content, PathReading) and len(reading.content.points) >= 2:
-                found.append((time, Route(reading.content.points)))
+        for time, decoded, _ in self.rows(topic):
+            if isinstance(decoded.content, PathMessage) and len(decoded.content.points) >= 2:
+                found.append((time, Route(decoded.content.points)))
         return tuple(found)
 
     def forecasts(self, topic: str, dt: float) -> tuple[RecordedForecast, ...]:
@@ -183,17 +183,17 @@ class Bag:
 
         Raises
         ------
-        WideberthError : no such topic, a dt that is not above zero, or no way from its frame to
-            the fixed one.
+        WideberthError : no such topic, a dt that is not above zero, or no transform from its frame
+            to the fixed one.
         """
         positive("dt", dt)
         fixed = self.fixed_frame([topic])
         found = []
-        for time, reading, _ in self.rows(topic):
-            if not isinstance(reading.content, ObstaclesReading):
+        for time, decoded, _ in self.rows(topic):
+            if not isinstance(decoded.content, ObstaclesMessage):
                 continue
-            pose = self.frames.motion(fixed, reading.frame, [time])[0]
-            predicted = [(one.ident, one.forecast) for one in reading.content.seen if one.forecast]
+            pose = self.frames.motion(fixed, decoded.frame, [time])[0]
+            predicted = [(one.ident, one.forecast) for one in decoded.content.seen if one.forecast]
             if predicted and np.isfinite(pose).all():
                 mixtures = [mixture for _, mixture in predicted]
                 names = tuple(name for name, _ in predicted)
@@ -202,7 +202,7 @@ class Bag:
 
     def maps(self, topic: str) -> tuple[OccupancyGrid, ...]:
         """Return the maps of a topic, each in its own frame."""
-        said = [reading.content for _, reading, _ in self.rows(topic)]
+        said = [decoded.content for _, decoded, _ in self.rows(topic)]
         return tuple(one for one in said if isinstance(one, OccupancyGrid))
 
 
@@ -265,7 +265,7 @@ def read_bag(path: str | Path) -> Bag:
     return Bag(file, epoch, topics, timed, frames, (*raw.notes, *notes))
 
 
-_Said = dict[int, list[tuple[int, Reading]]]
+_Said = dict[int, list[tuple[int, DecodedMessage]]]
 """Number of a raw topic -> when each of its messages was received, ns, and what it said."""
 
 
@@ -283,8 +283,8 @@ def _said(raw: RawBag) -> tuple[_Said, dict[int, Counter[str]]]:
             known = types[key]
             if isinstance(known, str):
                 raise WideberthError(known)
-            reading = reading_of(kind, known.read(kind, one.data))
-            said.setdefault(one.source, []).append((one.received, reading))
+            decoded = decode_message(kind, known.read(kind, one.data))
+            said.setdefault(one.source, []).append((one.received, decoded))
         except WideberthError as error:
             flaws.setdefault(one.source, Counter())[str(error)] += 1
     return said, flaws
@@ -300,7 +300,7 @@ def _types(kind: str, definition: str) -> Messages | str:
 
 def _epoch(said: _Said) -> int:
     """Return the earliest stamp of what moves, ns; else the earliest receipt."""
-    lasting = (Transforms, OccupancyGrid, Clock, PathReading, Goal)
+    lasting = (Transforms, OccupancyGrid, Clock, PathMessage, Goal)
     rows = [row for rows in said.values() for row in rows]
     moving = [one.stamp for _, one in rows if one.stamp and not isinstance(one.content, lasting)]
     return min(moving or [received for received, _ in rows], default=0)
@@ -321,7 +321,7 @@ def _timed(raw: RawBag, said: _Said, epoch: int) -> tuple[dict[str, tuple[Timed,
         if clocks and np.isnan(stamped).all():
             ours = [NANO * (at - first) for at, _ in clocks]
             stamped = np.interp(received, ours, [NANO * (one.stamp - epoch) for _, one in clocks])
-        lasting = isinstance(rows[0][1].content, OccupancyGrid | PathReading | Goal)
+        lasting = isinstance(rows[0][1].content, OccupancyGrid | PathMessage | Goal)
         when = stamps(stamped, received)
         notes += [] if lasting else [f"{name}: {text}" for text in when.notes]
         number = len({row.source for row in found.get(name, [])})
@@ -337,17 +337,17 @@ def _frames(timed: Mapping[str, tuple[Timed, ...]]) -> FrameTree:
     """Collect the motions between frames, on the same clock."""
     tree = FrameTree()
     for name, rows in timed.items():
-        for time, reading, _ in rows:
-            if isinstance(reading.content, Transforms):
-                for parent, child, stamp, pose, _ in reading.content.rows:
-                    own = time + NANO * (stamp - reading.stamp)
+        for time, decoded, _ in rows:
+            if isinstance(decoded.content, Transforms):
+                for parent, child, stamp, pose, _ in decoded.content.rows:
+                    own = time + NANO * (stamp - decoded.stamp)
                     tree.add(parent, child, own, pose, static=name.endswith("tf_static"))
-            for child in tilted(reading.content):
+            for child in tilted(decoded.content):
                 tree.notes[f"{child!r} tilts; only its yaw is used"] = 1
     known = {*tree.names, ""}
     for rows in timed.values():
-        for time, reading, _ in rows:
-            moved = reading.content
-            if isinstance(moved, OdometryReading) and moved.child not in known:
-                tree.add(reading.frame, moved.child, time, moved.pose)
+        for time, decoded, _ in rows:
+            moved = decoded.content
+            if isinstance(moved, OdometryMessage) and moved.child not in known:
+                tree.add(decoded.frame, moved.child, time, moved.pose)
     return tree

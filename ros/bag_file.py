@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import NamedTuple, final
 
 from ..framework.values.errors import WideberthError, short
+from .mcap_recovery import recovered_messages
 from .ros_extra import needed
-from .salvage import salvaged
 
 SUFFIXES = (".mcap", ".db3")
 
@@ -108,7 +108,7 @@ def _part(file: Path, wanted: frozenset[str]) -> RawBag:
         reason = short(str(error), 120)
     if file.suffix != ".mcap":
         return RawBag((), (), (f"{file.name} cannot be read: {reason}",))
-    return _salvage(file, wanted)
+    return _recovered(file, wanted)
 
 
 def _whole(path: Path, wanted: frozenset[str]) -> RawBag:
@@ -130,12 +130,12 @@ def _whole(path: Path, wanted: frozenset[str]) -> RawBag:
     return RawBag(topics, rows, ())
 
 
-def _salvage(file: Path, wanted: frozenset[str]) -> RawBag:
+def _recovered(file: Path, wanted: frozenset[str]) -> RawBag:
     """Read what is in front of the damage of an MCAP file."""
     place: dict[int, int] = {}
     topics: list[RawTopic] = []
     rows = []
-    for one in salvaged(file):
+    for one in recovered_messages(file):
         if one.channel not in place:
             place[one.channel] = len(topics)
             topics.append(RawTopic(one.topic, one.kind, 1, 0))

@@ -12,8 +12,8 @@ from ..framework.tracking.resampling import MOST_CELLS, interpolated
 from ..framework.values.arrays import Array, positive, whole
 from ..framework.values.errors import WideberthError
 from .bag import Bag, Timed, read_bag
+from .decoding import OBSTACLES, ObstaclesMessage, OdometryMessage
 from .frames import composed
-from .readings import OBSTACLES, ObstaclesReading, OdometryReading
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 
@@ -124,10 +124,10 @@ def _samples(bag: Bag, topics: Iterable[str], fixed: str) -> _Samples:
 def _who(topic: str, row: Timed) -> list[tuple[str, Array, float]]:
     """Return identity, pose and radius of everybody in a message."""
     mark = f" ({row.source + 1})" if row.source else ""
-    content = row.reading.content
-    if isinstance(content, OdometryReading):
+    content = row.decoded.content
+    if isinstance(content, OdometryMessage):
         return [(f"{topic}{mark}", content.pose, float("nan"))]
-    if isinstance(content, ObstaclesReading):
+    if isinstance(content, ObstaclesMessage):
         return [(one.ident and one.ident + mark, one.pose, one.radius) for one in content.seen]
     return []
 
@@ -135,7 +135,7 @@ def _who(topic: str, row: Timed) -> list[tuple[str, Array, float]]:
 def _poses(bag: Bag, rows: tuple[Timed, ...], fixed: str, lost: dict[str, int]) -> Array:
     """Return the pose of each message's frame in the fixed one, (T, 3); NaN where unknown."""
     found = np.full((len(rows), 3), np.nan)
-    names = np.array([row.reading.frame for row in rows], dtype=object)
+    names = np.array([row.decoded.frame for row in rows], dtype=object)
     times = np.array([row.time for row in rows])
     for name in sorted(set(names)):
         here = names == name

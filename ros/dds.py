@@ -154,12 +154,12 @@ class Link:
             _bind_to_loopback(domain)
         self._writers: list[Any] = []
         self._readers: list[Any] = []
-        self._graph: Publisher | None = Publisher(
+        self._graph: DdsPublisher | None = DdsPublisher(
             known, self._writer(GRAPH, ENTITIES, True), ENTITIES
         )
         self._announce()
 
-    def publisher(self, topic: str, kind: str, *, kept: bool = False) -> "Publisher":
+    def publisher(self, topic: str, kind: str, *, kept: bool = False) -> "DdsPublisher":
         """Return a publisher of a topic.
 
         Parameters
@@ -170,11 +170,11 @@ class Link:
         writer = self._writer(_wire_topic(topic), kind, kept)
         self._writers.append(writer.guid)
         self._announce()
-        return Publisher(self.known, writer, kind)
+        return DdsPublisher(self.known, writer, kind)
 
     def subscriber(
         self, topic: str, kind: str, *, reliable: bool = False, kept: bool = False
-    ) -> "Subscriber":
+    ) -> "DdsSubscriber":
         """Return a subscriber of a topic.
 
         Parameters
@@ -192,7 +192,7 @@ class Link:
         reader = needed("cyclonedds.sub").DataReader(self._participant, made, quality)
         self._readers.append(reader.guid)
         self._announce()
-        return Subscriber(self.known, reader, kind)
+        return DdsSubscriber(self.known, reader, kind)
 
     def close(self) -> None:
         """Leave the domain, as soon as its publishers and subscribers are gone."""
@@ -247,7 +247,7 @@ def _quality(known: Messages, kind: str, reliable: bool, kept: bool) -> Any:
 
 
 @final
-class Publisher(CountingPublisher):
+class DdsPublisher(CountingPublisher):
     """Sends messages of one type over DDS; see `Link.publisher`."""
 
     def __init__(self, known: Messages, writer: Any, kind: str) -> None:
@@ -271,7 +271,7 @@ class Publisher(CountingPublisher):
 
 
 @final
-class Subscriber(CountingSubscriber):
+class DdsSubscriber(CountingSubscriber):
     """Takes messages of one type from DDS; see `Link.subscriber`."""
 
     def __init__(self, known: Messages, reader: Any, kind: str) -> None:

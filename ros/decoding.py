@@ -1,4 +1,4 @@
-"""What the messages of ROS 2 say, as values of ours in the frame of the message."""
+"""Messages of ROS 2 as values of ours, in the frame of the message."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class Mixture:
 
 @final
 @dataclass(frozen=True, eq=False)
-class ObstacleReading:
+class ObstacleMessage:
     """An obstacle in a message.
 
     Attributes
@@ -56,15 +56,15 @@ class ObstacleReading:
 
 @final
 @dataclass(frozen=True, eq=False)
-class ObstaclesReading:
+class ObstaclesMessage:
     """All obstacles of one message."""
 
-    seen: tuple[ObstacleReading, ...]
+    seen: tuple[ObstacleMessage, ...]
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class OdometryReading:
+class OdometryMessage:
     """A pose with its motion, from odometry.
 
     Attributes
@@ -91,7 +91,7 @@ class Transforms:
 
 @final
 @dataclass(frozen=True, eq=False)
-class PathReading:
+class PathMessage:
     """Points of a path, (P, 2), m."""
 
     points: Array
@@ -121,10 +121,10 @@ class Clock:
 
 
 Content: TypeAlias = (
-    ObstaclesReading
-    | OdometryReading
+    ObstaclesMessage
+    | OdometryMessage
     | Transforms
-    | PathReading
+    | PathMessage
     | Goal
     | Clock
     | Scan
@@ -134,14 +134,14 @@ Content: TypeAlias = (
 
 @final
 @dataclass(frozen=True, eq=False)
-class Reading:
+class DecodedMessage:
     """The content of one message.
 
     Attributes
     ----------
     stamp : ns, from its header; 0 where it has none.
     frame : of its header.
-    content : what it says, in that frame.
+    content : in that frame.
     """
 
     stamp: int
@@ -186,15 +186,15 @@ def _width(size: Any) -> float:
 
 
 def _name(uuid: bytes) -> str:
-    """Return the name that an identity of ours holds, see `wording.identity`; else its digits."""
+    """Return the name that an identity of ours holds, see `encoding.identity`; else its digits."""
     text = uuid.rstrip(b"\0").decode("latin-1")
     return text if text and text.isascii() and text.isprintable() else uuid.hex()
 
 
-def _obstacle_array(message: Any) -> ObstaclesReading:
-    return ObstaclesReading(
+def _obstacle_array(message: Any) -> ObstaclesMessage:
+    return ObstaclesMessage(
         tuple(
-            ObstacleReading(
+            ObstacleMessage(
                 _name(bytes(np.asarray(one.uuid.uuid, np.uint8))),
                 np.array([one.position.x, one.position.y, 0.0]),
                 0.5 * max(one.size.x, one.size.y) or float("nan"),
@@ -207,7 +207,7 @@ def _obstacle_array(message: Any) -> ObstaclesReading:
     )
 
 
-def _costmap_obstacles(message: Any) -> ObstaclesReading:
+def _costmap_obstacles(message: Any) -> ObstaclesMessage:
     seen = []
     for one in message.obstacles:
         corners = np.array([(point.x, point.y) for point in one.polygon.points], dtype=np.float64)
@@ -218,7 +218,7 @@ def _costmap_obstacles(message: Any) -> ObstaclesReading:
         turn, speed = one.orientation, one.velocities.twist.linear
         heading = float(yaw_of(turn.x, turn.y, turn.z, turn.w))
         seen.append(
-            ObstacleReading(
+            ObstacleMessage(
                 str(one.id) if one.id >= 0 else "",
                 np.array([*centre, heading]),
                 reach if reach > 0.0 else float("nan"),
@@ -227,7 +227,7 @@ def _costmap_obstacles(message: Any) -> ObstaclesReading:
                 _plane(one.velocities.covariance, 6),
             )
         )
-    return ObstaclesReading(tuple(seen))
+    return ObstaclesMessage(tuple(seen))
 
 
 def _mixture(message: Any) -> Mixture | None:
@@ -257,11 +257,11 @@ def _mixture(message: Any) -> Mixture | None:
     return Mixture(weight / weight.sum(), poses[..., :2], spread)
 
 
-def _gaussian_obstacles(message: Any) -> ObstaclesReading:
+def _gaussian_obstacles(message: Any) -> ObstaclesMessage:
     none = float("nan")
-    return ObstaclesReading(
+    return ObstaclesMessage(
         tuple(
-            ObstacleReading(
+            ObstacleMessage(
                 *(str(one.id) if one.id >= 0 else "", pose_of(one.pose), none),
                 forecast=_mixture(one),
             )
@@ -270,10 +270,10 @@ def _gaussian_obstacles(message: Any) -> ObstaclesReading:
     )
 
 
-def _boxes(message: Any) -> ObstaclesReading:
-    return ObstaclesReading(
+def _boxes(message: Any) -> ObstaclesMessage:
+    return ObstaclesMessage(
         tuple(
-            ObstacleReading(
+            ObstacleMessage(
                 one.id,
                 pose_of(one.bbox.center),
                 _width(one.bbox.size),
@@ -285,13 +285,13 @@ def _boxes(message: Any) -> ObstaclesReading:
     )
 
 
-def _odometry(message: Any) -> OdometryReading:
+def _odometry(message: Any) -> OdometryMessage:
     twist = message.twist.twist
     rows = np.asarray(message.pose.covariance, dtype=np.float64).reshape(6, 6)
     plane = rows[np.ix_([0, 1, 5], [0, 1, 5])]
     pose = pose_of(message.pose.pose)
     speeds = np.array([twist.linear.x, twist.linear.y, twist.angular.z])
-    return OdometryReading(message.child_frame_id, pose, speeds, _stated(plane))
+    return OdometryMessage(message.child_frame_id, pose, speeds, _stated(plane))
 
 
 def _transforms(message: Any) -> Transforms:
@@ -320,12 +320,12 @@ def scan_of(message: Any) -> Scan:
     )
 
 
-def _way(message: Any) -> PathReading:
+def _path(message: Any) -> PathMessage:
     places = [(one.pose.position.x, one.pose.position.y) for one in message.poses]
     points = np.array(places, dtype=np.float64).reshape(-1, 2)
     new = np.ones(len(points), dtype=bool)
     new[1:] = (np.diff(points, axis=0) != 0.0).any(axis=1)
-    return PathReading(points[new])
+    return PathMessage(points[new])
 
 
 def _goal(message: Any) -> Goal:
@@ -349,7 +349,7 @@ def grid_of(message: Any) -> OccupancyGrid:
     return OccupancyGrid(cells, float(info.resolution), (float(origin[0]), float(origin[1])))
 
 
-_CONTENT: dict[str, Callable[[Any], Content]] = {
+_DECODERS: dict[str, Callable[[Any], Content]] = {
     "nav2_dynamic_msgs/msg/ObstacleArray": _obstacle_array,
     "costmap_converter_msgs/msg/ObstacleArrayMsg": _costmap_obstacles,
     "mpc_planner_msgs/msg/ObstacleArray": _gaussian_obstacles,
@@ -357,19 +357,19 @@ _CONTENT: dict[str, Callable[[Any], Content]] = {
     "nav_msgs/msg/Odometry": _odometry,
     "tf2_msgs/msg/TFMessage": _transforms,
     "sensor_msgs/msg/LaserScan": scan_of,
-    "nav_msgs/msg/Path": _way,
+    "nav_msgs/msg/Path": _path,
     "geometry_msgs/msg/PoseStamped": _goal,
     "nav_msgs/msg/OccupancyGrid": grid_of,
     "rosgraph_msgs/msg/Clock": lambda message: Clock(nanoseconds(message.clock)),
 }
-OBSTACLES: frozenset[str] = frozenset(list(_CONTENT)[:4])
+OBSTACLES: frozenset[str] = frozenset(list(_DECODERS)[:4])
 """Types of messages that hold obstacles."""
-READ: frozenset[str] = frozenset(_CONTENT)
+READ: frozenset[str] = frozenset(_DECODERS)
 """Types of messages that are read."""
 
 
-def reading_of(kind: str, message: Any) -> Reading:
-    """Return what a message says.
+def decode_message(kind: str, message: Any) -> DecodedMessage:
+    """Return the content of a message.
 
     Parameters
     ----------
@@ -381,13 +381,13 @@ def reading_of(kind: str, message: Any) -> Reading:
     """
     try:
         with np.errstate(over="ignore", invalid="ignore"):  # its numbers are judged below
-            content = _CONTENT[kind](message)
+            content = _DECODERS[kind](message)
         if isinstance(content, Clock):
-            return Reading(content.now, "", content)
+            return DecodedMessage(content.now, "", content)
         if isinstance(content, Transforms):
-            return Reading(content.rows[0][2] if content.rows else 0, "", content)
+            return DecodedMessage(content.rows[0][2] if content.rows else 0, "", content)
         frame = str(message.header.frame_id).lstrip("/")
-        return Reading(nanoseconds(message.header.stamp), frame, content)
+        return DecodedMessage(nanoseconds(message.header.stamp), frame, content)
     except AttributeError as error:
         raise WideberthError(f"it is of another definition: {error}") from None
     except (IndexError, OverflowError, TypeError, ValueError) as error:

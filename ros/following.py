@@ -9,7 +9,7 @@ import numpy as np
 from ..framework.values.arrays import Array, positive
 from .frames import within_pi
 from .node import PlannerNode
-from .ways import Arrival
+from .path_sources import Arrival
 
 
 class ResultCode(IntEnum):
@@ -41,7 +41,7 @@ class Following:
     Parameters
     ----------
     tolerance : m from the last point, within which the robot is there and brakes, see
-        `wideberth.ros.ways.Arrival`.
+        `wideberth.ros.path_sources.Arrival`.
     yaw_tolerance : rad, by which its heading may be off that of the last pose; it turns on the
         spot. From pi on any heading will do.
     slow : m/s, below which it stands.
@@ -114,14 +114,14 @@ class Follower:
         return None
 
     def step(self, now: float) -> End | None:
-        """Look how it goes; return how it has ended, or None while it goes on."""
+        """Follow on; return how following has ended, or None while it goes on."""
         path, motion, wanted = self.node.path, self.node.motion, self.settings
         if path is None or motion is None:
             return End(ResultCode.UNKNOWN, "the path was taken away")
         self.distance = float(np.linalg.norm(path.goal - motion[0][:2]))
         self.speed = float(np.hypot(*motion[1][:2]))
         was = self._arrival.there
-        there = self._arrival.look(path, motion[0][:2])
+        there = self._arrival.update(path, motion[0][:2])
         if was and not there:
             self.node.drive_on()
         turned = self._turned()

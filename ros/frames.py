@@ -145,7 +145,7 @@ class FrameTree:
 
         Raises
         ------
-        WideberthError : there is no way between the two.
+        WideberthError : no transform connects the two.
         """
         clock = np.asarray(times, dtype=np.float64)
         up, down = ([one, *self._above(one)] for one in (source, target))

@@ -1,4 +1,4 @@
-"""What can still be read of a damaged MCAP file: everything before the damage."""
+"""Recovery of a damaged MCAP file: everything before the damage is read."""
 
 import struct
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ MAGIC = b"\x89MCAP0\r\n"
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = 0x03, 0x04, 0x05, 0x06
 
 
-class Salvaged(NamedTuple):
+class RecoveredMessage(NamedTuple):
     """One message that could be read.
 
     Attributes
@@ -37,7 +37,7 @@ class _Scan:
     schemas: dict[int, tuple[str, str]] = field(default_factory=dict)
     channels: dict[int, tuple[int, str]] = field(default_factory=dict)
 
-    def messages(self, data: bytes) -> Iterator[Salvaged]:
+    def messages(self, data: bytes) -> Iterator[RecoveredMessage]:
         """Yield the messages of records that are whole."""
         place = 0
         while place + 9 <= len(data):
@@ -58,10 +58,10 @@ class _Scan:
                 number, _, received = struct.unpack_from("<HIQ", body)
                 schema, topic = self.channels.get(number, (-1, ""))
                 name, text = self.schemas.get(schema, ("", ""))
-                yield Salvaged(number, topic, name, text, received, body[22:])
+                yield RecoveredMessage(number, topic, name, text, received, body[22:])
 
 
-def salvaged(path: Path) -> Iterator[Salvaged]:
+def recovered_messages(path: Path) -> Iterator[RecoveredMessage]:
     """Yield the messages of an MCAP file up to where it is damaged or ends."""
     data = path.read_bytes()
     scan = _Scan()

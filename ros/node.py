@@ -14,24 +14,41 @@ from ..framework.control.command_limits import FAST, attained, turns_on_the_spot
 from ..framework.control.velocity_smoother import VelocitySmoother
 from ..framework.controller import Controller, avoids_polygons
 from ..framework.robot import Robot
+from ..framework.tracking.stand_ins import sound
 from ..framework.values.arrays import Array
 from ..framework.values.errors import WideberthError, short
 from ..framework.values.motion import Command, Observation, Pose, Twist
 from ..framework.values.occupancy_grid import OccupancyGrid
 from ..framework.values.path import Path
 from ..framework.values.plan import Plan
+from ..framework.values.polygon import separation
 from ..framework.values.sensing import MotionEstimate, Scan
 from ..perception.own_state import own_state
+from .decoding import Goal, OdometryMessage, PathMessage, Transforms, decode_message
+from .encoding import MessageEncoder
 from .frames import composed
 from .messages import Messages
 from .node_settings import NodeSettings
+from .obstacle_sources import (
+    LASERSCAN,
+    ObstacleSource,
+    ObstacleTopic,
+    ScanSource,
+    ScanView,
+    TopicSource,
+)
 from .own_motion import OwnMotion, ReceivedMessage
-from .priority import urgent
-from .readings import Goal, OdometryReading, PathReading, Transforms, reading_of
-from .room import beside_robot
-from .sight import LASERSCAN, ObstacleSight, ObstacleSource, ObstacleTopic, ScanSight, ScanView
-from .ways import Arrival, Found, GoalPlanner, GoalTopic, MapTopic, PathTopic, Question, Turn
-from .wording import MessageEncoder
+from .path_sources import (
+    Arrival,
+    GoalPlanner,
+    GoalTopic,
+    MapTopic,
+    PathTopic,
+    RouteRequest,
+    RouteResult,
+    SpinGoal,
+)
+from .priority import set_realtime_priority
 
 LONGEST_PATH = 10_000
 """Points; a longer path is thinned out."""
@@ -43,7 +60,7 @@ EXACT = 1e-8
 """m^2 and so on: covariance of odometry that states none."""
 DRIVING, TURNING = "driving", "turning to the goal's heading"
 ARRIVED = "standing at the end of the path"
-"""What a node's status says where all is well."""
+"""Statuses of a node where all is well."""
 NO_ROOM = "no room to turn: "
 """Begins the status of a robot that something is beside as it wants to turn."""
 STANDING = 0.01
@@ -53,7 +70,7 @@ TRAJECTORY = "nav_msgs/msg/Trajectory"
 _LOG = logging.getLogger("wideberth")
 
 
-class Sends(Protocol):
+class Publisher(Protocol):
     """Sends messages on a topic."""
 
     @property
@@ -66,7 +83,7 @@ class Sends(Protocol):
         ...
 
 
-class Takes(Protocol):
+class Subscriber(Protocol):
     """Takes the messages of a topic."""
 
     kind: str
@@ -77,18 +94,18 @@ class Takes(Protocol):
         ...
 
 
-class Joins(Protocol):
+class Transport(Protocol):
     """Makes publishers and subscribers, as `wideberth.ros.dds.Link` does."""
 
     known: Messages
 
-    def publisher(self, topic: str, kind: str, *, kept: bool = False) -> Sends:
+    def publisher(self, topic: str, kind: str, *, kept: bool = False) -> Publisher:
         """Return a publisher."""
         ...
 
     def subscriber(
         self, topic: str, kind: str, *, reliable: bool = False, kept: bool = False
-    ) -> Takes:
+    ) -> Subscriber:
         """Return a subscriber."""
         ...
 
@@ -118,7 +135,7 @@ class Counts:
 class PlannerNode:
     """Runs a controller beside the messages of a robot.
 
-    `listen`, `decide` and `speak` are one step each of what `run` does at its own rates; none of
+    `receive`, `plan` and `publish` are one step each of what `run` does at its own rates; none of
     them raises. Commands start at the robot's own velocity, and each follows from the one before
     within the robot's limits. Where odometry, obstacles or the controller are silent for longer
     than `NodeSettings.patience`, or no path is there, the robot brakes to a stand.
@@ -136,7 +153,7 @@ class PlannerNode:
         controller: Controller,
         robot: Robot,
         settings: NodeSettings,
-        link: Joins,
+        link: Transport,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         if robot.dimension != 2:
@@ -156,8 +173,8 @@ class PlannerNode:
         self._last: Array | None = None
         self._decided = self._sent = -np.inf
         self._limit = np.inf
-        self._turn: Turn | None = None
-        self._room: Turn | None = None
+        self._turn: SpinGoal | None = None
+        self._room: SpinGoal | None = None
         """The turn for which there was room at the last look."""
         still = np.zeros(len(robot.states))
         self.turns_on_the_spot: bool = turns_on_the_spot(robot, still)
@@ -167,26 +184,26 @@ class PlannerNode:
         """rad/s^2, by which the robot can turn faster on the spot; 0 where it cannot."""
         self._lock = threading.RLock()
         self._stop = threading.Event()
-        self._sight: ObstacleSource | None = None
-        self._guide: GoalPlanner | None = None
+        self._obstacles: ObstacleSource | None = None
+        self._goals: GoalPlanner | None = None
         self._arrival: Arrival | None = None
-        self._no_way = ""
-        self._join(link)
+        self._no_route = ""
+        self._open_topics(link)
 
-    def _join(self, link: Joins) -> None:
+    def _open_topics(self, link: Transport) -> None:
         """Open all topics."""
         s = self.settings
         tf = "tf2_msgs/msg/TFMessage"
-        self._from: dict[str, Takes] = {
+        self._from: dict[str, Subscriber] = {
             "odometry": link.subscriber(s.odometry, "nav_msgs/msg/Odometry"),
             "tf": link.subscriber("/tf", tf),
             "tf_static": link.subscriber("/tf_static", tf, reliable=True, kept=True),
         }
-        self._see(link)
-        self._find(link)
+        self._open_obstacles(link)
+        self._open_paths(link)
         kind = "TwistStamped" if s.stamped else "Twist"
         markers = "visualization_msgs/msg/MarkerArray"
-        self._to: dict[str, Sends] = {
+        self._to: dict[str, Publisher] = {
             "commands": link.publisher(s.commands, f"geometry_msgs/msg/{kind}"),
             "plan": link.publisher("/wideberth/plan", "nav_msgs/msg/Path", kept=True),
             "forecast": link.publisher("/wideberth/forecast", markers, kept=True),
@@ -197,18 +214,18 @@ class PlannerNode:
         if TRAJECTORY in link.known:
             self._to["trajectory"] = link.publisher("/wideberth/trajectory", TRAJECTORY, kept=True)
 
-    def _see(self, link: Joins) -> None:
-        """Open the topic of what is seen."""
+    def _open_obstacles(self, link: Transport) -> None:
+        """Open the topic of obstacles or scans."""
         sees = self.settings.sees
         if isinstance(sees, ObstacleTopic):
             self._from["obstacles"] = link.subscriber(sees.topic, sees.kind)
-            self._sight = ObstacleSight(sees, self._own, self._lock, self._refuse)
+            self._obstacles = TopicSource(sees, self._own, self._lock, self._refuse)
         elif sees is not None:
             self._from["scans"] = link.subscriber(sees.topic, LASERSCAN)
             walls, gap = avoids_polygons(self.controller), 2.0 * self.robot.radius
-            self._sight = ScanSight(sees, self._own, gap, walls, self._lock, self._refuse)
+            self._obstacles = ScanSource(sees, self._own, gap, walls, self._lock, self._refuse)
 
-    def _find(self, link: Joins) -> None:
+    def _open_paths(self, link: Transport) -> None:
         """Open the topics of paths, or of goals and of the map."""
         follows = self.settings.follows
         if isinstance(follows, PathTopic):
@@ -217,14 +234,16 @@ class PlannerNode:
         elif isinstance(follows, GoalTopic):
             pose, grid = "geometry_msgs/msg/PoseStamped", "nav_msgs/msg/OccupancyGrid"
             self._from["goal"] = link.subscriber(follows.topic, pose, reliable=True)
-            walls = avoids_polygons(self.controller) and not isinstance(self._sight, ScanSight)
-            self._guide = GoalPlanner(follows, self.robot.radius, self.turns_on_the_spot, walls)
+            walls = avoids_polygons(self.controller) and not isinstance(
+                self._obstacles, ScanSource
+            )
+            self._goals = GoalPlanner(follows, self.robot.radius, self.turns_on_the_spot, walls)
             if follows.over is not None and isinstance(follows.over.map, MapTopic):
                 topic = follows.over.map.topic
                 self._from["map"] = link.subscriber(topic, grid, reliable=True, kept=True)
 
-    def listen(self) -> None:
-        """Take what has come."""
+    def receive(self) -> None:
+        """Receive all messages that have come."""
         now = self._clock()
         for name, source in self._from.items():
             try:
@@ -235,28 +254,28 @@ class PlannerNode:
 
     def _on_message(self, name: str, kind: str, message: Any, now: float) -> None:
         try:
-            reading = reading_of(kind, message)
+            decoded = decode_message(kind, message)
         except WideberthError as error:
             return self._refuse(f"{name}: {error}")
-        content = reading.content
+        content = decoded.content
         with self._lock:
             if isinstance(content, Transforms):
                 self._own.take_frames(content)
-            elif isinstance(content, OdometryReading):
+            elif isinstance(content, OdometryMessage):
                 try:
-                    self._own.take(reading, now)
+                    self._own.take(decoded, now)
                 except WideberthError as error:
                     return self._refuse(str(error))
-            elif isinstance(content, PathReading):
-                self._take_path(reading.frame, content.points)
+            elif isinstance(content, PathMessage):
+                self._take_path(decoded.frame, content.points)
             elif isinstance(content, Scan) and len(content.ranges) > MOST_BEAMS:
                 return self._refuse(f"a scan of {len(content.ranges)} beams is too long")
             elif isinstance(content, OccupancyGrid) and content.cells.size > MOST_CELLS:
                 return self._refuse(f"a map of {content.cells.size} cells is too large")
-            elif isinstance(content, Goal | OccupancyGrid) and self._guide is not None:
-                self._guide.receive(reading)
-            elif self._sight is not None:
-                self._sight.receive(reading, now)
+            elif isinstance(content, Goal | OccupancyGrid) and self._goals is not None:
+                self._goals.receive(decoded)
+            elif self._obstacles is not None:
+                self._obstacles.receive(decoded, now)
         return None
 
     def follow(self, frame: str, points: Array) -> bool:
@@ -278,7 +297,7 @@ class PlannerNode:
         within pi, rad; NaN where that is not known.
         """
         with self._lock:
-            self._turn = Turn(frame, heading)
+            self._turn = SpinGoal(frame, heading)
             return self._own.off(frame, heading)
 
     def drive_on(self) -> None:
@@ -294,9 +313,9 @@ class PlannerNode:
     def motion(self) -> tuple[Array, Array] | None:
         """Pose (3,) and twist (3,) of the newest odometry; None before the first."""
         received = self._own.newest
-        if received is None or not isinstance(received.reading.content, OdometryReading):
+        if received is None or not isinstance(received.decoded.content, OdometryMessage):
             return None
-        return received.reading.content.pose, received.reading.content.twist
+        return received.decoded.content.pose, received.decoded.content.twist
 
     @property
     def path(self) -> Path | None:
@@ -333,9 +352,13 @@ class PlannerNode:
             return "waiting for odometry"
         if now - own.time > patience:
             return f"odometry is silent for {now - own.time:.2g} s"
-        if self._sight is not None:
+        if self._obstacles is not None:
             what = "obstacles" if "obstacles" in self._from else "scans"
-            seen, placed, why = self._sight.newest, self._sight.placed, self._sight.unplaced
+            seen, placed, why = (
+                self._obstacles.newest,
+                self._obstacles.placed,
+                self._obstacles.unplaced,
+            )
             if seen is None or (placed is None and not why):
                 return f"waiting for {what}"
             if now - seen.time > patience:
@@ -344,13 +367,13 @@ class PlannerNode:
                 return f"{what} cannot be placed: {why}"
         if self._path is not None or self._turn is not None:
             return ""
-        return self._no_way or f"waiting for a {'path' if self._guide is None else 'goal'}"
+        return self._no_route or f"waiting for a {'path' if self._goals is None else 'goal'}"
 
-    def decide(self) -> bool:
-        """Look, find the way, and call the controller if it may drive; return whether it did."""
-        if self._sight is not None:
-            self._sight.look()
-        self._find_way()
+    def plan(self) -> bool:
+        """Find obstacles and path, call the controller if it may drive; return whether it did."""
+        if self._obstacles is not None:
+            self._obstacles.process()
+        self._find_path()
         with self._lock:
             waits, own = self.waits_for(), self._own.newest
             if waits or own is None:
@@ -365,14 +388,16 @@ class PlannerNode:
             begin, path, fresh = own.time, self._path, self._fresh_path
             self._fresh_path = fresh and turn is not None
         if turn is not None:
-            self._look_beside(turn, [*earlier, observation])
+            self._check_spin(turn, [*earlier, observation])
             return False
-        self._plan(observation, earlier, path if fresh else None)
+        self._call_controller(observation, earlier, path if fresh else None)
         with self._lock:
             self.counts.latency = [*self.counts.latency[-999:], self._decided - begin]
         return True
 
-    def _plan(self, seen: Observation, earlier: list[Observation], new: Path | None) -> None:
+    def _call_controller(
+        self, seen: Observation, earlier: list[Observation], new: Path | None
+    ) -> None:
         """Call the controller, with a path that it has not been given before, if there is one."""
         self.counts.plans += 1
         pending = new is not None
@@ -396,9 +421,9 @@ class PlannerNode:
             if self._smoother is not None:
                 self._smoother = self._smoother.aim(command, self._decided)
 
-    def _look_beside(self, turn: Turn, seen: list[Observation]) -> None:
-        """Decide that a robot turns whose corners sweep over a disc, if there is room for that."""
-        beside = beside_robot(self.robot, seen[-1])
+    def _check_spin(self, turn: SpinGoal, seen: list[Observation]) -> None:
+        """Let a robot turn whose corners sweep over a disc, if nothing blocks that."""
+        beside = spin_blocked_by(self.robot, seen[-1])
         try:
             for one in seen:
                 self.controller.remember(one)
@@ -407,8 +432,8 @@ class PlannerNode:
         with self._lock:
             self._stand_still(turn, beside)
 
-    def _stand_still(self, turn: Turn, beside: str) -> None:
-        """Decide that the robot stands and turns, see `_aim`, unless something is beside it."""
+    def _stand_still(self, turn: SpinGoal, beside: str) -> None:
+        """Let the robot stand and turn, see `_aim`, unless something is beside it."""
         self.status = TURNING if np.isfinite(turn.heading) else ARRIVED
         self._decided = self._clock()
         self._room = None if beside else turn
@@ -417,37 +442,37 @@ class PlannerNode:
         if self._smoother is not None:
             self._smoother = self._smoother.aim(Command((0.0, 0.0)), self._decided)
 
-    def _find_way(self) -> None:
-        """Find the way to the newest goal; a route over a map may take long."""
-        if self._guide is None:
-            return self._end_way()
+    def _find_path(self) -> None:
+        """Find the path to the newest goal; a route over a map may take long."""
+        if self._goals is None:
+            return self._end_path()
         with self._lock:
-            found = self._guide.ask(self._own)
-            self._turn = found if isinstance(found, Turn) else None
-        if isinstance(found, Turn):
-            self._guide.look()
-        if isinstance(found, Question):
-            found = self._guide.answer(found, self._clock())
-        if isinstance(found, Found):
+            found = self._goals.request(self._own)
+            self._turn = found if isinstance(found, SpinGoal) else None
+        if isinstance(found, SpinGoal):
+            self._goals.outline_walls()
+        if isinstance(found, RouteRequest):
+            found = self._goals.plan_route(found, self._clock())
+        if isinstance(found, RouteResult):
             with self._lock:
                 self._take_path(found.frame, found.points)
-                self._no_way = found.reason
+                self._no_route = found.reason
         return None
 
-    def _end_way(self) -> None:
+    def _end_path(self) -> None:
         """Forget a path of a topic whose end the robot has reached: it brakes."""
         with self._lock:
             path, motion = self._path, self.motion
             if self._arrival is None or path is None or motion is None:
                 return
-            if self._arrival.look(path, motion[0][:2]):
+            if self._arrival.update(path, motion[0][:2]):
                 self._take_path("", np.zeros((0, 2)))
 
     def _observation(self, received: ReceivedMessage) -> tuple[Observation, list[Observation]]:
-        """Put together what the controller sees, and what it should remember first."""
-        reading = received.reading
-        motion = reading.content
-        assert isinstance(motion, OdometryReading)
+        """Return the observation of now, and those that the controller remembers first."""
+        decoded = received.decoded
+        motion = decoded.content
+        assert isinstance(motion, OdometryMessage)
         covariance = EXACT * np.eye(6)
         if motion.covariance is not None and np.isfinite(motion.covariance).all():
             covariance[:3, :3] = motion.covariance
@@ -457,15 +482,15 @@ class PlannerNode:
         except WideberthError:  # no covariance at all
             estimate = MotionEstimate(received.time, mean, EXACT * np.eye(6))
         state, spread = own_state(self.robot, estimate, seen_from_here=True)
-        seen = ScanView() if self._sight is None else self._sight.view(self._own)
-        walls = seen.polygons + (() if self._guide is None else self._guide.walls)
+        seen = ScanView() if self._obstacles is None else self._obstacles.view(self._own)
+        walls = seen.polygons + (() if self._goals is None else self._goals.walls)
         now = Observation(
             received.time, state, seen.detections, spread, walls, scan=seen.scan
         )  # fmt: skip
         return now, [replace(now, detections=one) for one in seen.earlier]
 
-    def speak(self) -> bool:
-        """Send a velocity; return whether one was sent."""
+    def publish(self) -> bool:
+        """Publish a velocity; return whether one was published."""
         with self._lock:
             now = self._clock()
             idle = self._path is None and self._turn is None and self._last is None
@@ -480,8 +505,8 @@ class PlannerNode:
             self._last = sent
             forward, aside, rate = sent.tolist()
             frame = self.settings.base_frame
-        wording = MessageEncoder(0, frame, self._known)
-        message = wording.command(time.time(), Command((forward, aside), rate), frame)
+        encoder = MessageEncoder(0, frame, self._known)
+        message = encoder.command(time.time(), Command((forward, aside), rate), frame)
         self._to["commands"].send(message if self.settings.stamped else message.twist)
         self.counts.sent += 1
         return True
@@ -507,8 +532,8 @@ class PlannerNode:
     def _begin(self, now: float) -> None:
         """Start at the velocity that the robot has."""
         assert self._own.newest is not None
-        motion = self._own.newest.reading.content
-        assert isinstance(motion, OdometryReading)
+        motion = self._own.newest.decoded.content
+        assert isinstance(motion, OdometryMessage)
         still = np.zeros(len(self.robot.states))
         own = Twist((float(motion.twist[0]), float(motion.twist[1])), float(motion.twist[2]))
         velocity = attained(self.robot, still, [own])[0]
@@ -533,24 +558,24 @@ class PlannerNode:
         found = attained(self.robot, state, [aim], 1.0 / self.settings.rate)
         return np.asarray(found[0], dtype=np.float64)
 
-    def show(self) -> None:
-        """Send the last plan and what it keeps out of, to those who listen."""
+    def publish_plan(self) -> None:
+        """Publish the last plan and what it keeps out of, where a topic has subscribers."""
         plan: Plan | None = self.controller.plan
         if plan is None or self._own.newest is None:
             return
-        wording = MessageEncoder(
+        encoder = MessageEncoder(
             time.time_ns() - round(1e9 * plan.stamp), self._own.frame, self._known
         )
         for name, word in (
-            ("plan", wording.plan), ("forecast", wording.forecast), ("regions", wording.regions),
+            ("plan", encoder.plan), ("forecast", encoder.forecast), ("regions", encoder.regions),
         ):  # fmt: skip
             if self._to[name].has_subscribers:
                 self._to[name].send(word(plan))
         if "trajectory" in self._to and self._to["trajectory"].has_subscribers:
-            self._to["trajectory"].send(wording.trajectory(plan, self.robot))
+            self._to["trajectory"].send(encoder.trajectory(plan, self.robot))
 
-    def report(self) -> None:
-        """Send diagnostics."""
+    def publish_diagnostics(self) -> None:
+        """Publish diagnostics."""
         counts = self.counts
         numbers = {name: str(getattr(counts, name)) for name in ("sent", "missed", "plans",
                                                                "failures", "refused")}  # fmt: skip
@@ -564,9 +589,9 @@ class PlannerNode:
         )
 
     def run(self, seconds: float = np.inf) -> None:
-        """Listen and send at the rate of the commands; decide beside it, at the controller's rate.
+        """Receive and publish at the commands' rate; plan beside it, at the controller's rate.
 
-        The controller and those who see and find the way import and compile first, which may
+        The controller and the sources of obstacles and paths import and compile first, which may
         take long.
 
         Parameters
@@ -577,37 +602,37 @@ class PlannerNode:
         planner = threading.Thread(target=self._plan_forever, name="planner", daemon=True)
         planner.start()
         priority = self.settings.priority
-        if priority and (reason := urgent(priority)):
+        if priority and (reason := set_realtime_priority(priority)):
             _LOG.warning("node: no real-time priority (%s); commands may be late", reason)
         period, begin = 1.0 / self.settings.rate, time.monotonic()
         due, reported = begin, begin
         try:
             while not self._stop.is_set() and time.monotonic() - begin < seconds:
                 now = time.monotonic()
-                if now >= due:  # before anything else: to listen may take long
-                    self.speak()
+                if now >= due:  # before anything else: to receive may take long
+                    self.publish()
                     late = int((now - due) / period)
                     self.counts.missed += late
                     due += (late + 1) * period
-                self.listen()
+                self.receive()
                 if now - reported >= 1.0:
-                    self.report()
+                    self.publish_diagnostics()
                     reported = now
                 self._stop.wait(max(min(due - time.monotonic(), 0.005), 0.0))
         finally:
             self._stop.set()
             planner.join(timeout=10.0)
             if priority:
-                urgent(0)
+                set_realtime_priority(0)
 
     def stop(self) -> None:
         """Let `run` return."""
         self._stop.set()
 
     def _warm_up(self) -> None:
-        """Let all that decides import and compile before the first period, not within it."""
+        """Let all that plans import and compile before the first period, not within it."""
         for warm_up in (self._warm_controller, *self._helpers()):
-            with suppress(Exception):  # it goes wrong again in `decide`, which says so
+            with suppress(Exception):  # it goes wrong again in `plan`, which says so
                 warm_up()
 
     def _warm_controller(self) -> None:
@@ -616,24 +641,49 @@ class PlannerNode:
         self.controller.reset()
 
     def _helpers(self) -> list[Callable[[], None]]:
-        """Return what warms up those who see and find the way."""
-        return [one.warm_up for one in (self._sight, self._guide) if one is not None]
+        """Return what warms up the sources of obstacles and paths."""
+        return [one.warm_up for one in (self._obstacles, self._goals) if one is not None]
 
     def _plan_forever(self) -> None:
-        """Decide at the controller's rate, as often as it can."""
+        """Plan at the controller's rate, as often as it can."""
         if self.settings.priority:
             # A planner that waits for the processor while it holds Python's lock would let the
             # commands wait, whatever their own priority.
             # Its solver's calls are as urgent as it is; commands go before both.
-            urgent(max(self.settings.priority - 1, 1))
+            set_realtime_priority(max(self.settings.priority - 1, 1))
         due = time.monotonic()
         while not self._stop.is_set():
             try:
-                if self.decide():
-                    self.show()
+                if self.plan():
+                    self.publish_plan()
             except Exception as error:  # the commands go on: they brake when plans grow old
                 self.counts.failures += 1
-                self.status = f"deciding failed: {short(str(error))}"
+                self.status = f"planning failed: {short(str(error))}"
                 _LOG.warning("node: %s", self.status)
             due = max(due + self.controller.period, time.monotonic())
             self._stop.wait(max(due - time.monotonic(), 0.001))
+
+
+def spin_blocked_by(robot: Robot, observation: Observation) -> str:
+    """Say what reaches into the disc that a robot sweeps as it turns on the spot; "" if nothing.
+
+    The disc has the robot's ``radius``, which holds its footprint in all headings. Obstacles are
+    discs where they were seen, walls are exact.
+
+    Parameters
+    ----------
+    robot : in the plane. observation : of the robot, and of what is around it.
+    """
+    place = np.array(robot.pose(tuple(observation.state)).position, dtype=np.float64)
+    sighting = sound(observation, 2)
+    if sighting.placeless:
+        return f"{sighting.placeless[0]!r} is seen without a place"
+    for one in sighting.detections:
+        if np.linalg.norm(one.position - place) < robot.radius + one.radius:
+            return f"{one.ident!r} is beside the robot"
+    for wall in observation.polygons:
+        away = np.maximum(wall.points.min(axis=0) - place, place - wall.points.max(axis=0))
+        if (away < robot.radius).all():
+            if any(separation(place[None], part)[0] < robot.radius for part in wall.parts):
+                return f"{wall.name or 'a wall'} is beside the robot"
+    return ""

@@ -1,4 +1,4 @@
-"""What a planner on a network of ROS 2 listens to, and what it says there."""
+"""Topics and rates of a planner on a network of ROS 2."""
 
 from dataclasses import dataclass, field
 from typing import final
@@ -8,9 +8,9 @@ from ..framework.values.arrays import positive, whole
 from ..framework.values.errors import WideberthError
 from .dds import LOOPBACK
 from .messages import DISTRIBUTIONS
+from .obstacle_sources import ObstacleTopic, ScanTopic, check_topic
+from .path_sources import GoalTopic, PathTopic
 from .priority import MOST_URGENT
-from .sight import ObstacleTopic, ScanTopic, check_topic
-from .ways import GoalTopic, PathTopic
 from .zenoh_link import ROUTER
 
 
@@ -60,8 +60,9 @@ class NodeSettings:
     base_frame : of the robot.
     rate : Hz, of the commands.
     patience : s, for which odometry, obstacles or scans may be silent; then the robot brakes.
-    priority : real-time priority of the commands, see `wideberth.ros.priority.urgent`; 0 for
-        none. That of the planner and its calls of the solver is one lower, 1 at least.
+    priority : real-time priority of the commands, see
+        `wideberth.ros.priority.set_realtime_priority`; 0 for none. That of the planner and its
+        calls of the solver is one lower, 1 at least.
 
     Raises
     ------

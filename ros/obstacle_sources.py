@@ -1,4 +1,4 @@
-"""How a node learns of obstacles: from messages that hold them, or from scans of a LiDAR."""
+"""Where a node gets its obstacles from: messages that hold them, or scans of a LiDAR."""
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
@@ -20,9 +20,9 @@ from ..framework.values.polygon import Polygon
 from ..framework.values.sensing import PlacedScan, Scan, Sightings
 from ..perception.handover import Batch, Handover
 from ..perception.walls import walls_behind
+from .decoding import OBSTACLES, DecodedMessage, ObstacleMessage, ObstaclesMessage
 from .frames import composed
 from .own_motion import OwnMotion, ReceivedMessage
-from .readings import OBSTACLES, ObstacleReading, ObstaclesReading, Reading
 
 MOST_SEEN = 500
 """Obstacles of one message that are looked at, the nearest first."""
@@ -42,7 +42,7 @@ class ObstacleTopic:
 
     Parameters
     ----------
-    topic : of the messages. kind : their type, one of `wideberth.ros.readings.OBSTACLES`.
+    topic : of the messages. kind : their type, one of `wideberth.ros.decoding.OBSTACLES`.
     radius : m, of obstacles whose size is not stated.
     deviation : m per axis, of obstacles whose covariance is not stated.
 
@@ -126,25 +126,25 @@ class ScanView:
 
 
 class ObstacleSource(Protocol):
-    """Turns the messages of one topic into a view.
+    """Turns the messages of one topic into obstacles.
 
-    `receive` and `view` are called under the node's lock, `look` is not: it may take long.
+    `receive` and `view` are called under the node's lock, `process` is not: it may take long.
 
     Attributes
     ----------
     newest : the last message. placed : the last one whose place is known, so that it is of use.
-    unplaced : why the last message that was looked at could not be placed; "" where it could.
+    unplaced : why the last message that was processed could not be placed; "" where it could.
     """
 
     newest: ReceivedMessage | None
     placed: ReceivedMessage | None
     unplaced: str
 
-    def receive(self, reading: Reading, came: float) -> None:
+    def receive(self, decoded: DecodedMessage, came: float) -> None:
         """Take a message."""
         ...
 
-    def look(self) -> None:
+    def process(self) -> None:
         """Process the messages that have come."""
         ...
 
@@ -153,12 +153,12 @@ class ObstacleSource(Protocol):
         ...
 
     def warm_up(self) -> None:
-        """Import and compile what `look` needs, and change nothing."""
+        """Import and compile what `process` needs, and change nothing."""
         ...
 
 
 @final
-class ObstacleSight:
+class TopicSource:
     """Obstacles as other software reports them.
 
     Parameters
@@ -181,11 +181,11 @@ class ObstacleSight:
         self._settings, self._own, self._lock, self._refuse = settings, own, lock, refuse
         self._refused: ReceivedMessage | None = None
 
-    def receive(self, reading: Reading, came: float) -> None:
+    def receive(self, decoded: DecodedMessage, came: float) -> None:
         """Take a message; the one before is forgotten."""
-        self.newest = ReceivedMessage(reading, came)
+        self.newest = ReceivedMessage(decoded, came)
 
-    def look(self) -> None:
+    def process(self) -> None:
         """Find out whether the newest message can be placed."""
         with self._lock:
             if self.newest is not None and self._own.newest is not None:
@@ -196,11 +196,11 @@ class ObstacleSight:
 
         Either is noted in `placed` and `unplaced`.
         """
-        frame = self._own.placed(received.reading.frame)
+        frame = self._own.placed(received.decoded.frame)
         if frame is not None:
             self.placed, self.unplaced = received, ""
             return frame
-        self.unplaced = f"no motion connects {received.reading.frame!r} with odometry"
+        self.unplaced = f"no motion connects {received.decoded.frame!r} with odometry"
         if received is not self._refused:
             self._refused = received
             self._refuse(self.unplaced)
@@ -209,17 +209,17 @@ class ObstacleSight:
     def view(self, own: OwnMotion) -> ScanView:
         """Return the obstacles of the last message that was placed, in the odometry's frame."""
         received = self.placed
-        if received is None or (frame := own.placed(received.reading.frame)) is None:
+        if received is None or (frame := own.placed(received.decoded.frame)) is None:
             self.placed = None  # the odometry has another frame by now
             return ScanView()
-        assert isinstance(received.reading.content, ObstaclesReading)
-        seen = received.reading.content.seen[: 10 * MOST_SEEN]
+        assert isinstance(received.decoded.content, ObstaclesMessage)
+        seen = received.decoded.content.seen[: 10 * MOST_SEEN]
         with np.errstate(over="ignore", invalid="ignore"):  # controllers leave out what is absurd
             found = self._placed_in(frame, seen, own, max(own.now - own.instant(received), 0.0))
         return ScanView(tuple({one.ident: one for one in found}.values()))
 
     def _placed_in(
-        self, frame: Array, seen: Sequence[ObstacleReading], own: OwnMotion, age: float
+        self, frame: Array, seen: Sequence[ObstacleMessage], own: OwnMotion, age: float
     ) -> list[Detection]:
         """Return the nearest of some obstacles of a frame whose pose is known, (3,)."""
         places = composed(frame, np.array([one.pose for one in seen]).reshape(-1, 3))[:, :2]
@@ -242,7 +242,7 @@ class ObstacleSight:
 
 
 @final
-class ScanSight:
+class ScanSource:
     """Obstacles that a detector and a tracker find in scans.
 
     The tracker lives on the clock of the odometry's stamps. Each beam is placed by the pose of
@@ -279,15 +279,15 @@ class ScanSight:
         self._polygons: tuple[Polygon, ...] = ()
         self._scan: PlacedScan | None = None
 
-    def receive(self, reading: Reading, came: float) -> None:
-        """Take a scan; it waits until it is looked at."""
-        self.newest = ReceivedMessage(reading, came)
+    def receive(self, decoded: DecodedMessage, came: float) -> None:
+        """Take a scan; it waits until it is processed."""
+        self.newest = ReceivedMessage(decoded, came)
         self._waiting.append(self.newest)
         if len(self._waiting) > WAITING:
             self._waiting.pop(0)
-            self._refuse("scans come faster than they are looked at")
+            self._refuse("scans come faster than they are processed")
 
-    def look(self) -> None:
+    def process(self) -> None:
         """Detect and track in the scans that have come."""
         with self._lock:
             waiting, self._waiting = self._waiting, []
@@ -299,7 +299,7 @@ class ScanSight:
 
     def _placed_scan(self, received: ReceivedMessage) -> tuple[Scan, Array] | None:
         """Return a scan on our clock, with the robot's pose of each beam."""
-        scan, frame = received.reading.content, received.reading.frame
+        scan, frame = received.decoded.content, received.decoded.frame
         assert isinstance(scan, Scan)
         mount = self._own.mount(frame)
         if mount is None:

@@ -8,8 +8,8 @@ import numpy as np
 
 from ..framework.values.arrays import FARTHEST, Array
 from ..framework.values.errors import WideberthError
+from .decoding import DecodedMessage, OdometryMessage, Transforms
 from .frames import FrameTree, composed, within_pi
-from .readings import OdometryReading, Reading, Transforms
 
 OLDEST = 1.0
 """s; stamps that lie farther apart are of clocks that do not agree, and are not compared."""
@@ -26,7 +26,7 @@ HOLE = 0.5
 class ReceivedMessage:
     """A message of a topic, and when it came, s on the node's clock."""
 
-    reading: Reading
+    decoded: DecodedMessage
     time: float
 
 
@@ -55,7 +55,7 @@ class OwnMotion:
         for parent, child, _, pose, _ in content.rows:
             self._frames.add(parent, child, 0.0, pose, static=True)
 
-    def take(self, reading: Reading, came: float) -> None:
+    def take(self, decoded: DecodedMessage, came: float) -> None:
         """Take odometry that came at a time, s on the node's clock.
 
         Of numbers beyond `FARTHEST` no pose is taken.
@@ -64,14 +64,14 @@ class OwnMotion:
         ------
         WideberthError : numbers that are not finite.
         """
-        motion = reading.content
-        assert isinstance(motion, OdometryReading)
+        motion = decoded.content
+        assert isinstance(motion, OdometryMessage)
         numbers = np.concatenate([motion.pose, motion.twist])
         if not np.isfinite(numbers).all():
             raise WideberthError("odometry is not finite")
-        self.newest = ReceivedMessage(reading, came)
+        self.newest = ReceivedMessage(decoded, came)
         if self._epoch is None:
-            self._epoch = reading.stamp
+            self._epoch = decoded.stamp
         if np.abs(numbers).max() > FARTHEST:
             return
         row = np.array([self.now, *numbers])
@@ -86,7 +86,7 @@ class OwnMotion:
         """Instant of the newest odometry, s; NaN before the first."""
         if self.newest is None or self._epoch is None:
             return float("nan")
-        stamp = self.newest.reading.stamp
+        stamp = self.newest.decoded.stamp
         return 1e-9 * (stamp - self._epoch) if stamp else self.newest.time
 
     def instant(self, received: ReceivedMessage, length: float = 0.0) -> float:
@@ -100,9 +100,9 @@ class OwnMotion:
         """
         if self.newest is None:
             return float("nan")
-        own = self.newest.reading.stamp
-        apart = 1e-9 * (received.reading.stamp - own)
-        if not own or not received.reading.stamp or abs(apart) > OLDEST:
+        own = self.newest.decoded.stamp
+        apart = 1e-9 * (received.decoded.stamp - own)
+        if not own or not received.decoded.stamp or abs(apart) > OLDEST:
             apart = received.time - length - self.newest.time
         return self.now + apart
 
@@ -137,7 +137,7 @@ class OwnMotion:
     @property
     def frame(self) -> str:
         """The frame of the odometry; "" before the first."""
-        return self.newest.reading.frame if self.newest is not None else ""
+        return self.newest.decoded.frame if self.newest is not None else ""
 
     def motion(self, target: str, source: str) -> Array | None:
         """Return the pose of a frame in another, (3,), by the newest reports; None if unknown."""
@@ -161,8 +161,8 @@ class OwnMotion:
         motion = self.motion(self.frame, frame)
         if self.newest is None or motion is None:
             return float("nan")
-        content = self.newest.reading.content
-        assert isinstance(content, OdometryReading)
+        content = self.newest.decoded.content
+        assert isinstance(content, OdometryMessage)
         return within_pi(float(motion[2]) + heading - float(content.pose[2]))
 
     def placed(self, frame: str) -> Array | None:
@@ -174,6 +174,6 @@ class OwnMotion:
         mount = self.mount(frame)
         if found is not None or mount is None or self.newest is None:
             return found
-        motion = self.newest.reading.content
-        assert isinstance(motion, OdometryReading)
+        motion = self.newest.decoded.content
+        assert isinstance(motion, OdometryMessage)
         return composed(motion.pose, mount)

@@ -1,9 +1,9 @@
-"""Where a node gets its path from: a topic of paths, or goals that it finds the way to."""
+"""Where a node gets its path from: a topic of paths, or goals to which it plans a route."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import cos, inf, pi
-from typing import Any, Protocol, final
+from typing import final
 
 import numpy as np
 
@@ -15,10 +15,11 @@ from ..framework.values.costmap import Costmap
 from ..framework.values.occupancy_grid import OccupancyGrid
 from ..framework.values.path import Path
 from ..framework.values.polygon import Polygon
+from ..routes.replanning import KeptRoute, Replanning
+from .decoding import DecodedMessage, Goal
 from .frames import composed, inverted, within_pi
+from .obstacle_sources import check_topic
 from .own_motion import OwnMotion
-from .readings import Goal, Reading
-from .sight import check_topic
 
 NEAR, AGAIN = 10.0, 3.0
 """m from the robot, to which walls of a map are outlined; m, after which that is done anew."""
@@ -79,29 +80,10 @@ class KnownMap:
     frame: str = "map"
 
 
-class Kept(Protocol):
-    """A route that is followed, as `wideberth.routes.replanning.KeptRoute`."""
-
-    @property
-    def route(self) -> Route:
-        """The newest one."""
-        ...
-
-
-class Replans(Protocol):
-    """Decides when a route is planned anew, as `wideberth.routes.replanning.Replanning`."""
-
-    def update(
-        self, kept: Any, time: float, costmap: Costmap, position: Array, goal: Array
-    ) -> Kept:
-        """Return the route to follow from now on; ``kept`` is what the last call returned."""
-        ...
-
-
 @final
 @dataclass(frozen=True, eq=False)
-class Over:
-    """Routes over a map.
+class MapPlanner:
+    """Plans routes over a map.
 
     Parameters
     ----------
@@ -117,7 +99,7 @@ class Over:
     """
 
     map: MapTopic | KnownMap
-    replanning: Replans
+    replanning: Replanning
     clearance: float = 0.5
     outlines: Callable[[OccupancyGrid], tuple[Polygon, ...]] | None = None
 
@@ -136,7 +118,7 @@ class GoalTopic:
     Parameters
     ----------
     topic : of the goals.
-    over : how a way is found; None for a straight one from where the robot is when a goal comes.
+    over : plans the route; None for a straight line from where the robot is when a goal comes.
     tolerance : m; a robot that is so near has arrived, and brakes.
     yaw_tolerance : rad, by which its heading may then be off; from pi on any heading will do.
         The defaults of both are Nav2's.
@@ -147,7 +129,7 @@ class GoalTopic:
     """
 
     topic: str = "/goal_pose"
-    over: Over | None = None
+    over: MapPlanner | None = None
     tolerance: float = 0.25
     yaw_tolerance: float = 0.25
 
@@ -159,8 +141,8 @@ class GoalTopic:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Found:
-    """A way to the newest goal: points (P, 2) in m of a frame, or the reason why there is none."""
+class RouteResult:
+    """A route to the newest goal: points (P, 2) in m of a frame, or why there is none."""
 
     frame: str
     points: Array
@@ -169,8 +151,8 @@ class Found:
 
 @final
 @dataclass(frozen=True)
-class Turn:
-    """The robot is at its goal, and has to turn to a heading of a frame, rad."""
+class SpinGoal:
+    """A heading of a frame, rad, to which a robot at its goal turns on the spot."""
 
     frame: str
     heading: float
@@ -178,7 +160,7 @@ class Turn:
 
 @final
 class Arrival:
-    """Notes whether a robot has come to the end of its path.
+    """Decides whether a robot is at the end of its path.
 
     A robot that is there stays there up to twice the tolerance, until a path with another goal
     comes.
@@ -191,11 +173,11 @@ class Arrival:
 
     def __init__(self, tolerance: float) -> None:
         self.there: bool = False
-        """Whether it was there at the last look."""
+        """Whether it was there at the last update."""
         self._tolerance = tolerance
         self._progress: PathProgress | None = None
 
-    def look(self, path: Path, place: Array) -> bool:
+    def update(self, path: Path, place: Array) -> bool:
         """Return whether a robot at a place, (2,) in m, is at the end of its path."""
         if not (np.abs(place) <= FARTHEST).all():
             self.there = False
@@ -213,10 +195,10 @@ class Arrival:
 
 @final
 class GoalPlanner:
-    """Finds the way to the newest goal.
+    """Plans the route to the newest goal.
 
-    `receive` and `ask` are called under the node's lock; `answer` and `look`, which may take long,
-    without it.
+    `receive` and `request` are called under the node's lock; `plan_route` and `outline_walls`,
+    which may take long, without it.
 
     Parameters
     ----------
@@ -231,77 +213,79 @@ class GoalPlanner:
         self._over, self._radius, self._near = settings.over, radius, settings.tolerance
         self._skew = settings.yaw_tolerance if turns else inf
         self._there = False
-        self._gives_walls = walls
+        self._outlines_walls = walls
         self._walls: tuple[KnownMap, Array, tuple[Polygon, ...]] | None = None
         self._placed: Array | None = None
-        self._question: Question | None = None
+        self._last_request: RouteRequest | None = None
         self.walls: tuple[Polygon, ...] = ()
-        """Walls of the map around the robot by the last answer, in the frame of the odometry; what
+        """Walls of the map around the robot at the last route, in the frame of the odometry; what
         connects the two frames is taken to be exact."""
         self._goal: tuple[str, Array] | None = None
-        self._asked: tuple[str, Array] | None = None
+        self._straight_goal: tuple[str, Array] | None = None
         self._map: KnownMap | None = None
         self._costs: tuple[KnownMap, Costmap] | None = None
-        self._kept: Kept | None = None
+        self._kept: KeptRoute | None = None
         self._route: Route | None = None
-        self._put: Array | None = None
+        self._placed_by: Array | None = None
         if self._over is not None and isinstance(self._over.map, KnownMap):
             self._map = self._over.map
 
-    def receive(self, reading: Reading) -> None:
+    def receive(self, decoded: DecodedMessage) -> None:
         """Take a goal or a map."""
-        if isinstance(reading.content, Goal):
-            goal = reading.content
-            self._goal, self._there = (reading.frame, np.array([*goal.place, goal.heading])), False
-        elif isinstance(reading.content, OccupancyGrid):
-            self._map = KnownMap(reading.content, reading.frame or "map")
+        if isinstance(decoded.content, Goal):
+            goal = decoded.content
+            self._goal, self._there = (decoded.frame, np.array([*goal.place, goal.heading])), False
+        elif isinstance(decoded.content, OccupancyGrid):
+            self._map = KnownMap(decoded.content, decoded.frame or "map")
 
-    def ask(self, own: OwnMotion) -> "Question | Found | Turn | None":
-        """Return what has to be found out; a way, or why there is none; a turn; None if all stays.
+    def request(self, own: OwnMotion) -> "RouteRequest | RouteResult | SpinGoal | None":
+        """Return the request for a route, a straight route, a turn, or None if all stays.
 
-        Where there is none, the way is said again as soon as there is one.
+        Where there was no route, the next one is returned even if it is the last one's.
         """
         if self._goal is None or own.newest is None:
             return None
-        found = self._ask(own, *self._goal)
-        if isinstance(found, Found) and not len(found.points):
-            self._asked = self._route = self._put = None
+        found = self._request(own, *self._goal)
+        if isinstance(found, RouteResult) and not len(found.points):
+            self._straight_goal = self._route = self._placed_by = None
         return found
 
-    def _ask(self, own: OwnMotion, frame: str, aim: Array) -> "Question | Found | Turn | None":
+    def _request(
+        self, own: OwnMotion, frame: str, aim: Array
+    ) -> "RouteRequest | RouteResult | SpinGoal | None":
         if self._over is None:
             return self._straight(own, frame, aim)
         if self._map is None:
-            return Found("", np.zeros((0, 2)), "waiting for a map")
+            return RouteResult("", np.zeros((0, 2)), "waiting for a map")
         here, target = own.motion(self._map.frame, own.frame), own.motion(self._map.frame, frame)
         if here is None or target is None:
             missing = own.frame if here is None else frame
             reason = f"no motion connects {missing!r} with the map's frame {self._map.frame!r}"
-            return Found("", np.zeros((0, 2)), reason)
+            return RouteResult("", np.zeros((0, 2)), reason)
         pose = composed(here, own.poses(np.array([own.now]))[0])
         goal = composed(target, aim)
-        self._question = Question(self._map, pose[:2], goal[:2], here)
-        return self._arrived(pose, goal) or self._question
+        self._last_request = RouteRequest(self._map, pose[:2], goal[:2], here)
+        return self._arrived(pose, goal) or self._last_request
 
-    def _straight(self, own: OwnMotion, frame: str, aim: Array) -> Found | Turn | None:
+    def _straight(self, own: OwnMotion, frame: str, aim: Array) -> RouteResult | SpinGoal | None:
         motion = own.motion(own.frame, frame)
         if motion is None:
             reason = f"no motion connects the goal's frame {frame!r} with odometry"
-            return Found("", np.zeros((0, 2)), reason)
+            return RouteResult("", np.zeros((0, 2)), reason)
         here, target = own.poses(np.array([own.now]))[0], composed(motion, aim)
-        old, self._asked = self._asked, self._goal
+        old, self._straight_goal = self._straight_goal, self._goal
         if (found := self._arrived(here, target)) is not None or old is self._goal:
             return found
-        return Found(own.frame, np.stack([here[:2], target[:2]]))
+        return RouteResult(own.frame, np.stack([here[:2], target[:2]]))
 
-    def _arrived(self, here: Array, goal: Array) -> Found | Turn | None:
-        """Forget a goal that is reached, so that the robot brakes; state why one is out of reach.
+    def _arrived(self, here: Array, goal: Array) -> RouteResult | SpinGoal | None:
+        """Forget a goal that is reached, so that the robot brakes; refuse one out of reach.
 
         A robot that has begun to turn at its goal stays there up to twice the tolerance.
         """
         if not (np.abs([here[:2], goal[:2]]) <= FARTHEST).all():
             reason = f"the goal or the robot is more than {FARTHEST:g} m away from the origin"
-            return Found("", np.zeros((0, 2)), reason)
+            return RouteResult("", np.zeros((0, 2)), reason)
         near = (1.0 + self._there) * self._near
         self._there = float(np.linalg.norm(goal[:2] - here[:2])) <= near
         if not self._there:
@@ -309,19 +293,19 @@ class GoalPlanner:
         assert self._goal is not None
         frame, aim = self._goal
         if abs(within_pi(float(goal[2] - here[2]))) > self._skew:  # never of a heading that is NaN
-            return Turn(frame, float(aim[2]))
+            return SpinGoal(frame, float(aim[2]))
         self._goal = self._kept = self._route = None
-        return Found("", np.zeros((0, 2)))
+        return RouteResult("", np.zeros((0, 2)))
 
     def warm_up(self) -> None:
-        """Find a route over a small map that is made up, so that all is imported and compiled."""
+        """Plan a route over a small invented map, so that all is imported and compiled."""
         if self._over is None:
             return
         cells = np.zeros((40, 40), np.int8)
         cells[:20, 20] = 100
         grid, ends = OccupancyGrid(cells, 0.2), np.array([[1.0, 1.0], [6.0, 1.0]])
         self._over.replanning.update(None, 0.0, self._inflated(grid), *ends)
-        if self._over.outlines is not None and self._gives_walls:
+        if self._over.outlines is not None and self._outlines_walls:
             self._over.outlines(grid)
 
     def _inflated(self, grid: OccupancyGrid) -> Costmap:
@@ -331,53 +315,51 @@ class GoalPlanner:
         spread = Inflation(inscribed, self._radius + self._over.clearance)
         return spread.inflated(Costmap.from_grid(grid))
 
-    def answer(self, question: "Question", time: float) -> Found | None:
-        """Find a route; return it where it is new or has moved, None if all stays."""
+    def plan_route(self, request: "RouteRequest", time: float) -> RouteResult | None:
+        """Plan a route; return it where it is new or has moved, None if all stays."""
         assert self._over is not None
-        if self._costs is None or self._costs[0] is not question.map:
-            self._costs = question.map, self._inflated(question.map.grid)
+        if self._costs is None or self._costs[0] is not request.map:
+            self._costs = request.map, self._inflated(request.map.grid)
             self._kept = None
-        self._outline(question)
+        self._outline(request)
         costmap = self._costs[1]
-        kept = self._over.replanning.update(
-            self._kept, time, costmap, question.here, question.goal
-        )
+        kept = self._over.replanning.update(self._kept, time, costmap, request.here, request.goal)
         self._kept, route = kept, kept.route
-        if route is self._route and not question.moved(self._put):
+        if route is self._route and not request.moved(self._placed_by):
             return None
-        self._route, self._put = route, question.motion
+        self._route, self._placed_by = route, request.motion
         if route.path is None:
-            return Found("", np.zeros((0, 2)), f"there is no route: {route.reason}")
-        return Found(question.map.frame, route.path.points, route.reason)
+            return RouteResult("", np.zeros((0, 2)), f"there is no route: {route.reason}")
+        return RouteResult(request.map.frame, route.path.points, route.reason)
 
-    def look(self) -> None:
-        """Find the walls around a robot that is at its goal and asks for no route."""
-        if self._question is not None:
-            self._outline(self._question)
+    def outline_walls(self) -> None:
+        """Outline the walls around a robot that is at its goal and needs no route."""
+        if self._last_request is not None:
+            self._outline(self._last_request)
 
-    def _outline(self, question: "Question") -> None:
+    def _outline(self, request: "RouteRequest") -> None:
         """Outline the walls of a map around the robot, where it has moved or the map is new.
 
         They stay the same polygons until they have to be placed anew: to make one takes long, and
         to cut it into its parts.
         """
         assert self._over is not None
-        if self._over.outlines is None or not self._gives_walls:
+        if self._over.outlines is None or not self._outlines_walls:
             return
         old = self._walls
         if (
             old is None
-            or old[0] is not question.map
-            or np.linalg.norm(question.here - old[1]) > AGAIN
+            or old[0] is not request.map
+            or np.linalg.norm(request.here - old[1]) > AGAIN
         ):
-            around = cropped(question.map.grid, question.here, NEAR)
+            around = cropped(request.map.grid, request.here, NEAR)
             found = () if around is None else self._over.outlines(around)
-            self._walls, self._placed = (question.map, question.here, found), None
+            self._walls, self._placed = (request.map, request.here, found), None
         assert self._walls is not None
-        if question.moved(self._placed):
-            back = inverted(question.motion)
+        if request.moved(self._placed):
+            back = inverted(request.motion)
             self.walls = tuple(_moved(one, back) for one in self._walls[2])
-            self._placed = question.motion
+            self._placed = request.motion
 
 
 def cropped(grid: OccupancyGrid, centre: Array, reach: float) -> OccupancyGrid | None:
@@ -404,8 +386,8 @@ def _moved(polygon: Polygon, motion: Array) -> Polygon:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Question:
-    """What a route is wanted for.
+class RouteRequest:
+    """From where to where a route is wanted, and over which map.
 
     Attributes
     ----------

@@ -6,7 +6,7 @@ MOST_URGENT = 99
 """Highest real-time priority of Linux."""
 
 
-def urgent(priority: int) -> str:
+def set_realtime_priority(priority: int) -> str:
     """Give the calling thread a real-time priority; return why it has none, "" where it has.
 
     The policy is Linux' SCHED_RR: the thread runs before all ordinary ones, in turn with those of

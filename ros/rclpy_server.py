@@ -11,10 +11,10 @@ import numpy as np
 
 from ..framework.robot import SpeedLimited
 from ..framework.values.errors import WideberthError
+from .decoding import heading_of
 from .following import End, Follower, Following, ResultCode
 from .messages import Messages
 from .node import PlannerNode
-from .readings import heading_of
 
 QUEUE = 10
 """Messages that wait to be taken."""

@@ -25,9 +25,9 @@ from ...ros.dds import LOOPBACK, Link
 from ...ros.messages import messages
 from ...ros.node import PlannerNode
 from ...ros.node_settings import Dds, NodeSettings, Zenoh
+from ...ros.obstacle_sources import ObstacleTopic, ScanTopic
+from ...ros.path_sources import GoalTopic, KnownMap, MapPlanner, MapTopic, PathTopic
 from ...ros.rclpy_server import serve
-from ...ros.sight import ObstacleTopic, ScanTopic
-from ...ros.ways import GoalTopic, KnownMap, MapTopic, Over, PathTopic
 from ...ros.zenoh_link import ZenohLink
 from ...routes.map_file import read_map
 from ...routes.polygons import convex_polygons
@@ -78,7 +78,7 @@ class MapFile:
 @final
 @dataclass(frozen=True)
 class Goals:
-    """Goals, as of `wideberth.ros.ways.GoalTopic`, and the map that leads to them.
+    """Goals, as of `wideberth.ros.path_sources.GoalTopic`, and the map that leads to them.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ class Goals:
             else KnownMap(read_map(expanded(Path(self.map.path))), self.map.frame)
         )
         replanning = Replanning(self.planner, self.period)
-        over = Over(where, replanning, self.clearance, _outlines)
+        over = MapPlanner(where, replanning, self.clearance, _outlines)
         return GoalTopic(self.topic, over, *near)
 
 

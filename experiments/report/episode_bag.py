@@ -9,8 +9,8 @@ import numpy as np
 from ...framework.values.arrays import Array
 from ...framework.values.motion import Command
 from ...ros.bag_writer import BagWriter
+from ...ros.encoding import MessageEncoder
 from ...ros.messages import messages
-from ...ros.wording import MessageEncoder
 from ...simulation.log.episode_log import AgentLog, Episode
 from ..engine.result import read_episode
 

@@ -209,7 +209,7 @@ def test_obstacles_of_other_packages(topic: str, radius: float, tmp_path: Path) 
     assert found.ids == ("0", "1")
     wanted = np.array([walk(t) for t in TIMES]).swapaxes(0, 1)
     np.testing.assert_allclose(found.positions, wanted, atol=1e-6)  # polygons are float32
-    (first, _) = read_bag(bag).rows(topic)[0].reading.content.seen
+    (first, _) = read_bag(bag).rows(topic)[0].decoded.content.seen
     np.testing.assert_allclose(first.radius, radius, atol=1e-6)
 
 
@@ -437,6 +437,6 @@ def test_forecasts_in_a_recording_are_mixtures(tmp_path: Path) -> None:
                 np.testing.assert_allclose(
                     one.forecast.covariance[owner, mode, step], spread, atol=1e-12
                 )
-    assert len(bag.timed["/gmm"][0].reading.content.seen) == 3  # type: ignore[union-attr]
+    assert len(bag.timed["/gmm"][0].decoded.content.seen) == 3  # type: ignore[union-attr]
     with pytest.raises(WideberthError, match="dt"):
         bag.forecasts("/gmm", 0.0)

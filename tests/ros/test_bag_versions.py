@@ -27,8 +27,8 @@ import yaml
 
 from wideberth.ros.bag import read_bag
 from wideberth.ros.bag_writer import STORAGES, BagWriter
+from wideberth.ros.encoding import MessageEncoder
 from wideberth.ros.messages import DISTRIBUTIONS, messages
-from wideberth.ros.wording import MessageEncoder
 
 pytest.importorskip("rosbags", reason="pip install 'wideberth[ros]'")
 

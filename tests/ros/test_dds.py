@@ -19,11 +19,11 @@ import pytest
 from wideberth import WideberthError
 from wideberth.experiments.cli.ros_node import read_node
 from wideberth.perception.detection import OverTime
-from wideberth.ros.dds import Link, Raw, Subscriber, udp_sockets
+from wideberth.ros.dds import DdsSubscriber, Link, Raw, udp_sockets
 from wideberth.ros.messages import messages
 from wideberth.ros.node_settings import Dds, NodeSettings
-from wideberth.ros.sight import ScanTopic
-from wideberth.ros.ways import GoalTopic, KnownMap, MapTopic
+from wideberth.ros.obstacle_sources import ScanTopic
+from wideberth.ros.path_sources import GoalTopic, KnownMap, MapTopic
 from wideberth.tests.helpers import ros_robot
 from wideberth.tests.helpers.bags import obstacles, odometry
 
@@ -133,10 +133,10 @@ class Malformed:
 def test_malformed_bytes_are_counted() -> None:
     whole = messages().to_bytes(odometry(0.0, (0, 0, 0), (0, 0, 0)))
     reader = Malformed(Raw(whole[:50]), Raw(whole), Raw(b""), Raw(bytes(2**26 + 1)))
-    taker = Subscriber(messages(), reader, ODOMETRY)
+    taker = DdsSubscriber(messages(), reader, ODOMETRY)
     assert len(list(taker.take())) == 1
     assert taker.refused == 3 and "at most" in taker.reason
-    taker = Subscriber(messages(), Malformed("raise"), ODOMETRY)
+    taker = DdsSubscriber(messages(), Malformed("raise"), ODOMETRY)
     assert list(taker.take()) == [] and (taker.refused, taker.reason) == (1, "gone")
 
 
@@ -335,7 +335,8 @@ def test_a_robot_with_a_lidar_sets_out_for_its_goal(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_robot_with_a_lidar_drives_through_the_door_to_its_goal(tmp_path: Path) -> None:
     found, told = in_the_hall(tmp_path, 120.0)
-    # How near it comes to anybody hangs on how busy the computer is; see test_sight.py for that.
+    # How near it comes to anybody hangs on how busy the computer is;
+    # test_obstacle_sources.py measures that.
     assert found["away"] < 0.4, told
 
 

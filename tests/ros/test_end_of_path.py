@@ -13,7 +13,7 @@ from wideberth.framework.values.path import Path
 from wideberth.robots import Bicycle, Unicycle
 from wideberth.ros.following import Follower, Following, ResultCode
 from wideberth.ros.node import ARRIVED
-from wideberth.ros.ways import Arrival, PathTopic
+from wideberth.ros.path_sources import Arrival, PathTopic
 from wideberth.tests.ros import test_node
 from wideberth.tests.ros.test_goal_heading import Drive
 from wideberth.tests.ros.test_node import Scripted
@@ -62,9 +62,9 @@ def test_a_short_path_onward_is_driven_and_the_same_goal_wakes_no_robot() -> Non
 def test_twice_the_tolerance_is_for_the_same_goal_alone() -> None:
     arrival, way = Arrival(NEAR), Path(np.array(WAY))
     for onward, there in ((0.0, True), (0.01, True), (0.45, False)):
-        assert arrival.look(way, way.goal)
+        assert arrival.update(way, way.goal)
         new = Path(np.array([(1.0, 0.0), (3.0 + onward, 0.0)]))
-        assert arrival.look(new, new.goal - np.array([1.8 * NEAR, 0.0])) is there
+        assert arrival.update(new, new.goal - np.array([1.8 * NEAR, 0.0])) is there
 
 
 def test_a_path_that_passes_its_own_end_is_followed_to_the_end() -> None:
@@ -72,12 +72,12 @@ def test_a_path_that_passes_its_own_end_is_followed_to_the_end() -> None:
     way = Path(np.array([(0, 0), (2, 0), (2, 2), (0, 2), (0, 0), (1, 0)], float))
     arrival = Arrival(NEAR)
     for arc in np.arange(0.0, way.length - NEAR - 0.01, 0.05):
-        assert not arrival.look(way, way.at(np.array([arc]))[0])
-    assert arrival.look(way, way.goal)
+        assert not arrival.update(way, way.at(np.array([arc]))[0])
+    assert arrival.update(way, way.goal)
     beside = np.array([0.0, NEAR])
-    assert arrival.look(way, way.goal + 1.9 * beside)
-    assert not arrival.look(way, way.goal + 2.1 * beside)
-    assert not arrival.look(way, np.array([1e300, np.nan]))
+    assert arrival.update(way, way.goal + 1.9 * beside)
+    assert not arrival.update(way, way.goal + 2.1 * beside)
+    assert not arrival.update(way, np.array([1e300, np.nan]))
 
 
 @pytest.mark.parametrize(

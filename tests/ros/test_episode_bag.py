@@ -18,8 +18,8 @@ from wideberth.framework.values.sensing import Scan
 from wideberth.ros.bag import Bag, read_bag
 from wideberth.ros.bag_tracks import read_bag_tracks
 from wideberth.ros.bag_writer import BagWriter
+from wideberth.ros.encoding import MessageEncoder, identity
 from wideberth.ros.messages import messages
-from wideberth.ros.wording import MessageEncoder, identity
 from wideberth.simulation.log.episode_log import Episode
 from wideberth.tests.helpers import player_samples
 

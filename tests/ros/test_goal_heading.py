@@ -11,11 +11,11 @@ from wideberth.framework.values.footprint import Outline
 from wideberth.framework.values.occupancy_grid import OccupancyGrid
 from wideberth.framework.values.polygon import Polygon
 from wideberth.robots import Bicycle, Unicycle
+from wideberth.ros.decoding import decode_message, heading_of
 from wideberth.ros.following import Follower, Following, ResultCode
 from wideberth.ros.messages import messages
 from wideberth.ros.node import NO_ROOM, TURNING
-from wideberth.ros.readings import heading_of, reading_of
-from wideberth.ros.ways import GoalTopic, KnownMap, Over
+from wideberth.ros.path_sources import GoalTopic, KnownMap, MapPlanner
 from wideberth.routes import NavFn
 from wideberth.routes.replanning import Replanning
 from wideberth.tests.helpers.bags import header, obstacles, odometry, quaternion, transform, vector
@@ -94,7 +94,7 @@ def test_at_the_goal_it_faces_as_it_was_asked_to(heading: float) -> None:
         assert np.abs(loop.pose[2]) <= np.pi + YAW
 
 
-@pytest.mark.parametrize("over", [None, Over(KnownMap(FREE, "odom"), Replanning(NavFn()))])
+@pytest.mark.parametrize("over", [None, MapPlanner(KnownMap(FREE, "odom"), Replanning(NavFn()))])
 def test_a_goal_where_it_stands_is_a_turn_alone(over: Any) -> None:
     loop = Drive(Arriving(), follows=GoalTopic(over=over))
     loop.ask(2.0, place=(0.1, 0.0))
@@ -212,7 +212,7 @@ def test_a_quaternion_that_is_none_states_no_heading() -> None:
         pose = known.make("geometry_msgs/msg/Pose", orientation=turn)
         assert np.isnan(heading_of(pose))
         message = known.make("geometry_msgs/msg/PoseStamped", pose=pose)
-        assert np.isnan(reading_of("geometry_msgs/msg/PoseStamped", message).content.heading)
+        assert np.isnan(decode_message("geometry_msgs/msg/PoseStamped", message).content.heading)
     nearly = known.make("geometry_msgs/msg/Quaternion", z=0.7, w=0.7)
     pose = known.make("geometry_msgs/msg/Pose", orientation=nearly)
     assert heading_of(pose) == pytest.approx(np.pi / 2, abs=1e-12)
@@ -271,7 +271,7 @@ def test_corners_are_not_swept_over_a_wall_of_the_map(
     robot = replace(test_node.ROBOT, radius=0.55, footprint=LONG)
     monkeypatch.setattr(test_node, "ROBOT", robot)
     wall = Polygon(((-3.0, away), (3.0, away), (3.0, away + 1.0), (-3.0, away + 1.0)))
-    over = Over(KnownMap(FREE, "odom"), Replanning(NavFn()), outlines=lambda _: (wall,))
+    over = MapPlanner(KnownMap(FREE, "odom"), Replanning(NavFn()), outlines=lambda _: (wall,))
     controller = Arriving()
     controller.static_region = "any"  # type: ignore[attr-defined]
     loop = Drive(controller, follows=GoalTopic(over=over))

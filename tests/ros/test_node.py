@@ -17,9 +17,9 @@ from wideberth.robots import Unicycle
 from wideberth.ros.messages import messages
 from wideberth.ros.node import PlannerNode
 from wideberth.ros.node_settings import NodeSettings
-from wideberth.ros.priority import urgent
-from wideberth.ros.sight import ObstacleTopic, ScanTopic
-from wideberth.ros.ways import GoalTopic, MapTopic, PathTopic
+from wideberth.ros.obstacle_sources import ObstacleTopic, ScanTopic
+from wideberth.ros.path_sources import GoalTopic, MapTopic, PathTopic
+from wideberth.ros.priority import set_realtime_priority
 from wideberth.tests.helpers.bags import header, obstacles, odometry, transform, vector
 
 pytest.importorskip("rosbags", reason="pip install 'wideberth[ros]'")
@@ -133,12 +133,12 @@ class Loop:
             self.come("/odom", odometry(self.stamp(), (0, 0, 0), self.motion))
         if people:
             self.come("/obstacles", obstacles(self.stamp(), [(5.0, 1.0)], "odom"))
-        self.node.listen()
+        self.node.receive()
         if decide:
-            self.node.decide()
+            self.node.plan()
         gone = self.network.wires["/cmd_vel"].gone
         before = len(gone)
-        self.node.speak()
+        self.node.publish()
         self.now += STEP
         if len(gone) == before:
             return None
@@ -287,8 +287,8 @@ def test_only_one_clock_of_two_jumps() -> None:
     loop.drive(3)
     loop.come("/odom", odometry(EPOCH - 500.0, (0, 0, 0), (0, 0, 0)))
     loop.come("/obstacles", obstacles(EPOCH + loop.now, [(5.0, 1.0)], "odom"))
-    loop.node.listen()
-    loop.node.decide()
+    loop.node.receive()
+    loop.node.plan()
     assert loop.controller.seen[-1].detections[0].age == 0.0
 
 
@@ -310,8 +310,8 @@ def test_without_tf_the_odometry_itself_places_what_the_robot_sees() -> None:
     loop.come("/tf_static", transform(EPOCH, "base_link", "lidar", (0.5, 0.0, 0.0)))
     loop.come("/odom", odometry(loop.stamp(), (2.0, 1.0, np.pi / 2), (0, 0, 0)))
     loop.come("/obstacles", obstacles(loop.stamp(), [(1.0, 0.0)], "lidar"))
-    loop.node.listen()
-    loop.node.decide()
+    loop.node.receive()
+    loop.node.plan()
     np.testing.assert_allclose(
         loop.controller.seen[-1].detections[0].position, (2.0, 2.5), atol=1e-9
     )
@@ -364,9 +364,9 @@ def test_messages_full_of_nonsense_do_not_stop_it() -> None:
             loop.come(topic, known.read(wires[topic].__msgtype__, bytes(data)))
         except WideberthError:
             continue
-        loop.node.listen()
-        loop.node.decide()
-        loop.node.speak()
+        loop.node.receive()
+        loop.node.plan()
+        loop.node.publish()
     for _ in range(60):  # whatever was said, the right thing is done again
         loop.turn()
     within_limits(loop.drive(20), tuple(loop.motion[[0, 2]]))
@@ -380,8 +380,8 @@ def test_it_shows_plans_and_says_how_it_is() -> None:
     loop = Loop(planner, stamped=False)  # type: ignore[arg-type]
     loop.path()
     loop.drive(2)
-    loop.node.show()
-    loop.node.report()
+    loop.node.publish_plan()
+    loop.node.publish_diagnostics()
     (plan,) = loop.network.wires["/wideberth/plan"].gone
     assert len(plan.poses) == 16 and plan.header.frame_id == "odom"
     assert len(loop.network.wires["/wideberth/regions"].gone[0].markers) > 1
@@ -471,9 +471,9 @@ def test_the_controller_compiles_before_the_first_period() -> None:
 
 @pytest.mark.skipif(not hasattr(os, "SCHED_RR"), reason="of Linux alone")
 def test_a_priority_is_asked_for_and_its_refusal_is_said(caplog: Any) -> None:
-    reason = urgent(1)
+    reason = set_realtime_priority(1)
     assert (os.sched_getscheduler(0) != os.SCHED_OTHER) == (reason == "")
-    assert urgent(0) == ""
+    assert set_realtime_priority(0) == ""
     assert os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_OTHER
     controller = Noting()
     running(controller, priority=1)
@@ -487,6 +487,8 @@ def test_a_refused_priority_is_named(monkeypatch: Any) -> None:
         raise PermissionError(1, "not permitted")
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    assert "not permitted" in urgent(5) and "limits.conf" in urgent(5)
+    assert "not permitted" in set_realtime_priority(5) and "limits.conf" in set_realtime_priority(
+        5
+    )
     monkeypatch.delattr(os, "sched_setscheduler")
-    assert "this system" in urgent(5)
+    assert "this system" in set_realtime_priority(5)

@@ -23,13 +23,13 @@ from wideberth.framework.values.occupancy_grid import OccupancyGrid
 from wideberth.framework.values.sensing import Scan, Sightings
 from wideberth.perception.detection.discs import DiscDetector
 from wideberth.perception.detection.over_time import OverTime
-from wideberth.ros import ways
+from wideberth.ros import path_sources
+from wideberth.ros.decoding import decode_message
 from wideberth.ros.messages import messages
 from wideberth.ros.node import PlannerNode
+from wideberth.ros.obstacle_sources import ScanTopic
 from wideberth.ros.own_motion import AHEAD, OwnMotion
-from wideberth.ros.readings import reading_of
-from wideberth.ros.sight import ScanTopic
-from wideberth.ros.ways import GoalTopic, KnownMap, MapTopic, Over, cropped
+from wideberth.ros.path_sources import GoalTopic, KnownMap, MapPlanner, MapTopic, cropped
 from wideberth.routes import NavFn
 from wideberth.routes.polygons import convex_polygons
 from wideberth.routes.replanning import Replanning
@@ -65,7 +65,7 @@ def test_poses_are_those_of_their_instants(speed: float, rate: float) -> None:
     for k in range(51):
         time = 0.02 * k
         said = odometry(EPOCH + time, arc(time, speed, rate), (speed, 0.0, rate))
-        own.take(reading_of(ODOMETRY, said), 7.0 + time)
+        own.take(decode_message(ODOMETRY, said), 7.0 + time)
     assert own.now == pytest.approx(1.0, abs=1e-9)
     asked = np.linspace(0.0, 1.0 + AHEAD, 500)
     chord = speed * abs(rate) * 0.02**2 / 8  # between two samples
@@ -79,17 +79,17 @@ def test_poses_across_a_hole_or_a_jump_are_unknown() -> None:
     own = OwnMotion("base_link")
     assert np.isnan(own.poses(np.zeros(2))).all()
     for time in (0.0, 0.1, 0.8, 0.9):
-        own.take(reading_of(ODOMETRY, odometry(EPOCH + time, (time, 0, 0), (1, 0, 0))), time)
+        own.take(decode_message(ODOMETRY, odometry(EPOCH + time, (time, 0, 0), (1, 0, 0))), time)
     found = own.poses(np.array([0.05, 0.5, 0.85]))[:, 0]
     np.testing.assert_allclose(found, [0.05, np.nan, 0.85], atol=1e-6)
-    own.take(reading_of(ODOMETRY, odometry(EPOCH - 50.0, (1, 0, 0), (1, 0, 0))), 1.0)
+    own.take(decode_message(ODOMETRY, odometry(EPOCH - 50.0, (1, 0, 0), (1, 0, 0))), 1.0)
     np.testing.assert_allclose(own.poses(np.array([-50.0, 0.85]))[:, 0], [1.0, np.nan])
 
 
 def test_the_pose_of_the_newest_odometry_is_known_after_a_hole() -> None:
     own = OwnMotion("base_link")
     for time in (0.0, 0.7):
-        own.take(reading_of(ODOMETRY, odometry(EPOCH + time, (time, 0, 0), (1, 0, 0))), time)
+        own.take(decode_message(ODOMETRY, odometry(EPOCH + time, (time, 0, 0), (1, 0, 0))), time)
     found = own.poses(np.array([own.now - 0.1, own.now, own.now + 0.1]))[:, 0]
     np.testing.assert_allclose(found, [np.nan, 0.7, 0.8], atol=1e-6)
 
@@ -329,7 +329,7 @@ def map_message(frame: str = "map", made: OccupancyGrid | None = None) -> Any:
 
 
 def over(where: Any) -> GoalTopic:
-    return GoalTopic(over=Over(where, Replanning(NavFn())))
+    return GoalTopic(over=MapPlanner(where, Replanning(NavFn())))
 
 
 def stands(loop: Loop, x: float = 0.0, y: float = 0.0) -> Any:
@@ -500,10 +500,10 @@ class Hall:
             self.come("/odom", said)
             if k % 5 == 0:
                 self.scan(time)
-            self.node.listen()
+            self.node.receive()
             if k % 10 == 0:
-                self.node.decide()
-            if k % 2 == 0 and self.node.speak():
+                self.node.plan()
+            if k % 2 == 0 and self.node.publish():
                 told = self.network.wires["/cmd_vel"].gone[-1].twist
                 self.twist = np.array([told.linear.x, 0.0, told.angular.z])
             middle = self.pose[2] + 0.01 * self.twist[2]
@@ -540,7 +540,7 @@ class Walled(Scripted):
 def test_walls_of_a_map_are_told_in_the_frame_of_odometry() -> None:
     shift = (2.0, 1.0, 0.3)
     known = KnownMap(grid())
-    follows = GoalTopic(over=Over(known, Replanning(NavFn()), outlines=outlines))
+    follows = GoalTopic(over=MapPlanner(known, Replanning(NavFn()), outlines=outlines))
     loop = Loop(Walled(), follows=follows, sees=None)
     loop.come("/tf", transform(EPOCH, "map", "odom", shift))
     loop.come("/goal_pose", goal(6.5, 1.0, "map"))
@@ -558,9 +558,9 @@ def test_walls_of_a_map_are_told_in_the_frame_of_odometry() -> None:
 def test_walls_stay_the_same_until_the_map_has_moved(monkeypatch: Any) -> None:
     """They are made while commands go on, and not in each decision."""
     known = KnownMap(grid())
-    follows = GoalTopic(over=Over(known, Replanning(NavFn()), outlines=outlines))
+    follows = GoalTopic(over=MapPlanner(known, Replanning(NavFn()), outlines=outlines))
     loop = Loop(Walled(), follows=follows, sees=None)
-    made, free = ways._moved, []
+    made, free = path_sources._moved, []
 
     def noting(*given: Any) -> Any:
         def take() -> None:
@@ -573,7 +573,7 @@ def test_walls_stay_the_same_until_the_map_has_moved(monkeypatch: Any) -> None:
         one.join()
         return made(*given)
 
-    monkeypatch.setattr(ways, "_moved", noting)
+    monkeypatch.setattr(path_sources, "_moved", noting)
 
     def seen(x: float, y: float, turn: float) -> Any:
         loop.come("/tf", transform(EPOCH, "map", "odom", (x, y, turn)))
@@ -598,7 +598,7 @@ def test_walls_stay_the_same_until_the_map_has_moved(monkeypatch: Any) -> None:
 @pytest.mark.parametrize("case", ["scans", "no region", "no outlines"])
 def test_walls_are_not_told_twice_nor_to_who_has_no_use_for_them(case: str) -> None:
     outlined = None if case == "no outlines" else outlines
-    over_it = Over(KnownMap(grid(), "odom"), Replanning(NavFn()), outlines=outlined)
+    over_it = MapPlanner(KnownMap(grid(), "odom"), Replanning(NavFn()), outlines=outlined)
     controller = Walled(static_region=None if case == "no region" else "any")
     sees = ScanTopic() if case == "scans" else None
     loop = Loop(controller, follows=GoalTopic(over=over_it), sees=sees)
@@ -624,7 +624,7 @@ def test_walls_are_outlined_near_the_robot_and_again_where_it_has_moved() -> Non
     cells = np.zeros((30, 600), np.int8)
     cells[0] = cells[-1] = 100
     corridor = OccupancyGrid(cells, 0.1, (-1.0, -1.5))
-    follows = GoalTopic(over=Over(MapTopic(), Replanning(NavFn()), outlines=noting))
+    follows = GoalTopic(over=MapPlanner(MapTopic(), Replanning(NavFn()), outlines=noting))
     loop = Loop(Walled(), follows=follows, sees=None)
     loop.come("/map", map_message("odom", corridor))
     loop.come("/goal_pose", goal(50.0, 1.0))
@@ -664,7 +664,7 @@ def test_the_planner_itself_keeps_out_of_the_walls_of_a_map(told: bool) -> None:
     """The route leads through the wall: the robot stops before it, unless it is not told of it."""
     planner, settings = read_node(EXAMPLE, ["node.sees=null"])
     found = outlines if told else None
-    over_it = Over(KnownMap(grid(), "odom"), Through(), outlines=found)
+    over_it = MapPlanner(KnownMap(grid(), "odom"), Through(), outlines=found)
     node_settings = replace(settings, follows=GoalTopic(over=over_it))
     network, now = Network(), 5.0
     assert isinstance(planner, Planner)
@@ -673,10 +673,10 @@ def test_the_planner_itself_keeps_out_of_the_walls_of_a_map(told: bool) -> None:
     network.wires["/goal_pose"].come.append(goal(6.5, 1.0))
     for k in range(180):
         network.wires["/odom"].come.append(odometry(EPOCH + now, pose, twist))
-        node.listen()
+        node.receive()
         if k % 4 == 0:
-            node.decide()
-        if node.speak():
+            node.plan()
+        if node.publish():
             said = network.wires["/cmd_vel"].gone[-1].twist
             twist = np.array([said.linear.x, 0.0, said.angular.z])
         yaw = pose[2] + 0.025 * twist[2]
@@ -697,11 +697,11 @@ ABSURD = (2e9, 1e154, -1e300, 1.7e308)
 @pytest.mark.parametrize("axis", [0, 1])
 def test_no_pose_is_taken_of_absurd_odometry(axis: int, value: float) -> None:
     own = OwnMotion("base_link")
-    own.take(reading_of(ODOMETRY, odometry(EPOCH, (1, 2, 0), (1, 0, 0))), 0.0)
+    own.take(decode_message(ODOMETRY, odometry(EPOCH, (1, 2, 0), (1, 0, 0))), 0.0)
     pose, twist = np.array([1.0, 2.0, 0.0]), np.array([1.0, 0.0, 0.0])
     for changed in (pose, twist):
         changed[axis] = value
-        own.take(reading_of(ODOMETRY, odometry(EPOCH + 0.1, pose, twist)), 0.1)
+        own.take(decode_message(ODOMETRY, odometry(EPOCH + 0.1, pose, twist)), 0.1)
     known = own.poses(np.array([0.0, 0.1, 0.1 + AHEAD]))
     np.testing.assert_allclose(known[:2], [[1.0, 2.0, 0.0], [1.1, 2.0, 0.0]], atol=1e-9)
     assert np.isnan(known[2]).all() and own.newest is not None
@@ -712,7 +712,7 @@ def test_no_pose_is_taken_of_absurd_odometry(axis: int, value: float) -> None:
 def test_absurd_poses_do_not_end_a_decision(what: str, value: float) -> None:
     """They reached the sightings and the walls, which refused them while the node decided."""
     loop = Seeing(sees=ScanTopic(detector=OverTime()))
-    loop.node._sight._walls = True  # type: ignore[union-attr]
+    loop.node._obstacles._walls = True  # type: ignore[union-attr]
     loop.path()
     loop.go_on(0.5)
     with warnings.catch_warnings():
@@ -783,7 +783,7 @@ def test_those_who_see_and_find_the_way_warm_up_before_the_first_period() -> Non
             asked.append(costmap)
             return Replanning(NavFn()).update(kept, time, costmap, *ends)
 
-    follows = GoalTopic(over=Over(MapTopic(), Asked()))
+    follows = GoalTopic(over=MapPlanner(MapTopic(), Asked()))
     loop = Seeing(sees=ScanTopic(detector=detector), follows=follows)
     loop.node._warm_up()
     assert sum(detector.looks) == 3 and len(asked) == 1

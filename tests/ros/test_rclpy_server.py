@@ -137,7 +137,7 @@ def test_a_robot_that_has_passed_the_end_is_not_there() -> None:
         loop.come("/odom", odometry(loop.stamp(), (x, 0.0, 0.0), (speed, 0.0, 0.0)))
         loop.turn(odom=False)
         assert one.step(loop.now) is None
-        loop.node.decide()
+        loop.node.plan()
         assert (loop.node.status == TURNING) == (x in (2.9, 3.4)), x
 
 

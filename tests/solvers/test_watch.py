@@ -23,7 +23,7 @@ from wideberth.framework.mpc.planner.watchdog import LeftBehind, Refused, left_b
 from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.values.motion import Observation
 from wideberth.framework.values.plan import Plan, Rung, Status
-from wideberth.ros.priority import urgent
+from wideberth.ros.priority import set_realtime_priority
 from wideberth.solvers.casadi_program import Compiled, compiled
 from wideberth.solvers.fatrop import Fatrop
 from wideberth.tests.helpers.planning import STRAIGHT, at, planner
@@ -123,15 +123,15 @@ def test_a_call_has_the_callers_right_to_the_processor(rights: Rights, before: b
     if before:  # the thread was made by an ordinary one
         assert watched(own_rights, 60.0) == ordinary
     for priority in (5, 7):
-        assert urgent(priority) == ""
+        assert set_realtime_priority(priority) == ""
         assert watched(own_rights, 60.0) == (os.SCHED_RR, priority)
         assert watched(lambda: watched(own_rights, 60.0), 60.0) == (os.SCHED_RR, priority)
-    assert urgent(0) == ""
+    assert set_realtime_priority(0) == ""
     assert watched(own_rights, 60.0) == ordinary
 
 
 def test_who_is_left_behind_is_ordinary_again(rights: Rights, end: Event) -> None:
-    urgent(5)
+    set_realtime_priority(5)
     begun: list[tuple[int, int]] = []
 
     def stays() -> None:
@@ -152,7 +152,7 @@ def test_who_is_left_behind_is_ordinary_again(rights: Rights, end: Event) -> Non
 
 
 def test_a_priority_that_is_not_granted_does_no_harm(rights: Rights) -> None:
-    urgent(5)
+    set_realtime_priority(5)
     rights.refuses = True
     assert watched(own_rights, 60.0) == (os.SCHED_OTHER, 0)
 
@@ -160,10 +160,10 @@ def test_a_priority_that_is_not_granted_does_no_harm(rights: Rights) -> None:
 @pytest.mark.skipif(not hasattr(os, "SCHED_RR"), reason="of Linux alone")
 def test_this_computer_hands_the_priority_on() -> None:
     try:
-        urgent(5)
+        set_realtime_priority(5)
         assert watched(own_rights, 60.0) == own_rights()
     finally:
-        urgent(0)
+        set_realtime_priority(0)
     assert watched(own_rights, 60.0) == own_rights() == (os.SCHED_OTHER, 0)
 
 
