@@ -118,6 +118,11 @@ def groups() -> list[Group]:
         Group("rungs", "Rungs", "The plans that a robot falls back to, best first.",
               tuple(Entry(f"{rungs.__name__}.{name}", getattr(rungs, name)) for name in RUNGS))
     )  # fmt: skip
+    found.append(
+        Group("draw", "Pictures", "Each reads a value and draws it.",
+              tuple(Entry(f"wideberth.draw.{name}", getattr(wideberth.draw, name))
+                    for name in wideberth.draw.__all__))
+    )  # fmt: skip
     testing = importlib.import_module("wideberth.framework.testing")
     checks = [Entry(f"{testing.__name__}.{name}", getattr(testing, name))
               for name in ("laws_of", *testing.CHECKS)]  # fmt: skip

@@ -15,6 +15,12 @@ _FLAT = 1e-60
 """Below this share of the largest axis an ellipse counts as flat: ratios squared stay finite."""
 
 
+def plane_turn(angle: float) -> Array:
+    """Return the matrix that turns the plane by an angle, rad."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return np.array([[cosine, -sine], [sine, cosine]])
+
+
 def closest_point(points: Array, axes: Array) -> Array:
     """Nearest point on the boundary of an ellipse or ellipsoid, (..., D) m.
 

@@ -15,19 +15,20 @@ from ..values.arrays import Array
 from ..values.errors import WideberthError
 from ..values.motion import Detection, Observation, Pose, Twist
 from ..values.path import Path
-from .laws import Law, require
+from .laws import Contract, Law, law, refusing, serving, stated
 
 STILL = 1e-3
 """m/s and rad/s, below which a command is none."""
 
 
+@Contract
 def check_controller(
     controller: Controller,
     robot: Robot | None = None,
     *,
     cycles: int = 8,
     rng: np.random.Generator | None = None,
-) -> None:
+) -> Iterator[Law]:
     """Check every law of `wideberth.framework.controller.Controller`.
 
     `command` raises a `WideberthError` before there is a path, of what is no observation, and
@@ -55,35 +56,12 @@ def check_controller(
     AssertionError : names every law that does not hold.
     WideberthError : no robot given or found.
     """
-    require(laws(controller, robot, cycles=cycles, rng=rng))
-
-
-def laws(
-    controller: Controller,
-    robot: Robot | None = None,
-    *,
-    cycles: int = 8,
-    rng: np.random.Generator | None = None,
-) -> tuple[Law, ...]:
-    """Return the laws of a controller; the arguments are those of `check_controller`."""
     model = controller.robot if robot is None and isinstance(controller, DrivesRobot) else robot
     if not isinstance(model, Robot):
         raise WideberthError("check_controller needs the robot that the controller drives")
     seed = np.random.default_rng(0) if rng is None else rng
     days = _Days(controller, model, list(_meeting(controller, model, cycles, seed)))
-    unmade = "" if is_dataclass(controller) else "it is no dataclass that could be made anew"
-    return (
-        Law("period", days.check_period),
-        Law("refuses to command without a path", days.check_unready, unmade),
-        Law("an ordinary day", days.check_ordinary),
-        Law("remember leaves the plan alone", days.check_remembering),
-        Law("odd observations", days.check_odd),
-        Law("numbers beyond limits and no numbers", days.check_numbers),
-        Law("what is seen and cannot be used is an obstacle", days.check_unusable),
-        Law("no faster in contact", days.check_contact),
-        Law("refuses what is no observation", days.check_wrong_use),
-        Law("same commands after reset", days.check_repeats),
-    )
+    return stated(_Days, controller, lambda: [days])
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,24 +89,34 @@ class _Days:
         self.controller.set_path(_line(self.robot, 10.0))
 
     def _asked(self, observation: Observation) -> Array:
-        return _asked(self.controller, self.robot, observation)
+        """Return a command as numbers, if it is one that the robot can follow."""
+        with serving("command never raises", "; it must turn that into a status"):
+            command = self.controller.command(observation)
+        wrong = broken_limit(self.robot, command)
+        assert not wrong, f"the command breaks the contract: {wrong}; state {observation.state}"
+        return np.array([*command.linear, command.omega, command.ramp], dtype=np.float64)
 
     @property
     def near(self) -> list[Detection]:
         """One obstacle that touches the robot."""
         return [_detection("near", np.full(self.robot.dimension, 0.8 * self.robot.radius), 0.5)]
 
+    @law("period")
     def check_period(self) -> None:
         period = self.controller.period
         assert period > 0, f"period is {period}; wanted above 0"
 
+    @law("refuses to command without a path", is_dataclass, "it cannot be made anew")
     def check_unready(self) -> None:
         """Ask a controller that has not been given a path."""
-        _check_refused(fresh(self.controller), _seen(self.robot, 0.0, []))
+        with refusing("a command without a path"):
+            fresh(self.controller).command(_seen(self.robot, 0.0, []))
 
+    @law("an ordinary day")
     def check_ordinary(self) -> None:
         assert len(self.first) == len(self.ordinary) - len(self.ordinary) // 2
 
+    @law("remember leaves the plan alone")
     def check_remembering(self) -> None:
         self.controller.reset()
         assert self.controller.plan is None, "reset leaves a plan behind; wanted None"
@@ -137,6 +125,7 @@ class _Days:
             self.controller.remember(observation)
             assert self.controller.plan is None, "remember makes a plan; it must only take note"
 
+    @law("odd observations")
     def check_odd(self) -> None:
         """Feed what a simulation does not, but a bad day does."""
         self._begin()
@@ -156,6 +145,7 @@ class _Days:
         self.controller.set_path(_line(robot, -10.0))
         self._asked(_seen(robot, stamp + 1000.0 + self.controller.period, near))
 
+    @law("numbers beyond limits and no numbers")
     def check_numbers(self) -> None:
         """Feed states beyond every limit, and numbers that are none, of robot and obstacles."""
         self._begin()
@@ -166,6 +156,7 @@ class _Days:
         self._asked(replace(_seen(self.robot, 0.0, self.near), stamp=np.nan))
         self._asked(_seen(self.robot, stamp + self.controller.period, self.near))
 
+    @law("what is seen and cannot be used is an obstacle")
     def check_unusable(self) -> None:
         """Feed detections of which a number is of no use, and those with its stand-in."""
         for bad in _flawed(_ahead(self.robot, 3.0)):
@@ -184,13 +175,16 @@ class _Days:
             "place, which may be anywhere; wanted the command to stay"
         )
 
+    @law("no faster in contact")
     def check_contact(self) -> None:
         """Put an obstacle on a robot that drives on, from every side and on its middle."""
         size, radius = self.robot.dimension, self.robot.radius
         ahead, aside = np.eye(size)[:2]
         state, _ = start_state(self.robot, np.zeros(size).tolist(), ahead.tolist(), 0.5)
-        start = np.clip(np.array(state), *_bounds(self.robot))
-        present = float(np.linalg.norm(_twist(self.robot, start)))
+        bounds = self.robot.state_bounds()
+        start = np.clip(np.array(state), bounds.lower, bounds.upper)
+        twist = self.robot.twist(tuple(start), tuple(0.0 for _ in self.robot.inputs))
+        present = float(np.linalg.norm(np.array(twist.linear, dtype=np.float64)))
         for place in (0.0 * ahead, ahead, -ahead, aside, -aside):
             self._begin()
             on_it = Detection("on it", 0.8 * radius * place, 1e-4 * np.eye(size), 0.3)
@@ -209,12 +203,16 @@ class _Days:
         stamps = (0.0, self.controller.period)
         return np.array([self._asked(replace(seen, stamp=stamp)) for stamp in stamps])
 
+    @law("refuses what is no observation")
     def check_wrong_use(self) -> None:
         self._begin()
         wrong = np.zeros(len(self.robot.states) + 1)
-        _check_refused(self.controller, Observation(0.0, wrong))
-        _check_refused(self.controller, {"stamp": 0.0})
+        with refusing("a state of the wrong length"):
+            self.controller.command(Observation(0.0, wrong))
+        with refusing("what is no observation"):
+            self.controller.command({"stamp": 0.0})  # type: ignore[arg-type]
 
+    @law("same commands after reset")
     def check_repeats(self) -> None:
         """Run an ordinary day, a bad one with every kind of harm, and the ordinary one again."""
         first = self.first
@@ -245,31 +243,6 @@ def _flawed(one: Detection) -> Iterator[Detection]:
     yield replace(one, age=-1.0)
 
 
-def _bounds(robot: Robot) -> tuple[Array, Array]:
-    """Limits of the state."""
-    limits = robot.state_bounds()
-    return np.array(limits.lower), np.array(limits.upper)
-
-
-def _twist(robot: Robot, state: Array) -> Array:
-    """Linear components of the robot's own twist, without an input."""
-    twist = robot.twist(tuple(state), tuple(0.0 for _ in robot.inputs))
-    return np.array(twist.linear, dtype=np.float64)
-
-
-def _check_refused(controller: Controller, observation: object) -> None:
-    """Use a controller wrongly."""
-    try:
-        controller.command(observation)  # type: ignore[arg-type]
-    except WideberthError:
-        return
-    except Exception as error:
-        raise AssertionError(
-            f"wrong use raised {type(error).__name__}: {error}; wanted a WideberthError"
-        ) from error
-    raise AssertionError("command accepts wrong use without a word; wanted a WideberthError")
-
-
 def _wild(robot: Robot, around: list[Detection]) -> Iterator[Observation]:
     """Observe states beyond every limit, and numbers that are none; stamps are still zero."""
     rest = _seen(robot, 0.0, []).state
@@ -290,18 +263,6 @@ def _wild(robot: Robot, around: list[Detection]) -> Iterator[Observation]:
         yield _seen(robot, 0.0, [detection])
     spread = np.full((len(rest), len(rest)), np.nan)
     yield replace(_seen(robot, 0.0, around), covariance=spread)
-
-
-def _asked(controller: Controller, robot: Robot, observation: Observation) -> Array:
-    try:
-        command = controller.command(observation)
-    except Exception as error:
-        raise AssertionError(
-            f"command raised {type(error).__name__}: {error}; it must turn that into a status"
-        ) from error
-    wrong = broken_limit(robot, command)
-    assert not wrong, f"the command breaks the contract: {wrong}; state {observation.state}"
-    return np.array([*command.linear, command.omega, command.ramp], dtype=np.float64)
 
 
 def _meeting(

@@ -1,11 +1,29 @@
-"""The common form of contract checks: the laws of a plug-in, each with a name of its own."""
+"""The common form of contract checks: the laws of a plug-in, each with a name of its own.
+
+A module for each room has a class whose methods check one law each, marked by `law` with its name.
+Objects of the class are the cases that the law is checked on. A `Contract` puts them together::
+
+    @law("grows with the margin")
+    def check_growth(self) -> None:
+        assert ..., "what was found, and what was wanted"
+"""
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial, update_wrapper
 from importlib import import_module
-from typing import Any, TypeVar, final
+from inspect import signature
+from types import FunctionType
+from typing import TYPE_CHECKING, Any, Generic, ParamSpec, TypeVar, final
 
-T = TypeVar("T")
+from ..values.errors import WideberthError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+F = TypeVar("F", bound=Callable[..., None])
+P = ParamSpec("P")
 
 _HERE = "wideberth.framework.testing"
 CHECKS = {
@@ -45,6 +63,79 @@ class Law:
     exception: str = ""
 
 
+@final
+class Contract(Generic[P]):
+    """A contract check: called, it checks all laws of a plug-in; `laws` names them.
+
+    Parameters
+    ----------
+    laws : yields the laws of a plug-in; nothing is computed before a law is checked.
+    """
+
+    def __init__(self, laws: Callable[P, Iterable[Law]]) -> None:
+        self._laws = laws
+        update_wrapper(self, laws)
+        self.__signature__ = signature(laws).replace(return_annotation=None)
+
+    def __call__(self, *plugin: P.args, **choices: P.kwargs) -> None:
+        """Check all laws, see `require`."""
+        require(self._laws(*plugin, **choices))
+
+    def laws(self, *plugin: P.args, **choices: P.kwargs) -> tuple[Law, ...]:
+        """Return the laws, each with a name and a check of its own."""
+        return tuple(self._laws(*plugin, **choices))
+
+
+_MARKED: dict[object, tuple[str, Callable[[Any], bool], str]] = {}
+"""Method that checks a law -> the law's name, which plug-ins it binds, and why not the others."""
+
+
+def law(
+    name: str, binds: type | Callable[[Any], bool] = object, otherwise: str = ""
+) -> Callable[[F], F]:
+    """Mark a method that checks one law.
+
+    Parameters
+    ----------
+    name : of the law.
+    binds : the type of the plug-ins that have to keep it, or whether one has to; all by default.
+    otherwise : why the others are exempt.
+    """
+
+    def bound(plugin: Any) -> bool:
+        return isinstance(plugin, binds) if isinstance(binds, type) else binds(plugin)
+
+    def mark(method: F) -> F:
+        _MARKED[method] = name, bound, otherwise
+        return method
+
+    return mark
+
+
+def stated(
+    kind: type,
+    plugin: Any,
+    cases: Callable[[], Iterable[Any]],
+    rng: "np.random.Generator | None" = None,
+) -> Iterator[Law]:
+    """Yield the laws that a class states, in the order of its methods.
+
+    Parameters
+    ----------
+    kind : a class with methods marked by `law`.
+    plugin : which may be exempt from some.
+    cases : returns objects of the class, on each of which a law is checked.
+    rng : a law that takes ``rng`` gets a generator of its own; None where no law does.
+    """
+    for method in vars(kind).values():
+        if isinstance(method, FunctionType) and method in _MARKED:
+            name, binds, otherwise = _MARKED[method]
+            check: Callable[[Any], None] = method
+            if rng is not None and "rng" in signature(method).parameters:
+                check = partial(method, rng=rng.spawn(1)[0])
+            yield Law(name, each(check, cases), "" if binds(plugin) else otherwise)
+
+
 def laws_of(kind: str, plugin: Any, **choices: Any) -> tuple[Law, ...]:
     """Return the laws of a plug-in, each with a name and a check of its own.
 
@@ -60,18 +151,51 @@ def laws_of(kind: str, plugin: Any, **choices: Any) -> tuple[Law, ...]:
     >>> [law.name for law in laws_of("robot", Unicycle())][1]
     'NumPy and CasADi agree'
     """
-    found: tuple[Law, ...] = import_module(CHECKS[f"check_{kind}"]).laws(plugin, **choices)
-    return found
+    check = f"check_{kind}"
+    contract: Contract[Any] = vars(import_module(CHECKS[check]))[check]
+    return contract.laws(plugin, **choices)
 
 
-def each(check: Callable[[T], None], subjects: Callable[[], Iterable[T]]) -> Callable[[], None]:
-    """Return a check that applies another one to every subject, made when it is called."""
+def each(check: Callable[[Any], None], cases: Callable[[], Iterable[Any]]) -> Callable[[], None]:
+    """Return a check that applies another one to every case, made when it is called."""
 
     def check_all() -> None:
-        for subject in subjects():
-            check(subject)
+        for case in cases():
+            check(case)
 
     return check_all
+
+
+@contextmanager
+def serving(law: str, remark: str = "") -> Iterator[None]:
+    """Turn whatever is raised into a broken law, such as "command never raises".
+
+    Parameters
+    ----------
+    law : begins the message.
+    remark : ends it.
+    """
+    try:
+        yield
+    except AssertionError:
+        raise
+    except Exception as error:
+        words = f"{law}: {type(error).__name__}: {error}{remark}"
+        raise AssertionError(words) from error
+
+
+@contextmanager
+def refusing(what: str) -> Iterator[None]:
+    """Demand a `WideberthError` of wrong use."""
+    try:
+        yield
+    except WideberthError:
+        return
+    except Exception as error:
+        raise AssertionError(
+            f"{what}: wrong use raised {type(error).__name__}: {error}; wanted a WideberthError"
+        ) from error
+    raise AssertionError(f"{what}: wrong use is accepted without a word; wanted a WideberthError")
 
 
 def findings(laws: Iterable[Law]) -> Iterator[tuple[Law, Exception | None]]:

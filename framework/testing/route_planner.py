@@ -1,6 +1,6 @@
 """The contract of a RoutePlanner, checked on small maps: a hall, a door, a maze, a closed room."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,7 +11,7 @@ from ..numerics.inflation import Inflation
 from ..route_planner import Route, RoutePlanner
 from ..values.arrays import Array, BoolArray
 from ..values.costmap import LETHAL, Costmap
-from .laws import Law, each, require
+from .laws import Contract, Law, law, stated
 
 _CELL = 0.0625
 """m; a power of two, so that a map can be moved without rounding."""
@@ -22,7 +22,8 @@ _MOVE = (32.0, -16.0)
 _INFLATION = Inflation(inscribed_radius=0.15, inflation_radius=0.4)
 
 
-def check_route_planner(planner: RoutePlanner) -> None:
+@Contract
+def check_route_planner(planner: RoutePlanner) -> Iterator[Law]:
     """Check the laws of a route planner.
 
     On each map with a way it finds a path, finite, from the start to the goal to within a cell
@@ -38,24 +39,9 @@ def check_route_planner(planner: RoutePlanner) -> None:
     ------
     AssertionError : names every law that does not hold, and where.
     """
-    require(laws(planner))
-
-
-def laws(planner: RoutePlanner) -> tuple[Law, ...]:
-    """Return the laws of a route planner."""
-    cases = [_Case(planner, *one) for one in _maps()]
-
-    def law(name: str, check: Callable[[_Case], None]) -> Law:
-        return Law(name, each(check, lambda: cases))
-
-    return (
-        law("finds the way", _Case.check_found),
-        law("leads from start to goal", _Case.check_ends),
-        law("touches no lethal cell", _Case.check_clear),
-        law("same input, same route", _Case.check_repeats),
-        law("a moved map moves the route", _Case.check_moved),
-        Law("no way, a reason", lambda: _check_reasons(planner)),
-    )
+    cases = [_Case(planner, *case) for case in _maps()]
+    yield from stated(_Case, planner, lambda: cases)
+    yield Law("no way, a reason", lambda: _check_reasons(planner))
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,25 +62,29 @@ class _Case:
     def points(self) -> Array:
         return np.empty((0, 2)) if self.route.path is None else self.route.path.points
 
+    @law("finds the way")
     def check_found(self) -> None:
         self._demand(self.route.path is not None, f"there is a way, but: {self.route.reason}")
 
+    @law("leads from start to goal")
     def check_ends(self) -> None:
         for name, point, wanted in (("start", 0, self.start), ("goal", -1, self.goal)):
             far = np.hypot(*(self.points[point] - wanted)) if len(self.points) else 0.0
             self._demand(far <= 1.5 * _CELL, f"the path is {far:.3g} m off the {name}")
 
+    @law("touches no lethal cell")
     def check_clear(self) -> None:
         costs = self.costmap.at(self.points, outside=LETHAL)
         self._demand(not (costs == LETHAL).any(), "the path touches a lethal cell")
 
+    @law("same input, same route")
     def check_repeats(self) -> None:
         before = self.costmap.cells.copy()
-        again = replace(self)
-        same = np.array_equal(again.points, self.points)
+        same = np.array_equal(replace(self).points, self.points)
         self._demand(same, "the second route differs from the first")
         self._demand(np.array_equal(before, self.costmap.cells), "the costmap has changed")
 
+    @law("a moved map moves the route")
     def check_moved(self) -> None:
         origin = (self.costmap.origin[0] + _MOVE[0], self.costmap.origin[1] + _MOVE[1])
         moved = replace(
@@ -107,8 +97,7 @@ class _Case:
         self._demand(off < 1e-9, "the route has not moved with the map")
 
     def _demand(self, holds: bool, law: str) -> None:
-        if not holds:
-            raise AssertionError(f"{law} (map {self.name!r})")
+        assert holds, f"{law} (map {self.name!r})"
 
 
 def _costmap(occupied: BoolArray) -> Costmap:
@@ -148,5 +137,4 @@ def _check_reasons(planner: RoutePlanner) -> None:
     )
     for name, costmap, start, goal in asked:
         route = planner.plan(costmap, start, goal)
-        if route.path is not None or not route.reason:
-            raise AssertionError(f"{name} needs a reason and no path")
+        assert route.path is None and route.reason, f"{name} needs a reason and no path"

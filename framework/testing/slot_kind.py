@@ -1,10 +1,9 @@
 """The contract of a SlotKind, checked among obstacles and polygons that stand still."""
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from typing import Any
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from ..mpc.slots.base import (
     SlotKind,
     with_auxiliaries_each,
 )
+from ..numerics.symbolic import ca
 from ..plugins.registry import load
 from ..robot import Robot
 from ..values.arrays import Array
@@ -27,7 +27,7 @@ from ..values.forecast import Forecast
 from ..values.motion import Detection, Observation
 from ..values.polygon import Polygon
 from ..values.tracks import Tracks
-from .laws import Law
+from .laws import Contract, Law, law, stated
 
 STEPS, COUNT = 40, 3
 PLACES = np.array([[2.0, 0.4], [-1.5, 1.5], [0.5, -2.2]])
@@ -91,14 +91,16 @@ class Sample:
         """The things that the kind chooses."""
         return self.kind.choose(self.robot, self.view)
 
+    @property
+    def frame(self) -> Frame:
+        """State and pose as symbols; no level is shared."""
+        x = ca.SX.sym("x", len(self.robot.states))
+        return Frame(self.robot, x, self.robot.pose(tuple(ca.vertsplit(x))), ca.SX(0, 1))
+
     @cached_property
     def slots(self) -> Slots:
         """The constraint of a slot."""
-        from ..numerics.symbolic import ca
-
-        x = ca.SX.sym("x", len(self.robot.states))
-        pose = self.robot.pose(tuple(ca.vertsplit(x)))
-        return self.kind.slots(self.chosen.room, Frame(self.robot, x, pose, ca.SX(0, 1)))
+        return self.kind.slots(self.chosen.room, self.frame)
 
     @cached_property
     def states(self) -> Array:
@@ -152,202 +154,180 @@ class Sample:
         touched = known.touched(self.robot, still).depth
         return float(np.maximum(known.overlap(self.robot, still), touched)[-1])
 
+    @law("name")
+    def has_a_name_for_c(self) -> None:
+        """Demand a name that can be part of a name in C."""
+        name = self.kind.name
+        assert re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name), f"the name is {name!r}"
+        assert name not in ("level", "state", "input", "nlp"), f"{name!r} has another meaning in C"
 
-def _has_a_name_for_c(sample: Sample) -> None:
-    """Demand a name that can be part of a name in C."""
-    name = sample.kind.name
-    assert re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name), f"the name is {name!r}"
-    assert name not in ("level", "state", "input", "nlp"), f"{name!r} has another meaning in C"
+    @law("sizes")
+    def sizes_fit(self) -> None:
+        """Slots and numbers have the sizes that the room says; levels are there where stated."""
+        chosen, slots, numbers = self.chosen, self.slots, self.chosen.numbers
+        count, levelled = chosen.room[0], isinstance(self.kind, LevelledKind)
+        wanted = STEPS, count, slots.width
+        assert slots.count == count, (
+            f"the room is {chosen.room}, and there are {slots.count} slots"
+        )
+        assert numbers.parameters.shape == wanted, (
+            f"numbers are {numbers.parameters.shape}; {wanted}"
+        )
+        assert slots.levelled == (numbers.level is not None) == levelled, (
+            "levels: some say so, not all"
+        )
+        if numbers.level is not None:
+            assert numbers.level.shape == wanted[:2], f"levels are {numbers.level.shape}"
+        found = self.auxiliaries(self.states, numbers).shape
+        assert found == (STEPS, count, len(slots.auxiliary)), f"auxiliaries are {found}"
+        kept = np.arange(count) < len(chosen.called)
+        assert np.array_equal(numbers.active, kept), "used slots stand first, one for each name"
+        assert not self.kind.slots((), self.frame).count, "without room there are slots"
 
+    @law("finite")
+    def numbers_are_finite(self) -> None:
+        """Numbers, constraints and their slopes are finite, also in empty slots."""
+        numbers = self.chosen.numbers
+        assert np.isfinite(numbers.stages()).all(), "numbers must be finite, also of empty slots"
+        lifted = self.auxiliaries(self.states, numbers)
+        for shift in (0.0, 3.0):  # also where auxiliaries are beyond their bounds
+            for rows in self.rows(self.states, numbers, lifted + shift):
+                assert np.isfinite(rows).all(), "rows must be finite wherever a solver may look"
+        given = [ca.SX.sym("v", self.slots.constraint.size1_in(i)) for i in range(4)]
+        rows = ca.vertcat(*self.slots.constraint(*given))
+        slope = ca.Function("slope", given, [ca.jacobian(rows, ca.vertcat(*given[:2]))])
+        columns = replace(numbers, auxiliaries=lifted).stages()
+        columns = columns.reshape(STEPS, len(numbers.active), -1)
+        for i, state in enumerate(self.states[1:]):
+            for own, column in zip(lifted[i], columns[i], strict=True):
+                value = np.asarray(slope(state, own, [], column))
+                assert np.isfinite(value).all(), "slopes must be finite wherever a solver may look"
 
-def _sizes_fit(sample: Sample) -> None:
-    """Slots and numbers have the sizes that the room says; levels are there where stated."""
-    chosen, slots, numbers = sample.chosen, sample.slots, sample.chosen.numbers
-    count, levelled = chosen.room[0], isinstance(sample.kind, LevelledKind)
-    wanted = STEPS, count, slots.width
-    assert slots.count == count, f"the room is {chosen.room}, and there are {slots.count} slots"
-    assert numbers.parameters.shape == wanted, f"numbers are {numbers.parameters.shape}; {wanted}"
-    assert slots.levelled == (numbers.level is not None) == levelled, (
-        "levels: some say so, not all"
-    )
-    if numbers.level is not None:
-        assert numbers.level.shape == wanted[:2], f"levels are {numbers.level.shape}"
-    found = sample.auxiliaries(sample.states, numbers).shape
-    assert found == (STEPS, count, len(slots.auxiliary)), f"auxiliaries are {found}"
-    kept = np.arange(count) < len(chosen.called)
-    assert np.array_equal(numbers.active, kept), "used slots stand first, one for each name"
-    assert not sample.kind.slots((), Frame(sample.robot, *_symbols(sample.robot))).count
+    @law("empty")
+    def empty_slots_are_neutral(self) -> None:
+        """Demand that an empty slot states 1 >= 0, whatever it holds and wherever the robot is."""
+        numbers = self.chosen.numbers
+        off = replace(numbers, active=np.zeros_like(numbers.active))
+        free, tied = self.rows(self.states, off)
+        assert (free == 1.0).all(), "an empty slot states 1 >= 0"
+        moved, still = self.rows(self.states + 1.0, off, self.auxiliaries(self.states, off))
+        assert (moved == 1.0).all(), "an empty slot states 1 >= 0"
+        assert np.array_equal(tied, still), "the equalities of an empty slot depend on the robot"
 
+    @law("auxiliaries")
+    def auxiliaries_start_well(self) -> None:
+        """Auxiliaries start within their bounds, meet the equalities, and know no other plan."""
+        numbers, own = self.chosen.numbers, self.slots.auxiliary
+        lifted = self.auxiliaries(self.states, numbers)
+        inside = (lifted >= np.array(own.lower) - 1e-9) & (lifted <= np.array(own.upper) + 1e-9)
+        assert inside.all(), "auxiliaries must start within their bounds"
+        tied = self.rows(self.states, numbers)[1][:, numbers.active > 0]
+        worst = float(np.abs(tied).max(initial=0.0))
+        assert worst < 1e-6, f"auxiliaries start off the equalities by {worst:.2g}"
+        back = self.states[::-1]
+        pair = self.auxiliaries_each([self.states, back], numbers)
+        alone = [lifted, self.auxiliaries(back, numbers)]
+        same = np.array_equal(pair, alone)
+        assert same, "auxiliaries of two plans at once are others than those of each"
 
-def _numbers_are_finite(sample: Sample) -> None:
-    """Numbers, constraints and their slopes are finite, also in empty slots."""
-    from ..numerics.symbolic import ca
+    @law("inside")
+    def inside_is_negative(self) -> None:
+        """Where the robot stands in a thing, by geometry, an inequality is negative."""
+        depths = np.array([self.depth(state) for state in self.states[1:]])
+        lowest = self.lowest(self.states, self.chosen.numbers)
+        assert (depths > NEAR).any(), "the robot stands on every thing, and touches none of them"
+        wrong = (depths > NEAR) & (lowest >= 0.0)
+        assert not wrong.any(), (
+            f"{depths[wrong].max(initial=0.0):.2g} m deep, and no row is negative"
+        )
 
-    numbers = sample.chosen.numbers
-    assert np.isfinite(numbers.stages()).all(), "numbers must be finite, also of empty slots"
-    lifted = sample.auxiliaries(sample.states, numbers)
-    for shift in (0.0, 3.0):  # also where auxiliaries are beyond their bounds
-        for rows in sample.rows(sample.states, numbers, lifted + shift):
-            assert np.isfinite(rows).all(), "rows must be finite wherever a solver may look"
-    given = [ca.SX.sym("v", sample.slots.constraint.size1_in(i)) for i in range(4)]
-    rows = ca.vertcat(*sample.slots.constraint(*given))
-    slope = ca.Function("slope", given, [ca.jacobian(rows, ca.vertcat(*given[:2]))])
-    columns = replace(numbers, auxiliaries=lifted).stages().reshape(STEPS, len(numbers.active), -1)
-    for i, state in enumerate(sample.states[1:]):
-        for own, column in zip(lifted[i], columns[i], strict=True):
-            value = np.asarray(slope(state, own, [], column))
-            assert np.isfinite(value).all(), "slopes must be finite wherever a solver may look"
+    @law("outside")
+    def outside_is_positive(self) -> None:
+        """Far away and clear every inequality is positive; without levels, wherever it is clear.
 
+        A thing without an end, such as a half plane, is not clear everywhere that is far away.
+        """
+        away = self.states.copy()
+        away[:, :2] += FAR * np.where(away[:, :2] < 0.0, -1.0, 1.0)
+        clear = np.array([self.depth(state) == 0.0 for state in away[1:]])
+        assert clear.any(), f"the robot stands in a thing wherever it is {FAR:g} m away"
+        least = float(self.lowest(away, self.chosen.numbers)[clear].min())
+        assert least > 0.0, f"{FAR:g} m away a row is {least:.2g}; wanted above 0"
+        if isinstance(self.kind, LevelledKind):
+            return
+        margin = replace(self.view, margin=0.0)
+        exact = replace(self, view=margin)
+        lowest = exact.lowest(self.states, exact.chosen.numbers)
+        clear = np.array([exact.depth(state) == 0.0 for state in self.states[1:]])
+        assert clear.any(), "the robot stands in a thing at every pose of the sample"
+        least = float(lowest[clear].min())
+        assert least > -NEAR, f"the robot is clear, and a row is {least:.2g}"
 
-def _empty_slots_are_neutral(sample: Sample) -> None:
-    """Demand that an empty slot states 1 >= 0, whatever it holds and wherever the robot is."""
-    numbers = sample.chosen.numbers
-    off = replace(numbers, active=np.zeros_like(numbers.active))
-    free, tied = sample.rows(sample.states, off)
-    assert (free == 1.0).all(), "an empty slot states 1 >= 0"
-    moved, still = sample.rows(sample.states + 1.0, off, sample.auxiliaries(sample.states, off))
-    assert (moved == 1.0).all(), "an empty slot states 1 >= 0"
-    assert np.array_equal(tied, still), "the equalities of an empty slot depend on the robot"
+    @law("levels", LevelledKind, "it has no levels")
+    def larger_levels_keep_farther(self) -> None:
+        """Demand that a larger level lowers the inequalities, and has a smaller tail."""
+        kind, numbers = self.kind, self.chosen.numbers
+        assert isinstance(kind, LevelledKind) and numbers.level is not None  # see `sizes_fit`
+        rows, tails = [], []
+        for share in (0.0, 0.5, 1.0, 1.5):
+            level = share * numbers.level
+            rows.append(self.lowest(self.states, replace(numbers, level=level)))
+            tails.append(kind.tail(float(level[0, 0]), "content", 2))
+        assert (np.diff(rows, axis=0) < 1e-9).all(), "a larger level must not come nearer"
+        assert (np.diff(rows, axis=0) < -1e-6).any(), "a larger level must keep farther away"
+        falling = np.diff(tails) < 0.0
+        assert falling.all() and 0.0 <= tails[-1] <= tails[0] <= 1.0, f"tails are {tails}"
+        assert kind.tail(-1.0, "content", 2) == 1.0, "below level 0 the tail is 1"
+        aimed = kind.levels(self.view.level, STEPS, 1, 2)
+        assert np.allclose(aimed, numbers.level[:, :1]), "slots have the level that is aimed at"
 
+    @law("order")
+    def order_changes_nothing(self) -> None:
+        """Demand the same numbers for the same things in another order, and when asked again."""
+        view = self.view
+        again = self.kind.choose(self.robot, view)
+        same = np.array_equal(again.numbers.stages(), self.chosen.numbers.stages())
+        assert same and again.names == self.chosen.names, "the same view, and another choice"
+        other = self.kind.choose(self.robot, _reversed(view))
+        assert sorted(other.names) == sorted(self.chosen.names), "another order, and other things"
+        first, second = (_by_name(one) for one in (self.chosen, other))
+        for name, values in first.items():
+            assert np.array_equal(values, second[name]), f"another order, and {name!r} is another"
 
-def _auxiliaries_start_well(sample: Sample) -> None:
-    """Auxiliaries start within their bounds, meet the equalities, and know no other plan."""
-    numbers, own = sample.chosen.numbers, sample.slots.auxiliary
-    lifted = sample.auxiliaries(sample.states, numbers)
-    inside = (lifted >= np.array(own.lower) - 1e-9) & (lifted <= np.array(own.upper) + 1e-9)
-    assert inside.all(), "auxiliaries must start within their bounds"
-    tied = sample.rows(sample.states, numbers)[1][:, numbers.active > 0]
-    worst = float(np.abs(tied).max(initial=0.0))
-    assert worst < 1e-6, f"auxiliaries start off the equalities by {worst:.2g}"
-    back = sample.states[::-1]
-    pair = sample.auxiliaries_each([sample.states, back], numbers)
-    same = np.array_equal(pair[0], lifted) and np.array_equal(
-        pair[1], sample.auxiliaries(back, numbers)
-    )
-    assert same, "auxiliaries of two plans at once are others than those of each"
+    @law("left out")
+    def what_does_not_fit_is_named(self) -> None:
+        """With room for one or none the others are left out by name."""
+        for most in (0, 1):
+            fewer = replace(self, view=replace(self.view, most=most))
+            chosen = fewer.chosen
+            assert len(chosen.names) == most, f"room for {most}, and {len(chosen.names)} are kept"
+            missing = set(self.chosen.names) - {*chosen.names, *chosen.left_out}
+            assert not missing, f"{sorted(missing)} have no room and are not named"
 
+    @law("contact")
+    def contact_is_a_depth(self) -> None:
+        """Contact has one finite number, at least 0, per step; touching names a thing."""
+        known = self.chosen.known
+        touch = known.touched(self.robot, self.states)
+        for depth in (touch.depth, known.overlap(self.robot, self.states)):
+            assert depth.shape == (STEPS,), f"contact has shape {depth.shape}; wanted ({STEPS},)"
+            assert np.isfinite(depth).all() and (depth >= 0.0).all(), (
+                "depths are finite, at least 0"
+            )
+        for depth, name in zip(touch.depth, touch.names, strict=True):
+            assert not depth or name in self.chosen.names, f"{name!r} is touched; which is that?"
 
-def _inside_is_negative(sample: Sample) -> None:
-    """Where the robot stands in a thing, by geometry, an inequality is negative."""
-    depths = np.array([sample.depth(state) for state in sample.states[1:]])
-    lowest = sample.lowest(sample.states, sample.chosen.numbers)
-    assert (depths > NEAR).any(), "the robot stands on every thing, and touches none of them"
-    wrong = (depths > NEAR) & (lowest >= 0.0)
-    assert not wrong.any(), f"{depths[wrong].max(initial=0.0):.2g} m deep, and no row is negative"
-
-
-def _outside_is_positive(sample: Sample) -> None:
-    """Far away and clear every inequality is positive; without levels, wherever it is clear.
-
-    A thing without an end, such as a half plane, is not clear everywhere that is far away.
-    """
-    away = sample.states.copy()
-    away[:, :2] += FAR * np.where(away[:, :2] < 0.0, -1.0, 1.0)
-    clear = np.array([sample.depth(state) == 0.0 for state in away[1:]])
-    assert clear.any(), f"the robot stands in a thing wherever it is {FAR:g} m away"
-    least = float(sample.lowest(away, sample.chosen.numbers)[clear].min())
-    assert least > 0.0, f"{FAR:g} m away a row is {least:.2g}; wanted above 0"
-    if isinstance(sample.kind, LevelledKind):
-        return
-    margin = replace(sample.view, margin=0.0)
-    exact = replace(sample, view=margin)
-    lowest = exact.lowest(sample.states, exact.chosen.numbers)
-    clear = np.array([exact.depth(state) == 0.0 for state in sample.states[1:]])
-    assert clear.any(), "the robot stands in a thing at every pose of the sample"
-    least = float(lowest[clear].min())
-    assert least > -NEAR, f"the robot is clear, and a row is {least:.2g}"
-
-
-def _larger_levels_keep_farther(sample: Sample) -> None:
-    """Demand that a larger level lowers the inequalities, and has a smaller tail."""
-    kind, numbers = sample.kind, sample.chosen.numbers
-    if not isinstance(kind, LevelledKind):
-        return
-    assert numbers.level is not None  # see `_sizes_fit`
-    rows, tails = [], []
-    for share in (0.0, 0.5, 1.0, 1.5):
-        level = share * numbers.level
-        rows.append(sample.lowest(sample.states, replace(numbers, level=level)))
-        tails.append(kind.tail(float(level[0, 0]), "content", 2))
-    assert (np.diff(rows, axis=0) < 1e-9).all(), "a larger level must not come nearer"
-    assert (np.diff(rows, axis=0) < -1e-6).any(), "a larger level must keep farther away"
-    falling = np.diff(tails) < 0.0
-    assert falling.all() and 0.0 <= tails[-1] <= tails[0] <= 1.0, f"tails are {tails}"
-    assert kind.tail(-1.0, "content", 2) == 1.0, "below level 0 the tail is 1"
-    aimed = kind.levels(sample.view.level, STEPS, 1, 2)
-    assert np.allclose(aimed, numbers.level[:, :1]), "slots have the level that is aimed at"
-
-
-def _order_changes_nothing(sample: Sample) -> None:
-    """Demand the same numbers for the same things in another order, and when asked again."""
-    view = sample.view
-    again = sample.kind.choose(sample.robot, view)
-    same = np.array_equal(again.numbers.stages(), sample.chosen.numbers.stages())
-    assert same and again.names == sample.chosen.names, "the same view, and another choice"
-    other = sample.kind.choose(sample.robot, _reversed(view))
-    assert sorted(other.names) == sorted(sample.chosen.names), "another order, and other things"
-    first, second = (_by_name(one) for one in (sample.chosen, other))
-    for name, values in first.items():
-        assert np.array_equal(values, second[name]), f"another order, and {name!r} is another"
-
-
-def _what_does_not_fit_is_named(sample: Sample) -> None:
-    """With room for one or none the others are left out by name."""
-    for most in (0, 1):
-        fewer = replace(sample, view=replace(sample.view, most=most))
-        chosen = fewer.chosen
-        assert len(chosen.names) == most, f"room for {most}, and {len(chosen.names)} are kept"
-        missing = set(sample.chosen.names) - {*chosen.names, *chosen.left_out}
-        assert not missing, f"{sorted(missing)} have no room and are not named"
-
-
-def _contact_is_a_depth(sample: Sample) -> None:
-    """Contact has one finite number, at least 0, per step; touching names a thing."""
-    known = sample.chosen.known
-    touch = known.touched(sample.robot, sample.states)
-    for depth in (touch.depth, known.overlap(sample.robot, sample.states)):
-        assert depth.shape == (STEPS,), f"contact has shape {depth.shape}; wanted ({STEPS},)"
-        assert np.isfinite(depth).all() and (depth >= 0.0).all(), "depths are finite, at least 0"
-    for depth, name in zip(touch.depth, touch.names, strict=True):
-        assert not depth or name in sample.chosen.names, f"{name!r} is touched; which is that?"
-
-
-def _is_explained(sample: Sample) -> None:
-    """Demand an explanation of the numbers for users of the exported C."""
-    text = sample.kind.explanation(2)
-    assert len(text.split()) > 5, f"the explanation is {text!r}"
-
-
-LAWS: Mapping[str, Callable[[Sample], None]] = {
-    "name": _has_a_name_for_c,
-    "sizes": _sizes_fit,
-    "finite": _numbers_are_finite,
-    "empty": _empty_slots_are_neutral,
-    "auxiliaries": _auxiliaries_start_well,
-    "inside": _inside_is_negative,
-    "outside": _outside_is_positive,
-    "levels": _larger_levels_keep_farther,
-    "order": _order_changes_nothing,
-    "left out": _what_does_not_fit_is_named,
-    "contact": _contact_is_a_depth,
-    "explanation": _is_explained,
-}
-"""Laws of a kind by name."""
+    @law("explanation")
+    def is_explained(self) -> None:
+        """Demand an explanation of the numbers for users of the exported C."""
+        text = self.kind.explanation(2)
+        assert len(text.split()) > 5, f"the explanation is {text!r}"
 
 
-def laws(
-    kind: SlotKind, view: PlanningContext | None = None, robot: Robot | None = None
-) -> tuple[Law, ...]:
-    """Return the laws of a kind; the arguments are those of `check_slot_kind`."""
-    return tuple(Law(name, partial(check_slot_kind, kind, view, robot, name)) for name in LAWS)
-
-
+@Contract
 def check_slot_kind(
-    kind: SlotKind,
-    view: PlanningContext | None = None,
-    robot: Robot | None = None,
-    law: str | None = None,
-) -> None:
+    kind: SlotKind, view: PlanningContext | None = None, robot: Robot | None = None
+) -> Iterator[Law]:
     """Check the laws of a kind of things to keep clear of.
 
     Parameters
@@ -356,30 +336,25 @@ def check_slot_kind(
     view : with three things of the kind at `PLACES` that stand still; by default `sample_view`,
         which has obstacles and polygons called "a", "b" and "c" there.
     robot : a unicycle of radius 0.4 m by default.
-    law : the name of one of `LAWS`; all of them by default.
 
     Raises
     ------
-    AssertionError : a law does not hold; the message names it.
+    AssertionError : names every law that does not hold.
     """
-    moved: Robot = load("robots", "unicycle")(radius=0.4) if robot is None else robot
-    sample = Sample(kind, sample_view() if view is None else view, moved)
-    found = len(sample.chosen.names)
-    assert found > 1, (
-        f"of the sample's things it chose {found}; wanted at least two. Set its fields so that it "
-        "does (obstacles and polygons are called a, b and c), or give `check_slot_kind` a view "
-        "with things of the kind"
-    )
-    for name in LAWS if law is None else (law,):
-        LAWS[name](sample)
 
+    @cache
+    def samples() -> tuple[Sample]:
+        moved: Robot = load("robots", "unicycle")(radius=0.4) if robot is None else robot
+        sample = Sample(kind, sample_view() if view is None else view, moved)
+        found = len(sample.chosen.names)
+        assert found > 1, (
+            f"of the sample's things it chose {found}; wanted at least two. Set its fields so "
+            "that it does (obstacles and polygons are called a, b and c), or give "
+            "`check_slot_kind` a view with things of the kind"
+        )
+        return (sample,)
 
-def _symbols(robot: Robot) -> tuple[Any, Any, Any]:
-    """State, pose and level as symbols; no level is shared."""
-    from ..numerics.symbolic import ca
-
-    x = ca.SX.sym("x", len(robot.states))
-    return x, robot.pose(tuple(ca.vertsplit(x))), ca.SX(0, 1)
+    return stated(Sample, kind, samples)
 
 
 def _tracks(positions: Array, names: tuple[str, ...]) -> Tracks:

@@ -1,6 +1,6 @@
 """The contract of a Solver, checked on a unicycle with four obstacle slots, two of them used."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -22,11 +22,10 @@ from ..plugins.registry import load
 from ..region import Region
 from ..robot import Robot, start_state
 from ..values.arrays import Array
-from ..values.errors import WideberthError
 from ..values.motion import Twist
 from ..values.path import Path
 from ..values.plan import Status
-from .laws import Law, require
+from .laws import Contract, Law, law, refusing, serving, stated
 
 _STEPS, _DT, _SPEED, _SLOTS = 10, 0.5, 0.5, 4
 _PLACES = ((2.5, 0.03), (2.0, -2.5))
@@ -37,7 +36,8 @@ _SAME_COST, _SAME_STATE = 1e-5, 1e-3
 """Relative difference of costs, and difference of states, of two solves of one problem."""
 
 
-def check_solver(solver: Solver) -> None:
+@Contract
+def check_solver(solver: Solver) -> Iterator[Law]:
     """Check the laws of a solver.
 
     It returns one solution per guess, in order, the same bytes each time. What it calls solved
@@ -52,32 +52,7 @@ def check_solver(solver: Solver) -> None:
     ------
     AssertionError : names every law that does not hold, and where.
     """
-    require(laws(solver))
-
-
-def laws(solver: Solver) -> tuple[Law, ...]:
-    """Return the laws of a solver."""
-
-    def law(name: str, check: Callable[["_Trial"], None]) -> Law:
-        return Law(name, lambda: check(_Trial(solver)))
-
-    return (
-        law("one solution per guess, in order", _Trial.check_order),
-        law("solved keeps every constraint", _Trial.check_feasible),
-        law("no dearer than a feasible guess", _Trial.check_improves),
-        law("the cost is that of the point", _Trial.check_cost),
-        law("same input, same bytes", _Trial.check_repeats),
-        law("a deadline that has passed is the status", _Trial.check_deadline),
-        law("no number makes it raise", _Trial.check_numbers),
-        law("regions that nothing keeps are not solved", _Trial.check_infeasible),
-        law("no slots", _Trial.check_empty),
-        law("unused slots change nothing", _Trial.check_unused),
-        law("the order of the obstacles changes nothing", _Trial.check_permuted),
-        law("a full turn of the heading changes nothing", _Trial.check_turned),
-        law("soft regions", _Trial.check_soft),
-        law("the level keeps its bound", _Trial.check_level),
-        law("refuses what does not fit", _Trial.check_refuses),
-    )
+    return stated(_Trial, solver, lambda: [_Trial(solver)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,68 +137,69 @@ class _Trial:
 
     solver: Solver
 
+    @law("one solution per guess, in order")
     def check_order(self) -> None:
         own = _instance()
         together = self._solve(own.problem, own.parameters, own.guesses)
-        self._demand(
-            len(self._solve(own.problem, own.parameters, ())) == 0, "no guess, no solution"
-        )
+        self._solve(own.problem, own.parameters, ())
         for number, guess in enumerate(own.guesses):
             (alone,) = self._solve(own.problem, own.parameters, [guess])
             apart = np.abs(alone.point.states - together[number].point.states).max()
-            self._demand(
-                apart <= _SAME_STATE,
-                f"solution {number} is {apart:.2g} from that of its guess alone",
+            assert apart <= _SAME_STATE, (
+                f"solution {number} is {apart:.2g} from that of its guess alone"
             )
-        sides = [one.point.states[:, 1] for one in together[:2]]
-        apart = np.abs(sides[0] - sides[1]).max()
-        self._demand(apart > 0.1, f"guesses on two sides end within {apart:.2g} m of each other")
+        left, right = (found.point.states[:, 1] for found in together[:2])
+        apart = np.abs(left - right).max()
+        assert apart > 0.1, f"guesses on two sides end within {apart:.2g} m of each other"
 
+    @law("solved keeps every constraint")
     def check_feasible(self) -> None:
         for own in (_instance(), _instance(0)):
             for number, found in enumerate(self._solved(own)):
                 broken = violation(own.problem, own.parameters, found.point).worst
-                self._demand(
-                    broken <= _KEPT, f"guess {number} ends solved with a violation of {broken:.2g}"
+                assert broken <= _KEPT, (
+                    f"guess {number} ends solved with a violation of {broken:.2g}"
                 )
 
+    @law("no dearer than a feasible guess")
     def check_improves(self) -> None:
         own = _instance()
         known = price(own.problem, own.parameters, own.brake)
         begin = violation(own.problem, own.parameters, own.brake).worst
         assert begin <= _KEPT, f"the guess itself is off by {begin:.2g}"
-        found = self._solved(own)[-1]
-        self._demand(
-            found.cost <= known * (1.0 + _SAME_COST),
-            f"the plan costs {found.cost:.6g} and the guess {known:.6g}",
-        )
+        cost = self._solved(own)[-1].cost
+        dearest = known * (1.0 + _SAME_COST)
+        assert cost <= dearest, f"the plan costs {cost:.6g} and the guess {known:.6g}"
 
+    @law("the cost is that of the point")
     def check_cost(self) -> None:
         own = _instance()
         for found in self._solved(own):
             known = price(own.problem, own.parameters, found.point)
-            self._close(found.cost, known, "the cost says {0:.9g}, the point costs {1:.9g}")
+            assert _close(found.cost, known), (
+                f"the cost says {found.cost:.9g}, the point costs {known:.9g}"
+            )
 
+    @law("same input, same bytes")
     def check_repeats(self) -> None:
         own = _instance()
         first, second = (self._solve(own.problem, own.parameters, own.guesses) for _ in range(2))
-        for number, (one, other) in enumerate(zip(first, second, strict=True)):
-            same = _bytes(one) == _bytes(other) and one.status is other.status
-            self._demand(same, f"guess {number} ends otherwise the second time")
+        for number, (before, after) in enumerate(zip(first, second, strict=True)):
+            same = _bytes(before) == _bytes(after) and before.status is after.status
+            assert same, f"guess {number} ends otherwise the second time"
 
+    @law("a deadline that has passed is the status")
     def check_deadline(self) -> None:
         own = _instance()
-        late = self._solve(own.problem, own.parameters, own.guesses, 0.0)
-        for found in late:
-            self._demand(
-                found.status is Status.DEADLINE, f"0 s are over, and it is {found.status}"
-            )
-        self._demand(len(late) == len(own.guesses), "one solution per guess, late or not")
+        for found in self._solve(own.problem, own.parameters, own.guesses, 0.0):
+            late = found.status is Status.DEADLINE
+            assert late, f"0 s are over, and it is {found.status}"
         early = self._solve(own.problem, own.parameters, own.guesses, 3600.0)
         known = self._solve(own.problem, own.parameters, own.guesses)
-        same = [_bytes(one) == _bytes(other) for one, other in zip(early, known, strict=True)]
-        self._demand(all(same), "a deadline that is far away changes the plan")
+        same = list(map(_bytes, early)) == list(map(_bytes, known))
+        assert same, "a deadline that is far away changes the plan"
 
+    @law("no number makes it raise")
     def check_numbers(self) -> None:
         own = _instance()
         problem, given, guess = own.problem, own.parameters, own.guesses[0]
@@ -238,27 +214,25 @@ class _Trial:
             "a reference far away": (replace(given, reference=given.reference + 1e4), guess),
         }
         for name, (parameters, start) in trials.items():
-            try:
+            with serving(f"{name} never raises"):
                 (found,) = self._solve(problem, parameters, [start])
-            except Exception as error:
-                raise AssertionError(f"{name} raises {type(error).__name__}: {error}") from error
             if found.status is Status.SOLVED:
                 broken = violation(problem, parameters, found.point).worst
-                self._demand(broken <= _KEPT, f"{name} ends solved, and it is off by {broken:.2g}")
+                assert broken <= _KEPT, f"{name} ends solved, and it is off by {broken:.2g}"
 
+    @law("regions that nothing keeps are not solved")
     def check_infeasible(self) -> None:
         own = _instance()
         for found in self._solve(own.problem, _blocked(own.parameters), own.guesses):
-            self._demand(
-                found.status is not Status.SOLVED,
-                "an obstacle stands on the robot, its region is hard, and it says solved",
+            assert found.status is not Status.SOLVED, (
+                "an obstacle stands on the robot, its region is hard, and it says solved"
             )
 
+    @law("no slots")
     def check_empty(self) -> None:
-        own = _instance(0)
-        for found in self._solve(own.problem, own.parameters, own.guesses):
-            self._demand(found.status is Status.SOLVED, f"without slots it ends {found.status}")
+        self._solved(_instance(0))
 
+    @law("unused slots change nothing")
     def check_unused(self) -> None:
         own, rng = _instance(), np.random.default_rng(0)
         regions, level = own.numbers.parameters.copy(), own.level.copy()
@@ -268,6 +242,7 @@ class _Trial:
         other = _with_slots(own.parameters, parameters=regions, level=level)
         self._same(own, other, own.guesses, "other numbers in unused slots", 1e-9)
 
+    @law("the order of the obstacles changes nothing")
     def check_permuted(self) -> None:
         own, order = _instance(), [3, 1, 2, 0]
         given = own.numbers
@@ -279,74 +254,62 @@ class _Trial:
             auxiliaries=given.auxiliaries[:, order],
         )
         guesses = [
-            replace(one, auxiliaries=(one.auxiliaries[0][:, order],)) for one in own.guesses
+            replace(guess, auxiliaries=(guess.auxiliaries[0][:, order],)) for guess in own.guesses
         ]
         self._same(own, other, guesses, "another order of the obstacles", _SAME_STATE)
 
+    @law("a full turn of the heading changes nothing")
     def check_turned(self) -> None:
         own = _instance()
-        heading = own.problem.heading
-        assert heading is not None
-        turned = []
-        for guess in own.guesses:
-            states = guess.states.copy()
-            states[:, heading] += 2.0 * np.pi
-            turned.append(replace(guess, states=states))
+        turn = np.zeros(own.problem.states)
+        turn[own.problem.heading] = 2.0 * np.pi
+        turned = [replace(guess, states=guess.states + turn) for guess in own.guesses]
         self._same(own, own.parameters, turned, "a guess turned by 2 pi", _SAME_STATE)
 
+    @law("soft regions")
     def check_soft(self) -> None:
         price_of_slack = 1e4
         hard, soft = _instance(), _instance(penalty=price_of_slack)
         (kept,), (found,) = (
-            self._solve(one.problem, one.parameters, [one.guesses[0]]) for one in (hard, soft)
+            self._solve(own.problem, own.parameters, own.guesses[:1]) for own in (hard, soft)
         )
-        self._demand(found.status is Status.SOLVED, f"regions that can be kept end {found.status}")
+        assert found.status is Status.SOLVED, f"regions that can be kept end {found.status}"
         # the slack of solvers that relax bounds falls to -1e-8 each
         gain = _STEPS * 2e-8 * price_of_slack
-        self._demand(
-            abs(found.cost - kept.cost) <= gain + 1e-4 * (1.0 + abs(kept.cost)),
-            f"soft regions cost {found.cost:.6g}, hard ones {kept.cost:.6g}",
+        assert abs(found.cost - kept.cost) <= gain + 1e-4 * (1.0 + abs(kept.cost)), (
+            f"soft regions cost {found.cost:.6g}, hard ones {kept.cost:.6g}"
         )
         blocked = _blocked(soft.parameters)
-        (paid,) = self._solve(soft.problem, blocked, [soft.guesses[0]])
+        (paid,) = self._solve(soft.problem, blocked, soft.guesses[:1])
         broken = violation(soft.problem, blocked, paid.point)
-        self._demand(paid.status is Status.SOLVED, f"paying for a region ends {paid.status}")
-        self._demand(
-            broken.motion.max() <= _KEPT,
-            f"a soft region breaks the motion: {broken.motion.max():.2g}",
-        )
-        self._demand(
-            paid.cost >= 0.5 * price_of_slack * broken.total,
-            f"regions are entered by {broken.total:.2g} in all, at a cost of {paid.cost:.3g}",
+        worst = broken.motion.max()
+        assert paid.status is Status.SOLVED, f"paying for a region ends {paid.status}"
+        assert worst <= _KEPT, f"a soft region breaks the motion: {worst:.2g}"
+        assert paid.cost >= 0.5 * price_of_slack * broken.total, (
+            f"regions are entered by {broken.total:.2g} in all, at a cost of {paid.cost:.3g}"
         )
 
+    @law("the level keeps its bound")
     def check_level(self) -> None:
         own = _instance()
         for found in self._solve(own.problem, own.parameters, own.guesses):
-            low = found.point.level < own.problem.minimum - _KEPT
-            self._demand(not low, f"the level is {found.point.level:.4g}, below its minimum")
-            self._demand(np.isfinite(found.point.level), "a shared level is a number")
-        none = _instance(0)
-        for found in self._solve(none.problem, none.parameters, none.guesses):
-            self._demand(np.isnan(found.point.level), "a level that no obstacle shares is NaN")
+            level = found.point.level
+            assert np.isfinite(level), "a shared level is a number"
+            kept = level >= own.problem.minimum - _KEPT
+            assert kept, f"the level is {level:.4g}, below its minimum"
+        bare = _instance(0)
+        for found in self._solve(bare.problem, bare.parameters, bare.guesses):
+            assert np.isnan(found.point.level), "a level that no obstacle shares is NaN"
 
+    @law("refuses what does not fit")
     def check_refuses(self) -> None:
         own = _instance()
         short = replace(own.brake, states=own.brake.states[:-1], inputs=own.brake.inputs[:-1])
         fewer = _with_slots(own.parameters, parameters=own.numbers.parameters[:, :2])
-        for name, parameters, guess in (
-            ("a guess of fewer steps", own.parameters, short),
-            ("parameters of fewer slots", fewer, own.brake),
-        ):
-            try:
-                self._solve(own.problem, parameters, [guess])
-            except WideberthError:
-                continue
-            except Exception as error:
-                raise AssertionError(
-                    f"{name} raises {type(error).__name__}, and not a WideberthError"
-                ) from error
-            self._demand(False, f"{name} has to be refused")
+        with refusing("a guess of fewer steps"):
+            self._solve(own.problem, own.parameters, [short])
+        with refusing("parameters of fewer slots"):
+            self._solve(own.problem, fewer, [own.brake])
 
     def _solve(
         self,
@@ -356,19 +319,16 @@ class _Trial:
         deadline: float | None = None,
     ) -> list[Solution]:
         found = self.solver.solve(problem, parameters, guesses, deadline)
-        self._demand(
-            len(found) == len(guesses), f"{len(guesses)} guesses and {len(found)} solutions"
-        )
+        counts = len(guesses), len(found)
+        assert counts[0] == counts[1], f"{counts[0]} guesses and {counts[1]} solutions"
         return found
 
     def _solved(self, own: _Instance) -> list[Solution]:
         """Solve an instance that is easy enough for every solver."""
         solutions = self._solve(own.problem, own.parameters, own.guesses)
         for number, found in enumerate(solutions):
-            self._demand(
-                found.status is Status.SOLVED,
-                f"guess {number} ends {found.status}: {found.message}",
-            )
+            solved = found.status is Status.SOLVED
+            assert solved, f"guess {number} ends {found.status}: {found.message}"
         return solutions
 
     def _same(
@@ -382,18 +342,16 @@ class _Trial:
         """Compare with the solutions of the instance itself."""
         known = self._solved(own)
         found = self._solve(own.problem, parameters, guesses)
-        for one, other in zip(known, found, strict=True):
-            apart = np.abs(one.point.states - other.point.states).max()
-            self._demand(apart <= tolerance, f"{what} move the plan by {apart:.2g}")
-            self._close(one.cost, other.cost, what + " change the cost from {0:.9g} to {1:.9g}")
+        for before, after in zip(known, found, strict=True):
+            apart = np.abs(before.point.states - after.point.states).max()
+            assert apart <= tolerance, f"{what} move the plan by {apart:.2g}"
+            assert _close(before.cost, after.cost), (
+                f"{what} change the cost from {before.cost:.9g} to {after.cost:.9g}"
+            )
 
-    def _close(self, one: float, other: float, law: str) -> None:
-        near = abs(one - other) <= _SAME_COST * (1.0 + abs(other))
-        self._demand(near, law.format(one, other))
 
-    def _demand(self, holds: Any, law: str) -> None:
-        if not holds:
-            raise AssertionError(law)
+def _close(cost: float, other: float) -> bool:
+    return abs(cost - other) <= _SAME_COST * (1.0 + abs(other))
 
 
 def _bytes(solution: Solution) -> bytes:

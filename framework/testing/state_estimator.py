@@ -1,17 +1,16 @@
 """The laws of `StateEstimator` as a check that any estimator can run on itself."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, is_dataclass, replace
-from functools import partial
 from math import cos, inf, nan, sin
 
 import numpy as np
 
+from ..numerics.geometry import plane_turn
 from ..state_estimator import StateEstimator
 from ..values.arrays import Array
-from ..values.errors import WideberthError
 from ..values.sensing import InertialSample, MotionEstimate, Sample, Scan, WheelSample
-from .laws import Law, require
+from .laws import Contract, Law, law, refusing, serving, stated
 
 _START = np.array([1.0, -2.0, 0.7])
 _REST, _END = 2.5, 10.0
@@ -22,7 +21,10 @@ _FIRST = 5.0
 """s on the clock at the start."""
 
 
-def check_state_estimator(estimator: StateEstimator, *, wheel_radius: float = 0.1) -> None:
+@Contract
+def check_state_estimator(
+    estimator: StateEstimator, *, wheel_radius: float = 0.1
+) -> Iterator[Law]:
     """Check every law of `wideberth.framework.state_estimator.StateEstimator`.
 
     It is fed an arc, driven without slip by wheels and an inertial unit without noise, after 2.5 s
@@ -38,24 +40,7 @@ def check_state_estimator(estimator: StateEstimator, *, wheel_radius: float = 0.
     ------
     AssertionError : names every law that does not hold.
     """
-    require(laws(estimator, wheel_radius=wheel_radius))
-
-
-def laws(estimator: StateEstimator, *, wheel_radius: float = 0.1) -> tuple[Law, ...]:
-    """Return the laws of an estimator; the arguments are those of `check_state_estimator`."""
-    drive = _Drive(estimator, wheel_radius)
-    return (
-        Law("refuses what comes before a start, and a start that is none", drive.check_unready),
-        Law("begins at the start, at rest", drive.check_start),
-        Law("follows a drive without noise", drive.check_arc),
-        Law("asking changes nothing", drive.check_asking),
-        Law("no number changes nothing", drive.check_numbers),
-        Law("nothing that is measured raises", drive.check_odd),
-        Law("a sample twice changes nothing", drive.check_twice),
-        Law("uncertainty does not shrink by itself", drive.check_growth),
-        Law("turning and shifting the start", drive.check_turned),
-        Law("same estimates after reset", drive.check_repeats),
-    )
+    return stated(_Drive, estimator, lambda: [_Drive(estimator, wheel_radius)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,14 +78,19 @@ class _Drive:
             _given(estimator, sample)
         return estimator
 
+    @law("refuses what comes before a start, and a start that is none")
     def check_unready(self) -> None:
         for pose, time in (((0.0, 0.0), 0.0), ((0.0, nan, 0.0), 0.0), ((0.0, 0.0, 0.0), inf)):
-            _check_refused(partial(self.estimator.reset, np.array(pose), time), "reset")
+            with refusing("a wrong reset"):
+                self.estimator.reset(np.array(pose), time)
         if is_dataclass(self.estimator):
             new = replace(self.estimator)
-            _check_refused(partial(new.take, self.wheels(0.0)), "take, before reset,")
-            _check_refused(partial(new.at, _FIRST), "at, before reset,")
+            with refusing("take, before reset,"):
+                new.take(self.wheels(0.0))
+            with refusing("at, before reset,"):
+                new.at(_FIRST)
 
+    @law("begins at the start, at rest")
     def check_start(self) -> None:
         found = _asked(self.started(), _FIRST)
         wanted = np.concatenate([_START, np.zeros(3)])
@@ -109,6 +99,7 @@ class _Drive:
         )
         assert found.time == _FIRST and found.frame, f"its time is {found.time}, not {_FIRST}"
 
+    @law("follows a drive without noise")
     def check_arc(self) -> None:
         found = _asked(self.driven(), _FIRST + _END)
         pose, way = _arc(_END)
@@ -119,6 +110,7 @@ class _Drive:
         speeds = np.abs(found.mean[3:] - (_SPEED, 0.0, _RATE)).max()
         assert speeds < 0.03, f"its speeds are {speeds:.3f} off; wanted below 0.03"
 
+    @law("asking changes nothing")
     def check_asking(self) -> None:
         silent = [_asked(self.driven(end=t), _FIRST + t) for t in (4.0, 5.0)]
         estimator, asked = self.started(), []
@@ -133,6 +125,7 @@ class _Drive:
         for one, other in zip(silent, asked, strict=True):
             _same(one, other, "asked in between")
 
+    @law("no number changes nothing")
     def check_numbers(self) -> None:
         silent = _asked(self.driven(end=4.0), _FIRST + 4.0)
         estimator = self.started()
@@ -142,6 +135,7 @@ class _Drive:
                 assert _given(estimator, broken), f"no reason for leaving out {broken}"
         _same(silent, _asked(estimator, _FIRST + 4.0), "given numbers that are none")
 
+    @law("nothing that is measured raises")
     def check_odd(self) -> None:
         """Feed what a clock, a cable or a wrong configuration may send."""
         estimator = self.driven()
@@ -172,6 +166,7 @@ class _Drive:
             for time in (now, _time(sample)):
                 _asked(estimator, time)
 
+    @law("a sample twice changes nothing")
     def check_twice(self) -> None:
         once = _asked(self.driven(end=4.0), _FIRST + 4.0)
         estimator = self.started()
@@ -180,6 +175,7 @@ class _Drive:
             assert _given(estimator, sample), "the same sample again is used without a word"
         _same(once, _asked(estimator, _FIRST + 4.0), "given every sample twice")
 
+    @law("uncertainty does not shrink by itself")
     def check_growth(self) -> None:
         estimator = self.driven()
         size = [
@@ -188,11 +184,12 @@ class _Drive:
         ]
         assert size[0] <= size[1] <= size[2], f"variance of the position over 0.4 s: {size}, m^2"
 
+    @law("turning and shifting the start")
     def check_turned(self) -> None:
         here = _asked(self.driven(), _FIRST + _END)
         turn, shift = 1.1, np.array([-3.0, 8.0])
         matrix = np.eye(6)
-        matrix[:2, :2] = [[cos(turn), -sin(turn)], [sin(turn), cos(turn)]]
+        matrix[:2, :2] = plane_turn(turn)
         start = np.array([*(matrix[:2, :2] @ _START[:2] + shift), _START[2] + turn])
         there = _asked(self.driven(start), _FIRST + _END)
         wanted = matrix @ here.mean + np.array([*shift, turn, 0.0, 0.0, 0.0])
@@ -203,6 +200,7 @@ class _Drive:
         error = np.abs(there.covariance - spread).max() / np.abs(spread).max()
         assert error < 0.01, f"the covariance does not turn with the start: {error:.3g} of it"
 
+    @law("same estimates after reset")
     def check_repeats(self) -> None:
         first = _asked(self.driven(), _FIRST + _END)
         self.check_odd()
@@ -232,38 +230,21 @@ def _broken(time: float) -> Iterator[Sample]:
     yield InertialSample("unit", inf, 0.0, np.zeros(2))
 
 
-def _check_refused(use: Callable[[], object], what: str) -> None:
-    try:
-        use()
-    except WideberthError:
-        return
-    raise AssertionError(f"{what} accepts wrong use; wanted a WideberthError")
-
-
 def _time(sample: Sample) -> float:
     return sample.stamp if isinstance(sample, Scan) else sample.time
 
 
 def _given(estimator: StateEstimator, sample: Sample) -> str:
-    try:
+    with serving("take never raises", f"; wanted a reason, for {sample}"):
         reason = estimator.take(sample)
-    except Exception as error:
-        raise AssertionError(
-            f"take raised {type(error).__name__}: {error}; wanted a reason, for {sample}"
-        ) from error
     assert isinstance(reason, str), f"take returned {reason!r}; wanted a reason, or ''"
     return reason
 
 
 def _asked(estimator: StateEstimator, time: float) -> MotionEstimate:
-    try:
+    with serving(f"at({time}) never raises", "; wanted an estimate with a covariance"):
         found = estimator.at(time)
         return MotionEstimate(found.time, found.mean, found.covariance, found.frame)
-    except Exception as error:
-        raise AssertionError(
-            f"at({time}) raised {type(error).__name__}: {error}; wanted an estimate with a "
-            "covariance"
-        ) from error
 
 
 def _same(one: MotionEstimate, other: MotionEstimate, what: str) -> None:

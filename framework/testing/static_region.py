@@ -1,8 +1,8 @@
 """The contract of a StaticRegion, checked on random convex polygons and bodies."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -11,7 +11,7 @@ from ..static_region import StaticRegion
 from ..values.arrays import Array
 from ..values.motion import Pose
 from ..values.polygon import best_direction
-from .laws import Law, each, require
+from .laws import Contract, Law, law, stated
 
 _NEAR = 1e-6
 """m. Bodies closer to touching than this may count as either."""
@@ -30,7 +30,10 @@ Function: TypeAlias = Any
 """A compiled `casadi.Function`."""
 
 
-def check_static_region(region: StaticRegion, *, rng: np.random.Generator | None = None) -> None:
+@Contract
+def check_static_region(
+    region: StaticRegion, *, rng: np.random.Generator | None = None
+) -> Iterator[Law]:
     """Check the laws of a static region.
 
     Random convex polygons of 3 to 8 vertices, a point and bodies with corners at random
@@ -45,26 +48,14 @@ def check_static_region(region: StaticRegion, *, rng: np.random.Generator | None
     ------
     AssertionError : names every law that does not hold, and where.
     """
-    require(laws(region, rng=rng))
-
-
-def laws(region: StaticRegion, *, rng: np.random.Generator | None = None) -> tuple[Law, ...]:
-    """Return the laws of a static region; the arguments are those of `check_static_region`."""
-    drawn, moved = (np.random.default_rng(0) if rng is None else rng).spawn(2)
+    generator = np.random.default_rng(0) if rng is None else rng
+    drawn = generator.spawn(1)[0]
 
     @cache
     def cases() -> list[_Case]:
         return [case for outline in _BODIES for case in _cases(region, outline, drawn)]
 
-    def law(name: str, check: Callable[[_Case], None]) -> Law:
-        return Law(name, each(check, cases))
-
-    return (
-        law("counts, shapes and bounds", _Case.check_numbers),
-        law("holds exactly where the body is clear", _Case.check_sides),
-        law("no auxiliary proves too much", partial(_Case.check_others, rng=moved)),
-        law("slope at the boundary", _Case.check_slope),
-    )
+    return stated(_Case, region, cases, generator)
 
 
 def _compiled(region: StaticRegion, outline: tuple[tuple[float, float], ...]) -> Function:
@@ -130,6 +121,7 @@ class _Case:
         slopes = np.stack([east[least, each], north[least, each]], axis=-1)
         return free.min(axis=0), tied, slopes
 
+    @law("counts, shapes and bounds")
     def check_numbers(self) -> None:
         """Check counts, shapes and bounds."""
         region, count = self.region, max(len(self.outline), 1)
@@ -144,6 +136,7 @@ class _Case:
         if (start < declared.lower).any() or (start > declared.upper).any():
             raise self.fail("auxiliary_start must keep the bounds of the auxiliaries")
 
+    @law("holds exactly where the body is clear")
     def check_sides(self) -> None:
         """Check equalities, and that the constraint holds exactly where the body is clear."""
         values, ties, _ = self.state(self.places)
@@ -155,6 +148,7 @@ class _Case:
             where = self.places[wrong][0].tolist()
             raise self.fail(f"the constraint and the true clearance differ at {where}")
 
+    @law("no auxiliary proves too much")
     def check_others(self, rng: np.random.Generator) -> None:
         """Check that auxiliaries of other positions, same heading, prove nothing false."""
         moved = self.places + rng.normal(0.0, 1.0, self.places.shape)
@@ -163,6 +157,7 @@ class _Case:
         if ((other >= 0.0) & (free < -_NEAR)).any():
             raise self.fail("auxiliaries that are not the best must not prove more than they do")
 
+    @law("slope at the boundary")
     def check_slope(self) -> None:
         """Check that the slope where a body touches the margin leads away from the polygon."""
         places = self.places.copy()

@@ -1,26 +1,23 @@
 """The laws of `Tracker`, as a check that any tracker can be put through."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import partial
-from typing import TypeAlias
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..numerics.geometry import plane_turn
 from ..tracker import Tracker
-from ..values.arrays import Array
 from ..values.sensing import Sightings, TrackedObstacle
-from .laws import Law, require
+from .laws import Contract, Law, law, stated
 
 SCANS, STEP, WALKERS = 40, 0.1, 3
 """Scans that a tracker is shown, s between them, and how many walk."""
-IntArray: TypeAlias = NDArray[np.int64]
 NEAR = 1e-6
 """m and m/s. States are the same to this."""
 
 
-def check_tracker(tracker: Tracker, *, rng: np.random.Generator | None = None) -> None:
+@Contract
+def check_tracker(tracker: Tracker, *, rng: np.random.Generator | None = None) -> Iterator[Law]:
     """Hold a tracker to its laws, on walkers that are now and then not seen.
 
     The laws: every walker is followed, under identities that differ, with finite states and
@@ -44,29 +41,128 @@ def check_tracker(tracker: Tracker, *, rng: np.random.Generator | None = None) -
     >>> from wideberth.perception.tracking import Nearest
     >>> check_tracker(Nearest())
     """
-    require(laws(tracker, rng=rng))
-
-
-def laws(tracker: Tracker, *, rng: np.random.Generator | None = None) -> tuple[Law, ...]:
-    """Return the laws of a tracker; the arguments are those of `check_tracker`."""
     generator = np.random.default_rng(0) if rng is None else rng
-    run = _walk(generator)
-    order = [generator.permutation(len(one.positions)) for one in run]
-    angle, shift = generator.uniform(-3.0, 3.0), generator.uniform(-50.0, 50.0, 2)
-    checks: dict[str, Callable[[Tracker], None]] = {
-        "walkers are followed": partial(_check_followed, run=run),
-        "asking changes nothing": partial(_check_asking, run=run),
-        "late sightings": partial(_check_late, run=run),
-        "clock": partial(_check_clock, run=run),
-        "end": partial(_check_end, run=run),
-        "order within a scan": partial(_check_order, run=run, order=order),
-        "turning and shifting": partial(_check_moved, run=run, angle=angle, shift=shift),
-        "reset": partial(_check_reset, run=run),
-    }
-    return tuple(Law(name, partial(check, tracker)) for name, check in checks.items())
+    walk = _Walk(tracker, _sightings(generator))
+    return stated(_Walk, tracker, lambda: [walk], generator)
 
 
-def _walk(rng: np.random.Generator) -> list[Sightings]:
+@dataclass(frozen=True, eq=False)
+class _Walk:
+    """A tracker, and sightings of walkers."""
+
+    tracker: Tracker
+    run: list[Sightings]
+
+    @property
+    def end(self) -> float:
+        """Time of the last scan, s."""
+        return self.run[-1].time
+
+    def shown(self, run: Sequence[Sightings]) -> tuple[TrackedObstacle, ...]:
+        """Return the tracks after a reset and a run."""
+        self.tracker.reset()
+        for seen in run:
+            self.tracker.update(seen)
+        return self.tracker.at(run[-1].time)
+
+    @law("walkers are followed")
+    def check_followed(self) -> None:
+        self.tracker.reset()
+        for seen in self.run:
+            note = self.tracker.update(seen)
+            assert not note, f"a sound scan gave the note {note!r}"
+        now = self.end + 0.05
+        found = self.tracker.at(now)
+        names = [track.ident for track in found]
+        assert len(set(names)) == len(names) == WALKERS, (
+            f"{WALKERS} walkers are tracked as {names}"
+        )
+        for track in found:
+            assert track.time == now, f"the state is of {track.time} s; asked for {now} s"
+            assert 0.0 < now - track.seen < 0.5, f"seen is {track.seen} s at {now} s"
+            increasing = (np.diff(track.times) > 0.0).all()
+            assert increasing, "the instants of the measurements do not increase"
+
+    @law("asking changes nothing")
+    def check_asking(self) -> None:
+        self.tracker.reset()
+        before = self.tracker.at(self.run[0].time)
+        assert not before, "at knew obstacles before anything was seen"
+        once = self.shown(self.run)
+        for time in (self.end + 100.0, self.run[0].time, self.end):
+            again = self.tracker.at(time)
+        assert _same(once, again), "at changed the tracks"
+
+    @law("late sightings")
+    def check_late(self) -> None:
+        once, last = self.shown(self.run), self.run[-1]
+        cases = {
+            "late": replace(last, time=self.end - 0.5 * STEP, times=last.times - 0.5 * STEP),
+            "the last, again": last,
+            "without instant": _nothing(np.nan),
+            "of 1e300 s": replace(last, time=1e300, times=np.full(len(last.times), 1e300)),
+        }
+        for name, seen in cases.items():
+            note = self.tracker.update(seen)
+            assert note, f"sightings that are {name} were used without a word"
+        assert _same(once, self.tracker.at(self.end)), "late sightings changed the tracks"
+
+    @law("clock")
+    def check_clock(self) -> None:
+        self.shown([replace(seen, time=seen.time + 1e4, times=seen.times + 1e4)
+                    for seen in self.run])  # fmt: skip
+        first, *later = [self.tracker.update(seen) for seen in self.run]
+        noted = first and not any(later)
+        assert noted, f"a clock set back by 10000 s gave the notes {[first, *later[:2]]}"
+        followed = len(self.tracker.at(self.end)) == WALKERS
+        assert followed, "after the clock was set back obstacles are no longer followed"
+
+    @law("end")
+    def check_end(self) -> None:
+        self.shown(self.run)
+        for number in range(100):
+            self.tracker.update(_nothing(self.end + STEP * (number + 1)))
+        left = len(self.tracker.at(self.end + 10.0))
+        assert not left, f"{left} tracks are left after 10 s in which nothing was seen"
+
+    @law("order within a scan")
+    def check_order(self, rng: np.random.Generator) -> None:
+        mixed = []
+        for seen in self.run:
+            rows = rng.permutation(len(seen.positions))
+            names = ("positions", "covariance", "radius", "times")
+            mixed.append(replace(seen, **{name: vars(seen)[name][rows] for name in names}))
+        same = _same(self.shown(self.run), self.shown(mixed))
+        assert same, "the order of the sightings within a scan changed the tracks"
+
+    @law("turning and shifting")
+    def check_moved(self, rng: np.random.Generator) -> None:
+        angle, shift = rng.uniform(-3.0, 3.0), rng.uniform(-50.0, 50.0, 2)
+        turn = plane_turn(angle)
+        moved = [
+            replace(
+                seen,
+                positions=seen.positions @ turn.T + shift,
+                covariance=turn @ seen.covariance @ turn.T,
+            )
+            for seen in self.run
+        ]
+        both = np.kron(np.eye(2), turn)
+        wanted = [both @ track.state for track in self.shown(self.run)]
+        for track in self.shown(moved):
+            state = track.state - np.concatenate([shift, np.zeros(2)])
+            off = min((float(np.abs(other - state).max()) for other in wanted), default=np.inf)
+            assert off <= NEAR, (
+                f"turned by {angle:.3g} rad and shifted, a track is off by {off:.3g}"
+            )
+
+    @law("reset")
+    def check_reset(self) -> None:
+        same = _same(self.shown(self.run), self.shown(self.run))
+        assert same, "after reset the same scans gave something else"
+
+
+def _sightings(rng: np.random.Generator) -> list[Sightings]:
     """Return sightings of walkers that stay apart; a tenth are missing after the first ten."""
     start = 6.0 * np.arange(WALKERS)[:, None] * [1.0, 0.3] + rng.uniform(-0.5, 0.5, (WALKERS, 2))
     turn = rng.uniform(-np.pi, np.pi, WALKERS)
@@ -83,126 +179,17 @@ def _walk(rng: np.random.Generator) -> list[Sightings]:
     return run
 
 
-def _shown(tracker: Tracker, run: Sequence[Sightings]) -> tuple[TrackedObstacle, ...]:
-    """Return the tracks after a run."""
-    tracker.reset()
-    for one in run:
-        tracker.update(one)
-    return tracker.at(run[-1].time)
+def _nothing(time: float) -> Sightings:
+    """Return a scan in which nothing was seen."""
+    return Sightings(time, np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0))
 
 
-def _same(one: Sequence[TrackedObstacle], other: Sequence[TrackedObstacle]) -> bool:
-    """Tell whether two answers are the same, to the bit."""
-    return len(one) == len(other) and all(
-        a.ident == b.ident
-        and a.radius == b.radius
+def _same(first: Sequence[TrackedObstacle], second: Sequence[TrackedObstacle]) -> bool:
+    """Whether two answers are the same, to the bit."""
+    return len(first) == len(second) and all(
+        (a.ident, a.radius) == (b.ident, b.radius)
         and np.array_equal(a.state, b.state)
         and np.array_equal(a.covariance, b.covariance)
         and np.array_equal(a.measured, b.measured)
-        for a, b in zip(one, other, strict=True)
+        for a, b in zip(first, second, strict=True)
     )
-
-
-def _check_followed(tracker: Tracker, run: Sequence[Sightings]) -> None:
-    tracker.reset()
-    for one in run:
-        if note := tracker.update(one):
-            raise AssertionError(f"a sound scan gave the note {note!r}")
-    now = run[-1].time + 0.05
-    found = tracker.at(now)
-    if len({one.ident for one in found}) != WALKERS or len(found) != WALKERS:
-        names = [one.ident for one in found]
-        raise AssertionError(f"{WALKERS} walkers are tracked as {names}")
-    for track in found:
-        if track.time != now:
-            raise AssertionError(f"the state is of {track.time} s; asked for {now} s")
-        if not 0.0 < now - track.seen < 0.5:
-            raise AssertionError(f"seen is {track.seen} s at {now} s")
-        if (np.diff(track.times) <= 0.0).any():
-            raise AssertionError("the instants of the measurements do not increase")
-
-
-def _check_asking(tracker: Tracker, run: Sequence[Sightings]) -> None:
-    tracker.reset()
-    if tracker.at(run[0].time):
-        raise AssertionError("at knew obstacles before anything was seen")
-    once = _shown(tracker, run)
-    for time in (run[-1].time + 100.0, run[0].time, run[-1].time):
-        again = tracker.at(time)
-    if not _same(once, again):
-        raise AssertionError("at changed the tracks")
-
-
-def _check_late(tracker: Tracker, run: Sequence[Sightings]) -> None:
-    once = _shown(tracker, run)
-    late = replace(run[-1], time=run[-1].time - 0.5 * STEP, times=run[-1].times - 0.5 * STEP)
-    absurd = replace(run[-1], time=1e300, times=np.full(len(run[-1].times), 1e300))
-    empty = Sightings(np.nan, np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0))
-    for name, one in (("late", late), ("the last, again", run[-1]), ("without instant", empty),
-                      ("of 1e300 s", absurd)):  # fmt: skip
-        if not tracker.update(one):
-            raise AssertionError(f"sightings that are {name} were used without a word")
-    if not _same(once, tracker.at(run[-1].time)):
-        raise AssertionError("sightings that came late changed the tracks")
-
-
-def _check_clock(tracker: Tracker, run: Sequence[Sightings]) -> None:
-    later = [replace(one, time=one.time + 1e4, times=one.times + 1e4) for one in run]
-    _shown(tracker, later)
-    notes = [tracker.update(one) for one in run]
-    if not notes[0] or any(notes[1:]):
-        raise AssertionError(f"a clock set back by 10000 s gave the notes {notes[:3]}")
-    if len(tracker.at(run[-1].time)) != WALKERS:
-        raise AssertionError("after the clock was set back obstacles are no longer followed")
-
-
-def _check_end(tracker: Tracker, run: Sequence[Sightings]) -> None:
-    _shown(tracker, run)
-    nothing = Sightings(0.0, np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0))
-    now = run[-1].time
-    for number in range(100):
-        tracker.update(replace(nothing, time=now + STEP * (number + 1)))
-    if left := tracker.at(now + 10.0):
-        raise AssertionError(f"{len(left)} tracks are left after 10 s in which nothing was seen")
-
-
-def _check_order(tracker: Tracker, run: Sequence[Sightings], order: Sequence[IntArray]) -> None:
-    mixed = [
-        replace(
-            one,
-            positions=one.positions[rows],
-            covariance=one.covariance[rows],
-            radius=one.radius[rows],
-            times=one.times[rows],
-        )
-        for one, rows in zip(run, order, strict=True)
-    ]
-    if not _same(_shown(tracker, run), _shown(tracker, mixed)):
-        raise AssertionError("the order of the sightings within a scan changed the tracks")
-
-
-def _check_moved(tracker: Tracker, run: Sequence[Sightings], angle: float, shift: Array) -> None:
-    cosine, sine = np.cos(angle), np.sin(angle)
-    turn = np.array([[cosine, -sine], [sine, cosine]])
-    moved = [
-        replace(
-            one,
-            positions=one.positions @ turn.T + shift,
-            covariance=turn @ one.covariance @ turn.T,
-        )
-        for one in run
-    ]
-    both = np.kron(np.eye(2), turn)
-    wanted = [both @ one.state for one in _shown(tracker, run)]
-    for one in _shown(tracker, moved):
-        state = one.state - np.concatenate([shift, np.zeros(2)])
-        off = min((float(np.abs(other - state).max()) for other in wanted), default=np.inf)
-        if off > NEAR:
-            raise AssertionError(
-                f"turned by {angle:.3g} rad and shifted, a track is off by {off:.3g}"
-            )
-
-
-def _check_reset(tracker: Tracker, run: Sequence[Sightings]) -> None:
-    if not _same(_shown(tracker, run), _shown(tracker, run)):
-        raise AssertionError("after reset the same scans gave something else")

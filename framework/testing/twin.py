@@ -1,6 +1,6 @@
 """The symbolic constraint of a region as a function of numbers."""
 
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
@@ -9,13 +9,16 @@ from ..region import Region
 from ..values.arrays import Array
 from ..values.motion import Pose
 
+Twinned: TypeAlias = tuple[Array, Array, Array]
+"""Smallest inequality, its gradient, largest |equality|, per point."""
+
 
 class Twin(Protocol):
     """Evaluates a constraint: smallest inequality, its gradient, largest |equality|."""
 
     def __call__(
         self, points: Array, numbers: Array, at: float, auxiliaries: Array | None = None
-    ) -> tuple[Array, Array, Array]:
+    ) -> Twinned:
         """Evaluate one region at points; with the best auxiliaries unless some are given."""
         ...
 
@@ -37,7 +40,7 @@ def compile_twin(region: Region, size: int) -> Twin:
 
     def evaluate(
         points: Array, numbers: Array, at: float, auxiliaries: Array | None = None
-    ) -> tuple[Array, Array, Array]:
+    ) -> Twinned:
         start = auxiliaries
         if start is None:
             start = region.auxiliary_start(Pose.of(points), numbers, np.asarray(at))

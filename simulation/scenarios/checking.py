@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...framework.plugins.config import describe
-from ...framework.testing.laws import Law, each, require
+from ...framework.testing.laws import Contract, Law, each
 from ...framework.values.arrays import Array
 from ..engine.agents import Bystander, CrowdMember, ReplayAgent, RobotAgent
 from .base import Cast, Placement, Scenario
@@ -18,13 +18,14 @@ CLOSE = 1e-9
 """m by which bodies may overlap in rounding."""
 
 
+@Contract
 def check_scenario(
     scenario: Scenario,
     seeds: Iterable[int] = range(8),
     *,
     robot_radius: float | None = None,
     varied: bool = True,
-) -> None:
+) -> tuple[Law, ...]:
     """Check every law of `wideberth.simulation.scenarios.base.Scenario`.
 
     The same seed gives the same cast, and the same generator state the same parts of it; other
@@ -44,17 +45,6 @@ def check_scenario(
     ------
     AssertionError : names every law that does not hold, and the seed.
     """
-    require(laws(scenario, seeds, robot_radius=robot_radius, varied=varied))
-
-
-def laws(
-    scenario: Scenario,
-    seeds: Iterable[int] = range(8),
-    *,
-    robot_radius: float | None = None,
-    varied: bool = True,
-) -> tuple[Law, ...]:
-    """Return the laws of a scenario; the arguments are those of `check_scenario`."""
     radius = scenario.robot_radius if robot_radius is None else robot_radius
     numbers = tuple(seeds)
 

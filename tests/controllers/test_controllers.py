@@ -13,7 +13,7 @@ from wideberth.framework.control.command_limits import attained
 from wideberth.framework.controller import Controller
 from wideberth.framework.plugins.config import build, describe
 from wideberth.framework.plugins.registry import load, names
-from wideberth.framework.testing.controller import laws
+from wideberth.framework.testing.controller import check_controller
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Detection, Observation, Pose, Twist
 from wideberth.framework.values.path import Path
@@ -59,7 +59,7 @@ CONTRACT = Contract(
         for name in REACTIVE
         for robot in ROBOTS
     },
-    laws,
+    check_controller.laws,
 )
 
 

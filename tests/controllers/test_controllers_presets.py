@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from wideberth.framework.plugins.config import build, describe
-from wideberth.framework.testing.controller import laws
+from wideberth.framework.testing.controller import check_controller
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.framework.values.path import Path
@@ -56,7 +56,7 @@ CONTRACT = Contract(
         name: partial(build, "controllers", {"type": name, "robot": "unicycle", **SHORT})
         for name in PARTS
     },
-    partial(laws, cycles=2),
+    partial(check_controller.laws, cycles=2),
 )
 
 

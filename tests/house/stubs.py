@@ -17,8 +17,8 @@ HEAD = """# Written by `make types` from the table in __init__.py: change that, 
 # ruff: noqa
 # fmt: off
 """
-FRAMEWORK = ("wideberth.framework", "wideberth.framework.testing")
-FACES = ("wideberth", *FRAMEWORK, *(room.module for room in ROOMS.values()))
+OTHERS = ("wideberth.framework", "wideberth.framework.testing", "wideberth.draw")
+FACES = ("wideberth", *OTHERS, *(room.module for room in ROOMS.values()))
 CHOSEN = ("build", "load", "load_plugin")
 """Functions of the root whose result depends on names that they are given."""
 

@@ -72,7 +72,7 @@ def test_inherited_members_are_named_with_their_page() -> None:
     homes = {id(Region): "wideberth.Region"}
     (line, _) = inherited(MahalanobisEllipse, homes)
     assert line.startswith("Inherited from :py:obj:`Region <wideberth.Region>`: ")
-    assert ":py:obj:`plot <wideberth.Region.plot>`" in line and "`contains <" not in line
+    assert ":py:obj:`auxiliary <wideberth.Region.auxiliary>`" in line and "`contains <" not in line
     assert inherited(MahalanobisEllipse, {}) == [] == inherited(Polygon, homes)
 
 

@@ -9,7 +9,7 @@ import pytest
 from wideberth import Polygon, WideberthError
 from wideberth.framework.detector import Detector
 from wideberth.framework.plugins.registry import load, names
-from wideberth.framework.testing.detector import check_detector, laws
+from wideberth.framework.testing.detector import check_detector
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.sensing import Scan, Sightings
 from wideberth.perception.detection.chords import Chords
@@ -23,7 +23,9 @@ from wideberth.tests.helpers.contracts import Contract
 from wideberth.tests.oracles.ray_casting import box_corners, cast, scan_of
 
 LARGE, SMALL = (0.60, 0.45), (0.25, 0.215)
-CONTRACT = Contract.of([load("detectors", name)() for name in names("detectors")], laws)
+CONTRACT = Contract.of(
+    [load("detectors", name)() for name in names("detectors")], check_detector.laws
+)
 STANDING = np.zeros((360, 3))
 
 

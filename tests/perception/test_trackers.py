@@ -9,7 +9,7 @@ import pytest
 from wideberth import Observation, WideberthError
 from wideberth.framework.detector import Detector
 from wideberth.framework.plugins.registry import load, names
-from wideberth.framework.testing.tracker import check_tracker, laws
+from wideberth.framework.testing.tracker import check_tracker
 from wideberth.framework.tracker import Tracker
 from wideberth.framework.tracking.history import History, admitted
 from wideberth.framework.values.arrays import Array
@@ -26,7 +26,7 @@ from wideberth.tests.helpers.contracts import Contract
 from wideberth.tests.oracles.ray_casting import box_corners, scan_of
 
 KINDS = {name: load("trackers", name) for name in names("trackers")}
-CONTRACT = Contract(KINDS, laws)
+CONTRACT = Contract(KINDS, check_tracker.laws)
 
 
 @pytest.mark.parametrize(("tracker", "law"), CONTRACT.cases())

@@ -8,7 +8,7 @@ from scipy.stats import chi2
 
 from wideberth.framework.plugins.registry import load
 from wideberth.framework.predictor import Predictor
-from wideberth.framework.testing.predictor import check_predictor, laws
+from wideberth.framework.testing.predictor import check_predictor
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import Forecast, Scene
 from wideberth.framework.values.motion import Truth
@@ -45,7 +45,7 @@ TRAINED_ELSEWHERE = ("MixtureDensity", "SingleGaussian")
 
 def built_in_laws(predictor):
     trains = type(predictor).__name__ in TRAINED_ELSEWHERE
-    return laws(predictor, dataset=() if trains else None)
+    return check_predictor.laws(predictor, dataset=() if trains else None)
 
 
 CONTRACT = Contract({name: load("predictors", name) for name in BUILT_IN}, built_in_laws)
@@ -66,7 +66,7 @@ SETTINGS = Contract.of(
         VectorAutoregression(covariance="paper", integration="trapezoid", trend="c"),
         VectorAutoregression(covariance="paper-literal", order=1, fallback=ConstantVelocity()),
     ],
-    lambda one: laws(one, dimensions=(2,), rng=np.random.default_rng(8)),
+    lambda one: check_predictor.laws(one, dimensions=(2,), rng=np.random.default_rng(8)),
 )
 
 
@@ -323,7 +323,7 @@ class Broken(Predictor):
     ],
 )
 def test_the_check_finds_each_broken_law(broken, law, message):
-    found = {one.name: one for one in laws(Broken(broken), dimensions=(2,))}
+    found = {one.name: one for one in check_predictor.laws(Broken(broken), dimensions=(2,))}
     with pytest.raises(AssertionError, match=message):  # which does not say the law once more
         found[law].check()
 

@@ -8,7 +8,7 @@ import pytest
 
 from wideberth.framework.plugins import registry
 from wideberth.framework.region import Auxiliary, Bounded, Constraint, Guarantee, Region, Relation
-from wideberth.framework.testing.region import check_region, laws
+from wideberth.framework.testing.region import check_region
 from wideberth.framework.testing.region_cases import variants
 from wideberth.framework.values.forecast import GaussianObstacle
 from wideberth.framework.values.motion import Pose
@@ -18,7 +18,7 @@ from wideberth.tests.helpers.contracts import Contract
 BUILT_IN = [
     one for name in registry.names("regions") for one in variants(registry.load("regions", name))
 ]
-CONTRACT = Contract.of(BUILT_IN, laws)
+CONTRACT = Contract.of(BUILT_IN, check_region.laws)
 
 
 @pytest.mark.parametrize(("region", "law"), CONTRACT.cases())

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from wideberth.framework.plugins import registry
 from wideberth.framework.region import Region
-from wideberth.framework.testing.region import check_guesses, check_sides
+from wideberth.framework.testing.region import Probe
 from wideberth.framework.testing.region_cases import (
     RegionCase,
     draw_cases,
@@ -89,9 +89,9 @@ def test_symbolic_equals_numeric(region: Region, size: int) -> None:
         free = rng.uniform(0.0, 3.0, (FACTORS_AT_RANDOM, RAYS, 1)) * rays
         points = case.mean + np.concatenate([*(factor * reach[None] for factor in FACTORS), free])
         points = points.reshape(-1, size)
-        sides = case.bracket(points)
-        check_sides(case, twin, points, sides)
-        check_guesses(case, twin, points, sides, rng)
+        probe = Probe(case, twin, True, reach, points)
+        probe.check_sides()
+        probe.check_guesses(rng)
 
     check()
 

@@ -11,7 +11,7 @@ from wideberth.framework.numerics.symbolic import ca
 from wideberth.framework.plugins.registry import load, names
 from wideberth.framework.region import Auxiliary, Constraint
 from wideberth.framework.static_region import StaticRegion
-from wideberth.framework.testing.static_region import check_static_region, laws
+from wideberth.framework.testing.static_region import check_static_region
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Pose
 from wideberth.framework.values.polygon import best_direction
@@ -27,7 +27,7 @@ CAR = ((0.6, 0.3), (-0.6, 0.3), (-0.6, -0.3), (0.6, -0.3))
 NONE = np.zeros((2, 2))
 
 
-CONTRACT = Contract.of(BUILT_IN, laws)
+CONTRACT = Contract.of(BUILT_IN, check_static_region.laws)
 
 
 @pytest.mark.parametrize(("region", "law"), CONTRACT.cases())
@@ -35,7 +35,9 @@ def test_contract(region: str, law: str) -> None:
     CONTRACT.check(region, law)
 
 
-NUMBERS, SIDES, OTHERS, SLOPE = (one.name for one in laws(StaticSeparatingLine()))
+NUMBERS, SIDES, OTHERS, SLOPE = (
+    one.name for one in check_static_region.laws(StaticSeparatingLine())
+)
 
 
 @dataclass(frozen=True)
@@ -116,7 +118,7 @@ class Boastful(StaticRegion):
     ids=repr,
 )
 def test_a_broken_law_is_named(region: StaticRegion, law: str, words: str) -> None:
-    (broken,) = (one for one in laws(region) if one.name == law)
+    (broken,) = (one for one in check_static_region.laws(region) if one.name == law)
     with pytest.raises(AssertionError, match=words):
         broken.check()
 

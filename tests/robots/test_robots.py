@@ -11,7 +11,7 @@ from wideberth.framework.control.velocity_smoother import VelocitySmoother
 from wideberth.framework.numerics.integration import runge_kutta
 from wideberth.framework.robot import Bounds, step
 from wideberth.framework.testing.laws import findings
-from wideberth.framework.testing.robot import check_robot, laws
+from wideberth.framework.testing.robot import check_robot
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Command, Pose, Twist
 from wideberth.robots import BUILT_IN
@@ -32,7 +32,7 @@ ROBOTS = {name: robot_of(name) for name in sorted(BUILT_IN)} | {
     f"{name}, small": partial(robot_of(name), radius=0.2, max_speed=1.7)
     for name in sorted(BUILT_IN)
 }
-CONTRACT = Contract(ROBOTS, laws)
+CONTRACT = Contract(ROBOTS, check_robot.laws)
 
 
 @pytest.mark.parametrize(("name", "law"), CONTRACT.cases())
@@ -222,7 +222,9 @@ def test_check_robot_lets_it_stand(monkeypatch, method):
         return good(self, first, second, *duration)
 
     monkeypatch.setattr(Unicycle, method, divides)
-    broken = [law.name for law, problem in findings(laws(Unicycle())) if problem is not None]
+    broken = [
+        law.name for law, problem in findings(check_robot.laws(Unicycle())) if problem is not None
+    ]
     assert "standing" in broken
 
 

@@ -9,13 +9,14 @@ from hypothesis import strategies as st
 
 from wideberth import Costmap, Inflation, WideberthError, build
 from wideberth.framework.testing import check_route_planner
-from wideberth.framework.testing.route_planner import laws
 from wideberth.routes import _wave
 from wideberth.routes.navfn import NavFn
 from wideberth.tests.helpers.contracts import Contract
 
 PLANNERS = ("navfn", {"type": "navfn", "use_astar": True}, "smoothed")
-CONTRACT = Contract.of([build("route_planners", one) for one in PLANNERS], laws)
+CONTRACT = Contract.of(
+    [build("route_planners", one) for one in PLANNERS], check_route_planner.laws
+)
 
 
 @pytest.mark.parametrize(("name", "law"), CONTRACT.cases())

@@ -16,7 +16,7 @@ from wideberth.simulation.measures.summary import summarise
 from wideberth.simulation.scenarios import BUILT_IN
 from wideberth.simulation.scenarios.antipodal_swap import AntipodalSwap
 from wideberth.simulation.scenarios.base import Placement, Scenario
-from wideberth.simulation.scenarios.checking import check_scenario, laws
+from wideberth.simulation.scenarios.checking import check_scenario
 from wideberth.simulation.scenarios.overtaking import Overtaking
 from wideberth.simulation.scenarios.placing import box
 from wideberth.simulation.sensing.channel import Channel
@@ -49,7 +49,7 @@ EXCEPTIONS = {
         "no overlap at time 0",
     ): "its obstacles pass through the walls, on which their loops begin and end",
 }
-LAWS = [law.name for law in laws(Overtaking())]
+LAWS = [law.name for law in check_scenario.laws(Overtaking())]
 QUIET = Settings(time_limit=2.0, plant_step=0.1, history=1.0, channel=Channel(noise=0.0))
 
 
@@ -64,7 +64,7 @@ def made(name: str) -> Scenario:
 @lru_cache(maxsize=2)
 def scenario_laws(name: str) -> dict[str, Law]:
     seeds = range(2) if name.startswith(("crossing_field", "hallway")) else range(6)
-    return {law.name: law for law in laws(made(name), seeds)}
+    return {law.name: law for law in check_scenario.laws(made(name), seeds)}
 
 
 @pytest.mark.parametrize(("name", "law"), [(name, law) for name in CASES for law in LAWS])

@@ -11,7 +11,7 @@ from wideberth.framework.mpc.ocp.transcription import Guess
 from wideberth.framework.mpc.solver import Solution, Solver
 from wideberth.framework.plugins import registry
 from wideberth.framework.testing.laws import Law
-from wideberth.framework.testing.solver import check_solver, laws
+from wideberth.framework.testing.solver import check_solver
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.plan import Status
 from wideberth.solvers.fatrop import Fatrop
@@ -19,7 +19,7 @@ from wideberth.solvers.fatrop import Fatrop
 BUILT_IN = [
     pytest.param(law, id=f"{name}: {law.name}")
     for name in registry.names("solvers")
-    for law in laws(registry.load("solvers", name)())
+    for law in check_solver.laws(registry.load("solvers", name)())
 ]
 
 
@@ -138,7 +138,7 @@ def slack(solution: Solution) -> float:
     ],
 )
 def test_every_law_can_be_broken(broken: str, name: str) -> None:
-    (law,) = (one for one in laws(Liar(broken)) if one.name == name)
+    (law,) = (one for one in check_solver.laws(Liar(broken)) if one.name == name)
     with pytest.raises(AssertionError) as caught:
         law.check()
     assert "breaks a law" not in str(caught.value)  # `require` and the command line say it
@@ -147,7 +147,7 @@ def test_every_law_can_be_broken(broken: str, name: str) -> None:
 def test_every_law_has_a_solver_that_breaks_it() -> None:
     marks = test_every_law_can_be_broken.pytestmark  # type: ignore[attr-defined]
     broken = {name for _, name in marks[0].args[1]}
-    assert broken == {law.name for law in laws(Fatrop())}
+    assert broken == {law.name for law in check_solver.laws(Fatrop())}
 
 
 def test_the_check_names_what_is_broken() -> None:

@@ -17,7 +17,7 @@ from wideberth.framework.mpc.ocp.stage import ReferenceSymbols
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.plugins import config, registry
 from wideberth.framework.plugins.registry import ROOMS, load, register
-from wideberth.framework.testing.cost import check_cost, laws
+from wideberth.framework.testing.cost import check_cost
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.motion import Observation
 from wideberth.framework.values.path import Path
@@ -35,7 +35,7 @@ COSTS = [
 ]
 
 
-CONTRACT = Contract.of(COSTS, laws)
+CONTRACT = Contract.of(COSTS, check_cost.laws)
 
 
 @pytest.mark.parametrize(("cost", "law"), CONTRACT.cases())

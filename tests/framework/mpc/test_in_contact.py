@@ -13,7 +13,7 @@ from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.mpc.planner.rollout import brake, steer
 from wideberth.framework.plugins.config import build
 from wideberth.framework.robot import Robot, start_state, step
-from wideberth.framework.testing.controller import laws
+from wideberth.framework.testing.controller import check_controller
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.footprint import Outline
 from wideberth.framework.values.forecast import Forecast
@@ -233,7 +233,7 @@ def test_the_contract_check_finds_a_planner_without_the_rule(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     wanted = ("what is seen and cannot be used is an obstacle", "no faster in contact")
-    found = [law for law in laws(made()) if law.name in wanted]
+    found = [law for law in check_controller.laws(made()) if law.name in wanted]
     for law in found:
         law.check()
     monkeypatch.setattr(cycle, "_in_contact", lambda *_: None)

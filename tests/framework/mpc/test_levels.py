@@ -23,7 +23,7 @@ from wideberth.framework.mpc.slots.gaussian_discs import ObstacleSet
 from wideberth.framework.plugins.registry import load
 from wideberth.framework.plugins.yamlfile import read_config
 from wideberth.framework.region import Region
-from wideberth.framework.testing.level import check_level, laws
+from wideberth.framework.testing.level import check_level
 from wideberth.framework.values.arrays import Array
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.path import Path
@@ -48,7 +48,7 @@ POLICIES = [
 TAILS = st.floats(1e-12, 0.999)
 
 
-CONTRACT = Contract.of(POLICIES, laws)
+CONTRACT = Contract.of(POLICIES, check_level.laws)
 
 
 @pytest.mark.parametrize(("policy", "law"), CONTRACT.cases())

@@ -5,7 +5,7 @@ from functools import partial
 import pytest
 
 from wideberth.framework.plugins.config import build, describe
-from wideberth.framework.testing.state_estimator import laws
+from wideberth.framework.testing.state_estimator import check_state_estimator
 from wideberth.framework.values.errors import WideberthError
 from wideberth.perception.state.noise import SETTINGS
 from wideberth.tests.helpers.contracts import Contract
@@ -19,7 +19,8 @@ ESTIMATORS = {
     "ukf, no rest and no gate": {"type": "ukf", "rest": 0.0, "gate": 0.0},
 }
 CONTRACT = Contract(
-    {name: partial(build, "state_estimators", config) for name, config in ESTIMATORS.items()}, laws
+    {name: partial(build, "state_estimators", config) for name, config in ESTIMATORS.items()},
+    check_state_estimator.laws,
 )
 
 

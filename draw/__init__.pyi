@@ -1,0 +1,11 @@
+# Written by `make types` from the table in __init__.py: change that, not this.
+# ruff: noqa
+# fmt: off
+
+from .forecasts import forecast as forecast
+from .forecasts import region as region
+from .maps import grid as grid
+from .maps import path as path
+from .maps import polygon as polygon
+from .plans import plan as plan
+__all__ = ['forecast', 'grid', 'path', 'plan', 'polygon', 'region']

@@ -1,0 +1,101 @@
+"""How laws are stated: by marked methods, checked on every case, alone or together."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from inspect import signature
+
+import numpy as np
+import pytest
+
+from wideberth.framework.testing.laws import Contract, Law, law, refusing, serving, stated
+from wideberth.framework.values.errors import WideberthError
+
+DRAWN: list[float] = []
+
+
+@dataclass(frozen=True)
+class Case:
+    """A plug-in, which is a number here, and a number to compare it with."""
+
+    plugin: float
+    other: int
+
+    @law("is no smaller")
+    def check_size(self) -> None:
+        assert self.plugin >= self.other, f"it is smaller than {self.other}"
+
+    @law("is whole", int, "it is a fraction")
+    def check_whole(self) -> None:
+        assert self.plugin % 1 == 0
+
+    @law("draws", lambda plugin: plugin > 0, "it is negative")
+    def check_drawn(self, rng: np.random.Generator) -> None:
+        DRAWN.append(float(rng.random()))
+
+    def helper(self) -> None:
+        raise AssertionError("no law")
+
+
+MADE: list[int] = []
+
+
+@Contract
+def check_number(plugin: float, *, most: int = 3) -> Iterator[Law]:
+    """Check a number."""
+
+    def cases() -> Iterator[Case]:
+        for other in range(most):
+            MADE.append(other)
+            yield Case(plugin, other)
+
+    return stated(Case, plugin, cases, np.random.default_rng(0))
+
+
+def test_laws_stand_in_the_order_of_the_methods_and_make_no_case() -> None:
+    MADE.clear()
+    found = check_number.laws(5)
+    assert [law.name for law in found] == ["is no smaller", "is whole", "draws"]
+    assert [law.exception for law in found] == ["", "", ""] and not MADE
+    assert [law.exception for law in check_number.laws(-0.5)] == [
+        "", "it is a fraction", "it is negative"
+    ]  # fmt: skip
+    assert check_number.__doc__ == "Check a number."
+    assert str(signature(check_number)) == "(plugin: float, *, most: int = 3) -> None"
+
+
+def test_a_law_is_checked_on_every_case_and_broken_ones_are_named() -> None:
+    check_number(2)
+    assert MADE[-3:] == [0, 1, 2]
+    with pytest.raises(AssertionError, match=r"^is no smaller: it is smaller than 1"):
+        check_number(0.5)
+    check_number(0.5, most=1)
+
+
+def test_a_law_draws_the_same_whether_others_are_checked_or_not() -> None:
+    DRAWN.clear()
+    check_number.laws(1)[2].check()
+    alone = list(DRAWN)
+    DRAWN.clear()
+    for one in check_number.laws(1):
+        if one.name != "is no smaller":
+            one.check()
+    assert DRAWN == alone and len({*alone}) == 3
+
+
+def test_what_is_raised_breaks_a_law() -> None:
+    with pytest.raises(AssertionError, match=r"^it never raises: KeyError: 'x', in the rain$"):
+        with serving("it never raises", ", in the rain"):
+            raise KeyError("x")
+    with pytest.raises(AssertionError, match=r"^as it is$"), serving("it never raises"):
+        raise AssertionError("as it is")
+
+
+def test_wrong_use_has_to_be_refused() -> None:
+    with refusing("a number"):
+        raise WideberthError("wanted a text")
+    with pytest.raises(AssertionError, match=r"^a number: wrong use is accepted without a word"):
+        with refusing("a number"):
+            pass
+    with pytest.raises(AssertionError, match=r"^a number: wrong use raised TypeError: no text"):
+        with refusing("a number"):
+            raise TypeError("no text")
