@@ -27,7 +27,7 @@ class Guarantee(StrEnum):
     CONTENT: the collision risk is at most ``tail(level)``: the probability that the
     obstacle leaves the un-enlarged region, or the risk that the region was asked for.
     RISK: that, and a lower level, of `RiskLevel`, keeps an asked risk. NONE: no such promise
-    holds for every covariance. `framework.risk.risk_meter.level_for_risk` serves the first two.
+    holds for every covariance. `framework.risk.level_for_risk` serves the first two.
     """
 
     CONTENT = "content"

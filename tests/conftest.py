@@ -22,7 +22,7 @@ LONG = (
     "framework/mpc/test_three_dimensions.py",
     "experiments/test_closed_loop_experiments.py",
     "regions/test_regions_laws.py",
-    "framework/risk/test_risk_meter_3d.py",
+    "metrics/test_region_risk_3d.py",
     "solvers/test_batch.py",
     "predictors/test_predictors.py",
     "regions/test_regions_contract.py",

@@ -8,8 +8,8 @@ from typing import Any, ClassVar, Self, final
 import numpy as np
 
 from ...framework import GaussianObstacle, WideberthError
-from ...framework.risk.risk_meter import along_boundary
 from ...framework.values.arrays import positive
+from ...metrics.region_risk import along_boundary
 from ..drawing.plotting import COLOURS, PAGE, entry, number, subplots, title
 from .grid import Axes, Pictures, Result, Row, Task, TaskOutcome, reduced
 from .region_family import FIELDS, RegionStudy, exceeds, family, member, reading, rounded

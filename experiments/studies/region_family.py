@@ -5,8 +5,8 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Self, final
 
 from ...framework import GaussianObstacle, Region, WideberthError, build, load, names
-from ...framework.risk.risk_meter import measure
 from ...framework.values.arrays import probability
+from ...metrics.region_risk import measure
 from .grid import GridStudy, Row
 
 FIELDS = (
@@ -82,7 +82,7 @@ def reading(region: Region, obstacle: GaussianObstacle, margin: float, level: fl
 
     Raises
     ------
-    WideberthError : the region is not defined here; see `framework.risk.risk_meter.measure`.
+    WideberthError : the region is not defined here; see `metrics.region_risk.measure`.
     """
     report = measure(region, obstacle, margin, level)
     values = {key: rounded(value, key in _LENGTHS) for key, value in asdict(report).items()}

@@ -9,7 +9,7 @@ import pytest
 
 from wideberth.framework.plugins import config, registry
 from wideberth.framework.region import Region
-from wideberth.framework.risk.risk_meter import level_for_risk
+from wideberth.framework.risk.level_for_risk import level_for_risk
 from wideberth.framework.testing.region_cases import variants
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import GaussianObstacle

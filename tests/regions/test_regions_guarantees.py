@@ -10,7 +10,7 @@ from scipy import special
 from wideberth.framework.plugins import registry
 from wideberth.framework.region import Guarantee, Region
 from wideberth.framework.risk.collision_probability import collision_probability
-from wideberth.framework.risk.risk_meter import level_for_risk
+from wideberth.framework.risk.level_for_risk import level_for_risk
 from wideberth.framework.testing.region_cases import RegionCase, draw_cases, sphere, variants
 from wideberth.regions.risk_contour import RiskContour
 from wideberth.tests.oracles.risk_batch import collision_probability_batch

@@ -77,7 +77,7 @@ def level_of(region: Region, promise: Promise, tail: float, dimension: int) -> f
 
 def _level(region: Region, promise: Promise, tail: float, dimension: int) -> float:
     if promise == "risk":
-        from ...risk.risk_meter import level_for_risk
+        from ...risk.level_for_risk import level_for_risk
 
         return level_for_risk(region, tail, dimension)
     return region.level(tail, dimension)

@@ -11,13 +11,12 @@ from typing import TypeVar, final
 import numpy as np
 from scipy import special
 
-from ..numerics.geometry import distance_to_ellipse, sum_gauge, sum_volume
-from ..plugins.registry import load, names
-from ..region import Guarantee, Region, RiskLevel, Signed
-from ..values.arrays import Array, positive, probability, whole
-from ..values.errors import WideberthError
-from ..values.forecast import GaussianObstacle
-from .collision_probability import collision_probability
+from ..framework.numerics.geometry import distance_to_ellipse, sum_gauge, sum_volume
+from ..framework.region import Region, Signed
+from ..framework.risk.collision_probability import collision_probability
+from ..framework.values.arrays import Array, positive, whole
+from ..framework.values.errors import WideberthError
+from ..framework.values.forecast import GaussianObstacle
 
 
 @dataclass(frozen=True, eq=False)
@@ -437,7 +436,7 @@ def along_boundary(
     if len(walk.axes) != 2:
         raise WideberthError(
             f"the obstacle has {len(walk.axes)} coordinates; a boundary is walked along in two, "
-            "use wideberth.framework.risk.risk_meter.measure"
+            "use wideberth.metrics.region_risk.measure"
         )
     return _along(walk, whole("count", count, least=3))
 
@@ -547,27 +546,6 @@ class RiskReport:
         return -float(special.ndtri(self.risk_max))
 
 
-def level_for_risk(region: Region, risk: float, dimension: int = 2) -> float:
-    """Level at which the true collision probability outside the region is at most ``risk``.
-
-    The region's own where it has one (the exact sum: Phi^-1(1 - risk)). Any other region with
-    a guarantee keeps the risk below the tail of its level, so that level(tail=risk) does.
-
-    Raises
-    ------
-    WideberthError : the region guarantees nothing, or a risk outside (0, 1).
-    """
-    probability("risk", risk)
-    if region.guarantee is Guarantee.NONE:
-        raise WideberthError(
-            f"{type(region).__name__} guarantees no collision risk at any level; use one that "
-            f"does: {', '.join(_guaranteed()) or 'none is registered'}"
-        )
-    if isinstance(region, RiskLevel):
-        return float(region.level_for_risk(risk))
-    return float(region.level(risk, dimension))
-
-
 def measure(region: Region, obstacle: GaussianObstacle, margin: float, level: float) -> RiskReport:
     """Measure one region around one obstacle.
 
@@ -611,16 +589,3 @@ def measure(region: Region, obstacle: GaussianObstacle, margin: float, level: fl
         gap_max=float(fine.gap.max()),
         gap_mean=float(found.directions @ coarse.gap),
     )
-
-
-def _guaranteed() -> list[str]:
-    """Names of registered regions with a guarantee; broken plug-ins are skipped."""
-    found = []
-    for name in names("regions"):
-        try:
-            kind = load("regions", name)
-        except WideberthError:
-            continue
-        if kind.guarantee is not Guarantee.NONE:
-            found.append(name)
-    return found

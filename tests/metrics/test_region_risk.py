@@ -12,9 +12,10 @@ from wideberth.framework import names
 from wideberth.framework.plugins.config import build
 from wideberth.framework.region import Guarantee
 from wideberth.framework.risk.collision_probability import collision_probability
-from wideberth.framework.risk.risk_meter import RiskReport, along_boundary, level_for_risk, measure
+from wideberth.framework.risk.level_for_risk import level_for_risk
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import GaussianObstacle
+from wideberth.metrics.region_risk import RiskReport, along_boundary, measure
 from wideberth.regions.luetkepohl_rectangle import LuetkepohlRectangle
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
 from wideberth.regions.minkowski_sum import MinkowskiSum

@@ -11,11 +11,12 @@ from wideberth.framework.numerics.geometry import sum_gauge, sum_volume
 from wideberth.framework.plugins.config import build
 from wideberth.framework.plugins.registry import names
 from wideberth.framework.region import Guarantee
-from wideberth.framework.risk import risk_meter
 from wideberth.framework.risk.collision_probability import collision_probability
-from wideberth.framework.risk.risk_meter import level_for_risk, measure
+from wideberth.framework.risk.level_for_risk import level_for_risk
 from wideberth.framework.values.errors import WideberthError
 from wideberth.framework.values.forecast import GaussianObstacle
+from wideberth.metrics import region_risk
+from wideberth.metrics.region_risk import measure
 from wideberth.regions.eigen_rectangle import EigenRectangle
 from wideberth.regions.luetkepohl_rectangle import LuetkepohlRectangle
 from wideberth.regions.mahalanobis_ellipse import MahalanobisEllipse
@@ -130,8 +131,8 @@ def test_extremes_of_a_box_are_on_its_faces_and_corners() -> None:
 
 def test_turning_the_scene_turns_the_region(monkeypatch: pytest.MonkeyPatch) -> None:
     """With few points: they turn along, so that no rule needs to be exact for this."""
-    monkeypatch.setattr(risk_meter, "_STEPS", 16)
-    monkeypatch.setattr(risk_meter, "_TAIL_STEPS", 16)
+    monkeypatch.setattr(region_risk, "_STEPS", 16)
+    monkeypatch.setattr(region_risk, "_TAIL_STEPS", 16)
     region = MahalanobisEllipse()
     level = region.level(0.05, 3)
     first, second = (
@@ -145,9 +146,9 @@ def test_turning_the_scene_turns_the_region(monkeypatch: pytest.MonkeyPatch) -> 
 @pytest.mark.parametrize("name", SPATIAL)
 def test_guarantees_hold_in_the_report(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """At the level for a tail and at that for a risk, with few points."""
-    monkeypatch.setattr(risk_meter, "_STEPS", 12)
-    monkeypatch.setattr(risk_meter, "_TAIL_STEPS", 16)
-    monkeypatch.setattr(risk_meter, "_CLOSE", 1e-2)
+    monkeypatch.setattr(region_risk, "_STEPS", 12)
+    monkeypatch.setattr(region_risk, "_TAIL_STEPS", 16)
+    monkeypatch.setattr(region_risk, "_CLOSE", 1e-2)
     region, thing = build("regions", name), obstacle(1.0, 0.4, 0.15)
     promises = region.guarantee is not Guarantee.NONE
     level = level_for_risk(region, 0.03, 3) if promises else region.level(0.03, 3)
