@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..framework.jit.late import late
+from ..framework.jit.cached_njit import cached_njit
 from ..framework.values.arrays import Array, BoolArray
 
 IntArray: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
@@ -262,4 +262,4 @@ def velocities(
 def compiled() -> Callable[..., Any]:
     """Return `velocities` as Numba compiles it."""
     inner = (neighbour_line, on_line, in_disc, least_entered, nearest, wall_lines)
-    return late([velocities], inner)[0]
+    return cached_njit([velocities], inner)[0]

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..framework.jit.late import late
+from ..framework.jit.cached_njit import cached_njit
 
 NEUTRAL, OBSTACLE, UNREACHED = 50, 254, 1e10
 """Cost of a free cell and of an obstacle; potential of a cell that the wave has not reached."""
@@ -278,4 +278,4 @@ def compiled() -> tuple[Callable[..., Any], ...]:
         candidate, push, update, rounded, carried, beside_unreached, lowest_around, mixed, fall,
         find_slope, slope_at,
     )  # fmt: skip
-    return late((spread, descend), inner)
+    return cached_njit((spread, descend), inner)

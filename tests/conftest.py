@@ -152,9 +152,9 @@ def again(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], list[str]]:
 
     Every compilation is announced, however short: it is what tests look at.
     """
-    from wideberth.framework.jit import load, patience, store
+    from wideberth.framework.jit import load, store
 
-    monkeypatch.setattr(patience, "WORTH", 0.0)
+    monkeypatch.setattr(store, "WORTH", 0.0)
 
     def loaded(source: str) -> list[str]:
         monkeypatch.setattr(store, "_LOADED", {})

@@ -7,7 +7,7 @@ _KNOWN: set[Callable[..., Any]] = set()
 """Functions that Numba knows as inner ones."""
 
 
-def late(
+def cached_njit(
     functions: Sequence[Callable[..., Any]], inner: Sequence[Callable[..., Any]] = ()
 ) -> tuple[Callable[..., Any], ...]:
     """Compile plain functions with Numba: once per machine, then from its cache.
@@ -28,7 +28,7 @@ def late(
     --------
     >>> def twice(x: float) -> float:
     ...     return 2.0 * x
-    >>> late([twice])[0](4.0)
+    >>> cached_njit([twice])[0](4.0)
     8.0
     """
     import numba

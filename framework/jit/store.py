@@ -3,22 +3,27 @@
 import os
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 
 from ..values.errors import WideberthError
-from . import folder, machine
-from .patience import announced, note_seconds, usual_seconds
+from . import cache, machine
 
 _LOADED: dict[str, Mapping[str, int]] = {}
 _GUARD = threading.Lock()
 _BUSY: dict[str, threading.Lock] = {}
 """By the name of the code: kernels need not wait while the solver is compiled."""
-_CODE = "code.o"
+
+WORTH = 1.0
+"""s; what usually takes less is worth no line, unless it takes longer this time."""
+_EVERY = 10.0
+"""s between two lines, at first."""
+_LONG = 5.0
+"""s, after which the end is worth a line."""
 
 
 def load(
@@ -31,10 +36,10 @@ def load(
 ) -> Mapping[str, int]:
     """Compile functions for this processor, or take them from the cache; return their addresses.
 
-    Object code is kept under the hash of its source, of llvmlite and of the processor, in
-    WIDEBERTH_CACHE or the platform's place for caches, and checked before it is loaded: code
-    that is damaged, or that another user owns or may write, is compiled again. Where nothing can
-    be kept, or others could write, it is compiled for this process alone.
+    Object code is kept under the hash of its source, of llvmlite and of the processor, see
+    `cache.folder`, and checked before it is loaded: code that is damaged, or that another user
+    owns or may write, is compiled again. Where nothing can be kept, or others could write, it is
+    compiled for this process alone.
 
     Parameters
     ----------
@@ -44,7 +49,7 @@ def load(
     announce : is called with a line before something is compiled or another process is waited
         for, and now and then from there on; not where the cache serves, nor for what takes less
         than a second, unless stored code is damaged or nothing can be kept.
-    usual : s that compiling usually takes, which is stated until it has been measured here.
+    usual : s that compiling usually takes.
     make : gives the object file where LLVM alone cannot make it from ``source``.
 
     Raises
@@ -84,59 +89,77 @@ class _Wanted:
 def _stored(wanted: _Wanted) -> Mapping[str, int]:
     """Take the code from the cache, or compile it into the cache, or compile it for now."""
     try:
-        root = folder.opened()
+        path = cache.folder() / f"{wanted.name}.o"
     except OSError as error:
-        return _for_now(wanted, error)
-    final = root / wanted.name
-    if (found := _reused(final, wanted)) is not None:
+        what = f"compiling {wanted.stem} for this run only (it cannot be kept: {error})"
+        with progress_notice(wanted.say, what, wanted.usual, at_once=True):
+            return machine.loaded(wanted.make(), wanted.names)
+    if (found := _reused(path, wanted)) is not None:
         return found
-    usual = usual_seconds(root, wanted.stem, wanted.usual)
-    others = announced(
-        wanted.say, f"waiting for another process, which compiles {wanted.stem}", usual
-    )
-    with folder.alone(root, wanted.name, others):
-        if (found := _reused(final, wanted)) is not None:  # another process made it
+    waiting = f"waiting for another process, which compiles {wanted.stem}"
+    with cache.alone(path, progress_notice(wanted.say, waiting, wanted.usual)):
+        if (found := _reused(path, wanted)) is not None:  # another process made it
             return found
-        damaged = os.path.lexists(final)
-        folder.remove(final)
-        try:
-            place = folder.begin(root)
-        except OSError as error:
-            return _for_now(wanted, error)
+        damaged = os.path.lexists(path)
         why = "again, the stored one is damaged or not yours alone" if damaged else "(once)"
-        begin = time.monotonic()
         what = f"compiling {wanted.stem} {why}"
-        with announced(wanted.say, what, usual, at_once=damaged):
-            code = _built(place, final, wanted)
-        note_seconds(root, wanted.stem, time.monotonic() - begin)
+        with progress_notice(wanted.say, what, wanted.usual, at_once=damaged):
+            code = wanted.make()
+        try:
+            cache.write(path, code)
+        except OSError as error:
+            wanted.say(f"the code of {wanted.stem} is for this run only: {error}")
     return machine.loaded(code, wanted.names)
 
 
-def _for_now(wanted: _Wanted, error: OSError) -> Mapping[str, int]:
-    """Compile for this process alone."""
-    what = f"compiling {wanted.stem} for this run only (it cannot be kept: {error})"
-    with announced(wanted.say, what, wanted.usual, at_once=True):
-        return machine.loaded(wanted.make(), wanted.names)
-
-
-def _reused(final: Path, wanted: _Wanted) -> Mapping[str, int] | None:
+def _reused(path: Path, wanted: _Wanted) -> Mapping[str, int] | None:
     """Load stored code; None where there is none that is sound."""
-    if not folder.sound(final):
-        return None
+    code = cache.read(path)
     try:
-        return machine.loaded((final / _CODE).read_bytes(), wanted.names)
-    except (OSError, WideberthError):  # it is made again
+        return None if code is None else machine.loaded(code, wanted.names)
+    except WideberthError:  # it is made again
         return None
 
 
-def _built(place: Path, final: Path, wanted: _Wanted) -> bytes:
-    """Compile into an unfinished folder, which becomes the final one where it can be written."""
+@contextmanager
+def progress_notice(
+    say: Callable[[str], None], what: str, usual: float | None, *, at_once: bool = False
+) -> Iterator[None]:
+    """Say ``what`` goes on, now and then, and what it took if that was long.
+
+    The first line comes at once where `WORTH` s or more are usual, otherwise after `WORTH` s.
+
+    Parameters
+    ----------
+    say : is called with each line, also from another thread.
+    what : goes on, as "compiling kernels".
+    usual : s that it usually takes; None if unknown.
+    at_once : whether it is worth a line however short it is.
+    """
+    begin, over = time.monotonic(), threading.Event()
+    long = usual is not None and usual >= WORTH
+    about = f", usually about {usual:.0f} s" if long else ""
+    silent = 0.0 if long or at_once else WORTH
+
+    def count() -> None:
+        if silent and over.wait(silent):
+            return
+        if silent:
+            say(f"{what}{about} ...")
+        seconds = 0.0
+        while not over.wait(max(_EVERY, seconds / 5.0)):
+            seconds = time.monotonic() - begin
+            say(f"{what}: {seconds:.0f} s so far{about}")
+
+    if not silent:
+        say(f"{what}{about} ...")
+    thread = threading.Thread(target=count, daemon=True)
+    thread.start()
     try:
-        code = wanted.make()
-        with suppress(OSError):  # a full disk, say: it is compiled, whether it can be kept or not
-            (place / _CODE).write_bytes(code)
-            folder.complete(place, final)
-            folder.prune(final.parent, final)
+        yield
     finally:
-        folder.remove(place)
-    return code
+        over.set()
+        thread.join()
+        seconds = time.monotonic() - begin
+        if seconds > _LONG:
+            say(f"{what}: {seconds:.0f} s, done")

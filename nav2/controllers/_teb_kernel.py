@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...framework.jit.late import late
+from ...framework.jit.cached_njit import cached_njit
 from ...framework.values.arrays import Array
 
 (
@@ -323,4 +323,4 @@ def compiled() -> tuple[Callable[..., Any], ...]:
         wrapped, within, below, speed_of, errors_of, slopes_near, slopes_of_kinematics, slopes_of,
         normal_equations, solved, moved, all_errors,
     )  # fmt: skip
-    return late((all_errors, minimise), inner)
+    return cached_njit((all_errors, minimise), inner)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...framework.jit.late import late
+from ...framework.jit.cached_njit import cached_njit
 from ...framework.values.arrays import Array
 
 Vector = tuple[float, float, float]
@@ -223,4 +223,4 @@ def step_to(
 def compiled() -> tuple[Callable[..., Any], ...]:
     """Return `signature_of`, `alike`, `connections` and `new_paths` as Numba compiles them."""
     inner = cross, dot, angle_between, turn_about, add_segment, alike, keeps_clear, step_to
-    return late((signature_of, alike, connections, new_paths), inner)
+    return cached_njit((signature_of, alike, connections, new_paths), inner)

@@ -7,7 +7,7 @@ from typing import Any, final
 
 import numpy as np
 
-from ...framework.jit.late import late
+from ...framework.jit.cached_njit import cached_njit
 from ...framework.values.arrays import Array
 from ...framework.values.forecast import LIGHT
 from ..parameters import Count, NonNegative, Positive
@@ -174,4 +174,4 @@ def risks(
 @cache
 def compiled() -> Callable[..., Any]:
     """Return `risks` as Numba compiles it."""
-    return late([risks])[0]
+    return cached_njit([risks])[0]

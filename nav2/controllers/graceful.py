@@ -8,7 +8,7 @@ from typing import Annotated, Any, NamedTuple, final
 
 import numpy as np
 
-from ...framework.jit.late import late
+from ...framework.jit.cached_njit import cached_njit
 from ...framework.values.arrays import Array
 from ...framework.values.motion import Twist
 from ..costmap.footprint import line_cost, outline_cost
@@ -304,4 +304,4 @@ def compiled() -> _Compiled:
         line_cost, outline_cost, wound, egocentric, regular_velocity, next_pose,
         rollout.cell_cost, rollout.placed, rollout.hits, rollout.turning_rate,
     )  # fmt: skip
-    return _Compiled(*late([getattr(rollout, name) for name in _Compiled._fields], inner))
+    return _Compiled(*cached_njit([getattr(rollout, name) for name in _Compiled._fields], inner))

@@ -9,7 +9,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...framework.jit.late import late
+from ...framework.jit.cached_njit import cached_njit
 from ...framework.values.arrays import Array, checked, positive
 from ...framework.values.costmap import LETHAL, Costmap
 from ...framework.values.errors import WideberthError
@@ -217,4 +217,4 @@ def each_outline(
 @cache
 def compiled() -> tuple[Callable[..., Any], ...]:
     """Return `outline_cost` and `each_outline` as Numba compiles them."""
-    return late([outline_cost, each_outline], [line_cost, outline_cost])
+    return cached_njit([outline_cost, each_outline], [line_cost, outline_cost])

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from wideberth.framework.jit.late import late
+from wideberth.framework.jit.cached_njit import cached_njit
 from wideberth.nav2.controllers import smooth_control_law as law_module
 from wideberth.nav2.controllers.graceful import Graceful
 from wideberth.nav2.controllers.local_controller import Tick
@@ -21,7 +21,7 @@ PLAIN = {name: getattr(law_module, name) for name in NAMES}
 
 @cache
 def compiled() -> dict:
-    return dict(zip(PLAIN, late([*PLAIN.values()], INNER), strict=True))
+    return dict(zip(PLAIN, cached_njit([*PLAIN.values()], INNER), strict=True))
 
 
 def controller_of(case: Case) -> Graceful:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from wideberth.framework.jit import folder, load, machine
+from wideberth.framework.jit import cache, load, machine
 from wideberth.framework.values.errors import WideberthError
 
 DOUBLE = """define double @double(double %x) {
@@ -24,8 +24,8 @@ DOUBLE = """define double @double(double %x) {
 PROCESS = """
 import sys
 from ctypes import CFUNCTYPE, c_double
-from wideberth.framework.jit import load, patience
-patience.WORTH, said = 0.0, []
+from wideberth.framework.jit import load, store
+store.WORTH, said = 0.0, []
 place = load("tested", open(sys.argv[1]).read(), ["double"], said.append)["double"]
 print(CFUNCTYPE(c_double, c_double)(place)(4.0), *said)
 """
@@ -54,7 +54,7 @@ def test_compiles_once(again: Callable[[str], list[str]], place: Path) -> None:
     assert line.startswith("compiling tested (once)")
     assert again(DOUBLE) == []
     (entry,) = entries(place)
-    assert (entry / "code.o").is_file() and not list(place.glob(".unfinished*"))
+    assert entry.is_file() and not list(place.glob(".unfinished*"))
     assert load("tested", DOUBLE, ["double"]) is load("tested", DOUBLE, ["double"])
 
 
@@ -64,20 +64,17 @@ def test_another_source_is_another_module(place: Path) -> None:
     assert len(entries(place)) == 2
 
 
-@pytest.mark.parametrize("suffix", [".o", ".json"])
-@pytest.mark.parametrize("damage", ["empty", "cut", "changed", "gone"])
-def test_damage_is_mended(
-    suffix: str, damage: str, again: Callable[[str], list[str]], place: Path
+@pytest.mark.parametrize("damage", ["empty", "hash cut", "cut", "changed"])
+def test_damaged_code_is_made_again(
+    damage: str, again: Callable[[str], list[str]], place: Path
 ) -> None:
     again(DOUBLE)
-    (path,) = (path for path in entries(place)[0].rglob(f"*{suffix}"))
+    (path,) = entries(place)
     whole = path.read_bytes()
     middle = len(whole) // 2
-    cut = {"empty": b"", "cut": whole[:middle], "changed": whole[:middle] + b"?" + whole[middle:]}
-    if damage == "gone":
-        path.unlink()
-    else:
-        path.write_bytes(cut[damage])
+    cut = {"empty": b"", "hash cut": whole[:31], "cut": whole[:middle]}
+    cut["changed"] = whole[:middle] + b"?" + whole[middle:]
+    path.write_bytes(cut[damage])
     (line,) = again(DOUBLE)
     assert "damaged" in line
     assert again(DOUBLE) == []
@@ -88,10 +85,7 @@ def test_sound_files_that_do_not_load_are_made_again(
 ) -> None:
     again(DOUBLE)
     (entry,) = entries(place)
-    (code,) = entry.rglob("*.o")
-    code.write_bytes(b"no object file")
-    folder.complete(entry, place / "sealed")  # with the hash of the damaged file
-    (place / "sealed").rename(entry)
+    cache.write(entry, b"no object file")  # with its hash
     assert len(again(DOUBLE)) == 1
     assert again(DOUBLE) == []
 
@@ -103,7 +97,7 @@ def test_processes_at_once(tmp_path: Path, place: Path) -> None:
     assert all(out.startswith("8.0") for out, _ in ends), ends
     assert sum("compiling" in out for out, _ in ends) == 1
     (entry,) = entries(place)
-    assert (entry / "code.o").is_file() and not list(place.glob(".unfinished*"))
+    assert entry.is_file() and not list(place.glob(".unfinished*"))
 
 
 def test_where_nothing_can_be_written(
@@ -123,8 +117,9 @@ def test_a_full_disk(
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr(Path, "write_bytes", full)
-        assert len(again(DOUBLE)) == 1
+        patch.setattr(os, "replace", full)
+        _, line = again(DOUBLE)
+        assert "for this run only: [Errno 28]" in line
         assert not entries(place) and not list(place.glob(".unfinished*"))
     assert len(again(DOUBLE)) == 1 and again(DOUBLE) == []
 
@@ -135,13 +130,14 @@ def test_the_oldest_modules_make_room(place: Path) -> None:
     modules = entries(place)
     for age, entry in enumerate(modules):
         stamp = time.time() - 1000 * age
-        os.utime(entry / "seal.json", (stamp, stamp))
-    dead = folder.begin(place)
+        os.utime(entry, (stamp, stamp))
+    dead, alive, other = place / ".unfinished-1", place / ".unfinished-2", place / "mine"
+    for path in (dead, alive, other):
+        path.touch()
     os.utime(dead, (0, 0))
-    alive = folder.begin(place)
-    size = sum(path.stat().st_size for path in modules[0].rglob("*") if path.is_file())
-    folder.prune(place, keep=modules[3], budget=int(2.5 * size))
-    assert entries(place) == sorted([modules[0], modules[3]])
+    assert cache.read(modules[1]) is not None  # which is a use
+    cache.prune(place, budget=int(2.5 * modules[0].stat().st_size))
+    assert entries(place) == sorted([modules[0], modules[1], other])
     assert alive.exists() and not dead.exists()
 
 
@@ -201,7 +197,7 @@ def test_the_library_is_searched_only_where_functions_lack(
 
 def test_a_lock_of_one_stem_is_not_that_of_another(place: Path) -> None:
     """Kernels of a second do not wait for a solver of minutes, whatever their hashes are."""
-    root = folder.opened()
+    root = cache.folder()
     waited = []
 
     @contextmanager
@@ -209,8 +205,8 @@ def test_a_lock_of_one_stem_is_not_that_of_another(place: Path) -> None:
         waited.append(True)
         yield
 
-    with folder.alone(root, f"wideberth_solver_{0:020x}", waiting()):
+    with cache.alone(root / f"wideberth_solver_{0:020x}.o", waiting()):
         for k in range(64):
-            with folder.alone(root, f"wideberth_kernels_{k:020x}", waiting()):
+            with cache.alone(root / f"wideberth_kernels_{k:020x}.o", waiting()):
                 pass
     assert not waited
