@@ -187,9 +187,9 @@ def _show(folder: Path, every: bool = False) -> None:
     """
     from ..engine.extract import answering, extract
     from ..engine.line_width import width, wrapped
+    from ..engine.result import condense_times
     from ..engine.runner import reopen, written
     from ..engine.text_tables import columns_of, list_files, print_table
-    from ..engine.timing import condense_times
 
     experiment, result = reopen(folder)
     typer.secho(wrapped(f"Examined: {experiment.claim}", width()), bold=True)
@@ -650,6 +650,18 @@ def report(
         typer.echo(f"written: {path} ({path.stat().st_size / 1e6:.1f} MB)")
 
 
+def _kept_episodes(episode: str, done: str) -> tuple[Path, list[Path]]:
+    """Return the path that an argument means and its episodes; say what is ``done`` with one."""
+    from ..report.player import find_episodes
+
+    path = expanded(episode)
+    path = path if path.exists() else result_folder(episode)
+    found = find_episodes(path)
+    if done and len(found) > 1:
+        typer.echo(f"{found[0]} is {done}, the first of {len(found)}")
+    return path, found
+
+
 @app.command(no_args_is_help=True)
 def play(
     episode: KeptEpisode,
@@ -666,13 +678,10 @@ def play(
     import webbrowser
 
     from ..engine.progress import working
-    from ..report.player import find_episodes
     from ..report.player import play as write
 
-    path = expanded(episode)
-    path = path if path.exists() else result_folder(episode)
     with working("writing the page"):
-        kept = find_episodes(path)
+        path, kept = _kept_episodes(episode, "")
         name = kept[0].stem if len(kept) == 1 else path.resolve().name
         page = write(path, expanded(out) if out else Path(f"{name}.html"), tail)
     typer.echo(f"written: {page} ({page.stat().st_size / 1e6:.1f} MB)")
@@ -686,25 +695,19 @@ def film(
     out: Annotated[
         Path | None, typer.Option(help=".gif, or .mp4 with ffmpeg; NAME.gif by default.")
     ] = None,
-    rate: Annotated[float, typer.Option(help="Frames per second.")] = 10.0,
-    speed: Annotated[float, typer.Option(help="Seconds of the episode in one second.")] = 4.0,
 ) -> None:
     """Film an episode in space, drawn by MuJoCo; from above where that cannot be."""
     from ...simulation.physics.film import film as filmed
     from ..engine.progress import working
     from ..engine.result import read_episode
-    from ..report.player import find_episodes
 
-    path = expanded(episode)
-    found = find_episodes(path if path.exists() else result_folder(episode))
-    if len(found) > 1:
-        typer.echo(f"{found[0]} is filmed, the first of {len(found)}")
+    _, found = _kept_episodes(episode, "filmed")
     log = read_episode(found[0])
     try:
-        made = filmed(log, rate=rate, speed=speed)
+        made = filmed(log)
     except WideberthError as error:
         typer.echo(f"{error}\nIt is filmed from above instead.")
-        made = log.animate(rate=rate, speed=speed)
+        made = log.animate()
     written = expanded(out) if out else Path(f"{found[0].stem}.gif")
     with working("drawing the frames"):
         made.save(written)
@@ -717,7 +720,6 @@ def nav2(
         str, typer.Argument(help="nav2_params.yaml, or a config of ours (a file or a name).")
     ],
     out: Annotated[Path, typer.Option(help="The other file; it must not exist yet.")],
-    controller: Annotated[str, typer.Option(help="Its name in nav2_params.yaml.")] = "FollowPath",
     planner: Annotated[
         str | None, typer.Option(help="Of a config of ours: which of its planners.")
     ] = None,
@@ -734,7 +736,7 @@ def nav2(
         write_text(out, params_of(file, planner))
         typer.echo(f"written: {out}")
         return
-    read = read_params(expanded(file), controller)
+    read = read_params(expanded(file))
     write_text(out, config_of(read.settings, file))
     for remark in read.remarks:
         typer.echo(remark)
@@ -778,12 +780,8 @@ def bag(
     """Write an episode as a recording of ROS 2, for RViz and Foxglove."""
     from ..engine.progress import working
     from ..report.episode_bag import write_episode_bag
-    from ..report.player import find_episodes
 
-    path = expanded(episode)
-    found = find_episodes(path if path.exists() else result_folder(episode))
-    if len(found) > 1:
-        typer.echo(f"{found[0]} is written, the first of {len(found)}")
+    _, found = _kept_episodes(episode, "written")
     written = expanded(out) if out else Path(found[0].stem)
     with working("writing the recording"):
         counted = write_episode_bag(found[0], written, distribution=distribution, storage=storage)

@@ -3,13 +3,13 @@
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rich.progress import Progress as Bar
-    from rich.progress import TaskID
+    from rich.progress import ProgressColumn, TaskID
 
 _EVERY = 60.0
 """s between the lines that a log gets."""
@@ -17,67 +17,68 @@ _SOON = 0.8
 """s until work is shown: what is quicker needs no bar."""
 
 
-class ProgressLines:
-    """A bar with an estimate of the time left, on a terminal; elsewhere a line now and then.
+class _Display:
+    """A bar or spinner on a terminal, a line elsewhere; neither for work that is quick."""
 
-    Parameters
-    ----------
-    total : tasks of the whole work.
-    done : of these, by an earlier run. They count as done and say nothing about the pace.
-    """
-
-    def __init__(self, total: int, done: int = 0) -> None:
+    def __init__(self, text: str, *columns: "ProgressColumn", **task: Any) -> None:
         from rich.console import Console
-        from rich.progress import (
-            BarColumn,
-            Progress,
-            SpinnerColumn,
-            TextColumn,
-            TimeElapsedColumn,
-        )
+        from rich.progress import Progress, TextColumn, TimeElapsedColumn
 
-        self.console: Console = Console(stderr=True)
-        self.bar: Bar = Progress(
-            SpinnerColumn(), BarColumn(20), TextColumn("{task.description}"), TimeElapsedColumn(),
-            console=self.console, disable=not self.console.is_terminal, transient=True,
+        console = Console(stderr=True)
+        self.terminal: bool = console.is_terminal
+        self.bar: Progress = Progress(
+            *columns, TextColumn("{task.description}"), TimeElapsedColumn(), console=console,
+            disable=not self.terminal, transient=True, redirect_stdout=False,
         )  # fmt: skip
-        self.total: int = total
-        self.done: int = done
-        self.pauses: list[float] = []
-        self.last: float = 0.0
-        self.reported: float = 0.0
-        self.task: TaskID = self.bar.add_task(self._text(), total=total, completed=done)
-        self.timer: threading.Timer = threading.Timer(_SOON, self._begin)
+        self.text: str = text
+        self.task: TaskID = self.bar.add_task(text, **task)
+        self.timer: threading.Timer = threading.Timer(_SOON, self.begin)
         self.timer.daemon = True
 
-    def __enter__(self) -> Any:
-        self.last = self.reported = time.monotonic()
+    def __enter__(self) -> None:
         self.timer.start()
-        return self._advance
 
     def __exit__(self, *_: object) -> None:
         self.timer.cancel()
         self.timer.join()
         self.bar.stop()
 
-    def _begin(self) -> None:
+    def begin(self) -> None:
         self.bar.start()
-        if not self.console.is_terminal:
-            say(self._text())
+        if not self.terminal:
+            say(self.text)
 
-    def _advance(self) -> None:
-        now = time.monotonic()
-        self.pauses.append(now - self.last)
-        self.last = now
-        self.done += 1
-        self.bar.update(self.task, advance=1, description=self._text())
-        if not self.console.is_terminal and now > self.reported + _EVERY:
-            self.reported = now
-            say(self._text())
 
-    def _text(self) -> str:
-        left = time_left(self.pauses, self.total - self.done)
-        return f"{self.done} of {self.total} tasks{left and f', {left}'}"
+@contextmanager
+def progress(total: int, done: int = 0) -> Iterator[Callable[[], None]]:
+    """Yield what is called after each task, and show how far the work is.
+
+    A bar with an estimate of the time left, on a terminal; elsewhere a line now and then.
+
+    Parameters
+    ----------
+    total : tasks of the whole work.
+    done : of these, by an earlier run. They count as done and say nothing about the pace.
+    """
+    from rich.progress import BarColumn, SpinnerColumn
+
+    first = f"{done} of {total} tasks"
+    display = _Display(first, SpinnerColumn(), BarColumn(20), total=total, completed=done)
+    ends, reported = [time.monotonic()], time.monotonic()
+
+    def advance() -> None:
+        nonlocal reported
+        ends.append(time.monotonic())
+        count = done + len(ends) - 1
+        left = time_left([b - a for a, b in pairwise(ends)], total - count)
+        text = display.text = f"{count} of {total} tasks{left and f', {left}'}"
+        display.bar.update(display.task, advance=1, description=text)
+        if not display.terminal and ends[-1] > reported + _EVERY:
+            reported = ends[-1]
+            say(text)
+
+    with display:
+        yield advance
 
 
 def time_left(pauses: Sequence[float], tasks: int) -> str:
@@ -115,33 +116,11 @@ def time_left(pauses: Sequence[float], tasks: int) -> str:
     return f"{about} ({least / unit:.0f} to {most / unit:.0f})"
 
 
-@contextmanager
-def working(what: str) -> Iterator[None]:
+def working(what: str) -> AbstractContextManager[None]:
     """Show that something goes on: a spinner on a terminal, elsewhere a line; nothing if quick."""
-    from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import SpinnerColumn
 
-    console = Console(stderr=True)
-    spinner = Progress(
-        SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=console,
-        disable=not console.is_terminal, transient=True, redirect_stdout=False,
-    )  # fmt: skip
-    spinner.add_task(f"{what} ...", total=None)
-
-    def begin() -> None:
-        spinner.start()
-        if not console.is_terminal:
-            say(f"{what} ...")
-
-    timer = threading.Timer(_SOON, begin)
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
-        timer.join()
-        spinner.stop()
+    return _Display(f"{what} ...", SpinnerColumn(), total=None)
 
 
 def span(seconds: float) -> str:

@@ -44,16 +44,24 @@ def provenance(others: Sequence[Path] = ()) -> dict[str, Any]:
 def fingerprint(others: Sequence[Path] = ()) -> str:
     """Return a hash of the package's source and of other files by their content.
 
-    Results of different code or data are never mixed.
+    Results of different code or data are never mixed. The package is that of the first call in
+    this process.
     """
+    digest = _own_source().copy()
+    for path in others:
+        digest.update(path.read_bytes() + b"\0")
+    return digest.hexdigest()[:16]
+
+
+@cache
+def _own_source() -> Any:
+    """Return the digest of the package's source."""
     digest = hashlib.sha256()
     paths = [path for room in ROOMS for path in (PACKAGE / room).rglob("*.py")]
     for path in sorted(paths):
         digest.update(path.relative_to(PACKAGE).as_posix().encode() + b"\0")
         digest.update(path.read_bytes() + b"\0")
-    for path in others:
-        digest.update(path.read_bytes() + b"\0")
-    return digest.hexdigest()[:16]
+    return digest
 
 
 def foreign_sources(experiment: Any, plugins: Sequence[str]) -> list[Path]:
@@ -70,6 +78,7 @@ def plugin_modules(plugin: Any) -> set[str]:
     return {home for home in homes if home is not None}
 
 
+@cache
 def commit() -> str | None:
     """Return the commit of the checkout, with "+" if files differ; None outside of one."""
     if not (PACKAGE / ".git").exists():

@@ -96,17 +96,8 @@ def _is_result(out: Path) -> bool:
 
 def _is_empty(out: Path) -> bool:
     """Whether a folder holds nothing but what a run makes before its first file."""
-    places = [*out.iterdir(), *(out / TASKS).glob("*")]
-    return all(
-        path == out / TASKS / LOCK or (path == out / TASKS and path.is_dir()) or _is_half(path)
-        for path in places
-    )
-
-
-def _is_half(path: Path) -> bool:
-    """Whether a file of the result itself is not complete."""
-    half = _HALF.fullmatch(path.name)
-    return half is not None and half["name"] in (CONFIG, PROVENANCE)
+    ours = {out / TASKS, out / TASKS / LOCK, *half_written(out)}
+    return all(path in ours for path in (*out.iterdir(), *(out / TASKS).glob("*")))
 
 
 @contextmanager

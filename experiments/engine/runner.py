@@ -28,7 +28,7 @@ from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError, short
 from .base import Experiment, Result, Row, Task, TaskOutcome
 from .errors import as_user_error, describe_error
-from .progress import ProgressLines, say, working
+from .progress import progress, say, working
 from .provenance import foreign_sources, plugin_modules, provenance
 from .result import check_finished
 from .result_folder import (
@@ -210,7 +210,7 @@ def _measure(work: _Work, out: Path, pool: "Pool | None", extended: bool) -> Non
         advance()
 
     try:
-        with ProgressLines(total, done) as advance:
+        with progress(total, done) as advance:
             if pool is not None:
                 from .pool import sweep
 

@@ -59,7 +59,11 @@ def twin(experiment: Experiment, plugins: Sequence[str]) -> dict[str, str | None
     Source of modules is that of their first use in this process: a worker that goes on living
     while a file is edited runs the old one.
     """
-    found = {"Python": platform.python_version(), **versions(), "wideberth's source": _own()}
+    found = {
+        "Python": platform.python_version(),
+        **versions(),
+        "wideberth's source": fingerprint(),
+    }
     main = getattr(sys.modules["__main__"], "__file__", None)
     for path in foreign_sources(experiment, plugins):
         if main is None or path != Path(main):  # a script's classes travel by value
@@ -67,11 +71,6 @@ def twin(experiment: Experiment, plugins: Sequence[str]) -> dict[str, str | None
     for path in experiment.inputs():
         found[f"file {path}"] = _hash(path)
     return found
-
-
-@cache
-def _own() -> str:
-    return fingerprint()
 
 
 @cache

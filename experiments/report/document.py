@@ -13,9 +13,9 @@ from ...framework.plugins.yamlfile import read_config
 from ...framework.values.errors import WideberthError
 from ..engine.base import Row
 from ..engine.meanings import Meaning, meanings
+from ..engine.result import condense_times
 from ..engine.runner import draw, reopen
 from ..engine.text_tables import columns_of, format_cell, markdown_table, plain
-from ..engine.timing import condense_times
 from .page import MARK, PLAYER, data_uri, page, rendered
 from .player import ROOM, Recorded, kept_episodes, player, recordings, result_tail
 from .tables import flagged, html_table, in_unit, leading, shown, titled

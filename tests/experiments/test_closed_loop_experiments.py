@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.engine.closed_loop import play
+from wideberth.experiments.engine.result import condense_times
 from wideberth.experiments.engine.runner import draw, run
 from wideberth.experiments.engine.shipped_configs import read_experiment
-from wideberth.experiments.engine.timing import condense_times
 from wideberth.experiments.studies.conservativeness import Conservativeness, kept, promised
 from wideberth.experiments.studies.dynamic_matters import DynamicMatters
 from wideberth.experiments.studies.encounter import Encounter

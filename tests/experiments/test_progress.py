@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from wideberth.experiments.cli import app as cli
-from wideberth.experiments.engine import progress
-from wideberth.experiments.engine.progress import ProgressLines, time_left, working
+from wideberth.experiments.engine import progress as module
+from wideberth.experiments.engine.progress import progress, time_left, working
 from wideberth.framework.mpc.planner.planner import Planner
 from wideberth.framework.values.errors import WideberthError
 from wideberth.solvers.riccati import compiled
@@ -33,9 +33,9 @@ def test_hours_are_written_as_such() -> None:
 def test_a_log_gets_a_line_soon_and_now_and_then(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(progress, "_SOON", 0.02)
-    monkeypatch.setattr(progress, "_EVERY", 0.0)
-    with ProgressLines(4, 1) as advance:
+    monkeypatch.setattr(module, "_SOON", 0.02)
+    monkeypatch.setattr(module, "_EVERY", 0.0)
+    with progress(4, 1) as advance:
         time.sleep(0.2)
         assert capsys.readouterr().err == "1 of 4 tasks\n"
         advance()
@@ -47,7 +47,7 @@ def test_a_log_gets_a_line_soon_and_now_and_then(
 
 
 def test_quick_work_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
-    with ProgressLines(1) as advance, working("drawing"):
+    with progress(1) as advance, working("drawing"):
         advance()
     assert capsys.readouterr() == ("", "")
 

@@ -20,7 +20,7 @@ from wideberth.experiments.engine.runner import run
 from wideberth.framework.values.errors import WideberthError
 
 HERE = Path(__file__).parents[1] / "helpers"
-YAML = "type: sample_plugin:Coins\nseeds: 100\npause: 0.02\n"
+YAML = "type: sample_plugin:Coins\nseeds: 200\npause: 0.02\n"
 
 
 @pytest.fixture(autouse=True)
@@ -33,8 +33,19 @@ def finished(folder: Path) -> set[str]:
     return {path.name for path in (folder / "tasks").glob(24 * "[0-9a-f]")}
 
 
+def workers_of(made: "subprocess.Popen[str]") -> list[int]:
+    """Return the processes of a run's workers, or skip where the system does not list them."""
+    listed = Path(f"/proc/{made.pid}/task/{made.pid}/children")
+    if not listed.exists():
+        made.kill()
+        made.communicate()
+        pytest.skip("the system does not list children")
+    commands = {int(pid): Path(f"/proc/{pid}/cmdline") for pid in listed.read_text().split()}
+    return [pid for pid, path in commands.items() if "resource_tracker" not in path.read_text()]
+
+
 @pytest.mark.parametrize("kills", [3, pytest.param(10, marks=pytest.mark.slow)])
-def test_a_driver_killed_at_any_moment_ends_with_the_same_table(
+def test_drivers_and_a_worker_killed_at_any_moment_end_with_the_same_table(
     tmp_path: Path, sweeps: ModuleType, kills: int
 ) -> None:
     (tmp_path / "coins.yaml").write_text(YAML)
@@ -60,9 +71,12 @@ def test_a_driver_killed_at_any_moment_ends_with_the_same_table(
             assert kept <= finished(out), f"seed {seed}"  # what was kept before is kept now
             kept = finished(out)
     last = begin(2)
+    sweeps.wait_until(lambda: finished(out) - kept, "a task")
+    os.kill(workers_of(last)[0], signal.SIGKILL)
     _, error = last.communicate(timeout=60)
     assert last.returncode == 0, error
-    run(sweeps.coins(seeds=100, pause=0.02), tmp_path / "whole")
+    assert "is done again: its worker was ended by SIGKILL" in error
+    run(sweeps.coins(seeds=200, pause=0.02), tmp_path / "whole")
     assert sweeps.contents(out) == sweeps.contents(tmp_path / "whole"), f"seed {seed}"
 
 
@@ -109,7 +123,7 @@ def test_a_lost_worker_costs_time_only(
 
 
 def test_a_task_that_ends_its_workers_is_named(tmp_path: Path, sweeps: ModuleType) -> None:
-    experiment = sweeps.deadly(tmp_path, deadly=5, lives=99)
+    experiment = sweeps.deadly(tmp_path, deadly=5, lives=99, pause=0.1)
     with pytest.raises(
         WideberthError, match=r"'seed 5' ends every worker that does it .*SIGKILL: the memory"
     ) as caught:
@@ -123,28 +137,25 @@ def test_workers_end_when_their_driver_is_killed(tmp_path: Path, sweeps: ModuleT
     (tmp_path / "coins.yaml").write_text(YAML)
     made = sweeps.wideberth("run", "coins.yaml", "--out", "r", "--workers", "2", cwd=tmp_path)
     sweeps.wait_until(lambda: finished(tmp_path / "r"), "a task")
-    listed = Path(f"/proc/{made.pid}/task/{made.pid}/children")
-    if not listed.exists():
-        made.kill()
-        made.communicate()
-        pytest.skip("the system does not list children")
-    workers = [
-        pid
-        for pid in listed.read_text().split()
-        if "resource_tracker" not in Path(f"/proc/{pid}/cmdline").read_text()
-    ]
+    workers = workers_of(made)
     assert len(workers) == 2
     made.kill()
-    made.communicate()
+    made.wait()
     kept = finished(tmp_path / "r")
 
-    def gone(pid: str) -> bool:
+    def gone(pid: int) -> bool:
         try:
             return ") Z " in Path(f"/proc/{pid}/stat").read_text()
         except OSError:
             return True
 
-    sweeps.wait_until(lambda: all(map(gone, workers)), "the workers to end")
+    try:
+        sweeps.wait_until(lambda: all(map(gone, workers)), "the workers to end", 30.0)
+    finally:
+        for pid in workers:
+            if not gone(pid):
+                os.kill(pid, signal.SIGKILL)
+        made.communicate()
     assert finished(tmp_path / "r") == kept  # they never write
 
 
@@ -213,7 +224,7 @@ def test_two_runs_do_not_share_a_folder(tmp_path: Path, sweeps: ModuleType) -> N
     sweeps.wait_until(lambda: finished(tmp_path / "r"), "a task")
     for fresh in (False, True):
         with pytest.raises(WideberthError, match=r"another run is at work in .*--out"):
-            run(sweeps.coins(seeds=100, pause=0.02), tmp_path / "r", fresh=fresh)
+            run(sweeps.coins(seeds=200, pause=0.02), tmp_path / "r", fresh=fresh)
     made.kill()
     made.communicate()
-    assert len(run(sweeps.coins(seeds=100, pause=0.02), tmp_path / "r").rows) == 100
+    assert len(run(sweeps.coins(seeds=200, pause=0.02), tmp_path / "r").rows) == 200
