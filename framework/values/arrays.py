@@ -2,13 +2,13 @@
 
 from collections.abc import Iterable, Sequence
 from functools import reduce
-from math import isfinite
-from typing import Any, TypeAlias, TypeVar
+from math import inf, isfinite
+from typing import Any, TypeAlias, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import WideberthError
+from .errors import WideberthError, nearest
 
 T = TypeVar("T")
 Array: TypeAlias = NDArray[np.float64]
@@ -280,11 +280,12 @@ def number(name: str, value: float) -> float:
         raise WideberthError(f"{name} is {value!r}; wanted a number") from None
 
 
-def positive(name: str, value: float, *, zero: bool = False) -> float:
-    """Return ``value`` if it is finite and above zero (or zero, where ``zero`` allows)."""
+def positive(name: str, value: float, *, zero: bool = False, most: float = inf) -> float:
+    """Return ``value`` if it is finite, above zero (with ``zero``, or zero), at most ``most``."""
     found = number(name, value)
-    if not isfinite(found) or found < 0 or (found == 0 and not zero):
+    if not isfinite(found) or found < 0 or (found == 0 and not zero) or found > most:
         bound = "at least 0" if zero else "above 0"
+        bound += f" and at most {most:g}" if isfinite(most) else ""
         raise WideberthError(f"{name} is {found:g}; wanted a finite number {bound}")
     return found
 
@@ -307,3 +308,16 @@ def whole(name: str, value: int, *, least: int = 1) -> int:
     if not fits or not isfinite(value) or int(value) != value or value < least:
         raise WideberthError(f"{name} is {value!r}; wanted a whole number of at least {least}")
     return int(value)
+
+
+def checked_choice(name: str, value: str, choices: Any) -> None:
+    """Refuse a word that a ``Literal`` does not list.
+
+    Raises
+    ------
+    WideberthError : another word.
+    """
+    known = get_args(choices)
+    if value not in known:
+        hint = nearest(str(value), known)
+        raise WideberthError(f"{name} is {value!r}; wanted one of {', '.join(known)}{hint}")
