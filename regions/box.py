@@ -4,27 +4,28 @@ Points are measured from the centre along the axes of the box; ``half`` are its 
 """
 
 import math
+from abc import abstractmethod
 from itertools import combinations
-from typing import Literal, TypeAlias
+from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
 from scipy import special
 
 from ..framework.numerics.symbolic import ca
-from ..framework.values.arrays import Array, Scalar, checked_covariance, probability
+from ..framework.region import Bounded, Convex, Guarantee, Relation, Signed
+from ..framework.values.arrays import (
+    Array,
+    BoolArray,
+    Scalar,
+    checked_choice,
+    checked_covariance,
+    probability,
+)
 from ..framework.values.errors import WideberthError
 from . import gaussian
 
 Correction: TypeAlias = Literal["bonferroni", "sidak"]
 Enlargement: TypeAlias = Literal["disc", "box"]
-
-
-def check_choices(correction: str, enlargement: str) -> None:
-    """Raise a WideberthError for an unknown correction or enlargement."""
-    if correction not in ("bonferroni", "sidak"):
-        raise WideberthError(f"correction is {correction!r}; wanted 'bonferroni' or 'sidak'")
-    if enlargement not in ("disc", "box"):
-        raise WideberthError(f"enlargement is {enlargement!r}; wanted 'disc' (exact) or 'box'")
 
 
 def box_level(tail: float, components: int, correction: Correction) -> float:
@@ -89,17 +90,6 @@ def _gauge(x: list[Scalar], half: list[Scalar], disc: Scalar) -> Scalar:
     return c / (b + root)
 
 
-def box_radius(deviations: Array, margin: Array, level: Array, enlargement: Enlargement) -> Array:
-    """Distance from the centre within which the enlarged box lies, (...), m.
-
-    The half-widths are z times deviations whose squares add up to the trace of the covariance, on
-    whatever axes; the corner of a box adds the margin in each of D coordinates.
-    """
-    corner = np.asarray(level) * np.hypot.reduce(deviations, axis=-1)
-    share = 1.0 if enlargement == "disc" else math.sqrt(deviations.shape[-1])
-    return np.asarray(corner + share * np.asarray(margin))
-
-
 def box_boundary(half: Array, margin: Array, count: int) -> Array:
     """Points along the corners' arcs and the ends of the straight parts, (count, 2), m.
 
@@ -151,3 +141,59 @@ def box_content(half: Array, covariance: Array, nodes: int = 200) -> float:
     lower = special.ndtr((-half[1] / second - correlation * u) / spread)
     density = np.exp(-0.5 * u**2) / np.sqrt(2.0 * np.pi)
     return float(half[0] / first * (weights * density * (upper - lower)).sum())
+
+
+class Rectangle(Signed, Convex, Bounded):
+    """A box with half-widths z times the deviations along some axes, enlarged by the margin.
+
+    A concrete one has the fields ``correction`` and ``enlargement``, and gives its axes.
+    """
+
+    correction: Correction
+    enlargement: Enlargement
+
+    relation: ClassVar[Relation] = Relation.NONE
+    guarantee: ClassVar[Guarantee] = Guarantee.CONTENT
+    dimensions: ClassVar[tuple[int, ...]] = (2, 3)
+    rotation_invariant: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        checked_choice("correction", self.correction, Correction)
+        checked_choice("enlargement", self.enlargement, Enlargement)
+
+    @abstractmethod
+    def sides(self, parameters: Array, level: Array) -> tuple[Array, Array]:
+        """Half-widths (..., D) and the margin (...) of the disc beside them, m."""
+
+    def contains(self, points: Array, parameters: Array, level: Array) -> BoolArray:
+        """Whether the signed distance is below 0."""
+        return np.asarray(self.signed_distance(points, parameters, level) < 0.0)
+
+    def area(self, parameters: Array, level: Array) -> Array:
+        """Steiner's formula for a box: 4 hx hy + 4 margin (hx + hy) + pi margin^2 in 2-D."""
+        return box_volume(*self.sides(parameters, level))
+
+    def outer_radius(self, deviations: Array, margin: Array, level: Array) -> Array:
+        """Distance of the farthest corner from the mean, at most, m.
+
+        The half-widths are z times deviations whose squares add up to the trace of the
+        covariance, on whatever axes; the corner of a box adds the margin in each of D coordinates.
+        """
+        corner = np.asarray(level) * np.hypot.reduce(deviations, axis=-1)
+        share = 1.0 if self.enlargement == "disc" else math.sqrt(deviations.shape[-1])
+        return np.asarray(corner + share * np.asarray(margin))
+
+    def level(self, tail: float, dimension: int = 2) -> float:
+        """Level z; not below Phi^-1(1 - 1 / (2K)) for Bonferroni."""
+        return box_level(tail, dimension, self.correction)
+
+    def tail(self, level: float, dimension: int = 2) -> float:
+        """Return 1 - content for "sidak" on independent components; else a bound on it."""
+        return box_tail(level, dimension, self.correction)
+
+    def enlarged(self, deviations: Array, margin: Array, level: Array) -> tuple[Array, Array]:
+        """Half-widths of these deviations and the margin beside them, see `sides`."""
+        half = np.abs(np.asarray(level))[..., None] * deviations
+        if self.enlargement == "box":
+            return half + margin[..., None], np.zeros_like(half[..., 0] + margin)
+        return half, margin

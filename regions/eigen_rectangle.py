@@ -5,27 +5,23 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ..framework.region import Bounded, Constraint, Convex, Guarantee, Relation, Signed
-from ..framework.values.arrays import Array, BoolArray, Scalar
+from ..framework.region import Constraint
+from ..framework.values.arrays import Array, Scalar
 from ..framework.values.motion import Pose
 from . import gaussian
 from .box import (
     Correction,
     Enlargement,
+    Rectangle,
     box_boundary,
-    box_level,
     box_outside,
-    box_radius,
-    box_tail,
-    box_volume,
-    check_choices,
     distance_to_box,
 )
 
 
 @final
 @dataclass(frozen=True)
-class EigenRectangle(gaussian.Eigenframe, Signed, Convex, Bounded):
+class EigenRectangle(gaussian.Eigenframe, Rectangle):
     """Rectangle with half-widths z sigma_i along the eigenvectors, enlarged by the margin.
 
     The components x = R^T (p - mu) are independent, so the content is (2 Phi(z) - 1)^K exactly.
@@ -61,14 +57,7 @@ class EigenRectangle(gaussian.Eigenframe, Signed, Convex, Bounded):
     correction: Correction = "sidak"
     enlargement: Enlargement = "disc"
 
-    relation: ClassVar[Relation] = Relation.NONE
-    guarantee: ClassVar[Guarantee] = Guarantee.CONTENT
-    dimensions: ClassVar[tuple[int, ...]] = (2, 3)
-    rotation_invariant: ClassVar[bool] = False
     reference: ClassVar[str] = "luetkepohl2005new"
-
-    def __post_init__(self) -> None:
-        check_choices(self.correction, self.enlargement)
 
     def constraint(
         self, pose: Pose, parameters: Scalar, level: Scalar, auxiliary: Scalar
@@ -78,49 +67,29 @@ class EigenRectangle(gaussian.Eigenframe, Signed, Convex, Bounded):
         half = [level * deviation for deviation in deviations]
         return Constraint((box_outside(x, half, margin, self.enlargement),))
 
-    def contains(self, points: Array, parameters: Array, level: Array) -> BoolArray:
-        """Whether the signed distance is below 0."""
-        return np.asarray(self.signed_distance(points, parameters, level) < 0.0)
-
     def signed_distance(self, points: Array, parameters: Array, level: Array) -> Array:
         """Distance to the boundary, m, negative inside."""
-        mean, vectors, half, margin = self._frame(parameters, level)
+        mean, vectors, *_ = gaussian.unpack(parameters)
+        half, margin = self.sides(parameters, level)
         x = gaussian.local(np.asarray(points), mean, vectors)
         return np.asarray(distance_to_box(x, half) - margin)
 
     def support(self, normals: Array, parameters: Array, level: Array) -> Array:
         """Return n . mu + sum_i |R^T n|_i h_i + margin, m."""
-        mean, vectors, half, margin = self._frame(parameters, level)
+        mean, vectors, *_ = gaussian.unpack(parameters)
+        half, margin = self.sides(parameters, level)
         normals = np.asarray(normals)
         n = np.abs(gaussian.local(normals + mean, mean, vectors))
         return np.asarray((normals * mean + n * half).sum(axis=-1) + margin)
 
     def boundary(self, parameters: Array, level: float, count: int) -> Array:
         """Points along the corners' arcs and, for the straight parts, their ends, (count, 2)."""
-        mean, vectors, half, margin = self._frame(parameters, np.asarray(level))
+        mean, vectors, *_ = gaussian.unpack(parameters)
+        half, margin = self.sides(parameters, np.asarray(level))
         turned = vectors * np.array([1.0, np.sign(np.linalg.det(vectors))])  # never a mirror
         return np.asarray(mean + box_boundary(half, margin, count) @ turned.T)
 
-    def area(self, parameters: Array, level: Array) -> Array:
-        """Steiner's formula for a box: 4 hx hy + 4 margin (hx + hy) + pi margin^2 in 2-D."""
-        _, _, half, margin = self._frame(parameters, level)
-        return box_volume(half, margin)
-
-    def outer_radius(self, deviations: Array, margin: Array, level: Array) -> Array:
-        """Distance of the farthest corner from the mean, at most, m."""
-        return box_radius(deviations, margin, level, self.enlargement)
-
-    def level(self, tail: float, dimension: int = 2) -> float:
-        """Level z; not below Phi^-1(1 - 1 / (2K)) for Bonferroni."""
-        return box_level(tail, dimension, self.correction)
-
-    def tail(self, level: float, dimension: int = 2) -> float:
-        """Return 1 - content for "sidak", a bound on it for "bonferroni"."""
-        return box_tail(level, dimension, self.correction)
-
-    def _frame(self, parameters: Array, level: Array) -> tuple[Array, Array, Array, Array]:
-        mean, vectors, deviations, margin = gaussian.unpack(parameters)
-        half = np.abs(np.asarray(level))[..., None] * deviations
-        if self.enlargement == "box":
-            return mean, vectors, half + margin[..., None], np.zeros_like(half[..., 0] + margin)
-        return mean, vectors, half, margin
+    def sides(self, parameters: Array, level: Array) -> tuple[Array, Array]:
+        """Half-widths along the eigenvectors, and the margin; see `Rectangle.sides`."""
+        _, _, deviations, margin = gaussian.unpack(parameters)
+        return self.enlarged(deviations, margin, level)

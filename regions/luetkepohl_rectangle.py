@@ -6,36 +6,24 @@ from typing import ClassVar, final
 import numpy as np
 
 from ..framework.numerics.symbolic import ca
-from ..framework.region import (
-    Bounded,
-    ClosedForm,
-    Constraint,
-    Convex,
-    Guarantee,
-    Relation,
-    Signed,
-)
-from ..framework.values.arrays import Array, BoolArray, Scalar
+from ..framework.region import ClosedForm, Constraint
+from ..framework.values.arrays import Array, Scalar
 from ..framework.values.forecast import GaussianObstacle
 from ..framework.values.motion import Pose
 from . import gaussian
 from .box import (
     Correction,
     Enlargement,
+    Rectangle,
     box_boundary,
-    box_level,
     box_outside,
-    box_radius,
-    box_tail,
-    box_volume,
-    check_choices,
     distance_to_box,
 )
 
 
 @final
 @dataclass(frozen=True)
-class LuetkepohlRectangle(ClosedForm, Signed, Convex, Bounded):
+class LuetkepohlRectangle(ClosedForm, Rectangle):
     """Rectangle with half-widths z sqrt(Sigma_kk), enlarged by the margin.
 
     With K = D components and tail alpha each component gets the interval of tail alpha / K,
@@ -92,14 +80,7 @@ class LuetkepohlRectangle(ClosedForm, Signed, Convex, Bounded):
     enlargement: Enlargement = "disc"
     correction: Correction = "bonferroni"
 
-    relation: ClassVar[Relation] = Relation.NONE
-    guarantee: ClassVar[Guarantee] = Guarantee.CONTENT
-    dimensions: ClassVar[tuple[int, ...]] = (2, 3)
-    rotation_invariant: ClassVar[bool] = False
     reference: ClassVar[str] = "luetkepohl2005new"
-
-    def __post_init__(self) -> None:
-        check_choices(self.correction, self.enlargement)
 
     def parameters(self, obstacle: GaussianObstacle, margin: Array) -> Array:
         """Mean (D), sqrt(Sigma_kk) (D) and margin, all in m: (...,) -> (..., 2D + 1)."""
@@ -126,48 +107,31 @@ class LuetkepohlRectangle(ClosedForm, Signed, Convex, Bounded):
         half = [level * parameters[size + i] for i in range(size)]
         return Constraint((box_outside(x, half, parameters[2 * size], self.enlargement),))
 
-    def contains(self, points: Array, parameters: Array, level: Array) -> BoolArray:
-        """Whether the signed distance is below 0."""
-        return np.asarray(self.signed_distance(points, parameters, level) < 0.0)
-
     def signed_distance(self, points: Array, parameters: Array, level: Array) -> Array:
         """Distance to the boundary, m, negative inside."""
-        mean, half, margin = self._frame(parameters, level)
+        mean, (half, margin) = _parts(parameters)[0], self.sides(parameters, level)
         return np.asarray(distance_to_box(np.asarray(points) - mean, half) - margin)
 
     def support(self, normals: Array, parameters: Array, level: Array) -> Array:
         """Return n . mu + sum_i |n_i| h_i + margin, m."""
-        mean, half, margin = self._frame(parameters, level)
+        mean, (half, margin) = _parts(parameters)[0], self.sides(parameters, level)
         normals = np.asarray(normals)
         return np.asarray((normals * mean + np.abs(normals) * half).sum(axis=-1) + margin)
 
     def boundary(self, parameters: Array, level: float, count: int) -> Array:
         """Points along the corners' arcs and, for the straight parts, their ends, (count, 2)."""
-        mean, half, margin = self._frame(parameters, np.asarray(level))
+        mean, (half, margin) = _parts(parameters)[0], self.sides(parameters, np.asarray(level))
         return np.asarray(mean + box_boundary(half, margin, count))
 
-    def area(self, parameters: Array, level: Array) -> Array:
-        """Steiner's formula for a box: 4 hx hy + 4 margin (hx + hy) + pi margin^2 in 2-D."""
-        _, half, margin = self._frame(parameters, level)
-        return box_volume(half, margin)
+    def sides(self, parameters: Array, level: Array) -> tuple[Array, Array]:
+        """Half-widths along the world's axes, and the margin; see `Rectangle.sides`."""
+        _, deviation, margin = _parts(parameters)
+        return self.enlarged(deviation, margin, level)
 
-    def outer_radius(self, deviations: Array, margin: Array, level: Array) -> Array:
-        """Distance of the farthest corner from the mean, at most, m."""
-        return box_radius(deviations, margin, level, self.enlargement)
 
-    def level(self, tail: float, dimension: int = 2) -> float:
-        """Level z; not below Phi^-1(1 - 1 / (2K)) for Bonferroni."""
-        return box_level(tail, dimension, self.correction)
-
-    def tail(self, level: float, dimension: int = 2) -> float:
-        """Bound on 1 - content, at most 1 (which is no promise)."""
-        return box_tail(level, dimension, self.correction)
-
-    def _frame(self, parameters: Array, level: Array) -> tuple[Array, Array, Array]:
-        parameters = np.asarray(parameters, dtype=np.float64)
-        size = parameters.shape[-1] // 2
-        mean, deviation, margin = np.split(parameters, [size, 2 * size], axis=-1)
-        half = np.abs(np.asarray(level))[..., None] * deviation
-        if self.enlargement == "box":
-            return mean, half + margin, np.zeros_like(half[..., 0] + margin[..., 0])
-        return mean, half, margin[..., 0]
+def _parts(parameters: Array) -> tuple[Array, Array, Array]:
+    """Mean (..., D), deviations (..., D) and margin (...), m."""
+    parameters = np.asarray(parameters, dtype=np.float64)
+    size = parameters.shape[-1] // 2
+    mean, deviation, margin = np.split(parameters, [size, 2 * size], axis=-1)
+    return mean, deviation, margin[..., 0]
